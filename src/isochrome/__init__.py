@@ -1,0 +1,3 @@
+"""Isochrome: photoelastic image analysis with a simulation back-end."""
+
+__version__ = "0.1.0"
