@@ -1,0 +1,40 @@
+"""The scene: what stood in front of the camera, as frozen parts that are read from TOML."""
+
+from isochrome.scene.parts import (
+    Camera,
+    DistanceTable,
+    Frames,
+    Friction,
+    Indenter,
+    KnownOrder,
+    Load,
+    Numerics,
+    Polariscope,
+    PolariscopeStep,
+    Roi,
+    Specimen,
+    Wear,
+)
+from isochrome.scene.scene import Scene
+from isochrome.scene.toml import dump_scene, load_scene, parse_scene, scene_names
+
+__all__ = [
+    "Camera",
+    "DistanceTable",
+    "Frames",
+    "Friction",
+    "Indenter",
+    "KnownOrder",
+    "Load",
+    "Numerics",
+    "Polariscope",
+    "PolariscopeStep",
+    "Roi",
+    "Scene",
+    "Specimen",
+    "Wear",
+    "dump_scene",
+    "load_scene",
+    "parse_scene",
+    "scene_names",
+]

@@ -1,0 +1,193 @@
+"""The parts of a scene: what stood in front of the camera, and nothing else.
+
+Each part is one table of the scene file. A part that is absent is not modelled. The unit of
+every number stands in its key. Sources of the conventions: x along the surface to the right,
+z into the specimen, downward; stress positive in tension; angles counter-clockwise from the
+image's +x, as the camera sees them.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
+Pixels = Annotated[int, Field(ge=1, le=100_000)]
+Rows = Annotated[int, Field(ge=0, le=100_000)]
+
+WITHOUT_MODEL = ("ring", "other")
+"""Specimen shapes that the image-only commands take, but that have no closed form here."""
+
+
+class Part(BaseModel):
+    """A table of the scene file: frozen, and closed to unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+
+class Specimen(Part):
+    """The transparent block, disc or beam. Without `shape` it is a half-plane under a contact."""
+
+    shape: Literal["disc", "beam", "ring", "other"] | None = None
+    young_gpa: Positive | None = None
+    poisson: Poisson | None = None
+    plane: Literal["strain", "stress"] = "strain"
+    thickness_mm: Positive | None = None
+    fringe_value_n_per_mm: Positive | None = None
+    diameter_mm: Positive | None = None
+    height_mm: Positive | None = None
+
+
+class Indenter(Part):
+    """The sliding body: a cylinder, a flat with corners, or a measured profile (CSV, x and height)."""
+
+    shape: Literal["cylinder", "flat"] = "cylinder"
+    radius_mm: Positive | None = None
+    half_width_mm: Positive | None = None
+    profile: str | None = None
+    young_gpa: Positive
+    poisson: Poisson
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Indenter:
+        if self.profile is None:
+            if self.shape == "cylinder" and self.radius_mm is None:
+                raise ValueError("a cylinder needs radius_mm; add it, or set shape = 'flat'")
+            if self.shape == "flat" and self.half_width_mm is None:
+                raise ValueError("shape = 'flat' needs half_width_mm; add it")
+        return self
+
+
+class Load(Part):
+    """The forces: normal (or diametral, or the whole bending load), tangential, bulk stress, spans."""
+
+    normal_n: Positive
+    tangential_n: Finite | None = None
+    bulk_mpa: Finite | None = None
+    inner_span_mm: Positive | None = None
+    outer_span_mm: Positive | None = None
+
+
+class DistanceTable(Part):
+    """Values over sliding distance, linear in between and constant beyond the ends."""
+
+    distance_m: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
+    value: Annotated[tuple[Finite, ...], Field(min_length=2)]
+
+    @model_validator(mode="after")
+    def _same_length_rising(self) -> DistanceTable:
+        if len(self.distance_m) != len(self.value):
+            raise ValueError(
+                f"distance_m has {len(self.distance_m)} numbers and value has {len(self.value)}; "
+                "give as many of each"
+            )
+        if any(b <= a for a, b in zip(self.distance_m, self.distance_m[1:], strict=False)):
+            raise ValueError(f"distance_m must rise, but is {list(self.distance_m)}; sort it")
+        return self
+
+
+class Friction(Part):
+    """Coulomb friction, q = mu p along +x; a number, or a table over distance."""
+
+    coefficient: Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)] | DistanceTable
+    static_state_first: bool = False
+
+
+class Wear(Part):
+    """Archard wear of the specimen, dh/ds = k p, with frames wanted at `distances_m`."""
+
+    coefficient_mm2_per_n: NonNegative
+    distances_m: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
+
+
+class PolariscopeStep(Part):
+    """The elements' angles for one frame of a phase-stepped set; no plates: a plane polariscope."""
+
+    polariser_deg: Finite
+    input_plate_deg: Finite | None = None
+    output_plate_deg: Finite | None = None
+    analyser_deg: Finite
+
+    @model_validator(mode="after")
+    def _both_plates(self) -> PolariscopeStep:
+        if (self.input_plate_deg is None) != (self.output_plate_deg is None):
+            raise ValueError(
+                "give both input_plate_deg and output_plate_deg (circular) or neither (plane)"
+            )
+        return self
+
+
+class Polariscope(Part):
+    """The light and the elements. Quarter-wave plates are ideal unless `plate_wavelength_nm` is given."""
+
+    wavelength_nm: Annotated[float, Field(ge=200, le=3000)] | None = None
+    field: Literal["dark", "bright"] = "dark"
+    plate_wavelength_nm: Annotated[float, Field(ge=200, le=3000)] | None = None
+    step: tuple[PolariscopeStep, ...] = ()
+
+    @model_validator(mode="after")
+    def _plates_need_light(self) -> Polariscope:
+        if self.plate_wavelength_nm is not None and self.wavelength_nm is None:
+            raise ValueError("plate_wavelength_nm needs wavelength_nm, the light's; add it")
+        return self
+
+
+class Camera(Part):
+    """The pixel grid and what the sensor does to the light. All but the grid is ideal when absent."""
+
+    width_px: Pixels | None = None
+    height_px: Pixels | None = None
+    left_mm: Finite | None = None
+    top_mm: Finite | None = None
+    pixel_mm: Positive | None = None
+    bit_depth: Annotated[int, Field(ge=1, le=16)] | None = None
+    brightness: Annotated[float, Field(gt=0, le=10)] = 1.0
+    background: Fraction = 0.0
+    vignette: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    gamma: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    blur_px: Annotated[float, Field(ge=0, le=100)] = 0.0
+    noise_grey: Annotated[float, Field(ge=0, le=65535)] = 0.0
+    full_well_electrons: Positive | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class Roi(Part):
+    """The part of the captured frame that the camera grid stands for, in pixels."""
+
+    top_px: Rows = 0
+    left_px: Rows = 0
+    height_px: Pixels
+    width_px: Pixels
+
+
+class KnownOrder(Part):
+    """A pixel of the region of interest whose fringe order the user knows."""
+
+    row_px: Rows
+    col_px: Rows
+    order: NonNegative
+
+
+class Frames(Part):
+    """How the captured frames are to be read; paths are relative to the scene file."""
+
+    roi: Roi | None = None
+    no_load_dark: str | None = None
+    no_load_bright: str | None = None
+    gamma: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    channel: Literal["red", "green", "blue", "mean"] | None = None
+    sliding_speed_mm_per_s: Positive | None = None
+    known_order: tuple[KnownOrder, ...] = ()
+
+
+class Numerics(Part):
+    """How finely the contact is computed; every default follows from the scene."""
+
+    tolerance: Annotated[float, Field(ge=1e-10, le=0.1)] = 1e-5
+    spacing_mm: Positive | None = None
+    window_mm: Positive | None = None

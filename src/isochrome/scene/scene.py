@@ -1,0 +1,154 @@
+"""The scene: its parts together, and what they must have in common."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, model_validator
+
+from isochrome.errors import InputError
+from isochrome.scene.parts import (
+    WITHOUT_MODEL,
+    Camera,
+    DistanceTable,
+    Frames,
+    Friction,
+    Indenter,
+    Load,
+    Numerics,
+    Part,
+    Polariscope,
+    Specimen,
+    Wear,
+)
+
+
+class Scene(Part):
+    """What stood in front of the camera. Absent parts are not modelled and cost nothing."""
+
+    specimen: Specimen
+    indenter: Indenter | None = None
+    load: Load | None = None
+    friction: Friction | None = None
+    wear: Wear | None = None
+    polariscope: Polariscope = Polariscope()
+    camera: Camera | None = None
+    frames: Frames = Frames()
+    numerics: Numerics = Numerics()
+    folder: Path | None = Field(default=None, exclude=True, repr=False)
+    name: str = Field(default="scene", exclude=True, repr=False)
+
+    @model_validator(mode="after")
+    def _parts_agree(self) -> Scene:
+        if self.indenter is not None and self.specimen.shape is not None:
+            raise ValueError(
+                f"[indenter] and [specimen] shape = '{self.specimen.shape}' exclude each other: "
+                "a contact's specimen is a half-plane; remove one"
+            )
+        for key in self._needed():
+            part, name = key.split(".")
+            if getattr(getattr(self, part), name, None) is None:
+                raise ValueError(f"{key} is missing, and {self._what()} needs it; add it")
+        if self.indenter is None and (self.friction or self.wear):
+            raise ValueError("[friction] and [wear] need an [indenter]; add it, or remove them")
+        load = self.load
+        if load is not None and load.tangential_n is not None:
+            self._check_tangential(load)
+        if self.specimen.shape == "beam" and load is not None:
+            inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
+            if inner >= outer:
+                raise ValueError(
+                    f"load.inner_span_mm = {inner:g} must be less than load.outer_span_mm = "
+                    f"{outer:g}; are they swapped?"
+                )
+        return self
+
+    def _check_tangential(self, load: Load) -> None:
+        if self.friction is None:
+            raise ValueError("load.tangential_n needs [friction]: a stuck contact's limit; add it")
+        if self.wear is not None:
+            raise ValueError(
+                "load.tangential_n is for a stuck contact, and [wear] for a sliding one; remove one"
+            )
+        mu = self.friction_at(0.0)
+        tangential = load.tangential_n or 0.0
+        if abs(tangential) > abs(mu) * load.normal_n:
+            raise ValueError(
+                f"load.tangential_n = {tangential:g} is more than friction can hold, "
+                f"{abs(mu) * load.normal_n:g} N; lower it, or leave it out for a sliding contact"
+            )
+
+    def _needed(self) -> tuple[str, ...]:
+        optics = ("specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "load.normal_n")
+        if self.indenter is not None:
+            return ("specimen.young_gpa", "specimen.poisson", *optics)
+        if self.specimen.shape == "disc":
+            return ("specimen.diameter_mm", *optics)
+        if self.specimen.shape == "beam":
+            return ("specimen.height_mm", *optics, "load.inner_span_mm", "load.outer_span_mm")
+        return ()
+
+    def _what(self) -> str:
+        return "a contact" if self.indenter is not None else f"a {self.specimen.shape}"
+
+    @property
+    def model(self) -> str | None:
+        """Which model renders this scene: 'contact', 'disc', 'beam', or None where there is none."""
+        if self.indenter is not None:
+            return "contact"
+        shape = self.specimen.shape
+        return None if shape is None or shape in WITHOUT_MODEL else shape
+
+    def friction_at(self, distance_m: float) -> float:
+        """Friction coefficient mu at a sliding distance, linear between the table's points.
+
+        Parameters: `distance_m`, the distance slid (m). Returns mu, 0 where the scene has none.
+        """
+        if self.friction is None:
+            return 0.0
+        return value_at(self.friction.coefficient, distance_m)
+
+    def path(self, name: str) -> Path:
+        """A path named in the scene, relative to the scene's own file."""
+        return (self.folder or Path()) / name
+
+    def get(self, key: str) -> Any:
+        """The value of a dotted key such as 'load.normal_n'; raises InputError on an unknown one."""
+        part, _, name = key.partition(".")
+        table = getattr(self, part, None)
+        if part not in type(self).model_fields or not name:
+            raise InputError(f"{key}: the scene has no such key; write it as 'load.normal_n'")
+        if table is None:
+            raise InputError(f"{key}: this scene has no [{part}]; add it")
+        if name not in type(table).model_fields:
+            raise InputError(
+                f"{key}: [{part}] has no such key; it has {', '.join(type(table).model_fields)}"
+            )
+        return getattr(table, name)
+
+    def with_values(self, values: dict[str, Any]) -> Scene:
+        """A copy with some dotted keys changed and checked again; raises InputError."""
+        parts: dict[str, dict[str, Any]] = {}
+        for key, value in values.items():
+            self.get(key)
+            part, _, name = key.partition(".")
+            parts.setdefault(part, {})[name] = value
+        changed: dict[str, Any] = {}
+        for part, update in parts.items():
+            table = getattr(self, part)
+            fields = {n: getattr(table, n) for n in table.model_fields_set} | update
+            try:
+                changed[part] = type(table)(**fields)
+            except ValueError as error:
+                raise InputError(f"[{part}] cannot take {update}: {error}") from error
+        return self.model_copy(update=changed)
+
+
+def value_at(value: float | DistanceTable, distance_m: float) -> float:
+    """A number, or a table's linear interpolation at a distance (m), constant beyond its ends."""
+    if not isinstance(value, DistanceTable):
+        return float(value)
+    import numpy as np
+
+    return float(np.interp(distance_m, value.distance_m, value.value))
