@@ -1,0 +1,182 @@
+"""Sliding line contacts in closed form, without and with elastic coupling.
+
+Axes: x along the surface to the right, z into the block; q = mu p acts on the block along +x (a
+negative coefficient of friction: along -x). Plane strain, N, mm, MPa. Without coupling (like
+materials, or beta taken as zero) the pressure is Hertz's; with it the pressure leans and the
+contact moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isochrome.errors import InputError
+from isochrome.reference._common import (
+    Complexes,
+    Floats,
+    StressField,
+    check_finite,
+    check_positive,
+    complex_points,
+    coordinates,
+    half_plane_points,
+    mcewen_terms,
+    stress_from_transforms,
+)
+from isochrome.reference.hertz import hertz_stress
+
+_FAR = 4.0  # half-widths beyond which the transform is summed as a series in a/s
+_TERMS = 30  # of that series: 4^-30 is below the rounding of double precision
+
+
+@dataclass(frozen=True)
+class CoupledContact:
+    """A parabolic cylinder sliding on a block of another material: the contact and its pressure.
+
+    `exponent` is ε; `half_width_mm` a; `centre_mm` the middle of the contact and `peak_mm` the
+    place of the largest pressure, `peak_pressure_mpa`, both from the cylinder's axis; `scale_mpa`
+    the pressure p = scale (1 + ξ/a)^(1/2 - ε) (1 - ξ/a)^(1/2 + ε) starts from, ξ = x - centre;
+    `friction` mu.
+    """
+
+    exponent: float
+    half_width_mm: float
+    centre_mm: float
+    peak_mm: float
+    peak_pressure_mpa: float
+    scale_mpa: float
+    friction: float
+
+
+def sliding_hertz_stress(
+    x_mm: ArrayLike,
+    z_mm: ArrayLike,
+    *,
+    half_width_mm: float,
+    peak_pressure_mpa: float,
+    friction: float,
+) -> StressField:
+    """Stress under a sliding Hertz contact without elastic coupling, MPa.
+
+    To McEwen's field (`hertz_stress`, index p; n, m, k as there) the traction q = mu p adds
+    mu (p0/a) [2 (n - x) + n k] to sx,  mu txz_p to sz,  mu sx_p to txz.
+    On the surface sx = -p - 2 mu p0 x/a inside the contact: compressed ahead, pulled behind.
+
+    `x_mm` (from the contact's centre), `z_mm` >= 0: any shapes that broadcast; `half_width_mm` a,
+    `peak_pressure_mpa` p0, `friction` mu scalars. Returns a StressField of the broadcast shape.
+    Raises InputError for z < 0, a or p0 <= 0, anything not finite. Source: McEwen (1949),
+    Philosophical Magazine 40; Johnson (1985), Contact Mechanics, section 7.2.
+    """
+    check_finite(friction=friction)
+    normal = hertz_stress(
+        x_mm, z_mm, half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa
+    )
+    x, z = half_plane_points(x_mm, z_mm)
+    root, excess, weight = mcewen_terms(x, z, half_width_mm)
+    k = excess.imag * (root.imag + z) * weight
+    pull = (friction * peak_pressure_mpa / half_width_mm) * (2.0 * excess.real + root.real * k)
+    return StressField(
+        sigma_x=np.asarray(normal.sigma_x + pull),
+        sigma_z=np.asarray(normal.sigma_z + friction * normal.tau_xz),
+        tau_xz=np.asarray(normal.tau_xz + friction * normal.sigma_x),
+    )
+
+
+def coupled_contact(
+    line_load_n_per_mm: float,
+    radius_mm: float,
+    contact_modulus_mpa: float,
+    *,
+    friction: float,
+    beta: float,
+) -> CoupledContact:
+    """Contact of a sliding parabolic cylinder with elastic coupling: width, place, pressure.
+
+    tan(π ε) = mu beta,  a² = 4 P' R / (π E* (1 - 4 ε²)),  centre at x = -2 ε a,
+    scale = E* a cos(π ε) / (2 R), largest pressure scale (1-2ε)^(1/2-ε) (1+2ε)^(1/2+ε) at -4 ε a
+
+    The surface rises behind and sinks ahead, so that the contact moves to -x when mu beta > 0.
+    Scalars: `line_load_n_per_mm` P' per thickness, `radius_mm` R, `contact_modulus_mpa` E*,
+    `friction` mu (negative: traction along -x), Dundurs' `beta`. Returns a CoupledContact. Raises
+    InputError for P', R or E* <= 0, beta outside -0.5 .. 0.5, anything not finite. Source: Johnson
+    (1985), section 7.2; Hills, Nowell & Sackfield (1993), Mechanics of Elastic Contacts.
+    """
+    check_positive(
+        line_load_n_per_mm=line_load_n_per_mm,
+        radius_mm=radius_mm,
+        contact_modulus_mpa=contact_modulus_mpa,
+    )
+    check_finite(friction=friction)
+    if not abs(beta) <= 0.5:
+        raise InputError(f"beta is {beta}, but Dundurs' constant lies within -0.5 .. 0.5.")
+    e = float(np.arctan(friction * beta) / np.pi)
+    a_squared = 4.0 * line_load_n_per_mm * radius_mm / (np.pi * contact_modulus_mpa)
+    a = float(np.sqrt(a_squared / (1.0 - 4.0 * e**2)))
+    scale = float(contact_modulus_mpa * a * np.cos(np.pi * e) / (2.0 * radius_mm))
+    return CoupledContact(
+        exponent=e,
+        half_width_mm=a,
+        centre_mm=-2.0 * e * a,
+        peak_mm=-4.0 * e * a,
+        peak_pressure_mpa=scale * (1.0 - 2.0 * e) ** (0.5 - e) * (1.0 + 2.0 * e) ** (0.5 + e),
+        scale_mpa=scale,
+        friction=float(friction),
+    )
+
+
+def coupled_pressure(x_mm: ArrayLike, contact: CoupledContact) -> Floats:
+    """Pressure of a sliding contact with elastic coupling, MPa, zero outside it; shape of `x_mm`.
+
+    p = scale (1 + ξ/a)^(1/2 - ε) (1 - ξ/a)^(1/2 + ε),  ξ = x - centre
+
+    `x_mm` any shape, from the cylinder's axis; `contact` from `coupled_contact`. Raises InputError
+    for x that is not finite. Source as there; derived again from the displacement equation.
+    """
+    ratio = (coordinates("x_mm", x_mm) - contact.centre_mm) / contact.half_width_mm
+    behind, ahead = np.clip(1.0 + ratio, 0.0, None), np.clip(1.0 - ratio, 0.0, None)
+    e = contact.exponent
+    return np.asarray(contact.scale_mpa * behind ** (0.5 - e) * ahead ** (0.5 + e))
+
+
+def coupled_stress(x_mm: ArrayLike, z_mm: ArrayLike, contact: CoupledContact) -> StressField:
+    """Stress under a sliding contact with elastic coupling, MPa.
+
+    (sx - sz) + 2i txz and sx + sz follow from F(s) = ∫ p(t)/(s - t) dt, with α = 1/2 - ε,
+    F = (π scale / (a cos π ε)) [s - 2 ε a - (s + a)^α (s - a)^(1 - α)],  s = ξ + iz, and q = mu p
+
+    `x_mm` (from the cylinder's axis), `z_mm` >= 0: any shapes that broadcast; `contact` from
+    `coupled_contact`. Returns a StressField of the broadcast shape. Raises InputError for z < 0 or
+    coordinates that are not finite. Source: Muskhelishvili (1953), Singular Integral Equations,
+    for the transform; Johnson (1985), section 2.4, for the stresses.
+    """
+    x, z = half_plane_points(x_mm, z_mm)
+    a = contact.half_width_mm
+    points = complex_points((x - contact.centre_mm) / a, z / a)
+    value, slope = _jacobi_transform(points, contact.exponent)
+    strength = np.pi * contact.scale_mpa / np.cos(np.pi * contact.exponent)
+    return stress_from_transforms(
+        strength * value, strength * slope * points.imag, contact.friction
+    )
+
+
+def _jacobi_transform(points: Complexes, e: float) -> tuple[Complexes, Complexes]:
+    """s - 2ε - (s + 1)^(1/2 - ε) (s - 1)^(1/2 + ε) and its slope (0 on the surface, see caller)."""
+    value, slope = np.zeros_like(points), np.zeros_like(points)
+    far = np.abs(points) > _FAR
+    near, below = ~far, ~far & (points.imag > 0.0)
+    s = points[near]
+    value[near] = s - 2.0 * e - (s + 1.0) ** (0.5 - e) * (s - 1.0) ** (0.5 + e)
+    s = points[below]
+    slope[below] = 1.0 - (s + 2.0 * e) * (s + 1.0) ** (-0.5 - e) * (s - 1.0) ** (e - 0.5)
+    # (1 + u)^(1/2-ε) (1 - u)^(1/2+ε) = Σ c_n u^n, u = 1/s; c_0 and c_1 cancel against s - 2ε
+    c = [1.0, -2.0 * e]
+    for n in range(1, _TERMS):
+        c.append((-2.0 * e * c[n] + (n - 2) * c[n - 1]) / (n + 1))
+    rest = np.array([0.0, 0.0, *c[2:]])
+    u = 1.0 / points[far]
+    value[far] = -np.polynomial.polynomial.polyval(u, rest) / u
+    slope[far] = np.polynomial.polynomial.polyval(u, rest * (np.arange(rest.size) - 1.0))
+    return value, slope
