@@ -1,0 +1,1 @@
+"""Fringe order from images, and the lines that fringes draw."""
