@@ -1,0 +1,56 @@
+"""Figures, and the record of what a result came from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isochrome.errors import InputError
+from isochrome.output.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def write_figure(path: str | Path, figure: Figure, *, dpi: float = 150.0) -> None:
+    """Write a matplotlib Figure as PNG by the Agg back-end, without pyplot and its state.
+
+    Parameters: `figure`, a `matplotlib.figure.Figure`; `dpi`, dots per inch. Raises InputError.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    with replacing(path) as beside:
+        FigureCanvasAgg(figure).print_figure(beside, format="png", dpi=dpi)
+
+
+def provenance(
+    scene_toml: str | None, inputs: Iterable[str | Path] = (), seed: int | None = None
+) -> dict[str, Any]:
+    """What a result came from: version, scene, hashes of the inputs, seed.
+
+    Parameters: `scene_toml`, the resolved scene's text; `inputs`, files (a folder stands for the
+    files in it); `seed` of the random numbers. Returns a dictionary for `write_json`. Raises
+    InputError where an input cannot be read.
+    """
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        number = version("isochrome")
+    except PackageNotFoundError:  # run from a source tree
+        number = "unknown"
+    hashes: dict[str, str] = {}
+    for path in map(Path, inputs):
+        files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+        hashes |= {str(file): sha256(file) for file in files}
+    return {"isochrome": number, "scene": scene_toml, "inputs_sha256": hashes, "seed": seed}
+
+
+def sha256(path: str | Path) -> str:
+    """SHA-256 of a file as hexadecimal text. Raises InputError where it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check its name") from error
