@@ -58,7 +58,7 @@ def punch_stress(
     corner = root == 0.0
     root = np.where(corner, 1.0, root)
     transform = np.where(corner, complex(np.nan, np.nan), line_load_n_per_mm / root)
-    return stress_from_transforms(transform, -transform * (points / root) * (z / root))
+    return stress_from_transforms(transform, -transform * ((points / root) * (z / root)))
 
 
 def wedge_half_width(
