@@ -1,0 +1,162 @@
+"""The linear half of an intensity fit: illumination and background for a given signal.
+
+I = f A + C with A = sum_k a_k B_k and C = sum_k c_k C_k. For a given signal f the coefficients
+(a, c) follow from the weighted normal equations; the bases are few and near orthogonal, so
+that these are well conditioned, and a scaled eigen-decomposition drops what is not determined.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isochrome.errors import InputError
+
+Array = NDArray[np.float64]
+
+MOSTLY = 0.05
+"""Share of pixels whose illumination may be negative before the contrast counts as wrong."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A frame's valid pixels, weighted by 1/sigma: `data` (n,), `light` (ka, n), `dark` (kc, n).
+
+    `dark_gram` is dark dark^T; `scratch` (ka, n) is overwritten by every solution, because fresh
+    memory costs more than the arithmetic.
+    """
+
+    data: Array
+    light: Array
+    dark: Array
+    keep: NDArray[np.bool_]
+    dark_gram: Array
+    scratch: Array
+
+    @property
+    def size(self) -> int:
+        """Number of valid pixels."""
+        return self.data.size
+
+
+@dataclass(frozen=True)
+class LinearPart:
+    """Coefficients (a, c) for one signal, and the weighted residual they leave.
+
+    `signal` (n,) is the one solved for, `inverse` (k, k) that of the weighted columns' Gram
+    matrix, `amplitude` (n,) the weighted illumination, `cost` the residual's sum of squares.
+    """
+
+    coefficients: Array
+    signal: Array
+    inverse: Array
+    amplitude: Array
+    residual: Array
+    cost: float
+    negative_share: float
+
+    @property
+    def positive(self) -> bool:
+        """Whether the illumination is positive over (nearly) the whole frame."""
+        return self.negative_share <= MOSTLY
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a fixed signal explains: `chi` (inf for a negative illumination) and coefficients."""
+
+    chi: float
+    illumination_coefficients: Array
+    background_coefficients: Array
+    positive: bool
+
+
+def prepare(
+    image: ArrayLike,
+    *,
+    mask: NDArray[np.bool_] | None,
+    sigma: ArrayLike,
+    illumination: Array,
+    background: Array,
+) -> Problem:
+    """Drop the masked pixels, weight the rest by 1/sigma; arguments as in `fit_intensity`."""
+    frame = np.asarray(image, dtype=float)
+    if frame.ndim != 2:
+        raise InputError(f"the image has {frame.ndim} dimensions; give one frame (rows, cols)")
+    for name, stack in (("illumination", illumination), ("background", background)):
+        if np.ndim(stack) != 3 or np.shape(stack)[1:] != frame.shape:
+            raise InputError(
+                f"{name} has the shape {np.shape(stack)}; give a stack (k, rows, cols) on the "
+                f"image's own grid {frame.shape}"
+            )
+    keep = np.isfinite(frame) if mask is None else np.asarray(mask, dtype=bool) & np.isfinite(frame)
+    noise = np.broadcast_to(np.asarray(sigma, dtype=float), frame.shape)[keep]
+    if not keep.any() or not np.all(noise > 0):
+        raise InputError("no valid pixel, or a sigma that is not positive; check mask and sigma")
+    weight = 1.0 / noise
+    # an indexed stack comes back with its axes swapped in memory, and matrix products then crawl
+    light, dark = (np.ascontiguousarray(s[:, keep] * weight) for s in (illumination, background))
+    return Problem(frame[keep] * weight, light, dark, keep, dark @ dark.T, np.empty_like(light))
+
+
+def solve_linear(problem: Problem, signal: Array) -> LinearPart:
+    """Illumination and background that fit best for a signal (n,) at the valid pixels."""
+    light = np.multiply(problem.light, signal, out=problem.scratch)
+    cross = light @ problem.dark.T
+    inverse = _inverse(np.block([[light @ light.T, cross], [cross.T, problem.dark_gram]]))
+    right = np.concatenate((light @ problem.data, problem.dark @ problem.data))
+    coefficients = inverse @ right
+    amplitude = coefficients[: len(light)] @ problem.light
+    residual = problem.data - amplitude * signal
+    residual -= coefficients[len(light) :] @ problem.dark
+    negative = np.count_nonzero(amplitude <= 0.0) / amplitude.size
+    cost = float(residual @ residual)
+    return LinearPart(coefficients, signal, inverse, amplitude, residual, cost, negative)
+
+
+def evaluate(
+    image: ArrayLike,
+    signal: ArrayLike,
+    *,
+    illumination: Array,
+    background: Array,
+    mask: NDArray[np.bool_] | None = None,
+    sigma: ArrayLike = 1.0,
+) -> Evaluation:
+    """How well a fixed signal explains a frame, with the best illumination and background.
+
+    Parameters: `image` (rows, cols); `signal` (rows, cols), the ideal polariscope's 0..1;
+    `illumination`, `background`, `mask`, `sigma` as in `fit_intensity`.
+    Returns an Evaluation; its `chi` is inf where the illumination comes out negative, because
+    such a signal has the wrong contrast. Raises InputError for shapes that do not agree.
+    """
+    problem = prepare(
+        image, mask=mask, sigma=sigma, illumination=illumination, background=background
+    )
+    return evaluate_prepared(problem, np.asarray(signal, dtype=float))
+
+
+def evaluate_prepared(problem: Problem, signal: Array) -> Evaluation:
+    """`evaluate` for a frame that is prepared already: a scan's inner step."""
+    split = len(problem.light)
+    values = signal[problem.keep]
+    if not np.all(np.isfinite(values)):
+        nothing = np.zeros(split), np.zeros(len(problem.dark))
+        return Evaluation(np.inf, *nothing, positive=False)
+    part = solve_linear(problem, values)
+    dof = max(1, problem.size - len(part.coefficients))
+    chi = float(np.sqrt(part.cost / dof)) if part.positive else np.inf
+    a, c = part.coefficients[:split], part.coefficients[split:]
+    return Evaluation(chi, a, c, part.positive)
+
+
+def _inverse(gram: Array) -> Array:
+    """Pseudo-inverse of a Gram matrix, scaled to a unit diagonal first."""
+    diagonal = np.sqrt(np.diag(gram))
+    scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)
+    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
+    good = values > 1e-12 * values[-1]
+    half = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
+    return half @ half.T
