@@ -1,0 +1,165 @@
+"""Frame sets from folders: what `process` and `simulate` leave, or bare frames."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.compare.frame_sets import FrameSet
+from isochrome.errors import InputError
+
+_SIGNALS = (("normalised.tif", "frames.csv"), ("frames.tif", "history.csv"))
+_ORDER = "fringe_order.tif"
+
+
+def load_frame_set(
+    path: str | Path, *, bit_depth: int | None = None, pixel_mm: float | None = None
+) -> FrameSet:
+    """Load frames to compare from a result folder, a TIFF stack, an image folder or a video.
+
+    A folder with `normalised.tif` (made by `isochrome process`) or `frames.tif` (by `simulate`)
+    gives signals, fringe orders (`fringe_order.tif`), labels (`frames.csv`, `history.csv`) and
+    the frame's place (`scene.toml`); anything else is read as bare frames without orders.
+
+    `path`: file or folder. `bit_depth`: of the sensor, for whole-number images; default: what the
+    scene or the file says, else the container's. `pixel_mm`: edge of a pixel, where the files do
+    not say. Whole-number images are divided by 2^bits - 1. Returns a FrameSet. Raises InputError
+    when the path does not exist or its parts do not fit together.
+    """
+    place = Path(path)
+    if not place.exists():
+        raise InputError(f"{place}: no such file or folder; give a result folder or frames")
+    for signal_name, table_name in _SIGNALS:
+        if place.is_dir() and (place / signal_name).exists():
+            return _load_result(place, signal_name, table_name, bit_depth, pixel_mm)
+    return _load_bare(place, bit_depth, pixel_mm)
+
+
+def _load_result(
+    folder: Path, signal_name: str, table_name: str, bit_depth: int | None, pixel_mm: float | None
+) -> FrameSet:
+    camera = _camera(folder / "scene.toml")
+    signal, scale = _read_stack(folder / signal_name)
+    order = _read_stack(folder / _ORDER)[0] if (folder / _ORDER).exists() else None
+    if order is not None and order.shape != signal.shape:
+        raise InputError(
+            f"{folder / _ORDER} has shape {order.shape}, {signal_name} beside it {signal.shape}: "
+            "the folder mixes two runs; make it again"
+        )
+    rows = _read_table(folder / table_name, len(signal))
+    return FrameSet(
+        signal=scaled(signal, bit_depth or camera.get("bit_depth")),
+        order=None if order is None else order.astype(np.float32, copy=False),
+        pixel_mm=pixel_mm or scale or camera.get("pixel_mm"),
+        left_mm=float(camera.get("left_mm", 0.0)),
+        top_mm=float(camera.get("top_mm", 0.0)),
+        labels=_labels(rows),
+        noise=_noise(rows),
+    )
+
+
+def _load_bare(place: Path, bit_depth: int | None, pixel_mm: float | None) -> FrameSet:
+    from isochrome.frames import open_frames
+
+    with open_frames(place) as reader:
+        bits = bit_depth or reader.bit_depth
+        images = [scaled(frame.image, bits) for frame in reader]
+        scale = pixel_mm or reader.pixel_mm
+    if not images:
+        raise InputError(f"{place}: no frame in it; give a TIFF stack, an image folder or a video")
+    return FrameSet(signal=np.stack(images), pixel_mm=scale)
+
+
+def scaled(image: NDArray, bit_depth: int | None = None) -> NDArray[np.floating]:
+    """Scale whole-number pixels to 0..1 by the sensor's bit depth; leave floats as they are.
+
+    signal = counts / (2^bits - 1)
+
+    `image`: any shape; `bit_depth`: default that of the array's type. Returns float32. Raises
+    InputError when a count is beyond the bit depth.
+    """
+    if not np.issubdtype(image.dtype, np.integer):
+        return image.astype(np.float32, copy=False)
+    full = 2 ** (bit_depth or 8 * image.dtype.itemsize) - 1
+    if image.size and int(image.max()) > full:
+        raise InputError(
+            f"a pixel of {int(image.max())} counts in frames of {bit_depth} bits (at most {full}): "
+            "give the sensor's bit depth, [camera] bit_depth"
+        )
+    return image.astype(np.float32) / np.float32(full)
+
+
+def _read_stack(path: Path) -> tuple[NDArray, float | None]:
+    """Read a TIFF as (frame, row, col) in its own type, and its pixel edge in mm, if written."""
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as file:
+            stack = np.asarray(file.asarray())
+            tag = file.pages.first.tags.get("XResolution")
+            unit = (file.imagej_metadata or {}).get("unit")
+    except (tifffile.TiffFileError, OSError, IndexError) as error:
+        raise InputError(f"{path} cannot be read as a TIFF ({error}): make it again") from error
+    if stack.ndim not in (2, 3):
+        raise InputError(f"{path} has shape {stack.shape}: give (frame, row, col), one channel")
+    count, length = tag.value if tag is not None and unit == "mm" else (0, 1)
+    scale = length / count if count else None
+    return (stack[None] if stack.ndim == 2 else stack), scale
+
+
+def _read_table(path: Path, count: int) -> list[dict[str, str]]:
+    """Read a result table; no rows when it is not there."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    if len(rows) != count:
+        raise InputError(
+            f"{path} has {len(rows)} rows for {count} frames: the folder mixes two runs; make it "
+            "again"
+        )
+    return rows
+
+
+def _camera(path: Path) -> dict[str, Any]:
+    """Take the camera out of the resolved scene beside the results; empty without one."""
+    if not path.exists():
+        return {}
+    try:
+        return dict(tomllib.loads(path.read_text(encoding="utf-8-sig")).get("camera", {}))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not valid TOML ({error}): make the results again") from error
+
+
+def _labels(rows: list[dict[str, str]]) -> tuple[str, ...]:
+    """Name the frames: by their label or named state, and the sliding distance."""
+    labels: list[str] = []
+    for index, row in enumerate(rows):
+        name = (row.get("label") or row.get("state") or "").strip()
+        name = "" if _number(name) is not None else name
+        distance = _number(row.get("distance_m"))
+        if distance is not None and not row.get("label"):
+            at_rest = "static" if index == 0 else "initial sliding"
+            name = f"sliding, {distance:g} m" if distance > 0 else (name or at_rest)
+        labels.append(name or f"frame {index}")
+    return tuple(labels)
+
+
+def _noise(rows: list[dict[str, str]]) -> NDArray[np.floating] | None:
+    """Take the signal's noise of each frame out of a table that has it."""
+    if not rows or "noise" not in rows[0]:
+        return None
+    values = [_number(row["noise"]) for row in rows]
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return float(text or "")
+    except ValueError:
+        return None
