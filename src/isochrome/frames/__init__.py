@@ -1,0 +1,35 @@
+"""Captured frames: reading them from any file, and turning grey levels into fringe signal.
+
+Pixel coordinates are (row, col), colour is RGB; what OpenCV thinks of both stays inside.
+"""
+
+from isochrome.frames.check import Check, check_frames
+from isochrome.frames.findings import Finding
+from isochrome.frames.linear import Linear, find_outliers, to_linear
+from isochrome.frames.no_load import load_no_load
+from isochrome.frames.noise import NoiseModel, estimate_noise, full_scale
+from isochrome.frames.normalise import Normalised, normalise
+from isochrome.frames.opening import channel_for, open_frames, open_scene_frames
+from isochrome.frames.reader import Channel, Frame, FrameReader, FramesPath
+
+__all__ = [
+    "Channel",
+    "Check",
+    "Finding",
+    "Frame",
+    "FrameReader",
+    "FramesPath",
+    "Linear",
+    "NoiseModel",
+    "Normalised",
+    "channel_for",
+    "check_frames",
+    "estimate_noise",
+    "find_outliers",
+    "full_scale",
+    "load_no_load",
+    "normalise",
+    "open_frames",
+    "open_scene_frames",
+    "to_linear",
+]

@@ -1,0 +1,150 @@
+"""Camera noise from a single frame, however many fringes it shows.
+
+A product of fourth differences along rows and columns leaves nothing of a smooth picture: a
+fringe of g fringes per pixel passes with the factor (2 - 2 cos 2 pi g_x)^2 (2 - 2 cos 2 pi g_y)^2
+/ 70 of its amplitude, 2e-5 for 0.1 fringe per pixel along a diagonal, while white noise keeps its
+standard deviation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from isochrome.errors import InputError
+
+FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+QUANTISATION = 1 / 12
+"""Variance of rounding to whole grey levels."""
+LEVELS = 16
+CLIP = 4.0
+"""Residuals beyond this many standard deviations are defects or edges, not noise."""
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of a camera against grey level: variance = `offset` + `slope` * level, >= `floor`.
+
+    In raw grey levels squared (and fractions of full scale for float frames). The rounding to
+    whole levels is part of it.
+    """
+
+    offset: float
+    slope: float
+    floor: float
+
+    def sigma(self, values: npt.ArrayLike) -> np.ndarray:
+        """Standard deviation (raw grey levels) at raw grey levels `values`, of the same shape."""
+        variance = self.offset + self.slope * np.asarray(values, dtype=float)
+        return np.sqrt(np.maximum(variance, self.floor))
+
+    def linear_sigma(
+        self, values: npt.ArrayLike, *, bit_depth: int | None, gamma: float = 1.0
+    ) -> np.ndarray:
+        """Standard deviation of the linear image, as a fraction of full scale.
+
+        sigma_lin = gamma * (raw / full)^(gamma - 1) * sigma(raw) / full. Parameters: `values`, raw
+        grey levels; `bit_depth` (None: float frames, full scale 1); `gamma` as in `to_linear`.
+        Near black the raw level is taken as one sigma at least, where the first order ends.
+        """
+        full = full_scale(bit_depth)
+        sigma = self.sigma(values)
+        level = np.maximum(np.asarray(values, dtype=float), sigma) / full
+        return gamma * level ** (gamma - 1) * sigma / full
+
+
+def full_scale(bit_depth: int | None) -> float:
+    """The largest raw grey level, 2^bit_depth - 1; 1 for float frames without a bit depth."""
+    return 1.0 if bit_depth is None else float(2**bit_depth - 1)
+
+
+def estimate_noise(
+    image: np.ndarray, valid: npt.NDArray[np.bool_] | None = None, *, bit_depth: int | None = None
+) -> NoiseModel:
+    """Estimate a camera's noise from one raw frame, insensitive to its fringes.
+
+    Parameters: `image` (row, col), raw grey levels before any gamma correction; `valid`, True
+    where pixels count; `bit_depth` of the sensor (by default that of an integer image's type), so
+    that levels near black and white, where clipping hides noise, are left out. Returns a
+    NoiseModel. Raises InputError where the image is under 8 x 8 or has too few valid pixels.
+    Noise that is correlated between pixels (JPEG, lossy video, demosaicing) is underestimated.
+    """
+    image = np.asarray(image)
+    if image.ndim != 2 or min(image.shape) < 8:
+        raise InputError(f"noise needs a frame of at least 8 x 8 pixels, not {image.shape}")
+    integer = image.dtype.kind in "ui"
+    if bit_depth is None and integer:
+        bit_depth = 8 * image.dtype.itemsize
+    finite = np.isfinite(image)
+    usable = finite if valid is None else finite & valid
+    values = np.where(finite, image, 0).astype(np.float32)
+    residual, level, inside = _high_pass(values, usable)
+    if np.count_nonzero(inside) < 16:
+        raise InputError(
+            "noise cannot be told: fewer than 16 pixels have valid neighbours; enlarge the roi"
+        )
+    floor = QUANTISATION if integer else float(np.finfo(np.float32).tiny)
+    res, lev = residual[inside].astype(float), level[inside].astype(float)
+    rough = np.sqrt(max(_clipped_variance(res)[0], floor))
+    full = full_scale(bit_depth)
+    inner = (lev > 4 * rough) & (lev < full - 4 * rough)
+    if np.count_nonzero(inner) > max(200, 0.02 * inner.size):
+        res, lev = res[inner], lev[inner]
+    offset, slope = _fit_levels(res, lev)
+    return NoiseModel(offset=offset, slope=slope, floor=floor)
+
+
+def _high_pass(
+    values: np.ndarray, usable: npt.NDArray[np.bool_]
+) -> tuple[np.ndarray, np.ndarray, npt.NDArray[np.bool_]]:
+    """Noise residual, smooth grey level, and where the 5 x 5 support is valid (borders are not)."""
+    from scipy import ndimage
+
+    residual = ndimage.correlate1d(ndimage.correlate1d(values, FOURTH, axis=0), FOURTH, axis=1)
+    residual /= np.float32(np.sum(FOURTH**2))
+    level = ndimage.uniform_filter(values, 5)
+    inside = usable.copy()
+    inside[:2] = inside[-2:] = inside[:, :2] = inside[:, -2:] = False
+    if not usable.all():
+        inside &= ndimage.minimum_filter(usable, 5)
+    return residual, level, inside
+
+
+def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
+    """Variance without outliers, about zero, and the number of residuals that were kept."""
+    size = np.abs(residual)
+    sigma = 1.4826 * float(np.median(size))
+    if sigma == 0:  # a mostly flat, rounded frame: the median tells nothing
+        sigma = float(np.sqrt(np.mean(size**2)))
+    variance, kept = sigma**2, size.size
+    for _ in range(3):
+        inner = size[size <= CLIP * np.sqrt(variance)]
+        if inner.size == 0:
+            return 0.0, size.size
+        variance, kept = float(np.mean(inner**2)), inner.size
+    return variance, kept
+
+
+def _fit_levels(residual: np.ndarray, level: np.ndarray) -> tuple[float, float]:
+    """Fit variance = offset + slope * level to bins of equal population, by their uncertainty."""
+    bins = min(LEVELS, residual.size // 500)
+    edges = np.unique(np.quantile(level, np.linspace(0, 1, bins + 1))) if bins > 1 else []
+    if len(edges) < 3:
+        return _clipped_variance(residual)[0], 0.0
+    index = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, len(edges) - 2)
+    rows = []
+    for i in range(len(edges) - 1):
+        chosen = index == i
+        variance, count = _clipped_variance(residual[chosen])
+        rows.append((float(level[chosen].mean()), variance, count))
+    x, y, n = np.array(rows).T
+    weight, slope, offset = np.sqrt(n) / max(y.mean(), 1e-300), 0.0, y.mean()
+    for _ in range(5):
+        slope, offset = np.polyfit(x, y, 1, w=weight)
+        fitted = np.maximum(offset + slope * x, 0.05 * y.mean() + 1e-300)
+        # A bin with an edge or a scratch in it stands above the line: let it count less.
+        excess = np.abs(y - fitted) / fitted * np.sqrt(n / 8)
+        weight = np.sqrt(n) / fitted / np.maximum(1, excess / 3)
+    return float(offset), float(slope)

@@ -1,0 +1,107 @@
+"""Which reader a path needs, and what is read from it: channel, region, bit depth."""
+
+from __future__ import annotations
+
+import glob
+import os
+from pathlib import Path
+
+from isochrome.errors import InputError
+from isochrome.frames import images, tiff, video
+from isochrome.frames.reader import Channel, FrameReader, FramesPath
+from isochrome.frames.source import Kind, Source, natural_key
+from isochrome.scene import Roi, Scene
+
+
+def open_frames(
+    path: FramesPath,
+    *,
+    channel: Channel | None = None,
+    wavelength_nm: float | None = None,
+    roi: Roi | None = None,
+    bit_depth: int | None = None,
+) -> FrameReader:
+    """Open captured frames: a TIFF stack, an image, a folder, a list, a glob, or a video.
+
+    Parameters: `path`; `channel` of a colour source ('red', 'green', 'blue', 'mean'; when None, the
+    one nearest to `wavelength_nm`: below 490 blue, below 580 green, else red, unknown green);
+    `roi`, the part to yield; `bit_depth` of the sensor (when None, 8 or 16 by the file's type;
+    give 10 or 12 for such a sensor in a 16-bit file). Returns a FrameReader, also a context
+    manager. Raises InputError that names the file, the value and what to do.
+    """
+    source = _source(path)
+    label = path if isinstance(path, str | Path) else f"{path[0]} ..."
+    rows, cols = source.shape
+    if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
+        raise InputError(
+            f"{label}: the roi, rows {roi.top_px} to {roi.top_px + roi.height_px} and columns "
+            f"{roi.left_px} to {roi.left_px + roi.width_px}, lies outside the frame of {rows} rows "
+            f"and {cols} columns; correct frames.roi"
+        )
+    container = 8 * source.dtype.itemsize if source.dtype.kind == "u" else None
+    if bit_depth is None:
+        bit_depth = source.sensor_bits or container
+    elif not 1 <= bit_depth <= (container or 16):
+        raise InputError(
+            f"{label}: bit_depth = {bit_depth} does not fit pixels of type {source.dtype}, which "
+            f"take 1 to {container or 16}; correct camera.bit_depth"
+        )
+    taken = channel or channel_for(wavelength_nm)
+    return FrameReader(source, path=path, channel=taken, roi=roi, bit_depth=bit_depth)
+
+
+def open_scene_frames(path: FramesPath, scene: Scene) -> FrameReader:
+    """Open captured frames as a scene says: its roi, channel, wavelength and bit depth.
+
+    Parameters: `path` as for `open_frames`; `scene`. Returns a FrameReader. Raises InputError.
+    """
+    return open_frames(
+        path,
+        channel=scene.frames.channel,
+        wavelength_nm=scene.polariscope.wavelength_nm,
+        roi=scene.frames.roi,
+        bit_depth=scene.camera.bit_depth if scene.camera else None,
+    )
+
+
+def channel_for(wavelength_nm: float | None) -> Channel:
+    """The colour channel that sees a wavelength (nm) best; green where it is not known."""
+    if wavelength_nm is None:
+        return "green"
+    return "blue" if wavelength_nm < 490 else "green" if wavelength_nm < 580 else "red"
+
+
+def _source(path: FramesPath) -> Source:
+    if not isinstance(path, str | Path):
+        files = tuple(Path(p) for p in path)
+        if not files:
+            raise InputError("the list of frames is empty; name at least one image")
+        return _of_files(files, "list")
+    place = Path(path)
+    if place.is_dir():
+        return images.open_images(images.images_in(place), "folder")
+    if not place.exists():
+        found = sorted(glob.glob(os.fspath(path)), key=natural_key)
+        if not found:
+            raise InputError(f"{path}: no such file or folder; check its name")
+        return _of_files(tuple(map(Path, found)), "list")
+    return _of_files((place,), "image")
+
+
+def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
+    known = images.SUFFIXES + tiff.SUFFIXES + video.SUFFIXES
+    for file in files:
+        if file.suffix.lower() not in known:
+            raise InputError(
+                f"{file}: frames cannot be read from a file of this kind; known are "
+                f"{', '.join(known)}, or a folder of images"
+            )
+        if not file.is_file():
+            raise InputError(f"{file}: no such file; check its name")
+    suffix = files[0].suffix.lower()
+    if len(files) == 1 and suffix in tiff.SUFFIXES:
+        return tiff.open_tiff(files[0])
+    moving = next((f for f in files if f.suffix.lower() in video.SUFFIXES), None)
+    if moving is not None and len(files) > 1:
+        raise InputError(f"{moving}: a video cannot be one of many frames; give it by itself")
+    return video.open_video(moving) if moving else images.open_images(files, kind)
