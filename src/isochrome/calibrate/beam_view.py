@@ -1,0 +1,161 @@
+"""Where the beam lies in a frame, and a first guess of its fringes, from a profile over its height.
+
+In pure bending N rises linearly across the height, so that the intensity along the height is a
+sinusoid with one frequency, the slope |dN/dy|; outside the beam there is none. A spectral scan
+with a window of the beam's known height finds both together, with no knowledge of f_sigma.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibrate.shot import Shot
+from isochrome.errors import PhysicsError
+
+Array = NDArray[np.float64]
+
+LARGEST_TILT = 8.0
+"""Degrees; a beam tilted by more is asked to be turned."""
+
+FINEST_PX = 4.0
+"""Pixels a fringe at the least."""
+
+FEWEST = 0.5
+"""Fringes in view at the least."""
+
+
+@dataclass(frozen=True)
+class BeamView:
+    """The beam's `top` row at the middle column (float, may be outside), its `tilt` (rows a
+    column) and `starts` (m, 3): slope (fringe/px across the rows), row of N = 0, tilt.
+    """
+
+    top: float
+    tilt: float
+    starts: Array
+
+
+def find_beam(shot: Shot, height_px: float, *, bright: bool = False) -> BeamView:
+    """Find a beam's tilt, top edge and candidate fringe slopes.
+
+    Parameters: `shot`; `height_px`, the beam's height in pixels; `bright`, for a bright field.
+    Returns a BeamView. Raises PhysicsError where no fringes rise across the height.
+    """
+    tilt = _tilt(shot)
+    rows, values, count = _profile(shot, tilt)
+    tops = _tops(rows, height_px)
+    seen = min(height_px, float(rows[-1] - rows[0] + 1))
+    slopes = np.arange(FEWEST / seen, 1.0 / FINEST_PX, 0.2 / seen)
+    coarse = tops[:: max(1, len(tops) // 12)]
+    cost, _ = _scan(rows, values, count, coarse, height_px, slopes)
+    best = _peaks(cost.min(axis=0), 4)
+    cost, phase = _scan(rows, values, count, tops, height_px, slopes[best])
+    place = int(np.argmin(cost.min(axis=1)))
+    if cost.min() > 0.95 * _smooth_cost(rows, values, count):
+        raise PhysicsError(
+            f"{shot.file}: no fringes rise across the beam's height; check pixel_mm and roi, or "
+            "load it until at least two fringes are seen"
+        )
+    middle = tops[place] + 0.5 * height_px
+    starts = []
+    for slope, angle in zip(slopes[best], phase[place], strict=True):
+        row = (angle + (0.0 if bright else np.pi)) / (2.0 * np.pi * slope)
+        starts.append([slope, row + np.round((middle - row) * slope) / slope, tilt])
+    return BeamView(float(tops[place]), tilt, np.array(starts))
+
+
+def _tilt(shot: Shot) -> float:
+    """Shear (rows a column) under which the profile over the rows has the most contrast."""
+    limit = np.tan(np.radians(LARGEST_TILT))
+    centre, half = 0.0, limit
+    for step in (0.25, 0.05):
+        shears = centre + np.arange(-half, half + 1e-9, np.tan(np.radians(step)))
+        sharp = [_sharpness(*_profile(shot, s)) for s in shears]
+        centre, half = float(shears[int(np.argmax(sharp))]), np.tan(np.radians(step))
+    return centre
+
+
+def _sharpness(rows: Array, values: Array, count: Array) -> float:
+    weight = count / count.sum()
+    return float(np.sum(weight * (values - np.sum(weight * values)) ** 2))
+
+
+def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
+    """Mean intensity over sheared rows: row at the middle column, mean, number of pixels."""
+    height, width = shot.image.shape
+    stride = max(1, width // 160)
+    cols = np.arange(stride // 2, width, stride)
+    drop = shear * (cols - 0.5 * (width - 1))
+    place = np.rint(np.arange(height)[:, None] - drop[None, :]).astype(int)
+    low = int(place.min())
+    keep = shot.mask[:, cols]
+    index = (place - low)[keep]
+    count = np.bincount(index)
+    total = np.bincount(index, weights=shot.image[:, cols][keep])
+    good = count >= 0.3 * len(cols)
+    return (
+        np.flatnonzero(good).astype(float) + low,
+        total[good] / count[good],
+        count[good].astype(float),
+    )
+
+
+def _tops(rows: Array, height_px: float) -> Array:
+    """Candidate rows of the top edge: at least 60 % of the smaller of beam and frame in view."""
+    seen = float(rows[-1] - rows[0] + 1)
+    room = 0.4 * min(height_px, seen)
+    low, high = sorted((rows[0] - room, rows[-1] + 1 - height_px + room))
+    if height_px > seen:
+        low, high = rows[-1] + 1 - height_px - room, rows[0] + room
+    step = max(1.0, 0.01 * min(height_px, seen))
+    return np.arange(low, high + step, step)
+
+
+def _scan(
+    rows: Array, values: Array, count: Array, tops: Array, height_px: float, slopes: Array
+) -> tuple[Array, Array]:
+    """Residual (tops, slopes) of a sinusoid inside and a line outside; phase of the maximum."""
+    cost, phase = np.empty((2, len(tops), len(slopes)))
+    angle = 2.0 * np.pi * slopes[:, None] * rows
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    place = (rows - rows.mean()) / max(1.0, float(np.ptp(rows)))
+    smooth = np.broadcast_to(
+        np.stack([np.ones_like(place), place, place**2]), (len(slopes), 3, rows.size)
+    )
+    design = np.concatenate([waves, smooth], axis=1)
+    for i, top in enumerate(tops):
+        inside = (rows >= top) & (rows < top + height_px)
+        d, w, y = design[:, :, inside], count[inside], values[inside]
+        gram = (d * w) @ d.transpose(0, 2, 1) + 1e-9 * w.sum() * np.eye(5)
+        right = (d * w) @ y
+        found = np.linalg.solve(gram, right[..., None])[..., 0]
+        outside = _line_cost(rows, values, count, rows < top)
+        outside += _line_cost(rows, values, count, rows >= top + height_px)
+        cost[i] = np.sum(w * (y - np.einsum("sk,skn->sn", found, d)) ** 2, axis=1) + outside
+        phase[i] = np.arctan2(found[:, 1], found[:, 0])
+    return cost, phase
+
+
+def _line_cost(rows: Array, values: Array, count: Array, where: NDArray[np.bool_]) -> float:
+    x, y, w = rows[where], values[where], count[where]
+    if x.size < 3:
+        return 0.0
+    x = x - np.average(x, weights=w)
+    y = y - np.average(y, weights=w)
+    slope = np.sum(w * x * y) / np.sum(w * x * x)
+    return float(np.sum(w * (y - slope * x) ** 2))
+
+
+def _smooth_cost(rows: Array, values: Array, count: Array) -> float:
+    fit = np.polynomial.Polynomial.fit(rows, values, 2, w=np.sqrt(count))
+    return float(np.sum(count * (values - fit(rows)) ** 2))
+
+
+def _peaks(cost: Array, number: int) -> NDArray[np.intp]:
+    """Indices of the deepest local minima."""
+    padded = np.concatenate([[np.inf], cost, [np.inf]])
+    local = np.flatnonzero((cost <= padded[:-2]) & (cost <= padded[2:]))
+    return local[np.argsort(cost[local], kind="stable")][:number]

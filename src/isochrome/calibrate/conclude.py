@@ -1,0 +1,131 @@
+"""From the images' orders to the fringe value, its budget and its warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isochrome.calibrate.line import Line, check_order, fit_line
+from isochrome.calibrate.result import BudgetItem, Calibration, ImageFit
+from isochrome.errors import PhysicsError
+
+POOR_CHI = 1.3
+"""Above this the model does not describe an image within its noise, and the result says so."""
+
+LINE_MISFIT = 0.10
+"""Distance of an order from the other loads' line, in orders' range, that is refused."""
+
+PLAUSIBLE_N_PER_MM = (0.01, 5000.0)
+"""From gelatine to glass, with room on both sides."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """An input's standard uncertainty (None: not given) and its share in ln f_sigma.
+
+    `sensitivity` is |d ln f / d input| in 1/unit.
+    """
+
+    name: str
+    standard_uncertainty: float | None
+    unit: str
+    sensitivity: float
+
+
+def conclude(
+    specimen: str, images: Sequence[ImageFit], factor_n2_per_mm: float, inputs: Sequence[Input]
+) -> Calibration:
+    """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
+
+    Parameters: `specimen`, 'beam' or 'disc'; `images`, fitted, with loads above zero;
+    `factor_n2_per_mm`, N/mm per (fringe/N); `inputs`, what else is uncertain.
+    Returns the Calibration. Raises PhysicsError where the orders contradict the loads.
+    """
+    loads = [i.load_n for i in images]
+    orders = np.array([i.order for i in images])
+    check_order(loads, orders, tuple(i.file for i in images))
+    line = fit_line(loads, orders, [max(i.standard_uncertainty, 1e-9) for i in images])
+    value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
+    if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
+        raise PhysicsError(
+            f"the images give f_sigma = {value:.3g} N/mm, which no photoelastic material has; "
+            "check that lengths are in mm, loads in N, and pixel_mm is this camera's"
+        )
+    if line.left_out is not None:
+        images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
+        _check_line(images)
+    budget = _budget(value, line, inputs)
+    total = float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget)))
+    chis = np.array([i.chi for i in images])
+    return Calibration(
+        specimen, float(value), total, float(np.sqrt(np.mean(chis**2))), float(chis.max()),
+        line.intercept, line.intercept_uncertainty, line.slope, tuple(images), budget,
+        _warnings(images, line, inputs, specimen),
+    )  # fmt: skip
+
+
+def _check_line(images: Sequence[ImageFit]) -> None:
+    """Refuse one image far off the line of the others: a wrong load or another specimen."""
+    orders = np.array([i.order for i in images])
+    off = np.array([abs(i.order - (i.predicted_order or 0.0)) for i in images])
+    worst = int(np.argmax(off))
+    limit = LINE_MISFIT * max(float(np.ptp(orders)), 0.2 * float(orders.max()))
+    if len(images) > 3 and off[worst] > limit:
+        found = images[worst]
+        raise PhysicsError(
+            f"{found.file} at {found.load_n:g} N shows order {found.order:.3f} where the other "
+            f"loads predict {found.predicted_order:.3f}; check its load, and whether it shows the "
+            "same specimen, or leave it out"
+        )
+
+
+def _budget(value: float, line: Line, inputs: Sequence[Input]) -> tuple[BudgetItem, ...]:
+    scatter = np.sqrt(max(line.slope_uncertainty**2 - line.slope_noise**2, 0.0))
+    rows = [
+        ("image noise and fit", line.slope_noise, "fringe/N", value * line.slope_noise / line.slope)
+    ]
+    if line.left_out is not None:
+        rows.append(("scatter across loads", scatter, "fringe/N", value * scatter / line.slope))
+    rows += [
+        (i.name, i.standard_uncertainty, i.unit, value * i.sensitivity * i.standard_uncertainty)
+        for i in inputs
+        if i.standard_uncertainty is not None
+    ]
+    variance = sum(row[3] ** 2 for row in rows) or 1.0
+    return tuple(
+        BudgetItem(name, float(u), unit, float(part), float(part**2 / variance))
+        for name, u, unit, part in rows
+    )
+
+
+def _warnings(
+    images: Sequence[ImageFit], line: Line, inputs: Sequence[Input], specimen: str
+) -> tuple[str, ...]:
+    said = []
+    worst = max(images, key=lambda i: i.chi)
+    if worst.chi > POOR_CHI:
+        said.append(
+            f"the model does not describe these images within their noise: chi = {worst.chi:.2f} "
+            f"for {worst.file} where 1 is right; look at the residual (gamma, residual stress, "
+            "blur, saturation), and take the uncertainty as a lower bound"
+        )
+    if line.intercept is None:
+        said.append(
+            "one load only: an order that stays at zero load cannot be told apart and is not in "
+            "the uncertainty; add a second load"
+        )
+    elif abs(line.intercept) > max(0.1, 5.0 * (line.intercept_uncertainty or 0.0)):
+        where = "centre" if specimen == "disc" else "edge"
+        said.append(
+            f"an order of {line.intercept:.3f} stays at zero load at the {where}: the specimen has "
+            "residual stress, or the loads an offset; the slope is free of both"
+        )
+    missing = [i.name for i in inputs if i.standard_uncertainty is None and i.sensitivity > 0]
+    if missing:
+        said.append(
+            f"no uncertainty is given for {', '.join(missing)}: what the images show is included, "
+            "these are not; add them under [uncertainty]"
+        )
+    return tuple(said)
