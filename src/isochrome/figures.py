@@ -127,12 +127,18 @@ def image_extent(
 
 
 def add_colour_bar(
-    drawn: AxesImage, label: str, *, axes: list[Axes] | None = None, extend: str | None = None
+    drawn: AxesImage,
+    label: str,
+    *,
+    axes: list[Axes] | None = None,
+    extend: str | None = None,
+    length: float = 1.0,
 ) -> Colorbar:
     """Add a colour bar with its `label` (quantity and unit) beside the image's axes.
 
     `axes`: several axes that share the bar (default: the image's own). `extend`: "min", "max" or
-    "both" where values lie beyond the colours (default: looked up in the image). Returns the bar.
+    "both" where values lie beyond the colours (default: looked up in the image). `length`: share
+    of the axes' common height. Returns the bar.
     """
     figure = drawn.axes.figure
     if extend is None:
@@ -141,7 +147,11 @@ def add_colour_bar(
         below = bool(data.count()) and float(data.min()) < low
         above = bool(data.count()) and float(data.max()) > high
         extend = ("both" if above else "min") if below else ("max" if above else "neither")
-    bar = figure.colorbar(drawn, ax=axes or [drawn.axes], extend=extend, pad=0.02, aspect=18)
+    beside = axes or [drawn.axes]
+    slim = 18.0 * max(1.0, length * len(beside))
+    bar = figure.colorbar(
+        drawn, ax=beside, extend=extend, pad=0.02, aspect=slim, shrink=length, extendfrac=0.03
+    )
     bar.set_label(label, fontsize=TEXT_PT)
     bar.ax.tick_params(labelsize=TICK_PT, length=3, width=0.7)
     return bar

@@ -40,6 +40,9 @@ def lay_out(
     grid = figure.add_gridspec(
         2 * count + 1, 3, height_ratios=[row_in, caption_in] * count + [foot_in]
     )
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.set(wspace=0.05)  # type: ignore[call-arg]
     panels: list[list[Axes]] = []
     captions: list[Axes] = []
     for row in range(count):
@@ -74,18 +77,24 @@ def caption(numbers: FrameMetrics) -> str:
     if numbers.orders is not None:
         order = numbers.orders
         parts += [
-            f"fringe order RMS {order.rms:.3g}, 95th percentile {order.p95:.3g} fringe",
+            f"fringe order RMS {order.rms:.2g} (95 % below {order.p95:.2g})",
             f"wrong branch {100 * order.wrong_branch_share:.2g} %",
         ]
     parts.append(f"NCC {numbers.signals.ncc:.4f}")
     if numbers.skeleton is not None and np.isfinite(numbers.skeleton.mean_px):
-        distance = f"fringe lines {numbers.skeleton.mean_px:.2f} px apart"
+        distance = f"lines {numbers.skeleton.mean_px:.2g} px"
         if np.isfinite(numbers.skeleton.mean_mm):
-            distance += f" ({1000 * numbers.skeleton.mean_mm:.3g} µm)"
-        parts.append(f"{distance}, {100 * numbers.skeleton.matched_share:.0f} % matched")
+            distance += f" ({1000 * numbers.skeleton.mean_mm:.2g} µm)"
+        parts.append(f"{distance} apart, {100 * numbers.skeleton.matched_share:.0f} % matched")
     if np.isfinite(numbers.signals.rmse_over_noise):
-        parts.append(f"χ {numbers.signals.rmse_over_noise:.2f}")
-    return "   |   ".join(parts)
+        parts.append(f"χ {numbers.signals.rmse_over_noise:.3g}")
+    return "  ·  ".join(parts)
+
+
+def write_line(axes: Axes, text: str, *, size_pt: float, colour: str = "black") -> None:
+    """Put a line of text into an empty strip without widening the strip for it."""
+    line = axes.text(0.0, 0.5, text, va="center", fontsize=size_pt, color=colour)
+    line.set_in_layout(False)
 
 
 def bar_label(of_order: bool) -> str:

@@ -18,6 +18,7 @@ from isochrome.compare._panels import (
     lay_out,
     short,
     tidy,
+    write_line,
 )
 from isochrome.compare.frame_sets import FrameMetrics, FrameSet, compare_frames, frame_pairs
 from isochrome.errors import InputError
@@ -26,6 +27,7 @@ from isochrome.fringes.skeleton import order_contours, skeletons
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 _LINE_COLOUR = "#ff9d2e"
 
@@ -64,38 +66,44 @@ def side_by_side(
     place = _place(experiment, simulation)
     for row, index in enumerate(shown):
         here, there = pairs[index]
-        frames = (experiment.signal[here], simulation.signal[there])
-        titles = (f"experiment: {short(metrics[index].label)}", "simulation")
-        for axes, frame, title in zip(panels[row], frames, titles, strict=False):
-            figures.show_image(
-                axes,
-                frame,
-                cmap=figures.FRAME_MAP,
-                vmin=grey[0],
-                vmax=grey[1],
-                title=title,
-                **place,
-            )
-        drawn = figures.show_image(
-            panels[row][2],
-            gaps[row],
-            cmap=figures.DIFFERENCE_MAP,
-            vmin=-limit,
-            vmax=limit,
-            title="experiment − simulation",
-            **place,
-        )
+        frames = (experiment.signal[here], simulation.signal[there], gaps[row])
+        drawn = _draw_row(panels[row], frames, short(metrics[index].label), grey, limit, place)
         if lines:
             _draw_lines(panels[row][0], simulation, there, place)
         tidy(panels[row], row, last=row == len(shown) - 1)
-        captions[row].text(0.0, 1.0, caption(metrics[index]), va="top", fontsize=figures.TEXT_PT)
-    bar = figures.add_colour_bar(
-        drawn, bar_label(of_order), axes=[row[2] for row in panels], extend=_extend(gaps, limit)
+        write_line(captions[row], caption(metrics[index]), size_pt=figures.TEXT_PT)
+    figures.add_colour_bar(
+        drawn,
+        bar_label(of_order),
+        axes=[row[2] for row in panels],
+        extend=_extend(gaps, limit),
+        length=min(1.0, 2.0 / len(shown)),
     )
-    bar.ax.set_gid("difference")
     text = foot_text(lines, len(shown), len(pairs), place["pixel_mm"])
-    foot.text(0.0, 0.0, text, va="bottom", fontsize=figures.TICK_PT, color="0.3")
+    write_line(foot, text, size_pt=figures.TICK_PT, colour="0.3")
     return figure
+
+
+def _draw_row(
+    panels: list[Axes],
+    frames: tuple[NDArray, NDArray, NDArray],
+    label: str,
+    grey: tuple[float, float],
+    limit: float,
+    place: Place,
+) -> AxesImage:
+    """Draw experiment, simulation and difference of one state; returns the difference's image."""
+    grey_map, difference_map = figures.FRAME_MAP, figures.DIFFERENCE_MAP
+    styles = (
+        (f"experiment: {label}", grey_map, grey),
+        ("simulation", grey_map, grey),
+        ("experiment − simulation", difference_map, (-limit, limit)),
+    )
+    for axes, frame, (title, cmap, (low, high)) in zip(panels, frames, styles, strict=True):
+        drawn = figures.show_image(
+            axes, frame, cmap=cmap, vmin=low, vmax=high, title=title, **place
+        )
+    return drawn
 
 
 def _draw_lines(axes: Axes, simulation: FrameSet, index: int, place: Place) -> None:

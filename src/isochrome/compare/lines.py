@@ -14,6 +14,7 @@ from isochrome.fringes.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
 
+_REACH_PX, _REACH_KNOWN_PX = 20.0, 100.0
 _STEP_PX = 0.2  # lines are filled up to this spacing before distances are taken
 
 
@@ -35,7 +36,7 @@ def skeleton_distance(
     simulation: Sequence[Skeleton],
     *,
     pixel_mm: float | None = None,
-    reach_px: float = 20.0,
+    reach_px: float | None = None,
 ) -> SkeletonDistance:
     """Measure the mean distance between the fringe centre lines of two images.
 
@@ -46,12 +47,15 @@ def skeleton_distance(
 
     `experiment`, `simulation`: lines as `isochrome.fringes.skeleton.skeletons` finds them in a
     signal or `order_contours` in an order map. `pixel_mm`: edge of a pixel, for `mean_mm`.
-    `reach_px`: at most about half the distance between like fringes, unless orders are known.
+    `reach_px`: default 20, about half the distance between like fringes; 100 where both sides
+    know the order, since a line cannot be taken for its neighbour there.
     Returns the SkeletonDistance. Raises InputError when neither side has a line.
     """
     if not (len(experiment) or len(simulation)):
         raise InputError("no fringe line in either image: nothing to compare; check the frames")
     by_order = all(line.order is not None for line in (*experiment, *simulation))
+    if reach_px is None:
+        reach_px = _REACH_KNOWN_PX if by_order else _REACH_PX
     there = _nearest(experiment, simulation, by_order)
     back = _nearest(simulation, experiment, by_order)
     both = np.concatenate([there, back])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from isochrome.compare.frame_sets import FrameSet
 from isochrome.errors import InputError
+from isochrome.output import read_csv, read_pixel_mm
 
 _SIGNALS = (("normalised.tif", "frames.csv"), ("frames.tif", "history.csv"))
 _ORDER = "fringe_order.tif"
@@ -44,31 +44,30 @@ def _load_result(
     folder: Path, signal_name: str, table_name: str, bit_depth: int | None, pixel_mm: float | None
 ) -> FrameSet:
     camera = _camera(folder / "scene.toml")
-    signal, scale = _read_stack(folder / signal_name)
-    order = _read_stack(folder / _ORDER)[0] if (folder / _ORDER).exists() else None
+    signal = _read_stack(folder / signal_name)
+    order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
     if order is not None and order.shape != signal.shape:
         raise InputError(
             f"{folder / _ORDER} has shape {order.shape}, {signal_name} beside it {signal.shape}: "
             "the folder mixes two runs; make it again"
         )
-    rows = _read_table(folder / table_name, len(signal))
+    table = _read_table(folder / table_name, len(signal))
     return FrameSet(
         signal=scaled(signal, bit_depth or camera.get("bit_depth")),
         order=None if order is None else order.astype(np.float32, copy=False),
-        pixel_mm=pixel_mm or scale or camera.get("pixel_mm"),
+        pixel_mm=pixel_mm or read_pixel_mm(folder / signal_name) or camera.get("pixel_mm"),
         left_mm=float(camera.get("left_mm", 0.0)),
         top_mm=float(camera.get("top_mm", 0.0)),
-        labels=_labels(rows),
-        noise=_noise(rows),
+        labels=_labels(table, len(signal)),
+        noise=_noise(table),
     )
 
 
 def _load_bare(place: Path, bit_depth: int | None, pixel_mm: float | None) -> FrameSet:
     from isochrome.frames import open_frames
 
-    with open_frames(place) as reader:
-        bits = bit_depth or reader.bit_depth
-        images = [scaled(frame.image, bits) for frame in reader]
+    with open_frames(place, bit_depth=bit_depth) as reader:
+        images = [scaled(frame.image, reader.bit_depth) for frame in reader]
         scale = pixel_mm or reader.pixel_mm
     if not images:
         raise InputError(f"{place}: no frame in it; give a TIFF stack, an image folder or a video")
@@ -94,36 +93,28 @@ def scaled(image: NDArray, bit_depth: int | None = None) -> NDArray[np.floating]
     return image.astype(np.float32) / np.float32(full)
 
 
-def _read_stack(path: Path) -> tuple[NDArray, float | None]:
-    """Read a TIFF as (frame, row, col) in its own type, and its pixel edge in mm, if written."""
+def _read_stack(path: Path) -> NDArray:
+    """Read a TIFF as (frame, row, col) in its own type."""
     import tifffile
 
     try:
-        with tifffile.TiffFile(path) as file:
-            stack = np.asarray(file.asarray())
-            tag = file.pages.first.tags.get("XResolution")
-            unit = (file.imagej_metadata or {}).get("unit")
-    except (tifffile.TiffFileError, OSError, IndexError) as error:
+        stack = np.asarray(tifffile.imread(path))
+    except (tifffile.TiffFileError, OSError, ValueError, IndexError) as error:
         raise InputError(f"{path} cannot be read as a TIFF ({error}): make it again") from error
     if stack.ndim not in (2, 3):
         raise InputError(f"{path} has shape {stack.shape}: give (frame, row, col), one channel")
-    count, length = tag.value if tag is not None and unit == "mm" else (0, 1)
-    scale = length / count if count else None
-    return (stack[None] if stack.ndim == 2 else stack), scale
+    return stack[None] if stack.ndim == 2 else stack
 
 
-def _read_table(path: Path, count: int) -> list[dict[str, str]]:
-    """Read a result table; no rows when it is not there."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
-    if len(rows) != count:
+def _read_table(path: Path, count: int) -> dict[str, list[Any]]:
+    """Read a result table with one row a frame; no columns when it is not there."""
+    table = read_csv(path) if path.exists() else {}
+    length = len(next(iter(table.values()), []))
+    if table and length != count:
         raise InputError(
-            f"{path} has {len(rows)} rows for {count} frames: the folder mixes two runs; make it "
-            "again"
+            f"{path} has {length} rows for {count} frames: the folder mixes two runs; make it again"
         )
-    return rows
+    return table
 
 
 def _camera(path: Path) -> dict[str, Any]:
@@ -136,30 +127,27 @@ def _camera(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} is not valid TOML ({error}): make the results again") from error
 
 
-def _labels(rows: list[dict[str, str]]) -> tuple[str, ...]:
-    """Name the frames: by their label or named state, and the sliding distance."""
-    labels: list[str] = []
-    for index, row in enumerate(rows):
-        name = (row.get("label") or row.get("state") or "").strip()
-        name = "" if _number(name) is not None else name
-        distance = _number(row.get("distance_m"))
-        if distance is not None and not row.get("label"):
-            at_rest = "static" if index == 0 else "initial sliding"
-            name = f"sliding, {distance:g} m" if distance > 0 else (name or at_rest)
+def _labels(table: dict[str, list[Any]], count: int) -> tuple[str, ...]:
+    """Name the frames: by their label, else by sliding distance and named state."""
+    if "label" in table:
+        return tuple(str(name) for name in table["label"])
+    names = table.get("state", [])
+    distances = table.get("distance_m", [])
+    labels = []
+    for index in range(count):
+        name = names[index].strip() if names and isinstance(names[index], str) else ""
+        distance = distances[index] if distances else None
+        if isinstance(distance, float) and distance > 0:
+            name = f"sliding, {distance:g} m"
+        elif isinstance(distance, float) and distance == 0 and not name:
+            name = "static" if index == 0 else "initial sliding"
         labels.append(name or f"frame {index}")
     return tuple(labels)
 
 
-def _noise(rows: list[dict[str, str]]) -> NDArray[np.floating] | None:
-    """Take the signal's noise of each frame out of a table that has it."""
-    if not rows or "noise" not in rows[0]:
+def _noise(table: dict[str, list[Any]]) -> NDArray[np.floating] | None:
+    """Take the signal's noise of each frame out of a table that has it as numbers."""
+    values = table.get("noise", [])
+    if not values or not all(isinstance(value, float) for value in values):
         return None
-    values = [_number(row["noise"]) for row in rows]
-    return np.array([np.nan if value is None else value for value in values])
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        return float(text or "")
-    except ValueError:
-        return None
+    return np.array(values)

@@ -16,6 +16,7 @@ FOLLOW_SHARE = 0.5
 """A line that reached the threshold is followed down to this share of it."""
 
 _WHOLE_SHARE = 0.95  # of the smoothing window must be known pixels
+_TRUNCATE = 6.0  # in sigma: at scipy's 4 a flat image has a second derivative of 1e-4
 _RUN = 2.0  # a fringe centre is level along its run; the flank of a round fringe is not
 _REACH_PX = 1.5  # neighbours: side by side or corner to corner
 
@@ -67,12 +68,12 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     """
     known = np.isfinite(image)
     image = _fill(image, known)
-    pad = int(np.ceil(4.0 * sigma_px)) + 1
+    pad = int(np.ceil(_TRUNCATE * sigma_px)) + 1
     pad = min(pad, min(image.shape) - 1)
     wide = _sharpened(np.pad(image, pad, mode="reflect", reflect_type="odd"), sigma_px)
     core = (slice(pad, -pad), slice(pad, -pad))
     level, g_r, g_c, h_rr, h_rc, h_cc = (
-        ndimage.gaussian_filter(wide, sigma_px, order=which)[core]
+        ndimage.gaussian_filter(wide, sigma_px, order=which, truncate=_TRUNCATE)[core]
         for which in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     )
     mean, half = 0.5 * (h_rr + h_cc), 0.5 * (h_rr - h_cc)

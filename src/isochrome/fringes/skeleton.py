@@ -75,16 +75,11 @@ def skeletons(
         scale = factor * sigma_px
         if min(image.shape) < 4 * scale:
             break
-        limit = max(deviations * noise * _ridges.noise_gain(scale), _FLOOR)
-        strength, rows, cols, level = _ridges.line_points(image, scale)
-        strength[_ridges.beside(image.shape, [(f.rows, f.cols) for f in found], 2 * scale)] = 0.0
-        kinds: tuple[tuple[Kind, Floats], ...] = (
-            ("dark", np.where(level < middle, strength, 0.0)),
-            ("bright", np.where(level > middle, -strength, 0.0)),
-        )
-        for kind, weight in kinds:
-            for line in _ridges.linked(weight, threshold or limit, max(min_length_px, 3 * scale)):
-                found.append(Skeleton(kind, rows[line], cols[line]))
+        limit = threshold
+        if limit is None:
+            limit = max(deviations * noise * _ridges.noise_gain(scale), _FLOOR)
+        taken = _ridges.beside(image.shape, [(f.rows, f.cols) for f in found], 2 * scale)
+        found += _one_pass(image, scale, limit, max(min_length_px, 3 * scale), middle, taken)
     return sorted(found, key=lambda each: -each.rows.size)
 
 
@@ -146,6 +141,28 @@ def skeleton_table(
         "x_mm": left_mm + (cols + 0.5) * scale,
         "z_mm": top_mm + (rows + 0.5) * scale,
     }
+
+
+def _one_pass(
+    image: Floats,
+    scale: float,
+    limit: float,
+    min_length: float,
+    middle: float,
+    taken: NDArray[np.bool_],
+) -> list[Skeleton]:
+    """Find the lines at one smoothing, away from the pixels `taken` by an earlier pass."""
+    strength, rows, cols, level = _ridges.line_points(image, scale)
+    strength[taken] = 0.0
+    kinds: tuple[tuple[Kind, Floats], ...] = (
+        ("dark", np.where(level < middle, strength, 0.0)),
+        ("bright", np.where(level > middle, -strength, 0.0)),
+    )
+    return [
+        Skeleton(kind, rows[line], cols[line])
+        for kind, weight in kinds
+        for line in _ridges.linked(weight, limit, min_length)
+    ]
 
 
 def _check_signal(image: Floats, sigma_px: float) -> None:

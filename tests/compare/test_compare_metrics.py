@@ -1,0 +1,244 @@
+"""Identities and limits of the comparison numbers, and what SSIM cannot see."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isochrome.compare import (
+    FrameSet,
+    compare_frames,
+    compare_orders,
+    compare_signals,
+    skeleton_distance,
+)
+from isochrome.errors import InputError
+from isochrome.fringes.skeleton import order_contours, skeletons
+from isochrome.reference.hertz import (
+    contact_modulus,
+    hertz_half_width,
+    hertz_peak_pressure,
+    hertz_stress,
+)
+
+PIXEL_MM = 4.0 / 659
+NOISE = 3.0 / 255.0
+
+
+def hertz_order(line_load=11.0, shape=(494, 659)):
+    """Fringe order of the paper's static contact (44 N on 4 mm, 14.6 N/mm per fringe)."""
+    modulus = contact_modulus(2100.0, 0.4, 210e3, 0.3)
+    stress = hertz_stress(
+        -2.0 + PIXEL_MM * (np.arange(shape[1]) + 0.5),
+        PIXEL_MM * (np.arange(shape[0])[:, None] + 0.5),
+        half_width_mm=hertz_half_width(line_load, 24.61, modulus),
+        peak_pressure_mpa=hertz_peak_pressure(line_load, 24.61, modulus),
+    )
+    return stress.principal_difference * 4.0 / 14.6
+
+
+@pytest.fixture(scope="module")
+def order():
+    return hertz_order()
+
+
+@pytest.fixture(scope="module")
+def signal(order):
+    return np.sin(np.pi * order) ** 2
+
+
+def test_identical_orders_differ_by_nothing(order):
+    found = compare_orders(order, order)
+    assert (found.rms, found.p95, found.bias, found.wrong_branch_share) == (0, 0, 0, 0)
+    assert found.compared_share == 1.0
+
+
+@given(shift=st.floats(-3.0, 3.0))
+def test_an_added_order_is_the_bias_and_the_rms(shift):
+    order = np.linspace(0.0, 3.0, 60).reshape(6, 10)
+    found = compare_orders(order + shift, order)
+    assert found.bias == pytest.approx(shift, abs=1e-12)
+    assert found.rms == pytest.approx(abs(shift), abs=1e-12)
+    assert found.p95 == pytest.approx(abs(shift), abs=1e-12)
+    if abs(abs(shift) - 0.25) > 1e-6:
+        assert found.wrong_branch_share == float(abs(shift) > 0.25)
+        assert np.isnan(found.rms_right_branch) == (abs(shift) > 0.25)
+
+
+def test_a_mirrored_patch_is_a_wrong_branch_and_leaves_the_right_rms():
+    model = np.full((20, 20), 0.2)
+    measured = model + 0.01
+    measured[:5] = 1.0 - model[:5]
+    found = compare_orders(measured, model)
+    assert found.wrong_branch_share == 0.25
+    assert found.rms_right_branch == pytest.approx(0.01)
+    assert found.rms == pytest.approx(np.sqrt(0.25 * 0.36 + 0.75 * 1e-4))
+
+
+def test_unknown_and_masked_orders_do_not_count():
+    model = np.zeros((10, 10))
+    measured = np.full((10, 10), 0.1)
+    measured[0] = np.nan
+    measured[1] = 9.0
+    mask = np.ones((10, 10), bool)
+    mask[1] = False
+    found = compare_orders(measured, model, mask=mask)
+    assert found.rms == pytest.approx(0.1)
+    assert found.compared_share == pytest.approx(80 / 90)
+
+
+@pytest.mark.parametrize("compare", [compare_orders, compare_signals])
+def test_refusals_say_shapes_and_what_to_do(compare):
+    with pytest.raises(InputError, match=r"\(3, 4\).*\(4, 3\).*simulate"):
+        compare(np.zeros((3, 4)), np.zeros((4, 3)))
+    with pytest.raises(InputError, match="mask of shape"):
+        compare(np.zeros((3, 4)), np.zeros((3, 4)), mask=np.ones((4, 3), bool))
+    with pytest.raises(InputError, match="nothing to compare"):
+        compare(np.full((8, 8), np.nan), np.zeros((8, 8)))
+    with pytest.raises(InputError, match="nothing to compare"):
+        compare(np.zeros((8, 8)), np.zeros((8, 8)), mask=np.zeros((8, 8), bool))
+
+
+def test_identical_signals_score_one(signal):
+    found = compare_signals(signal, signal, noise=NOISE)
+    assert found.ncc == pytest.approx(1.0, abs=1e-12)
+    assert found.ssim == pytest.approx(1.0, abs=1e-9)
+    assert found.rmse < 1e-12
+    assert (found.gain, found.offset) == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-12))
+
+
+@settings(max_examples=30, deadline=None)
+@given(gain=st.floats(0.05, 20.0), offset=st.floats(-2.0, 2.0))
+def test_the_simulations_brightness_and_contrast_do_not_matter(gain, offset):
+    rng = np.random.default_rng(0)
+    model = rng.random((24, 31))
+    measured = model + 0.1 * rng.standard_normal(model.shape)
+    plain = compare_signals(measured, model, noise=0.1)
+    other = compare_signals(measured, gain * model + offset, noise=0.1)
+    for name in ("ncc", "rmse", "rmse_over_noise", "ssim"):
+        assert getattr(other, name) == pytest.approx(getattr(plain, name), abs=1e-7)
+    assert other.gain * gain == pytest.approx(plain.gain, rel=1e-6)
+    negative = compare_signals(measured, -model)
+    assert negative.ncc == pytest.approx(-plain.ncc)
+
+
+def test_rmse_over_noise_is_one_for_a_perfect_model(signal):
+    noise = np.where(np.arange(659) < 300, 0.01, 0.03) * np.ones_like(signal)
+    measured = signal + noise * np.random.default_rng(2).standard_normal(signal.shape)
+    assert compare_signals(measured, signal, noise=noise).rmse_over_noise == pytest.approx(1, 0.01)
+    assert np.isnan(compare_signals(measured, signal).rmse_over_noise)
+    with pytest.raises(InputError, match="noise"):
+        compare_signals(measured, signal, noise=0.0)
+
+
+def test_unknown_signal_pixels_do_not_count(signal):
+    measured = signal.copy()
+    measured[100:150, 200:300] = np.nan
+    found = compare_signals(measured, signal)
+    assert found.ncc == pytest.approx(1.0)
+    assert found.ssim == pytest.approx(1.0)
+    assert found.rmse < 1e-12
+
+
+def test_a_constant_image_has_no_correlation():
+    found = compare_signals(np.random.default_rng(0).random((9, 9)), np.full((9, 9), 0.3))
+    assert np.isnan(found.ncc)
+    assert found.gain == 0.0
+    assert np.isnan(compare_signals(np.ones((4, 4)), np.ones((4, 4))).ssim)  # below its window
+
+
+@pytest.mark.parametrize("shift", [0, 1, 3, 6])
+def test_a_shift_is_the_skeleton_distance(shift):
+    col = np.indices((80, 200))[1].astype(float)
+    here = np.sin(np.pi * col / 40.0) ** 2
+    there = np.sin(np.pi * (col - shift) / 40.0) ** 2
+    found = skeleton_distance(skeletons(here), skeletons(there), pixel_mm=0.01)
+    assert found.mean_px == pytest.approx(shift, abs=0.06)
+    assert found.p95_px == pytest.approx(shift, abs=0.06)
+    assert found.mean_mm == pytest.approx(0.01 * found.mean_px)
+    assert found.matched_share > 0.94  # a line may lie within the rim of one side only
+
+
+def test_a_missing_line_lowers_the_matched_share_only():
+    col = np.indices((80, 200))[1] / 40.0
+    whole = order_contours(col, [1.0, 2.0, 3.0, 4.0])
+    found = skeleton_distance([line for line in whole if line.order != 3.0], whole)
+    assert found.mean_px == 0.0
+    assert found.matched_share == pytest.approx(6 / 7)
+    nothing = skeleton_distance([], whole)
+    assert np.isnan(nothing.mean_px) and nothing.matched_share == 0.0
+    with pytest.raises(InputError, match="no fringe line"):
+        skeleton_distance([], [])
+
+
+def test_orders_keep_a_line_from_its_wrong_neighbour():
+    col = np.indices((40, 100))[1] / 10.0
+    here, there = order_contours(col, [3.0]), order_contours(col, [4.0])
+    assert np.isnan(skeleton_distance(here, there).mean_px)
+
+
+def test_ssim_cannot_judge_accuracy_and_the_others_can(order, signal):
+    """ANCHORS: a perfect model scores .893 against one noisy frame, 1 % off in load .890."""
+    rng = np.random.default_rng(3)
+    measured = signal + NOISE * rng.standard_normal(signal.shape)
+    off_order = hertz_order(11.0 * 1.01)
+    off = np.sin(np.pi * off_order) ** 2
+    perfect = compare_signals(measured, signal, noise=NOISE)
+    wrong = compare_signals(measured, off, noise=NOISE)
+    assert perfect.ssim < 0.92  # a perfect model looks bad
+    assert perfect.ssim - wrong.ssim < 0.02  # and hardly better than a wrong one
+    assert perfect.rmse_over_noise == pytest.approx(1.0, abs=0.01)
+    assert wrong.rmse_over_noise > 1.5
+    assert perfect.ncc > wrong.ncc
+    assert compare_orders(order, off_order).rms > 0.005
+    apart = skeleton_distance(order_contours(order), order_contours(off_order))
+    assert 0.5 < apart.mean_px < 3.0
+
+
+def frame_set(order, **more):
+    return FrameSet(signal=np.sin(np.pi * order) ** 2, order=order, **more)
+
+
+def test_frames_are_paired_one_to_one_or_one_to_all(order):
+    small = order[:120, 200:400]
+    experiment = frame_set(np.stack([small, 1.02 * small]), labels=("static", "sliding, 31 m"))
+    found = compare_frames(experiment, frame_set(small[None], pixel_mm=PIXEL_MM), mask=small > 0.3)
+    assert [(each.frame, each.label) for each in found] == [(0, "static"), (1, "sliding, 31 m")]
+    assert found[0].orders.rms == 0.0
+    assert found[1].orders.bias > 0.005
+    assert found[1].skeleton.mean_mm > 0
+    with pytest.raises(InputError, match="2 frames of the experiment and 3"):
+        compare_frames(experiment, frame_set(np.stack([small] * 3)))
+    with pytest.raises(InputError, match="rows x columns"):
+        compare_frames(experiment, frame_set(small[None, :-1]))
+    scaled = frame_set(small[None], pixel_mm=0.01), frame_set(small[None], pixel_mm=0.0101)
+    with pytest.raises(InputError, match=r"0\.01 .*0\.0101"):
+        compare_frames(*scaled)
+
+
+def test_a_frame_without_orders_falls_back_to_its_signal(order):
+    small = order[None, :120, 200:400]
+    signal_only = FrameSet(signal=np.sin(np.pi * small) ** 2, noise=np.array([0.01]))
+    found = compare_frames(signal_only, frame_set(small))[0]
+    assert found.orders is None
+    assert found.skeleton.mean_px < 0.05
+    assert found.signals.rmse_over_noise < 1e-9
+    empty = FrameSet(signal=np.full(small.shape, np.nan))
+    with pytest.raises(InputError, match="frame 0"):
+        compare_frames(empty, frame_set(small))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"signal": np.zeros((4, 4))},
+        {"signal": np.zeros((0, 4, 4))},
+        {"signal": np.zeros((1, 4, 4)), "order": np.zeros((2, 4, 4))},
+        {"signal": np.zeros((1, 4, 4)), "labels": ("a", "b")},
+        {"signal": np.zeros((1, 4, 4)), "pixel_mm": 0.0},
+        {"signal": np.zeros((3, 4, 4)), "noise": np.zeros(2)},
+    ],
+)
+def test_frame_sets_that_disagree_are_refused(wrong):
+    with pytest.raises(InputError):
+        FrameSet(**wrong)

@@ -1,0 +1,167 @@
+"""Fringe centre lines against patterns whose lines are known exactly."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isochrome.errors import InputError
+from isochrome.fringes.skeleton import Skeleton, order_contours, skeleton_table, skeletons
+
+SHAPE = (247, 330)
+ROW, COL = np.indices(SHAPE, dtype=float)
+CENTRE = (123.3, 164.6)
+NOISE = 3.0 / 255.0
+
+
+def captured(order, noise=NOISE, seed=0):
+    """A dark-field frame of 8 bits with camera noise, as a signal 0..1."""
+    signal = np.sin(np.pi * order) ** 2
+    signal = signal + noise * np.random.default_rng(seed).standard_normal(order.shape)
+    return np.round(255.0 * np.clip(signal, 0.0, 1.0)) / 255.0
+
+
+def location_errors(lines, position, spacing_px):
+    """Signed distance in px of every point to the nearest true line of its kind.
+
+    `position` maps (rows, cols) to px across the fringes, counted from a dark line.
+    """
+    parts = []
+    for line in lines:
+        half_orders = 2.0 * position(line.rows, line.cols) / spacing_px - (line.kind == "bright")
+        parts.append((half_orders - 2.0 * np.round(half_orders / 2.0)) * spacing_px / 2.0)
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("spacing", [8.0, 12.0, 25.0, 40.0])
+def test_rings_are_located_to_a_fraction_of_a_pixel(spacing):
+    def radius(rows, cols):
+        return np.hypot(rows - CENTRE[0], cols - CENTRE[1])
+
+    lines = skeletons(captured(radius(ROW, COL) / spacing))
+    lines = [each for each in lines if radius(each.rows, each.cols).min() > spacing]
+    error = np.abs(location_errors(lines, radius, spacing))
+    assert np.median(error) < 0.15
+    assert np.percentile(error, 95) < 0.3
+    assert {each.kind for each in lines} == {"dark", "bright"}
+
+
+@pytest.mark.parametrize(
+    ("spacing", "median"), [(8.0, 0.05), (20.0, 0.05), (50.0, 0.15), (100.0, 0.15)]
+)
+def test_straight_fringes_are_all_found_and_located(spacing, median):
+    def across(rows, cols):
+        return cols * np.cos(0.4) + rows * np.sin(0.4)
+
+    lines = skeletons(captured(across(ROW, COL) / spacing, seed=1))
+    error = location_errors(lines, across, spacing)
+    assert np.median(np.abs(error)) < median
+    assert abs(error.mean()) < 0.02
+    expected = 2.0 * ROW.size / spacing  # px of line: area over the spacing of lines
+    found = sum(np.hypot(np.diff(each.rows), np.diff(each.cols)).sum() for each in lines)
+    assert found == pytest.approx(expected, rel=0.15)
+
+
+def test_uneven_curved_fringes_have_no_bias():
+    order = (np.hypot(ROW - CENTRE[0], COL - CENTRE[1])) ** 2 / 5000.0
+    lines = skeletons(captured(order, noise=0.0))
+    for line in lines:
+        radius = np.hypot(line.rows - CENTRE[0], line.cols - CENTRE[1])
+        if radius.min() < 30:
+            continue
+        half_orders = 2.0 * radius**2 / 5000.0 - (line.kind == "bright")
+        error_px = (half_orders - 2 * np.round(half_orders / 2)) / 2 * 5000.0 / (2 * radius)
+        assert abs(np.mean(error_px)) < 0.06
+
+
+@pytest.mark.parametrize("level", [0.02, 0.5, 0.9])
+@pytest.mark.parametrize("noise", [0.0, NOISE, 0.03])
+def test_flat_areas_stay_nearly_empty(level, noise):
+    rng = np.random.default_rng(5)
+    points = 0
+    for _ in range(3):
+        flat = level + noise * rng.standard_normal(SHAPE)
+        points += sum(each.rows.size for each in skeletons(flat))
+    assert points / (3 * ROW.size) < 3e-4  # spurious points a pixel
+
+
+def test_a_ramp_has_no_line():
+    assert skeletons(np.round(255 * COL / 400.0) / 255) == []
+
+
+def test_unknown_pixels_give_no_line_and_do_not_move_others():
+    signal = captured(COL / 25.0, noise=0.0)
+    whole = skeletons(signal)
+    signal[80:140, 100:200] = np.nan
+    rows = np.concatenate([each.rows for each in skeletons(signal)])
+    cols = np.concatenate([each.cols for each in skeletons(signal)])
+    assert not np.any((rows > 80) & (rows < 139) & (cols > 100) & (cols < 199))
+    error = np.abs(location_errors(skeletons(signal), lambda rows, cols: cols, 25.0))
+    assert np.percentile(error, 99) < 0.1
+    assert rows.size > 0.7 * sum(each.rows.size for each in whole)
+    assert skeletons(np.full(SHAPE, np.nan)) == []
+
+
+def test_lines_are_ordered():
+    for line in skeletons(captured(COL / 30.0)):
+        steps = np.hypot(np.diff(line.rows), np.diff(line.cols))
+        assert steps.max() < 3.0
+
+
+def test_order_contours_follow_circles_exactly():
+    order = np.hypot(ROW - CENTRE[0], COL - CENTRE[1]) / 20.0
+    lines = order_contours(order, [1.0, 2.5, 3.0])
+    assert [(each.order, each.kind) for each in lines] == [
+        (1.0, "dark"),
+        (2.5, "bright"),
+        (3.0, "dark"),
+    ]
+    for line in lines:
+        radius = np.hypot(line.rows - CENTRE[0], line.cols - CENTRE[1])
+        assert np.abs(radius - 20.0 * line.order).max() < 0.02
+
+
+def test_order_contours_stop_at_unknown_pixels_and_choose_levels():
+    order = COL / 100.0
+    order[:50] = np.nan
+    lines = order_contours(order)
+    assert [each.order for each in lines] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    assert all(each.rows.min() >= 50 for each in lines)
+    assert order_contours(np.full((5, 5), np.nan)) == []
+
+
+def test_refusals_name_the_value():
+    with pytest.raises(InputError, match=r"level 0\.3"):
+        order_contours(COL / 10, [0.3])
+    with pytest.raises(InputError, match=r"\(3, 4, 5\)"):
+        skeletons(np.zeros((3, 4, 5)))
+    with pytest.raises(InputError, match="4, 4"):
+        skeletons(np.zeros((4, 4)))
+    with pytest.raises(InputError, match=r"sigma_px = 0\.1"):
+        skeletons(COL, sigma_px=0.1)
+    with pytest.raises(InputError, match="fringe-order map"):
+        order_contours(np.zeros(4))
+
+
+def test_table_places_pixels_in_millimetres():
+    lines = [
+        Skeleton("dark", np.array([0.0, 1.0]), np.array([2.0, 2.5]), 1.0),
+        Skeleton("bright", np.array([4.0]), np.array([5.0])),
+    ]
+    table = skeleton_table(lines, pixel_mm=0.01, left_mm=-2.0, top_mm=0.5)
+    assert list(table) == ["line", "kind", "order", "row_px", "col_px", "x_mm", "z_mm"]
+    assert table["line"].tolist() == [0, 0, 1]
+    assert table["kind"].tolist() == ["dark", "dark", "bright"]
+    np.testing.assert_allclose(table["x_mm"], [-1.975, -1.97, -1.945], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(table["z_mm"], [0.505, 0.515, 0.545], rtol=0, atol=1e-12)
+    assert np.isnan(table["order"][2])
+    assert np.isnan(skeleton_table(lines)["x_mm"]).all()
+    assert all(column.size == 0 for column in skeleton_table([]).values())
+
+
+@settings(max_examples=12, deadline=None)
+@given(gain=st.floats(0.3, 3.0), offset=st.floats(-0.5, 0.5))
+def test_brightness_and_contrast_do_not_move_lines(gain, offset):
+    signal = np.sin(np.pi * COL[:60, :120] / 20.0) ** 2
+    for first, second in zip(skeletons(signal), skeletons(gain * signal + offset), strict=True):
+        np.testing.assert_allclose(first.cols, second.cols, rtol=0, atol=1e-6)
