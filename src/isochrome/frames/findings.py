@@ -18,6 +18,7 @@ from isochrome.scene import Scene
 Level = Literal["error", "warning", "note"]
 SATURATED, LOW_CONTRAST, JUMP = 0.01, 0.1, 0.2
 """Share of pixels, part of full scale, and change between frames, that are reported."""
+UNSTEADY = "at most); fix exposure, gain and lamp (only an unloaded dark-field frame may be darker)"
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,33 @@ def of_light(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
     if not seen.count:
         return
     full = full_scale(reader.bit_depth)
-    low, high, mean = (np.array(v) for v in (seen.low, seen.high, seen.mean))
+    low, high = np.array(seen.low), np.array(seen.high)
+    clear = ~(np.isnan(seen.largest) | (np.array(seen.smallest) == np.array(seen.largest)))
+    yield from _blank(seen, full)
+    share = np.array(seen.saturated)
+    worst = f"saturated in up to {100 * share.max():.1f} % of the pixels, which are masked; lower "
+    yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
+    weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
+    text = "low contrast, under 10 % of full scale; raise the exposure"
+    yield from _frames("warning", weak, text)
+    change = np.zeros(seen.count)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change[1:] = np.abs(np.diff(high)) / np.maximum(high[1:], high[:-1])
+    jumps = (change > JUMP) & clear
+    text = f"the brightness jumps against the frame before (by {100 * change.max(initial=0):.0f} % "
+    yield from _frames("warning", jumps, text + UNSTEADY)
+    twins = np.zeros(seen.count, bool)
+    twins[[i for i, _ in seen.twins if i < seen.count]] = True
+    text = "the same, pixel by pixel, as an earlier one; did the camera stall?"
+    yield from _frames("warning", twins & clear, text)
+    if seen.noise:
+        unit = "of full scale" if reader.bit_depth is None else "grey levels"
+        text = f"camera noise about {np.median(seen.noise):.3g} {unit}, rounding included"
+        yield Finding("note", None, text)
+
+
+def _blank(seen: Survey, full: float) -> Iterator[Finding]:
+    """Frames with nothing in them: no number, all black, all white, one value."""
     small, large = np.array(seen.smallest), np.array(seen.largest)
     empty, flat = np.isnan(large), small == large
     yield from _frames("error", empty, "no number in it (NaN only); see how it was written")
@@ -70,28 +97,6 @@ def of_light(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
     )
     holes = (np.array(seen.not_finite) > 0) & ~empty
     yield from _frames("note", holes, "some pixels are not finite; they are masked")
-    clear = ~flat & ~empty
-    share = np.array(seen.saturated)
-    worst = f"saturated in up to {100 * share.max():.1f} % of the pixels, which are masked; lower "
-    yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
-    weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
-    yield from _frames(
-        "warning", weak, "low contrast, under 10 % of full scale; raise the exposure"
-    )
-    change = np.zeros(seen.count)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        change[1:] = np.abs(np.diff(high)) / np.maximum(high[1:], high[:-1])
-    jumps = (change > JUMP) & clear
-    text = f"the brightness jumps against the frame before (by {100 * change.max(initial=0):.0f} % "
-    yield from _frames("warning", jumps, text + "at most); fix exposure and gain, and the lamp")
-    twins = np.zeros(seen.count, bool)
-    twins[[i for i, _ in seen.twins if i < seen.count]] = True
-    text = "the same, pixel by pixel, as an earlier one; did the camera stall?"
-    yield from _frames("warning", twins & clear, text)
-    if seen.noise:
-        unit = "of full scale" if reader.bit_depth is None else "grey levels"
-        text = f"camera noise about {np.median(seen.noise):.3g} {unit}, rounding included"
-        yield Finding("note", None, text)
 
 
 def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:

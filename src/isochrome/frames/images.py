@@ -23,6 +23,7 @@ from isochrome.frames.source import (
 )
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".dib", ".pgm", ".ppm", ".pnm", ".webp")
+PNG_END = b"IEND\xaeB`\x82"
 
 
 def open_images(paths: tuple[Path, ...], kind: Kind) -> Source:
@@ -87,8 +88,13 @@ def read_image(path: Path) -> np.ndarray:
             with Image.open(io.BytesIO(data)) as file:
                 check_size(path, file.height, file.width)
                 # Pillow makes 16-bit colour 8 bits and stretches PGM values: OpenCV does neither.
-                exact = (file.format == "PNG" and data[24:25] == b"\x10") or file.format == "PPM"
-                raw = _by_opencv(path, data) if exact else _by_pillow(path, file)
+                deep = file.format == "PNG" and data[24:25] == b"\x10"
+                if deep:
+                    file.verify()  # checksums to the end: OpenCV would decode a part in silence
+                if deep or file.format == "PPM":
+                    raw = _by_opencv(path, data)
+                else:
+                    raw = _by_pillow(path, file)
         except UnidentifiedImageError as error:
             raise InputError(
                 f"{path}: is not an image, whatever its name says; check the file"
@@ -114,9 +120,10 @@ def _by_pillow(path: Path, file: object) -> np.ndarray:
 def _by_opencv(path: Path, data: bytes) -> np.ndarray:
     from isochrome.frames.video import quiet_cv2
 
+    if data.startswith(b"\x89PNG") and PNG_END not in data:
+        raise InputError(f"{path}: the image breaks off; copy it again from its source")
     cv2 = quiet_cv2()
-    whole = not data.startswith(b"\x89PNG") or b"IEND" in data
-    raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if whole else None
+    raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise InputError(f"{path}: the image breaks off or is damaged; copy it again")
     if raw.ndim == 3:

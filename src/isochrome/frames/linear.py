@@ -72,7 +72,7 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     A pixel is an outlier when it exceeds the second largest of its neighbours (or falls below the
     second smallest) by 8 noise sigmas and by their whole spread. A fringe, however fine, has
     neighbours as bright as itself along its length, and is left alone; one odd pixel and a pair
-    are found, larger flaws are not.
+    are found; larger flaws, and those in the outermost rows and columns, are not.
 
     Parameters: `image` (row, col), raw; `finite`, where it holds numbers. Returns a mask, True
     where a pixel is dead or hot.
@@ -82,25 +82,27 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     values = image.astype(np.float32)
     if finite is not None and not finite.all():
         values[~finite] = np.median(values[finite])
-    around = np.pad(values, 1, mode="reflect")
-    rows, cols = values.shape
-    first_max = np.full(values.shape, -np.inf, np.float32)
+    rows, cols = values.shape[0] - 2, values.shape[1] - 2
+    inner = values[1:-1, 1:-1]
+    first_max = np.full(inner.shape, -np.inf, np.float32)
     first_min, second_max, second_min = -first_max, first_max.copy(), -first_max
     for dr in range(3):
         for dc in range(3):
             if (dr, dc) != (1, 1):
-                near = around[dr : dr + rows, dc : dc + cols]
+                near = values[dr : dr + rows, dc : dc + cols]
                 np.maximum(second_max, np.minimum(first_max, near), out=second_max)
                 np.minimum(second_min, np.maximum(first_min, near), out=second_min)
                 np.maximum(first_max, near, out=first_max)
                 np.minimum(first_min, near, out=first_min)
     spread = second_max - second_min
-    excess = np.maximum(values - second_max, second_min - values)
+    excess = np.maximum(inner - second_max, second_min - inner)
     # Around noise alone the second extremes lie about 1.7 sigmas apart.
     sigma = float(np.median(spread)) / 1.7
     quantum = 1.0 if image.dtype.kind in "ui" else 0.0
     step = max(OUTLIER_SIGMAS * _rough_sigma(values, sigma), 2 * quantum)
-    return (excess > np.maximum(spread, step)) & (excess > 0)
+    found = np.zeros(image.shape, bool)
+    found[1:-1, 1:-1] = excess > np.maximum(spread, step)
+    return found
 
 
 def _rough_sigma(values: np.ndarray, otherwise: float) -> float:

@@ -130,7 +130,7 @@ def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
 def _fit_levels(residual: np.ndarray, level: np.ndarray) -> tuple[float, float]:
     """Fit variance = offset + slope * level to bins of equal population, by their uncertainty."""
     bins = min(LEVELS, residual.size // 500)
-    edges = np.unique(np.quantile(level, np.linspace(0, 1, bins + 1))) if bins > 1 else []
+    edges = np.unique(np.quantile(level, np.linspace(0, 1, max(bins, 1) + 1)))
     if len(edges) < 3:
         return _clipped_variance(residual)[0], 0.0
     index = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, len(edges) - 2)

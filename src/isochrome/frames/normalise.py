@@ -153,20 +153,20 @@ def _surface(
     upper: bool,
 ) -> np.ndarray:
     """A quadratic surface that rests on the chosen tiles' outermost ends."""
-
-    def terms(r: np.ndarray, c: np.ndarray) -> np.ndarray:
-        return np.stack(
-            [np.ones_like(r * c), r + 0 * c, c + 0 * r, r * r + 0 * c, c * c + 0 * r, r * c]
-        )
-
     r, c, e = rows[chosen], cols[chosen], ends[chosen]
     sign = 1.0 if upper else -1.0
     if len(e) < 18:
         return np.full(shape, np.max(sign * e) * sign)
-    design, weight = terms(r, c).T, np.ones_like(e)
+    design, weight = _terms(r, c).T, np.ones_like(e)
     for _ in range(8):  # a tile that never reaches the end says little: asymmetric least squares
         factors = np.linalg.lstsq(design * weight[:, None], e * weight, rcond=None)[0]
         weight = np.where(sign * (e - design @ factors) > 0, 1.0, 0.2)
     y = np.linspace(-1, 1, shape[0])[:, None]
     x = np.linspace(-1, 1, shape[1])[None, :]
-    return np.tensordot(factors, terms(y, x), axes=1)
+    return np.tensordot(factors, _terms(y, x), axes=1)
+
+
+def _terms(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """1, y, x, y^2, x^2, xy on broadcast coordinates."""
+    y, x = np.broadcast_arrays(y, x)
+    return np.stack([np.ones(y.shape), y, x, y * y, x * x, y * x])

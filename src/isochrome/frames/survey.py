@@ -16,7 +16,7 @@ from isochrome.frames.reader import FrameReader
 class Survey:
     """Raw figures of each frame, in raw grey levels, and of all together.
 
-    `low`, `mean`, `high`: 2nd percentile, mean and 98th; `saturated`: share at full scale;
+    `low`, `high`: 2nd and 98th percentile; `saturated`: share at full scale;
     `smallest`, `largest`: of the finite pixels, NaN where there are none; `not_finite`: share;
     `noise`: sigma at mid level of frames 0, 1, 3, 7, ...; `twins`: (frame, earlier equal one);
     `bits`: all values or-ed together; `failure`: why reading ended before the end.
@@ -24,7 +24,6 @@ class Survey:
 
     count: int = 0
     low: list[float] = field(default_factory=list)
-    mean: list[float] = field(default_factory=list)
     high: list[float] = field(default_factory=list)
     saturated: list[float] = field(default_factory=list)
     smallest: list[float] = field(default_factory=list)
@@ -67,14 +66,13 @@ def _add(found: Survey, image: np.ndarray, full: float) -> None:
     values = image[finite]
     found.not_finite.append(1 - values.size / image.size)
     if values.size == 0:
-        for figures in (found.low, found.mean, found.high, found.smallest, found.largest):
+        for figures in (found.low, found.high, found.smallest, found.largest):
             figures.append(float("nan"))
         found.saturated.append(0.0)
         return
     low, high = np.percentile(values[:: max(1, values.size // 50_000)], (2, 98))
     found.low.append(float(low))
     found.high.append(float(high))
-    found.mean.append(float(values.mean(dtype=float)))
     found.saturated.append(float(np.mean(values >= full)))
     found.smallest.append(float(values.min()))
     found.largest.append(float(values.max()))

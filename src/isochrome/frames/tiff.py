@@ -98,9 +98,8 @@ def _frames(path: Path) -> Iterator[RawFrame]:
 def _page(tif: tifffile.TiffFile, index: int, path: Path) -> tifffile.TiffPage:
     page: Any = tif.pages[index]
     check_size(path, page.imagelength, page.imagewidth)
-    end = max(
-        (o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=False)), default=0
-    )
+    parts = zip(page.dataoffsets, page.databytecounts, strict=False)
+    end = max((offset + size for offset, size in parts), default=0)
     if end > tif.filehandle.size:
         raise InputError(
             f"{path}: frame {index} ends at byte {end} and the file at {tif.filehandle.size}: it "
@@ -111,7 +110,8 @@ def _page(tif: tifffile.TiffFile, index: int, path: Path) -> tifffile.TiffPage:
 
 def _indices(tif: tifffile.TiffFile) -> list[int]:
     """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
-    return [i for i in range(len(tif.pages)) if i == 0 or not tif.pages[i].is_reduced]
+    pages: Any = tif.pages
+    return [i for i in range(len(pages)) if i == 0 or not pages[i].is_reduced]
 
 
 def _count(tif: tifffile.TiffFile, path: Path) -> int:
@@ -119,9 +119,9 @@ def _count(tif: tifffile.TiffFile, path: Path) -> int:
     found, meta = _indices(tif), tif.imagej_metadata or {}
     claimed = int(meta.get("images", len(found))) if tif.is_imagej else len(found)
     page: Any = tif.pages[0]
-    if len(found) == 1 < claimed and page.is_contiguous and page.compression == 1:
-        if page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size:
-            return claimed  # ImageJ's layout for large stacks: one head, all frames behind it
+    one_head = len(found) == 1 < claimed and page.is_contiguous and page.compression == 1
+    if one_head and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size:
+        return claimed  # ImageJ's layout for large stacks: one head, all frames behind it
     if claimed > len(found) or _chain_breaks(tif):
         raise InputError(
             f"{path}: breaks off after {len(found)} frames: it is truncated; copy it again from "

@@ -28,7 +28,8 @@ def quiet_cv2() -> ModuleType:
     import cv2
 
     if not loud:
-        cv2.setLogLevel(0)
+        log = cv2.utils.logging
+        log.setLogLevel(log.LOG_LEVEL_SILENT)
     return cv2
 
 

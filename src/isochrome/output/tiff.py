@@ -149,7 +149,8 @@ def _write(
     import tifffile
 
     pixel_mm, description, photometric = options
-    imagej = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize < IMAGEJ_LIMIT
+    size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+    imagej = size < IMAGEJ_LIMIT and min(shape[1:3]) > 1  # tifffile turns single columns over
     keys: dict[str, Any] = {"photometric": photometric}
     if pixel_mm is not None:
         per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
@@ -159,7 +160,7 @@ def _write(
         keys["metadata"] = {"axes": "TYXS"[: len(shape)]}
         keys["metadata"] |= {"unit": "mm"} if pixel_mm is not None else {}
         keys["metadata"] |= {"Info": description} if description else {}
-    elif description:
+    elif description:  # on every page, as each may be read alone
         keys["description"] = description.encode("ascii", "replace").decode()
     order = dtype.newbyteorder("<")  # tifffile takes an iterator's frames as they are
     swapped = (frame.astype(order, copy=False) for frame in frames)
@@ -167,4 +168,8 @@ def _write(
         replacing(path) as beside,
         tifffile.TiffWriter(beside, imagej=imagej, bigtiff=not imagej, byteorder="<") as tif,
     ):
-        tif.write(swapped, shape=shape, dtype=order, **keys)
+        if imagej:
+            tif.write(swapped, shape=shape, dtype=order, **keys)
+        else:
+            for frame in swapped:
+                tif.write(frame, metadata=None, **keys)

@@ -1,0 +1,148 @@
+"""What is wrong with a set is said before the long run."""
+
+import numpy as np
+import pytest
+
+from isochrome.frames import check_frames
+from isochrome.output import write_tiff
+from isochrome.scene import parse_scene
+
+ROWS, COLS = 60, 80
+ROW, COL = np.mgrid[:ROWS, :COLS].astype(float)
+CONTACT = """
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[indenter]
+radius_mm = 24.61
+young_gpa = 210.0
+poisson = 0.3
+[load]
+normal_n = 44.0
+[friction]
+coefficient = 0.25
+static_state_first = true
+[wear]
+coefficient_mm2_per_n = 2e-9
+distances_m = [0, 31, 77]
+[camera]
+width_px = 80
+height_px = 60
+pixel_mm = 0.01
+bit_depth = 8
+"""
+PLAIN = "[specimen]\n[camera]\nbit_depth = 8\n"
+
+
+def fringe(i=0, full=255, level=0.9):
+    light = 0.05 + (level - 0.05) * np.sin(np.pi * (0.05 * COL + 0.1 * i)) ** 2
+    noise = np.random.default_rng(i).standard_normal(light.shape) * 0.01
+    return np.clip(full * (light + noise), 0, full - 1)
+
+
+def checked(tmp_path, frames, toml=PLAIN, dtype=np.uint8, **options):
+    write_tiff(tmp_path / "f.tif", np.stack(frames).astype(dtype), **options)
+    return check_frames(tmp_path / "f.tif", parse_scene(toml, folder=tmp_path))
+
+
+def texts(check, level):
+    return " | ".join(f.text for f in check.findings if f.level == level)
+
+
+def test_good_set_has_no_error_and_names_its_noise(tmp_path):
+    for name in ("d", "b"):
+        write_tiff(tmp_path / f"{name}.tif", fringe(9, level=0.9)[None].astype(np.uint8))
+    toml = CONTACT + '[frames]\nno_load_dark = "d.tif"\nno_load_bright = "b.tif"\n'
+    check = checked(tmp_path, [fringe(i) for i in range(4)], toml, pixel_mm=0.01)
+    assert check.ok and check.count == 4 and check.shape == (ROWS, COLS)
+    assert texts(check, "warning") == ""
+    assert "camera noise about 2." in texts(check, "note")  # 1 % of 255
+
+
+@pytest.mark.parametrize(
+    ("frames", "level", "words"),
+    [
+        ([fringe(), np.zeros((ROWS, COLS))], "error", "frame 1: all black"),
+        ([np.full((ROWS, COLS), 255)], "error", "frame 0: all white"),
+        ([np.full((ROWS, COLS), 9)], "error", "constant"),
+        ([fringe(0), np.where(COL < 20, 255, fringe(1))], "warning", "frame 1: saturated in up to"),
+        ([fringe(0), fringe(1, level=0.1)], "warning", "frame 1: low contrast"),
+        ([fringe(0), fringe(1, level=0.5)], "warning", "frame 1: the brightness jumps"),
+        ([fringe(0), fringe(1), fringe(0)], "warning", "frame 2: the same, pixel by pixel"),
+        ([fringe()], "warning", "no_load_dark and frames.no_load_bright not given"),
+        ([fringe()], "note", "has no model"),
+    ],
+)
+def test_fault_is_found_and_its_frame_named(tmp_path, frames, level, words):
+    assert words in texts(checked(tmp_path, frames), level)
+
+
+def test_many_frames_with_one_fault_are_one_finding(tmp_path):
+    check = checked(tmp_path, [np.zeros((ROWS, COLS))] * 3 + [fringe()])
+    (black,) = [f for f in check.findings if "all black" in f.text]
+    assert black.text.startswith("frames 0-2:") and black.frame == 0
+
+
+def test_nan_frame_and_nan_pixels_are_told_apart(tmp_path):
+    part = fringe(0, 1)
+    part[3, 4] = np.nan
+    check = checked(
+        tmp_path, [np.full((ROWS, COLS), np.nan), part], "[specimen]\n", dtype=np.float32
+    )
+    assert "frame 0: no number" in texts(check, "error")
+    assert "frame 1: some pixels are not finite" in texts(check, "note")
+
+
+def test_twelve_bits_in_a_sixteen_bit_file_are_suspected(tmp_path):
+    check = checked(tmp_path, [fringe(0, 4095)], "[specimen]\n", dtype=np.uint16)
+    assert "probably 12 bits; set camera.bit_depth = 12" in texts(check, "warning")
+    shifted = np.floor(fringe(0, 4095)) * 16
+    check = checked(tmp_path, [shifted], "[specimen]\n", dtype=np.uint16)
+    assert "multiples of 16: a 12-bit sensor" in texts(check, "note")
+
+
+def test_bit_depth_too_small_is_an_error_with_the_frame(tmp_path):
+    toml = "[specimen]\n[camera]\nbit_depth = 10\n"
+    check = checked(tmp_path, [fringe(0, 900), fringe(1, 4095)], toml, dtype=np.uint16)
+    assert not check.ok and "frame 1" in texts(check, "error") and check.count == 1
+
+
+def test_count_size_and_scale_are_held_against_the_scene(tmp_path):
+    check = checked(tmp_path, [fringe(i)[:-2] for i in range(3)], CONTACT, pixel_mm=0.02)
+    errors = texts(check, "error")
+    assert "3 frames, and the scene has 4 states" in errors
+    assert "58 rows x 80 columns" in errors
+    assert "the file says 0.02 mm a pixel" in texts(check, "warning")
+
+
+def test_steps_and_known_orders_are_held_against_the_frames(tmp_path):
+    toml = PLAIN + "[[polariscope.step]]\npolariser_deg = 0.0\nanalyser_deg = 90.0\n" * 2
+    toml += "[[frames.known_order]]\nrow_px = 60\ncol_px = 3\norder = 0.0\n"
+    errors = texts(checked(tmp_path, [fringe(i) for i in range(3)], toml), "error")
+    assert "3 frames are not a multiple of the polariscope's 2 steps" in errors
+    assert "known_order[1] at row 60" in errors
+
+
+def test_speed_without_times_is_an_error(tmp_path):
+    toml = CONTACT + "[frames]\nsliding_speed_mm_per_s = 5.0\n"
+    assert "carry no time" in texts(checked(tmp_path, [fringe()], toml), "error")
+
+
+def test_ring_is_said_to_have_no_model_yet(tmp_path):
+    check = checked(tmp_path, [fringe()], '[specimen]\nshape = "ring"\n')
+    assert "a ring has no model yet" in texts(check, "warning") and check.ok
+
+
+def test_no_load_frames_of_other_size_or_exposure_are_reported(tmp_path):
+    toml = PLAIN + '[frames]\nno_load_bright = "b.tif"\n'
+    write_tiff(tmp_path / "b.tif", fringe(0, level=0.4)[None].astype(np.uint8))
+    assert "no_load_bright only" in texts(checked(tmp_path, [fringe()], toml), "warning")
+    write_tiff(tmp_path / "b.tif", fringe()[None, 1:].astype(np.uint8))
+    assert "no_load_bright is (59, 80)" in texts(checked(tmp_path, [fringe()], toml), "error")
+
+
+def test_unreadable_path_is_a_finding_and_not_an_exception(tmp_path):
+    check = check_frames(tmp_path / "none.tif", parse_scene(PLAIN))
+    assert not check.ok and check.count == 0 and "none.tif" in texts(check, "error")

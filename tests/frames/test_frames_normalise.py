@@ -1,0 +1,174 @@
+"""From grey levels to light and to fringe signal; the no-load frames."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isochrome.errors import InputError
+from isochrome.frames import find_outliers, load_no_load, normalise, to_linear
+from isochrome.output import write_tiff
+from isochrome.scene import parse_scene
+
+ROWS, COLS = 120, 160
+ROW, COL = np.mgrid[:ROWS, :COLS].astype(float)
+VIGNETTE = 1 - 0.6 * ((COL / COLS - 0.5) ** 2 + (ROW / ROWS - 0.5) ** 2)
+DARK = 0.05 * VIGNETTE
+BRIGHT = 0.9 * VIGNETTE
+ORDER = 5 / (1 + ((COL - 80) ** 2 + (ROW + 20) ** 2) / 60**2)
+
+
+@given(bits=st.integers(1, 16), gamma=st.floats(0.5, 3))
+@settings(max_examples=40, deadline=None)
+def test_gamma_and_full_scale_are_undone_for_any_sensor(bits, gamma):
+    full = 2**bits - 1
+    raw = np.linspace(0, full, 60).round().astype(np.uint16).reshape(6, 10)
+    linear = to_linear(raw, bit_depth=bits, gamma=gamma)
+    # float32 holds 6e-8; the power multiplies a relative error by gamma, at most 3.
+    np.testing.assert_allclose(linear.image, (raw / full) ** gamma, rtol=2e-6, atol=1e-7)
+    assert not linear.valid[raw == full].any()
+
+
+def test_ten_bits_in_sixteen_are_scaled_by_the_sensor():
+    raw = np.full((4, 4), 500, np.uint16)
+    raw[0, 0] = 1
+    assert to_linear(raw, bit_depth=10).image[2, 2] == pytest.approx(500 / 1023, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(0, "all black"), (255, "all white"), (90, "constant"), (np.nan, "NaN")]
+)
+def test_blank_frame_is_refused_by_name(value, words):
+    image = np.full((8, 8), value, float if np.isnan(value) else np.uint8)
+    with pytest.raises(InputError, match=f"frame 3.*{words}"):
+        to_linear(image, bit_depth=8, name="frame 3")
+
+
+def test_blank_no_load_frame_is_allowed_but_not_one_without_numbers():
+    assert to_linear(np.zeros((8, 8), np.uint8), bit_depth=8, allow_blank=True).valid.all()
+    with pytest.raises(InputError, match="NaN"):
+        to_linear(np.full((8, 8), np.nan), bit_depth=None, allow_blank=True)
+
+
+def test_saturated_and_nan_pixels_are_masked():
+    image = np.tile(np.linspace(0.1, 0.9, 20, dtype=np.float32), (10, 1))
+    image[2, 3], image[5, 6:9] = np.nan, 1.0
+    linear = to_linear(image, bit_depth=None)
+    assert not linear.valid[2, 3] and not linear.valid[5, 6:9].any()
+    assert np.isnan(linear.image[2, 3]) and linear.valid.sum() == 200 - 4
+
+
+def test_float_frame_beyond_one_asks_for_the_bit_depth():
+    with pytest.raises(InputError, match=r"camera\.bit_depth"):
+        to_linear(np.array([[0.0, 200.0]]), bit_depth=None)
+
+
+def noisy(ideal, seed, sigma=3.0):
+    raw = 255 * ideal + sigma * np.random.default_rng(seed).standard_normal(ideal.shape)
+    return np.clip(raw.round(), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("per_pixel", [0.02, 0.1, 0.2, 0.35])
+@pytest.mark.parametrize("angle", [0.0, 30.0, 45.0, 90.0])
+def test_fine_fringes_are_not_taken_for_dead_pixels(per_pixel, angle):
+    turn = np.deg2rad(angle)
+    phase = np.pi * per_pixel * (COL * np.cos(turn) + ROW * np.sin(turn))
+    assert not find_outliers(noisy(0.05 + 0.85 * np.sin(phase) ** 2, 0)).any()
+
+
+def test_dead_and_hot_pixels_are_found_single_and_in_pairs():
+    image = noisy(DARK + (BRIGHT - DARK) * np.sin(np.pi * 0.02 * COL) ** 2, 1)
+    spots = [(20, 30), (20, 31), (50, 77), (90, 120), (100, 5)]
+    for row, col in spots:
+        image[row, col] = 0 if image[row, col] > 120 else 254
+    assert sorted(zip(*np.nonzero(find_outliers(image)), strict=True)) == sorted(spots)
+
+
+@pytest.mark.parametrize("field", ["dark", "bright"])
+def test_signal_is_exact_with_both_no_load_frames(field):
+    signal = np.sin(np.pi * ORDER) ** 2 if field == "dark" else np.cos(np.pi * ORDER) ** 2
+    result = normalise(DARK + (BRIGHT - DARK) * signal, DARK, BRIGHT, field=field)
+    # The signal is stored as float32.
+    np.testing.assert_allclose(result.signal, signal, atol=1e-6)
+    assert result.valid.all() and not result.blind
+
+
+@given(scale=st.floats(0.05, 20), shift=st.floats(-3, 3))
+@settings(max_examples=30, deadline=None)
+def test_signal_does_not_change_with_exposure_and_offset(scale, shift):
+    light = DARK + (BRIGHT - DARK) * np.sin(np.pi * ORDER) ** 2
+    first = normalise(light, DARK, BRIGHT).signal
+    second = normalise(scale * light + shift, scale * DARK + shift, scale * BRIGHT + shift).signal
+    np.testing.assert_allclose(first, second, atol=2e-6)  # float32
+
+
+@pytest.mark.parametrize(("dark", "bright"), [(None, None), (DARK, None), (None, BRIGHT)])
+def test_missing_ends_are_guessed_where_fringes_cover_the_frame(dark, bright):
+    signal = np.sin(np.pi * (ORDER + 0.05 * COL)) ** 2
+    light = to_linear(noisy(DARK + (BRIGHT - DARK) * signal, 2), bit_depth=8)
+    result = normalise(light, dark, bright)
+    assert result.blind
+    error = (result.signal - signal)[result.valid]
+    # Noise alone is 3 / 255 / 0.7 = 0.017; the guessed surfaces may add 0.03.
+    assert np.sqrt(np.mean(error**2)) < 0.035
+
+
+def test_pixels_without_contrast_or_trust_are_nan():
+    bright = BRIGHT.copy()
+    bright[:, :10] = DARK[:, :10]
+    frame = to_linear(noisy(DARK + (BRIGHT - DARK) * 0.5, 3), bit_depth=8)
+    frame.valid[50, 60] = False
+    result = normalise(frame, DARK, bright)
+    assert not result.valid[:, :10].any() and not result.valid[50, 60]
+    np.testing.assert_array_equal(np.isnan(result.signal), ~result.valid)
+
+
+def test_swapped_or_odd_sized_no_load_frames_are_refused():
+    with pytest.raises(InputError, match="swapped"):
+        normalise(DARK, BRIGHT, DARK)
+    with pytest.raises(InputError, match=r"no-load bright frame is \(119, 160\)"):
+        normalise(DARK, DARK, BRIGHT[1:])
+
+
+SCENE = """
+[specimen]
+[camera]
+bit_depth = 12
+[frames]
+gamma = 2.2
+no_load_dark = "dark.tif"
+no_load_bright = "bright.tif"
+roi = {top_px = 10, left_px = 20, height_px = 50, width_px = 60}
+"""
+
+
+def test_no_load_frames_are_read_like_the_frames_and_stacks_averaged(tmp_path):
+    full = 4095
+    dark = np.round(full * DARK ** (1 / 2.2)).astype(np.uint16)
+    bright = np.round(full * BRIGHT ** (1 / 2.2)).astype(np.uint16)
+    write_tiff(tmp_path / "dark.tif", dark[None])
+    write_tiff(tmp_path / "bright.tif", np.stack([bright - 40, bright + 40]))
+    found = load_no_load(parse_scene(SCENE, folder=tmp_path), full_shape=(ROWS, COLS))
+    # Rounding to 12 bits: 2.2 / 2 / 4095 at most.
+    np.testing.assert_allclose(found[0].image, DARK[10:60, 20:80], atol=3e-4)
+    # The mean of two frames 40 levels either side; the power's curvature leaves 1e-4.
+    np.testing.assert_allclose(found[1].image, BRIGHT[10:60, 20:80], atol=1e-3)
+    with pytest.raises(InputError, match=r"no_load_dark is \(120, 160\)"):
+        load_no_load(parse_scene(SCENE, folder=tmp_path), full_shape=(ROWS, COLS + 1))
+
+
+def test_missing_small_or_overexposed_no_load_frames_are_refused(tmp_path):
+    scene = parse_scene(SCENE, folder=tmp_path)
+    with pytest.raises(InputError, match=r"dark\.tif"):
+        load_no_load(scene)
+    write_tiff(tmp_path / "dark.tif", np.zeros((1, ROWS, COLS), np.uint16))
+    write_tiff(tmp_path / "bright.tif", np.zeros((1, 30, 30), np.uint16))
+    with pytest.raises(InputError, match="roi"):
+        load_no_load(scene)
+    write_tiff(tmp_path / "bright.tif", np.full((1, ROWS, COLS), 4095, np.uint16))
+    with pytest.raises(InputError, match="saturated all over"):
+        load_no_load(scene)
+
+
+def test_scene_without_no_load_frames_gives_none():
+    assert load_no_load(parse_scene("[specimen]\n")) == (None, None)

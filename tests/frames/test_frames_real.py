@@ -1,0 +1,40 @@
+"""Frames captured by others, where they lie beside the repository."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isochrome.frames import check_frames, normalise, open_frames, to_linear
+from isochrome.scene import parse_scene
+
+REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
+pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
+
+
+def test_ring_bitmaps_that_opencv_does_not_read_come_in_order_of_load():
+    with open_frames(REAL / "ring-five-loads", wavelength_nm=546) as reader:
+        frames = list(reader)
+    assert reader.names == ("0.bmp", "100.bmp", "200.bmp", "300.bmp", "400.bmp")
+    assert reader.shape == (224, 224) and reader.channel == "green"
+    # The first is the unloaded specimen in the dark field: by far the darkest.
+    means = [f.image.mean() for f in frames]
+    assert means[0] < 0.5 * min(means[1:])
+
+
+def test_ring_set_is_checked_in_plain_words():
+    check = check_frames(REAL / "ring-five-loads", parse_scene('[specimen]\nshape = "ring"\n'))
+    assert check.ok and check.count == 5
+    assert any("a ring has no model yet" in f.text for f in check.findings)
+
+
+def test_disc_photograph_is_read_and_normalised_blind():
+    with open_frames(REAL / "disc-seven-loads" / "DSC_0008.jpg", wavelength_nm=546) as reader:
+        (frame,) = reader
+    assert frame.image.shape == (2000, 2992) and frame.image.dtype == np.uint8
+    result = normalise(to_linear(frame.image, bit_depth=8, gamma=2.2))
+    row, col = np.ogrid[:2000, :2992]
+    disc = (row - 1085) ** 2 + (col - 1036) ** 2 < 400**2
+    ends = np.nanpercentile(result.signal[disc], (5, 95))
+    # A blind envelope over a picture that is mostly not specimen: fringes must still swing.
+    assert result.blind and ends[1] - ends[0] > 0.4

@@ -1,0 +1,179 @@
+"""Results on disk: whole or not at all, and read back as written."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from isochrome.errors import InputError
+from isochrome.output import (
+    TiffWriter,
+    output_folder,
+    provenance,
+    read_csv,
+    read_pixel_mm,
+    staged,
+    tiff,
+    write_csv,
+    write_figure,
+    write_json,
+    write_text,
+    write_tiff,
+)
+
+SAME_FOLDER = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def stacks(dtype):
+    shape = hnp.array_shapes(min_dims=3, max_dims=3, min_side=1, max_side=9)
+    return hnp.arrays(dtype, shape, elements=hnp.from_dtype(np.dtype(dtype)))
+
+
+@SAME_FOLDER
+@given(stack=st.one_of(*(stacks(d) for d in (np.uint8, np.uint16, np.float32))))
+def test_any_stack_comes_back_with_its_shape_type_and_values(tmp_path, stack):
+    write_tiff(tmp_path / "s.tif", stack, pixel_mm=0.00607)
+    with tifffile.TiffFile(tmp_path / "s.tif") as tif:
+        back = np.stack([page.asarray() for page in tif.pages])
+        assert tif.is_imagej and tif.imagej_metadata["unit"] == "mm"
+    assert back.dtype == stack.dtype
+    np.testing.assert_array_equal(back, stack)
+
+
+def test_streamed_stack_equals_the_one_written_at_once_and_carries_the_scale(tmp_path):
+    stack = np.arange(5 * 6 * 7, dtype=np.uint16).reshape(5, 6, 7)
+    with TiffWriter(tmp_path / "a.tif", pixel_mm=0.00607, description="by hand") as writer:
+        for frame in stack:
+            writer.append(frame)
+    write_tiff(tmp_path / "b.tif", stack, pixel_mm=0.00607, description="by hand")
+    assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
+    with tifffile.TiffFile(tmp_path / "a.tif") as tif:
+        assert tif.series[0].axes == "TYX" and tif.imagej_metadata["Info"] == "by hand"
+    # The resolution is stored as a ratio of 32-bit integers: 1e-6 is far above its rounding.
+    assert read_pixel_mm(tmp_path / "a.tif") == pytest.approx(0.00607, rel=1e-6)
+
+
+def test_stack_beyond_imagejs_limit_becomes_bigtiff_with_the_same_scale(tmp_path, monkeypatch):
+    monkeypatch.setattr(tiff, "IMAGEJ_LIMIT", 10)
+    write_tiff(tmp_path / "b.tif", np.ones((2, 3, 4), np.float32), pixel_mm=0.01)
+    with tifffile.TiffFile(tmp_path / "b.tif") as tif:
+        assert tif.is_bigtiff and tif.asarray().shape == (2, 3, 4)
+    assert read_pixel_mm(tmp_path / "b.tif") == pytest.approx(0.01, rel=1e-6)
+
+
+def test_dots_per_inch_are_no_scale(tmp_path):
+    tifffile.imwrite(
+        tmp_path / "dpi.tif", np.zeros((4, 5), np.uint8), resolution=(72, 72), resolutionunit="INCH"
+    )
+    assert read_pixel_mm(tmp_path / "dpi.tif") is None
+
+
+def test_failed_stream_leaves_nothing_and_keeps_the_old_file(tmp_path):
+    write_text(tmp_path / "s.tif", "old")
+    with pytest.raises(RuntimeError), TiffWriter(tmp_path / "s.tif") as writer:  # noqa: PT012
+        writer.append(np.zeros((3, 4), np.uint8))
+        raise RuntimeError
+    with TiffWriter(tmp_path / "n.tif") as writer:
+        writer.append(np.zeros((3, 4), np.uint8))
+        with pytest.raises(InputError, match="frame 1 is"):
+            writer.append(np.zeros((4, 4), np.uint8))
+    (tmp_path / "n.tif").unlink()
+    with pytest.raises(InputError, match="no frame"), TiffWriter(tmp_path / "z.tif"):
+        pass
+    assert [p.name for p in tmp_path.iterdir()] == ["s.tif"]
+    assert (tmp_path / "s.tif").read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    "bad", [np.zeros((2, 3)), np.zeros((0, 3, 4), np.uint8), np.zeros((1, 2, 3), np.int32)]
+)
+def test_stack_of_wrong_form_is_refused(tmp_path, bad):
+    with pytest.raises(InputError, match=r"bad\.tif"):
+        write_tiff(tmp_path / "bad.tif", bad)
+    assert not list(tmp_path.iterdir())
+
+
+def test_staged_results_appear_together_or_not_at_all(tmp_path):
+    with pytest.raises(ZeroDivisionError), staged(tmp_path / "out") as stage:  # noqa: PT012
+        write_text(stage / "a.txt", "half")
+        _ = 1 / 0
+    assert not (tmp_path / "out").exists()
+    with staged(tmp_path / "out") as stage:
+        write_text(stage / "a.txt", "whole")
+        write_csv(stage / "sub.csv", {"n": [1]})
+        assert not (tmp_path / "out" / "a.txt").exists()
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["a.txt", "sub.csv"]
+
+
+def test_failed_stage_keeps_a_folder_that_was_there(tmp_path):
+    write_text(tmp_path / "mine.txt", "mine")
+    with pytest.raises(KeyError), staged(tmp_path):
+        raise KeyError
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_output_folder_refuses_a_file(tmp_path):
+    write_text(tmp_path / "file", "")
+    for bad in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError, match="name another"):
+            output_folder(bad)
+    assert output_folder(tmp_path / "a" / "b").is_dir()
+
+
+def test_writing_into_a_missing_folder_or_over_a_folder_is_refused(tmp_path):
+    for bad in (tmp_path / "none" / "a.txt", tmp_path):
+        with pytest.raises(InputError, match="cannot be written"):
+            write_text(bad, "x")
+
+
+def test_json_takes_numpy_and_makes_nan_null(tmp_path):
+    obj = {"a": np.float32(0.5), "b": [np.nan, np.inf, np.int64(3)], "c": np.eye(2), "d": Path("x")}
+    write_json(tmp_path / "o.json", obj)
+    back = json.loads((tmp_path / "o.json").read_text())
+    assert back == {"a": 0.5, "b": [None, None, 3], "c": [[1, 0], [0, 1]], "d": "x"}
+
+
+@SAME_FOLDER
+@given(values=st.lists(st.floats(allow_infinity=False, width=64), min_size=1, max_size=8))
+def test_table_comes_back_to_nine_digits_with_nan_as_empty(tmp_path, values):
+    write_csv(tmp_path / "t.csv", {"depth_um": values, "name": [f"a{v}" for v in values]})
+    back = read_csv(tmp_path / "t.csv")
+    # Nine significant digits: half a unit in the ninth is 5e-9 at most.
+    np.testing.assert_allclose(back["depth_um"], values, rtol=5e-9, atol=0)
+    assert back["name"] == [f"a{v}" for v in values]
+    if np.isnan(values[0]):
+        assert (tmp_path / "t.csv").read_text().splitlines()[1].startswith(",")
+
+
+def test_table_with_unequal_columns_or_rows_is_refused(tmp_path):
+    with pytest.raises(InputError, match="differ in length"):
+        write_csv(tmp_path / "t.csv", {"a": [1], "b": [1, 2]})
+    (tmp_path / "t.csv").write_text("a,b\n1,2\n3\n")
+    with pytest.raises(InputError, match="line 3"):
+        read_csv(tmp_path / "t.csv")
+
+
+def test_figure_is_a_png_without_pyplot(tmp_path):
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(1, 1))
+    figure.subplots().plot([0, 1])
+    write_figure(tmp_path / "f.png", figure)
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_provenance_names_version_scene_seed_and_hashes(tmp_path):
+    (tmp_path / "a.txt").write_bytes(b"abc")
+    record = provenance("[specimen]", [tmp_path], seed=3)
+    assert record["scene"] == "[specimen]" and record["seed"] == 3
+    # SHA-256 of "abc", from FIPS 180-2, appendix B.1.
+    assert record["inputs_sha256"][str(tmp_path / "a.txt")].startswith("ba7816bf8f01cfea414140de")
+    with pytest.raises(InputError, match=r"none\.tif"):
+        provenance(None, [tmp_path / "none.tif"])
