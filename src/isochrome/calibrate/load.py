@@ -37,6 +37,8 @@ def read_shots(given: CalibrationSet) -> tuple[tuple[Shot, ...], Array | None]:
 
 
 def _shot(given: CalibrationSet, item: LoadedImage, dark: Array | None) -> Shot:
+    from scipy.ndimage import uniform_filter
+
     from isochrome.frames import estimate_noise, open_frames, to_linear
 
     path = given.path(item.file)
@@ -59,7 +61,8 @@ def _shot(given: CalibrationSet, item: LoadedImage, dark: Array | None) -> Shot:
             "lower the exposure, or set roi to the specimen"
         )
     noise = estimate_noise(raw, linear.valid, bit_depth=depth)
-    sigma = noise.linear_sigma(raw, bit_depth=depth, gamma=given.gamma)
+    level = uniform_filter(raw.astype(float), 3)  # a weight must not follow its own pixel's noise
+    sigma = noise.linear_sigma(level, bit_depth=depth, gamma=given.gamma)
     image = linear.image.astype(float)
     if dark is not None:
         image = image - dark

@@ -65,15 +65,12 @@ def as_shots(
     return tuple(shots)
 
 
-def noise_of(image: Array, mask: NDArray[np.bool_]) -> float:
-    """Noise of an image from its second mixed difference, blind to smooth fringes.
+def noise_of(image: Array, mask: NDArray[np.bool_]) -> Array:
+    """Noise of a linear image at its local level, (rows, cols); see `isochrome.frames`."""
+    from scipy.ndimage import uniform_filter
 
-    The mask [[1, -2, 1], [-2, 4, -2], [1, -2, 1]] has the gain 6 (Immerkaer, Comput. Vis. Image
-    Underst. 64, 1996, 300-302); the median of absolute values resists edges.
-    """
-    rows = image[:-2] - 2.0 * image[1:-1] + image[2:]
-    mixed = rows[:, :-2] - 2.0 * rows[:, 1:-1] + rows[:, 2:]
-    values = np.abs(mixed[mask[1:-1, 1:-1] & np.isfinite(mixed)])
-    if values.size < 100:
-        raise InputError("fewer than 100 valid pixels in an image; check roi and saturation")
-    return max(float(np.median(values)) / (0.6745 * 6.0), 1e-3 * float(np.ptp(image[mask])), 1e-12)
+    from isochrome.frames import estimate_noise
+
+    filled = np.where(mask & np.isfinite(image), image, np.median(image[mask]))
+    sigma = estimate_noise(filled, mask).sigma(uniform_filter(filled, 3))
+    return np.maximum(np.asarray(sigma, dtype=float), 1e-4 * float(np.ptp(filled)) + 1e-12)

@@ -1,0 +1,87 @@
+"""Starts for a disc's fit: rim, then a scan of centre order, radius and load direction.
+
+One image's scan has many minima. Several loads tell them apart: their centre orders lie on one
+line, N = k P + N0, and the line with the least sum of relative misfits picks every image's start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibrate.disc_field import ORDERS, scan_orders
+from isochrome.calibrate.rim import Circle, find_rim
+from isochrome.calibrate.shot import Shot
+
+Array = NDArray[np.float64]
+
+RADII = (0.985, 1.015, 1.05)
+ANGLES_DEG = (-7.5, -5.0, -2.5, 0.0, 2.5, 5.0, 7.5)
+LARGEST_RESIDUAL = 2.0
+"""Order at zero load beyond which a line through the loads is not believed."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One image's scan: the rim, its `geometries` (g, 4), and `chi` (g, orders)."""
+
+    circle: Circle
+    geometries: Array
+    chi: Array
+
+    @property
+    def curve(self) -> Array:
+        """The least chi of each centre order in ORDERS."""
+        return np.asarray(self.chi.min(axis=0))
+
+    def starts(self, order: float, *, reach: float = 0.35, count: int = 4) -> Array:
+        """The best `count` starts (count, 5) with a centre order within `reach` of `order`."""
+        near = np.flatnonzero(np.abs(ORDERS - order) <= reach)
+        flat = self.chi[:, near]
+        best = np.argsort(flat, axis=None, kind="stable")[:count]
+        places, columns = np.unravel_index(best, flat.shape)
+        return np.column_stack([ORDERS[near[columns]], self.geometries[places]])
+
+
+def scan_disc(shot: Shot, *, bright: bool = False) -> Scan:
+    """Find a disc's rim and scan its centre order; raises PhysicsError where no disc is seen."""
+    circle = find_rim(shot)
+    geometries = np.array(
+        [
+            [circle.row, circle.col, circle.radius * factor, np.radians(angle)]
+            for factor in RADII
+            for angle in ANGLES_DEG
+        ]
+    )
+    return Scan(circle, geometries, scan_orders(shot, geometries, bright=bright))
+
+
+def choose_orders(scans: Sequence[Scan], loads_n: Sequence[float]) -> Array:
+    """Each image's starting order, from its own scan or from the line that suits all loads.
+
+    Parameters: `scans` (n,), `loads_n` (n,). Returns the orders (n,).
+    """
+    loads = np.asarray(loads_n, dtype=float)
+    costs = np.stack([_relative(s.curve) for s in scans])
+    if np.unique(loads).size < 2:
+        return ORDERS[np.argmin(costs, axis=1)]
+    low, high = float(loads.min()), float(loads.max())
+    first, last = np.meshgrid(ORDERS, ORDERS, indexing="ij")
+    slope = (last - first) / (high - low)
+    total = np.where((slope > 0) & (np.abs(first - slope * low) <= LARGEST_RESIDUAL), 0.0, np.inf)
+    for cost, load in zip(costs, loads, strict=True):
+        total += np.interp(first + slope * (load - low), ORDERS, cost)
+    i, j = np.unravel_index(int(np.argmin(total)), total.shape)
+    line = ORDERS[i] + slope[i, j] * (loads - low)
+    return np.asarray(line)
+
+
+def _relative(curve: Array) -> Array:
+    """ln chi above its minimum, where wrong contrast counts as the worst finite one."""
+    finite = np.isfinite(curve)
+    worst = float(curve[finite].max()) if finite.any() else 1.0
+    filled = np.where(finite, curve, worst)
+    return np.log(filled / filled.min())
