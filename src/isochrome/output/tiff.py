@@ -166,7 +166,9 @@ def _write(
     swapped = (frame.astype(order, copy=False) for frame in frames)
     with (
         replacing(path) as beside,
-        tifffile.TiffWriter(beside, imagej=imagej, bigtiff=not imagej, byteorder="<") as tif,
+        tifffile.TiffWriter(
+            beside, imagej=imagej, bigtiff=size >= IMAGEJ_LIMIT, byteorder="<"
+        ) as tif,
     ):
         if imagej:
             tif.write(swapped, shape=shape, dtype=order, **keys)
