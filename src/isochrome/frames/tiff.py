@@ -87,8 +87,8 @@ def _frames(path: Path) -> Iterator[RawFrame]:
                     image = _decode(tif, _page(tif, pages[index], path), pages[index], path)
                 else:
                     image = _hidden(tif, index)
-            shape = shape or (image.shape[0], image.shape[1])
-            check_same(path, image, shape, f"frame {index}")
+                shape = shape or (image.shape[0], image.shape[1])
+                check_same(path, image, shape, f"frame {index}")
             time = None if interval is None else index * interval
             yield RawFrame(image, time, f"{path.name}[{index}]")
     finally:
@@ -119,7 +119,8 @@ def _count(tif: tifffile.TiffFile, path: Path) -> int:
     found, meta = _indices(tif), tif.imagej_metadata or {}
     claimed = int(meta.get("images", len(found))) if tif.is_imagej else len(found)
     page: Any = tif.pages[0]
-    one_head = len(found) == 1 < claimed and page.is_contiguous and page.compression == 1
+    plain = page.axes == "YX" and page.is_contiguous and page.compression == 1
+    one_head = len(found) == 1 < claimed and plain
     if one_head and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size:
         return claimed  # ImageJ's layout for large stacks: one head, all frames behind it
     if claimed > len(found) or _chain_breaks(tif):
