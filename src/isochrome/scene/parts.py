@@ -44,7 +44,7 @@ class Specimen(Part):
 
 
 class Indenter(Part):
-    """The sliding body: a cylinder, a flat with corners, or a measured profile (CSV, x and height)."""
+    """The sliding body: a cylinder, a flat with corners, or a profile (CSV), alone or added."""
 
     shape: Literal["cylinder", "flat"] = "cylinder"
     radius_mm: Positive | None = None
@@ -64,7 +64,7 @@ class Indenter(Part):
 
 
 class Load(Part):
-    """The forces: normal (or diametral, or the whole bending load), tangential, bulk stress, spans."""
+    """The forces: normal (diametral; or the whole bending load), tangential, bulk stress, spans."""
 
     normal_n: Positive
     tangential_n: Finite | None = None
@@ -123,7 +123,7 @@ class PolariscopeStep(Part):
 
 
 class Polariscope(Part):
-    """The light and the elements. Quarter-wave plates are ideal unless `plate_wavelength_nm` is given."""
+    """The light and the elements; plates are ideal unless `plate_wavelength_nm` is given."""
 
     wavelength_nm: Annotated[float, Field(ge=200, le=3000)] | None = None
     field: Literal["dark", "bright"] = "dark"
@@ -138,7 +138,7 @@ class Polariscope(Part):
 
 
 class Camera(Part):
-    """The pixel grid and what the sensor does to the light. All but the grid is ideal when absent."""
+    """The pixel grid, and what the sensor does to the light; ideal where absent."""
 
     width_px: Pixels | None = None
     height_px: Pixels | None = None
@@ -188,6 +188,6 @@ class Frames(Part):
 class Numerics(Part):
     """How finely the contact is computed; every default follows from the scene."""
 
-    tolerance: Annotated[float, Field(ge=1e-10, le=0.1)] = 1e-5
+    tolerance: Annotated[float, Field(ge=1e-10, le=0.1)] = 1e-4
     spacing_mm: Positive | None = None
     window_mm: Positive | None = None

@@ -94,7 +94,7 @@ class Scene(Part):
 
     @property
     def model(self) -> str | None:
-        """Which model renders this scene: 'contact', 'disc', 'beam', or None where there is none."""
+        """Which model renders this scene: 'contact', 'disc', 'beam', or None: no model."""
         if self.indenter is not None:
             return "contact"
         shape = self.specimen.shape
@@ -114,7 +114,7 @@ class Scene(Part):
         return (self.folder or Path()) / name
 
     def get(self, key: str) -> Any:
-        """The value of a dotted key such as 'load.normal_n'; raises InputError on an unknown one."""
+        """The value of a dotted key such as 'load.normal_n'; InputError on an unknown one."""
         part, _, name = key.partition(".")
         table = getattr(self, part, None)
         if part not in type(self).model_fields or not name:

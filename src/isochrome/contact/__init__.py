@@ -1,0 +1,23 @@
+"""The contact: surface operators, the pressure solver, and wear over sliding distance."""
+
+from isochrome.contact.pressure import ContactState, solve_pressure
+from isochrome.contact.profile import Grid, contact_grid, elastic_constants, line_load
+from isochrome.contact.states import SurfaceState, contact_states
+from isochrome.contact.surface import Surface, displacement, make_surface
+from isochrome.contact.wear import WornState, wear_history
+
+__all__ = [
+    "ContactState",
+    "Grid",
+    "Surface",
+    "SurfaceState",
+    "WornState",
+    "contact_grid",
+    "contact_states",
+    "displacement",
+    "elastic_constants",
+    "line_load",
+    "make_surface",
+    "solve_pressure",
+    "wear_history",
+]

@@ -1,0 +1,187 @@
+"""A scene's contact states: static, first sliding, and worn at the distances asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isochrome.contact.pressure import ContactState, solve_pressure
+from isochrome.contact.profile import (
+    Grid,
+    contact_grid,
+    elastic_constants,
+    line_load,
+    undeformed_gap,
+)
+from isochrome.contact.surface import Floats, Surface, make_surface
+from isochrome.contact.wear import WornState, wear_history
+from isochrome.errors import PhysicsError
+from isochrome.scene import Scene
+
+_TRIES = 4
+
+
+@dataclass(frozen=True)
+class SurfaceState:
+    """What acts on the specimen's surface in one state.
+
+    `grid`, with `x_mm` (n,); `pressure_mpa` p and `shear_mpa` q along +x (n,); `wear_depth_mm`
+    (n,); `distance_m` slid; `friction`, mu; `sliding`, False in a static state; `residual`, of the
+    contact's complementarity.
+    """
+
+    grid: Grid
+    pressure_mpa: Floats
+    shear_mpa: Floats
+    wear_depth_mm: Floats
+    distance_m: float
+    friction: float
+    sliding: bool
+    residual: float
+
+    @property
+    def p_max_mpa(self) -> float:
+        """Largest nodal pressure (MPa)."""
+        return float(self.pressure_mpa.max())
+
+    @property
+    def edges_mm(self) -> tuple[float, float]:
+        """Outermost places where the pressure reaches zero (mm).
+
+        Near an edge p² is linear in x (p ~ the root of the distance), so p² of the last two nodes
+        in contact is carried on to zero, by one spacing at most: second order in the spacing.
+        """
+        p2, h = self.pressure_mpa**2, self.grid.spacing_mm
+        inside = np.flatnonzero(p2 > 0.0)
+        first, last = int(inside[0]), int(inside[-1])
+        left = self.grid.x_mm[first] - h * _carried(p2[first], p2[min(first + 1, last)])
+        right = self.grid.x_mm[last] + h * _carried(p2[last], p2[max(last - 1, first)])
+        return float(left), float(right)
+
+    @property
+    def contact_width_mm(self) -> float:
+        """Distance between the outermost edges of contact (mm)."""
+        left, right = self.edges_mm
+        return right - left
+
+    @property
+    def worn_area_mm2(self) -> float:
+        """Area of the worn cross-section, ∫h dx (mm²)."""
+        return float(self.wear_depth_mm.sum() * self.grid.spacing_mm)
+
+
+def _carried(outer: float, inner: float) -> float:
+    """Fraction of a spacing beyond the outer node at which a straight line reaches zero."""
+    return min(1.0, outer / (inner - outer)) if inner > outer else 1.0
+
+
+def contact_states(scene: Scene) -> list[SurfaceState]:
+    """Solve the contact at every state of a scene.
+
+    A static state first if the scene asks for it, then one at each of `wear.distances_m`, in the
+    scene's order; without wear, one state, sliding if there is friction.
+    Raises PhysicsError where the contact does not converge or reaches the edge of the grid.
+    """
+    distances = scene.wear.distances_m if scene.wear else (0.0,)
+    coefficient = scene.wear.coefficient_mm2_per_n if scene.wear else 0.0
+    doses = coefficient * 1e3 * np.asarray(distances, dtype=float)
+    for attempt in range(_TRIES):
+        grid = contact_grid(scene, largest_dose_mm_per_mpa=float(doses.max()), growth=1.5**attempt)
+        states = _states_on(scene, grid, np.asarray(distances, dtype=float), doses)
+        if not any(_touches_edge(state) for state in states):
+            return states
+        if scene.numerics.window_mm is not None:
+            break
+    width = grid.spacing_mm * (grid.nodes - 1)
+    raise PhysicsError(
+        f"the contact reaches the edge of its grid, {width:.3g} mm wide; raise (or leave out) "
+        "numerics.window_mm, or lower the load or the wear"
+    )
+
+
+def _touches_edge(state: SurfaceState) -> bool:
+    return bool(state.pressure_mpa[[0, -1]].any())
+
+
+def _states_on(scene: Scene, grid: Grid, distances: Floats, doses: Floats) -> list[SurfaceState]:
+    modulus, coupling = elastic_constants(scene)
+    surface = make_surface(
+        grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling
+    )
+    gap = undeformed_gap(scene, grid.x_mm)
+    load = line_load(scene)
+    static = scene.friction is None or scene.friction.static_state_first
+    held = scene.load.tangential_n if scene.load else None
+    states: list[SurfaceState] = []
+    if (static and not scene.wear) or (static and scene.friction) or held is not None:
+        states.append(_static_state(scene, grid, surface, gap, load))
+    if held is not None or (scene.friction is None and not scene.wear):
+        return states
+    friction = np.array([scene.friction_at(d) for d in distances])
+    order = np.argsort(doses, kind="stable")
+    worn = wear_history(
+        surface,
+        gap,
+        load,
+        doses[order],
+        friction=friction[order],
+        tolerance=scene.numerics.tolerance,
+    )
+    by_place = dict(zip(order.tolist(), worn, strict=True))
+    return states + [
+        _worn_state(grid, by_place[i], float(distances[i]), float(friction[i]), scene)
+        for i in range(len(distances))
+    ]
+
+
+def _worn_state(
+    grid: Grid, worn: WornState, distance_m: float, friction: float, scene: Scene
+) -> SurfaceState:
+    p = worn.contact.pressure
+    return SurfaceState(
+        grid=grid,
+        pressure_mpa=p,
+        shear_mpa=friction * p,
+        wear_depth_mm=worn.depth_mm,
+        distance_m=distance_m,
+        friction=friction,
+        sliding=scene.friction is not None,
+        residual=worn.contact.residual,
+    )
+
+
+def _static_state(
+    scene: Scene, grid: Grid, surface: Surface, gap: Floats, load: float
+) -> SurfaceState:
+    contact = solve_pressure(surface, gap, load)
+    mu = scene.friction_at(0.0)
+    held = scene.load.tangential_n if scene.load else None
+    shear: Floats = np.zeros(grid.nodes)
+    if held and scene.specimen.thickness_mm:
+        shear = _partial_slip(surface, gap, contact, load, held / scene.specimen.thickness_mm, mu)
+    return SurfaceState(
+        grid=grid,
+        pressure_mpa=contact.pressure,
+        shear_mpa=shear,
+        wear_depth_mm=np.zeros(grid.nodes),
+        distance_m=0.0,
+        friction=mu if held else 0.0,
+        sliding=False,
+        residual=contact.residual,
+    )
+
+
+def _partial_slip(
+    surface: Surface, gap: Floats, contact: ContactState, load: float, tangential: float, mu: float
+) -> Floats:
+    """Shear of a stuck contact that slips at its edges: q = mu [p(P') - p(P' - Q'/mu)].
+
+    Holds for any profile, without coupling. Sources: Jäger (1998), Arch. Appl. Mech. 68, 159;
+    Ciavarella (1998), Int. J. Solids Struct. 35, 2349.
+    """
+    stuck = load - abs(tangential / mu)
+    inner = np.zeros_like(gap)
+    if stuck > 1e-9 * load:
+        inner = solve_pressure(surface, gap, stuck, start=contact.pressure).pressure
+    return np.sign(tangential) * abs(mu) * (contact.pressure - inner)

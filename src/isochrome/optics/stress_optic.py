@@ -1,0 +1,21 @@
+"""The stress-optic law: principal stress difference to fringe order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.stress import StressDifference
+
+
+def fringe_order(
+    difference_mpa: StressDifference, *, thickness_mm: float, fringe_value_n_per_mm: float
+) -> NDArray[np.floating]:
+    """Fringe order of a stress field.
+
+    Equation: N = (sigma_1 - sigma_2) d / f_sigma; the retardation is 2 pi N.
+    Parameters: `difference_mpa` (rows, cols), (sigma_x - sigma_z) + 2i tau_xz, MPa; `thickness_mm`
+    d; `fringe_value_n_per_mm` f_sigma, N/mm per fringe. Returns N (rows, cols), fringes.
+    Source: Dally & Riley (1991), Experimental Stress Analysis, section 12.2.
+    """
+    return np.abs(difference_mpa) * (thickness_mm / fringe_value_n_per_mm)

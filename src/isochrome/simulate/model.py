@@ -1,0 +1,151 @@
+"""The chain from scene to picture: states, stress, fringe order, signal. Each step on its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.contact import Grid, SurfaceState, contact_states
+from isochrome.errors import InputError, PhysicsError
+from isochrome.optics import fringe_order, make_chain, polariscope_signal
+from isochrome.optics.polariscope import pixel_visibility
+from isochrome.scene import Scene
+from isochrome.stress import (
+    FieldGrid,
+    PixelGrid,
+    StressDifference,
+    beam_difference,
+    disc_difference,
+    make_field_grid,
+    principal_direction,
+    stress_difference,
+)
+
+Array = NDArray[np.floating]
+
+_TOO_FINE_SHARE = 0.01
+"""Share of pixels with fringes finer than two pixels at which a picture is refused: a few pixels
+at the edge of a contact, where the stress is steep, are no harm."""
+
+
+@dataclass(frozen=True)
+class SceneState:
+    """One state of a scene: `label`, `distance_m`, and the `surface` (None for a disc or beam)."""
+
+    label: str
+    distance_m: float
+    surface: SurfaceState | None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What the camera would see, before the camera.
+
+    `difference` (sigma_x - sigma_z) + 2i tau_xz, MPa; `order` N, fringes; `material`, False where
+    there is no specimen (all (rows, cols)); `too_fine`, share of fringes finer than two pixels.
+    """
+
+    difference: StressDifference
+    order: Array
+    material: NDArray[np.bool_]
+    visibility: Array
+    too_fine: float
+
+
+def scene_states(scene: Scene) -> list[SceneState]:
+    """Solve a scene's mechanics: every state, in the scene's order.
+
+    Raises InputError where the scene has no model, PhysicsError where it cannot be solved.
+    """
+    if scene.model is None:
+        raise InputError(no_model_sentence(scene))
+    if scene.model != "contact":
+        return [SceneState(scene.model, 0.0, None)]
+    return [SceneState(_label(s), s.distance_m, s) for s in contact_states(scene)]
+
+
+def no_model_sentence(scene: Scene) -> str:
+    """Why a scene has no model, and what can be done with its frames all the same."""
+    shape = scene.specimen.shape
+    what = f"a {shape} has no model yet" if shape else "the scene has no [indenter] and no shape"
+    return (
+        f"{scene.name}: {what}, so it cannot be simulated; `isochrome process` still gives "
+        "the normalised frames and the fringe skeleton"
+    )
+
+
+def _label(state: SurfaceState) -> str:
+    if not state.sliding and state.distance_m == 0.0:
+        return "static"
+    if state.distance_m == 0.0:
+        return "initial sliding"
+    return f"{state.distance_m:g} m"
+
+
+def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressDifference:
+    """Stress difference of one state on a pixel grid, with the scene's bulk stress.
+
+    Returns (sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa; NaN outside a disc or beam, 0 above
+    a contact's surface.
+    """
+    if scene.model == "disc":
+        return disc_difference(scene, pixels)
+    if scene.model == "beam":
+        return beam_difference(scene, pixels)
+    surface = state.surface
+    assert surface is not None
+    grid = _field_grid(pixels, surface.grid)
+    shear = surface.shear_mpa if surface.shear_mpa.any() else None
+    field = stress_difference(grid, surface.pressure_mpa, shear)
+    bulk = scene.load.bulk_mpa if scene.load else None
+    return field + np.float32(bulk) if bulk else field
+
+
+@lru_cache(maxsize=2)
+def _field_grid(pixels: PixelGrid, grid: Grid) -> FieldGrid:
+    return make_field_grid(
+        pixels, left_mm=grid.left_mm, spacing_mm=grid.spacing_mm, nodes=grid.nodes
+    )
+
+
+def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) -> Picture:
+    """Fringe order, mask and visibility of a stress field. See Picture."""
+    specimen = scene.specimen
+    assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
+    order = fringe_order(
+        difference,
+        thickness_mm=specimen.thickness_mm,
+        fringe_value_n_per_mm=specimen.fringe_value_n_per_mm,
+    )
+    material = np.isfinite(order)
+    if scene.model == "contact":
+        material &= (pixels.z_mm >= 0.0)[:, None]
+    visibility, too_fine = pixel_visibility(order)
+    return Picture(difference, np.where(material, order, np.nan), material, visibility, too_fine)
+
+
+def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
+    """Polariscope signal of a picture, 1 for full light; no specimen, no light.
+
+    Parameters: `step`, which of the polariscope's phase steps (None: dark or bright field).
+    Returns (rows, cols) in 0..1.
+    """
+    chain = make_chain(scene.polariscope, step)
+    known = np.where(picture.material, picture.order, 0.0)
+    direction = None if chain.ideal else principal_direction(picture.difference)
+    signal = polariscope_signal(known, chain, direction=direction, visibility=picture.visibility)
+    return np.where(picture.material, signal, 0.0)
+
+
+def refuse_too_fine(scene: Scene, picture: Picture) -> None:
+    """Raise PhysicsError where too many fringes are finer than two pixels."""
+    if picture.too_fine > _TOO_FINE_SHARE:
+        pixel = scene.camera.pixel_mm if scene.camera else None
+        raise PhysicsError(
+            f"{scene.name}: fringes finer than two pixels in {100 * picture.too_fine:.1f} % of the "
+            f"picture (camera.pixel_mm = {pixel}); use smaller pixels, a lower load.normal_n or "
+            "a thinner specimen"
+        )

@@ -1,0 +1,42 @@
+"""What a stress field is: the complex difference that fringes need, or all three components."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating]
+StressDifference = NDArray[np.complexfloating]
+"""(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa. Its modulus is sigma_1 - sigma_2."""
+
+
+@dataclass(frozen=True)
+class StressComponents:
+    """Plane stress components on a pixel grid (rows, cols), MPa, tension positive."""
+
+    sigma_x: Floats
+    sigma_z: Floats
+    tau_xz: Floats
+
+    @property
+    def difference(self) -> StressDifference:
+        """(sigma_x - sigma_z) + 2i tau_xz."""
+        return (self.sigma_x - self.sigma_z) + 2j * self.tau_xz
+
+    @property
+    def principal(self) -> tuple[Floats, Floats]:
+        """Principal stresses sigma_1 >= sigma_2 in the plane (MPa)."""
+        mean, radius = 0.5 * (self.sigma_x + self.sigma_z), 0.5 * np.abs(self.difference)
+        return mean + radius, mean - radius
+
+
+def principal_direction(difference: StressDifference) -> Floats:
+    """Direction of sigma_1, counter-clockwise from the image's +x as the camera sees it.
+
+    Equation: tan 2φ = 2 tau_xz / (sigma_x - sigma_z) from x towards z; since z points down in the
+    image, θ = -φ. Parameters: `difference` (rows, cols), MPa. Returns θ (rows, cols), rad, in
+    (-π/2, π/2]. Source: Timoshenko & Goodier (1970), section 9.
+    """
+    return np.asarray(-0.5 * np.angle(difference), dtype=float)
