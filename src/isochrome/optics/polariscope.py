@@ -110,10 +110,25 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
 
     Equation: the mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel)
     is sinc(g_x) sinc(g_y) cos 2 pi N, with sinc(x) = sin(pi x)/(pi x).
-    Parameters: `order` N (rows, cols). Returns V (rows, cols), in 0..1, and the share of pixels
-    with a fringe finer than two pixels.
+    Parameters: `order` N (rows, cols), NaN where there is no specimen. Returns V (rows, cols), in
+    0..1, and the share of pixels with a fringe finer than two pixels.
     """
-    known = np.where(np.isfinite(order), order, 0.0)
-    rows, cols = np.gradient(known)
+    rows, cols = _slope(order, 0), _slope(order, 1)
     visibility = np.maximum(np.sinc(rows), 0.0) * np.maximum(np.sinc(cols), 0.0)
     return visibility, float(np.mean(np.hypot(rows, cols) > 0.5))
+
+
+def _slope(order: Array, axis: int) -> Array:
+    """Fringes a pixel along an axis: the mean of the differences to the neighbours with an order.
+
+    An edge of the specimen is so no fringe; 0 where there is neither neighbour.
+    """
+    step = np.diff(order, axis=axis)
+    known = np.isfinite(step)
+    if known.all():
+        return np.asarray(np.gradient(order, axis=axis)) if step.size else np.zeros_like(order)
+    before, after = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
+    before[axis], after[axis] = (1, 0), (0, 1)
+    step = np.where(known, step, 0.0)
+    count = np.pad(known.astype(int), before) + np.pad(known.astype(int), after)
+    return np.asarray((np.pad(step, before) + np.pad(step, after)) / np.maximum(count, 1))

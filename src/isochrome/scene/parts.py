@@ -8,9 +8,19 @@ image's +x, as the camera sees them.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -28,6 +38,14 @@ class Part(BaseModel):
     """A table of the scene file: frozen, and closed to unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        wants_truth = cls.model_fields[str(info.field_name)].annotation is bool
+        if isinstance(value, bool) and not wants_truth:
+            raise PydanticCustomError("truth", "Input should not be true or false")
+        return value
 
 
 class Specimen(Part):
@@ -91,10 +109,22 @@ class DistanceTable(Part):
         return self
 
 
+NUMBER, TABLE = "<number>", "<table>"
+"""Tags of the two forms of a value over distance; they do not show in a mistake's key."""
+
+
+def _form(value: Any) -> str:
+    return TABLE if isinstance(value, dict | DistanceTable) else NUMBER
+
+
 class Friction(Part):
     """Coulomb friction, q = mu p along +x; a number, or a table over distance."""
 
-    coefficient: Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)] | DistanceTable
+    coefficient: Annotated[
+        Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False), Tag(NUMBER)]
+        | Annotated[DistanceTable, Tag(TABLE)],
+        Discriminator(_form),
+    ]
     static_state_first: bool = False
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from isochrome.errors import InputError
+from isochrome.scene.mistakes import validate
 from isochrome.scene.parts import (
     WITHOUT_MODEL,
     Camera,
@@ -117,7 +118,8 @@ class Scene(Part):
         """The value of a dotted key such as 'load.normal_n'; InputError on an unknown one."""
         part, _, name = key.partition(".")
         table = getattr(self, part, None)
-        if part not in type(self).model_fields or not name:
+        known = part in type(self).model_fields and part not in ("folder", "name")
+        if not known or not name:
             raise InputError(f"{key}: the scene has no such key; write it as 'load.normal_n'")
         if table is None:
             raise InputError(f"{key}: this scene has no [{part}]; add it")
@@ -134,15 +136,11 @@ class Scene(Part):
             self.get(key)
             part, _, name = key.partition(".")
             parts.setdefault(part, {})[name] = value
-        changed: dict[str, Any] = {}
+        data = {name: getattr(self, name) for name in self.model_fields_set}
         for part, update in parts.items():
             table = getattr(self, part)
-            fields = {n: getattr(table, n) for n in table.model_fields_set} | update
-            try:
-                changed[part] = type(table)(**fields)
-            except ValueError as error:
-                raise InputError(f"[{part}] cannot take {update}: {error}") from error
-        return self.model_copy(update=changed)
+            data[part] = {n: getattr(table, n) for n in table.model_fields_set} | update
+        return validate(Scene, data, self.name)
 
 
 def value_at(value: float | DistanceTable, distance_m: float) -> float:

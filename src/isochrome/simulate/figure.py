@@ -30,7 +30,8 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
     upper: Any = figure
     lower: Any = None
     if curves:
-        upper, lower = figure.subfigures(2, 1, height_ratios=[height - 3.6, 3.2])
+        both: Any = figure.subfigures(2, 1, height_ratios=[height - 3.6, 3.2])
+        upper, lower = both
     axes = np.atleast_1d(upper.subplots(image_rows, cols, squeeze=False).ravel())
     full = (
         None

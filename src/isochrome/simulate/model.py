@@ -123,8 +123,9 @@ def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) 
     material = np.isfinite(order)
     if scene.model == "contact":
         material &= (pixels.z_mm >= 0.0)[:, None]
+    order = order if material.all() else np.where(material, order, np.nan)
     visibility, too_fine = pixel_visibility(order)
-    return Picture(difference, np.where(material, order, np.nan), material, visibility, too_fine)
+    return Picture(difference, order, material, visibility, too_fine)
 
 
 def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:

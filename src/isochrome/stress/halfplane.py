@@ -88,7 +88,7 @@ def hat_kernels(
     if z_mm < 0.0:
         return np.zeros(len(x_mm), complex), np.zeros(len(x_mm), complex)
     first, second = cauchy_of_hat(x_mm, z_mm, spacing_mm)
-    shear: NDArray[np.complexfloating] = -2.0 / np.pi * (1j * z_mm * second + first)
+    shear = np.asarray(-2.0 / np.pi * (1j * z_mm * second + first), dtype=complex)
     return -2.0 / np.pi * z_mm * second, shear
 
 
@@ -102,12 +102,13 @@ def cauchy_of_hat(
     on the surface, where it is only ever multiplied by z = 0, and is given as zero there.
     Parameters: `x_mm` (n,); `z_mm` >= 0; `spacing_mm`. Returns two (n,), the second in 1/mm.
     """
-    zeta = x_mm / spacing_mm - 1j * (z_mm / spacing_mm)
+    zeta = np.asarray(x_mm / spacing_mm - 1j * (z_mm / spacing_mm), dtype=complex)
     far = np.abs(zeta) > _FAR
-    inverse = 1.0 / np.where(far, zeta, 1.0)
-    square = inverse * inverse
-    first = inverse * (1.0 + square * (1 / 6 + square * (1 / 15 + square * (1 / 28))))
-    second = square * (1.0 + square * (3 / 6 + square * (5 / 15 + square * (7 / 28))))
+    inverse = np.ones_like(zeta)
+    inverse[far] = 1.0 / zeta[far]
+    square = np.square(inverse)
+    first = np.multiply(inverse, 1.0 + square * (1 / 6 + square * (1 / 15 + square * (1 / 28))))
+    second = np.multiply(square, 1.0 + square * (3 / 6 + square * (5 / 15 + square * (7 / 28))))
     near = zeta[~far]
     logs = [_log_from_below(near + k) for k in (-1.0, 0.0, 1.0)]
     first[~far] = (near - 1) * logs[0] - 2 * near * logs[1] + (near + 1) * logs[2]

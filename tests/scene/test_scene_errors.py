@@ -1,0 +1,260 @@
+"""Wrong scenes are refused in one sentence: file, key, value, what is allowed, the fix."""
+
+from __future__ import annotations
+
+import pytest
+
+from isochrome.errors import InputError
+from isochrome.scene import dump_scene, load_scene, parse_scene
+from isochrome.scene.parts import (
+    Camera,
+    Frames,
+    Friction,
+    Indenter,
+    Load,
+    Numerics,
+    Polariscope,
+    Specimen,
+    Wear,
+)
+
+GOOD = dump_scene(load_scene("line-contact-wear"))
+
+
+def sentence(old: str, new: str) -> str:
+    """What the shipped scene's text answers with one piece of it replaced."""
+    assert GOOD.count(old) >= 1, old
+    with pytest.raises(InputError) as refusal:
+        parse_scene(GOOD.replace(old, new, 1), label="my.toml")
+    assert refusal.value.exit_code == 2
+    text = str(refusal.value)
+    assert text.startswith("my.toml: ") and "\n" not in text
+    assert "pydantic" not in text and "function-" not in text and "constrained" not in text
+    return text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("young_gpa = 2.1", "young_gpa = -2.1", ["specimen.young_gpa = -2.1", "greater than 0"]),
+        ("young_gpa = 2.1", "young_gpa = inf", ["specimen.young_gpa = inf", "finite"]),
+        ("young_gpa = 2.1", "young_gpa = nan", ["specimen.young_gpa = nan", "finite"]),
+        ("young_gpa = 2.1", 'young_gpa = "two"', ["specimen.young_gpa = 'two'", "number"]),
+        ("poisson = 0.4", "poisson = 0.6", ["specimen.poisson = 0.6", "less than or equal to 0.5"]),
+        ("normal_n = 44.0", "normal_n = true", ["load.normal_n = True", "not be true or false"]),
+        ("width_px = 659", "width_px = 65.5", ["camera.width_px = 65.5", "integer"]),
+        ("width_px = 659", "width_px = true", ["camera.width_px = True", "true or false"]),
+        ("bit_depth = 8", "bit_depth = 17", ["camera.bit_depth = 17", "less than or equal to 16"]),
+        ('"dark"', '"dim"', ["polariscope.field = 'dim'", "'dark' or 'bright'"]),
+        ("31.0", "-3.0", ["wear.distances_m[2] = -3.0", "greater than or equal to 0"]),
+        ("coefficient = 0.25", "coefficient = 9", ["friction.coefficient = 9", "equal to 5"]),
+        (
+            "coefficient = 0.25",
+            "coefficient = {distance_m = [0, 1], value = [0.1]}",
+            ["friction.coefficient.value = [0.1]", "at least 2 items"],
+        ),
+        (
+            "coefficient = 0.25",
+            "coefficient = {distance_m = [0, 1], value = [0.1, nan]}",
+            ["friction.coefficient.value[2] = nan", "finite"],
+        ),
+    ],
+)
+def test_a_wrong_value_names_key_value_and_what_is_allowed(old, new, words):
+    text = sentence(old, new)
+    assert "is not allowed" in text and "correct it" in text
+    assert all(word in text for word in words), text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "wrong", "right"),
+    [
+        ("young_gpa", "young_gap", "specimen.young_gap", "young_gpa"),
+        ("[load]", "[laod]", "laod", "load"),
+        ("distances_m", "distance_m", "wear.distance_m", "distances_m"),
+        ("normal_n", "norml_n", "load.norml_n", "normal_n"),
+        ("static_state_first", "static_first", "friction.static_first", "static_state_first"),
+    ],
+)
+def test_a_misspelt_key_names_the_nearest_known_one(old, new, wrong, right):
+    text = sentence(old, new)
+    assert f"unknown key '{wrong}'" in text and f"did you mean '{right}'?" in text
+
+
+PARTS = {
+    "specimen": Specimen,
+    "indenter": Indenter,
+    "load": Load,
+    "friction": Friction,
+    "wear": Wear,
+    "polariscope": Polariscope,
+    "camera": Camera,
+    "frames": Frames,
+    "numerics": Numerics,
+}
+
+
+@pytest.mark.parametrize(
+    ("part", "key"), [(p, k) for p, m in PARTS.items() for k in m.model_fields]
+)
+def test_every_key_with_two_letters_swapped_is_recognised(part, key):
+    swapped = next(
+        (
+            key[:i] + key[i + 1] + key[i] + key[i + 2 :]
+            for i in range(1, len(key) - 1)
+            if key[i] != key[i + 1]
+        ),
+        None,
+    )
+    with pytest.raises(InputError) as refusal:
+        parse_scene(
+            f"[specimen]\n[{part}]\n{swapped} = 1\n"
+            if part != "specimen"
+            else f"[specimen]\n{swapped} = 1\n",
+            label="my.toml",
+        )
+    text = str(refusal.value)
+    assert f"unknown key '{part}.{swapped}'" in text and f"did you mean '{key}'?" in text
+
+
+def test_an_unknown_key_like_no_other_lists_the_known_ones():
+    text = sentence("[load]\n", "[load]\nqqq = 1\n")
+    assert "unknown key 'load.qqq'" in text and "normal_n, tangential_n, bulk_mpa" in text
+
+
+def test_unknown_keys_inside_a_table_over_distance_are_named_without_inner_names():
+    text = sentence("coefficient = 0.25", "coefficient = {distance_m = [0, 1], valu = [0.1, 0.2]}")
+    assert "unknown key 'friction.coefficient.valu'; did you mean 'value'?" in text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("young_gpa = 2.1\n", "", ["specimen.young_gpa is missing", "a contact needs it; add it"]),
+        ("thickness_mm = 4.0\n", "", ["specimen.thickness_mm is missing"]),
+        ("normal_n = 44.0\n", "", ["the key 'load.normal_n' is missing; add it"]),
+        ("radius_mm = 24.61\n", "", ["[indenter] a cylinder needs radius_mm", "shape = 'flat'"]),
+        ("radius_mm = 24.61\n", 'shape = "flat"\n', ["needs half_width_mm; add it"]),
+        (
+            "[camera]",
+            "[[polariscope.step]]\npolariser_deg = 1\n[camera]",
+            ["the key 'polariscope.step[1].analyser_deg' is missing"],
+        ),
+        (
+            "[camera]",
+            "[[polariscope.step]]\npolariser_deg=1\nanalyser_deg=2\ninput_plate_deg=3\n[camera]",
+            ["[polariscope.step[1]]", "both input_plate_deg and output_plate_deg"],
+        ),
+        (
+            "wavelength_nm = 587.0",
+            "plate_wavelength_nm = 560.0",
+            ["[polariscope] plate_wavelength_nm needs wavelength_nm", "add it"],
+        ),
+        (
+            "coefficient = 0.25",
+            "coefficient = {distance_m = [1, 0], value = [0.1, 2]}",
+            ["[friction.coefficient] distance_m must rise", "sort it"],
+        ),
+        (
+            "coefficient = 0.25",
+            "coefficient = {distance_m = [0, 1], value = [0.1, 0.2, 0.3]}",
+            ["distance_m has 2 numbers and value has 3", "as many of each"],
+        ),
+        (
+            "[load]\n",
+            "[load]\ntangential_n = 2.0\n",
+            ["load.tangential_n is for a stuck contact", "remove one"],
+        ),
+        (
+            "[specimen]\n",
+            '[specimen]\nshape = "disc"\n',
+            ["[indenter] and [specimen] shape = 'disc' exclude each other", "remove one"],
+        ),
+    ],
+)
+def test_parts_that_do_not_agree_are_refused_with_the_way_out(old, new, words):
+    text = sentence(old, new)
+    assert all(word in text for word in words), text
+
+
+CONTACT = GOOD[: GOOD.index("[friction]")]
+
+
+def refused(text: str) -> str:
+    with pytest.raises(InputError) as refusal:
+        parse_scene(text, label="my.toml")
+    return str(refusal.value)
+
+
+def test_tangential_load_needs_friction_and_stays_within_it():
+    held = CONTACT.replace("[load]\n", "[load]\ntangential_n = 12.0\n")
+    assert "load.tangential_n needs [friction]" in refused(held)
+    text = refused(held + "[friction]\ncoefficient = 0.25\n")
+    assert "load.tangential_n = 12 is more than friction can hold, 11 N" in text
+    assert parse_scene(held + "[friction]\ncoefficient = -0.5\n").load.tangential_n == 12.0
+
+
+def test_wear_and_friction_need_a_body_that_slides():
+    ring = '[specimen]\nshape = "ring"\n'
+    assert "need an [indenter]" in refused(ring + "[friction]\ncoefficient = 0.2\n")
+    wear = "[wear]\ncoefficient_mm2_per_n = 1e-9\ndistances_m = [1]\n"
+    assert "need an [indenter]" in refused(ring + wear)
+
+
+def test_a_beam_with_its_spans_swapped_is_refused():
+    text = refused(
+        '[specimen]\nshape = "beam"\nheight_mm = 9.0\nthickness_mm = 4.0\n'
+        "fringe_value_n_per_mm = 14.6\n"
+        "[load]\nnormal_n = 9.0\ninner_span_mm = 20.0\nouter_span_mm = 10.0\n"
+    )
+    assert "load.inner_span_mm = 20 must be less than load.outer_span_mm = 10" in text
+    assert "swapped" in text
+
+
+def test_text_that_is_no_toml_names_the_line():
+    assert "not valid TOML" in sentence("[load]", "[load") and "line" in sentence("[load]", "[load")
+
+
+def test_files_that_cannot_be_a_scene_are_refused_by_name(tmp_path):
+    binary = tmp_path / "frames.toml"
+    binary.write_bytes(b"\xff\xfe\x00\x80" * 10)
+    with pytest.raises(InputError, match=r"frames\.toml: not UTF-8 text; save it as UTF-8"):
+        load_scene(binary)
+    huge = tmp_path / "huge.toml"
+    huge.write_bytes(b"#" * 1_000_001)
+    with pytest.raises(InputError, match=r"huge\.toml: larger than .* is it a settings file"):
+        load_scene(huge)
+    with pytest.raises(InputError, match="no such scene file; scenes by name: line-contact-wear"):
+        load_scene(tmp_path)
+    with pytest.raises(InputError, match="did you mean 'line-contact-wear'"):
+        load_scene("line-contact-waer")
+
+
+def test_toml_nested_beyond_all_measure_is_refused_not_crashed():
+    assert "not valid TOML" in refused("a = " + "[" * 100_000)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"load.normal_n": -1.0}, "load.normal_n = -1.0 is not allowed: input should be greater"),
+        ({"friction.coefficient": 7.0}, "friction.coefficient = 7.0 is not allowed"),
+        # rules between parts hold for changed scenes too
+        ({"load.tangential_n": 5.0}, "is for a stuck contact, and \\[wear\\] for a sliding one"),
+        ({"specimen.thickness_mm": None}, "specimen.thickness_mm is missing"),
+        ({"specimen.shape": "disc"}, "exclude each other"),
+        ({"load.norml_n": 1.0}, "load.norml_n: \\[load\\] has no such key; it has normal_n"),
+        ({"lode.normal_n": 1.0}, "lode.normal_n: the scene has no such key"),
+        ({"specimen": 1.0}, "specimen: the scene has no such key; write it as 'load.normal_n'"),
+        ({"name.x": 1.0}, "name.x: the scene has no such key"),
+    ],
+)
+def test_changed_values_are_checked_like_a_file(values, words):
+    with pytest.raises(InputError, match=words) as refusal:
+        load_scene("line-contact-wear").with_values(values)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_key_of_an_absent_part_says_which_part_to_add():
+    with pytest.raises(InputError, match=r"friction.coefficient: this scene has no \[friction\]"):
+        parse_scene(CONTACT).get("friction.coefficient")
