@@ -35,12 +35,18 @@ class Input:
 
 
 def conclude(
-    specimen: str, images: Sequence[ImageFit], factor_n2_per_mm: float, inputs: Sequence[Input]
+    specimen: str,
+    images: Sequence[ImageFit],
+    factor_n2_per_mm: float,
+    inputs: Sequence[Input],
+    *,
+    said: tuple[str, ...] = (),
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
 
     Parameters: `specimen`, 'beam' or 'disc'; `images`, fitted, with loads above zero;
-    `factor_n2_per_mm`, N/mm per (fringe/N); `inputs`, what else is uncertain.
+    `factor_n2_per_mm`, N/mm per (fringe/N); `inputs`, what else is uncertain; `said`,
+    warnings already known.
     Returns the Calibration. Raises PhysicsError where the orders contradict the loads.
     """
     loads = [i.load_n for i in images]
@@ -62,7 +68,7 @@ def conclude(
     return Calibration(
         specimen, float(value), total, float(np.sqrt(np.mean(chis**2))), float(chis.max()),
         line.intercept, line.intercept_uncertainty, line.slope, tuple(images), budget,
-        _warnings(images, line, inputs, specimen),
+        (*said, *_warnings(images, line, inputs, specimen)),
     )  # fmt: skip
 
 

@@ -10,26 +10,23 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from isochrome.calibrate.conclude import Input, conclude
-from isochrome.calibrate.disc_field import Grid, disc_mask, disc_order, disc_signal, thin_grid
+from isochrome.calibrate.disc_fit import fit_disc
+from isochrome.calibrate.disc_rise import fit_rise
 from isochrome.calibrate.disc_starts import choose_orders, scan_disc
-from isochrome.calibrate.result import Calibration, ImageFit, View
-from isochrome.calibrate.rim import Circle
+from isochrome.calibrate.result import Calibration, ImageFit
+from isochrome.calibrate.rise import overlay, rise_with_load
 from isochrome.calibrate.settings import CalibrationSet, Disc, Uncertainty, load_set
 from isochrome.calibrate.shot import Shot, as_shots
-from isochrome.calibrate.smooth import smooth_starts
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fit import IntensityFit, SeveralStarts
 
-Array = NDArray[np.float64]
-
-PIXELS = 150_000
-"""Pixels of the square about the disc that are fitted."""
-
-FEWEST = 0.5
-"""Centre order at the least."""
+FROM_RISE = (
+    "the closed form of a disc does not describe the single images (residual stress, bubbles, or "
+    "other loads than two opposite points): f_sigma is from the rise of the order with load at "
+    "every pixel, and the order at zero load is known up to a whole order"
+)
 
 
 def calibrate_disc(source: str | Path | CalibrationSet) -> Calibration:
@@ -84,106 +81,29 @@ def disc_from_shots(
     if not loaded:
         raise InputError("no image has a load above zero; a calibration needs a loaded one")
     scans = [scan_disc(shot, bright=bright) for shot in loaded]
-    orders = choose_orders(scans, [s.load_n for s in loaded])
-    images = [
-        fit_disc(shot, scan.circle, scan.starts(order), disc, bright=bright, light=light)
-        for shot, scan, order in zip(loaded, scans, orders, strict=True)
-    ]
+    circles = [s.circle for s in scans]
+    overlaid = overlay(loaded, circles)
+    rise = rise_with_load(overlaid)
+    clear = rise if rise is not None and rise.clear else None
+    orders = choose_orders(
+        scans, [s.load_n for s in loaded], rise_per_n=clear.slope if clear else None
+    )
+    images: Sequence[ImageFit]
+    said: tuple[str, ...] = ()
+    try:
+        images = [
+            fit_disc(shot, scan.circle, scan.starts(order), disc, bright=bright, light=light)
+            for shot, scan, order in zip(loaded, scans, orders, strict=True)
+        ]
+    except PhysicsError:
+        if clear is None:
+            raise
+        images = fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm, bright=bright)
+        said = (FROM_RISE,)
     known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
         Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),
         Input("thickness", known.thickness_mm, "mm", 0.0),
     )
-    return conclude("disc", images, 8.0 / (np.pi * disc.diameter_mm), inputs)
-
-
-def fit_disc(
-    shot: Shot,
-    circle: Circle,
-    starts: Array,
-    disc: Disc,
-    *,
-    bright: bool = False,
-    light: ArrayLike | None = None,
-) -> ImageFit:
-    """Fit one image's whole field: centre order, centre, radius and load direction.
-
-    Parameters: `circle`, the rim as found; `starts` (m, 5), see `disc_order`; the rest as in
-    `disc_from_shots`. Returns the ImageFit, its order at the centre. Raises PhysicsError for too
-    low an order, one that is ambiguous, or a fit that did not converge.
-    """
-    grid = thin_grid(shot.image.shape, circle, PIXELS)
-    start, ambiguous = starts, False
-    for within in (0.75, 0.97):
-        found = _fit(shot, grid, start, within, bright, light)
-        rivals = [m for m in found.others if abs(m.values[0] - found.best.values[0]) > 0.1]
-        ambiguous |= any(m.chi < 1.05 * found.best.chi for m in rivals)
-        start = found.best.values[None, :]
-    best = found.best
-    order, row, col, radius, angle = best.values
-    spread = float(best.standard_uncertainty[0])
-    if order < FEWEST:
-        raise PhysicsError(
-            f"{shot.file}: a centre order of {order:.2f} is too low to calibrate from; raise the "
-            "load until the order at the centre is one at least"
-        )
-    if ambiguous:
-        raise PhysicsError(
-            f"{shot.file}: two centre orders near {order:.2f} explain it equally well; add images "
-            "at other loads, or use frames.roi to show the disc larger"
-        )
-    if not best.converged or not best.positive or spread > 0.2 * order:
-        raise PhysicsError(
-            f"{shot.file}: the fringes could not be fitted; check the field (dark or bright), the "
-            "focus, and that the loads press along the columns of the image"
-        )
-    geometry = {
-        "centre_row_px": float(row),
-        "centre_col_px": float(col),
-        "radius_px": float(radius),
-        "rim_radius_px": circle.radius,
-        "load_angle_deg": float(np.degrees(angle)),
-    }
-    pixel_mm = 0.5 * disc.diameter_mm / float(radius)
-    shown = _view(shot, grid, best, pixel_mm)
-    return ImageFit(
-        shot.file, shot.load_n, float(order), spread, best.chi, None, geometry, shown
-    )  # fmt: skip
-
-
-def _fit(
-    shot: Shot, grid: Grid, starts: Array, within: float, bright: bool, light: ArrayLike | None
-) -> SeveralStarts:
-    """One stage of the fit: the mask follows the best start."""
-    pick = np.ix_(grid.rows[:, 0].astype(int), grid.cols[0].astype(int))
-    first = starts[0]
-    radius = first[3]
-    reach = np.array([0.5, 0.1 * radius, 0.1 * radius, 0.1 * radius, np.radians(6.0)])
-    return smooth_starts(
-        shot.image[pick],
-        lambda p: disc_signal(grid, p, bright=bright),
-        starts,
-        light=None if light is None else np.asarray(light, dtype=float)[pick],
-        mask=shot.mask[pick] & disc_mask(grid, first, within=within),
-        sigma=shot.sigma[pick],
-        scale=np.array([0.2, 0.02 * radius, 0.02 * radius, 0.02 * radius, 0.05]),
-        lower=starts.min(axis=0) - reach,
-        upper=starts.max(axis=0) + reach,
-        refine=min(3, len(starts)),
-    )
-
-
-def _view(shot: Shot, grid: Grid, fit: IntensityFit, pixel_mm: float) -> View:
-    rows, cols = grid.rows[:, 0].astype(int), grid.cols[0].astype(int)
-    image = shot.image[np.ix_(rows, cols)]
-    model = fit.illumination_map * fit.signal + fit.background_map
-    middle = int(np.argmin(np.abs(rows - fit.values[1])))
-    inside = np.isfinite(fit.residual[middle])
-    spacing = pixel_mm * grid.step
-    return View(
-        image, np.where(np.isfinite(fit.residual), model, np.nan), fit.residual,
-        float(np.median(shot.sigma)), (spacing, spacing),
-        (cols[inside] - fit.values[2]) * pixel_mm, disc_order(grid, fit.values)[middle, inside],
-        image[middle, inside], model[middle, inside],
-    )  # fmt: skip
+    return conclude("disc", images, 8.0 / (np.pi * disc.diameter_mm), inputs, said=said)

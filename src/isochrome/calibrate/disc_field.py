@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from isochrome.calibrate.rim import Circle
 from isochrome.calibrate.shot import Shot
 from isochrome.fit import polynomial_basis
-from isochrome.fit.linear import evaluate_prepared, prepare
+from isochrome.fit.linear import evaluate_prepared, prepare, solve_linear
 
 Array = NDArray[np.float64]
 
@@ -89,10 +89,13 @@ def disc_mask(grid: Grid, params: ArrayLike, *, within: float = 1.0 - RIM_ZONE) 
 
 def scan_orders(
     shot: Shot, geometries: ArrayLike, *, bright: bool = False, within: float = 0.6
-) -> Array:
+) -> tuple[Array, float]:
     """chi of each centre order in ORDERS (columns) for each geometry (rows), inf = wrong contrast.
 
-    The middle of the disc serves, where the order depends least on centre, radius and angle.
+    The second value is the chi of a smooth image without fringes.
+
+    The middle of the disc serves, where the order depends least on centre, radius and angle; the
+    background takes all that is smooth, so that only fringes count.
     Parameters: `shot`; `geometries` (g, 4): row, column, radius, angle; `within`, radii.
     """
     table = np.atleast_2d(np.asarray(geometries, dtype=float))
@@ -107,7 +110,7 @@ def scan_orders(
         mask=shot.mask[pick] & near,
         sigma=shot.sigma[pick],
         illumination=polynomial_basis((shape[0], shape[1]), 1),
-        background=polynomial_basis((shape[0], shape[1]), 0),
+        background=polynomial_basis((shape[0], shape[1]), 2),
     )
     chi = np.empty((len(table), ORDERS.size))
     for i, geometry in enumerate(table):
@@ -115,4 +118,5 @@ def scan_orders(
         for j, order in enumerate(ORDERS):
             wave = np.square(np.sin(np.pi * order * unit))
             chi[i, j] = evaluate_prepared(problem, 1.0 - wave if bright else wave).chi
-    return chi
+    smooth = solve_linear(problem, np.zeros(problem.size))
+    return chi, float(np.sqrt(smooth.cost / problem.size))

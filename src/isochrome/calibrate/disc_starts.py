@@ -23,14 +23,21 @@ ANGLES_DEG = (-7.5, -5.0, -2.5, 0.0, 2.5, 5.0, 7.5)
 LARGEST_RESIDUAL = 2.0
 """Order at zero load beyond which a line through the loads is not believed."""
 
+MOST_AT_REST = 0.5
+"""Largest part of the highest load's order that may be there at zero load."""
+
+SLOPE_SLACK = 0.05
+"""How far a line's slope may be from the rise that the pixels show."""
+
 
 @dataclass(frozen=True)
 class Scan:
-    """One image's scan: the rim, its `geometries` (g, 4), and `chi` (g, orders)."""
+    """One image's scan: the rim, its `geometries` (g, 4), `chi` (g, orders) and `smooth_chi`."""
 
     circle: Circle
     geometries: Array
     chi: Array
+    smooth_chi: float
 
     @property
     def curve(self) -> Array:
@@ -56,22 +63,29 @@ def scan_disc(shot: Shot, *, bright: bool = False) -> Scan:
             for angle in ANGLES_DEG
         ]
     )
-    return Scan(circle, geometries, scan_orders(shot, geometries, bright=bright))
+    return Scan(circle, geometries, *scan_orders(shot, geometries, bright=bright))
 
 
-def choose_orders(scans: Sequence[Scan], loads_n: Sequence[float]) -> Array:
+def choose_orders(
+    scans: Sequence[Scan], loads_n: Sequence[float], *, rise_per_n: float | None = None
+) -> Array:
     """Each image's starting order, from its own scan or from the line that suits all loads.
 
-    Parameters: `scans` (n,), `loads_n` (n,). Returns the orders (n,).
+    Parameters: `scans` (n,), `loads_n` (n,); `rise_per_n`, the line's slope where it is known
+    (fringe/N, to 5 %), see `rise_with_load`. Returns the orders (n,).
     """
     loads = np.asarray(loads_n, dtype=float)
-    costs = np.stack([_relative(s.curve) for s in scans])
+    costs = np.stack([_relative(s) for s in scans])
     if np.unique(loads).size < 2:
         return ORDERS[np.argmin(costs, axis=1)]
     low, high = float(loads.min()), float(loads.max())
     first, last = np.meshgrid(ORDERS, ORDERS, indexing="ij")
     slope = (last - first) / (high - low)
-    total = np.where((slope > 0) & (np.abs(first - slope * low) <= LARGEST_RESIDUAL), 0.0, np.inf)
+    rest = first - slope * low
+    limit = np.minimum(LARGEST_RESIDUAL, MOST_AT_REST * last)
+    total = np.where((slope > 0) & (np.abs(rest) <= limit), 0.0, np.inf)
+    if rise_per_n is not None:
+        total[np.abs(slope / rise_per_n - 1.0) > SLOPE_SLACK] = np.inf
     for cost, load in zip(costs, loads, strict=True):
         total += np.interp(first + slope * (load - low), ORDERS, cost)
     i, j = np.unravel_index(int(np.argmin(total)), total.shape)
@@ -79,9 +93,7 @@ def choose_orders(scans: Sequence[Scan], loads_n: Sequence[float]) -> Array:
     return np.asarray(line)
 
 
-def _relative(curve: Array) -> Array:
-    """ln chi above its minimum, where wrong contrast counts as the worst finite one."""
-    finite = np.isfinite(curve)
-    worst = float(curve[finite].max()) if finite.any() else 1.0
-    filled = np.where(finite, curve, worst)
+def _relative(scan: Scan) -> Array:
+    """ln chi above its minimum; a wrong contrast counts as no fringes at all."""
+    filled = np.minimum(scan.curve, scan.smooth_chi)
     return np.log(filled / filled.min())
