@@ -62,6 +62,7 @@ def fit_intensity(
     scale: ArrayLike | None = None,
     max_iterations: int = 50,
     tolerance: float = 1e-3,
+    central: bool = True,
 ) -> IntensityFit:
     """Fit a polariscope's signal to a frame, illumination and background eliminated linearly.
 
@@ -70,7 +71,9 @@ def fit_intensity(
     `background`, basis stacks (k, rows, cols), see `polynomial_basis`; `mask`, True = valid;
     `sigma`, the noise in the image's unit, a number or (rows, cols); `lower`, `upper` (p,)
     bounds; `scale` (p,), a natural change of each parameter (default |start|, or 1 at 0), whose
-    1e-4 is the difference step; `tolerance`, the last step in standard uncertainties.
+    1e-4 is the difference step; `tolerance`, the last step in standard uncertainties;
+    `central`, whether the uncertainties' derivatives are taken both ways (False: as in the search,
+    for a response that costs much).
     Returns an IntensityFit. Raises InputError for shapes that do not agree, a start where the
     response is not finite, or more unknowns than pixels.
     """
@@ -85,7 +88,7 @@ def fit_intensity(
         raise InputError(f"{problem.size} valid pixels are fewer than the unknowns; widen the mask")
     search = _Search(problem, response, low, high, STEP * np.abs(size))
     params, part, converged = search.run(np.clip(first, low, high), max_iterations, tolerance)
-    rows = search.jacobian(params, part, central=True)
+    rows = search.jacobian(params, part, central=central)
     return _result(image, search, params, part, rows, converged, illumination, background)
 
 
@@ -108,7 +111,7 @@ class _Search:
 
     def jacobian(self, params: Array, part: LinearPart, *, central: bool = False) -> Array:
         """Weighted dI/dparam (p, n) at fixed coefficients."""
-        here = None if central else self.signal(params)
+        here = None if central else part.signal
         rows = np.empty((params.size, self.problem.size))
         for j, step in enumerate(self.steps):
             up, down = params.copy(), params.copy()
@@ -155,7 +158,7 @@ class _Search:
         if free.size:
             matrix = normal[np.ix_(free, free)]
             matrix = matrix + damping * np.diag(np.diag(matrix))
-            step[free] = np.linalg.lstsq(matrix, gradient[free], rcond=1e-14)[0]
+            step[free] = _inverse(matrix) @ gradient[free]
         return np.clip(params + step, self.low, self.high) - params
 
 
@@ -163,6 +166,15 @@ def reduced_normal(problem: Problem, rows: Array, part: LinearPart) -> Array:
     """J^T J with the linear unknowns eliminated: the Schur complement, (p, p)."""
     cross = np.concatenate((problem.light @ (rows * part.signal).T, problem.dark @ rows.T))
     return rows @ rows.T - cross.T @ part.inverse @ cross
+
+
+def _inverse(normal: Array) -> Array:
+    """Pseudo-inverse of normal equations, scaled to a unit diagonal: units may differ by 1e9."""
+    diagonal = np.sqrt(np.diag(normal))
+    scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)
+    scaled = normal * np.outer(scale, scale)
+    inverse = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
+    return np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
 
 
 def _result(
@@ -180,9 +192,7 @@ def _result(
     dof = problem.size - params.size - len(part.coefficients)
     chi = float(np.sqrt(part.cost / dof))
     normal = reduced_normal(problem, rows, part)
-    covariance = max(1.0, chi) ** 2 * np.asarray(
-        np.linalg.pinv(normal, rcond=1e-14, hermitian=True), dtype=np.float64
-    )
+    covariance = max(1.0, chi) ** 2 * _inverse(normal)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     light, dark = np.tensordot(a, illumination, 1), np.tensordot(c, background, 1)
     signal = np.asarray(search.response(params), dtype=float)
