@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from isochrome.fit.basis import polynomial_basis
 from isochrome.frames import Frame, Linear, estimate_noise, to_linear
 from isochrome.scene import Scene
 
-Array = NDArray[np.floating]
+Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
 _SMOOTH_PX = 1.5

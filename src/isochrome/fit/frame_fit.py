@@ -17,7 +17,7 @@ from isochrome.fit.starts import Minimum, several_starts
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
-Array = NDArray[np.floating]
+Array = NDArray[Any]
 
 LOAD_FACTORS = (0.8, 0.9, 1.0, 1.1, 1.25)
 """Starts in load; a fit's basin is about 0.8 to 1.1 of the truth."""
@@ -213,7 +213,7 @@ def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
     return np.array(found)
 
 
-def _bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Array]:
+def _bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
     """Where the search may go: not below zero, not far from the start."""
     low, high = [], []
     for key in keys:

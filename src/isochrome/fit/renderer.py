@@ -19,10 +19,10 @@ from isochrome.contact import contact_grid
 from isochrome.errors import PhysicsError
 from isochrome.optics import fringe_order, make_chain, polariscope_signal
 from isochrome.scene import Scene
-from isochrome.simulate import SceneState, scene_states, state_difference
+from isochrome.simulate import scene_states, state_difference
 from isochrome.stress import PixelGrid, pixel_grid, principal_direction
 
-Array = NDArray[np.floating]
+Array = NDArray[Any]
 
 MARGIN_PX = 28
 """How far the contact may stand from its nominal place before the reference grid moves with it."""
@@ -40,21 +40,25 @@ def frame_scene(scene: Scene, state: int) -> Scene:
     if scene.model != "contact":
         return scene
     static_first = bool(scene.friction and scene.friction.static_state_first)
-    held = scene.load is not None and scene.load.tangential_n is not None
-    if held or (static_first and state == 0) or (not scene.friction and not scene.wear):
-        keep = {} if held else {"friction": None}
-        return scene.model_copy(update={"wear": None, **keep})
+    if scene.load is not None and scene.load.tangential_n is not None:
+        return scene.model_copy(update={"wear": None})
+    if static_first and state == 0:
+        return scene.model_copy(update={"wear": None, "friction": None})
     distances = scene.wear.distances_m if scene.wear else (0.0,)
-    distance = distances[min(state - static_first, len(distances) - 1)]
+    return scene_at(scene, distances[min(state - static_first, len(distances) - 1)])
+
+
+def scene_at(scene: Scene, distance_m: float) -> Scene:
+    """The scene at one sliding distance (m): one state, friction as a number."""
     update: dict[str, Any] = {}
     if scene.friction:
         update["friction"] = scene.friction.model_copy(
-            update={"coefficient": scene.friction_at(distance), "static_state_first": False}
+            update={"coefficient": scene.friction_at(distance_m), "static_state_first": False}
         )
     if scene.wear:
-        worn = distance > 0.0
+        worn = distance_m > 0.0
         update["wear"] = (
-            scene.wear.model_copy(update={"distances_m": (distance,)}) if worn else None
+            scene.wear.model_copy(update={"distances_m": (distance_m,)}) if worn else None
         )
     return scene.model_copy(update=update)
 
@@ -154,9 +158,7 @@ class SceneRenderer:
         base = [MARGIN_PX + int(np.floor(o)) for o in offset]
         rows = _interpolated(field, base[0], offset[0] % 1.0, self.shape[0], self.stride)
         cols = _interpolated(rows.T, base[1], offset[1] % 1.0, self.shape[1], self.stride)
-        place = [
-            slice(b, b + n, self.stride) for b, n in zip(base, self.shape, strict=True)
-        ]
+        place = [slice(b, b + n, self.stride) for b, n in zip(base, self.shape, strict=True)]
         return cols.T, place[0], place[1]
 
     def _offset(self, here: PixelGrid) -> tuple[float, float]:

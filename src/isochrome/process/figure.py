@@ -1,0 +1,81 @@
+"""The picture that `process` leaves: each frame with its fringes numbered, and its order."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.figures import FRAME_MAP, LINE_COLOURS, VALUE_MAP, new_figure, show_image
+from isochrome.fringes.skeleton import Skeleton, order_contours
+from isochrome.process.frame import ProcessedFrame
+from isochrome.scene import Scene
+from isochrome.stress import pixel_grid
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def process_figure(scene: Scene, items: list[ProcessedFrame]) -> Figure:
+    """Captured frames with the fringes found in them; beside each its fringe order, if known.
+
+    Parameters: `scene`; `items`, up to six processed frames. Returns a Figure.
+    """
+    read = any(item.reading is not None for item in items)
+    rows, cols = items[0].normalised.shape
+    across = 2 if read else min(3, len(items))
+    down = len(items) if read else -(-len(items) // across)
+    width = 4.6 if read else 4.0
+    figure = new_figure(width * across + 0.8, (width * min(rows / cols, 1.6) + 0.75) * down + 0.5)
+    axes: Any = figure.subplots(down, across, squeeze=False)
+    largest = max((_largest(item) for item in items), default=1.0)
+    for k, item in enumerate(items):
+        place = _place(item)
+        ax = axes[k, 0] if read else axes.flat[k]
+        title = item.label if item.reading is None else f"{item.label}: chi = {item.chi:.2f}"
+        show_image(
+            ax, np.clip(item.normalised, -0.05, 1.05), cmap=FRAME_MAP, vmin=0, vmax=1,
+            title=title, **place,
+        )  # fmt: skip
+        lines = item.lines
+        if item.reading is not None:
+            lines = order_contours(item.reading.order, np.arange(1.0, 2.0 * largest + 1.0) / 2.0)
+            shown = show_image(
+                axes[k, 1], item.reading.order, cmap=VALUE_MAP, vmin=0, vmax=largest,
+                title=f"fringe order, {100 * item.reading.kept:.1f} % known",
+                colour_label="fringe order N (fringes)", **place,
+            )  # fmt: skip
+            shown.set_interpolation("nearest")
+        _draw(ax, lines, place)
+    for ax in list(axes.flat)[len(items) * (2 if read else 1) :]:
+        ax.set_visible(False)
+    note = (
+        "lines: N = 1/2, 1, 3/2 ..." if read else "lines: dark (blue) and bright (orange) fringes"
+    )
+    figure.suptitle(f"{scene.name}: captured frames, normalised; {note}", fontsize=11)
+    return figure
+
+
+def _largest(item: ProcessedFrame) -> float:
+    if item.reading is None or not np.isfinite(item.reading.order).any():
+        return 1.0
+    return float(np.nanpercentile(item.reading.order, 99.9))
+
+
+def _place(item: ProcessedFrame) -> dict[str, Any]:
+    if item.fit is None:
+        return {"pixel_mm": item.pixel_mm}
+    grid = pixel_grid(item.fit.scene, (item.normalised.shape[0], item.normalised.shape[1]))
+    return {"pixel_mm": grid.pixel_mm, "left_mm": grid.left_mm, "top_mm": grid.top_mm}
+
+
+def _draw(axes: Any, lines: list[Skeleton], place: dict[str, Any]) -> None:
+    """Fringe lines on an image, in its own coordinates."""
+    pixel = place.get("pixel_mm")
+    left, top = place.get("left_mm", 0.0), place.get("top_mm", 0.0)
+    for line in lines:
+        x, z = line.cols, line.rows
+        if pixel:
+            x, z = left + pixel * (x + 0.5), top + pixel * (z + 0.5)
+        whole = line.kind == "dark" if line.order is None else float(line.order).is_integer()
+        axes.plot(x, z, color=LINE_COLOURS[0 if whole else 1], lw=0.9)

@@ -1,0 +1,223 @@
+"""One captured frame: the scene's model fitted to it, and its fringe order read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.fit import evaluate
+from isochrome.fit.frame_data import prepare_frame
+from isochrome.fit.frame_fit import LOAD_FACTORS, PLACE_PX, FrameFit, fit_frame, require_fit
+from isochrome.frames import Frame, Linear, normalise, to_linear
+from isochrome.fringes.branch import OrderReading, read_order
+from isochrome.fringes.skeleton import Skeleton, skeletons
+from isochrome.optics import make_chain, polariscope_signal
+from isochrome.process.place import placed_disc
+from isochrome.scene import Scene
+from isochrome.simulate import make_picture, scene_states, state_difference
+from isochrome.stress import pixel_grid, principal_direction
+
+Array = NDArray[Any]
+
+POOR_CHI = 1.3
+"""Residual over noise beyond which the model does not describe the frame within its noise."""
+
+_DISC_LOADS = tuple(np.geomspace(0.3, 3.0, 47).tolist())
+
+
+@dataclass(frozen=True)
+class ProcessedFrame:
+    """What was found in one frame; maps are (rows, cols), NaN = not known.
+
+    `normalised`, the signal 0..1 with background and illumination out; `reading`, the fringe order
+    (None without a model); `fit` and the fitted `scene` (None without one); `lines`, the fringe
+    skeleton (without a model); `noise` of the signal; `chi`, residual over noise of the whole
+    frame; `warnings` in plain words.
+    """
+
+    index: int
+    name: str
+    label: str
+    distance_m: float
+    normalised: Array
+    reading: OrderReading | None
+    fit: FrameFit | None
+    lines: list[Skeleton]
+    noise: float
+    chi: float
+    pixel_mm: float | None
+    warnings: tuple[str, ...]
+
+    def maps(self) -> dict[str, Array]:
+        """The maps that are written to disk, by the name of their file."""
+        if self.reading is None:
+            return {"normalised": self.normalised}
+        return {
+            "normalised": self.normalised,
+            "fringe_order": self.reading.order,
+            "confidence": self.reading.confidence,
+        }
+
+    def row(self) -> dict[str, Any]:
+        """The frame's row of frames.csv."""
+        row: dict[str, Any] = {
+            "frame": self.index,
+            "name": self.name,
+            "label": self.label,
+            "distance_m": self.distance_m,
+            "chi": self.chi,
+            "noise": self.noise,
+        }
+        if self.fit is None or self.reading is None:
+            return row | {"fringe_lines": len(self.lines), "warnings": "; ".join(self.warnings)}
+        order = np.where(np.isfinite(self.reading.order), self.reading.order, -1.0)
+        place = np.unravel_index(int(order.argmax()), order.shape)
+        grid = pixel_grid(self.fit.scene, (order.shape[0], order.shape[1]))
+        row |= {
+            "kept_share": self.reading.kept,
+            "n_max": float(order[place]),
+            "n_max_x_mm": float(grid.x_mm[place[1]]),
+            "n_max_z_mm": float(grid.z_mm[place[0]]),
+        }
+        for key, value, spread in zip(
+            self.fit.keys, self.fit.values, self.fit.standard_uncertainty, strict=True
+        ):
+            row |= {key: float(value), f"{key} standard_uncertainty": float(spread)}
+        return row | {"warnings": "; ".join(self.warnings)}
+
+
+def process_with_model(
+    frame: Frame,
+    scene: Scene,
+    *,
+    bit_depth: int | None,
+    no_load: tuple[Linear | None, Linear | None],
+    label: str,
+    distance_m: float,
+) -> ProcessedFrame:
+    """Fit a one-state scene to a frame, and read the fringe order on the branch it names.
+
+    Parameters: `frame`; `scene`, see `isochrome.fit.renderer.frame_scene`; `bit_depth` of the
+    sensor; `no_load`, dark and bright; `label`, `distance_m` of the state. Returns ProcessedFrame.
+    Raises InputError on a blank frame, PhysicsError where the scene's fringes are not in it.
+    """
+    data = prepare_frame(frame, scene, bit_depth=bit_depth, no_load=no_load)
+    notes: list[str] = []
+    factors: tuple[float, ...] = LOAD_FACTORS
+    places: tuple[float, ...] = PLACE_PX
+    if scene.model == "disc":
+        scene, notes = placed_disc(scene, data)
+        factors, places = _DISC_LOADS, (0.0,)
+    try:
+        fit = require_fit(fit_frame(data, scene, load_factors=factors, place_px=places), frame.name)
+    except PhysicsError as error:
+        raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
+    grid = pixel_grid(fit.scene, frame.image.shape)
+    picture = make_picture(
+        fit.scene, state_difference(fit.scene, scene_states(fit.scene)[-1], grid), grid
+    )
+    chain = make_chain(fit.scene.polariscope)
+    direction = None if chain.ideal else principal_direction(picture.difference)
+
+    def response(order: Array) -> Array:
+        return polariscope_signal(order, chain, direction=direction, visibility=picture.visibility)
+
+    known = np.where(picture.material, picture.order, 0.0)
+    mask = data.valid & picture.material & (picture.visibility > 0.5)
+    linear = evaluate(
+        data.light,
+        response(known),
+        illumination=data.illumination,
+        background=data.background,
+        mask=mask,
+        sigma=data.sigma,
+    )
+    light = np.tensordot(linear.illumination_coefficients, data.illumination, 1)
+    dark = np.tensordot(linear.background_coefficients, data.background, 1)
+    reading = read_order(
+        data.light,
+        picture.order,
+        response,
+        illumination=light,
+        background=dark,
+        sigma=data.sigma,
+        valid=mask,
+    )
+    signal = np.where(data.valid & picture.material, (data.light - dark) / light, np.nan)
+    return ProcessedFrame(
+        frame.index,
+        frame.name,
+        label,
+        distance_m,
+        signal.astype(np.float32),
+        reading,
+        fit,
+        [],
+        float(np.median((data.sigma / light)[mask])),
+        fit.chi,
+        grid.pixel_mm,
+        (*notes, *_warnings(fit, reading)),
+    )
+
+
+def _warnings(fit: FrameFit, reading: OrderReading) -> list[str]:
+    found = []
+    if fit.chi > POOR_CHI:
+        found.append(
+            f"chi = {fit.chi:.2f}: the model does not describe this frame within its noise "
+            "(another load, residual stress, gamma, or a wrong basin); use its orders with care"
+        )
+    near = [m for m in fit.others if m.chi < 1.05 * fit.chi]
+    if near:
+        found.append(
+            f"{len(near)} other solution(s) fit nearly as well; give the load more closely"
+        )
+    if not fit.converged:
+        found.append("the fit did not converge fully")
+    if reading.kept < 0.5:
+        found.append(f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read")
+    return found
+
+
+def process_image_only(
+    frame: Frame,
+    scene: Scene,
+    *,
+    bit_depth: int | None,
+    no_load: tuple[Linear | None, Linear | None],
+) -> ProcessedFrame:
+    """Normalise a frame without a model, and find its fringe skeleton.
+
+    Parameters as in `process_with_model`. Returns a ProcessedFrame without a reading. A frame in
+    which no fringe shows (an unloaded specimen) is kept as it is, and says so.
+    """
+    linear = to_linear(frame.image, bit_depth=bit_depth, gamma=scene.frames.gamma, name=frame.name)
+    dark, bright = no_load
+    notes: tuple[str, ...] = ()
+    try:
+        done = normalise(linear, dark, bright, field=scene.polariscope.field)
+        signal, noise = done.signal, float("nan")
+        if done.blind:
+            notes = ("normalised blind, without both no-load frames: rough where fringes are few",)
+        lines = skeletons(np.clip(signal, 0.0, 1.0))
+    except InputError as error:
+        signal, lines, noise = np.where(linear.valid, linear.image, np.nan), [], float("nan")
+        notes = (f"not normalised: {error}",)
+    return ProcessedFrame(
+        frame.index,
+        frame.name,
+        frame.name,
+        float("nan"),
+        signal.astype(np.float32),
+        None,
+        None,
+        lines,
+        noise,
+        float("nan"),
+        scene.camera.pixel_mm if scene.camera else None,
+        notes,
+    )

@@ -1,0 +1,42 @@
+"""Where a disc stands in a frame, found from its rim."""
+
+from __future__ import annotations
+
+from isochrome.calibrate.rim import find_rim
+from isochrome.calibrate.shot import Shot
+from isochrome.errors import InputError, PhysicsError
+from isochrome.fit.frame_data import FrameData
+from isochrome.scene import Scene
+
+
+def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
+    """The scene with the disc's place in the frame, and its pixel where the scene gives none.
+
+    The rim found in the frame gives the centre; diameter over twice the radius gives the pixel.
+    Where no rim is found, the scene's own camera.left_mm, top_mm and pixel_mm are taken, and that
+    is said. Parameters: `scene`, with a disc; `data`. Returns the scene and notes in plain words.
+    Raises PhysicsError where neither is known.
+    """
+    camera, diameter = scene.camera, scene.specimen.diameter_mm
+    if camera is None:
+        raise InputError(f"{scene.name}: [camera] is missing, and a picture needs it; add it")
+    assert diameter is not None
+    try:
+        rim = find_rim(Shot(data.name, 0.0, data.light, data.valid, data.sigma))
+    except PhysicsError:
+        if camera.pixel_mm is None or camera.left_mm is None or camera.top_mm is None:
+            raise
+        return scene, ["the disc's rim was not found; the scene's own place is the start"]
+    pixel = camera.pixel_mm or diameter / (2.0 * rim.radius)
+    notes = []
+    if abs(2.0 * rim.radius * pixel / diameter - 1.0) > 0.05:
+        notes.append(
+            f"the rim is {2 * rim.radius * pixel:.4g} mm wide by camera.pixel_mm, but "
+            f"specimen.diameter_mm = {diameter:g}; check both"
+        )
+    values = {
+        "camera.pixel_mm": pixel,
+        "camera.left_mm": -(rim.col + 0.5) * pixel,
+        "camera.top_mm": 0.5 * diameter - (rim.row + 0.5) * pixel,
+    }
+    return scene.with_values(values), notes

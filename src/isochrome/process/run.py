@@ -1,0 +1,216 @@
+"""`process`: the fringe order of every captured frame, one frame in memory at a time."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.fit.renderer import frame_scene, scene_at
+from isochrome.frames import Frame, FrameReader, load_no_load, open_scene_frames
+from isochrome.fringes.skeleton import skeleton_table
+from isochrome.output import (
+    TiffWriter,
+    provenance,
+    staged,
+    write_csv,
+    write_figure,
+    write_json,
+    write_text,
+)
+from isochrome.process.figure import process_figure
+from isochrome.process.frame import ProcessedFrame, process_image_only, process_with_model
+from isochrome.scene import Scene, dump_scene, load_scene
+from isochrome.simulate import no_model_sentence
+
+Progress = Callable[[int, int], None]
+
+_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class Processed:
+    """Processed frames: `table`, the columns of frames.csv; `frames`, None where streamed.
+
+    `scene`, as given; `warnings` of the whole set; `model`, the scene's, None where it has none.
+    """
+
+    scene: Scene
+    model: str | None
+    table: dict[str, list[Any]]
+    frames: list[ProcessedFrame] | None
+    warnings: tuple[str, ...]
+
+
+def process(
+    frames: str | Path,
+    scene: str | Path | Scene,
+    out: str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Processed:
+    """Fringe order of every frame of a captured set.
+
+    With a model, each frame's unknowns (load, place, friction, wear) are fitted to its intensity
+    on their own, and each pixel is read on the branch that the fit names. Without one, frames are
+    normalised and their fringe skeletons found; that is said in the warnings.
+    Parameters: `frames`, a TIFF stack, image, folder or video; `scene`; `out`, a folder for
+    frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv (no model),
+    scene.toml, provenance.json and process.png; `progress`, called with (done, all).
+    Returns Processed, with the frames in memory only without `out`. Raises InputError,
+    PhysicsError.
+    """
+    scene = load_scene(scene)
+    if scene.polariscope.step:
+        raise InputError(
+            f"{scene.name}: [[polariscope.step]]: phase-stepped sets can be simulated, but not "
+            "processed yet; remove the steps to process one frame a state"
+        )
+    with open_scene_frames(frames, scene) as reader:
+        count = reader.count()
+        _check_set(scene, reader, count)
+        done = _counted(_processed(reader, scene), count, progress)
+        if out is None:
+            kept = list(done)
+            return _result(scene, [item.row() for item in kept], kept)
+        return _to_folder(done, scene, Path(out), frames)
+
+
+def _processed(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
+    """Frame after frame, each on its own."""
+    no_load = load_no_load(scene, full_shape=reader.full_shape)
+    for frame in reader:
+        if scene.model is None:
+            yield process_image_only(frame, scene, bit_depth=reader.bit_depth, no_load=no_load)
+            continue
+        own, label, distance = _state_of(scene, frame)
+        yield process_with_model(
+            frame,
+            own,
+            bit_depth=reader.bit_depth,
+            no_load=no_load,
+            label=label,
+            distance_m=distance,
+        )
+
+
+def _state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:
+    """The one-state scene of a frame, its label and distance (m)."""
+    speed = scene.frames.sliding_speed_mm_per_s
+    if speed is not None:
+        if frame.time_s is None:
+            raise InputError(
+                f"frame {frame.index} ({frame.name}) has no time, which "
+                "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
+            )
+        distance = 1e-3 * speed * frame.time_s
+        return scene_at(scene, distance), f"{distance:.4g} m", distance
+    own = frame_scene(scene, frame.index)
+    if scene.model != "contact":
+        return own, frame.name, 0.0
+    if own.wear is not None:
+        distance = own.wear.distances_m[0]
+        return own, f"{distance:g} m", distance
+    return own, "initial sliding" if own.friction else "static", 0.0
+
+
+def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
+    """Refuse a set that cannot be this scene's, before the first frame is processed."""
+    if count == 0:
+        raise InputError(f"{reader.path}: holds no frame; check the file")
+    rows, cols = reader.shape
+    camera = scene.camera
+    if scene.model in ("contact", "beam") and (camera is None or camera.pixel_mm is None):
+        raise InputError(f"{scene.name}: camera.pixel_mm is missing, and a fit needs it; add it")
+    wanted = (camera.height_px or rows, camera.width_px or cols) if camera else (rows, cols)
+    if wanted != (rows, cols):
+        raise InputError(
+            f"{reader.path}: frames are {rows} rows x {cols} columns and the scene's camera "
+            f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi"
+        )
+    if scene.wear is None or scene.frames.sliding_speed_mm_per_s is not None:
+        return
+    first = scene.friction is not None and scene.friction.static_state_first
+    states = len(scene.wear.distances_m) + int(first)
+    if count != states:
+        raise InputError(
+            f"{reader.path}: {count} frames, and the scene has {states} states (wear.distances_m"
+            f"{' and the static state first' if first else ''}); give one frame a state, correct "
+            "the list, or set frames.sliding_speed_mm_per_s for a video"
+        )
+
+
+def _to_folder(
+    done: Iterator[ProcessedFrame], scene: Scene, out: Path, inputs: str | Path
+) -> Processed:
+    """Stream the maps to disk; keep the numbers, and the first frames for the figure."""
+    rows: list[dict[str, Any]] = []
+    shown: list[ProcessedFrame] = []
+    lines: dict[str, list[Any]] = {}
+    with staged(out) as folder:
+        with contextlib.ExitStack() as stack:
+            writers: dict[str, TiffWriter] = {}
+            for item in done:
+                maps = item.maps()
+                if not writers:
+                    pixel = item.pixel_mm or (scene.camera.pixel_mm if scene.camera else None)
+                    writers = {
+                        name: stack.enter_context(
+                            TiffWriter(folder / f"{name}.tif", pixel_mm=pixel)
+                        )
+                        for name in maps
+                    }
+                for name, values in maps.items():
+                    writers[name].append(values)
+                _add_lines(lines, item)
+                rows.append(item.row())
+                if len(shown) < _SHOWN:
+                    shown.append(item)
+        result = _result(scene, rows, None)
+        write_csv(folder / "frames.csv", result.table)
+        if lines:
+            write_csv(folder / "skeleton.csv", lines)
+        text = dump_scene(scene)
+        write_text(folder / "scene.toml", text)
+        write_json(folder / "provenance.json", provenance(text, _files(scene, inputs)))
+        write_figure(folder / "process.png", process_figure(scene, shown))
+    return result
+
+
+def _files(scene: Scene, inputs: str | Path) -> list[Path]:
+    """The captured files and the no-load frames, for their hashes."""
+    named = (scene.frames.no_load_dark, scene.frames.no_load_bright)
+    return [Path(inputs)] + [scene.path(name) for name in named if name is not None]
+
+
+def _add_lines(lines: dict[str, list[Any]], item: ProcessedFrame) -> None:
+    """Add a frame's skeleton to the columns of skeleton.csv."""
+    if not item.lines:
+        return
+    table = skeleton_table(item.lines, pixel_mm=item.pixel_mm)
+    lines.setdefault("frame", []).extend([item.index] * len(next(iter(table.values()))))
+    for name, values in table.items():
+        lines.setdefault(name, []).extend(values)
+
+
+def _result(
+    scene: Scene, rows: list[dict[str, Any]], frames: list[ProcessedFrame] | None
+) -> Processed:
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    names.sort(key=lambda name: name == "warnings")
+    table = {name: [row.get(name) for row in rows] for name in names}
+    warnings = [] if scene.model else [no_model_sentence(scene)]
+    warnings += [f"frame {row['frame']}: {row['warnings']}" for row in rows if row["warnings"]]
+    return Processed(scene, scene.model, table, frames, tuple(warnings))
+
+
+def _counted(
+    items: Iterator[ProcessedFrame], count: int, progress: Progress | None
+) -> Iterator[ProcessedFrame]:
+    for done, item in enumerate(items, start=1):
+        yield item
+        if progress is not None:
+            progress(done, count)
