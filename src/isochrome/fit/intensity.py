@@ -23,6 +23,9 @@ Response = Callable[[Array], ArrayLike]
 STEP = 1e-4
 """Difference step in units of a parameter's scale; fits responses in single precision as well."""
 
+UNDETERMINED = 1e-10
+"""Part of a parameter's effect that illumination and background must leave to determine it."""
+
 
 @dataclass(frozen=True)
 class IntensityFit:
@@ -163,14 +166,17 @@ class _Search:
 
 
 def reduced_normal(problem: Problem, rows: Array, part: LinearPart) -> Array:
-    """J^T J with the linear unknowns eliminated: the Schur complement, (p, p)."""
+    """J^T J with the linear unknowns eliminated, (p, p): of the rows less what those explain."""
+    split = len(problem.light)
     cross = np.concatenate((problem.light @ (rows * part.signal).T, problem.dark @ rows.T))
-    return rows @ rows.T - cross.T @ part.inverse @ cross
+    known = part.inverse @ cross
+    rest = rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
+    return rest @ rest.T
 
 
 def _inverse(normal: Array) -> Array:
     """Pseudo-inverse of normal equations, scaled to a unit diagonal: units may differ by 1e9."""
-    diagonal = np.sqrt(np.diag(normal))
+    diagonal = np.sqrt(np.maximum(np.diag(normal), 0.0))
     scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)
     scaled = normal * np.outer(scale, scale)
     inverse = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
@@ -194,6 +200,7 @@ def _result(
     normal = reduced_normal(problem, rows, part)
     covariance = max(1.0, chi) ** 2 * _inverse(normal)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    spread[np.diag(normal) <= UNDETERMINED * np.sum(rows**2, axis=1)] = np.inf
     light, dark = np.tensordot(a, illumination, 1), np.tensordot(c, background, 1)
     signal = np.asarray(search.response(params), dtype=float)
     residual = np.where(
