@@ -17,8 +17,7 @@ from isochrome.calibrate.beam_fit import fit_beam
 from isochrome.calibrate.conclude import Input, conclude
 from isochrome.calibrate.result import Calibration
 from isochrome.calibrate.settings import Beam, CalibrationSet, Uncertainty, load_set
-from isochrome.calibrate.shot import Shot, as_shots
-from isochrome.errors import InputError
+from isochrome.calibrate.shot import Shot, as_shots, loaded_shots
 
 
 def calibrate_bending(source: str | Path | CalibrationSet) -> Calibration:
@@ -72,9 +71,7 @@ def bending_from_shots(
     light: ArrayLike | None = None,
 ) -> Calibration:
     """`bending_from_images` on shots; `light` (rows, cols), the no-load bright minus dark frame."""
-    loaded = [s for s in shots if s.load_n > 0]
-    if not loaded:
-        raise InputError("no image has a load above zero; a calibration needs a loaded one")
+    loaded, said = loaded_shots(shots)
     images = [fit_beam(shot, beam, pixel_mm, bright=bright, light=light) for shot in loaded]
     factor = 1.5 * (beam.outer_span_mm - beam.inner_span_mm) / beam.height_mm**2
     known = uncertainty or Uncertainty()
@@ -86,4 +83,4 @@ def bending_from_shots(
         Input("pixel scale", known.pixel_mm, "mm", 1.0 / pixel_mm),
         Input("thickness", known.thickness_mm, "mm", 0.0),
     )
-    return conclude("beam", images, factor, inputs)
+    return conclude("beam", images, factor, inputs, said=said)

@@ -19,8 +19,8 @@ from isochrome.calibrate.disc_starts import choose_orders, scan_disc
 from isochrome.calibrate.result import Calibration, ImageFit
 from isochrome.calibrate.rise import overlay, rise_with_load
 from isochrome.calibrate.settings import CalibrationSet, Disc, Uncertainty, load_set
-from isochrome.calibrate.shot import Shot, as_shots
-from isochrome.errors import InputError, PhysicsError
+from isochrome.calibrate.shot import Shot, as_shots, loaded_shots
+from isochrome.errors import PhysicsError
 
 FROM_RISE = (
     "the closed form of a disc does not describe the single images (residual stress, bubbles, or "
@@ -77,9 +77,7 @@ def disc_from_shots(
     light: ArrayLike | None = None,
 ) -> Calibration:
     """`disc_from_images` on shots; `light` (rows, cols), the no-load bright minus dark frame."""
-    loaded = [s for s in shots if s.load_n > 0]
-    if not loaded:
-        raise InputError("no image has a load above zero; a calibration needs a loaded one")
+    loaded, said = loaded_shots(shots)
     scans = [scan_disc(shot, bright=bright) for shot in loaded]
     circles = [s.circle for s in scans]
     overlaid = overlay(loaded, circles)
@@ -89,7 +87,6 @@ def disc_from_shots(
         scans, [s.load_n for s in loaded], rise_per_n=clear.slope if clear else None
     )
     images: Sequence[ImageFit]
-    said: tuple[str, ...] = ()
     try:
         images = [
             fit_disc(shot, scan.circle, scan.starts(order), disc, bright=bright, light=light)
@@ -99,7 +96,7 @@ def disc_from_shots(
         if clear is None:
             raise
         images = fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm, bright=bright)
-        said = (FROM_RISE,)
+        said = (FROM_RISE, *said)
     known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),

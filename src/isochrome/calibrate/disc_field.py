@@ -101,7 +101,7 @@ def scan_orders(
     table = np.atleast_2d(np.asarray(geometries, dtype=float))
     first = table[0]
     circle = Circle(first[0], first[1], within * first[2] / 1.08, 0.0)
-    grid = thin_grid(shot.image.shape, circle, 5000)
+    grid = thin_grid(shot.image.shape, circle, 3000)
     pick = np.ix_(grid.rows[:, 0].astype(int), grid.cols[0].astype(int))
     near = np.hypot(grid.rows - first[0], grid.cols - first[1]) < within * first[2]
     shape = near.shape

@@ -41,18 +41,24 @@ def fit_rise(
     """
     from scipy.optimize import least_squares
 
-    field, used = images.field(rise.angle)
-    data, shape = images.stack[:, used], field[used]
-    start = rise.slope * images.loads
+    used = images.used
+    data = images.stack[:, used]
+    first, count = rise.slope * images.loads, len(shots)
 
     def left(free: Array) -> Array:
-        return pixel_waves(data, np.concatenate([start[:1], free]), shape)[0].ravel()
+        orders = np.concatenate([first[:1], free[: count - 1]])
+        return pixel_waves(data, orders, images.field(*free[count - 1 :])[used])[0].ravel()
 
-    found = least_squares(left, start[1:], x_scale=0.1, diff_step=1e-4)
-    orders = np.concatenate([start[:1], found.x])
-    residual, waves = pixel_waves(data, orders, shape)
+    start = np.concatenate([first[1:], [rise.angle, 1.0, 0.0, 0.0]])
+    size = np.concatenate([np.full(count - 1, 0.1), [0.05, 0.01, 0.01, 0.01]])
+    room = np.concatenate([np.full(count - 1, 1.0), [0.2, 0.06, 0.06, 0.06]])
+    found = least_squares(left, start, x_scale=size, bounds=(start - room, start + room))
+    orders = np.concatenate([first[:1], found.x[: count - 1]])
+    angle, scale, z, x = found.x[count - 1 :]
+    field = images.field(angle, scale, z, x)
+    residual, waves = pixel_waves(data, orders, field[used])
     spread = np.sqrt(np.mean(residual**2, axis=1) * len(orders) / (len(orders) - 3))
-    variance = np.diag(np.linalg.pinv(found.jac.T @ found.jac))
+    variance = np.diag(np.linalg.pinv(found.jac.T @ found.jac))[: count - 1]
     errors = MEMORY_PX * np.sqrt(np.concatenate([[variance.mean()], variance])) * spread.mean()
     offset = _centre_order(images, used, waves, bright)
     rest = np.polynomial.polynomial.polyfit(images.loads, orders + offset, 1)[0]
@@ -60,10 +66,11 @@ def fit_rise(
     fits = []
     for i, (shot, circle) in enumerate(zip(shots, circles, strict=True)):
         geometry = {
-            "centre_row_px": circle.row,
-            "centre_col_px": circle.col,
-            "radius_px": circle.radius,
-            "load_angle_deg": float(np.degrees(rise.angle)),
+            "centre_row_px": circle.row + float(z) * circle.radius,
+            "centre_col_px": circle.col + float(x) * circle.radius,
+            "radius_px": float(scale) * circle.radius,
+            "rim_radius_px": circle.radius,
+            "load_angle_deg": float(np.degrees(angle)),
         }
         chi = float(spread[i] / np.median(shot.sigma))
         view = _view(shot, images, i, residual[i], field, used, float(orders[i]), diameter_mm)

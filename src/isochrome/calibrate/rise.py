@@ -40,13 +40,20 @@ class Overlay:
     x: Array
     loads: Array
 
-    def field(self, angle: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Order over centre order (m, m) for loads at `angle` (rad), and where it is used."""
-        along = self.z * np.cos(angle) + self.x * np.sin(angle)
-        square = self.x**2 + self.z**2
-        used = (square < WITHIN**2) & (np.abs(along) < ALONG)
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Pixels (m, m) away from the rim and from the loads."""
+        return (self.x**2 + self.z**2 < WITHIN**2) & (np.abs(self.z) < ALONG)
+
+    def field(self, angle: float, scale: float = 1.0, z: float = 0.0, x: float = 0.0) -> Array:
+        """Order over centre order (m, m) for loads at `angle` (rad), on a disc that is `scale`
+        times the rim as found and lies `z`, `x` radii from it.
+        """
+        z_here, x_here = (self.z - z) / scale, (self.x - x) / scale
+        along = z_here * np.cos(angle) + x_here * np.sin(angle)
+        square = x_here**2 + z_here**2
         below = np.maximum((1.0 + square) ** 2 - 4.0 * along**2, 1e-6)
-        return (1.0 - square) / below, used
+        return np.asarray((1.0 - square) / below)
 
 
 @dataclass(frozen=True)
@@ -98,7 +105,7 @@ def _on_unit_disc(shot: Shot, circle: Circle, z: Array, x: Array) -> Array:
 
 def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
     """Share of the variation over the loads that each slope explains, pooled over the pixels."""
-    field, used = images.field(angle)
+    field, used = images.field(angle), images.used
     data = images.stack[:, used]
     total = float(np.sum((data - data.mean(axis=0)) ** 2))
     left = [

@@ -65,6 +65,19 @@ def as_shots(
     return tuple(shots)
 
 
+def loaded_shots(shots: Sequence[Shot]) -> tuple[list[Shot], tuple[str, ...]]:
+    """The shots with a load, and a sentence on those without, which the line does not use.
+
+    Raises InputError where none has a load.
+    """
+    loaded = [s for s in shots if s.load_n > 0]
+    if not loaded:
+        raise InputError("no image has a load above zero; a calibration needs a loaded one")
+    rest = ", ".join(s.file for s in shots if s.load_n == 0)
+    said = f"{rest}: no load, not used; the order at zero load is from the loaded images' line"
+    return loaded, (said,) if rest else ()
+
+
 def noise_of(image: Array, mask: NDArray[np.bool_]) -> Array:
     """Noise of a linear image at its local level, (rows, cols); see `isochrome.frames`."""
     from scipy.ndimage import uniform_filter

@@ -1,0 +1,170 @@
+"""Disc under diametral compression: rendered discs, hostile frames, and the real seven loads."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.calibrate import (
+    Disc,
+    Uncertainty,
+    as_shots,
+    calibrate_bending,
+    calibrate_disc,
+    disc_from_images,
+)
+from isochrome.calibrate.disc_field import disc_order, thin_grid
+from isochrome.calibrate.figure import calibration_figure
+from isochrome.calibrate.line import fit_line
+from isochrome.calibrate.rim import Circle, find_rim
+from isochrome.errors import InputError, PhysicsError
+from isochrome.figures import save_figure
+from isochrome.reference import disc_principal_difference
+
+from .conftest import DIAMETER, F_SIGMA, disc_load
+
+REAL = Path(__file__).parents[3] / "shared" / "real" / "disc-seven-loads"
+
+
+def calibrated(frame, centres, seed=0, uncertainty=None, **options):
+    rng = np.random.default_rng(seed)
+    images = [frame(c, rng, **options) for c in centres]
+    return disc_from_images(
+        images, [disc_load(c) for c in centres], Disc(diameter_mm=DIAMETER),
+        bright=options.get("bright", False), uncertainty=uncertainty,
+    )  # fmt: skip
+
+
+def check(found, bar):
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < bar * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+    assert 0.9 < found.chi < 1.1
+
+
+def test_the_field_is_the_reference_one():
+    grid = thin_grid((200, 200), Circle(100.0, 100.0, 80.0, 0.0), 1000)
+    order = disc_order(grid, [3.0, 100.0, 100.0, 80.0, 0.0])
+    x, z = (grid.cols - 100.0) / 80.0, (grid.rows - 100.0) / 80.0
+    stress = disc_principal_difference(x, z, load_n=1.0, diameter_mm=2.0, thickness_mm=1.0)
+    inside = x**2 + z**2 < 0.98
+    np.testing.assert_allclose(order[inside], 3.0 * stress[inside] * np.pi / 4, rtol=1e-9)
+
+
+def test_centre_order_three_two_loads(disc_frame):
+    found = calibrated(disc_frame, (1.8, 3.0), uncertainty=Uncertainty(diameter_mm=0.0))
+    check(found, 5e-4)
+    for image, centre in zip(found.images, (1.8, 3.0), strict=True):
+        assert image.order == pytest.approx(centre, abs=1e-3)
+        assert image.geometry["radius_px"] == pytest.approx(150.0, abs=0.1)
+        assert image.geometry["centre_row_px"] == pytest.approx(173.3, abs=0.05)
+        assert image.geometry["load_angle_deg"] == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("centre", "options"),
+    [(1.7, {}), (3.0, {"bright": True}), (12.0, {"angle": -4.0}), (5.0, {"blur": 1.0})],
+)
+def test_one_load(disc_frame, centre, options):
+    found = calibrated(disc_frame, (centre,), **options)
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=1e-3)
+    assert found.order_at_zero_load is None
+    assert 0.9 < found.chi < (2.5 if "blur" in options else 1.1)
+
+
+@pytest.mark.long
+def test_errors_are_as_large_as_stated_and_to_both_sides(disc_frame):
+    pulls = []
+    for seed in range(10):
+        found = calibrated(disc_frame, (1.7, 3.0 + 0.3 * seed), seed, angle=seed % 7 - 3.0)
+        check(found, 5e-4)
+        pulls.append((found.fringe_value_n_per_mm - F_SIGMA) / found.standard_uncertainty)
+    assert 0.4 < np.std(pulls) < 1.8
+    assert 1 <= np.sum(np.array(pulls) > 0) <= 9
+
+
+def test_a_stressed_disc_is_calibrated_from_the_rise(disc_frame):
+    """Residual stress along the loads' own directions: no single image fits, their rise does."""
+
+    def residual(x, z):
+        return 0.9 * np.cos(2.5 * x + 1.0) * np.exp(-z) - 0.7 * x
+
+    centres = (1.5, 2.1, 2.8, 3.3, 4.1, 4.6)
+    found = calibrated(disc_frame, centres, residual=residual)
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=0.02)
+    assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 4 * found.standard_uncertainty
+    assert any("rise of the order" in w for w in found.warnings)
+    away = found.order_at_zero_load - float(residual(0.0, 0.0))
+    assert abs(away - round(away)) < 0.1
+
+
+def test_hostile_frames_are_refused(disc_frame):
+    rng = np.random.default_rng(0)
+    disc = Disc(diameter_mm=DIAMETER)
+    with pytest.raises(PhysicsError, match="rim leaves the frame"):
+        disc_from_images([disc_frame(3.0, rng, shape=(240, 400))], [100.0], disc)
+    with pytest.raises(PhysicsError, match=r"no round disc|nothing but even|rim leaves"):
+        disc_from_images([rng.normal(100, 3, (200, 200))], [100.0], disc)
+    with pytest.raises(PhysicsError):  # a bright field taken for a dark one
+        disc_from_images([disc_frame(3.0, rng, bright=True)], [100.0], disc)
+    frames = [disc_frame(c, rng) for c in (2.0, 3.0)]
+    with pytest.raises(PhysicsError):
+        disc_from_images(frames, [disc_load(3.0), disc_load(2.0)], disc)
+
+
+def test_the_rim_is_a_start_within_some_per_cent(disc_frame):
+    rng = np.random.default_rng(0)
+    for centre, bright in ((1.0, False), (3.0, True), (12.0, False)):
+        (shot,) = as_shots([disc_frame(centre, rng, bright=bright)], [1.0])
+        circle = find_rim(shot)
+        assert circle.radius == pytest.approx(150.0, rel=0.08)
+        assert circle.row == pytest.approx(173.3, abs=4.0)
+        assert circle.col == pytest.approx(193.8, abs=4.0)
+
+
+def test_line_with_scatter_and_left_out():
+    loads = np.array([100.0, 200.0, 300.0, 400.0])
+    exact = fit_line(loads, 0.01 * loads + 0.2, np.full(4, 1e-3))
+    assert exact.slope == pytest.approx(0.01) and exact.intercept == pytest.approx(0.2)
+    assert exact.scatter == 0.0
+    np.testing.assert_allclose(exact.left_out, 0.01 * loads + 0.2)
+    rough = fit_line(loads, 0.01 * loads + [0.03, -0.03, 0.02, -0.02], np.full(4, 1e-3))
+    assert 0.01 < rough.scatter < 0.08
+    assert rough.slope_uncertainty > 10 * rough.slope_noise
+    assert fit_line([100.0], [1.0], [1e-3]).intercept is None
+
+
+def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
+    rng = np.random.default_rng(3)
+    text = f"[disc]\ndiameter_mm = {DIAMETER}\nthickness_mm = 6.0\n[camera]\nbit_depth = 8\n"
+    for i, centre in enumerate((2.0, 3.0)):
+        tifffile.imwrite(tmp_path / f"d{i}.tif", disc_frame(centre, rng))
+        text += f'[[image]]\nfile = "d{i}.tif"\nload_n = {disc_load(centre)}\n'
+    path = tmp_path / "set.toml"
+    path.write_text(text, "utf-8")
+    found = calibrate_disc(path)
+    check(found, 5e-4)
+    assert save_figure(calibration_figure(found), tmp_path / "figure.png").stat().st_size > 20_000
+    with pytest.raises(InputError, match="calibrate disc"):
+        calibrate_bending(path)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not beside the repository")
+def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):
+    loads = (523, 663, 807, 922, 1045, 1152, 1221)
+    text = "[disc]\ndiameter_mm = 50.0\n[camera]\nbit_depth = 8\ngamma = 2.2\n[frames]\n"
+    text += 'channel = "green"\nroi = { top_px = 600, left_px = 550, height_px = 980, '
+    text += "width_px = 980 }\n"
+    for i, load in enumerate(loads):
+        file = (REAL / f"DSC_{8 + i:04d}.jpg").as_posix()
+        text += f'[[image]]\nfile = "{file}"\nload_n = {load}\n'
+    path = tmp_path / "set.toml"
+    path.write_text(text, "utf-8")
+    found = calibrate_disc(path)
+    assert 600.0 < found.fringe_value_n_per_mm * 50.0 < 780.0
+    assert found.chi > 5 and any("does not describe" in w for w in found.warnings)
+    assert 0.001 < found.standard_uncertainty / found.fringe_value_n_per_mm < 0.1
+    assert found.order_at_zero_load is not None
+    assert all(abs(i.predicted_order - i.order) < 0.3 for i in found.images)
