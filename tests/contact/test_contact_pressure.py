@@ -1,0 +1,341 @@
+"""The contact solver against closed forms, quadrature, and the contact's own conditions."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from isochrome.contact import displacement, make_surface, solve_pressure
+from isochrome.contact.surface import log_of_hat
+from isochrome.reference import (
+    contact_modulus,
+    coupled_contact,
+    coupled_pressure,
+    coupling_modulus_inverse,
+    hertz_half_width,
+    hertz_peak_pressure,
+    hertz_pressure,
+    punch_pressure,
+    wedge_half_width,
+    wedge_pressure,
+)
+
+PAIR = (2100.0, 0.4, 210000.0, 0.3)
+MODULUS, COUPLING = contact_modulus(*PAIR), coupling_modulus_inverse(*PAIR)
+RADIUS, LOAD = 24.61, 11.0
+HALF_WIDTH = hertz_half_width(LOAD, RADIUS, MODULUS)
+PEAK = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
+
+
+def solved(gap, n, *, half=0.8, load=LOAD, coupling=0.0, **options):
+    """Nodes, spacing and solution of a gap function on n nodes over -half .. half."""
+    x = np.linspace(-half, half, n)
+    h = x[1] - x[0]
+    surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=coupling)
+    return x, h, solve_pressure(surface, gap(x), load, **options)
+
+
+def parabola(x):
+    return x**2 / (2 * RADIUS)
+
+
+def assert_contact_conditions(state, h, load):
+    """p >= 0, gap >= 0, p gap = 0 and the load, each to rounding or to the solver's target."""
+    reach = load / MODULUS  # the size of the elastic displacement
+    assert state.residual <= 1e-10
+    assert state.pressure.min() >= 0.0
+    assert state.gap[state.pressure == 0.0].min(initial=0.0) >= -1e-9 * reach
+    assert np.abs(state.gap[state.pressure > 0.0]).max() <= 1e-9 * reach
+    # a sum of n rounded numbers
+    assert h * state.pressure.sum() == pytest.approx(load, rel=1e-12)
+
+
+# --- the operator ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lag", [0, 1, 2, 7, 19, 20, 21, 150])
+def test_the_kernel_is_the_integral_of_the_logarithm_over_a_hat(lag):
+    h = 0.013
+    kernel = log_of_hat(200, h)[lag]
+
+    def integrand(t):
+        return (1 - abs(t) / h) * np.log(abs(lag * h - t))
+
+    breaks = {-h, 0.0, h, min(lag * h, h)}
+    edges = sorted(breaks)
+    exact = sum(
+        quad(integrand, a, b, epsabs=1e-15, epsrel=1e-13, limit=200)[0]
+        for a, b in itertools.pairwise(edges)
+    )
+    # the singular end costs quad some digits at lags 0 and 1
+    assert kernel == pytest.approx(exact, rel=1e-11)
+
+
+def test_the_kernel_goes_on_smoothly_where_its_series_takes_over():
+    """The series beyond lag 20 is the antiderivatives' second difference, carried on."""
+    kernel = log_of_hat(60, 1.0)
+    lag = np.arange(60.0)
+    j = lag[2:]
+    direct = (j + 1) ** 2 * np.log(j + 1) + (j - 1) ** 2 * np.log(j - 1) - 2 * j**2 * np.log(j)
+    # the plain second difference itself cancels: 1e-16 times lag² ln(lag)
+    np.testing.assert_allclose(kernel[2:], 0.5 * direct - 1.5, rtol=0, atol=4e-15 * 60**2)
+
+
+@pytest.mark.parametrize("n", [17, 64, 101, 257])
+@pytest.mark.parametrize("friction", [0.0, 0.7])
+def test_displacement_is_the_direct_sum_of_hats(n, friction):
+    h = 0.01
+    surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=COUPLING)
+    p = np.random.default_rng(n).random(n)
+    i, j = np.indices((n, n))
+
+    def second(x):
+        safe = np.where(x == 0, 1.0, np.abs(x))
+        return x**2 * (np.log(safe) / 2 - 0.75)
+
+    x = (i - j) * h
+    normal = -2 / (np.pi * MODULUS) * (second(x + h) - 2 * second(x) + second(x - h)) / h
+    ahead = h * (0.5 * (i == j) + (j > i))  # ∫ of hat j over t > x_i
+    u = (normal - 0.5 * COUPLING * friction * ahead) @ p
+    got = displacement(surface, p, friction=friction)
+    # an additive constant is the approach's; rounding of sums of n terms, and of the cancelling
+    # second difference: 1e-16 (L/h)² of the kernel
+    difference = got - u
+    assert np.ptp(difference) <= 1e-11 * np.ptp(u)
+
+
+def test_displacement_of_several_pressures_is_that_of_each():
+    surface = make_surface(65, 0.02, contact_modulus_mpa=MODULUS)
+    p = np.random.default_rng(0).random((3, 65))
+    each = np.stack([displacement(surface, row) for row in p])
+    np.testing.assert_allclose(displacement(surface, p), each, rtol=0, atol=1e-17)
+
+
+def test_hertz_pressure_makes_a_parabola():
+    # u + x²/2R is flat in the contact: the equation that Hertz's pressure solves
+    x = np.linspace(-0.5, 0.5, 4001)
+    surface = make_surface(4001, x[1] - x[0], contact_modulus_mpa=MODULUS)
+    p = hertz_pressure(x, half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
+    level = displacement(surface, p) + parabola(x)
+    inside = np.abs(x) < 0.95 * HALF_WIDTH
+    # the root at the edge costs (h/a)^1.5 = 2e-5 of the displacement's range
+    assert np.ptp(level[inside]) < 2e-5 * np.ptp(displacement(surface, p))
+
+
+# --- Hertz ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [65, 128, 401, 1601, 4093])
+def test_hertz_contact_holds_its_conditions_and_peak(n):
+    _, h, state = solved(parabola, n)
+    assert_contact_conditions(state, h, LOAD)
+    # the peak converges as (h/a)^1.5 or better, whatever the edge's place between nodes; the
+    # factor 0.1 covers the worst place on the coarsest grid
+    assert state.pressure.max() == pytest.approx(PEAK, rel=0.1 * (h / HALF_WIDTH) ** 1.5)
+    width = h * np.count_nonzero(state.pressure)
+    assert width == pytest.approx(2 * HALF_WIDTH, abs=2 * h)
+
+
+def test_hertz_pressure_converges_with_order_three_halves_away_from_the_edge():
+    """Error in p on |x| < 0.9a, averaged over places of the edge between nodes."""
+    errors = []
+    sizes = (101, 201, 401, 801)
+    for n in sizes:
+        worst = 0.0
+        for shift in np.linspace(0.0, 0.9, 6):
+            x, _, state = solved(parabola, n, half=0.8 * (1 + shift / n))
+            exact = hertz_pressure(x, half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
+            inside = np.abs(x) < 0.9 * HALF_WIDTH
+            worst = max(worst, np.abs(state.pressure - exact)[inside].max() / PEAK)
+        errors.append(worst)
+    order = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+    # an edge between nodes errs by h of its place in a root: h^1.5 inside
+    assert order > 1.4
+    assert errors[-1] < 1e-4
+
+
+def test_half_width_from_the_second_moment_is_hertz():
+    # ∫p x² dx = P' a²/4 for Hertz: a measure of the width that no grid rounds
+    x, h, state = solved(parabola, 1601)
+    moment = h * np.sum(state.pressure * x**2)
+    assert 2 * np.sqrt(moment / LOAD) == pytest.approx(HALF_WIDTH, rel=1e-5)
+
+
+@settings(max_examples=12, deadline=None)
+@given(factor=st.floats(0.05, 20.0))
+def test_four_times_the_load_is_twice_the_width_and_pressure(factor):
+    """Hertz scaling a ~ sqrt(P'), p0 ~ sqrt(P'), exact on a grid that scales along."""
+    _, _, one = solved(parabola, 201)
+    _, _, other = solved(parabola, 201, half=0.8 * np.sqrt(factor), load=factor * LOAD)
+    # both to the solver's residual of 1e-10, times the condition of pressure from displacement
+    np.testing.assert_allclose(
+        other.pressure, np.sqrt(factor) * one.pressure, rtol=0, atol=1e-7 * other.pressure.max()
+    )
+
+
+def test_moving_the_cylinder_moves_the_pressure():
+    _, h, centred = solved(parabola, 401)
+    nodes = 37
+    _, _, moved = solved(lambda x: parabola(x - nodes * h), 401)
+    np.testing.assert_allclose(
+        moved.pressure[nodes:], centred.pressure[:-nodes], rtol=0, atol=1e-7 * PEAK
+    )
+
+
+def test_a_constant_in_the_gap_changes_only_the_approach():
+    _, _, one = solved(parabola, 201)
+    _, _, lifted = solved(lambda x: parabola(x) + 3.0, 201)
+    np.testing.assert_allclose(lifted.pressure, one.pressure, rtol=0, atol=1e-7 * PEAK)
+    assert lifted.approach_mm - one.approach_mm == pytest.approx(3.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_pressure_does_not_depend_on_where_the_solver_starts(seed):
+    x, _, usual = solved(parabola, 301, coupling=COUPLING, friction=0.5)
+    rng = np.random.default_rng(seed)
+    starts = [rng.random(301), np.where(x > 0.5, 1.0, 0.0), np.ones(301), np.eye(301)[150]]
+    _, _, other = solved(parabola, 301, coupling=COUPLING, friction=0.5, start=starts[seed])
+    # two solutions of residual 1e-10
+    np.testing.assert_allclose(other.pressure, usual.pressure, rtol=0, atol=1e-7 * PEAK)
+
+
+# --- sliding with coupling --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("friction", "beta"), [(0.25, 0.1618), (-0.25, 0.1618), (1.0, 0.4), (1.0, 0.5), (-1.0, 0.5)]
+)
+def test_coupled_sliding_contact_is_the_closed_form(friction, beta):
+    """Pressure, place and width with friction's coupling, up to |mu beta| = 0.5."""
+    coupling = 4 * beta / MODULUS
+    exact = coupled_contact(LOAD, RADIUS, MODULUS, friction=friction, beta=beta)
+    x, h, state = solved(parabola, 1601, coupling=coupling, friction=friction)
+    assert_contact_conditions(state, h, LOAD)
+    p = coupled_pressure(x, exact)
+    inside = np.abs(x - exact.centre_mm) < 0.9 * exact.half_width_mm
+    # h = 1 um = a/370: (h/a)^1.5 = 1.4e-4 for the edge between nodes
+    assert np.abs(state.pressure - p)[inside].max() < 1.5e-4 * PEAK
+    assert state.pressure.max() == pytest.approx(exact.peak_pressure_mpa, rel=1e-5)
+    # the resultant's place, -4 eps a·... of the closed form by its own sum on the same nodes; the
+    # sum's error is that of the edge, (h/a)^1.5 h
+    assert (x @ state.pressure) * h / LOAD == pytest.approx(
+        (x @ p) / p.sum(), abs=2e-4 * HALF_WIDTH
+    )
+
+
+def test_sliding_moves_the_papers_contact_back_by_ten_micrometres():
+    # 2 eps a = 0.0096 mm with eps = 0.01287: the surface behind rises
+    x, _, state = solved(parabola, 3201, coupling=COUPLING, friction=0.25)
+    on = x[state.pressure > 0.0]
+    # both edges are known to a spacing, 0.5 um
+    assert (on[0] + on[-1]) / 2 == pytest.approx(-0.0096, abs=1e-3 * 0.5)
+
+
+@pytest.mark.parametrize("n", [200, 201])
+def test_reversed_friction_gives_the_mirrored_pressure(n):
+    _, _, forward = solved(parabola, n, coupling=COUPLING, friction=0.8)
+    _, _, back = solved(parabola, n, coupling=COUPLING, friction=-0.8)
+    np.testing.assert_allclose(back.pressure, forward.pressure[::-1], rtol=0, atol=1e-7 * PEAK)
+
+
+def test_friction_between_like_materials_does_not_change_the_pressure():
+    _, _, still = solved(parabola, 301)
+    _, _, sliding = solved(parabola, 301, coupling=0.0, friction=1.0)
+    np.testing.assert_array_equal(sliding.pressure, still.pressure)
+
+
+# --- other shapes -----------------------------------------------------------------------------
+
+
+def flat(x):
+    return np.where(np.abs(x) > 0.5 * (1 + 1e-12), 1e3, 0.0)
+
+
+def test_flat_punch_has_the_root_singular_pressure_inside_to_first_order():
+    errors = []
+    for n in (321, 641, 1281):
+        x, h, state = solved(flat, n, half=0.8)
+        assert_contact_conditions(state, h, LOAD)
+        inside = np.abs(x) < 0.4
+        exact = punch_pressure(x[inside], half_width_mm=0.5, line_load_n_per_mm=LOAD)
+        errors.append(np.abs(state.pressure[inside] / exact - 1).max())
+    # the corner node stands for an infinite pressure: first order inside, halved with the spacing
+    assert errors[0] / errors[1] > 1.8 and errors[1] / errors[2] > 1.8
+    assert errors[2] < 4e-3
+
+
+def test_wedge_has_its_width_and_logarithmic_pressure():
+    slope = 0.01
+    a = wedge_half_width(LOAD, slope=slope, contact_modulus_mpa=MODULUS)
+    x, h, state = solved(lambda x: slope * np.abs(x), 1601)
+    assert_contact_conditions(state, h, LOAD)
+    assert h * np.count_nonzero(state.pressure) == pytest.approx(2 * a, abs=2 * h)
+    away = np.abs(x) > 0.1 * a
+    exact = wedge_pressure(x[away], half_width_mm=a, slope=slope, contact_modulus_mpa=MODULUS)
+    # first order: the tip's infinite pressure is cut off at a node
+    assert np.abs(state.pressure[away] - exact).max() < 3 * h / a * exact.max()
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("friction", [0.0, 1.0])
+def test_rough_profile_with_tens_of_patches_converges_without_negative_pressure(seed, friction):
+    """Hard case: a solver that stops early leaves tension or overlap between the patches."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(1, 200)
+    wave = rng.normal(size=(2, 199)) / k
+
+    def rough(x):
+        phase = 2 * np.pi * k[:, None] * x
+        return parabola(x) + 2e-4 * (wave[0] @ np.cos(phase) + wave[1] @ np.sin(phase))
+
+    _, h, state = solved(rough, 1021, half=1.0, coupling=1.9 / MODULUS, friction=friction)
+    assert_contact_conditions(state, h, LOAD)
+    on = state.pressure > 0.0
+    assert np.count_nonzero(np.diff(on.astype(int)) == 1) > 20
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(16, 300),
+    load=st.floats(1e-3, 1e3),
+    friction=st.floats(-1.0, 1.0),
+    wear=st.sampled_from([0.0, 1e-6, 1e-3]),
+)
+def test_every_contact_holds_its_conditions(seed, n, load, friction, wear):
+    """Any gap, load, friction and wear diagonal: p >= 0, gap >= 0, p gap = 0 and the load."""
+    gap = np.random.default_rng(seed).random(n).cumsum() * 1e-3
+    gap += np.linspace(-1, 1, n) ** 2 * 0.01
+    h = 1.0 / n
+    surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=2 / MODULUS)
+    state = solve_pressure(surface, gap, load, friction=friction, wear_mm_per_mpa=wear)
+    assert_contact_conditions(state, h, load)
+    # and the gap is the one of that pressure
+    made = gap + displacement(surface, state.pressure, friction=friction) + wear * state.pressure
+    assert np.ptp(made - state.gap) <= 1e-9 * (np.ptp(gap) + load / MODULUS)
+
+
+@pytest.mark.parametrize("n", [16, 17, 255, 256, 257, 1021, 16384])
+def test_any_count_of_nodes_works(n):
+    """Hard case: odd, prime and large grids, and those on either side of the coarse start."""
+    _, h, state = solved(parabola, n)
+    assert_contact_conditions(state, h, LOAD)
+    assert state.pressure.max() == pytest.approx(PEAK, rel=0.2 * (h / HALF_WIDTH) ** 1.5)
+
+
+def test_a_jump_in_the_gap_is_solved_and_the_high_side_carries_more():
+    x, h, state = solved(lambda x: parabola(x) + 2e-4 * (x > 0.05), 801)
+    assert_contact_conditions(state, h, LOAD)
+    assert h * state.pressure[x <= 0.05].sum() > 0.6 * LOAD
+
+
+def test_incompressible_against_compressible_with_friction_one_holds():
+    """Hard case: mu beta = 0.5, where plain conjugate gradients have no right to converge."""
+    for shape in (parabola, flat):
+        _, h, state = solved(shape, 801, coupling=2.0 / MODULUS, friction=1.0)
+        assert_contact_conditions(state, h, LOAD)

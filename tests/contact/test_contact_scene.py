@@ -1,0 +1,198 @@
+"""From scene to contact states: constants, grid, profiles, partial slip, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isochrome.contact import contact_states, elastic_constants, line_load
+from isochrome.errors import InputError, PhysicsError
+from isochrome.reference import (
+    contact_modulus,
+    coupled_contact,
+    coupling_modulus_inverse,
+    dundurs_beta,
+    hertz_half_width,
+    hertz_peak_pressure,
+    hertz_pressure,
+    wedge_half_width,
+)
+from isochrome.scene import load_scene, parse_scene
+
+PAIR = (2100.0, 0.4, 210000.0, 0.3)
+PAPER = load_scene("line-contact-wear")
+
+STATIC = """
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[indenter]
+{indenter}
+young_gpa = 210.0
+poisson = 0.3
+[load]
+normal_n = {load}
+{rest}
+"""
+
+
+def static(indenter="radius_mm = 24.61", load=44.0, rest="", folder=None):
+    text = STATIC.format(indenter=indenter, load=load, rest=rest)
+    return parse_scene(text, folder=folder)
+
+
+def test_the_scenes_constants_are_those_of_the_pair():
+    modulus, coupling = elastic_constants(PAPER)
+    assert modulus == pytest.approx(contact_modulus(*PAIR), rel=1e-14)
+    assert coupling == pytest.approx(coupling_modulus_inverse(*PAIR), rel=1e-13)
+    assert line_load(PAPER) == 11.0
+
+
+def test_plane_stress_moduli_leave_out_the_lateral_restraint():
+    # E* = 1/(1/E1 + 1/E2) in plane stress; the paper's pair then gives about 17.2 MPa
+    modulus, _ = elastic_constants(PAPER.with_values({"specimen.plane": "stress"}))
+    assert modulus == pytest.approx(1 / (1 / 2100 + 1 / 210000), rel=1e-14)
+    assert hertz_peak_pressure(11.0, 24.61, modulus) == pytest.approx(17.2, abs=0.05)
+
+
+@pytest.mark.parametrize("load", [44e-6, 44.0, 44e2])
+def test_hertz_at_any_load(load):
+    """Hard case: from a millionth of the nominal load up; the grid follows the contact."""
+    (state,) = contact_states(static(load=load))
+    modulus = contact_modulus(*PAIR)
+    # 350 nodes in the half-width: h/a to 1.5
+    assert state.p_max_mpa == pytest.approx(hertz_peak_pressure(load / 4, 24.61, modulus), rel=2e-6)
+    assert state.contact_width_mm == pytest.approx(
+        2 * hertz_half_width(load / 4, 24.61, modulus), rel=1e-3
+    )
+    assert state.residual <= 1e-10 and not state.shear_mpa.any() and not state.sliding
+
+
+def test_a_load_beyond_the_half_plane_is_refused_with_a_way_out():
+    """Hard case: a million times the load; and nearly the whole cylinder in contact."""
+    with pytest.raises(PhysicsError, match=r"over 0.3 of the radius .* lower load.normal_n"):
+        contact_states(static(load=44e6))
+
+
+def test_nearly_conforming_radii_still_follow_hertz_when_the_contact_is_shallow():
+    (state,) = contact_states(static(indenter="radius_mm = 1e5"))
+    modulus = contact_modulus(*PAIR)
+    assert state.p_max_mpa == pytest.approx(hertz_peak_pressure(11.0, 1e5, modulus), rel=2e-6)
+
+
+def test_the_first_sliding_state_is_the_coupled_closed_form():
+    scene = static(rest="[friction]\ncoefficient = 0.25\nstatic_state_first = true")
+    still, sliding = contact_states(scene)
+    exact = coupled_contact(
+        11.0, 24.61, contact_modulus(*PAIR), friction=0.25, beta=dundurs_beta(*PAIR)
+    )
+    assert (still.sliding, sliding.sliding) == (False, True)
+    assert sum(still.edges_mm) / 2 == pytest.approx(0.0, abs=1e-6)
+    # an edge is known to a few hundredths of the spacing of 1 um
+    assert sum(sliding.edges_mm) / 2 == pytest.approx(exact.centre_mm, abs=1e-4)
+    assert sliding.p_max_mpa == pytest.approx(exact.peak_pressure_mpa, rel=1e-5)
+    np.testing.assert_array_equal(sliding.shear_mpa, 0.25 * sliding.pressure_mpa)
+
+
+def test_a_stuck_contact_slips_at_its_edges_as_cattaneo_and_mindlin_say():
+    """q = mu p outside the stuck strip |x| < c, c = a sqrt(1 - Q/(mu P)), and ∫q = Q."""
+    scene = static(load="44.0\ntangential_n = 5.0", rest="[friction]\ncoefficient = 0.25")
+    (state,) = contact_states(scene)
+    a = hertz_half_width(11.0, 24.61, contact_modulus(*PAIR))
+    c = a * np.sqrt(1 - 5.0 / 11.0)
+    x, h = state.grid.x_mm, state.grid.spacing_mm
+    p0 = hertz_peak_pressure(11.0, 24.61, contact_modulus(*PAIR))
+    whole = hertz_pressure(x, half_width_mm=a, peak_pressure_mpa=p0)
+    stuck = hertz_pressure(x, half_width_mm=c, peak_pressure_mpa=p0 * c / a)
+    # away from the four edges by 5 nodes; there the root's error is (h/a)^1.5 times 5^-0.5
+    away = (np.abs(np.abs(x) - a) > 5 * h) & (np.abs(np.abs(x) - c) > 5 * h)
+    error = np.abs(state.shear_mpa - 0.25 * (whole - stuck))
+    assert error[away].max() < 1e-3 * 0.25 * p0
+    assert state.shear_mpa.sum() * h == pytest.approx(5.0 / 4.0, rel=1e-9)
+
+
+def write_profile(folder, x, gap, header="x_mm,gap_mm"):
+    rows = "\n".join(f"{a},{b}" for a, b in zip(x, gap, strict=True))
+    (folder / "scar.csv").write_text(f"{header}\n{rows}\n")
+
+
+def test_a_wedge_given_as_a_profile_has_the_wedges_width(tmp_path):
+    slope = 0.01
+    write_profile(tmp_path, [-2.0, 0.0, 2.0], [2 * slope, 0.0, 2 * slope])
+    (state,) = contact_states(static(indenter='profile = "scar.csv"', folder=tmp_path))
+    a = wedge_half_width(11.0, slope=slope, contact_modulus_mpa=contact_modulus(*PAIR))
+    assert state.contact_width_mm == pytest.approx(2 * a, abs=2 * state.grid.spacing_mm)
+
+
+def test_a_profile_in_micrometres_adds_to_the_cylinder(tmp_path):
+    x = np.linspace(-3, 3, 601)
+    write_profile(tmp_path, x, 1e3 * x**2 / (2 * 50.0), header="x_mm,gap_um")
+    shape = 'radius_mm = 50.0\nprofile = "scar.csv"'
+    (state,) = contact_states(static(indenter=shape, folder=tmp_path))
+    # two parabolas of 50 mm are one of 25 mm; straight pieces of 0.01 mm are off by 2.5e-7 mm,
+    # 1e-4 of the indentation
+    expected = hertz_peak_pressure(11.0, 25.0, contact_modulus(*PAIR))
+    assert np.median(state.pressure_mpa[np.abs(state.grid.x_mm) < 0.02]) == pytest.approx(
+        expected, rel=5e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x_mm,height\n0,1\n1,2\n2,3\n", "needs the columns x_mm and gap_mm"),
+        ("x_mm,gap_mm\n0,1\n1,two\n2,3\n", "numbers in all rows"),
+        ("x_mm,gap_mm\n0,1\n1,2\n", "three rows or more"),
+        ("x_mm,gap_mm\n0,1\n0,2\n1,3\n", "rising x_mm"),
+        ("x_mm,gap_mm\n0,1\n1,nan\n2,3\n", "finite"),
+        ("", "three rows or more|needs the columns"),
+    ],
+)
+def test_a_profile_that_cannot_be_used_names_its_file(tmp_path, text, words):
+    (tmp_path / "scar.csv").write_text(text)
+    scene = static(indenter='profile = "scar.csv"', folder=tmp_path)
+    with pytest.raises(InputError, match=words) as refusal:
+        contact_states(scene)
+    assert "scar.csv" in str(refusal.value)
+
+
+def test_a_missing_profile_names_its_file(tmp_path):
+    with pytest.raises(InputError, match=r"scar\.csv: the profile cannot be read"):
+        contact_states(static(indenter='profile = "scar.csv"', folder=tmp_path))
+
+
+def test_contact_at_the_edge_of_a_fixed_window_is_refused():
+    with pytest.raises(PhysicsError, match=r"reaches the edge .* numerics.window_mm"):
+        contact_states(static(rest="[numerics]\nwindow_mm = 0.6"))
+
+
+@pytest.mark.parametrize(
+    ("numerics", "words"),
+    [
+        ("spacing_mm = 1e-6", "nodes .* coarser numerics.spacing_mm"),
+        ("spacing_mm = 0.5", "only .* finer numerics.spacing_mm"),
+    ],
+)
+def test_a_grid_too_fine_or_too_coarse_is_refused(numerics, words):
+    with pytest.raises(PhysicsError, match=words):
+        contact_states(static(rest=f"[numerics]\n{numerics}"))
+
+
+def test_the_window_grows_by_itself_when_wear_widens_the_contact():
+    """Hard case: wear until the scar is far wider than the static contact."""
+    wear = "[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [20000]\n"
+    (state,) = contact_states(static(rest=wear + "[numerics]\nspacing_mm = 0.02\n"))
+    chord = 2 * (3 * 24.61 * 2e-9 * 11.0 * 2e7 / 2) ** (1 / 3)
+    # elasticity adds (a/c)² of it
+    assert state.contact_width_mm == pytest.approx(chord, rel=0.05)
+    assert not state.pressure_mpa[[0, -1]].any()
+
+
+def test_a_part_that_is_absent_costs_no_state():
+    assert len(contact_states(static())) == 1
+    assert len(contact_states(static(rest="[friction]\ncoefficient = 0.2"))) == 1
+    wear = "[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [1, 2]\n"
+    coarse = "[numerics]\nspacing_mm = 0.01\ntolerance = 1e-3\n"
+    assert len(contact_states(static(rest=wear + coarse))) == 2

@@ -1,0 +1,272 @@
+"""Wear stepping: balance, order, stability, and agreement with a brute-force explicit reference."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from isochrome.contact import contact_states, make_surface, solve_pressure, wear_history
+from isochrome.reference import contact_modulus, coupling_modulus_inverse
+from isochrome.scene import load_scene
+
+PAIR = (2100.0, 0.4, 210000.0, 0.3)
+MODULUS, COUPLING = contact_modulus(*PAIR), coupling_modulus_inverse(*PAIR)
+RADIUS, LOAD = 24.61, 11.0
+PER_METRE = 2e-9 * 1e3  # dose per metre of sliding, mm/MPa: k of the paper times 1000 mm
+DOSES = PER_METRE * np.array([31.0, 77.0, 155.0, 233.0])
+
+
+def history(n, doses, *, half=0.8, friction=0.25, coupling=COUPLING, tolerance=1e-4, gap=None):
+    x = np.linspace(-half, half, n)
+    surface = make_surface(n, x[1] - x[0], contact_modulus_mpa=MODULUS, coupling_per_mpa=coupling)
+    mu = np.full(len(doses), friction)
+    gap = x**2 / (2 * RADIUS) if gap is None else gap(x)
+    doses = np.asarray(doses, dtype=float)
+    return (
+        x,
+        surface,
+        list(wear_history(surface, gap, LOAD, doses, friction=mu, tolerance=tolerance)),
+    )
+
+
+def test_worn_area_is_dose_times_load_which_proves_only_the_balance():
+    # holds identically for any scheme that carries the load: to the rounding of ~100 steps
+    x, _, states = history(161, DOSES)
+    for dose, state in zip(DOSES, states, strict=True):
+        area = state.depth_mm.sum() * (x[1] - x[0])
+        assert area == pytest.approx(dose * LOAD, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def converged():
+    """The paper's case on 12 um, at a tolerance of 1e-6."""
+    return history(133, DOSES, tolerance=1e-6)[2]
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
+def test_peak_pressure_and_depth_are_within_the_tolerance_asked_for(converged, tolerance):
+    _, _, states = history(133, DOSES, tolerance=tolerance)
+    for state, true in zip(states, converged, strict=True):
+        # the converged run is itself good to a tenth of the finest tolerance here
+        assert state.contact.pressure.max() == pytest.approx(
+            true.contact.pressure.max(), rel=1.1 * tolerance
+        )
+        assert state.depth_mm.max() == pytest.approx(true.depth_mm.max(), rel=1.1 * tolerance)
+
+
+@pytest.mark.parametrize("n", [133, 801])
+def test_no_pressure_spike_is_left_on_the_nodes_that_the_edge_has_just_passed(n):
+    """Hard case: a long last step over-wears freshly touched nodes, and the stress at the edge,
+    where the paper finds the largest shear, is then wrong by percents of p0."""
+    _, _, states = history(n, DOSES)
+    _, _, finer = history(n, DOSES, tolerance=5e-6)
+    for state, true in zip(states, finer, strict=True):
+        p, q = state.contact.pressure, true.contact.pressure
+        # measured 0.03 of the peak, on a single node; 0.18 before the steps were shortened
+        assert np.abs(p - q).max() < 0.05 * q.max()
+
+
+def test_long_steps_are_stable_where_the_explicit_method_doubles_the_pressure():
+    """Hard case: 4096 elements, explicit steps of 500 mm: five times the explicit limit."""
+    n, dose, steps = 4097, PER_METRE * 0.5, 12
+    x, surface, states = history(n, [steps * dose], friction=0.0, coupling=0.0, tolerance=0.1)
+    assert dose > 4 * (x[1] - x[0]) / (np.pi * MODULUS)
+    gap = x**2 / (2 * RADIUS)
+    unworn = solve_pressure(surface, gap, LOAD).pressure.max()
+    worn = gap.copy()
+    for _ in range(steps):
+        worn = worn + dose * solve_pressure(surface, worn, LOAD).pressure
+    explicit = solve_pressure(surface, worn, LOAD).pressure.max()
+    assert explicit > 1.5 * unworn  # what goes wrong without a word
+    # 6 m of 233 m wear little: the pressure falls by a few parts in a hundred, never rises
+    assert 0.95 * unworn < states[0].contact.pressure.max() < unworn
+
+
+def test_one_step_over_the_whole_distance_stays_bounded_and_balanced():
+    """Hard case: an implicit step 2000 times the explicit limit."""
+    x = np.linspace(-0.8, 0.8, 801)
+    surface = make_surface(801, x[1] - x[0], contact_modulus_mpa=MODULUS)
+    gap, dose = x**2 / (2 * RADIUS), DOSES[-1]
+    unworn = solve_pressure(surface, gap, LOAD).pressure.max()
+    one = solve_pressure(surface, gap, LOAD, wear_mm_per_mpa=dose)
+    assert one.residual <= 1e-10
+    assert one.pressure.max() < unworn
+    after = solve_pressure(surface, gap + dose * one.pressure, LOAD).pressure
+    # backward Euler: the pressure after the step is the one that wore
+    assert np.abs(after - one.pressure).max() < 0.01 * unworn
+
+
+def dense_contact(influence, gap, load, h, active):
+    """A contact by plain elimination on a trial set, for the reference below."""
+    n = len(gap)
+    for _ in range(100):
+        on = np.flatnonzero(active)
+        system = np.zeros((len(on) + 1, len(on) + 1))
+        system[:-1, :-1] = influence[np.ix_(on, on)]
+        system[:-1, -1], system[-1, :-1] = -1.0, h
+        answer = np.linalg.solve(system, np.r_[-gap[on], load])
+        p = np.zeros(n)
+        p[on] = answer[:-1]
+        wrong = (active & (p < 0)) | (~active & (gap + influence @ p - answer[-1] < -1e-15))
+        if not wrong.any():
+            return p, active
+        active = active ^ wrong
+    raise AssertionError("the dense reference did not settle")
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.25])
+def test_implicit_steps_agree_with_brute_force_explicit_ones(friction):
+    """Dense matrix, explicit Euler at a hundredth of its limit, 61 nodes, to 233 m."""
+    n, half = 61, 0.8
+    x = np.linspace(-half, half, n)
+    h = x[1] - x[0]
+    i, j = np.indices((n, n))
+
+    def second(t):
+        safe = np.where(t == 0, 1.0, np.abs(t))
+        return t**2 * (np.log(safe) / 2 - 0.75)
+
+    t = (i - j) * h
+    influence = -2 / (np.pi * MODULUS) * (second(t + h) - 2 * second(t) + second(t - h)) / h
+    influence -= 0.5 * COUPLING * friction * h * (0.5 * (i == j) + (j > i))
+    limit = 4 * h / (np.pi * MODULUS)
+    steps = int(np.ceil(DOSES[-1] / (0.01 * limit)))
+    size = DOSES[-1] / steps
+    gap, worn, active = x**2 / (2 * RADIUS), np.zeros(n), np.abs(x) < 0.4
+    for _ in range(steps):
+        p, active = dense_contact(influence, gap + worn, LOAD, h, active)
+        worn += size * p
+    p, _ = dense_contact(influence, gap + worn, LOAD, h, active)
+    _, _, states = history(n, [DOSES[-1]], friction=friction, tolerance=1e-5)
+    # Euler's own first-order error at 4000 steps is some 1e-4
+    assert states[0].contact.pressure.max() == pytest.approx(p.max(), rel=1e-3)
+    np.testing.assert_allclose(states[0].depth_mm, worn, rtol=0, atol=1e-3 * worn.max())
+
+
+def test_a_tiny_dose_wears_by_dose_times_pressure():
+    # h = K p + O(K² E*/h): the second term is 1e-3 of the first at a thousandth of the limit
+    x, surface, _ = history(101, [1e-12], friction=0.0, coupling=0.0)
+    dose = 1e-3 * 4 * (x[1] - x[0]) / (np.pi * MODULUS)
+    _, _, states = history(101, [dose], friction=0.0, coupling=0.0)
+    unworn = solve_pressure(surface, x**2 / (2 * RADIUS), LOAD).pressure
+    np.testing.assert_allclose(
+        states[0].depth_mm, dose * unworn, rtol=0, atol=2e-3 * dose * unworn.max()
+    )
+
+
+def test_doses_are_hit_exactly_and_repeated_ones_give_the_same_state():
+    doses = [0.0, 1e-5, 1e-5, 3e-4]
+    _, _, states = history(101, doses)
+    assert [s.dose_mm_per_mpa for s in states] == doses
+    np.testing.assert_array_equal(states[0].depth_mm, 0.0)
+    np.testing.assert_array_equal(states[1].depth_mm, states[2].depth_mm)
+    np.testing.assert_allclose(
+        states[1].contact.pressure, states[2].contact.pressure, rtol=0, atol=1e-7 * 20.0
+    )
+
+
+def test_a_state_hardly_depends_on_the_other_doses_asked_for():
+    alone = history(101, [DOSES[-1]])[2][0]
+    among = history(101, np.linspace(0, DOSES[-1], 12))[2][-1]
+    # each is within the tolerance, 1e-4, of the truth
+    assert alone.contact.pressure.max() == pytest.approx(among.contact.pressure.max(), rel=2e-4)
+    assert alone.depth_mm.max() == pytest.approx(among.depth_mm.max(), rel=2e-4)
+
+
+def test_every_worn_state_holds_the_contact_conditions():
+    x, _, states = history(161, DOSES)
+    for state in states:
+        p, gap = state.contact.pressure, state.contact.gap
+        assert state.contact.residual <= 1e-8  # asked for at each output
+        assert p.min() >= 0.0 and state.depth_mm.min() >= 0.0
+        assert gap.min() >= -1e-8 * LOAD / MODULUS
+        assert p.sum() * (x[1] - x[0]) == pytest.approx(LOAD, rel=1e-12)
+
+
+def test_reversed_friction_wears_the_mirrored_scar():
+    _, _, forward = history(101, [DOSES[-1]], friction=0.25)
+    _, _, back = history(101, [DOSES[-1]], friction=-0.25)
+    # the same steps, up to rounding in their choice
+    scale = forward[0].depth_mm.max()
+    np.testing.assert_allclose(
+        back[0].depth_mm, forward[0].depth_mm[::-1], rtol=0, atol=1e-7 * scale
+    )
+
+
+@pytest.mark.parametrize("factor", [100.0, 1e4])
+def test_a_long_run_tends_to_the_cylinders_own_arc(factor):
+    """Depth (c² - x²)/2R with c³ = 3 R K P'/2 and the pressure flat: elasticity has worn away."""
+    dose = factor * DOSES[-1]
+    c = (1.5 * RADIUS * dose * LOAD) ** (1 / 3)
+    a = 0.37332
+    x, _, states = history(
+        401, [dose], half=1.2 * (c**3 + a**3) ** (1 / 3), friction=0.0, coupling=0.0
+    )
+    h = x[1] - x[0]
+    arc = np.clip(c**2 - x**2, 0, None) / (2 * RADIUS)
+    depth, p = states[0].depth_mm, states[0].contact.pressure
+    # what elasticity leaves is (a/c)² of it: 0.05 at a hundred times the paper's distance
+    assert np.abs(depth - arc).max() < (a / c) ** 2 * arc.max()
+    on = x[p > 0]
+    assert on[-1] - on[0] + h == pytest.approx(2 * c, rel=0.2 * (a / c) ** 2, abs=2 * h)
+    middle = np.abs(x) < 0.8 * c
+    assert np.ptp(p[middle]) < 2 * (a / c) ** 2 * LOAD / (2 * c)
+
+
+def test_a_flat_punch_with_corners_wears_its_corners_down():
+    """Hard case: the corner's pressure is infinite; its wear flattens it."""
+    flat = lambda x: np.where(np.abs(x) > 0.5, 1e3, 0.0)  # noqa: E731
+    x, _, states = history(203, [0.0, *DOSES], gap=flat, friction=0.0, coupling=0.0)
+    mean = LOAD / 1.0
+    peaks = [s.contact.pressure.max() for s in states]
+    assert all(b < a for a, b in itertools.pairwise(peaks))
+    # the mean pressure is all that is left in the end, up to what is not yet worn
+    assert peaks[-1] < 1.5 * mean < peaks[0]
+    for dose, state in zip([0.0, *DOSES], states, strict=True):
+        area = state.depth_mm.sum() * (x[1] - x[0])
+        assert area == pytest.approx(dose * LOAD, rel=1e-12, abs=1e-300)
+
+
+# --- through a scene ----------------------------------------------------------------------------
+
+COARSE = {"numerics.spacing_mm": 0.00607, "numerics.tolerance": 1e-3}
+
+
+def coarse_scene(**values):
+    return load_scene("line-contact-wear").with_values(COARSE | values)
+
+
+def test_distances_come_back_in_the_scenes_order_whatever_it_is():
+    """Hard case: distances unsorted, equal and zero."""
+    asked = (155.0, 0.0, 31.0, 155.0, 77.0, 0.0)
+    states = contact_states(coarse_scene(**{"wear.distances_m": asked}))[1:]
+    assert tuple(s.distance_m for s in states) == asked
+    depth = [s.wear_depth_mm.max() for s in states]
+    assert depth[1] == depth[5] == 0.0
+    assert depth[0] == depth[3] > depth[4] > depth[2] > 0.0
+    in_order = contact_states(coarse_scene(**{"wear.distances_m": tuple(sorted(asked))}))[1:]
+    assert sorted(depth) == [s.wear_depth_mm.max() for s in in_order]
+
+
+def test_no_wear_coefficient_gives_the_same_state_at_every_distance():
+    states = contact_states(coarse_scene(**{"wear.coefficient_mm2_per_n": 0.0}))[1:]
+    assert len(states) == 5
+    for state in states:
+        assert not state.wear_depth_mm.any()
+        # each solved to a residual of 1e-9 on its own
+        np.testing.assert_allclose(
+            state.pressure_mpa, states[0].pressure_mpa, rtol=0, atol=1e-6 * 18.76
+        )
+
+
+def test_friction_that_varies_with_distance_is_the_friction_of_each_state():
+    from isochrome.scene import DistanceTable
+
+    table = DistanceTable(distance_m=(0.0, 31.0, 155.0), value=(0.1, 0.2, 0.3))
+    states = contact_states(coarse_scene(**{"friction.coefficient": table}))[1:]
+    mu = [s.friction for s in states]
+    assert mu == pytest.approx([0.1, 0.2, 0.2 + 0.1 * 46 / 124, 0.3, 0.3], rel=1e-14)
+    for state, value in zip(states, mu, strict=True):
+        np.testing.assert_allclose(state.shear_mpa, value * state.pressure_mpa, rtol=1e-15)
