@@ -117,7 +117,7 @@ def test_hostile_images_are_refused(beam_frame):
         bending_from_images(frames, [1e4 * p for p in loads], BEAM, PIXEL)
     with pytest.raises(PhysicsError, match=r"no fringes|too few"):
         bending_from_images([beam_frame(0.05, rng)], [1.0], BEAM, PIXEL)
-    with pytest.raises(PhysicsError, match="no fringes"):
+    with pytest.raises(PhysicsError, match=r"no fringes|too few"):
         bending_from_images([rng.normal(100, 3, (200, 300))], [1.0], BEAM, PIXEL)
     with pytest.raises(InputError, match="as many of each"):
         bending_from_images(frames, [1.0], BEAM, PIXEL)

@@ -17,11 +17,14 @@ from isochrome.fit import IntensityFit, SeveralStarts
 
 Array = NDArray[np.float64]
 
-PIXELS = 150_000
+PIXELS = 80_000
 """Pixels of an image that are fitted; more add nothing to the uncertainty that matters."""
 
 MARGIN = 0.02
 """Part of the height left out at each edge, where chamfers and blur are."""
+
+FAINTEST = 2.0
+"""Standard deviation of the fringes' intensities, in noise sigmas, at the least."""
 
 
 def fit_beam(
@@ -97,6 +100,13 @@ def _fit(
 
 def _check(shot: Shot, found: SeveralStarts, slope: float, seen_px: float) -> None:
     best = found.best
+    used = np.isfinite(best.residual)
+    contrast = float(np.std((best.illumination_map * best.signal)[used]))
+    if contrast < FAINTEST * float(np.median(shot.sigma)):
+        raise PhysicsError(
+            f"{shot.file}: too few fringes, or too faint, stand out of the noise to calibrate "
+            "from; raise the load until at least two are seen, or expose longer"
+        )
     if slope * seen_px < FEWEST or best.standard_uncertainty[0] > 0.2 * slope:
         raise PhysicsError(
             f"{shot.file}: {slope * seen_px:.2f} fringes in view are too few to calibrate from; "

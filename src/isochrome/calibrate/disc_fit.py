@@ -17,7 +17,7 @@ from isochrome.fit import IntensityFit, SeveralStarts
 
 Array = NDArray[np.float64]
 
-PIXELS = 150_000
+PIXELS = 80_000
 """Pixels of the square about the disc that are fitted."""
 
 FEWEST = 0.5
@@ -48,6 +48,7 @@ def fit_disc(
         found = _fit(shot, grid, start, within, bright, light)
         rivals = [m for m in found.others if abs(m.values[0] - found.best.values[0]) > 0.1]
         ambiguous |= any(m.chi < 1.05 * found.best.chi for m in rivals)
+        _check_explained(shot, found.best)
         start = found.best.values[None, :]
     best = found.best
     order, row, col, radius, angle = best.values
@@ -65,11 +66,21 @@ def fit_disc(
     return ImageFit(shot.file, shot.load_n, float(order), spread, best.chi, None, geometry, shown)
 
 
-def _check(shot: Shot, best: IntensityFit, ambiguous: bool) -> None:
-    order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
+def _check_explained(shot: Shot, best: IntensityFit) -> None:
+    """Refuse a fit that leaves most of an image's variation: another basin, or no such disc."""
     used = np.isfinite(best.residual)
     image = (best.residual + best.illumination_map * best.signal + best.background_map)[used]
     explained = 1.0 - float(np.var(best.residual[used]) / np.var(image))
+    if explained < EXPLAINED:
+        raise PhysicsError(
+            f"{shot.file}: a loaded disc's fringes explain {explained:.0%} of its intensities; "
+            "check the field (dark or bright), that the loads press along the image's columns, "
+            f"and that the disc is free of stress at no load, or give {FEWEST_LOADS} loads or more"
+        )
+
+
+def _check(shot: Shot, best: IntensityFit, ambiguous: bool) -> None:
+    order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
     if order < FEWEST:
         raise PhysicsError(
             f"{shot.file}: a centre order of {order:.2f} is too low to calibrate from; raise the "
@@ -79,12 +90,6 @@ def _check(shot: Shot, best: IntensityFit, ambiguous: bool) -> None:
         raise PhysicsError(
             f"{shot.file}: two centre orders near {order:.2f} explain it equally well; add images "
             "at other loads, or use frames.roi to show the disc larger"
-        )
-    if explained < EXPLAINED:
-        raise PhysicsError(
-            f"{shot.file}: a loaded disc's fringes explain {explained:.0%} of its intensities; "
-            "check the field (dark or bright), that the loads press along the image's columns, "
-            f"and that the disc is free of stress at no load, or give {FEWEST_LOADS} loads or more"
         )
     if not best.converged or not best.positive or spread > 0.2 * order:
         raise PhysicsError(
