@@ -1,0 +1,302 @@
+"""The sample images: honest, small, repeatable, and true to theory."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+import isochrome.samples as samples
+from isochrome.calibrate import calibrate_bending, calibrate_disc, load_set
+from isochrome.errors import InputError
+from isochrome.frames import (
+    check_frames,
+    estimate_noise,
+    load_no_load,
+    normalise,
+    open_frames,
+    to_linear,
+)
+from isochrome.output import read_pixel_mm
+from isochrome.reference import (
+    beam_moment,
+    contact_modulus,
+    coupled_contact,
+    coupled_stress,
+    disc_principal_difference,
+    dundurs_beta,
+    hertz_half_width,
+    hertz_peak_pressure,
+    hertz_stress,
+)
+from isochrome.samples.bending import render_bending
+from isochrome.samples.disc import render_disc
+from isochrome.scene import load_scene
+
+FOLDER = samples.samples_path()
+CONTACT = FOLDER / "line-contact-wear"
+ROUNDING = 2.0**-14
+LINE_LOAD = 1.015 * 44.0 / 4.0
+MODULI = (2100.0, 0.4, 210000.0, 0.3)
+MAX_BYTES = 6_000_000
+
+
+def files_in(folder: Path) -> list[str]:
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+
+def truth_of(name: str) -> dict:
+    return json.loads((FOLDER / name / "truth.json").read_text("utf-8"))
+
+
+def same_image(shipped: Path, rendered: Path) -> None:
+    """Equal but for roundings: other machines' last digits of a float can tip one.
+
+    Those digits also choose the steps of wear, which moves the edge of a worn contact a little.
+    """
+    if shipped.suffix == ".png":
+        one, two = (np.asarray(Image.open(p)) for p in (shipped, rendered))
+    else:
+        one, two = (tifffile.imread(p) for p in (shipped, rendered))
+    assert one.shape == two.shape and one.dtype == two.dtype
+    if one.dtype == np.uint8:
+        assert np.abs(one.astype(int) - two.astype(int)).max() <= 1
+        assert np.mean(one != two) < 1e-3
+    else:
+        assert np.array_equal(np.isnan(one), np.isnan(two))
+        off = np.abs(one - two)[np.isfinite(one)]
+        assert np.mean(off > 0.0) < 1e-2 and off.max() <= 2.0**-10
+
+
+def same_set(shipped: Path, rendered: Path, names: list[str]) -> None:
+    for name in names:
+        if name.endswith((".png", ".tif")):
+            same_image(shipped / name, rendered / name)
+        else:
+            assert (shipped / name).read_text("utf-8") == (rendered / name).read_text("utf-8"), name
+
+
+def order_grid(frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places of the pixels of a captured frame: x (mm) and z (mm) from the true contact."""
+    truth = truth_of("line-contact-wear")
+    x = truth["camera.left_mm"][frame] + 0.00607 * (np.arange(659) + 0.5)
+    z = truth["camera.top_mm"][frame] + 0.00607 * (np.arange(494) + 0.5)
+    return x, z
+
+
+def test_readme_names_every_file_says_rendered_and_gives_the_command():
+    text = (FOLDER / "README.md").read_text("utf-8")
+    named = re.findall(r"^\| `([^`]+)`", text, re.MULTILINE)
+    assert sorted([*named, "README.md"]) == files_in(FOLDER)
+    assert "Every image here is rendered by Isochrome" in text
+    assert f"python -m isochrome.samples sample_images --seed {samples.SEED}" in text
+
+
+def test_every_image_says_in_its_own_file_that_it_is_rendered():
+    for name in files_in(FOLDER):
+        if name.endswith(".png"):
+            with Image.open(FOLDER / name) as image:
+                assert "not captured" in image.info["Comment"]
+        elif name.endswith(".tif"):
+            with tifffile.TiffFile(FOLDER / name) as tif:
+                assert all("not captured" in page.description for page in tif.pages)
+
+
+def test_the_sample_images_are_at_most_six_megabytes():
+    assert sum((FOLDER / name).stat().st_size for name in files_in(FOLDER)) <= MAX_BYTES
+
+
+@pytest.mark.parametrize(("render", "name"), [(render_bending, "bending"), (render_disc, "disc")])
+def test_a_calibration_set_renders_to_the_same_bytes_twice_and_to_the_shipped_ones(
+    tmp_path, render, name
+):
+    for run in ("one", "two"):
+        (tmp_path / run).mkdir()
+        render(tmp_path / run, samples.SEED)
+    names = files_in(tmp_path / "one")
+    assert names == files_in(tmp_path / "two") == files_in(FOLDER / name)
+    for file in names:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    same_set(FOLDER / name, tmp_path / "one", names)
+
+
+@pytest.mark.long
+def test_the_command_renders_the_shipped_files_and_the_same_bytes_twice(tmp_path):
+    for run in ("one", "two"):
+        command = [sys.executable, "-m", "isochrome.samples", run]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout.strip(), done.stderr) == (0, run, "")
+    names = files_in(tmp_path / "one")
+    assert names == files_in(tmp_path / "two") == files_in(FOLDER)
+    for file in names:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+    same_set(FOLDER, tmp_path / "one", names)
+
+
+def test_another_seed_gives_other_noise_on_the_same_fringes(tmp_path):
+    render_disc(tmp_path, samples.SEED + 1)
+    one, two = (
+        np.asarray(Image.open(p / "disc-560N.png")).astype(float)
+        for p in (tmp_path, FOLDER / "disc")
+    )
+    spread = 1.4826 * np.median(np.abs(one - two))
+    assert spread == pytest.approx(3.0 * np.sqrt(2.0), rel=0.1)
+
+
+def test_static_truth_is_hertz_at_the_true_place_and_load():
+    order = tifffile.imread(CONTACT / "true_fringe_order.tif")[0]
+    modulus = contact_modulus(*MODULI)
+    half = hertz_half_width(LINE_LOAD, 24.61, modulus)
+    peak = hertz_peak_pressure(LINE_LOAD, 24.61, modulus)
+    x, z = order_grid(0)
+    below = z >= 0.0
+    stress = hertz_stress(x, z[below][:, None], half_width_mm=half, peak_pressure_mpa=peak)
+    error = order[below] - stress.principal_difference * 4.0 / 14.6
+    assert np.abs(error).max() < 1e-3 * peak * 4.0 / 14.6 + ROUNDING
+    assert np.isnan(order[~below]).all() and 0 < np.count_nonzero(~below) < 10
+
+
+def test_first_sliding_truth_is_the_coupled_sliding_contact_at_its_true_place():
+    order = tifffile.imread(CONTACT / "true_fringe_order.tif")[1]
+    friction = truth_of("line-contact-wear")["friction.coefficient"][1]
+    contact = coupled_contact(
+        LINE_LOAD, 24.61, contact_modulus(*MODULI), friction=friction, beta=dundurs_beta(*MODULI)
+    )
+    x, z = order_grid(1)
+    below = z >= 0.0
+    stress = coupled_stress(x, z[below][:, None], contact).principal_difference
+    error = order[below] - stress * 4.0 / 14.6
+    assert np.abs(error).max() < 1e-3 * contact.peak_pressure_mpa * 4.0 / 14.6 + ROUNDING
+
+
+def test_captured_frames_are_the_true_order_seen_by_a_noisy_camera():
+    scene = load_scene(CONTACT / "scene.toml")
+    orders = tifffile.imread(CONTACT / "true_fringe_order.tif")
+    dark, bright = load_no_load(scene)
+    with open_frames(CONTACT / "captured.tif") as reader:
+        frames = list(reader)
+    assert len(frames) == len(orders) == 6
+    for frame, order in zip(frames, orders, strict=True):
+        linear = to_linear(frame.image, bit_depth=8, gamma=scene.frames.gamma)
+        signal = normalise(linear, dark, bright)
+        noise = estimate_noise(frame.image, linear.valid, bit_depth=8)
+        sigma = noise.linear_sigma(frame.image, bit_depth=8, gamma=scene.frames.gamma)
+        inside = np.isfinite(order) & signal.valid
+        inside[:14] = False  # beside the contact a pixel's mean is not its middle
+        error = (signal.signal - np.sin(np.pi * order) ** 2) * signal.contrast / sigma
+        assert noise.sigma(np.array(128.0)) == pytest.approx(3.0, abs=0.15)
+        assert np.sqrt(np.mean(error[inside] ** 2)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_captured_frames_have_the_faults_of_a_real_camera():
+    stack = tifffile.imread(CONTACT / "captured.tif")
+    truth = truth_of("line-contact-wear")
+    dead, hot = (np.array(truth["camera_faults"][f"{k}_row_col"]).T for k in ("dead", "hot"))
+    assert dead.shape[1] + hot.shape[1] == 20
+    assert (stack[:, *dead] == 0).all() and (stack[:, *hot] == 255).all()
+    row, col, radius = truth["camera_faults"]["glare_row_col_radius_px"]
+    rows, cols = np.ogrid[:494, :659]
+    spot = np.hypot(rows - row, cols - col) <= radius
+    assert 30 <= np.count_nonzero(spot) <= 100 and (stack[:, spot] == 255).all()
+    clean = np.ones(spot.shape, bool)
+    clean[tuple(dead)] = clean[tuple(hot)] = clean[spot] = False
+    assert np.mean(stack[:, clean] == 0) < 1e-4 and np.mean(stack[:, clean] == 255) < 1e-3
+    assert stack[:, :2].mean() < 40  # the cylinder is opaque
+
+
+def test_contact_scene_is_nominal_and_its_frames_pass_the_check():
+    scene = load_scene(CONTACT / "scene.toml")
+    nominal = load_scene("line-contact-wear")
+    for part in ("specimen", "indenter", "load", "friction", "wear", "polariscope", "camera"):
+        assert getattr(scene, part) == getattr(nominal, part)
+    check = check_frames(CONTACT / "captured.tif", scene)
+    assert check.count == 6 and {f.level for f in check.findings} <= {"note"}
+    assert read_pixel_mm(CONTACT / "captured.tif") == pytest.approx(0.00607, rel=1e-6)
+
+
+def test_bending_neutral_axis_and_fringes_lie_where_the_truth_says():
+    given = tomllib.loads((FOLDER / "bending" / "set.toml").read_text("utf-8"))
+    truth, beam = truth_of("bending"), given["beam"]
+    image = np.asarray(Image.open(FOLDER / "bending" / "bending-200N.png")).astype(float)
+    moment = beam_moment(
+        200.0, inner_span_mm=beam["inner_span_mm"], outer_span_mm=beam["outer_span_mm"]
+    )
+    height, f = beam["height_mm"], truth["fringe_value_n_per_mm"]
+    slope = 12.0 * moment / (f * height**3) + 2.0 * truth["order_at_zero_load"] / height
+    drop = np.tan(np.radians(truth["tilt_deg"]))
+    for col in (40, 240, 440):  # dark where the order is a whole number
+        for order in (-2, -1, 0, 1, 2):
+            row = truth["neutral_axis_row_px"] - drop * (col - 239.5)
+            row += order / slope / 0.05 / np.cos(np.arctan(drop))
+            profile = image[round(row) - 12 : round(row) + 13, col - 5 : col + 6].mean(axis=1)
+            place = np.arange(-12, 13)
+            lowest = -0.5 * np.divide(*np.polyfit(place, profile, 2)[1::-1])
+            assert round(row) + lowest == pytest.approx(row, abs=0.6)
+
+
+def test_disc_darkens_where_its_order_is_whole():
+    truth, disc = truth_of("disc"), load_scene(FOLDER / "disc" / "scene.toml").specimen
+    for load in (350.0, 560.0, 800.0):
+        image = np.asarray(Image.open(FOLDER / "disc" / f"disc-{load:.0f}N.png"))
+        rows, cols = np.indices(image.shape)
+        difference = disc_principal_difference(
+            0.13 * (cols - truth["centre_col_px"]),
+            0.13 * (rows - truth["centre_row_px"]),
+            load_n=load,
+            diameter_mm=disc.diameter_mm,
+            thickness_mm=disc.thickness_mm,
+        )
+        order = difference * disc.thickness_mm / truth["fringe_value_n_per_mm"]
+        middle = np.hypot(rows - 209.5, cols - 209.5) < 100
+        away = np.abs(order - np.rint(order))
+        assert image[middle & (away < 0.02)].mean() < 45
+        assert image[middle & (away > 0.48)].mean() > 200
+        assert image[np.isnan(order)].mean() < 40
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("calibrate", "name"), [(calibrate_bending, "bending"), (calibrate_disc, "disc")]
+)
+def test_calibration_finds_the_true_fringe_value_within_the_images_own_uncertainty(calibrate, name):
+    given = load_set(FOLDER / name / "set.toml").model_copy(update={"uncertainty": None})
+    found, truth = calibrate(given), truth_of(name)
+    off = found.fringe_value_n_per_mm - truth["fringe_value_n_per_mm"]
+    assert abs(off) < 4.0 * found.standard_uncertainty
+    assert found.standard_uncertainty < 1e-3 * truth["fringe_value_n_per_mm"]
+    assert found.order_at_zero_load == pytest.approx(truth["order_at_zero_load"], abs=2e-3)
+    assert 0.9 < found.chi < 1.1
+
+
+def test_samples_path_prefers_the_images_inside_an_installed_package(tmp_path, monkeypatch):
+    package = tmp_path / "isochrome"
+    (package / "sample_images").mkdir(parents=True)
+    (package / "sample_images" / "README.md").write_text("rendered")
+    monkeypatch.setattr(samples, "__file__", str(package / "samples" / "__init__.py"))
+    assert samples.samples_path() == (package / "sample_images").resolve()
+
+
+def test_samples_path_says_in_one_sentence_that_the_images_are_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr(samples, "__file__", str(tmp_path / "a" / "b" / "c" / "__init__.py"))
+    with pytest.raises(InputError, match=r"sample images are not there; install") as caught:
+        samples.samples_path()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_wrong_seed_or_folder_ends_with_exit_code_2_and_leaves_nothing(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    for arguments in (["out", "--seed", "-1"], ["file"]):
+        command = [sys.executable, "-m", "isochrome.samples", *arguments]
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=False, env=os.environ
+        )
+        assert done.returncode == 2
+        assert len(done.stderr.strip().splitlines()) == 1
+    assert files_in(tmp_path) == ["file"]
