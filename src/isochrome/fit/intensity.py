@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.fit.linear import LinearPart, Problem, prepare, solve_linear
+from isochrome.fit.linear import LinearPart, Problem, prepare, scaled_inverse, solve_linear
 
 Array = NDArray[np.float64]
 Response = Callable[[Array], ArrayLike]
@@ -161,7 +161,7 @@ class _Search:
         if free.size:
             matrix = normal[np.ix_(free, free)]
             matrix = matrix + damping * np.diag(np.diag(matrix))
-            step[free] = _inverse(matrix) @ gradient[free]
+            step[free] = scaled_inverse(matrix, 1e-14) @ gradient[free]
         return np.clip(params + step, self.low, self.high) - params
 
 
@@ -172,15 +172,6 @@ def reduced_normal(problem: Problem, rows: Array, part: LinearPart) -> Array:
     known = part.inverse @ cross
     rest = rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
     return rest @ rest.T
-
-
-def _inverse(normal: Array) -> Array:
-    """Pseudo-inverse of normal equations, scaled to a unit diagonal: units may differ by 1e9."""
-    diagonal = np.sqrt(np.maximum(np.diag(normal), 0.0))
-    scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)
-    scaled = normal * np.outer(scale, scale)
-    inverse = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
-    return np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
 
 
 def _result(
@@ -198,14 +189,13 @@ def _result(
     dof = problem.size - params.size - len(part.coefficients)
     chi = float(np.sqrt(part.cost / dof))
     normal = reduced_normal(problem, rows, part)
-    covariance = max(1.0, chi) ** 2 * _inverse(normal)
+    covariance = max(1.0, chi) ** 2 * scaled_inverse(normal, 1e-14)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     spread[np.diag(normal) <= UNDETERMINED * np.sum(rows**2, axis=1)] = np.inf
     light, dark = np.tensordot(a, illumination, 1), np.tensordot(c, background, 1)
     signal = np.asarray(search.response(params), dtype=float)
-    residual = np.where(
-        problem.keep, np.asarray(image, dtype=float) - light * signal - dark, np.nan
-    )
+    model = light * signal + dark
+    residual = np.where(problem.keep, np.asarray(image, dtype=float) - model, np.nan)
     return IntensityFit(
         params, spread, covariance, chi, a, c, light, dark, signal, residual,
         search.evaluations, converged and bool(np.all(np.isfinite(spread))), part.positive,

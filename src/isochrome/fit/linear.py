@@ -105,7 +105,7 @@ def solve_linear(problem: Problem, signal: Array) -> LinearPart:
     """Illumination and background that fit best for a signal (n,) at the valid pixels."""
     light = np.multiply(problem.light, signal, out=problem.scratch)
     cross = light @ problem.dark.T
-    inverse = _inverse(np.block([[light @ light.T, cross], [cross.T, problem.dark_gram]]))
+    inverse = scaled_inverse(np.block([[light @ light.T, cross], [cross.T, problem.dark_gram]]))
     right = np.concatenate((light @ problem.data, problem.dark @ problem.data))
     coefficients = inverse @ right
     amplitude = coefficients[: len(light)] @ problem.light
@@ -152,11 +152,15 @@ def evaluate_prepared(problem: Problem, signal: Array) -> Evaluation:
     return Evaluation(chi, a, c, part.positive)
 
 
-def _inverse(gram: Array) -> Array:
-    """Pseudo-inverse of a Gram matrix, scaled to a unit diagonal first."""
-    diagonal = np.sqrt(np.diag(gram))
+def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
+    """Pseudo-inverse of normal equations (k, k), scaled to a unit diagonal first.
+
+    The unknowns' units may differ by many powers of ten. Directions whose eigenvalue is below
+    `cutoff` of the largest are dropped.
+    """
+    diagonal = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)
-    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-    good = values > 1e-12 * values[-1]
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    good = values > cutoff * values[-1]
     half = (scale[:, None] * vectors[:, good]) / np.sqrt(values[good])
     return half @ half.T
