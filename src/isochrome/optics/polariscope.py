@@ -54,7 +54,7 @@ def make_chain(polariscope: Polariscope, step: int | None = None) -> Chain:
         elements = _DARK if polariscope.field == "dark" else _BRIGHT
         if ratio == 1.0:
             dark = polariscope.field == "dark"
-            return Chain(0j if dark else 1 + 0j, 1 + 0j, 1j, 1 if dark else -1)
+            return Chain(0j, 1 + 0j, 1j, 1) if dark else Chain(1 + 0j, 0j, 0j, -1)
     else:
         elements = polariscope.step[step]
     light = _axis(elements.polariser_deg)
