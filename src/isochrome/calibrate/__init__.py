@@ -3,6 +3,7 @@
 from isochrome.calibrate.bending import bending_from_images, bending_from_shots, calibrate_bending
 from isochrome.calibrate.disc import calibrate_disc, disc_from_images, disc_from_shots
 from isochrome.calibrate.result import BudgetItem, Calibration, ImageFit, View
+from isochrome.calibrate.save import save_calibration
 from isochrome.calibrate.settings import (
     Beam,
     CalibrationSet,
@@ -32,4 +33,5 @@ __all__ = [
     "disc_from_images",
     "disc_from_shots",
     "load_set",
+    "save_calibration",
 ]

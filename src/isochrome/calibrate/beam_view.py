@@ -21,7 +21,10 @@ LARGEST_TILT = 8.0
 """Degrees; a beam tilted by more is asked to be turned."""
 
 FINEST_PX = 4.0
-"""Pixels a fringe at the least."""
+"""Samples of the profile a fringe at the least."""
+
+SAMPLES = 512
+"""Samples of the profile that is scanned, at most about."""
 
 FEWEST = 0.5
 """Fringes in view at the least."""
@@ -45,10 +48,11 @@ def find_beam(shot: Shot, height_px: float, *, bright: bool = False) -> BeamView
     Returns a BeamView. Raises PhysicsError where no fringes rise across the height.
     """
     tilt = _tilt(shot)
-    rows, values, count = _profile(shot, tilt)
+    rows, values, count = _binned(*_profile(shot, tilt))
     tops = _tops(rows, height_px)
     seen = min(height_px, float(rows[-1] - rows[0] + 1))
-    slopes = np.arange(FEWEST / seen, 1.0 / FINEST_PX, 0.2 / seen)
+    finest = 1.0 / (FINEST_PX * float(rows[1] - rows[0]))
+    slopes = np.arange(FEWEST / seen, finest, 0.2 / seen)
     coarse = tops[:: max(1, len(tops) // 12)]
     cost, _ = _scan(rows, values, count, coarse, height_px, slopes)
     best = _peaks(cost.min(axis=0), 4)
@@ -101,6 +105,18 @@ def _profile(shot: Shot, shear: float) -> tuple[Array, Array, Array]:
         total[good] / count[good],
         count[good].astype(float),
     )
+
+
+def _binned(rows: Array, values: Array, count: Array) -> tuple[Array, Array, Array]:
+    """A profile's means over so many rows that about SAMPLES remain."""
+    step = -(-rows.size // SAMPLES)
+    if step == 1:
+        return rows, values, count
+    kept = rows.size - rows.size % step
+    pixels, place, light = (
+        v[:kept].reshape(-1, step).sum(axis=1) for v in (count, rows * count, values * count)
+    )
+    return place / pixels, light / pixels, pixels
 
 
 def _tops(rows: Array, height_px: float) -> Array:
