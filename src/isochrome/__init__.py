@@ -1,3 +1,35 @@
-"""Isochrome: photoelastic image analysis with a simulation back-end."""
+"""Isochrome: photoelastic image analysis with a simulation back-end.
+
+Every command is one function of the same name here. They are imported when first used, so that
+`import isochrome` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "bench": "isochrome.bench",
+    "calibrate_bending": "isochrome.calibrate",
+    "calibrate_disc": "isochrome.calibrate",
+    "check_frames": "isochrome.frames",
+    "compare": "isochrome.compare.run",
+    "demo": "isochrome.demo",
+    "fit": "isochrome.fit.run",
+    "load_scene": "isochrome.scene",
+    "open_frames": "isochrome.frames",
+    "process": "isochrome.process.run",
+    "simulate": "isochrome.simulate.run",
+}
+
+__all__ = [*_HOMES, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public function when it is first asked for."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'isochrome' has no attribute '{name}'")
+    return getattr(import_module(_HOMES[name]), name)

@@ -1,5 +1,6 @@
 """The contact: surface operators, the pressure solver, and wear over sliding distance."""
 
+from isochrome.contact.path import WearPath, has_path, on_path, state_on_path, wear_path
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.profile import Grid, contact_grid, elastic_constants, line_load
 from isochrome.contact.states import SurfaceState, contact_states
@@ -11,13 +12,18 @@ __all__ = [
     "Grid",
     "Surface",
     "SurfaceState",
+    "WearPath",
     "WornState",
     "contact_grid",
     "contact_states",
     "displacement",
     "elastic_constants",
+    "has_path",
     "line_load",
     "make_surface",
+    "on_path",
     "solve_pressure",
+    "state_on_path",
     "wear_history",
+    "wear_path",
 ]

@@ -28,7 +28,7 @@ PLACE_PX = (-10.0, 0.0, 10.0)
 _COARSE_PIXELS = 20_000
 _FINE_PIXELS = 90_000
 _HIDDEN_PX = 14.0
-_EDGE_PX = 2.0
+EDGE_PX = 2.0
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def fit_frame(
     free, PhysicsError where no start gives fringes of the right contrast.
     """
     keys = free_keys(scene) if keys is None else keys
-    scene = _placed(scene, data.light.shape)
+    scene = placed(scene, data.light.shape)
     coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
     starts = _starts(coarse, keys, load_factors, place_px)
     first = _search(data, coarse, keys, starts)
@@ -109,10 +109,10 @@ def fit_frame(
 
 def _search(data: FrameData, scene: Scene, keys: tuple[str, ...], starts: Array) -> Any:
     """The best of several starts on a thinned frame."""
-    stride = _stride(data.light.size, _COARSE_PIXELS)
+    stride = thinning(data.light.size, _COARSE_PIXELS)
     thin = data.every(stride)
     renderer = SceneRenderer(scene, data.light.shape, stride=stride)
-    mask = thin.valid & _material(scene, data.light.shape, stride, _HIDDEN_PX)
+    mask = thin.valid & below_surface(scene, data.light.shape, stride, _HIDDEN_PX)
     return several_starts(
         thin.light,
         lambda values: safe_signal(renderer, _with(scene, keys, values)),
@@ -126,16 +126,16 @@ def _search(data: FrameData, scene: Scene, keys: tuple[str, ...], starts: Array)
         refine=2,
         tolerance=0.3,
         central=False,
-        **_bounds(scene, keys),
+        **bounds(scene, keys),
     )
 
 
 def _polish(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> IntensityFit:
     """The fit once more, on more pixels and with a finer contact."""
-    stride = _stride(data.light.size, _FINE_PIXELS)
+    stride = thinning(data.light.size, _FINE_PIXELS)
     thin = data.every(stride)
     renderer = SceneRenderer(scene, data.light.shape, stride=stride)
-    mask = thin.valid & _material(scene, data.light.shape, stride, _EDGE_PX)
+    mask = thin.valid & below_surface(scene, data.light.shape, stride, EDGE_PX)
     return fit_intensity(
         thin.light,
         lambda values: safe_signal(renderer, _with(scene, keys, values)),
@@ -147,7 +147,7 @@ def _polish(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> IntensityFi
         scale=scales(scene, keys),
         tolerance=0.03,
         central=False,
-        **_bounds(scene, keys),
+        **bounds(scene, keys),
     )
 
 
@@ -155,17 +155,18 @@ def _with(scene: Scene, keys: tuple[str, ...], values: Array) -> Scene:
     return scene.with_values(dict(zip(keys, np.asarray(values).tolist(), strict=True)))
 
 
-def _placed(scene: Scene, shape: tuple[int, ...]) -> Scene:
+def placed(scene: Scene, shape: tuple[int, ...]) -> Scene:
     """The scene with its picture's place written out."""
     grid = pixel_grid(scene, (shape[0], shape[1]))
     return scene.with_values({"camera.left_mm": grid.left_mm, "camera.top_mm": grid.top_mm})
 
 
-def _stride(size: int, pixels: int) -> int:
+def thinning(size: int, pixels: int) -> int:
+    """Stride that leaves about `pixels` of `size` pixels."""
     return max(1, round((size / pixels) ** 0.5))
 
 
-def _material(scene: Scene, shape: tuple[int, ...], stride: int, hidden_px: float) -> Array:
+def below_surface(scene: Scene, shape: tuple[int, ...], stride: int, hidden_px: float) -> Array:
     """False within `hidden_px` of a contact's surface, where the place decides what is seen."""
     grid = pixel_grid(scene, (shape[0], shape[1])).every(stride)
     if scene.model != "contact":
@@ -213,7 +214,7 @@ def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
     return np.array(found)
 
 
-def _bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
+def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
     """Where the search may go: not below zero, not far from the start."""
     low, high = [], []
     for key in keys:

@@ -9,22 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fit import evaluate
+from isochrome.fit.explain import explain_frame
 from isochrome.fit.frame_data import prepare_frame
 from isochrome.fit.frame_fit import LOAD_FACTORS, PLACE_PX, FrameFit, fit_frame, require_fit
 from isochrome.frames import Frame, Linear, normalise, to_linear
 from isochrome.fringes.branch import OrderReading, read_order
 from isochrome.fringes.skeleton import Skeleton, skeletons
-from isochrome.optics import make_chain, polariscope_signal
 from isochrome.process.place import placed_disc
 from isochrome.scene import Scene
-from isochrome.simulate import make_picture, scene_states, state_difference
-from isochrome.stress import pixel_grid, principal_direction
+from isochrome.stress import pixel_grid
 
 Array = NDArray[Any]
 
 POOR_CHI = 1.3
 """Residual over noise beyond which the model does not describe the frame within its noise."""
+
+SPREAD = "standard_uncertainty"
+"""What follows a key in the name of the column that holds its uncertainty."""
 
 _DISC_LOADS = tuple(np.geomspace(0.3, 3.0, 47).tolist())
 
@@ -71,6 +72,7 @@ class ProcessedFrame:
             "distance_m": self.distance_m,
             "chi": self.chi,
             "noise": self.noise,
+            "pixel_mm": self.pixel_mm,
         }
         if self.fit is None or self.reading is None:
             return row | {"fringe_lines": len(self.lines), "warnings": "; ".join(self.warnings)}
@@ -86,7 +88,7 @@ class ProcessedFrame:
         for key, value, spread in zip(
             self.fit.keys, self.fit.values, self.fit.standard_uncertainty, strict=True
         ):
-            row |= {key: float(value), f"{key} standard_uncertainty": float(spread)}
+            row |= {key: float(value), f"{key} {SPREAD}": float(spread)}
         return row | {"warnings": "; ".join(self.warnings)}
 
 
@@ -116,38 +118,19 @@ def process_with_model(
         fit = require_fit(fit_frame(data, scene, load_factors=factors, place_px=places), frame.name)
     except PhysicsError as error:
         raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
-    grid = pixel_grid(fit.scene, frame.image.shape)
-    picture = make_picture(
-        fit.scene, state_difference(fit.scene, scene_states(fit.scene)[-1], grid), grid
-    )
-    chain = make_chain(fit.scene.polariscope)
-    direction = None if chain.ideal else principal_direction(picture.difference)
-
-    def response(order: Array) -> Array:
-        return polariscope_signal(order, chain, direction=direction, visibility=picture.visibility)
-
-    known = np.where(picture.material, picture.order, 0.0)
-    mask = data.valid & picture.material & (picture.visibility > 0.5)
-    linear = evaluate(
-        data.light,
-        response(known),
-        illumination=data.illumination,
-        background=data.background,
-        mask=mask,
-        sigma=data.sigma,
-    )
-    light = np.tensordot(linear.illumination_coefficients, data.illumination, 1)
-    dark = np.tensordot(linear.background_coefficients, data.background, 1)
+    seen = explain_frame(data, fit.scene)
     reading = read_order(
         data.light,
-        picture.order,
-        response,
-        illumination=light,
-        background=dark,
+        seen.picture.order,
+        seen.response,
+        illumination=seen.illumination,
+        background=seen.background,
         sigma=data.sigma,
-        valid=mask,
+        valid=seen.mask,
     )
-    signal = np.where(data.valid & picture.material, (data.light - dark) / light, np.nan)
+    inside = data.valid & seen.picture.material
+    gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
+    signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
     return ProcessedFrame(
         frame.index,
         frame.name,
@@ -157,9 +140,9 @@ def process_with_model(
         reading,
         fit,
         [],
-        float(np.median((data.sigma / light)[mask])),
+        float(np.nanmedian((data.sigma / gain)[seen.mask])),
         fit.chi,
-        grid.pixel_mm,
+        seen.pixels.pixel_mm,
         (*notes, *_warnings(fit, reading)),
     )
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.fit.renderer import frame_scene, scene_at
+from isochrome.fit.run import fitted_scene
 from isochrome.frames import Frame, FrameReader, load_no_load, open_scene_frames
 from isochrome.fringes.skeleton import skeleton_table
 from isochrome.output import (
@@ -22,7 +23,12 @@ from isochrome.output import (
     write_text,
 )
 from isochrome.process.figure import process_figure
-from isochrome.process.frame import ProcessedFrame, process_image_only, process_with_model
+from isochrome.process.frame import (
+    SPREAD,
+    ProcessedFrame,
+    process_image_only,
+    process_with_model,
+)
 from isochrome.scene import Scene, dump_scene, load_scene
 from isochrome.simulate import no_model_sentence
 
@@ -35,13 +41,15 @@ _SHOWN = 6
 class Processed:
     """Processed frames: `table`, the columns of frames.csv; `frames`, None where streamed.
 
-    `scene`, as given; `warnings` of the whole set; `model`, the scene's, None where it has none.
+    `scene`, as given; `fitted`, with the frames' fitted values (means; friction over distance);
+    `warnings` of the whole set; `model`, the scene's. Both are None where there is no model.
     """
 
     scene: Scene
     model: str | None
     table: dict[str, list[Any]]
     frames: list[ProcessedFrame] | None
+    fitted: Scene | None
     warnings: tuple[str, ...]
 
 
@@ -59,7 +67,8 @@ def process(
     normalised and their fringe skeletons found; that is said in the warnings.
     Parameters: `frames`, a TIFF stack, image, folder or video; `scene`; `out`, a folder for
     frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv (no model),
-    scene.toml, provenance.json and process.png; `progress`, called with (done, all).
+    fitted_scene.toml (to simulate what was found), scene.toml, provenance.json and process.png;
+    `progress`, called with (done, all).
     Returns Processed, with the frames in memory only without `out`. Raises InputError,
     PhysicsError.
     """
@@ -173,6 +182,8 @@ def _to_folder(
         write_csv(folder / "frames.csv", result.table)
         if lines:
             write_csv(folder / "skeleton.csv", lines)
+        if result.fitted is not None:
+            write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
         text = dump_scene(scene)
         write_text(folder / "scene.toml", text)
         write_json(folder / "provenance.json", provenance(text, _files(scene, inputs)))
@@ -204,7 +215,20 @@ def _result(
     table = {name: [row.get(name) for row in rows] for name in names}
     warnings = [] if scene.model else [no_model_sentence(scene)]
     warnings += [f"frame {row['frame']}: {row['warnings']}" for row in rows if row["warnings"]]
-    return Processed(scene, scene.model, table, frames, tuple(warnings))
+    fitted = _fitted(scene, rows) if scene.model else None
+    return Processed(scene, scene.model, table, frames, fitted, tuple(warnings))
+
+
+def _fitted(scene: Scene, rows: list[dict[str, Any]]) -> Scene:
+    """The scene with the means of the frames' fitted values."""
+    own = [{k: {"value": row[k]} for k in row if f"{k} {SPREAD}" in row} for row in rows]
+    return fitted_scene(_with_place(scene, rows), {}, own)
+
+
+def _with_place(scene: Scene, rows: list[dict[str, Any]]) -> Scene:
+    """The scene with a camera whose pixel is known: a disc's may come from its rim."""
+    pixel = rows[0].get("pixel_mm")
+    return scene.with_values({"camera.pixel_mm": pixel}) if pixel else scene
 
 
 def _counted(

@@ -1,0 +1,308 @@
+"""The command line: arguments in, one library call, results out. Heavy imports wait for it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from isochrome.errors import IsochromeError
+
+app = typer.Typer(
+    name="isochrome",
+    help="Photoelastic fringes of worn, sliding contacts: process, simulate, compare, calibrate.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+calibrate_app = typer.Typer(
+    help="Calibrate the material fringe value.", no_args_is_help=True, add_completion=False
+)
+app.add_typer(calibrate_app, name="calibrate")
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else.")]
+SceneOption = Annotated[
+    str, typer.Option("--scene", help="Scene file (TOML), or a name such as line-contact-wear.")
+]
+Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+FramesArgument = Annotated[
+    str, typer.Argument(help="TIFF stack, image, folder of images, or video.")
+]
+
+
+@app.command()
+def demo(out: Out = Path("isochrome-demo"), as_json: Json = False) -> None:
+    """Run the paper's case and the sample images end to end, offline, in under a minute."""
+    from isochrome.demo import demo as run
+
+    with _steps(as_json) as say:
+        result = run(out, progress=say)
+    if as_json:
+        _print_json(result.summary)
+        return
+    _print_rows(("quantity", "found", "expected"), result.rows)
+    typer.echo(f"experiment beside simulation: {result.folder / 'comparison' / 'comparison.png'}")
+
+
+@app.command()
+def simulate(
+    scene: Annotated[str, typer.Argument(help="Scene file (TOML), or line-contact-wear.")],
+    out: Out = Path("isochrome-simulate"),
+    as_json: Json = False,
+) -> None:
+    """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
+    from isochrome.simulate import simulate as run
+
+    with _bar("simulating") as progress:
+        result = run(scene, out, progress=progress)
+    if as_json:
+        _print_json({"out": str(out), "history": result.history})
+        return
+    names = ("label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
+             "n_max_z_mm")  # fmt: skip
+    _print_columns(result.history, names)
+    typer.echo(f"results: {out}")
+
+
+@app.command()
+def process(
+    frames: FramesArgument,
+    scene: SceneOption,
+    out: Out = Path("isochrome-process"),
+    as_json: Json = False,
+) -> None:
+    """Find the fringe order of every captured frame."""
+    from isochrome.process import process as run
+
+    with _bar("processing") as progress:
+        result = run(frames, scene, out, progress=progress)
+    warnings = list(result.warnings)
+    if as_json:
+        _print_json(
+            {"out": str(out), "model": result.model, "frames": result.table, "warnings": warnings}
+        )
+        return
+    names = [n for n in ("frame", "label", "chi", "kept_share", "n_max", "load.normal_n",
+             "friction.coefficient", "fringe_lines") if n in result.table]  # fmt: skip
+    _print_columns(result.table, names)
+    _print_warnings(warnings)
+    typer.echo(f"results: {out}")
+
+
+@app.command()
+def compare(
+    experiment: Annotated[str, typer.Argument(help="Result folder of process, or frames.")],
+    simulation: Annotated[str, typer.Argument(help="Result folder of simulate, or frames.")],
+    out: Out = Path("isochrome-compare"),
+    as_json: Json = False,
+) -> None:
+    """Compare experiment and simulation: metrics and the side-by-side figure."""
+    from isochrome.compare.run import compare as run
+
+    with _steps(as_json) as say:
+        say("comparing")
+        result = run(experiment, simulation, out)
+    if as_json:
+        _print_json({"out": str(out), "metrics": result.table})
+        return
+    names = ("label", "order_rms_fringe", "order_p95_fringe", "wrong_branch_share",
+             "skeleton_distance_px", "ncc", "rmse_over_noise", "ssim")  # fmt: skip
+    _print_columns(result.table, names)
+    typer.echo(f"results: {out}")
+
+
+@calibrate_app.command("bending")
+def calibrate_bending(
+    settings: Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")],
+    out: Out = Path("isochrome-calibrate"),
+    as_json: Json = False,
+) -> None:
+    """Calibrate from images of a beam in four-point bending."""
+    from isochrome.calibrate import calibrate_bending as run
+
+    _calibrate(run, settings, out, as_json)
+
+
+@calibrate_app.command("disc")
+def calibrate_disc(
+    settings: Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")],
+    out: Out = Path("isochrome-calibrate"),
+    as_json: Json = False,
+) -> None:
+    """Calibrate from images of a disc under diametral compression."""
+    from isochrome.calibrate import calibrate_disc as run
+
+    _calibrate(run, settings, out, as_json)
+
+
+@app.command()
+def fit(
+    frames: FramesArgument,
+    scene: SceneOption,
+    free: Annotated[
+        list[str] | None, typer.Option("--free", help="Key that all frames share; repeatable.")
+    ] = None,
+    per_frame: Annotated[
+        list[str] | None, typer.Option("--per-frame", help="Key of each frame; repeatable.")
+    ] = None,
+    out: Out = Path("isochrome-fit"),
+    as_json: Json = False,
+) -> None:
+    """Fit unknowns of the scene, such as load.normal_n, to the frames."""
+    from isochrome.fit.run import fit as run
+
+    with _steps(as_json) as say:
+        say("fitting")
+        result = run(frames, scene, free or [], per_frame=per_frame or [], out=out)
+    if as_json:
+        _print_json({"out": str(out), **result.to_json()})
+        return
+    rows = [("all", key, found) for key, found in result.shared.items()]
+    rows += [(str(i), key, f) for i, own in enumerate(result.frames) for key, f in own.items()]
+    table = [(a, key, f"{f['value']:.6g} ± {f['standard_uncertainty']:.2g}") for a, key, f in rows]
+    _print_rows(("frame", "key", "value ± standard uncertainty"), table)
+    typer.echo(f"chi = {result.chi:.3f}")
+    _print_warnings(list(result.warnings))
+    typer.echo(f"results: {out}")
+
+
+@app.command()
+def check(frames: FramesArgument, scene: SceneOption, as_json: Json = False) -> None:
+    """Say in plain words what is wrong with a set of frames, before a long run."""
+    from isochrome.frames import check_frames
+    from isochrome.scene import load_scene
+
+    result = check_frames(frames, load_scene(scene))
+    if as_json:
+        findings = [{"level": f.level, "frame": f.frame, "text": f.text} for f in result.findings]
+        _print_json({"ok": result.ok, "frames": result.count, "findings": findings})
+    else:
+        for finding in result.findings:
+            typer.echo(f"{finding.level}: {finding.text}")
+        verdict = "no error found" if result.ok else "errors found; see above"
+        typer.echo(f"{result.count} frames read: {verdict}")
+    if not result.ok:
+        raise typer.Exit(2)
+
+
+@app.command()
+def bench(out: Out = Path("isochrome-bench"), as_json: Json = False) -> None:
+    """Measure speed against error, side by side with the paper's own procedure."""
+    from isochrome.bench import bench as run
+
+    with _steps(as_json) as say:
+        result = run(out, progress=say)
+    if as_json:
+        _print_json({"out": str(out), "rows": result.rows})
+        return
+    typer.echo(result.text)
+    typer.echo(f"results: {out}")
+
+
+def _calibrate(run: Callable[[str], Any], settings: str, out: Path, as_json: bool) -> None:
+    from isochrome.calibrate import save_calibration
+
+    with _steps(as_json) as say:
+        say("calibrating")
+        result = run(settings)
+        save_calibration(result, out, source=settings)
+    if as_json:
+        _print_json({"out": str(out), **result.to_json()})
+        return
+    value, spread = result.fringe_value_n_per_mm, result.standard_uncertainty
+    typer.echo(f"fringe_value_n_per_mm = {value:.5g} ± {spread:.2g} (standard uncertainty)")
+    typer.echo(f"chi = {result.chi:.3f}")
+    if result.order_at_zero_load is not None:
+        typer.echo(f"order at zero load = {result.order_at_zero_load:.3f} fringes")
+    _print_warnings(list(result.warnings))
+    typer.echo(f"results: {out}")
+
+
+@contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on standard error; nothing in a pipe."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _steps(quiet: bool) -> Iterator[Callable[[str], None]]:
+    """A spinner with the step's name on a terminal, plain lines on standard error in a pipe."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with console.status("starting") as status:
+
+        def say(step: str) -> None:
+            status.update(step)
+            if not console.is_terminal and not quiet:
+                typer.echo(f"{step} ...", err=True)
+
+        yield say
+
+
+def _print_json(values: Any) -> None:
+    from isochrome.output import plain
+
+    typer.echo(json.dumps(plain(values), allow_nan=False))
+
+
+def _print_warnings(warnings: list[str]) -> None:
+    for warning in warnings:
+        typer.echo(f"warning: {warning}", err=True)
+
+
+def _print_columns(table: dict[str, list[Any]], names: Any) -> None:
+    """Some columns of a table, a row a frame."""
+    rows = list(zip(*(table[name] for name in names), strict=True))
+    _print_rows(tuple(names), [tuple(_cell(value) for value in row) for row in rows])
+
+
+def _cell(value: Any) -> str:
+    if value is None or value != value:
+        return "-"
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _print_rows(names: tuple[str, ...], rows: list[Any]) -> None:
+    """A plain table in columns, which needs no terminal."""
+    lines = [tuple(names), *rows]
+    widths = [max(len(str(line[i])) for line in lines) for i in range(len(names))]
+    for line in lines:
+        cells = (str(cell).ljust(width) for cell, width in zip(line, widths, strict=True))
+        typer.echo("  ".join(cells).rstrip())
+
+
+def main() -> None:
+    """Run the command line; refusals become one line and the exit codes 2 and 3."""
+    try:
+        app()
+    except IsochromeError as error:
+        _fail(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        _fail("stopped; nothing was left half-written", 130)
+    except MemoryError:
+        _fail("not enough memory; use a smaller region of interest or fewer frames", 3)
+
+
+def _fail(text: str, code: int) -> None:
+    """Say why, once, on standard error, and as JSON on standard output where JSON was asked for."""
+    line = " ".join(text.split())
+    if "--json" in sys.argv:
+        typer.echo(json.dumps({"error": line, "exit_code": code}))
+    typer.echo(f"isochrome: {line}", err=True)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()
