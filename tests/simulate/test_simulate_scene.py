@@ -121,8 +121,8 @@ def test_worn_states_are_right_to_the_scenes_own_tolerance(paper, converged):
 def test_worn_fields_are_right_below_the_first_rows(paper, converged):
     """The fringe orders that the camera sees: the step's error sits at the moving edge."""
     error = np.abs(paper.orders - converged.orders)
-    # measured 2e-3 below 0.1 mm; up to 0.03 of a fringe in the pixel at the edge itself
-    assert np.nanmax(error[:, 16:]) < 5e-3
+    # measured 7e-4 of a fringe below 0.1 mm, 0.035 in the pixel at the edge itself, 3e-3 of n_max
+    assert np.nanmax(error[:, 16:]) < 2e-3
     assert np.nanmax(error) < 0.05
     np.testing.assert_allclose(paper.history["n_max"], converged.history["n_max"], rtol=1e-2)
 
