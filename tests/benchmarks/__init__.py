@@ -1,0 +1,1 @@
+"""Speed against error: this project beside the paper's own procedure (`isochrome bench`)."""

@@ -1,0 +1,75 @@
+"""Hertz's pressure: speed against error on one grid, and cost against the size of the grid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isochrome.bench import Row
+from isochrome.contact import make_surface, solve_pressure
+from isochrome.reference import hertz_pressure
+
+from . import paper_procedure as paper
+from .common import HALF_WIDTH, LOAD, MODULUS, OURS, PAPER, PEAK, RADIUS, timed, with_ratios
+
+HALF_MM = 1.0
+PAPER_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
+OUR_TOLERANCES = (1e-3, 1e-4, 1e-6, 1e-10)
+
+
+def pressure(quick):
+    """Rows for N = 256, 1024, 4096 at several tolerances, after set-up."""
+    rows = []
+    for n in (256,) if quick else (256, 1024, 4096):
+        runs = [(PAPER, t) for t in PAPER_TOLERANCES] + [(OURS, t) for t in OUR_TOLERANCES]
+        x, calls = _calls(n, runs)
+        solutions, seconds = timed(calls, repeats=1 if quick else 5)
+        rows += with_ratios(
+            [
+                Row(
+                    f"pressure, N = {n}", method, f"tolerance {t:g}", peak_error(x, s.pressure), sec
+                )
+                for (method, t), s, sec in zip(runs, solutions, seconds, strict=True)
+            ]
+        )
+    return rows
+
+
+def cost(quick):
+    """Rows for N from 256 to 16384 at one tolerance each, and the slope of time over N."""
+    sizes = (256, 1024) if quick else (256, 1024, 4096, 16384)
+    runs = [(PAPER, 1e-6), (OURS, 1e-8)]
+    rows, spent = [], {PAPER: [], OURS: []}
+    for n in sizes:
+        x, calls = _calls(n, runs)
+        solutions, seconds = timed(calls, repeats=1 if quick else 5)
+        for (method, t), s, sec in zip(runs, solutions, seconds, strict=True):
+            spent[method].append(sec)
+            setting = f"N = {n}, tolerance {t:g}"
+            rows.append(Row("cost with size", method, setting, peak_error(x, s.pressure), sec))
+    for method, seconds in spent.items():
+        slope = np.polyfit(np.log(sizes), np.log(seconds), 1)[0]
+        text = f"time ~ N^{slope:.2f} from {sizes[0]} to {sizes[-1]}"
+        rows.append(Row("cost with size", method, text))
+    return rows
+
+
+def peak_error(x, pressure):
+    """Largest error of p over the middle half of the contact, over p0.
+
+    The error at x = 0 alone can be zero by luck, since it changes sign along a run of tolerances.
+    """
+    exact = hertz_pressure(x, half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
+    return float(np.abs(pressure - exact)[np.abs(x) < 0.5 * HALF_WIDTH].max() / PEAK)
+
+
+def _calls(n, runs):
+    elements = paper.make_elements(n, HALF_MM, contact_modulus_mpa=MODULUS)
+    surface = make_surface(n, elements.dx_mm, contact_modulus_mpa=MODULUS)
+    gap = elements.x_mm**2 / (2.0 * RADIUS)
+    calls = [
+        (lambda t=t: paper.solve(elements, gap, LOAD, tolerance=t))
+        if method == PAPER
+        else (lambda t=t: solve_pressure(surface, gap, LOAD, tolerance=t))
+        for method, t in runs
+    ]
+    return elements.x_mm, calls

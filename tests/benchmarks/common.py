@@ -1,0 +1,71 @@
+"""What the cases share: the paper's numbers, interleaved timing, and ratios."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from isochrome.reference import (
+    contact_modulus,
+    coupling_modulus_inverse,
+    hertz_half_width,
+    hertz_peak_pressure,
+)
+
+OURS, PAPER = "this project", "the paper's procedure"
+
+PAIR = (2100.0, 0.4, 210000.0, 0.3)
+MODULUS, COUPLING = contact_modulus(*PAIR), coupling_modulus_inverse(*PAIR)
+RADIUS, LOAD, FRICTION, WEAR = 24.61, 11.0, 0.25, 2e-9
+HALF_WIDTH = hertz_half_width(LOAD, RADIUS, MODULUS)
+PEAK = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
+
+_LONG_S = 2.0
+"""A call that has had this much time in all is not repeated."""
+_SHORT_S = 0.02
+"""A call shorter than this is timed in groups that are about as long."""
+
+
+def timed(calls, *, repeats=5):
+    """Results and median seconds of calls without arguments.
+
+    The calls take turns, so that a machine that slows down slows all of them; the first, untimed
+    run of each warms it up, unless it was so long that it is the only one.
+    """
+    results, first = [], []
+    for call in calls:
+        start = time.perf_counter()
+        results.append(call())
+        first.append(time.perf_counter() - start)
+    groups = [max(1, int(_SHORT_S / max(t, 1e-6))) for t in first]
+    times = [[] for _ in calls]
+    for _ in range(repeats):
+        for call, group, seen, t in zip(calls, groups, times, first, strict=True):
+            if t + sum(seen) < _LONG_S:
+                start = time.perf_counter()
+                for _ in range(group):
+                    call()
+                seen.append((time.perf_counter() - start) / group)
+    return results, [float(np.median(s or [t])) for s, t in zip(times, first, strict=True)]
+
+
+def with_ratios(rows):
+    """Our rows with the ratio to the fastest setting of the paper's at the same or smaller error.
+
+    Where no setting of the paper's procedure gets there, the ratio is to its most accurate one and
+    the row says so. Compares rows of one case only.
+    """
+    done = []
+    for row in rows:
+        rivals = [
+            r for r in rows if r.method == PAPER and r.case == row.case and r.error == r.error
+        ]
+        if row.method != OURS or not rivals:
+            done.append(row)
+            continue
+        there = [r for r in rivals if r.error <= row.error]
+        rival = min(there, key=lambda r: r.seconds) if there else min(rivals, key=lambda r: r.error)
+        done.append(replace(row, ratio=rival.seconds / row.seconds, reached=bool(there)))
+    return done

@@ -1,0 +1,143 @@
+"""The bench: the rival is right, so that the comparison is fair, and every case runs."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+import isochrome.bench as module
+from isochrome.bench import Row, bench, load_benchmarks
+from isochrome.contact import make_surface, solve_pressure
+from isochrome.errors import InputError
+from isochrome.reference import (
+    contact_modulus,
+    coupled_contact,
+    coupled_pressure,
+    coupling_modulus_inverse,
+    dundurs_beta,
+    hertz_half_width,
+    hertz_peak_pressure,
+    hertz_pressure,
+)
+
+PAIR = (2100.0, 0.4, 210000.0, 0.3)
+MODULUS, COUPLING = contact_modulus(*PAIR), coupling_modulus_inverse(*PAIR)
+RADIUS, LOAD, WEAR = 24.61, 11.0, 2e-9
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return load_benchmarks("paper_procedure")
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bench")
+    said = []
+    got = bench(folder, quick=True, progress=said.append)
+    assert said == list(load_benchmarks("cases").CASES)
+    return [Row(**row) for row in got.rows], got.text, folder
+
+
+def test_papers_pressure_is_hertzs_to_its_stated_error(paper):
+    elements = paper.make_elements(1024, 1.0, contact_modulus_mpa=MODULUS)
+    got = paper.solve(elements, elements.x_mm**2 / (2 * RADIUS), LOAD, tolerance=1e-6)
+    p0 = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
+    assert got.converged
+    assert got.pressure.max() == pytest.approx(p0, rel=1e-5)  # 4e-6 expected, in 47 iterations
+    assert got.iterations < 60
+
+
+def test_papers_coupling_leans_to_the_side_of_the_closed_form(paper):
+    # a wrong sign of H in (A.4) shifts the contact by 2 x 0.0096 mm the other way
+    elements = paper.make_elements(
+        1024, 1.0, contact_modulus_mpa=MODULUS, coupling_per_mpa=COUPLING, friction=0.25
+    )
+    got = paper.solve(elements, elements.x_mm**2 / (2 * RADIUS), LOAD, tolerance=1e-8)
+    contact = coupled_contact(LOAD, RADIUS, MODULUS, beta=dundurs_beta(*PAIR), friction=0.25)
+    exact = coupled_pressure(elements.x_mm, contact)
+    inside = np.abs(elements.x_mm - contact.centre_mm) < 0.8 * contact.half_width_mm
+    assert np.abs(got.pressure - exact)[inside].max() < 3e-5 * exact.max()
+
+
+def test_papers_pressure_agrees_with_ours(paper):
+    elements = paper.make_elements(257, 0.8, contact_modulus_mpa=MODULUS)
+    surface = make_surface(257, elements.dx_mm, contact_modulus_mpa=MODULUS)
+    gap = elements.x_mm**2 / (2 * RADIUS)
+    theirs = paper.solve(elements, gap, LOAD, tolerance=1e-9).pressure
+    assert theirs.max() == pytest.approx(
+        solve_pressure(surface, gap, LOAD).pressure.max(), rel=1e-4
+    )
+
+
+def test_explicit_steps_beyond_the_limit_double_the_pressure_and_nothing_warns(paper):
+    # the trap: the depth hardly changes, so that only the pressure tells
+    elements = paper.make_elements(129, 0.8, contact_modulus_mpa=MODULUS)
+    gap = elements.x_mm**2 / (2 * RADIUS)
+    limit = paper.explicit_limit_mm(elements.dx_mm, WEAR, MODULUS)
+    (stable,) = paper.wear(elements, gap, LOAD, WEAR, [120.0], step_mm=0.25 * limit)
+    (beyond,) = paper.wear(elements, gap, LOAD, WEAR, [120.0], step_mm=2.0 * limit)
+    assert beyond[0].max() > 1.8 * stable[0].max()
+    assert beyond[1].max() == pytest.approx(stable[1].max(), rel=0.1)
+
+
+@pytest.mark.parametrize("fold", [1, 3])
+def test_both_direct_sums_of_the_stress_are_the_same_sum(paper, fold):
+    x, z = np.linspace(-1.0, 1.0, 41), np.array([0.003, 0.1, 1.0])
+    h = 0.05 / fold
+    nodes = h * (np.arange(60 * fold) - 20 * fold)
+    a, p0 = hertz_half_width(LOAD, RADIUS, MODULUS), hertz_peak_pressure(LOAD, RADIUS, MODULUS)
+    p = hertz_pressure(nodes, half_width_mm=a, peak_pressure_mpa=p0)
+    sums = [
+        s(x, z, nodes[0], h, p, 0.25 * p) for s in (paper.stress_by_edges, paper.stress_by_lags)
+    ]
+    np.testing.assert_allclose(sums[0], sums[1], atol=1e-12 * p0)
+
+
+def test_quick_bench_has_rows_of_every_case(quick):
+    got, _, _ = quick
+    for name in ("pressure", "cost", "wear", "stress", "fringe frame"):
+        rows = [row for row in got if row.case.startswith(name)]
+        assert {row.method for row in rows} == {"this project", "the paper's procedure"}
+    assert all(row.seconds > 0.0 for row in got if not math.isnan(row.seconds))
+
+
+def test_quick_bench_says_that_peers_were_not_run(quick):
+    rows, text, _ = quick
+    assert [row.method for row in rows if row.case == "peers"] == ["tamaas", "ContactMechanics"]
+    assert "not installed" in text or "not compared" in text
+
+
+def test_errors_of_the_quick_bench_are_what_its_cases_promise(quick):
+    got, _, _ = quick
+    ours = [row for row in got if row.method == "this project"]
+    assert max(row.error for row in ours if row.case.startswith("pressure")) < 1e-4
+    exact = [row.error for row in ours if row.case.endswith("exact sum")]
+    assert exact[0] < 1e-6 and exact[1] < 1e-10  # single, double precision
+
+
+def test_bench_writes_a_table_and_a_picture(quick):
+    got, _, folder = quick
+    assert sorted(p.name for p in folder.iterdir()) == ["bench.csv", "bench.png"]
+    with (folder / "bench.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [row["setting"] for row in table] == [row.setting for row in got]
+
+
+def test_ratio_is_to_the_fastest_rival_as_accurate_and_says_where_there_is_none():
+    common = load_benchmarks("common")
+    rivals = [Row("c", common.PAPER, "", 1e-3, 1.0), Row("c", common.PAPER, "", 1e-5, 8.0)]
+    ours = [Row("c", common.OURS, "", e, 2.0) for e in (1e-2, 1e-4, 1e-6)]
+    rows = common.with_ratios(rivals + ours)[2:]
+    assert [row.ratio for row in rows] == [0.5, 4.0, 4.0]
+    assert [row.reached for row in rows] == [True, True, False]
+
+
+def test_without_a_clone_bench_says_where_to_run_it(monkeypatch, tmp_path):
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "a" / "b" / "bench.py"))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="run it from a clone"):
+        module.benchmarks_folder()
