@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 RAYS = 180
 """Directions in which the rim is looked for."""
 
+_SPARE = 0.03
+"""How far a circle may leave the frame, over its radius: about what its outline is uncertain by."""
+
 
 @dataclass(frozen=True)
 class Circle:
@@ -42,11 +45,12 @@ def find_rim(shot: Shot) -> Circle:
     points = _outline(patch, centre)
     circle = fit_circle(points)
     height, width = patch.shape
+    spare = _SPARE * circle.radius
     inside = (
-        circle.row - circle.radius >= -1.0
-        and circle.col - circle.radius >= -1.0
-        and circle.row + circle.radius <= height
-        and circle.col + circle.radius <= width
+        circle.row - circle.radius >= -spare
+        and circle.col - circle.radius >= -spare
+        and circle.row + circle.radius <= height + spare
+        and circle.col + circle.radius <= width + spare
     )
     edge = np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]])
     if not inside or np.count_nonzero(edge) > 0.1 * min(height, width):

@@ -71,7 +71,7 @@ def wear_history(
     `tolerance`, wanted relative error of the pressure.
     Yields m WornState. Raises PhysicsError where a contact does not converge.
     """
-    accuracy = min(1e-8, 1e-3 * tolerance)
+    accuracy = 1e-3 * tolerance
     allowed = min(_FORECAST * tolerance, _LARGEST_FORECAST)
     contact = solve_pressure(
         surface, gap_mm, line_load_n_per_mm, friction=float(friction[0]), tolerance=1e-10
@@ -84,7 +84,7 @@ def wear_history(
     for target, mu_there in zip(doses_mm_per_mpa, friction, strict=True):
         while now.dose_mm_per_mpa < target:
             left = target - now.dose_mm_per_mpa
-            size = left if left <= settle else min(step, max(settle, _APPROACH * left))
+            size = min(step, left if left <= settle else max(settle, _APPROACH * left))
             mu = float(np.interp(now.dose_mm_per_mpa + size, doses_mm_per_mpa, friction))
             new, error = _advance(
                 surface, gap_mm, line_load_n_per_mm, now, past, size, mu, accuracy

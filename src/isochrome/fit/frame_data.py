@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,10 @@ class FrameData:
     valid: Mask
     illumination: Array
     background: Array
+
+    def plain(self) -> FrameData:
+        """The frame with one amplitude for all its light: for a search, or a model that is poor."""
+        return replace(self, illumination=self.illumination[:1])
 
     def every(self, stride: int) -> FrameData:
         """The frame at every `stride`-th pixel."""
@@ -83,7 +87,7 @@ def prepare_frame(
         illumination = polynomial_basis(shape, 1, times=bright.image)
         background = polynomial_basis(shape, 1)
     else:
-        illumination = polynomial_basis(shape, 3)
+        illumination = polynomial_basis(shape, 2)
         background = one if dark is None else np.concatenate((dark.image[None], one))
     light = np.where(valid, linear.image, 0.0)
     return FrameData(frame.name, light, sigma, valid, illumination, background)

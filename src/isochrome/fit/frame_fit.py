@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.errors import InputError, PhysicsError
+from isochrome.errors import InputError
 from isochrome.fit.frame_data import FrameData
 from isochrome.fit.intensity import IntensityFit, fit_intensity
 from isochrome.fit.renderer import SceneRenderer, safe_signal, with_numerics
 from isochrome.fit.starts import Minimum, several_starts
 from isochrome.scene import Scene
-from isochrome.stress import pixel_grid
+from isochrome.stress import PixelGrid, pixel_grid
 
 Array = NDArray[Any]
 
@@ -37,7 +37,9 @@ class FrameFit:
 
     `scene` with the fitted values; `keys` and their `values`, `standard_uncertainty` (p,),
     `covariance` (p, p); `chi` = residual over noise; `others`, other minima by rising chi;
-    `converged`.
+    `converged`; `plain`, True where a free illumination came out negative and one amplitude for
+    all the frame had to do: the model is poor then; `positive`, False where even that is negative:
+    the scene's fringes are not in the frame.
     """
 
     scene: Scene
@@ -48,6 +50,8 @@ class FrameFit:
     chi: float
     others: tuple[Minimum, ...]
     converged: bool
+    plain: bool
+    positive: bool
 
 
 def free_keys(scene: Scene) -> tuple[str, ...]:
@@ -88,11 +92,14 @@ def fit_frame(
     scene = placed(scene, data.light.shape)
     coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
     starts = _starts(coarse, keys, load_factors, place_px)
-    first = _search(data, coarse, keys, starts)
+    first = _search(data.plain(), coarse, keys, starts)
     best = coarse.with_values(dict(zip(keys, first.best.values.tolist(), strict=True)))
     fine = best.model_copy(update={"numerics": scene.numerics})
     fine = with_numerics(fine, nodes_per_pixel=3, tolerance=3e-4, room=1.2)
     final = _polish(data, fine, keys)
+    plain = not final.positive
+    if plain:
+        final = _polish(data.plain(), fine, keys)
     values = dict(zip(keys, final.values.tolist(), strict=True))
     fitted = fine.with_values(values).model_copy(update={"numerics": scene.numerics})
     return FrameFit(
@@ -101,9 +108,11 @@ def fit_frame(
         final.values,
         final.standard_uncertainty,
         final.covariance,
-        final.chi if final.positive else float("inf"),
+        final.chi,
         first.others,
         final.converged,
+        plain,
+        final.positive,
     )
 
 
@@ -112,14 +121,14 @@ def _search(data: FrameData, scene: Scene, keys: tuple[str, ...], starts: Array)
     stride = thinning(data.light.size, _COARSE_PIXELS)
     thin = data.every(stride)
     renderer = SceneRenderer(scene, data.light.shape, stride=stride)
-    mask = thin.valid & below_surface(scene, data.light.shape, stride, _HIDDEN_PX)
+    mask = thin.valid & fit_region(scene, data.light.shape, stride, _HIDDEN_PX)
     return several_starts(
         thin.light,
         lambda values: safe_signal(renderer, _with(scene, keys, values)),
         starts,
         illumination=thin.illumination,
         background=thin.background,
-        mask=mask & np.isfinite(safe_signal(renderer, scene)),
+        mask=mask,
         sigma=thin.sigma,
         scale=scales(scene, keys),
         apart=5e-3,
@@ -135,14 +144,14 @@ def _polish(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> IntensityFi
     stride = thinning(data.light.size, _FINE_PIXELS)
     thin = data.every(stride)
     renderer = SceneRenderer(scene, data.light.shape, stride=stride)
-    mask = thin.valid & below_surface(scene, data.light.shape, stride, EDGE_PX)
+    mask = thin.valid & fit_region(scene, data.light.shape, stride, EDGE_PX)
     return fit_intensity(
         thin.light,
         lambda values: safe_signal(renderer, _with(scene, keys, values)),
         [scene.get(key) for key in keys],
         illumination=thin.illumination,
         background=thin.background,
-        mask=mask & np.isfinite(safe_signal(renderer, scene)),
+        mask=mask,
         sigma=thin.sigma,
         scale=scales(scene, keys),
         tolerance=0.03,
@@ -166,14 +175,28 @@ def thinning(size: int, pixels: int) -> int:
     return max(1, round((size / pixels) ** 0.5))
 
 
-def below_surface(scene: Scene, shape: tuple[int, ...], stride: int, hidden_px: float) -> Array:
-    """False within `hidden_px` of a contact's surface, where the place decides what is seen."""
+def fit_region(scene: Scene, shape: tuple[int, ...], stride: int, hidden_px: float) -> Array:
+    """Pixels that a fit uses: away from where the place, or the model, decides what is seen.
+
+    False within `hidden_px` of a contact's surface; in a disc, near the rim and the two loads.
+    """
     grid = pixel_grid(scene, (shape[0], shape[1])).every(stride)
+    if scene.model == "disc":
+        return _disc_inside(scene, grid)
     if scene.model != "contact":
         return np.ones((grid.rows, grid.cols), dtype=bool)
     assert scene.camera is not None and scene.camera.pixel_mm is not None
     below = grid.z_mm >= hidden_px * scene.camera.pixel_mm
     return np.repeat(below[:, None], grid.cols, axis=1)
+
+
+def _disc_inside(scene: Scene, grid: PixelGrid) -> Array:
+    """A disc without its outermost 6 % and without 0.3 R about the loads, which are no points."""
+    assert scene.specimen.diameter_mm is not None
+    radius = 0.5 * scene.specimen.diameter_mm
+    x, z = grid.x_mm[None, :] / radius, grid.z_mm[:, None] / radius - 1.0
+    loads = np.minimum(np.hypot(x, z - 1.0), np.hypot(x, z + 1.0))
+    return (np.hypot(x, z) < 0.94) & (loads > 0.3)
 
 
 def _starts(
@@ -232,10 +255,3 @@ def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
             low.append(-np.inf)
             high.append(np.inf)
     return {"lower": np.array(low), "upper": np.array(high)}
-
-
-def require_fit(fit: FrameFit, name: str) -> FrameFit:
-    """The fit, or a PhysicsError where no wave of fringes was found at all."""
-    if not np.isfinite(fit.chi):
-        raise PhysicsError(f"{name}: the scene's fringes are not in this frame; check the scene")
-    return fit

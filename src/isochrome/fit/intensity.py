@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,7 +146,7 @@ class _Search:
             if gain < tolerance**2 * noise:
                 return params, part, True
             trial = self.linear(params + step)
-            if trial is not None and trial.cost < part.cost:
+            if _better(trial, part):
                 ratio = (part.cost - trial.cost) / gain
                 params, part, rows = params + step, trial, None
                 damping, growth = damping * max(1e-2, 1.0 - (2.0 * ratio - 1.0) ** 3), 2.0
@@ -172,6 +173,13 @@ def reduced_normal(problem: Problem, rows: Array, part: LinearPart) -> Array:
     known = part.inverse @ cross
     rest = rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
     return rest @ rest.T
+
+
+def _better(trial: LinearPart | None, part: LinearPart) -> TypeGuard[LinearPart]:
+    """Whether a step lowers the cost without turning the light negative: another basin's sign."""
+    if trial is None or (part.positive and not trial.positive):
+        return False
+    return trial.cost < part.cost
 
 
 def _result(

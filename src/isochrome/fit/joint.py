@@ -13,9 +13,9 @@ from isochrome.fit.frame_data import FrameData
 from isochrome.fit.frame_fit import (
     EDGE_PX,
     FrameFit,
-    below_surface,
     bounds,
     fit_frame,
+    fit_region,
     scales,
     thinning,
 )
@@ -117,7 +117,7 @@ def _together(
 
     mask = np.concatenate(
         [
-            data.valid & below_surface(scene, shape, stride, EDGE_PX)
+            data.valid & fit_region(scene, shape, stride, EDGE_PX)
             for data, scene in zip(thin, fine, strict=True)
         ]
     )

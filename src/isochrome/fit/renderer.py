@@ -115,10 +115,11 @@ class SceneRenderer:
         return field, self._visibility(scene, rows, cols)
 
     def signal(self, scene: Scene) -> Array:
-        """Ideal polariscope signal at the strided pixels (rows, cols), NaN outside the specimen."""
+        """Ideal polariscope signal at the strided pixels (rows, cols); air has order zero."""
         specimen = scene.specimen
         assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
         field, visibility = self.order_field(scene)
+        field = np.nan_to_num(field)
         order = fringe_order(
             field,
             thickness_mm=specimen.thickness_mm,

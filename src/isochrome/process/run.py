@@ -84,8 +84,8 @@ def process(
         done = _counted(_processed(reader, scene), count, progress)
         if out is None:
             kept = list(done)
-            return _result(scene, [item.row() for item in kept], kept)
-        return _to_folder(done, scene, Path(out), frames)
+            return _result(scene, [item.row() for item in kept], kept, reader.shape)
+        return _to_folder(done, scene, Path(out), frames, reader.shape)
 
 
 def _processed(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
@@ -153,7 +153,11 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
 
 
 def _to_folder(
-    done: Iterator[ProcessedFrame], scene: Scene, out: Path, inputs: str | Path
+    done: Iterator[ProcessedFrame],
+    scene: Scene,
+    out: Path,
+    inputs: str | Path,
+    shape: tuple[int, int],
 ) -> Processed:
     """Stream the maps to disk; keep the numbers, and the first frames for the figure."""
     rows: list[dict[str, Any]] = []
@@ -178,7 +182,7 @@ def _to_folder(
                 rows.append(item.row())
                 if len(shown) < _SHOWN:
                     shown.append(item)
-        result = _result(scene, rows, None)
+        result = _result(scene, rows, None, shape)
         write_csv(folder / "frames.csv", result.table)
         if lines:
             write_csv(folder / "skeleton.csv", lines)
@@ -208,27 +212,29 @@ def _add_lines(lines: dict[str, list[Any]], item: ProcessedFrame) -> None:
 
 
 def _result(
-    scene: Scene, rows: list[dict[str, Any]], frames: list[ProcessedFrame] | None
+    scene: Scene,
+    rows: list[dict[str, Any]],
+    frames: list[ProcessedFrame] | None,
+    shape: tuple[int, int],
 ) -> Processed:
     names = list(dict.fromkeys(name for row in rows for name in row))
     names.sort(key=lambda name: name == "warnings")
     table = {name: [row.get(name) for row in rows] for name in names}
     warnings = [] if scene.model else [no_model_sentence(scene)]
     warnings += [f"frame {row['frame']}: {row['warnings']}" for row in rows if row["warnings"]]
-    fitted = _fitted(scene, rows) if scene.model else None
+    fitted = _fitted(scene, rows, shape) if scene.model else None
     return Processed(scene, scene.model, table, frames, fitted, tuple(warnings))
 
 
-def _fitted(scene: Scene, rows: list[dict[str, Any]]) -> Scene:
+def _fitted(scene: Scene, rows: list[dict[str, Any]], shape: tuple[int, int]) -> Scene:
     """The scene with the means of the frames' fitted values."""
     own = [{k: {"value": row[k]} for k in row if f"{k} {SPREAD}" in row} for row in rows]
-    return fitted_scene(_with_place(scene, rows), {}, own)
-
-
-def _with_place(scene: Scene, rows: list[dict[str, Any]]) -> Scene:
-    """The scene with a camera whose pixel is known: a disc's may come from its rim."""
-    pixel = rows[0].get("pixel_mm")
-    return scene.with_values({"camera.pixel_mm": pixel}) if pixel else scene
+    grid = {
+        "camera.pixel_mm": rows[0]["pixel_mm"],  # a disc's may come from its rim
+        "camera.height_px": shape[0],
+        "camera.width_px": shape[1],
+    }
+    return fitted_scene(scene.with_values(grid), {}, own)
 
 
 def _counted(

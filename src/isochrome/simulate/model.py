@@ -122,7 +122,8 @@ def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) 
     )
     material = np.isfinite(order)
     if scene.model == "contact":
-        material &= (pixels.z_mm >= 0.0)[:, None]
+        # a pixel that the surface cuts sees the indenter too: it is not the specimen's
+        material &= (pixels.z_mm >= (0.5 - 1e-6) * pixels.pixel_mm)[:, None]
     order = order if material.all() else np.where(material, order, np.nan)
     visibility, too_fine = pixel_visibility(order)
     return Picture(difference, order, material, visibility, too_fine)

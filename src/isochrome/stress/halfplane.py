@@ -131,27 +131,19 @@ def stress_difference(
     Parameters: `grid`; `pressure_mpa` p (n,); `shear_mpa` q (n,), None for none.
     Returns (rows, cols), complex, MPa; zero above the surface.
     """
-    length = grid.normal.shape[1]
-    kind = grid.normal.dtype
-    mu = None if shear_mpa is None else _proportion(pressure_mpa, shear_mpa)
-    if shear_mpa is None or mu is not None:
-        spectrum = scipy.fft.fft(pressure_mpa, length).astype(kind)
-        kernel = grid.normal if not mu else grid.normal + kind.type(mu) * grid.shear
-        product = kernel * spectrum
-    else:
-        product = grid.normal * scipy.fft.fft(pressure_mpa, length).astype(kind)
-        product += grid.shear * scipy.fft.fft(shear_mpa, length).astype(kind)
+    length, kind = grid.normal.shape[1], grid.normal.dtype
     short = length // grid.fold
-    folded = product.reshape(len(product), grid.fold, short).mean(axis=1)
+    loads = [(grid.normal, pressure_mpa)]
+    if shear_mpa is not None:
+        loads.append((grid.shear, shear_mpa))
+    folded = np.zeros((grid.pixels.rows, short), dtype=kind)
+    for kernel, traction in loads:
+        spectrum = (scipy.fft.fft(traction, length) / grid.fold).astype(kind)
+        for start in range(0, length, short):
+            part = slice(start, start + short)
+            folded += kernel[:, part] * spectrum[part]
     rows = scipy.fft.ifft(folded, axis=1, overwrite_x=True)
     return np.asarray(rows[:, : grid.pixels.cols])
-
-
-def _proportion(pressure: Floats, shear: Floats) -> float | None:
-    """Ratio mu where q = mu p at every node, else None."""
-    k = int(np.argmax(pressure))
-    mu = float(shear[k] / pressure[k])
-    return mu if np.array_equal(mu * pressure, shear) else None
 
 
 def stress_components(
