@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from isochrome.console import (
+    print_columns,
+    print_json,
+    print_rows,
+    print_warnings,
+    progress_bar,
+    steps,
+)
 from isochrome.errors import IsochromeError
 
 app = typer.Typer(
@@ -40,12 +47,12 @@ def demo(out: Out = Path("isochrome-demo"), as_json: Json = False) -> None:
     """Run the paper's case and the sample images end to end, offline, in under a minute."""
     from isochrome.demo import demo as run
 
-    with _steps(as_json) as say:
+    with steps(as_json) as say:
         result = run(out, progress=say)
     if as_json:
-        _print_json(result.summary)
+        print_json(result.summary)
         return
-    _print_rows(("quantity", "found", "expected"), result.rows)
+    print_rows(("quantity", "found", "expected"), result.rows)
     typer.echo(f"experiment beside simulation: {result.folder / 'comparison' / 'comparison.png'}")
 
 
@@ -58,14 +65,14 @@ def simulate(
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
     from isochrome.simulate import simulate as run
 
-    with _bar("simulating") as progress:
+    with progress_bar("simulating") as progress:
         result = run(scene, out, progress=progress)
     if as_json:
-        _print_json({"out": str(out), "history": result.history})
+        print_json({"out": str(out), "history": result.history})
         return
     names = ("label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm")  # fmt: skip
-    _print_columns(result.history, names)
+    print_columns(result.history, names)
     typer.echo(f"results: {out}")
 
 
@@ -79,18 +86,18 @@ def process(
     """Find the fringe order of every captured frame."""
     from isochrome.process import process as run
 
-    with _bar("processing") as progress:
+    with progress_bar("processing") as progress:
         result = run(frames, scene, out, progress=progress)
     warnings = list(result.warnings)
     if as_json:
-        _print_json(
+        print_json(
             {"out": str(out), "model": result.model, "frames": result.table, "warnings": warnings}
         )
         return
     names = [n for n in ("frame", "label", "chi", "kept_share", "n_max", "load.normal_n",
              "friction.coefficient", "fringe_lines") if n in result.table]  # fmt: skip
-    _print_columns(result.table, names)
-    _print_warnings(warnings)
+    print_columns(result.table, names)
+    print_warnings(warnings)
     typer.echo(f"results: {out}")
 
 
@@ -104,15 +111,15 @@ def compare(
     """Compare experiment and simulation: metrics and the side-by-side figure."""
     from isochrome.compare.run import compare as run
 
-    with _steps(as_json) as say:
+    with steps(as_json) as say:
         say("comparing")
         result = run(experiment, simulation, out)
     if as_json:
-        _print_json({"out": str(out), "metrics": result.table})
+        print_json({"out": str(out), "metrics": result.table})
         return
     names = ("label", "order_rms_fringe", "order_p95_fringe", "wrong_branch_share",
              "skeleton_distance_px", "ncc", "rmse_over_noise", "ssim")  # fmt: skip
-    _print_columns(result.table, names)
+    print_columns(result.table, names)
     typer.echo(f"results: {out}")
 
 
@@ -156,18 +163,18 @@ def fit(
     """Fit unknowns of the scene, such as load.normal_n, to the frames."""
     from isochrome.fit.run import fit as run
 
-    with _steps(as_json) as say:
+    with steps(as_json) as say:
         say("fitting")
         result = run(frames, scene, free or [], per_frame=per_frame or [], out=out)
     if as_json:
-        _print_json({"out": str(out), **result.to_json()})
+        print_json({"out": str(out), **result.to_json()})
         return
     rows = [("all", key, found) for key, found in result.shared.items()]
     rows += [(str(i), key, f) for i, own in enumerate(result.frames) for key, f in own.items()]
     table = [(a, key, f"{f['value']:.6g} ± {f['standard_uncertainty']:.2g}") for a, key, f in rows]
-    _print_rows(("frame", "key", "value ± standard uncertainty"), table)
+    print_rows(("frame", "key", "value ± standard uncertainty"), table)
     typer.echo(f"chi = {result.chi:.3f}")
-    _print_warnings(list(result.warnings))
+    print_warnings(list(result.warnings))
     typer.echo(f"results: {out}")
 
 
@@ -180,7 +187,7 @@ def check(frames: FramesArgument, scene: SceneOption, as_json: Json = False) -> 
     result = check_frames(frames, load_scene(scene))
     if as_json:
         findings = [{"level": f.level, "frame": f.frame, "text": f.text} for f in result.findings]
-        _print_json({"ok": result.ok, "frames": result.count, "findings": findings})
+        print_json({"ok": result.ok, "frames": result.count, "findings": findings})
     else:
         for finding in result.findings:
             typer.echo(f"{finding.level}: {finding.text}")
@@ -195,10 +202,10 @@ def bench(out: Out = Path("isochrome-bench"), as_json: Json = False) -> None:
     """Measure speed against error, side by side with the paper's own procedure."""
     from isochrome.bench import bench as run
 
-    with _steps(as_json) as say:
+    with steps(as_json) as say:
         result = run(out, progress=say)
     if as_json:
-        _print_json({"out": str(out), "rows": result.rows})
+        print_json({"out": str(out), "rows": result.rows})
         return
     typer.echo(result.text)
     typer.echo(f"results: {out}")
@@ -207,80 +214,20 @@ def bench(out: Out = Path("isochrome-bench"), as_json: Json = False) -> None:
 def _calibrate(run: Callable[[str], Any], settings: str, out: Path, as_json: bool) -> None:
     from isochrome.calibrate import save_calibration
 
-    with _steps(as_json) as say:
+    with steps(as_json) as say:
         say("calibrating")
         result = run(settings)
         save_calibration(result, out, source=settings)
     if as_json:
-        _print_json({"out": str(out), **result.to_json()})
+        print_json({"out": str(out), **result.to_json()})
         return
     value, spread = result.fringe_value_n_per_mm, result.standard_uncertainty
     typer.echo(f"fringe_value_n_per_mm = {value:.5g} ± {spread:.2g} (standard uncertainty)")
     typer.echo(f"chi = {result.chi:.3f}")
     if result.order_at_zero_load is not None:
         typer.echo(f"order at zero load = {result.order_at_zero_load:.3f} fringes")
-    _print_warnings(list(result.warnings))
+    print_warnings(list(result.warnings))
     typer.echo(f"results: {out}")
-
-
-@contextmanager
-def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on standard error; nothing in a pipe."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(what, total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
-
-
-@contextmanager
-def _steps(quiet: bool) -> Iterator[Callable[[str], None]]:
-    """A spinner with the step's name on a terminal, plain lines on standard error in a pipe."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    with console.status("starting") as status:
-
-        def say(step: str) -> None:
-            status.update(step)
-            if not console.is_terminal and not quiet:
-                typer.echo(f"{step} ...", err=True)
-
-        yield say
-
-
-def _print_json(values: Any) -> None:
-    from isochrome.output import plain
-
-    typer.echo(json.dumps(plain(values), allow_nan=False))
-
-
-def _print_warnings(warnings: list[str]) -> None:
-    for warning in warnings:
-        typer.echo(f"warning: {warning}", err=True)
-
-
-def _print_columns(table: dict[str, list[Any]], names: Any) -> None:
-    """Some columns of a table, a row a frame."""
-    rows = list(zip(*(table[name] for name in names), strict=True))
-    _print_rows(tuple(names), [tuple(_cell(value) for value in row) for row in rows])
-
-
-def _cell(value: Any) -> str:
-    if value is None or value != value:
-        return "-"
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
-
-
-def _print_rows(names: tuple[str, ...], rows: list[Any]) -> None:
-    """A plain table in columns, which needs no terminal."""
-    lines = [tuple(names), *rows]
-    widths = [max(len(str(line[i])) for line in lines) for i in range(len(names))]
-    for line in lines:
-        cells = (str(cell).ljust(width) for cell, width in zip(line, widths, strict=True))
-        typer.echo("  ".join(cells).rstrip())
 
 
 def main() -> None:

@@ -1,0 +1,72 @@
+"""What the command line shows: progress on standard error, tables and JSON on standard output."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on standard error; nothing in a pipe."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextmanager
+def steps(quiet: bool) -> Iterator[Callable[[str], None]]:
+    """A spinner with the step's name on a terminal, plain lines on standard error in a pipe."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with console.status("starting") as status:
+
+        def say(step: str) -> None:
+            status.update(step)
+            if not console.is_terminal and not quiet:
+                typer.echo(f"{step} ...", err=True)
+
+        yield say
+
+
+def print_json(values: Any) -> None:
+    """One JSON object on standard output; NaN as null."""
+    from isochrome.output import plain
+
+    typer.echo(json.dumps(plain(values), allow_nan=False))
+
+
+def print_warnings(warnings: list[str]) -> None:
+    """Warnings on standard error, a line each."""
+    for warning in warnings:
+        typer.echo(f"warning: {warning}", err=True)
+
+
+def print_columns(table: dict[str, list[Any]], names: Any) -> None:
+    """Some columns of a table, a row a frame."""
+    rows = list(zip(*(table[name] for name in names), strict=True))
+    print_rows(tuple(names), [tuple(_cell(value) for value in row) for row in rows])
+
+
+def _cell(value: Any) -> str:
+    if value is None or value != value:
+        return "-"
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def print_rows(names: tuple[str, ...], rows: list[Any]) -> None:
+    """A plain table in columns, which needs no terminal."""
+    lines = [tuple(names), *rows]
+    widths = [max(len(str(line[i])) for line in lines) for i in range(len(names))]
+    for line in lines:
+        cells = (str(cell).ljust(width) for cell, width in zip(line, widths, strict=True))
+        typer.echo("  ".join(cells).rstrip())
