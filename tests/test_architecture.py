@@ -13,11 +13,12 @@ import isochrome
 
 HOUSE = Path(isochrome.__file__).parent
 
-LEAVES = ("errors", "output", "figures", "reference")
+LEAVES = ("errors", "progress", "output", "figures", "reference")
 """Rooms that anybody to their right may use; they know nothing but each other."""
 
 ORDER = (
     "errors",
+    "progress",
     "reference",
     "output",
     "figures",
@@ -35,7 +36,7 @@ ORDER = (
 )
 """From left to right; a room imports only from rooms to its left."""
 
-TOP = ("demo", "bench", "cli", "__main__", "check", "samples")
+TOP = ("demo", "bench", "console", "cli", "__main__", "check", "samples")
 """Rooms at the right end: they compose all the others, and only they import each other."""
 
 SIMULATION = ("contact", "stress", "optics", "simulate")

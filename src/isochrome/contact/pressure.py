@@ -31,6 +31,8 @@ _PATIENCE = 8
 _MAX_SETS = 500
 _MAX_KRYLOV = 80
 _LOOSE = 1e-3
+_WORST = 100.0
+"""Residual over tolerance at which a solution is refused, not returned."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,8 @@ def solve_pressure(
         count = int(np.count_nonzero(wrong))
         if count == 0 and target <= tolerance:
             residual = system.residual(active, gap)
+            if residual > _WORST * tolerance:
+                break
             return ContactState(pressure, gap, approach, residual, iterations, sets)
         if count == 0:
             target = tolerance
@@ -100,8 +104,8 @@ def solve_pressure(
         if not active.any():
             active[np.argmin(gap)] = True
     raise PhysicsError(
-        f"the contact pressure did not converge in {_MAX_SETS} trial contact sets (friction "
-        f"{friction:g}); lower friction.coefficient or refine numerics.spacing_mm"
+        f"the contact pressure did not converge (friction {friction:g}, {sets} trial sets); "
+        "lower friction.coefficient or refine numerics.spacing_mm"
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,9 @@ from isochrome.fit.joint import JointFit, fit_jointly
 from isochrome.fit.renderer import frame_scene
 from isochrome.frames import load_no_load, open_scene_frames
 from isochrome.output import provenance, staged, write_csv, write_figure, write_json, write_text
+from isochrome.progress import Progress
 from isochrome.scene import Scene, dump_scene, load_scene
 from isochrome.simulate import no_model_sentence
-
-Progress = Callable[[int, int], None]
 
 _SAME_EFFECT = {
     "specimen.fringe_value_n_per_mm": "only load over fringe value sets the fringe order",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,10 +29,9 @@ from isochrome.process.frame import (
     process_image_only,
     process_with_model,
 )
+from isochrome.progress import Progress, counted
 from isochrome.scene import Scene, dump_scene, load_scene
 from isochrome.simulate import no_model_sentence
-
-Progress = Callable[[int, int], None]
 
 _SHOWN = 6
 
@@ -81,7 +80,7 @@ def process(
     with open_scene_frames(frames, scene) as reader:
         count = reader.count()
         _check_set(scene, reader, count)
-        done = _counted(_processed(reader, scene), count, progress)
+        done = counted(_processed(reader, scene), count, progress)
         if out is None:
             kept = list(done)
             return _result(scene, [item.row() for item in kept], kept, reader.shape)
@@ -235,12 +234,3 @@ def _fitted(scene: Scene, rows: list[dict[str, Any]], shape: tuple[int, int]) ->
         "camera.width_px": shape[1],
     }
     return fitted_scene(scene.with_values(grid), {}, own)
-
-
-def _counted(
-    items: Iterator[ProcessedFrame], count: int, progress: Progress | None
-) -> Iterator[ProcessedFrame]:
-    for done, item in enumerate(items, start=1):
-        yield item
-        if progress is not None:
-            progress(done, count)

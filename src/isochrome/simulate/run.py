@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from isochrome.output import (
     write_json,
     write_text,
 )
+from isochrome.progress import Progress, counted
 from isochrome.scene import Scene, dump_scene, load_scene
 from isochrome.simulate.figure import simulation_figure
 from isochrome.simulate.model import (
@@ -35,8 +36,6 @@ from isochrome.simulate.model import (
     state_difference,
 )
 from isochrome.stress import PixelGrid, pixel_grid
-
-Progress = Callable[[int, int], None]
 
 _SHOWN = 6
 """States kept for the figure: the paper's six, or evenly spaced ones of a long history."""
@@ -106,7 +105,7 @@ def simulate(
     rows: list[dict[str, Any]] = []
     if out is None:
         frames, orders = [], []
-        for item in _counted(render(scene, states, pixels), len(states), progress):
+        for item in counted(render(scene, states, pixels), len(states), progress):
             rows.append(history_row(len(rows), item, pixels))
             frames.append(item.frames)
             orders.append(item.picture.order.astype(np.float32))
@@ -120,7 +119,7 @@ def simulate(
         )
         shown = set(np.linspace(0, len(states) - 1, min(_SHOWN, len(states))).round().astype(int))
         kept: list[Rendered] = []
-        for item in _counted(render(scene, states, pixels), len(states), progress):
+        for item in counted(render(scene, states, pixels), len(states), progress):
             index = len(rows)
             rows.append(history_row(index, item, pixels))
             for frame in item.frames:
@@ -190,12 +189,3 @@ def _write_tables(simulation: Simulation, folder: Path) -> None:
 
 def _columns(rows: list[dict[str, Any]]) -> dict[str, list[Any]]:
     return {name: [row[name] for row in rows] for name in rows[0]}
-
-
-def _counted(
-    items: Iterator[Rendered], count: int, progress: Progress | None
-) -> Iterator[Rendered]:
-    for done, item in enumerate(items, start=1):
-        yield item
-        if progress is not None:
-            progress(done, count)
