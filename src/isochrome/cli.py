@@ -111,7 +111,7 @@ def compare(
     """Compare experiment and simulation: metrics and the side-by-side figure."""
     from isochrome.compare.run import compare as run
 
-    with steps(as_json) as say:
+    with steps(quiet=True) as say:
         say("comparing")
         result = run(experiment, simulation, out)
     if as_json:
@@ -163,7 +163,7 @@ def fit(
     """Fit unknowns of the scene, such as load.normal_n, to the frames."""
     from isochrome.fit.run import fit as run
 
-    with steps(as_json) as say:
+    with steps(quiet=True) as say:
         say("fitting")
         result = run(frames, scene, free or [], per_frame=per_frame or [], out=out)
     if as_json:
@@ -214,7 +214,7 @@ def bench(out: Out = Path("isochrome-bench"), as_json: Json = False) -> None:
 def _calibrate(run: Callable[[str], Any], settings: str, out: Path, as_json: bool) -> None:
     from isochrome.calibrate import save_calibration
 
-    with steps(as_json) as say:
+    with steps(quiet=True) as say:
         say("calibrating")
         result = run(settings)
         save_calibration(result, out, source=settings)

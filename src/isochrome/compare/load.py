@@ -52,8 +52,11 @@ def _load_result(
             "the folder mixes two runs; make it again"
         )
     table = _read_table(folder / table_name, len(signal))
+    light = scaled(signal, bit_depth or camera.get("bit_depth"))
+    if order is not None and signal_name == "frames.tif":
+        light = np.where(np.isfinite(order), light, np.float32(np.nan))  # no specimen there
     return FrameSet(
-        signal=scaled(signal, bit_depth or camera.get("bit_depth")),
+        signal=light,
         order=None if order is None else order.astype(np.float32, copy=False),
         pixel_mm=pixel_mm or read_pixel_mm(folder / signal_name) or camera.get("pixel_mm"),
         left_mm=float(camera.get("left_mm", 0.0)),

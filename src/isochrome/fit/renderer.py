@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -111,8 +112,8 @@ class SceneRenderer:
             state = scene_states(scene)[-1]
             field = state_difference(scene, state, grid.every(self.stride))
             return field, np.ones(field.shape)
-        field, rows, cols = self._shifted(scene)
-        return field, self._visibility(scene, rows, cols)
+        field, base, part = self._shifted(scene)
+        return field, self._visibility(scene, base, part)
 
     def signal(self, scene: Scene) -> Array:
         """Ideal polariscope signal at the strided pixels (rows, cols); air has order zero."""
@@ -166,7 +167,8 @@ class SceneRenderer:
             pixel_mm=pixel,
         )
 
-    def _shifted(self, scene: Scene) -> tuple[Array, slice, slice]:
+    def _shifted(self, scene: Scene) -> tuple[Array, list[int], list[float]]:
+        """The field where the scene stands, and whole and broken pixels of its shift."""
         here = pixel_grid(scene, self.shape)
         offset = self._offset(here)
         if max(abs(o) for o in offset) > MARGIN_PX - 3:
@@ -175,17 +177,33 @@ class SceneRenderer:
             offset = self._offset(here)
         field = self._reference(scene)
         base = [MARGIN_PX + int(np.floor(o)) for o in offset]
-        rows = _interpolated(field, base[0], offset[0] % 1.0, self.shape[0], self.stride)
-        cols = _interpolated(rows.T, base[1], offset[1] % 1.0, self.shape[1], self.stride)
-        place = [slice(b, b + n, self.stride) for b, n in zip(base, self.shape, strict=True)]
-        return cols.T, place[0], place[1]
+        part = [o % 1.0 for o in offset]
+        rows = _interpolated(field, base[0], part[0], self.shape[0], self.stride)
+        cols = _interpolated(rows.T, base[1], part[1], self.shape[1], self.stride)
+        return cols.T, base, part
 
     def _offset(self, here: PixelGrid) -> tuple[float, float]:
         left, top = self._anchor
         return (here.top_mm - top) / here.pixel_mm, (here.left_mm - left) / here.pixel_mm
 
-    def _visibility(self, scene: Scene, rows: slice, cols: slice) -> Array:
-        """Contrast left by the pixel's area at the nearest reference pixels."""
+    def _visibility(self, scene: Scene, base: list[int], part: list[float]) -> Array:
+        """Contrast left by the pixel's area, linear between the reference pixels.
+
+        Not that of the nearest pixel: a fit that starts on a whole pixel would stand on a jump.
+        """
+        total: Any = 0.0
+        for down, across in product((0, 1), repeat=2):
+            weight = abs(1 - down - part[0]) * abs(1 - across - part[1])
+            if weight > 0.0:
+                rows, cols = (
+                    slice(b + d, b + d + n, self.stride)
+                    for b, d, n in zip(base, (down, across), self.shape, strict=True)
+                )
+                total = total + weight * self._visibility_at(scene, rows, cols)
+        return np.asarray(total)
+
+    def _visibility_at(self, scene: Scene, rows: slice, cols: slice) -> Array:
+        """Contrast left by the pixel's area at some reference pixels."""
         specimen = scene.specimen
         assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
         scale = specimen.thickness_mm / specimen.fringe_value_n_per_mm

@@ -123,7 +123,7 @@ def of_no_load(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Find
     except InputError as error:
         yield Finding("error", None, str(error))
         return
-    if not seen.count:
+    if not seen.count or np.isnan(seen.low).all():
         return
     full = full_scale(reader.bit_depth)
     low = (max(float(np.nanmin(seen.low)), 0) / full) ** frames.gamma
