@@ -57,7 +57,7 @@ def side_by_side(
     if len(metrics) != len(pairs):
         raise InputError(f"{len(metrics)} metrics for {len(pairs)} frames: give one a frame")
     shown = _evenly_spaced(len(pairs), max_rows)
-    of_order = experiment.order is not None and simulation.order is not None
+    of_order = any(metrics[k].orders is not None for k in shown)
     gaps = [_difference(experiment, simulation, pairs[k], metrics[k], of_order) for k in shown]
     grey = _grey_range(experiment, simulation, [pairs[k] for k in shown])
 

@@ -190,7 +190,13 @@ def fitted_scene(
     """The scene with fitted values: means of per-frame ones, friction as a table over distance."""
     values: dict[str, Any] = {key: found["value"] for key, found in shared.items()}
     for key in dict.fromkeys(key for frame in own for key in frame):
-        series = [(i, frame[key]["value"]) for i, frame in enumerate(own) if key in frame]
+        series = [
+            (i, frame[key]["value"])
+            for i, frame in enumerate(own)
+            if key in frame and np.isfinite(frame[key]["value"])
+        ]
+        if not series:
+            continue
         values[key] = float(np.mean([value for _, value in series]))
         if key == "friction.coefficient" and scene.wear and len(series) > 1:
             points = {

@@ -80,7 +80,7 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     bent = mean + np.where(mean >= 0.0, 1.0, -1.0) * np.hypot(half, h_rc)
     angle = 0.5 * np.arctan2(h_rc, half) + np.where(mean >= 0.0, 0.0, 0.5 * np.pi)
     n_r, n_c = np.cos(angle), np.sin(angle)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         step = -(g_r * n_r + g_c * n_c) / bent
     off_r, off_c = step * n_r, step * n_c
     level_run = np.abs(g_c * n_r - g_r * n_c) <= _RUN * sigma_px * np.abs(bent)

@@ -67,6 +67,19 @@ class ProcessedFrame:
             "confidence": self.reading.confidence,
         }
 
+    def _largest(self, order: Array) -> dict[str, float]:
+        """The largest fringe order that is known, and its place (mm)."""
+        assert self.fit is not None
+        if not np.isfinite(order).any():
+            return dict.fromkeys(("n_max", "n_max_x_mm", "n_max_z_mm"), float("nan"))
+        row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
+        grid = pixel_grid(self.fit.scene, (order.shape[0], order.shape[1]))
+        return {
+            "n_max": float(order[row, col]),
+            "n_max_x_mm": float(grid.x_mm[col]),
+            "n_max_z_mm": float(grid.z_mm[row]),
+        }
+
     def row(self) -> dict[str, Any]:
         """The frame's row of frames.csv."""
         row: dict[str, Any] = {
@@ -80,15 +93,7 @@ class ProcessedFrame:
         }
         if self.fit is None or self.reading is None:
             return row | {"fringe_lines": len(self.lines), "warnings": "; ".join(self.warnings)}
-        order = np.where(np.isfinite(self.reading.order), self.reading.order, -1.0)
-        place = np.unravel_index(int(order.argmax()), order.shape)
-        grid = pixel_grid(self.fit.scene, (order.shape[0], order.shape[1]))
-        row |= {
-            "kept_share": self.reading.kept,
-            "n_max": float(order[place]),
-            "n_max_x_mm": float(grid.x_mm[place[1]]),
-            "n_max_z_mm": float(grid.z_mm[place[0]]),
-        }
+        row |= {"kept_share": self.reading.kept, **self._largest(self.reading.order)}
         for key, value, spread in zip(
             self.fit.keys, self.fit.values, self.fit.standard_uncertainty, strict=True
         ):
@@ -137,14 +142,16 @@ def process_with_model(
         sigma=data.sigma,
         valid=seen.mask & (seen.illumination > 0.0) & (not lost),
     )
-    if not fit.positive:
-        rest = process_image_only(frame, scene, bit_depth=bit_depth, no_load=no_load)
+    if lost:
+        # the place that the lost fit ended at says nothing: the specimen is where it began
+        inside = explain_frame(data, scene).picture.material
+        rest = process_image_only(frame, scene, bit_depth=bit_depth, no_load=no_load, inside=inside)
         return replace(
             rest,
             label=label,
             distance_m=distance_m,
             reading=reading,
-            fit=fit,
+            fit=_without_values(fit, scene),
             chi=fit.chi,
             pixel_mm=seen.pixels.pixel_mm,
             warnings=(*notes, *_warnings(fit, reading, lost), *rest.warnings),
@@ -165,6 +172,13 @@ def process_with_model(
         seen.pixels.pixel_mm,
         (*notes, *_warnings(fit, reading, lost)),
     )
+
+
+def _without_values(fit: FrameFit, scene: Scene) -> FrameFit:
+    """A fit that was lost: only the place it began with is left of it, and its chi."""
+    values = [scene.get(key) if key.startswith("camera.") else None for key in fit.keys]
+    kept = np.array([np.nan if value is None else value for value in values], dtype=float)
+    return replace(fit, scene=scene, values=kept, standard_uncertainty=np.full(len(kept), np.nan))
 
 
 def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
@@ -201,13 +215,17 @@ def process_image_only(
     *,
     bit_depth: int | None,
     no_load: tuple[Linear | None, Linear | None],
+    inside: NDArray[np.bool_] | None = None,
 ) -> ProcessedFrame:
     """Normalise a frame without a model, and find its fringe skeleton.
 
-    Parameters as in `process_with_model`. Returns a ProcessedFrame without a reading. A frame in
+    Parameters as in `process_with_model`; `inside`, True on the specimen where that is known.
+    Returns a ProcessedFrame without a reading. A frame in
     which no fringe shows (an unloaded specimen) is kept as it is, and says so.
     """
     linear = to_linear(frame.image, bit_depth=bit_depth, gamma=scene.frames.gamma, name=frame.name)
+    if inside is not None:
+        linear = replace(linear, valid=linear.valid & inside)
     dark, bright = no_load
     notes: tuple[str, ...] = ()
     try:
