@@ -129,13 +129,13 @@ def contact_grid(scene: Scene, *, largest_dose_mm_per_mpa: float, growth: float 
     nodes = 2 * math.ceil(half / spacing) + 1
     if nodes > _MAX_NODES:
         raise PhysicsError(
-            f"the contact needs {nodes} nodes of {spacing:.3g} mm over {2 * half:.3g} mm, more "
-            f"than {_MAX_NODES}; set a coarser numerics.spacing_mm or a smaller numerics.window_mm"
+            f"{scene.name}: the contact needs {nodes} nodes of {spacing:.3g} mm over {2 * half:.3g} "
+            f"mm, more than {_MAX_NODES}; set a coarser numerics.spacing_mm or a smaller numerics.window_mm"
         )
     if nodes < 16:
         raise PhysicsError(
-            f"a window of {2 * half:.3g} mm has only {nodes} nodes of {spacing:.3g} mm; set a "
-            "finer numerics.spacing_mm or a larger numerics.window_mm"
+            f"{scene.name}: a window of {2 * half:.3g} mm has only {nodes} nodes of {spacing:.3g} "
+            "mm; set a finer numerics.spacing_mm or a larger numerics.window_mm"
         )
     return Grid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
 
@@ -157,8 +157,8 @@ def _contact_reach(scene: Scene, modulus: float, dose: float) -> tuple[float, fl
     reach = (hertz**3 + worn**3) ** (1.0 / 3.0)
     if reach > STEEPEST * radius:
         raise PhysicsError(
-            f"the contact's half-width would be {reach:.3g} mm, over {STEEPEST:g} of the radius "
-            f"{radius:g} mm, where a half-plane under a parabola no longer holds; lower "
+            f"{scene.name}: the contact's half-width would be {reach:.3g} mm, over {STEEPEST:g} of "
+            f"the radius {radius:g} mm, where a half-plane under a parabola no longer holds; lower "
             "load.normal_n or the wear, or raise indenter.radius_mm"
         )
     return hertz, reach

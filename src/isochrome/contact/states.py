@@ -95,8 +95,8 @@ def contact_states(scene: Scene) -> list[SurfaceState]:
             break
     width = grid.spacing_mm * (grid.nodes - 1)
     raise PhysicsError(
-        f"the contact reaches the edge of its grid, {width:.3g} mm wide; raise (or leave out) "
-        "numerics.window_mm, or lower the load or the wear"
+        f"{scene.name}: the contact reaches the edge of its grid, {width:.3g} mm wide; raise (or "
+        "leave out) numerics.window_mm, or lower the load or the wear"
     )
 
 

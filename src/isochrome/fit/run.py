@@ -11,12 +11,13 @@ import numpy as np
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fit.figure import fit_figure
 from isochrome.fit.frame_data import FrameData, prepare_frame
+from isochrome.fit.frame_fit import placed
 from isochrome.fit.joint import JointFit, fit_jointly
 from isochrome.fit.renderer import frame_scene
 from isochrome.frames import load_no_load, open_scene_frames
 from isochrome.output import provenance, staged, write_csv, write_figure, write_json, write_text
 from isochrome.progress import Progress
-from isochrome.scene import Scene, dump_scene, load_scene
+from isochrome.scene import DistanceTable, Scene, dump_scene, load_scene
 from isochrome.simulate import no_model_sentence
 
 _SAME_EFFECT = {
@@ -27,6 +28,7 @@ _SAME_EFFECT = {
 """Keys that cannot be told from the load, and why."""
 
 _ALIKE = 0.9995
+_PLACE = ("camera.left_mm", "camera.top_mm")
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def _refuse(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> None
     if not keys:
         raise InputError("nothing to fit; name a key with --free, such as --free load.normal_n")
     for key in keys:
-        scene.get(key)
+        _refuse_unfitted(scene, key)
         if keys.count(key) > 1:
             raise InputError(f"{key} is named twice; name it once, shared or per frame")
     for key, reason in _SAME_EFFECT.items():
@@ -111,6 +113,28 @@ def _refuse(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> None
             raise InputError(
                 f"load.normal_n and {key} cannot both be free: {reason}; fix one of them"
             )
+
+
+def _refuse_unfitted(scene: Scene, key: str) -> None:
+    """Refuse a key that is no number, or that does not change the simulated fringes."""
+    value = scene.get(key)
+    if key in _PLACE:
+        return
+    if key.split(".")[0] in ("camera", "frames", "numerics") and key != "camera.pixel_mm":
+        raise InputError(
+            f"{key} cannot be fitted: the fringes' orders do not follow it; of the camera only "
+            f"{', '.join(_PLACE)} can be free"
+        )
+    if key == "camera.pixel_mm" and scene.model == "contact":
+        raise InputError(
+            "camera.pixel_mm of a contact cannot be fitted: the surface grid is made for it; "
+            "measure it on a scale in the picture's plane"
+        )
+    if isinstance(value, bool) or not isinstance(value, int | float | DistanceTable):
+        raise InputError(
+            f"{key} = {value!r} cannot be fitted: it is no number in this scene; give it one, or "
+            "leave it out"
+        )
 
 
 def _refuse_alike(joint: JointFit) -> None:
@@ -142,7 +166,8 @@ def _read(frames: str | Path, scene: Scene) -> tuple[list[FrameData], list[Scene
             f"{frames}: {len(data)} frames, and the scene has {states} states; give one frame a "
             "state, or correct wear.distances_m"
         )
-    return data, [frame_scene(scene, i) for i in range(len(data))]
+    shape = data[0].light.shape
+    return data, [placed(frame_scene(scene, i), shape) for i in range(len(data))]
 
 
 def _merged(parts: list[JointFit]) -> JointFit:

@@ -29,6 +29,8 @@ def load_scene(scene: str | Path | Scene) -> Scene:
     if str(scene) in scene_names():
         text = (resources.files("isochrome.scene") / "library" / f"{scene}.toml").read_text("utf-8")
         return parse_scene(text, name=str(scene))
+    if path.is_dir():
+        raise InputError(f"{scene}: is a folder, not a scene file; name the .toml file in it")
     if not path.is_file():
         near = nearest(str(scene), scene_names())
         hint = f"did you mean '{near}'?" if near else "scenes by name: " + ", ".join(scene_names())

@@ -1,0 +1,131 @@
+"""The command line as a user runs it: another process, in a folder with an awkward name."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+SMALL_SCENE = """\
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+
+[indenter]
+radius_mm = 24.61
+young_gpa = 210.0
+poisson = 0.3
+
+[load]
+normal_n = 44.0
+
+[friction]
+coefficient = 0.25
+
+[wear]
+coefficient_mm2_per_n = 2e-9
+distances_m = [0.0, 77.0]
+
+[polariscope]
+wavelength_nm = 587.0
+
+[camera]
+width_px = 160
+height_px = 120
+left_mm = -2.0
+top_mm = 0.0
+pixel_mm = 0.025
+bit_depth = 8
+brightness = 0.85
+background = 0.05
+noise_grey = 2.0
+seed = 3
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a command said, and its exit code."""
+
+    code: int
+    out: str
+    err: str
+
+    def json(self) -> dict:
+        """The one JSON object on standard output: anything more is an error."""
+        assert self.out.endswith("\n") and "\n" not in self.out[:-1]
+        found = json.loads(self.out)
+        assert isinstance(found, dict)
+        return found
+
+
+def run_isochrome(folder: Path, *arguments: str) -> Run:
+    """Run `python -m isochrome` in a folder, without a terminal and without the tests' settings."""
+    env = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "PYTHONWARNINGS")}
+    command = [sys.executable, "-m", "isochrome", *arguments]
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, encoding="utf-8", check=False,
+        timeout=120, env=env | {"PYTHONIOENCODING": "utf-8"},
+    )  # fmt: skip
+    return Run(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture(scope="session")
+def run_in():
+    """Run a command in a given folder."""
+    return run_isochrome
+
+
+@pytest.fixture(scope="session")
+def captured(tmp_path_factory):
+    """A folder with the small scene and its two frames, simulated by the command itself."""
+    folder = tmp_path_factory.mktemp("captured")
+    folder = folder / "Läufe und 場 1"
+    folder.mkdir()
+    (folder / "small.toml").write_text(SMALL_SCENE, "utf-8")
+    done = run_isochrome(folder, "simulate", "small.toml", "--out", "Bild ü")
+    assert (done.code, done.err) == (0, "")
+    return folder
+
+
+@pytest.fixture
+def place(tmp_path, captured):
+    """An empty folder to work in, named with a space and letters beyond ASCII."""
+    folder = tmp_path / "Mess reihe ÄΩ場"
+    folder.mkdir()
+    (folder / "small.toml").write_text(SMALL_SCENE, "utf-8")
+    (folder / "frames.tif").write_bytes((captured / "Bild ü" / "frames.tif").read_bytes())
+    return folder
+
+
+@pytest.fixture
+def isochrome(place):
+    """Run a command in the folder, as another process."""
+    return lambda *arguments: run_isochrome(place, *arguments)
+
+
+@pytest.fixture(params=["here", pytest.param("process", marks=pytest.mark.long)])
+def quick_isochrome(request, place, monkeypatch, capfd):
+    """Run a command in the folder: in this process for speed; in another one with `-m long`."""
+    if request.param == "process":
+        return lambda *arguments: run_isochrome(place, *arguments)
+    monkeypatch.chdir(place)
+
+    def run(*arguments):
+        from isochrome.cli import main
+
+        monkeypatch.setattr(sys, "argv", ["isochrome", *arguments])
+        capfd.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+        return Run(code, *capfd.readouterr())
+
+    return run

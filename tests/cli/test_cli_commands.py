@@ -1,0 +1,234 @@
+"""Every command as a user runs it: another process, and a folder with letters beyond ASCII."""
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.output import read_pixel_mm
+from isochrome.samples import samples_path
+
+COMMANDS = [
+    (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
+    ("calibrate", "bending"), ("calibrate", "disc"), ("fit",), ("check",), ("bench",),
+]  # fmt: skip
+
+HISTORY = (
+    "state", "distance_m", "p_max_mpa", "contact_width_mm", "wear_depth_um", "worn_area_mm2",
+    "n_max", "n_max_x_mm", "n_max_z_mm",
+)  # fmt: skip
+
+HEAVY = ("numpy", "scipy", "matplotlib", "skimage", "cv2", "pydantic")
+
+
+def columns_of(path):
+    with open(path, encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def files_in(folder):
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def processed(captured, run_in):
+    """The small scene's frames, processed by the command; the folder and what was printed."""
+    done = run_in(
+        captured, "process", "Bild ü/frames.tif", "--scene", "small.toml", "--out", "Ergebnis",
+        "--json",
+    )  # fmt: skip
+    assert (done.code, done.err) == (0, "")
+    return captured, done.json()
+
+
+# Help
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys\n"
+        "sys.argv = ['isochrome', '--help']\n"
+        "from isochrome.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        f"print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, encoding="utf-8"
+    )
+    assert done.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda c: " ".join(c) or "isochrome")
+def test_help_of_every_command(quick_isochrome, command):
+    done = quick_isochrome(*command, "--help")
+    assert (done.code, done.err) == (0, "")
+    assert "Usage: " in done.out
+    if command in ((), ("calibrate",)):
+        names = [c[-1] for c in COMMANDS if c[:-1] == command and c]
+        assert all(name in done.out for name in names)
+    else:
+        assert "--json" in done.out
+        assert ("--out" in done.out) == (command != ("check",))
+
+
+# Simulate
+
+
+def test_simulate_leaves_what_the_contract_names(captured):
+    out = captured / "Bild ü"
+    assert files_in(out) == {
+        "history.csv", "frames.tif", "fringe_order.tif", "pressure.csv", "scene.toml",
+        "provenance.json", "simulation.png",
+    }  # fmt: skip
+    history = columns_of(out / "history.csv")
+    assert set(HISTORY) <= set(history)
+    assert history["distance_m"] == ["0", "77"]
+    assert float(history["wear_depth_um"][1]) == pytest.approx(2.477, abs=0.01)
+    pressure = columns_of(out / "pressure.csv")
+    assert set(pressure) == {"state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um"}
+    for name, dtype in (("frames.tif", np.uint8), ("fringe_order.tif", np.float32)):
+        stack = tifffile.imread(out / name)
+        assert (stack.shape, stack.dtype) == ((2, 120, 160), dtype)
+        assert read_pixel_mm(out / name) == pytest.approx(0.025, rel=1e-6)
+    assert tomllib.loads((out / "scene.toml").read_text("utf-8"))["load"] == {"normal_n": 44.0}
+    came = json.loads((out / "provenance.json").read_text("utf-8"))
+    assert came["seed"] == 3 and came["isochrome"] == version("isochrome")
+
+
+def test_simulate_in_json_is_the_history(isochrome):
+    done = isochrome("simulate", "small.toml", "--json")
+    found = done.json()
+    assert (done.code, done.err) == (0, "")
+    assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
+
+
+def test_simulating_twice_gives_the_same_bytes(captured, isochrome, place):
+    assert isochrome("simulate", "small.toml", "--out", "twice").code == 0
+    for name in ("history.csv", "frames.tif", "pressure.csv", "fringe_order.tif"):
+        one, two = ((f / name).read_bytes() for f in (captured / "Bild ü", place / "twice"))
+        assert one == two, name
+
+
+# Process, compare
+
+
+def test_process_leaves_what_the_contract_names(processed):
+    folder, found = processed
+    out = folder / "Ergebnis"
+    assert files_in(out) == {
+        "frames.csv", "fringe_order.tif", "confidence.tif", "normalised.tif", "scene.toml",
+        "fitted_scene.toml", "provenance.json", "process.png",
+    }  # fmt: skip
+    for name in ("fringe_order", "confidence", "normalised"):
+        stack = tifffile.imread(out / f"{name}.tif")
+        assert (stack.shape, stack.dtype) == ((2, 120, 160), np.float32)
+        assert read_pixel_mm(out / f"{name}.tif") == pytest.approx(0.025, rel=1e-6)
+    table = columns_of(out / "frames.csv")
+    assert set(table) == set(found["frames"])
+    assert found["model"] == "contact" and found["warnings"] == []
+    for chi in found["frames"]["chi"]:
+        assert 0.95 < chi < 1.05
+
+
+def test_process_finds_the_simulated_order(processed):
+    folder, _ = processed
+    found = tifffile.imread(folder / "Ergebnis" / "fringe_order.tif")
+    true = tifffile.imread(folder / "Bild ü" / "fringe_order.tif")
+    error = (found - true)[np.isfinite(found)]
+    assert np.sqrt(np.mean(error**2)) < 0.005 and np.abs(error).max() < 0.25
+
+
+def test_what_was_found_can_be_simulated_and_compared(processed, isochrome, place):
+    folder, _ = processed
+    shutil.copytree(folder / "Ergebnis", place / "Versuch")
+    done = isochrome("simulate", "Versuch/fitted_scene.toml", "--out", "Rechnung")
+    assert (done.code, done.err) == (0, "")
+    done = isochrome("compare", "Versuch", "Rechnung", "--out", "Vergleich", "--json")
+    metrics = done.json()["metrics"]
+    assert (done.code, done.err) == (0, "")
+    assert files_in(place / "Vergleich") == {"metrics.csv", "comparison.png", "provenance.json"}
+    assert set(columns_of(place / "Vergleich" / "metrics.csv")) == set(metrics)
+    assert max(metrics["order_rms_fringe"]) < 0.005
+    assert max(metrics["wrong_branch_share"]) == 0.0
+    # The surface stands a hundredth of a pixel apart: rows that one side calls air do not count.
+    assert min(metrics["ncc"]) > 0.999
+
+
+def test_check_finds_nothing_wrong_with_simulated_frames(isochrome):
+    done = isochrome("check", "frames.tif", "--scene", "small.toml")
+    assert (done.code, done.err) == (0, "")
+    assert done.out.endswith("2 frames read: no error found\n")
+
+
+# Fit
+
+
+def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(isochrome, place):
+    done = isochrome(
+        "fit", "frames.tif", "--scene", "small.toml", "--free", "load.normal_n",
+        "--per-frame", "friction.coefficient", "--out", "Anpassung", "--json",
+    )  # fmt: skip
+    found = done.json()
+    assert (done.code, done.err) == (0, "")
+    assert set(found["load.normal_n"]) == {"value", "standard_uncertainty"}
+    assert found["load.normal_n"]["value"] == pytest.approx(44.0, rel=1e-3)
+    assert [set(f) for f in found["frames"]] == [{"frame", "friction.coefficient"}] * 2
+    assert 0.9 < found["chi"] < 1.1
+    assert {"fit.csv", "scene.toml", "fit.png"} <= files_in(place / "Anpassung")
+    table = columns_of(place / "Anpassung" / "fit.csv")
+    assert table["key"] == ["load.normal_n", "friction.coefficient", "friction.coefficient"]
+    assert isochrome("check", "frames.tif", "--scene", "Anpassung/scene.toml").code == 0
+
+
+# Calibrate
+
+
+def calibration_set(place, specimen, keep):
+    """A shipped calibration set with some of its images only."""
+    shutil.copytree(samples_path() / specimen, place / specimen)
+    path = place / specimen / "set.toml"
+    head, *images = path.read_text("utf-8").split("[[image]]")
+    tail = images[-1][images[-1].index("[uncertainty]") :]
+    images[-1] = images[-1].replace(tail, "")
+    path.write_text(head + "".join(f"[[image]]{images[k]}" for k in keep) + tail, "utf-8")
+    return f"{specimen}/set.toml"
+
+
+@pytest.mark.parametrize(
+    ("specimen", "command", "keep"),
+    [
+        pytest.param("bending", "bending", (0, 3), id="bending, two loads"),
+        pytest.param("bending", "bending", (0, 1, 2, 3), id="bending", marks=pytest.mark.long),
+        pytest.param("disc", "disc", (0, 1, 2), id="disc", marks=pytest.mark.long),
+    ],
+)
+def test_calibrate_finds_the_fringe_value(isochrome, place, specimen, command, keep):
+    given = calibration_set(place, specimen, keep)
+    done = isochrome("calibrate", command, given, "--out", "Kalibrierung", "--json")
+    found = done.json()
+    assert (done.code, done.err) == (0, "")
+    saved = json.loads((place / "Kalibrierung" / "calibration.json").read_text("utf-8"))
+    assert saved == {k: v for k, v in found.items() if k != "out"}
+    spread = found["standard_uncertainty"]
+    assert abs(found["fringe_value_n_per_mm"] - 14.6) < 4.0 * spread < 0.5
+    assert 0.9 < found["chi"] < 1.1
+    assert abs(found["order_at_zero_load"]) < 0.06
+    assert files_in(place / "Kalibrierung") == {
+        "calibration.json", "calibration.png", "provenance.json"
+    }  # fmt: skip
+
+
+@pytest.mark.long
+def test_demo_runs_from_anywhere(isochrome, place):
+    done = isochrome("demo", "--out", "Vorführung", "--json")
+    assert done.code == 0
+    assert max(done.json()["metrics"]["order_rms_fringe"]) < 0.01
+    assert (place / "Vorführung" / "comparison" / "comparison.png").is_file()

@@ -1,0 +1,442 @@
+"""Bad input, as a user meets it: one line that says what to do, exit 2 or 3, nothing left behind.
+
+Every case calls the command line's own entry, in a folder with a space and letters beyond ASCII in
+its name; with `-m long` once more, as another process. Some are another process always.
+"""
+
+import json
+
+import numpy as np
+import pytest
+import tifffile
+
+BENDING_SET = """\
+[beam]
+thickness_mm = 6.0
+height_mm = 20.0
+inner_span_mm = 40.0
+outer_span_mm = 100.0
+
+[camera]
+pixel_mm = 0.05
+bit_depth = 8
+
+[[image]]
+file = "gone.png"
+load_n = 60.0
+"""
+
+
+@pytest.fixture
+def refuses(place, quick_isochrome):
+    """Run a command, see that it refuses in one line with all words, and leaves all as it was."""
+
+    def snapshot():
+        return {
+            p.relative_to(place).as_posix(): p.read_bytes() if p.is_file() else None
+            for p in place.rglob("*")
+        }
+
+    def run(code, words, *arguments):
+        before = snapshot()
+        done = quick_isochrome(*arguments)
+        assert done.code == code, done.err
+        assert done.out == ""
+        assert done.err.startswith("isochrome: ") and done.err.count("\n") == 1, done.err
+        assert "Traceback" not in done.err
+        for word in words:
+            assert word in done.err, f"{word!r} is not said: {done.err}"
+        assert snapshot() == before
+
+    return run
+
+
+@pytest.fixture
+def scene_with(place):
+    """Write the small scene with some text replaced, or added at the end; returns its name."""
+
+    def write(old, new=None, name="wrong scene.toml"):
+        text = (place / "small.toml").read_text("utf-8")
+        assert new is None or text.count(old) == 1
+        (place / name).write_text(text + old if new is None else text.replace(old, new), "utf-8")
+        return name
+
+    return write
+
+
+def write_stack(path, frames):
+    tifffile.imwrite(path, frames, photometric="minisblack")
+
+
+def process(frames, scene="small.toml"):
+    return ("process", frames, "--scene", scene, "--out", "out")
+
+
+def simulate(scene, out="out"):
+    return ("simulate", scene, "--out", out)
+
+
+# Frames
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_truncated_tiff(place, refuses, share):
+    whole = (place / "frames.tif").read_bytes()
+    (place / "cut.tif").write_bytes(whole[: int(share * len(whole))])
+    refuses(2, ["cut.tif", "frame", "truncated"], *process("cut.tif"))
+
+
+def test_empty_tiff(place, refuses):
+    (place / "nothing.tif").write_bytes(b"")
+    refuses(2, ["nothing.tif"], *process("nothing.tif"))
+
+
+def test_empty_folder(place, refuses):
+    (place / "keine Bilder").mkdir()
+    refuses(2, ["keine Bilder", "no image"], *process("keine Bilder"))
+
+
+def test_text_file_named_png(place, refuses):
+    (place / "Notiz.png").write_text("not an image\n", "utf-8")
+    refuses(2, ["Notiz.png", "not an image"], *process("Notiz.png"))
+
+
+def test_frames_that_do_not_exist(refuses):
+    refuses(2, ["weg.tif", "no such file"], *process("weg.tif"))
+
+
+def test_frames_of_an_unknown_kind(refuses):
+    refuses(2, ["small.toml", "cannot be read"], *process("small.toml"))
+
+
+@pytest.mark.parametrize(("value", "words"), [(0, "all black"), (255, "all white")])
+def test_all_black_and_all_white_frames(place, refuses, value, words):
+    write_stack(place / "flat.tif", np.full((2, 120, 160), value, np.uint8))
+    refuses(2, ["flat.tif[0]", words, str(value)], *process("flat.tif"))
+
+
+def test_nan_frames(place, refuses, scene_with):
+    scene = scene_with("bit_depth = 8\n", "")
+    write_stack(place / "nan.tif", np.full((2, 120, 160), np.nan, np.float32))
+    refuses(2, ["nan.tif[0]", "NaN"], *process("nan.tif", scene))
+
+
+def test_a_blank_frame_after_a_good_one_leaves_nothing_of_the_good_one(place, refuses):
+    frames = tifffile.imread(place / "frames.tif")
+    frames[1] = 0
+    write_stack(place / "half.tif", frames)
+    refuses(2, ["half.tif[1]", "all black"], *process("half.tif"))
+
+
+def test_frames_of_another_size_than_the_camera(place, refuses):
+    write_stack(place / "low.tif", tifffile.imread(place / "frames.tif")[:, :100])
+    refuses(2, ["low.tif", "100 rows x 160", "120 x 160", "height_px"], *process("low.tif"))
+
+
+def test_a_count_of_frames_that_is_not_that_of_the_states(place, refuses):
+    frames = tifffile.imread(place / "frames.tif")
+    write_stack(place / "three.tif", np.concatenate((frames, frames[:1])))
+    refuses(2, ["three.tif", "3 frames", "2 states", "wear.distances_m"], *process("three.tif"))
+
+
+def test_images_of_two_sizes_in_one_folder(place, refuses):
+    from PIL import Image
+
+    (place / "folder").mkdir()
+    for i, rows in enumerate((120, 100)):
+        image = tifffile.imread(place / "frames.tif")[i, :rows]
+        Image.fromarray(image).save(place / "folder" / f"{i}.png")
+    refuses(2, ["1.png", "100 x 160", "120 x 160"], *process("folder"))
+
+
+@pytest.mark.parametrize(("bits", "word"), [(12, "uint8"), (4, "15")])
+def test_wrong_bit_depth(refuses, scene_with, bits, word):
+    scene = scene_with("bit_depth = 8", f"bit_depth = {bits}")
+    refuses(2, ["frames.tif", "camera.bit_depth", str(bits), word], *process("frames.tif", scene))
+
+
+def test_no_load_file_that_is_missing(refuses, scene_with):
+    scene = scene_with('\n[frames]\nno_load_dark = "dunkel.tif"\n')
+    refuses(2, ["dunkel.tif", "no such file"], *process("frames.tif", scene))
+
+
+def test_no_load_file_of_another_size(place, refuses, scene_with):
+    tifffile.imwrite(place / "dark.tif", np.zeros((100, 160), np.uint8))
+    scene = scene_with('\n[frames]\nno_load_dark = "dark.tif"\n')
+    words = ["dark.tif", "frames.no_load_dark", "(100, 160)", "(120, 160)"]
+    refuses(2, words, *process("frames.tif", scene))
+
+
+def test_roi_outside_the_frame(refuses, scene_with):
+    roi = "{ top_px = 0, left_px = 100, height_px = 120, width_px = 160 }"
+    scene = scene_with(f"\n[frames]\nroi = {roi}\n")
+    refuses(2, ["frames.tif", "roi", "100 to 260", "frames.roi"], *process("frames.tif", scene))
+
+
+def test_a_phase_stepped_scene_is_not_processed(refuses, scene_with):
+    step = "\n[[polariscope.step]]\npolariser_deg = 90.0\nanalyser_deg = 0.0\n"
+    refuses(2, ["polariscope.step"], *process("frames.tif", scene_with(step)))
+
+
+def test_in_another_process_a_refusal_is_one_line_too(place, isochrome):
+    (place / "cut.tif").write_bytes((place / "frames.tif").read_bytes()[:9000])
+    done = isochrome(*process("cut.tif"))
+    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+    assert done.err.startswith("isochrome: cut.tif: ") and not (place / "out").exists()
+
+
+# Scenes
+
+
+@pytest.mark.parametrize("command", ["simulate", "process", "check", "fit"])
+def test_negative_modulus_in_every_command(refuses, scene_with, command):
+    scene = scene_with("young_gpa = 2.1", "young_gpa = -2.1")
+    words = [scene, "specimen.young_gpa", "-2.1", "greater than 0"]
+    if command == "simulate":
+        refuses(2, words, *simulate(scene))
+    else:
+        refuses(2, words, command, "frames.tif", "--scene", scene)
+
+
+def test_missing_key(refuses, scene_with):
+    scene = scene_with("poisson = 0.4\n", "")
+    refuses(2, [scene, "specimen.poisson", "missing"], *simulate(scene))
+
+
+def test_missing_key_inside_a_part(refuses, scene_with):
+    scene = scene_with("normal_n = 44.0\n", "")
+    refuses(2, [scene, "load.normal_n", "missing"], *simulate(scene))
+
+
+def test_unknown_key_names_the_nearest(refuses, scene_with):
+    scene = scene_with("poisson = 0.4", "poison = 0.4")
+    refuses(2, [scene, "specimen.poison", "did you mean 'poisson'"], *simulate(scene))
+
+
+def test_unknown_table_names_the_nearest(refuses, scene_with):
+    refuses(2, ["camara"], *simulate(scene_with("[camera]", "[camara]")))
+
+
+def test_scene_that_is_not_toml(place, refuses):
+    (place / "kaputt.toml").write_text("[specimen\nyoung", "utf-8")
+    refuses(2, ["kaputt.toml", "not valid TOML", "line 1"], *simulate("kaputt.toml"))
+
+
+def test_scene_that_does_not_exist_names_the_nearest(refuses):
+    refuses(2, ["line-contact-waer", "did you mean"], *simulate("line-contact-waer"))
+
+
+def test_scene_that_is_a_directory(place, refuses):
+    (place / "Ordner").mkdir()
+    refuses(2, ["Ordner", "folder"], *simulate("Ordner"))
+
+
+def test_scene_that_is_binary(place, refuses):
+    (place / "bin.toml").write_bytes(bytes(range(128, 256)))
+    refuses(2, ["bin.toml", "UTF-8"], *simulate("bin.toml"))
+
+
+def test_frames_given_as_the_scene(refuses):
+    refuses(2, ["frames.tif"], *simulate("frames.tif"))
+
+
+# Physics
+
+
+def test_contact_wider_than_its_grid(refuses, scene_with):
+    scene = scene_with("\n[numerics]\nwindow_mm = 0.5\n")
+    refuses(3, ["wrong scene", "numerics.window_mm", "0.5"], *simulate(scene))
+
+
+def test_contact_wider_than_the_half_plane_holds(refuses, scene_with):
+    scene = scene_with("normal_n = 44.0", "normal_n = 4e6")
+    refuses(3, ["wrong scene", "load.normal_n", "half-width"], *simulate(scene))
+
+
+def test_contact_wider_than_the_picture(refuses, scene_with):
+    scene = scene_with("pixel_mm = 0.025", "pixel_mm = 0.004")
+    refuses(3, ["wrong scene", "wide", "picture"], *simulate(scene))
+
+
+def test_fringes_finer_than_two_pixels(refuses, scene_with):
+    scene = scene_with("normal_n = 44.0", "normal_n = 900.0")
+    refuses(3, ["wrong scene", "finer than two pixels", "pixel_mm"], *simulate(scene))
+
+
+# Results
+
+
+def test_out_is_an_existing_file(place, refuses):
+    (place / "Datei").write_text("mine", "utf-8")
+    refuses(2, ["Datei", "is a file", "--out"], *simulate("small.toml", "Datei"))
+
+
+def test_out_cannot_be_made_under_a_file(place, refuses):
+    (place / "Datei").write_text("mine", "utf-8")
+    refuses(2, ["Datei", "cannot be written"], *simulate("small.toml", "Datei/in"))
+
+
+def test_a_refusal_leaves_the_results_of_the_run_before(
+    place, quick_isochrome, refuses, scene_with
+):
+    assert quick_isochrome(*simulate("small.toml")).code == 0
+    refuses(3, ["finer"], *simulate(scene_with("normal_n = 44.0", "normal_n = 900.0")))
+    assert (place / "out" / "history.csv").is_file()
+
+
+# Fit
+
+
+def fit(*keys):
+    frees = [word for key in keys for word in ("--free", key)]
+    return ("fit", "frames.tif", "--scene", "small.toml", *frees, "--out", "out")
+
+
+def test_a_free_key_that_is_unknown(refuses):
+    refuses(2, ["load.normal_nn", "normal_n"], *fit("load.normal_nn"))
+
+
+def test_a_free_key_of_an_unknown_part(refuses):
+    refuses(2, ["loda.normal_n", "no such key"], *fit("loda.normal_n"))
+
+
+@pytest.mark.parametrize(
+    "key", ["polariscope.field", "wear.distances_m", "specimen.shape", "load.bulk_mpa"]
+)
+def test_a_free_key_that_is_no_number(refuses, key):
+    refuses(2, [key, "no number"], *fit(key))
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["camera.seed", "camera.vignette", "camera.pixel_mm", "frames.gamma", "numerics.tolerance"],
+)
+def test_a_free_key_that_the_fit_cannot_follow(refuses, key):
+    refuses(2, [key, "cannot be fitted"], *fit(key))
+
+
+def test_load_and_fringe_value_both_free(refuses):
+    words = ["load.normal_n", "specimen.fringe_value_n_per_mm", "cannot both be free"]
+    refuses(2, words, *fit("load.normal_n", "specimen.fringe_value_n_per_mm"))
+
+
+def test_nothing_free(refuses):
+    refuses(2, ["nothing to fit", "--free"], *fit())
+
+
+def test_a_key_named_twice(refuses):
+    refuses(2, ["load.normal_n", "twice"], *fit("load.normal_n", "load.normal_n"))
+
+
+# Compare
+
+
+def test_compare_of_different_sizes(place, refuses):
+    write_stack(place / "low.tif", tifffile.imread(place / "frames.tif")[:, :100])
+    refuses(2, ["(120, 160)", "(100, 160)"], "compare", "frames.tif", "low.tif", "--out", "out")
+
+
+def test_compare_of_different_counts(place, refuses):
+    frames = tifffile.imread(place / "frames.tif")
+    write_stack(place / "three.tif", np.concatenate((frames, frames[:1])))
+    refuses(2, ["2 frames", "3 of"], "compare", "frames.tif", "three.tif", "--out", "out")
+
+
+def test_compare_with_nothing(refuses):
+    refuses(2, ["weg", "no such file"], "compare", "frames.tif", "weg", "--out", "out")
+
+
+# Calibration sets
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("inner_span_mm = 40.0", "inner_span_mm = 140.0", ["inner_span_mm = 140", "swapped"]),
+        ("load_n = 60.0", "load_n = -60.0", ["load_n", "-60", "0"]),
+        ("load_n = 60.0", "load_n = 0.0", ["load_n"]),
+        ("height_mm", "heigth_mm", ["heigth_mm", "did you mean 'height_mm'"]),
+        ("pixel_mm = 0.05\n", "", ["camera.pixel_mm", "missing"]),
+        ('file = "gone.png"\n', "", ["file", "missing"]),
+        ("load_n = 60.0", "load_n = 60.0", ["gone.png", "no such file"]),
+    ],
+)
+def test_calibration_set_that_is_wrong(place, refuses, old, new, words):
+    (place / "Satz.toml").write_text(BENDING_SET.replace(old, new), "utf-8")
+    refuses(2, words, "calibrate", "bending", "Satz.toml", "--out", "out")
+
+
+def test_calibration_set_of_the_other_specimen(place, refuses):
+    (place / "Satz.toml").write_text(BENDING_SET, "utf-8")
+    refuses(2, ["Satz.toml", "[disc]", "bending"], "calibrate", "disc", "Satz.toml")
+
+
+def test_calibration_set_that_does_not_exist(refuses):
+    refuses(2, ["weg.toml"], "calibrate", "bending", "weg.toml", "--out", "out")
+
+
+# JSON, and the check
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        simulate("weg.toml"),
+        process("weg.tif"),
+        ("compare", "weg", "frames.tif"),
+        ("calibrate", "bending", "weg.toml"),
+        ("calibrate", "disc", "weg.toml"),
+        fit("load.normal_nn"),
+        ("check", "frames.tif", "--scene", "weg.toml"),
+    ],
+    ids=lambda a: " ".join(a[:2]),
+)
+def test_a_refusal_with_json_is_one_object_and_one_line(isochrome, arguments):
+    done = isochrome(*arguments, "--json")
+    found = done.json()
+    assert set(found) == {"error", "exit_code"} and found["exit_code"] == done.code == 2
+    assert done.err == f"isochrome: {found['error']}\n"
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(0, "all black"), (255, "all white"), (np.nan, "no number")]
+)
+def test_check_finds_blank_frames_and_ends_with_2(place, isochrome, value, words):
+    dtype = np.float32 if np.isnan(value) else np.uint8
+    write_stack(place / "flat.tif", np.full((2, 120, 160), value, dtype))
+    done = isochrome("check", "flat.tif", "--scene", "small.toml", "--json")
+    found = done.json()
+    assert (done.code, found["ok"], found["frames"], done.err) == (2, False, 2, "")
+    errors = [f["text"] for f in found["findings"] if f["level"] == "error"]
+    assert len(errors) == 1 and errors[0].startswith("frames 0-1:") and words in errors[0]
+
+
+def test_check_finds_a_truncated_tiff_and_ends_with_2(place, isochrome):
+    whole = (place / "frames.tif").read_bytes()
+    (place / "cut.tif").write_bytes(whole[: len(whole) // 2])
+    done = isochrome("check", "cut.tif", "--scene", "small.toml")
+    assert (done.code, done.err) == (2, "")
+    assert done.out.startswith("error: cut.tif") and "truncated" in done.out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulat", "small.toml"),
+        ("process", "frames.tif"),
+        ("calibrate", "beam", "x.toml"),
+        ("simulate", "small.toml", "--ot", "x"),
+    ],
+    ids=" ".join,
+)
+def test_a_misspelt_command_or_option_is_a_usage_error_without_a_traceback(isochrome, arguments):
+    done = isochrome(*arguments)
+    assert (done.code, done.out) == (2, "")
+    assert "Usage" in done.err and "Traceback" not in done.err
+
+
+def test_the_two_json_shapes_cannot_be_mixed_up(isochrome):
+    # A result never has the key 'error': a script may tell the two apart by it.
+    done = isochrome("check", "frames.tif", "--scene", "small.toml", "--json")
+    assert done.code == 0 and "error" not in done.json()
+    assert json.dumps(done.json(), allow_nan=False)
