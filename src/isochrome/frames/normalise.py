@@ -17,6 +17,8 @@ from isochrome.frames.linear import Linear, Mask
 
 MIN_CONTRAST = 0.05
 """Pixels whose contrast B - D is below this part of the frame's median are masked."""
+MIN_GUESSED = 0.3
+"""The same where the contrast is guessed: a smooth guess that falls so low has left the fringes."""
 TILES = 12
 
 
@@ -75,7 +77,7 @@ def normalise(
             "the frame has no contrast between its no-load dark and bright ends (median "
             f"{usual:.3g} of full scale); are the two no-load files swapped, or the light off?"
         )
-    valid = valid & (contrast > MIN_CONTRAST * usual)
+    valid = valid & (contrast > (MIN_GUESSED if blind else MIN_CONTRAST) * usual)
     signal = np.full(light.shape, np.nan, np.float32)
     np.divide(light - low, contrast, out=signal, where=valid)
     return Normalised(signal, valid, low.astype(np.float32), contrast.astype(np.float32), blind)

@@ -12,7 +12,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.fit.explain import explain_frame
 from isochrome.fit.frame_data import prepare_frame
 from isochrome.fit.frame_fit import LOAD_FACTORS, PLACE_PX, FrameFit, fit_frame
-from isochrome.frames import Frame, Linear, normalise, to_linear
+from isochrome.frames import Frame, Linear, estimate_noise, normalise, to_linear
 from isochrome.fringes.branch import OrderReading, read_order
 from isochrome.fringes.skeleton import Skeleton, skeletons
 from isochrome.process.place import placed_disc
@@ -230,7 +230,10 @@ def process_image_only(
     notes: tuple[str, ...] = ()
     try:
         done = normalise(linear, dark, bright, field=scene.polariscope.field)
-        signal, noise = done.signal, float("nan")
+        model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
+        sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=scene.frames.gamma)
+        signal = done.signal
+        noise = float(np.median((sigma / done.contrast)[done.valid]))
         if done.blind:
             notes = ("normalised blind, without both no-load frames: rough where fringes are few",)
         lines = skeletons(np.clip(signal, 0.0, 1.0))
