@@ -129,8 +129,9 @@ def contact_grid(scene: Scene, *, largest_dose_mm_per_mpa: float, growth: float 
     nodes = 2 * math.ceil(half / spacing) + 1
     if nodes > _MAX_NODES:
         raise PhysicsError(
-            f"{scene.name}: the contact needs {nodes} nodes of {spacing:.3g} mm over {2 * half:.3g} "
-            f"mm, more than {_MAX_NODES}; set a coarser numerics.spacing_mm or a smaller numerics.window_mm"
+            f"{scene.name}: the contact needs {nodes} nodes of {spacing:.3g} mm over "
+            f"{2 * half:.3g} mm, more than {_MAX_NODES}; set a coarser numerics.spacing_mm or a "
+            "smaller numerics.window_mm"
         )
     if nodes < 16:
         raise PhysicsError(
