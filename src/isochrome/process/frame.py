@@ -233,7 +233,7 @@ def process_image_only(
         model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=scene.frames.gamma)
         signal = done.signal
-        noise = float(np.median((sigma / done.contrast)[done.valid]))
+        noise = float(np.median(sigma[done.valid] / done.contrast[done.valid]))
         if done.blind:
             notes = ("normalised blind, without both no-load frames: rough where fringes are few",)
         lines = skeletons(np.clip(signal, 0.0, 1.0))

@@ -1,0 +1,272 @@
+"""Unknowns of a scene from rendered frames, and the quick simulation that finds them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from isochrome.contact import contact_states, on_path, state_on_path, wear_path
+from isochrome.errors import InputError, PhysicsError
+from isochrome.fit.renderer import SceneRenderer, frame_scene, scene_at, with_numerics
+from isochrome.fit.run import fit
+from isochrome.output import read_csv, write_tiff
+from isochrome.scene import load_scene, parse_scene
+from isochrome.simulate import (
+    make_picture,
+    picture_signal,
+    scene_states,
+    simulate,
+    state_difference,
+)
+from isochrome.stress import pixel_grid
+
+STATIC = """\
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+
+[indenter]
+radius_mm = 24.61
+young_gpa = 210.0
+poisson = 0.3
+
+[load]
+normal_n = 44.0
+
+[camera]
+width_px = 160
+height_px = 120
+left_mm = -2.0
+top_mm = 0.0
+pixel_mm = 0.025
+bit_depth = 8
+brightness = 0.85
+background = 0.05
+noise_grey = 3.0
+seed = 11
+"""
+SLIDING = STATIC + "\n[friction]\ncoefficient = 0.25\n"
+WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0, 155.0]\n"
+PLACE = {"camera.left_mm": -1.957, "camera.top_mm": 0.018}
+P_MAX = 18.758
+
+
+@pytest.fixture
+def rendered(tmp_path):
+    """Write the frames of a scene with some values changed; returns their path."""
+
+    def write(text, **values):
+        scene = parse_scene(text).with_values({k.replace("__", "."): v for k, v in values.items()})
+        path = tmp_path / "frames.tif"
+        write_tiff(path, simulate(scene).frames, pixel_mm=scene.camera.pixel_mm)
+        return path
+
+    return write
+
+
+def within(found, true, sigmas=4.0):
+    """A fitted value is the true one, to some of its own standard uncertainties."""
+    assert 0.0 < found["standard_uncertainty"] < np.inf
+    assert abs(found["value"] - true) < sigmas * found["standard_uncertainty"], (found, true)
+
+
+# Fits
+
+
+def test_load_place_and_friction_come_from_one_frame_within_their_uncertainty(rendered):
+    true = {"load.normal_n": 46.3, "friction.coefficient": 0.21, **PLACE}
+    path = rendered(SLIDING, **true)
+    found = fit(path, parse_scene(SLIDING), list(true))
+    for key, value in true.items():
+        within(found.shared[key], value)
+    assert found.shared["load.normal_n"]["standard_uncertainty"] < 0.01
+    assert found.chi == pytest.approx(1.0, abs=0.05) and found.warnings == ()
+
+
+def test_a_place_on_a_whole_pixel_is_no_trap(rendered):
+    # The fit starts where the frame was rendered: on a whole pixel of its reference grid.
+    path = rendered(SLIDING)
+    keys = ["load.normal_n", "camera.left_mm", "camera.top_mm", "friction.coefficient"]
+    found = fit(path, parse_scene(SLIDING), keys)
+    for key, value in zip(keys, (44.0, -2.0, 0.0, 0.25), strict=True):
+        within(found.shared[key], value)
+    assert found.warnings == ()
+
+
+def worn_frames(folder):
+    """Frames at 77 and 155 m, each worn at its own friction all the way."""
+    frames = []
+    for distance, friction in ((77.0, 0.22), (155.0, 0.27)):
+        values = {
+            "wear.distances_m": (distance,), "friction.coefficient": friction,
+            "wear.coefficient_mm2_per_n": 2.2e-9, "load.normal_n": 45.0, "camera.seed": distance,
+        }  # fmt: skip
+        frames.append(simulate(parse_scene(WORN).with_values(values)).frames[0])
+    write_tiff(folder / "frames.tif", np.stack(frames))
+    return folder / "frames.tif"
+
+
+def test_friction_that_changed_on_the_way_shifts_the_fit_by_less_than_its_own_part(rendered):
+    # The fit wears each frame at one friction; what that leaves is of the order of the coupling.
+    table = {"distance_m": [77.0, 155.0], "value": [0.22, 0.27]}
+    path = rendered(
+        WORN, friction__coefficient=table, wear__coefficient_mm2_per_n=2.2e-9, load__normal_n=45.0
+    )
+    keys = ["wear.coefficient_mm2_per_n", "load.normal_n"]
+    found = fit(path, parse_scene(WORN), keys, per_frame=["friction.coefficient"])
+    assert found.shared["load.normal_n"]["value"] == pytest.approx(45.0, rel=5e-4)
+    assert found.shared[keys[0]]["value"] == pytest.approx(2.2e-9, rel=2e-3)
+    for own, true in zip(found.frames, (0.22, 0.27), strict=True):
+        assert own["friction.coefficient"]["value"] == pytest.approx(true, abs=2e-3)
+
+
+def test_two_frames_share_the_wear_and_keep_their_own_friction(tmp_path):
+    path = worn_frames(tmp_path)
+    found = fit(
+        path, parse_scene(WORN), ["wear.coefficient_mm2_per_n", "load.normal_n"],
+        per_frame=["friction.coefficient"], out=tmp_path / "out",
+    )  # fmt: skip
+    within(found.shared["wear.coefficient_mm2_per_n"], 2.2e-9)
+    within(found.shared["load.normal_n"], 45.0)
+    for own, true in zip(found.frames, (0.22, 0.27), strict=True):
+        within(own["friction.coefficient"], true)
+    assert found.chi == pytest.approx(1.0, abs=0.03)
+
+    # What is left on disk says the same, and the fitted scene can be read again.
+    saved = json.loads((tmp_path / "out" / "fit.json").read_text("utf-8"))
+    assert set(saved["load.normal_n"]) == {"value", "standard_uncertainty"}
+    assert saved == json.loads(json.dumps(found.to_json()))
+    again = load_scene(tmp_path / "out" / "scene.toml")
+    assert again.load.normal_n == found.shared["load.normal_n"]["value"]
+    assert again.friction_at(155.0) == found.frames[1]["friction.coefficient"]["value"]
+    rows = read_csv(tmp_path / "out" / "fit.csv")
+    assert [str(frame) for frame in rows["frame"]] == ["all", "all", "0", "1"]
+
+
+def test_uncertainty_is_the_spread_over_seeds(rendered):
+    values, spread = [], []
+    for seed in range(8):
+        path = rendered(STATIC, load__normal_n=45.0, camera__seed=seed)
+        found = fit(path, parse_scene(STATIC), ["load.normal_n"]).shared["load.normal_n"]
+        values.append(found["value"])
+        spread.append(found["standard_uncertainty"])
+    # Eight values: their standard deviation is known to a factor of about 1.6 either way.
+    assert 0.4 < np.std(values, ddof=1) / np.mean(spread) < 2.0
+
+
+def test_thickness_and_fringe_value_cannot_be_told_apart(rendered):
+    # The scale of the orders is thickness / fringe value, and the pressure's is load / thickness.
+    path = rendered(STATIC)
+    keys = ["specimen.young_gpa", "indenter.radius_mm"]
+    with pytest.raises(PhysicsError, match=r"cannot be told apart .*correlation.*; fix one"):
+        fit(path, parse_scene(STATIC), keys)
+
+
+@pytest.mark.parametrize("other", ["specimen.fringe_value_n_per_mm", "specimen.thickness_mm"])
+def test_keys_with_the_same_effect_as_the_load_are_refused_before_the_frames_are_read(other):
+    with pytest.raises(InputError, match="cannot both be free"):
+        fit("frames-that-are-not-there.tif", parse_scene(STATIC), ["load.normal_n", other])
+
+
+# The quick simulation against the direct one
+
+
+def direct_signal(scene):
+    pixels = pixel_grid(scene)
+    difference = state_difference(scene, scene_states(scene)[-1], pixels)
+    return picture_signal(scene, make_picture(scene, difference, pixels)), pixels
+
+
+@pytest.mark.parametrize("shift_px", [(0.0, 0.0), (0.37, -0.61), (-0.5, 0.5), (6.25, -11.8)])
+def test_a_shifted_field_is_that_rendered_at_the_shifted_place(shift_px):
+    fine = with_numerics(parse_scene(SLIDING), nodes_per_pixel=8, tolerance=1e-4, room=1.2)
+    here = fine.with_values({"camera.pixel_mm": 0.0125, "numerics.spacing_mm": 0.0125 / 8})
+    renderer = SceneRenderer(here, (120, 160))
+    moved = here.with_values(
+        {
+            "camera.left_mm": -1.0 + 0.0125 * shift_px[0],
+            "camera.top_mm": 0.0 + 0.0125 * shift_px[1],
+        }
+    )
+    renderer.signal(here)
+    direct, pixels = direct_signal(moved)
+    deep = pixels.z_mm > 6 * 0.0125
+    error = (renderer.signal(moved) - direct)[deep]
+    assert np.abs(error).max() <= 2e-3
+
+
+def test_the_signal_has_no_jump_where_the_shift_passes_a_whole_pixel():
+    scene = with_numerics(parse_scene(SLIDING), nodes_per_pixel=3, tolerance=1e-3, room=1.2)
+    renderer = SceneRenderer(scene, (120, 160))
+    for key in ("camera.left_mm", "camera.top_mm"):
+        start = scene.get(key)
+        before, at, after = (
+            renderer.signal(scene.with_values({key: start + 0.025 * step}))[8:]
+            for step in (-1e-4, 0.0, 1e-4)
+        )
+        # A ten-thousandth of a pixel moves a fringe of two pixels by 3e-4 of its light.
+        assert np.abs(at - before).max() < 4e-4 and np.abs(after - at).max() < 4e-4
+
+
+def test_a_cached_signal_is_the_fresh_one_whatever_came_between():
+    scene = with_numerics(parse_scene(SLIDING), nodes_per_pixel=2, tolerance=1e-3, room=1.4)
+    renderer = SceneRenderer(scene, (120, 160), stride=2)
+    others = [{"load.normal_n": 40.0 + k} for k in range(10)]
+    others += [{"friction.coefficient": 0.1}, {"specimen.fringe_value_n_per_mm": 10.0}]
+    others += [{"camera.left_mm": -1.2}, {"camera.left_mm": -2.0, "camera.top_mm": 0.9}]
+    first = renderer.signal(scene)
+    for values in others:
+        moved = scene.with_values(values)
+        fresh = SceneRenderer(moved, (120, 160), stride=2).signal(moved)
+        again = renderer.signal(moved)
+        # Two references a shift apart differ by the interpolation, near the surface most.
+        assert np.abs(again - fresh)[8:].max() < (2e-2 if "camera.left_mm" in values else 1e-6)
+    back = SceneRenderer(scene, (120, 160), stride=2)
+    assert np.array_equal(back.signal(scene), first)
+
+
+def test_a_frames_scene_is_one_state_of_its_own():
+    scene = parse_scene(WORN.replace("= 0.25\n", "= 0.25\nstatic_state_first = true\n"))
+    static, first, last = (frame_scene(scene, k) for k in range(3))
+    assert static.wear is None and static.friction is None
+    assert first.wear.distances_m == (77.0,) and last.wear.distances_m == (155.0,)
+    assert first.friction.coefficient == 0.25
+    assert scene_at(scene, 0.0).wear is None
+
+
+# One wear run for its neighbours
+
+
+@pytest.mark.parametrize("load", [40.0, 44.0, 50.0])
+@pytest.mark.parametrize("wear", [1.6e-9, 2e-9, 2.7e-9])
+def test_a_state_on_the_path_is_that_of_a_run_of_its_own(path_of_77_m, load, wear):
+    path, scene = path_of_77_m
+    moved = scene.with_values({"load.normal_n": load, "wear.coefficient_mm2_per_n": wear})
+    assert on_path(path, moved)
+    quick = state_on_path(path, moved)
+    full = contact_states(moved)[-1]
+    x = quick.grid.x_mm
+    pressure = np.interp(x, full.grid.x_mm, full.pressure_mpa)
+    inside = np.abs(x) < 0.9 * 0.5 * full.contact_width_mm
+    assert np.abs(quick.pressure_mpa - pressure)[inside].max() < 2e-3 * P_MAX
+    assert quick.p_max_mpa == pytest.approx(full.p_max_mpa, rel=2e-3)
+    # The width is told to a node or two, where the pressure of a worn contact ends.
+    assert quick.contact_width_mm == pytest.approx(full.contact_width_mm, abs=2.5 * 0.025 / 12)
+    assert quick.wear_depth_mm.max() == pytest.approx(full.wear_depth_mm.max(), rel=2e-3)
+    assert quick.worn_area_mm2 == pytest.approx(full.worn_area_mm2, rel=2e-3)
+
+
+@pytest.fixture(scope="module")
+def path_of_77_m():
+    scene = scene_at(parse_scene(WORN), 77.0)
+    numerics = {"spacing_mm": 0.025 / 12, "window_mm": 3.0, "tolerance": 1e-4}
+    scene = scene.with_values({f"numerics.{k}": v for k, v in numerics.items()})
+    return wear_path(scene), scene
+
+
+def test_a_scene_far_off_is_not_on_the_path(path_of_77_m):
+    path, scene = path_of_77_m
+    assert not on_path(path, scene.with_values({"wear.coefficient_mm2_per_n": 6e-9}))
+    assert not on_path(path, scene.with_values({"wear.distances_m": (20.0,)}))

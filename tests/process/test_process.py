@@ -1,0 +1,263 @@
+"""`process` on rendered frames whose fringe order is known, and on real ones nearby."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.compare.run import compare
+from isochrome.errors import InputError
+from isochrome.frames import check_frames
+from isochrome.output import read_csv, write_tiff
+from isochrome.process import process
+from isochrome.samples import samples_path
+from isochrome.scene import load_scene, parse_scene
+from isochrome.simulate import simulate
+
+CONTACT = samples_path() / "line-contact-wear"
+DISC = samples_path() / "disc"
+REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
+needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
+
+SMALL = """\
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+
+[indenter]
+radius_mm = 24.61
+young_gpa = 210.0
+poisson = 0.3
+
+[load]
+normal_n = 44.0
+
+[friction]
+coefficient = 0.25
+
+[camera]
+width_px = 160
+height_px = 120
+left_mm = -2.0
+top_mm = 0.0
+pixel_mm = 0.025
+bit_depth = 8
+brightness = 0.85
+background = 0.05
+noise_grey = 2.0
+"""
+WEAR = "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [0.0, 40.0, 80.0]\n"
+
+
+def sample_scene(**wear):
+    scene = load_scene(CONTACT / "scene.toml")
+    return scene.with_values({f"wear.{k}": v for k, v in wear.items()}).model_copy(
+        update={"folder": CONTACT, "name": "sample"}
+    )
+
+
+@pytest.fixture(scope="module")
+def captured():
+    return tifffile.imread(CONTACT / "captured.tif")
+
+
+@pytest.fixture(scope="module")
+def true_order():
+    return tifffile.imread(CONTACT / "true_fringe_order.tif")
+
+
+@pytest.fixture(scope="module")
+def first_and_last(captured, tmp_path_factory):
+    """Frames 0 and 5 of the sample stack, in a stack of their own, processed."""
+    path = tmp_path_factory.mktemp("two") / "two.tif"
+    write_tiff(path, captured[[0, 5]])
+    return process(path, sample_scene(distances_m=(233.0,)))
+
+
+def right_to_a_hundredth(item, true):
+    """The bar of the whole: fringe-order RMS, no wrong branch, chi, share of pixels known."""
+    error = item.reading.order - true
+    known = np.isfinite(item.reading.order)
+    assert np.isfinite(error[known]).all()  # nothing is read where there is no specimen
+    assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01
+    assert np.abs(error[known]).max() < 0.25
+    assert 0.9 < item.chi < 1.1
+    assert item.reading.kept >= 0.95
+    assert item.warnings == ()
+
+
+def test_two_sample_frames_are_read_to_a_hundredth_of_a_fringe(first_and_last, true_order):
+    for item, state in zip(first_and_last.frames, (0, 5), strict=True):
+        right_to_a_hundredth(item, true_order[state])
+    assert first_and_last.table["label"] == ["static", "233 m"]
+    assert first_and_last.warnings == ()
+
+
+@pytest.mark.long
+def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe(true_order):
+    found = process(CONTACT / "captured.tif", CONTACT / "scene.toml")
+    for item, true in zip(found.frames, true_order, strict=True):
+        right_to_a_hundredth(item, true)
+
+
+def test_stated_uncertainty_is_that_of_the_errors(first_and_last, true_order):
+    for item, state in zip(first_and_last.frames, (0, 5), strict=True):
+        pull = (item.reading.order - true_order[state]) / item.reading.uncertainty
+        pull = pull[np.isfinite(pull)]
+        assert 0.8 < np.sqrt(np.mean(pull**2)) < 1.3
+
+
+def test_confidence_is_the_share_of_pixels_right_to_a_twentieth_of_a_fringe(
+    first_and_last, true_order
+):
+    for item, state in zip(first_and_last.frames, (0, 5), strict=True):
+        known = np.isfinite(item.reading.order)
+        confidence = item.reading.confidence
+        assert (confidence[~known] == 0.0).all()
+        assert (confidence >= 0.0).all() and (confidence <= 1.0).all()
+        right = np.abs(item.reading.order - true_order[state])[known] < 0.05
+        assert right.mean() == pytest.approx(confidence[known].mean(), abs=2e-3)
+        unsure = known & (confidence < 0.99)
+        if unsure.sum() > 200:
+            share = (np.abs(item.reading.order - true_order[state])[unsure] < 0.05).mean()
+            assert share == pytest.approx(confidence[unsure].mean(), abs=0.1)
+
+
+def test_a_frame_is_read_alike_alone_and_among_others(first_and_last, captured, tmp_path):
+    write_tiff(tmp_path / "one.tif", captured[5:])
+    scene = sample_scene(distances_m=(233.0,))
+    friction = scene.friction.model_copy(update={"static_state_first": False})
+    (alone,) = process(tmp_path / "one.tif", scene.model_copy(update={"friction": friction})).frames
+    among = first_and_last.frames[1]
+    assert np.array_equal(alone.reading.order, among.reading.order, equal_nan=True)
+    assert np.array_equal(alone.fit.values, among.fit.values) and alone.chi == among.chi
+
+
+def test_fitted_values_are_the_rendered_ones(first_and_last):
+    static = first_and_last.frames[0].fit
+    found = dict(zip(static.keys, static.values, strict=True))
+    assert found["load.normal_n"] == pytest.approx(44.66, rel=1e-3)
+    assert found["camera.left_mm"] == pytest.approx(-1.973899, abs=0.02 * 0.00607)
+    assert found["camera.top_mm"] == pytest.approx(-0.015782, abs=0.02 * 0.00607)
+    worn = first_and_last.frames[1].fit
+    found = dict(zip(worn.keys, worn.values, strict=True))
+    assert found["friction.coefficient"] == pytest.approx(0.252, abs=1e-3)
+    assert found["wear.coefficient_mm2_per_n"] == pytest.approx(2.06e-9, rel=3e-3)
+
+
+def test_a_wrong_scene_gives_a_poor_chi_and_says_so(captured, tmp_path):
+    write_tiff(tmp_path / "static.tif", captured[:1])
+    scene = sample_scene().model_copy(update={"wear": None, "friction": None})
+    found = process(tmp_path / "static.tif", scene.with_values({"indenter.radius_mm": 49.22})
+                    .model_copy(update={"folder": CONTACT}))  # fmt: skip
+    assert found.table["chi"][0] > 1.3
+    assert "the model does not describe this frame" in found.warnings[0]
+
+
+def test_a_disc_is_found_with_its_load(tmp_path):
+    found = process(DISC / "disc-560N.png", DISC / "scene.toml")
+    assert found.table["load.normal_n"][0] == pytest.approx(560.0, rel=1e-3)
+    assert 0.9 < found.table["chi"][0] < 1.1
+
+
+@pytest.mark.parametrize("text", ['[specimen]\nshape = "ring"\n', "[specimen]\n"])
+def test_without_a_model_the_frame_is_normalised_and_that_is_said(tmp_path, text):
+    found = process(DISC / "disc-560N.png", parse_scene(text, name="mine"), tmp_path / "out")
+    assert found.model is None and found.fitted is None
+    assert "mine: " in found.warnings[0] and "cannot be simulated" in found.warnings[0]
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        "frames.csv", "normalised.tif", "skeleton.csv", "scene.toml", "provenance.json",
+        "process.png",
+    }  # fmt: skip
+    signal = tifffile.imread(tmp_path / "out" / "normalised.tif")
+    assert signal.shape == (420, 420) and signal.dtype == np.float32
+    lines = read_csv(tmp_path / "out" / "skeleton.csv")
+    assert len(lines["frame"]) > 100
+    assert found.table["fringe_lines"][0] > 0
+
+
+def test_a_video_gives_distances_from_its_times(tmp_path):
+    import cv2
+
+    scene = parse_scene(SMALL.replace("noise_grey = 2.0\n", "") + WEAR)
+    frames = simulate(scene).frames
+    film = tmp_path / "Lauf.avi"
+    writer = cv2.VideoWriter(str(film), cv2.VideoWriter_fourcc(*"MJPG"), 2.0, (160, 120))
+    for frame in frames:
+        writer.write(np.repeat(frame[..., None], 3, axis=2))
+    writer.release()
+    text = SMALL + WEAR + "\n[frames]\nsliding_speed_mm_per_s = 80000.0\n"
+    found = process(film, parse_scene(text), tmp_path / "out")
+    # Two frames a second and 80 m/s: 40 m from frame to frame.
+    assert found.table["distance_m"] == pytest.approx([0.0, 40.0, 80.0])
+    assert found.table["label"] == ["0 m", "40 m", "80 m"]
+    assert found.table["load.normal_n"] == pytest.approx([44.0] * 3, rel=5e-3)
+    worn = found.table["wear.coefficient_mm2_per_n"]
+    assert worn[0] is None and worn[1:] == pytest.approx([2e-9] * 2, rel=0.03)
+
+
+def test_a_stack_without_times_is_refused_where_a_speed_is_given(tmp_path):
+    write_tiff(tmp_path / "stack.tif", simulate(parse_scene(SMALL)).frames)
+    text = SMALL + WEAR + "\n[frames]\nsliding_speed_mm_per_s = 80.0\n"
+    with pytest.raises(InputError, match=r"no time, which frames\.sliding_speed_mm_per_s needs"):
+        process(tmp_path / "stack.tif", parse_scene(text), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+# Real frames
+
+REAL_DISC = """\
+[specimen]
+shape = "disc"
+diameter_mm = 60.0
+thickness_mm = 6.0
+fringe_value_n_per_mm = 11.0
+
+[load]
+normal_n = 900.0
+
+[camera]
+bit_depth = 8
+
+[frames]
+roi = { top_px = 630, left_px = 580, height_px = 910, width_px = 910 }
+gamma = 2.2
+channel = "green"
+"""
+
+
+@needs_real
+@pytest.mark.long
+def test_real_disc_is_found_and_its_poor_chi_is_said(tmp_path):
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for name in ("DSC_0008.jpg", "DSC_0014.jpg"):
+        shutil.copy(REAL / "disc-seven-loads" / name, frames / name)
+    (tmp_path / "scene.toml").write_text(REAL_DISC, "utf-8")
+    assert check_frames(frames, load_scene(tmp_path / "scene.toml")).ok
+    found = process(frames, tmp_path / "scene.toml", tmp_path / "experiment")
+    for k in (0, 1):
+        assert 30.0 / found.table["pixel_mm"][k] == pytest.approx(434.0, rel=0.03)
+        assert found.table["chi"][k] > 3.0
+        assert "the model does not describe this frame" in found.table["warnings"][k]
+    simulate(tmp_path / "experiment" / "fitted_scene.toml", tmp_path / "simulation")
+    result = compare(tmp_path / "experiment", tmp_path / "simulation", tmp_path / "comparison")
+    assert (tmp_path / "comparison" / "comparison.png").stat().st_size > 10_000
+    assert np.isfinite(result.table["ncc"]).all()
+    assert len(read_csv(tmp_path / "comparison" / "metrics.csv")["frame"]) == 2
+
+
+@needs_real
+def test_real_ring_is_checked_and_normalised_and_said_to_have_no_model(tmp_path):
+    scene = parse_scene('[specimen]\nshape = "ring"\n\n[frames]\nchannel = "green"\n', name="ring")
+    check = check_frames(REAL / "ring-five-loads", scene)
+    assert check.ok and any("a ring has no model yet" in f.text for f in check.findings)
+    found = process(REAL / "ring-five-loads", scene, tmp_path / "out")
+    assert "a ring has no model yet" in found.warnings[0]
+    assert tifffile.imread(tmp_path / "out" / "normalised.tif").shape == (5, 224, 224)
+    assert min(found.table["fringe_lines"][1:]) > 0
+    assert not (tmp_path / "out" / "fringe_order.tif").exists()
