@@ -225,6 +225,8 @@ def test_files_that_cannot_be_a_scene_are_refused_by_name(tmp_path):
     with pytest.raises(InputError, match=r"huge\.toml: larger than .* is it a settings file"):
         load_scene(huge)
     with pytest.raises(InputError, match="no such scene file; scenes by name: line-contact-wear"):
+        load_scene(tmp_path / "missing.toml")
+    with pytest.raises(InputError, match="is a folder, not a scene file"):
         load_scene(tmp_path)
     with pytest.raises(InputError, match="did you mean 'line-contact-wear'"):
         load_scene("line-contact-waer")
