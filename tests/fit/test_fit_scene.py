@@ -7,7 +7,8 @@ import pytest
 
 from isochrome.contact import contact_states, on_path, state_on_path, wear_path
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fit.renderer import SceneRenderer, frame_scene, scene_at, with_numerics
+from isochrome.fit.one_state import frame_scene, scene_at, with_numerics
+from isochrome.fit.renderer import SceneRenderer
 from isochrome.fit.run import fit
 from isochrome.output import read_csv, write_tiff
 from isochrome.scene import load_scene, parse_scene
@@ -156,12 +157,23 @@ def test_uncertainty_is_the_spread_over_seeds(rendered):
     assert 0.4 < np.std(values, ddof=1) / np.mean(spread) < 2.0
 
 
-def test_thickness_and_fringe_value_cannot_be_told_apart(rendered):
-    # The scale of the orders is thickness / fringe value, and the pressure's is load / thickness.
+def test_keys_that_the_frame_cannot_tell_apart_are_refused_by_their_correlation(rendered):
+    # Modulus and radius enter together: the half-width follows from radius / contact modulus.
     path = rendered(STATIC)
     keys = ["specimen.young_gpa", "indenter.radius_mm"]
     with pytest.raises(PhysicsError, match=r"cannot be told apart .*correlation.*; fix one"):
         fit(path, parse_scene(STATIC), keys)
+
+
+@pytest.mark.parametrize("text", [STATIC, WORN], ids=["one frame", "two frames"])
+def test_a_key_that_does_not_change_the_fringes_is_refused(rendered, text):
+    # Ideal plates: the wavelength stands in the scene, and in no equation.
+    text += "\n[polariscope]\nwavelength_nm = 587.0\n"
+    path = rendered(text)
+    with pytest.raises(
+        PhysicsError, match=r"polariscope.wavelength_nm does not change the fringes"
+    ):
+        fit(path, parse_scene(text), ["load.normal_n", "polariscope.wavelength_nm"])
 
 
 @pytest.mark.parametrize("other", ["specimen.fringe_value_n_per_mm", "specimen.thickness_mm"])

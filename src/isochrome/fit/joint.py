@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.fit.frame_data import FrameData
 from isochrome.fit.frame_fit import (
     EDGE_PX,
@@ -69,7 +69,8 @@ def fit_jointly(
     uncertainties) starts the shared ones. Then one least squares over all frames' intensities,
     each with its own illumination and background.
     Parameters: `frames` and their one-state `scenes`; `shared`, `own`, keys. Returns a JointFit.
-    Raises InputError for too many frames or a key that no frame has.
+    Raises InputError for too many frames or a key that no frame has, PhysicsError
+    for one that has no effect.
     """
     if len(frames) > MAX_FRAMES:
         raise InputError(
@@ -85,6 +86,12 @@ def fit_jointly(
     for unknown in unknowns:
         if not any(unknown.key in fit.keys for fit in alone):
             raise InputError(f"{unknown.key}: no frame's scene has this key; leave it out")
+    for key in keys:
+        if not any(np.isfinite(_spread(fit, key)) for fit in alone):
+            raise PhysicsError(
+                f"{key} does not change the fringes of these frames, so that they cannot tell it; "
+                "leave it out"
+            )
     if len(frames) == 1:
         only = alone[0]
         names = tuple(Unknown(key, None if key in shared else 0) for key in only.keys)
@@ -93,6 +100,11 @@ def fit_jointly(
             (only.scene,), only.converged,
         )  # fmt: skip
     return _together(frames, [fit.scene for fit in alone], tuple(unknowns), alone)
+
+
+def _spread(fit: FrameFit, key: str) -> float:
+    """A key's standard uncertainty from one frame alone, infinite where it says nothing."""
+    return float(fit.standard_uncertainty[fit.keys.index(key)]) if key in fit.keys else np.inf
 
 
 def _together(
