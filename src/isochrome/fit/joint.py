@@ -10,17 +10,11 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fit.frame_data import FrameData
-from isochrome.fit.frame_fit import (
-    EDGE_PX,
-    FrameFit,
-    bounds,
-    fit_frame,
-    fit_region,
-    scales,
-    thinning,
-)
+from isochrome.fit.frame_fit import EDGE_PX, FrameFit, fit_frame, thinning
 from isochrome.fit.intensity import IntensityFit, fit_intensity
-from isochrome.fit.renderer import SceneRenderer, safe_signal, with_numerics
+from isochrome.fit.one_state import with_numerics
+from isochrome.fit.renderer import SceneRenderer, safe_signal
+from isochrome.fit.unknowns import bounds, fit_region, scales
 from isochrome.scene import Scene
 
 Array = NDArray[Any]

@@ -13,7 +13,7 @@ from isochrome.fit.figure import fit_figure
 from isochrome.fit.frame_data import FrameData, prepare_frame
 from isochrome.fit.frame_fit import placed
 from isochrome.fit.joint import JointFit, fit_jointly
-from isochrome.fit.renderer import frame_scene
+from isochrome.fit.one_state import frame_scene
 from isochrome.frames import load_no_load, open_scene_frames
 from isochrome.output import provenance, staged, write_csv, write_figure, write_json, write_text
 from isochrome.progress import Progress

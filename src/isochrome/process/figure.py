@@ -8,7 +8,7 @@ import numpy as np
 
 from isochrome.figures import FRAME_MAP, LINE_COLOURS, VALUE_MAP, new_figure, show_image
 from isochrome.fringes.skeleton import Skeleton, order_contours
-from isochrome.process.frame import ProcessedFrame
+from isochrome.process.result import ProcessedFrame
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 

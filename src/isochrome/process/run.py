@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.fit.renderer import frame_scene, scene_at
+from isochrome.fit.one_state import frame_scene, scene_at
 from isochrome.fit.run import fitted_scene
 from isochrome.frames import Frame, FrameReader, load_no_load, open_scene_frames
 from isochrome.fringes.skeleton import skeleton_table
@@ -23,12 +23,9 @@ from isochrome.output import (
     write_text,
 )
 from isochrome.process.figure import process_figure
-from isochrome.process.frame import (
-    SPREAD,
-    ProcessedFrame,
-    process_image_only,
-    process_with_model,
-)
+from isochrome.process.image_only import process_image_only
+from isochrome.process.result import SPREAD, Capture, ProcessedFrame
+from isochrome.process.with_model import process_with_model
 from isochrome.progress import Progress, counted
 from isochrome.scene import Scene, dump_scene, load_scene
 from isochrome.simulate import no_model_sentence
@@ -89,20 +86,15 @@ def process(
 
 def _processed(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
     """Frame after frame, each on its own."""
-    no_load = load_no_load(scene, full_shape=reader.full_shape)
+    dark, bright = load_no_load(scene, full_shape=reader.full_shape)
+    capture = Capture(reader.bit_depth, dark, bright)
     for frame in reader:
         if scene.model is None:
-            yield process_image_only(frame, scene, bit_depth=reader.bit_depth, no_load=no_load)
-            continue
-        own, label, distance = _state_of(scene, frame)
-        yield process_with_model(
-            frame,
-            own,
-            bit_depth=reader.bit_depth,
-            no_load=no_load,
-            label=label,
-            distance_m=distance,
-        )
+            yield process_image_only(frame, scene, capture)
+        else:
+            own, label, distance = _state_of(scene, frame)
+            found = process_with_model(frame, own, capture)
+            yield replace(found, label=label, distance_m=distance)
 
 
 def _state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:

@@ -1,0 +1,121 @@
+"""The unknowns of a scene: which a frame can tell, where to begin, and what to look at."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.scene import Scene
+from isochrome.stress import PixelGrid, pixel_grid
+
+Array = NDArray[Any]
+
+LOAD_FACTORS = (0.8, 0.9, 1.0, 1.1, 1.25)
+"""Starts in load; a fit's basin is about 0.8 to 1.1 of the truth."""
+
+PLACE_PX = (-10.0, 0.0, 10.0)
+"""Starts in place, in both directions, from the nominal one."""
+
+
+def free_keys(scene: Scene) -> tuple[str, ...]:
+    """The unknowns that a single frame of a one-state scene can tell, by default.
+
+    The load and the place; the friction where there is sliding, the tangential load where the
+    contact is held, the wear where there is a worn depth.
+    """
+    keys = ["load.normal_n", "camera.left_mm", "camera.top_mm"]
+    if scene.model == "beam":
+        keys.remove("camera.left_mm")
+    if scene.load is not None and scene.load.tangential_n is not None:
+        keys.append("load.tangential_n")
+    elif scene.friction is not None:
+        keys.append("friction.coefficient")
+    if scene.wear is not None:
+        keys.append("wear.coefficient_mm2_per_n")
+    return tuple(keys)
+
+
+def starting_points(
+    scene: Scene, keys: tuple[str, ...], factors: tuple[float, ...], offsets: tuple[float, ...]
+) -> Array:
+    """All combinations of load factors and place offsets; the rest stays at the scene's values."""
+    assert scene.camera is not None and scene.camera.pixel_mm is not None
+    pixel = scene.camera.pixel_mm
+    choices = []
+    for key in keys:
+        value = scene.get(key)
+        if not isinstance(value, int | float):
+            raise InputError(f"{key} = {value!r} cannot be fitted: it is no number in this scene")
+        if key == "load.normal_n":
+            choices.append([value * factor for factor in factors])
+        elif key in ("camera.left_mm", "camera.top_mm"):
+            choices.append([value + pixel * offset for offset in offsets])
+        else:
+            choices.append([float(value)])
+    return np.array(list(product(*choices)))
+
+
+def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
+    """A natural change of each unknown, 1e-4 of which is a difference step above its noise."""
+    assert scene.camera is not None and scene.camera.pixel_mm is not None
+    found = []
+    for key in keys:
+        value = abs(float(scene.get(key)))
+        if key in ("camera.left_mm", "camera.top_mm"):
+            found.append(100.0 * scene.camera.pixel_mm)
+        elif key == "friction.coefficient":
+            found.append(3.0)
+        elif key == "load.tangential_n" or key == "load.bulk_mpa":
+            assert scene.load is not None
+            found.append(max(10.0 * value, scene.load.normal_n if "load.t" in key else 10.0))
+        else:
+            found.append(10.0 * value if value else 1.0)
+    return np.array(found)
+
+
+def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Where the search may go: not below zero, not far from the start."""
+    low, high = [], []
+    for key in keys:
+        value = float(scene.get(key))
+        if key == "friction.coefficient":
+            low.append(-2.0)
+            high.append(2.0)
+        elif key.startswith("camera.") and key.endswith(("left_mm", "top_mm")):
+            low.append(-np.inf)
+            high.append(np.inf)
+        elif value > 0.0:
+            low.append(0.1 * value)
+            high.append(10.0 * value)
+        else:
+            low.append(-np.inf)
+            high.append(np.inf)
+    return {"lower": np.array(low), "upper": np.array(high)}
+
+
+def fit_region(scene: Scene, shape: tuple[int, ...], stride: int, hidden_px: float) -> Array:
+    """Pixels that a fit uses: away from where the place, or the model, decides what is seen.
+
+    False within `hidden_px` of a contact's surface; in a disc, near the rim and the two loads.
+    """
+    grid = pixel_grid(scene, (shape[0], shape[1])).every(stride)
+    if scene.model == "disc":
+        return _disc_inside(scene, grid)
+    if scene.model != "contact":
+        return np.ones((grid.rows, grid.cols), dtype=bool)
+    assert scene.camera is not None and scene.camera.pixel_mm is not None
+    below = grid.z_mm >= hidden_px * scene.camera.pixel_mm
+    return np.repeat(below[:, None], grid.cols, axis=1)
+
+
+def _disc_inside(scene: Scene, grid: PixelGrid) -> Array:
+    """A disc without its outermost 6 % and without 0.3 R about the loads, which are no points."""
+    assert scene.specimen.diameter_mm is not None
+    radius = 0.5 * scene.specimen.diameter_mm
+    x, z = grid.x_mm[None, :] / radius, grid.z_mm[:, None] / radius - 1.0
+    loads = np.minimum(np.hypot(x, z - 1.0), np.hypot(x, z + 1.0))
+    return (np.hypot(x, z) < 0.94) & (loads > 0.3)

@@ -1,0 +1,96 @@
+"""What `process` finds in one frame, and how it is written down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.fit.frame_fit import FrameFit
+from isochrome.frames import Linear
+from isochrome.fringes.branch import OrderReading
+from isochrome.fringes.skeleton import Skeleton
+from isochrome.stress import pixel_grid
+
+Array = NDArray[Any]
+
+SPREAD = "standard_uncertainty"
+"""What follows a key in the name of the column that holds its uncertainty."""
+
+
+@dataclass(frozen=True)
+class Capture:
+    """How a set was captured: the sensor's `bit_depth`, the `dark` and `bright` no-load frames."""
+
+    bit_depth: int | None
+    dark: Linear | None = None
+    bright: Linear | None = None
+
+
+@dataclass(frozen=True)
+class ProcessedFrame:
+    """What was found in one frame; maps are (rows, cols), NaN = not known.
+
+    `normalised`, the signal 0..1 with background and illumination out; `reading`, the fringe order
+    (None without a model); `fit` and the fitted `scene` (None without one); `lines`, the fringe
+    skeleton (without a model); `noise` of the signal; `chi`, residual over noise of the whole
+    frame; `warnings` in plain words.
+    """
+
+    index: int
+    name: str
+    label: str
+    distance_m: float
+    normalised: Array
+    reading: OrderReading | None
+    fit: FrameFit | None
+    lines: list[Skeleton]
+    noise: float
+    chi: float
+    pixel_mm: float | None
+    warnings: tuple[str, ...]
+
+    def maps(self) -> dict[str, Array]:
+        """The maps that are written to disk, by the name of their file."""
+        if self.reading is None:
+            return {"normalised": self.normalised}
+        return {
+            "normalised": self.normalised,
+            "fringe_order": self.reading.order,
+            "confidence": self.reading.confidence,
+        }
+
+    def _largest(self, order: Array) -> dict[str, float]:
+        """The largest fringe order that is known, and its place (mm)."""
+        assert self.fit is not None
+        if not np.isfinite(order).any():
+            return dict.fromkeys(("n_max", "n_max_x_mm", "n_max_z_mm"), float("nan"))
+        row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
+        grid = pixel_grid(self.fit.scene, (order.shape[0], order.shape[1]))
+        return {
+            "n_max": float(order[row, col]),
+            "n_max_x_mm": float(grid.x_mm[col]),
+            "n_max_z_mm": float(grid.z_mm[row]),
+        }
+
+    def row(self) -> dict[str, Any]:
+        """The frame's row of frames.csv."""
+        row: dict[str, Any] = {
+            "frame": self.index,
+            "name": self.name,
+            "label": self.label,
+            "distance_m": self.distance_m,
+            "chi": self.chi,
+            "noise": self.noise,
+            "pixel_mm": self.pixel_mm,
+        }
+        if self.fit is None or self.reading is None:
+            return row | {"fringe_lines": len(self.lines), "warnings": "; ".join(self.warnings)}
+        row |= {"kept_share": self.reading.kept, **self._largest(self.reading.order)}
+        for key, value, spread in zip(
+            self.fit.keys, self.fit.values, self.fit.standard_uncertainty, strict=True
+        ):
+            row |= {key: float(value), f"{key} {SPREAD}": float(spread)}
+        return row | {"warnings": "; ".join(self.warnings)}
