@@ -111,11 +111,12 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
     Equation: the mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel)
     is sinc(g_x) sinc(g_y) cos 2 pi N, with sinc(x) = sin(pi x)/(pi x).
     Parameters: `order` N (rows, cols), NaN where there is no specimen. Returns V (rows, cols), in
-    0..1, and the share of pixels with a fringe finer than two pixels.
+    0..1, and the share, of the pixels that bear fringes (N > 1/2), with one finer than two pixels.
     """
     rows, cols = _slope(order, 0), _slope(order, 1)
     visibility = np.maximum(np.sinc(rows), 0.0) * np.maximum(np.sinc(cols), 0.0)
-    return visibility, float(np.mean(np.hypot(rows, cols) > 0.5))
+    fine = np.hypot(rows, cols)[order > 0.5] > 0.5
+    return visibility, float(fine.mean()) if fine.size else 0.0
 
 
 def _slope(order: Array, axis: int) -> Array:

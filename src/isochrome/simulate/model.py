@@ -26,9 +26,9 @@ from isochrome.stress import (
 
 Array = NDArray[np.floating]
 
-_TOO_FINE_SHARE = 0.01
-"""Share of pixels with fringes finer than two pixels at which a picture is refused: a few pixels
-at the edge of a contact, where the stress is steep, are no harm."""
+_TOO_FINE_SHARE = 0.03
+"""Share of the fringed pixels with fringes finer than two pixels at which a picture is refused: a
+few at the edge of a contact or beside a disc's loads, where the stress is steep, are no harm."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +148,6 @@ def refuse_too_fine(scene: Scene, picture: Picture) -> None:
         pixel = scene.camera.pixel_mm if scene.camera else None
         raise PhysicsError(
             f"{scene.name}: fringes finer than two pixels in {100 * picture.too_fine:.1f} % of the "
-            f"picture (camera.pixel_mm = {pixel}); use smaller pixels, a lower load.normal_n or "
-            "a thinner specimen"
+            f"fringed picture (camera.pixel_mm = {pixel}); use smaller pixels, a lower load.normal_n "
+            "or a thinner specimen"
         )
