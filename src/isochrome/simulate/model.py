@@ -148,6 +148,6 @@ def refuse_too_fine(scene: Scene, picture: Picture) -> None:
         pixel = scene.camera.pixel_mm if scene.camera else None
         raise PhysicsError(
             f"{scene.name}: fringes finer than two pixels in {100 * picture.too_fine:.1f} % of the "
-            f"fringed picture (camera.pixel_mm = {pixel}); use smaller pixels, a lower load.normal_n "
-            "or a thinner specimen"
+            f"fringed picture (camera.pixel_mm = {pixel}); use smaller pixels, a lower "
+            "load.normal_n or a thinner specimen"
         )
