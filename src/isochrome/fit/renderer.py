@@ -161,7 +161,7 @@ class SceneRenderer:
         along = np.abs(field[down, cols]) - np.abs(field[up, cols])
         across = np.abs(field[rows, right]) - np.abs(field[rows, left])
         square = (0.5 * scale * np.pi) ** 2 * (along**2 + across**2)
-        # sinc(a) sinc(b) to fourth order in the product's leading terms; 1e-3 at half a fringe
+        # sinc(a) sinc(b) to fourth order, cross term apart; off by 3e-3 at half a fringe a pixel
         return 1.0 - square / 6.0 + square**2 / 120.0
 
 
