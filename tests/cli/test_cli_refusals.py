@@ -259,8 +259,15 @@ def test_contact_wider_than_the_picture(refuses, scene_with):
 
 
 def test_fringes_finer_than_two_pixels(refuses, scene_with):
-    scene = scene_with("normal_n = 44.0", "normal_n = 900.0")
+    scene = scene_with("fringe_value_n_per_mm = 14.6", "fringe_value_n_per_mm = 0.3")
     refuses(3, ["wrong scene", "finer than two pixels", "pixel_mm"], *simulate(scene))
+
+
+def test_pixels_as_wide_as_the_contact_in_a_large_picture(place, refuses, scene_with):
+    scene = scene_with("left_mm = -2.0", "left_mm = -24.0", "wide.toml")
+    text = (place / scene).read_text("utf-8").replace("pixel_mm = 0.025", "pixel_mm = 0.3")
+    (place / scene).write_text(text, "utf-8")
+    refuses(3, ["finer than two pixels", "pixel_mm = 0.3"], *simulate(scene))
 
 
 # Results
@@ -280,7 +287,8 @@ def test_a_refusal_leaves_the_results_of_the_run_before(
     place, quick_isochrome, refuses, scene_with
 ):
     assert quick_isochrome(*simulate("small.toml")).code == 0
-    refuses(3, ["finer"], *simulate(scene_with("normal_n = 44.0", "normal_n = 900.0")))
+    scene = scene_with("fringe_value_n_per_mm = 14.6", "fringe_value_n_per_mm = 0.3")
+    refuses(3, ["finer"], *simulate(scene))
     assert (place / "out" / "history.csv").is_file()
 
 
