@@ -23,7 +23,3 @@ class PhysicsError(IsochromeError, ArithmeticError):
     """The input is well formed, but its physics cannot be computed honestly (exit code 3)."""
 
     exit_code = 3
-
-
-class IsochromeWarning(UserWarning):
-    """Something that the user should know, with a result that is still right."""

@@ -7,7 +7,6 @@ functions because most commands draw nothing.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,7 +38,7 @@ _HATCH_COLOUR = "#c4c4c4"
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Make an empty white figure of `width_in` by `height_in` inches with constrained layout.
 
-    Returns a Figure on an Agg canvas; save it with `save_figure` or its own `savefig`. Raises
+    Returns a Figure on an Agg canvas; save it with `isochrome.output.write_figure`. Raises
     InputError for a size that is not above zero.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -171,9 +170,3 @@ def centred_limit(*differences: ArrayLike, percentile: float = 99.0) -> float:
     decade = 10.0 ** np.floor(np.log10(largest))
     steps = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0]) * decade
     return float(steps[np.searchsorted(steps, largest * (1.0 - 1e-9))])
-
-
-def save_figure(figure: Figure, path: str | Path, *, dpi: float = 150.0) -> Path:
-    """Write a figure; the ending of `path` (png, pdf, svg, tif) sets the kind. Returns the path."""
-    figure.savefig(path, dpi=dpi)
-    return Path(path)

@@ -19,7 +19,7 @@ from isochrome.calibrate.figure import calibration_figure
 from isochrome.calibrate.line import fit_line
 from isochrome.calibrate.rim import Circle, find_rim
 from isochrome.errors import InputError, PhysicsError
-from isochrome.figures import save_figure
+from isochrome.output import write_figure
 from isochrome.reference import disc_principal_difference
 
 from .conftest import DIAMETER, F_SIGMA, disc_load
@@ -145,7 +145,8 @@ def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
     path.write_text(text, "utf-8")
     found = calibrate_disc(path)
     check(found, 5e-4)
-    assert save_figure(calibration_figure(found), tmp_path / "figure.png").stat().st_size > 20_000
+    write_figure(tmp_path / "figure.png", calibration_figure(found))
+    assert (tmp_path / "figure.png").stat().st_size > 20_000
     with pytest.raises(InputError, match="calibrate disc"):
         calibrate_bending(path)
 

@@ -7,7 +7,7 @@ import pytest
 from isochrome import figures
 from isochrome.compare import FrameSet, compare_frames, load_frame_set, side_by_side
 from isochrome.errors import InputError
-from isochrome.output import write_csv, write_tiff
+from isochrome.output import write_csv, write_figure, write_tiff
 
 PIXEL_MM = 0.02
 
@@ -121,7 +121,8 @@ def test_words_stay_inside_the_figure():
 
 def test_pictures_leave_no_global_state(tmp_path):
     before = dict(matplotlib.rcParams)
-    path = figures.save_figure(side_by_side(*frame_sets(1)), tmp_path / "side.png", dpi=50)
+    path = tmp_path / "side.png"
+    write_figure(path, side_by_side(*frame_sets(1)), dpi=50)
     assert path.stat().st_size > 5000
     assert dict(matplotlib.rcParams) == before
 

@@ -25,7 +25,7 @@ def calibration_figure(calibration: Calibration) -> Figure:
     """Draw a calibration: for up to four images the frame, the fit, the residual in units of the
     noise and a cut through intensity and order; below, order against load with its line.
 
-    Parameters: `calibration`. Returns a Matplotlib Figure; save it with `figures.save_figure`.
+    Parameters: `calibration`. Returns a Matplotlib Figure; save it with `output.write_figure`.
     """
     from isochrome.figures import new_figure
 
