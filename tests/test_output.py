@@ -12,6 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from isochrome.errors import InputError
 from isochrome.output import (
+    TableWriter,
     TiffWriter,
     output_folder,
     provenance,
@@ -69,6 +70,24 @@ def test_stack_beyond_imagejs_limit_becomes_bigtiff_with_the_same_scale(tmp_path
     with tifffile.TiffFile(tmp_path / "b.tif") as tif:
         assert tif.is_bigtiff and tif.asarray().shape == (2, 3, 4)
     assert read_pixel_mm(tmp_path / "b.tif") == pytest.approx(0.01, rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_colour_frames_come_back_with_their_scale_and_8_bit_ones_in_imagejs_layout(
+    tmp_path, dtype, count
+):
+    stack = np.arange(count * 5 * 7 * 3).reshape(count, 5, 7, 3).astype(dtype)
+    with TiffWriter(tmp_path / "c.tif", pixel_mm=0.01, photometric="rgb") as writer:
+        for frame in stack:
+            writer.append(frame)
+        with pytest.raises(InputError, match="frame"):
+            writer.append(stack[0, ..., 0])
+    with tifffile.TiffFile(tmp_path / "c.tif") as tif:
+        assert {int(page.photometric) for page in tif.pages} == {2}  # RGB
+        assert tif.is_imagej == (dtype is np.uint8)
+        np.testing.assert_array_equal(np.stack([page.asarray() for page in tif.pages]), stack)
+    assert read_pixel_mm(tmp_path / "c.tif") == pytest.approx(0.01, rel=1e-6)
 
 
 def test_dots_per_inch_are_no_scale(tmp_path):
@@ -161,6 +180,28 @@ def test_table_with_unequal_columns_or_rows_is_refused(tmp_path):
     (tmp_path / "t.csv").write_text("a,b\n1,2\n3\n")
     with pytest.raises(InputError, match="line 3"):
         read_csv(tmp_path / "t.csv")
+
+
+def test_table_written_row_by_row_is_the_one_written_at_once(tmp_path):
+    x = np.array([1 / 3, np.nan, 2e-9, -4.0])
+    names = ['a "quoted" one', "b, c", "d", "e"]
+    write_csv(tmp_path / "once.csv", {"x_mm": x.tolist(), "name": names})
+    with TableWriter(tmp_path / "rows.csv", ("x_mm", "name")) as table:
+        for part in (slice(0, 1), slice(1, 2), slice(2, 4)):
+            table.append({"x_mm": x[part], "name": names[part]})
+    assert (tmp_path / "rows.csv").read_bytes() == (tmp_path / "once.csv").read_bytes()
+
+
+def test_failed_table_leaves_nothing_and_keeps_the_old_one(tmp_path):
+    write_text(tmp_path / "t.csv", "old")
+    for bad in ({"b": [1]}, {"a": [1], "b": [1, 2]}):
+        with (
+            pytest.raises(InputError, match=r"t\.csv"),
+            TableWriter(tmp_path / "t.csv", ("a", "b")) as table,
+        ):
+            table.append(bad)
+    assert [p.name for p in tmp_path.iterdir()] == ["t.csv"]
+    assert (tmp_path / "t.csv").read_text() == "old"
 
 
 def test_figure_is_a_png_without_pyplot(tmp_path):

@@ -7,8 +7,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.output import read_pixel_mm
-from isochrome.output.files import read_csv
+from isochrome.output import read_csv, read_pixel_mm
 from isochrome.reference import coupled_contact, dundurs_beta
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulate import make_picture, scene_states, simulate, state_difference

@@ -8,18 +8,18 @@ the functions that need them.
 from isochrome.output.files import (
     output_folder,
     plain,
-    read_csv,
     replacing,
     staged,
-    write_csv,
     write_json,
     write_text,
 )
 from isochrome.output.record import provenance, sha256, write_figure
 from isochrome.output.scale import pixel_mm_of, read_pixel_mm
+from isochrome.output.tables import TableWriter, read_csv, write_csv
 from isochrome.output.tiff import TiffWriter, write_tiff
 
 __all__ = [
+    "TableWriter",
     "TiffWriter",
     "output_folder",
     "pixel_mm_of",

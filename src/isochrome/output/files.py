@@ -1,24 +1,19 @@
-"""Folders, text, JSON and tables on disk: whole, or not at all."""
+"""Folders, text and JSON on disk: whole, or not at all."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-
-DIGITS = 9
-"""Significant digits of a number in a CSV table."""
 
 
 def output_folder(path: str | Path) -> Path:
@@ -116,58 +111,3 @@ def plain(obj: Any) -> Any:
     if isinstance(obj, str | int | bool) or obj is None:
         return obj
     return str(obj)
-
-
-def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
-    """Write a table, one named column each, units in the names (`wear_depth_um`).
-
-    Parameters: `columns`, name to values, all of one length. Floats get 9 significant digits,
-    NaN and None an empty cell. Raises InputError where the lengths differ.
-    """
-    data = {name: list(values) for name, values in columns.items()}
-    lengths = {name: len(values) for name, values in data.items()}
-    if len(set(lengths.values())) > 1:
-        raise InputError(
-            f"{path}: columns differ in length, {lengths}; give as many values to each"
-        )
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(data)
-    writer.writerows([_cell(v) for v in row] for row in zip(*data.values(), strict=True))
-    write_text(path, text.getvalue())
-
-
-def _cell(value: Any) -> str:
-    value = plain(value)
-    if value is None:
-        return ""
-    return f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)
-
-
-def read_csv(path: str | Path) -> dict[str, list[Any]]:
-    """Read a table: column name to values, numbers where all cells are (empty: NaN), else text.
-
-    Raises InputError where the file cannot be read or a row is of another length.
-    """
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: not a readable CSV table ({error}); check the file") from error
-    if not rows:
-        raise InputError(f"{path}: an empty table; give one with a header line")
-    header, *body = rows
-    for number, row in enumerate(body, start=2):
-        if len(row) != len(header):
-            raise InputError(
-                f"{path}: line {number} has {len(row)} cells and the header {len(header)}; "
-                "correct that line"
-            )
-    return {name: _numbers([row[i] for row in body]) for i, name in enumerate(header)}
-
-
-def _numbers(cells: list[str]) -> list[Any]:
-    try:
-        return [float(c) if c.strip() else math.nan for c in cells]
-    except ValueError:
-        return list(cells)

@@ -61,7 +61,8 @@ class TiffWriter:
     def append(self, frame: npt.ArrayLike) -> None:
         """Add a frame, (row, col) or (row, col, 3) for rgb, of the first frame's shape and type.
 
-        Types: uint8, uint16, float32 (NaN = not known). Raises InputError on another.
+        Types: uint8, uint16, float32 (NaN = not known); ImageJ's own layout knows colour in 8 bits
+        only, others become a plain TIFF. Raises InputError on another.
         """
         image = np.asarray(frame)
         if self.count == 0:
@@ -131,11 +132,10 @@ def _check_frame(path: str | Path, image: np.ndarray, photometric: Photometric) 
     if image.ndim != ndim or 0 in image.shape or (ndim == 3 and image.shape[2] != 3):
         wanted = "(row, col, 3)" if ndim == 3 else "(row, col)"
         raise InputError(f"{path}: a frame is {wanted}, not {image.shape}; reshape it")
-    allowed = DTYPES if ndim == 2 else DTYPES[:1]
-    if image.dtype.name not in allowed:
+    if image.dtype.name not in DTYPES:
         raise InputError(
             f"{path}: frames of type {image.dtype} cannot be written; convert them to "
-            f"{' or '.join(allowed)}"
+            f"{' or '.join(DTYPES)}"
         )
 
 
@@ -151,6 +151,7 @@ def _write(
     pixel_mm, description, photometric = options
     size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
     imagej = size < IMAGEJ_LIMIT and min(shape[1:3]) > 1  # tifffile turns single columns over
+    imagej &= photometric != "rgb" or dtype == np.uint8
     keys: dict[str, Any] = {"photometric": photometric}
     if pixel_mm is not None:
         per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
