@@ -10,7 +10,13 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.reference import coupled_contact, dundurs_beta
 from isochrome.scene import dump_scene, load_scene, parse_scene
-from isochrome.simulate import make_picture, scene_states, simulate, state_difference
+from isochrome.simulate import (
+    make_picture,
+    scene_states,
+    simulate,
+    state_count,
+    state_difference,
+)
 from isochrome.stress import pixel_grid
 
 PAPER = load_scene("line-contact-wear")
@@ -291,6 +297,50 @@ def test_simulate_leaves_its_files_whole(tmp_path):
     assert p.sum() * (x[1] - x[0]) == pytest.approx(11.0, rel=1e-7)
 
 
+def test_pressure_table_leaves_out_only_zeros(tmp_path):
+    """Rows run over the loaded and worn nodes, with a zero at both ends where contact can end."""
+    simulate(SMALL, tmp_path)
+    table = {k: np.array(v) for k, v in read_csv(tmp_path / "pressure.csv").items()}
+    for index, state in enumerate(scene_states(SMALL)):
+        surface, rows = state.surface, table["state"] == index
+        x = surface.grid.x_mm
+        written = np.isin(np.round(x, 7), np.round(table["x_mm"][rows], 7))
+        assert written.sum() == rows.sum() < surface.grid.nodes
+        for name, values in (
+            ("pressure_mpa", surface.pressure_mpa),
+            ("shear_mpa", surface.shear_mpa),
+            ("wear_depth_um", 1e3 * surface.wear_depth_mm),
+        ):
+            np.testing.assert_allclose(table[name][rows], values[written], rtol=5e-9)  # 9 digits
+            assert not values[~written].any()
+            assert (table[name][rows][[0, -1]] == 0.0).all()
+
+
+PARTS = {
+    "alone": {"wear": False, "friction": False},
+    "worn": {"wear": True, "friction": False},
+    "sliding": {"wear": False, "friction": True},
+    "both": {"wear": True, "friction": True},
+    "both, static first": {"wear": True, "friction": True, "first": True},
+    "sliding, static first": {"wear": False, "friction": True, "first": True},
+    "held": {"wear": False, "friction": True, "held": True},
+}
+
+
+@pytest.mark.parametrize("parts", PARTS.values(), ids=PARTS)
+def test_states_are_counted_before_they_are_solved(parts):
+    text = dump_scene(SMALL).split("[friction]")[0]
+    if parts.get("held"):
+        text = text.replace("[load]", "[load]\ntangential_n = 3.0")
+    if parts["friction"]:
+        text += "[friction]\ncoefficient = 0.2\n"
+        text += f"static_state_first = {str(parts.get('first', False)).lower()}\n"
+    if parts["wear"]:
+        text += "[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [5.0, 0.0]\n"
+    scene = parse_scene(text + "[numerics]\nspacing_mm = 0.01\n")
+    assert state_count(scene) == len(scene_states(scene))
+
+
 @pytest.mark.parametrize("text", [DISC, BEAM])
 def test_discs_and_beams_leave_the_same_files(tmp_path, text):
     simulate(parse_scene(text), tmp_path / "out")
@@ -341,6 +391,15 @@ def test_a_refusal_says_what_to_change_and_leaves_nothing_behind(tmp_path, scene
         simulate(scene, out)
     assert refusal.value.exit_code == {InputError: 2, PhysicsError: 3}[kind]
     assert "\n" not in str(refusal.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_later_states_refusal_leaves_nothing_of_the_earlier_ones(tmp_path):
+    done = []
+    scene = SMALL.with_values({"camera.width_px": 45})  # 1.09 mm: too narrow for the last scar
+    with pytest.raises(PhysicsError, match="wider than the picture"):
+        simulate(scene, tmp_path / "out", progress=lambda k, _: done.append(k))
+    assert done == [1, 2, 3]
     assert list(tmp_path.iterdir()) == []
 
 

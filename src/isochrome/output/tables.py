@@ -26,18 +26,22 @@ class TableWriter:
     exception discards it.
     """
 
-    def __init__(self, path: str | Path, names: Iterable[str]) -> None:
-        """Prepare a table at `path` with the columns `names`, units in them (`wear_depth_um`)."""
+    def __init__(self, path: str | Path, names: Iterable[str] = ()) -> None:
+        """Prepare a table at `path` with the columns `names`, by default those of the first rows.
+
+        Units stand in the names (`wear_depth_um`).
+        """
         self.path = Path(path)
         self.names = tuple(names)
         self._ending = ExitStack()
 
     def __enter__(self) -> TableWriter:
-        """Open the hidden file and write the header. Raises InputError where that cannot be."""
+        """Open the hidden file. Raises InputError where the folder cannot be written to."""
         beside = self._ending.enter_context(replacing(self.path))
         file = self._ending.enter_context(open(beside, "w", newline="", encoding="utf-8"))
         self._writer = csv.writer(file, lineterminator="\n")
-        self._writer.writerow(self.names)
+        if self.names:
+            self._writer.writerow(self.names)
         return self
 
     def append(self, columns: Mapping[str, Any]) -> None:
@@ -47,6 +51,9 @@ class TableWriter:
         or lengths differ.
         """
         lengths = {name: len(values) for name, values in columns.items()}
+        if not self.names:
+            self.names = tuple(columns)
+            self._writer.writerow(self.names)
         if tuple(columns) != self.names:
             raise InputError(
                 f"{self.path}: columns {list(columns)} for a table of {list(self.names)}; give "
@@ -74,7 +81,7 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
     Parameters: `columns`, name to values, all of one length. Floats get 9 significant digits,
     NaN and None an empty cell. Raises InputError where the lengths differ.
     """
-    with TableWriter(path, columns) as table:
+    with TableWriter(path) as table:
         table.append(columns)
 
 

@@ -3,24 +3,29 @@
 from isochrome.simulate.model import (
     Picture,
     SceneState,
+    iter_scene_states,
     make_picture,
     no_model_sentence,
     picture_signal,
     scene_states,
+    state_count,
     state_difference,
 )
-from isochrome.simulate.run import Rendered, Simulation, render, simulate
+from isochrome.simulate.render import Rendered, render
+from isochrome.simulate.run import Simulation, simulate
 
 __all__ = [
     "Picture",
     "Rendered",
     "SceneState",
     "Simulation",
+    "iter_scene_states",
     "make_picture",
     "no_model_sentence",
     "picture_signal",
     "render",
     "scene_states",
     "simulate",
+    "state_count",
     "state_difference",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -60,11 +61,29 @@ def scene_states(scene: Scene) -> list[SceneState]:
 
     Raises InputError where the scene has no model, PhysicsError where it cannot be solved.
     """
+    return list(iter_scene_states(scene))
+
+
+def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
+    """The states of `scene_states`, each solved when it is asked for.
+
+    Raises InputError at once where the scene has no model, PhysicsError as they come.
+    """
     if scene.model is None:
         raise InputError(no_model_sentence(scene))
     if scene.model != "contact":
-        return [SceneState(scene.model, 0.0, None)]
-    return [SceneState(_label(s), s.distance_m, s) for s in contact_states(scene)]
+        return iter((SceneState(scene.model, 0.0, None),))
+    return (SceneState(_label(s), s.distance_m, s) for s in contact_states(scene))
+
+
+def state_count(scene: Scene) -> int:
+    """How many states a scene has, without solving them."""
+    if scene.model != "contact":
+        return 1
+    static = scene.friction is not None and scene.friction.static_state_first
+    if scene.load is not None and scene.load.tangential_n is not None:
+        return 1
+    return int(static) + (len(scene.wear.distances_m) if scene.wear else 1)
 
 
 def no_model_sentence(scene: Scene) -> str:
