@@ -148,12 +148,13 @@ def test_colour_limits_are_round(values, limit):
     assert figures.centred_limit(values) == pytest.approx(limit)
 
 
-def write_result(folder, signal_name, table_name, table, signal, order):
+def write_result(folder, signal_name, table_name, table, signal, order, *, more=""):
     folder.mkdir()
-    write_tiff(folder / signal_name, signal, pixel_mm=PIXEL_MM)
+    kind = "rgb" if signal.ndim == 4 else "minisblack"
+    write_tiff(folder / signal_name, signal, pixel_mm=PIXEL_MM, photometric=kind)
     write_tiff(folder / "fringe_order.tif", order.astype(np.float32), pixel_mm=PIXEL_MM)
     write_csv(folder / table_name, table)
-    scene = "[camera]\nleft_mm = -0.8\ntop_mm = 0.1\nbit_depth = 8\n"
+    scene = "[camera]\nleft_mm = -0.8\ntop_mm = 0.1\nbit_depth = 8\n" + more
     (folder / "scene.toml").write_text(scene, encoding="utf-8")
 
 
@@ -207,3 +208,38 @@ def test_loading_refuses_what_does_not_fit(tmp_path):
     (tmp_path / "short" / "scene.toml").write_text("[camera", encoding="utf-8")
     with pytest.raises(InputError, match="not valid TOML"):
         load_frame_set(tmp_path / "short")
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize(
+    ("more", "channel"),
+    [
+        ("", 1),  # green, as everywhere where nothing is said
+        ("[polariscope]\nwavelength_nm = 470.0\n", 2),
+        ('[polariscope]\nwavelength_nm = 470.0\n[frames]\nchannel = "red"\n', 0),
+        ('[frames]\nchannel = "mean"\n', None),
+    ],
+    ids=["green", "by wavelength", "by name", "mean"],
+)
+def test_of_colour_frames_one_channel_is_compared(tmp_path, count, more, channel):
+    _, simulation = frame_sets(count)
+    counts = np.round(60 * simulation.signal).astype(np.uint8)
+    colour = np.stack([counts, 2 * counts, 3 * counts], axis=-1)
+    table = {"distance_m": [0.0] * count}
+    name = "frames.tif"
+    write_result(tmp_path / "sim", name, "history.csv", table, colour, simulation.order, more=more)
+    found = load_frame_set(tmp_path / "sim")
+    factor = 2 if channel is None else channel + 1
+    np.testing.assert_allclose(found.signal, factor * counts / 255.0, rtol=1e-6)  # float32
+
+
+def test_a_phase_stepped_folder_is_refused_for_what_it_is(tmp_path):
+    _, simulation = frame_sets(2)
+    frames = np.repeat(np.round(255 * simulation.signal).astype(np.uint8), 4, axis=0)
+    steps = "[[polariscope.step]]\npolariser_deg = 90.0\nanalyser_deg = 0.0\n" * 4
+    table = {"distance_m": [0.0, 31.0]}
+    write_result(
+        tmp_path / "sim", "frames.tif", "history.csv", table, frames, simulation.order, more=steps
+    )
+    with pytest.raises(InputError, match=r"phase-stepped set, 4 frames for each of 2 states.*take"):
+        load_frame_set(tmp_path / "sim")

@@ -24,12 +24,13 @@ def load_frame_set(
 
     A folder with `normalised.tif` (made by `isochrome process`) or `frames.tif` (by `simulate`)
     gives signals, fringe orders (`fringe_order.tif`), labels (`frames.csv`, `history.csv`) and
-    the frame's place (`scene.toml`); anything else is read as bare frames without orders.
+    the frame's place (`scene.toml`); anything else is read as bare frames without orders. Of colour
+    frames the channel is taken that the scene names, else the one nearest to its wavelength.
 
     `path`: file or folder. `bit_depth`: of the sensor, for whole-number images; default: what the
     scene or the file says, else the container's. `pixel_mm`: edge of a pixel, where the files do
     not say. Whole-number images are divided by 2^bits - 1. Returns a FrameSet. Raises InputError
-    when the path does not exist or its parts do not fit together.
+    when the path does not exist, its parts do not fit together, or it holds a phase-stepped set.
     """
     place = Path(path)
     if not place.exists():
@@ -43,20 +44,28 @@ def load_frame_set(
 def _load_result(
     folder: Path, signal_name: str, table_name: str, bit_depth: int | None, pixel_mm: float | None
 ) -> FrameSet:
-    camera = _camera(folder / "scene.toml")
-    signal = _read_stack(folder / signal_name)
+    scene = _scene(folder / "scene.toml")
+    camera = scene.get("camera", {})
+    light = scaled(_read_stack(folder / signal_name), bit_depth or camera.get("bit_depth"))
+    signal = _one_channel(light, scene)
     order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
+    steps = len(scene.get("polariscope", {}).get("step", ()))
+    if order is not None and steps > 1 and len(signal) == steps * len(order):
+        raise InputError(
+            f"{folder}: {signal_name} is a phase-stepped set, {steps} frames for each of "
+            f"{len(order)} states, and a comparison needs one dark-field frame a state; take "
+            "[[polariscope.step]] out of the scene and simulate it again"
+        )
     if order is not None and order.shape != signal.shape:
         raise InputError(
             f"{folder / _ORDER} has shape {order.shape}, {signal_name} beside it {signal.shape}: "
             "the folder mixes two runs; make it again"
         )
     table = _read_table(folder / table_name, len(signal))
-    light = scaled(signal, bit_depth or camera.get("bit_depth"))
     if order is not None and signal_name == "frames.tif":
-        light = np.where(np.isfinite(order), light, np.float32(np.nan))  # no specimen there
+        signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
     return FrameSet(
-        signal=light,
+        signal=signal,
         order=None if order is None else order.astype(np.float32, copy=False),
         pixel_mm=pixel_mm or read_pixel_mm(folder / signal_name) or camera.get("pixel_mm"),
         left_mm=float(camera.get("left_mm", 0.0)),
@@ -97,16 +106,35 @@ def scaled(image: NDArray, bit_depth: int | None = None) -> NDArray[np.floating]
 
 
 def _read_stack(path: Path) -> NDArray:
-    """Read a TIFF as (frame, row, col) in its own type."""
+    """Read a TIFF as (frame, row, col) or, in colour, (frame, row, col, 3), in its own type."""
     import tifffile
 
     try:
-        stack = np.asarray(tifffile.imread(path))
+        with tifffile.TiffFile(path) as tif:
+            stack = np.asarray(tif.asarray())
+            axes = tif.series[0].axes
     except (tifffile.TiffFileError, OSError, ValueError, IndexError) as error:
         raise InputError(f"{path} cannot be read as a TIFF ({error}): make it again") from error
-    if stack.ndim not in (2, 3):
-        raise InputError(f"{path} has shape {stack.shape}: give (frame, row, col), one channel")
-    return stack[None] if stack.ndim == 2 else stack
+    frame = 3 if axes.endswith("YXS") else 2
+    if stack.ndim not in (frame, frame + 1) or (frame == 3 and stack.shape[-1] != 3):
+        raise InputError(
+            f"{path} has shape {stack.shape}, axes {axes}: give (frame, row, col), grey or RGB"
+        )
+    return stack[None] if stack.ndim == frame else stack
+
+
+def _one_channel(stack: NDArray, scene: dict[str, Any]) -> NDArray:
+    """Reduce colour to the channel that the scene names, else the nearest to its wavelength."""
+    if stack.ndim == 3:
+        return stack
+    from isochrome.frames import channel_for
+    from isochrome.frames.reader import CHANNELS
+
+    channel = scene.get("frames", {}).get("channel")
+    channel = channel or channel_for(scene.get("polariscope", {}).get("wavelength_nm"))
+    if channel == "mean":
+        return stack.mean(axis=3, dtype=np.float32)
+    return stack[..., CHANNELS.index(channel)]
 
 
 def _read_table(path: Path, count: int) -> dict[str, list[Any]]:
@@ -120,12 +148,12 @@ def _read_table(path: Path, count: int) -> dict[str, list[Any]]:
     return table
 
 
-def _camera(path: Path) -> dict[str, Any]:
-    """Take the camera out of the resolved scene beside the results; empty without one."""
+def _scene(path: Path) -> dict[str, Any]:
+    """Read the resolved scene beside the results as plain tables; empty without one."""
     if not path.exists():
         return {}
     try:
-        return dict(tomllib.loads(path.read_text(encoding="utf-8-sig")).get("camera", {}))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path} is not valid TOML ({error}): make the results again") from error
 
