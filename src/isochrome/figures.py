@@ -79,18 +79,22 @@ def show_image(
     title: str = "",
     colour_label: str = "",
 ) -> AxesImage:
-    """Draw a 2-D image at true proportions: x to the right, z down, in mm or in pixels.
+    """Draw an image at true proportions: x to the right, z down, in mm or in pixels.
 
-    `image` (row, col); NaN is left out and the hatched light grey behind shows. `pixel_mm` is the
-    edge of a square pixel, `left_mm` and `top_mm` the outer edges of the first column and row;
+    `image` (row, col), or (row, col, 3) in colour, 0 or `vmin` black and 1 or `vmax` full light;
+    NaN is left out and the hatched light grey behind shows. `pixel_mm` is the edge of a square
+    pixel, `left_mm` and `top_mm` the outer edges of the first column and row;
     without `pixel_mm` the axes count pixels. `vmin`, `vmax` bound the colours (default: the
     finite range), `colour_label` (with its unit) adds a colour bar. Returns the drawn image.
-    Raises InputError when the image is not 2-D.
+    Raises InputError when the image is neither.
     """
-    pixels = np.ma.masked_invalid(np.asarray(image, dtype=float))
-    if pixels.ndim != 2:
-        raise InputError(f"an image of shape {pixels.shape} to draw: give one 2-D image")
-    rows, cols = pixels.shape
+    values = np.asarray(image, dtype=float)
+    if values.ndim != 2 and values.shape[2:] != (3,):
+        raise InputError(
+            f"an image of shape {values.shape} to draw: give one 2-D image, or one in colour"
+        )
+    rows, cols = values.shape[:2]
+    pixels = np.ma.masked_invalid(values) if values.ndim == 2 else _opaque(values, vmin, vmax)
     drawn = axes.imshow(
         pixels,
         cmap=cmap,
@@ -106,6 +110,14 @@ def show_image(
     if colour_label:
         add_colour_bar(drawn, colour_label)
     return drawn
+
+
+def _opaque(colour: np.ndarray, vmin: float | None, vmax: float | None) -> np.ndarray:
+    """Colour as light in 0..1 with an opacity (row, col, 4): pixels that hold NaN let through."""
+    low, high = vmin or 0.0, 1.0 if vmax is None else vmax
+    known = np.isfinite(colour).all(axis=2, keepdims=True)
+    light = np.clip((np.where(known, colour, low) - low) / (high - low), 0.0, 1.0)
+    return np.concatenate([light, known], axis=2)
 
 
 def image_extent(

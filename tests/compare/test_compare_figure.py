@@ -137,6 +137,11 @@ def test_show_image_marks_unknown_pixels_and_has_a_bar():
     assert figure.axes[1].get_ylabel() == "fringe order (fringes)"
     with pytest.raises(InputError, match="2-D"):
         figures.show_image(axes, np.zeros(3))
+    colour = np.array([[[0, 128, 255], [255, 0, 51]]])
+    drawn = figures.show_image(axes, np.where(colour == 51, np.nan, colour), vmin=0, vmax=255)
+    shown = drawn.get_array()
+    np.testing.assert_allclose(shown[0, 0], [0, 128 / 255, 1, 1])
+    assert shown[0, 1, 3] == 0.0  # not known: what is behind shows
     with pytest.raises(InputError, match="above zero"):
         figures.new_figure(0, 3)
 
