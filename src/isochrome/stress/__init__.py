@@ -1,25 +1,34 @@
 """Stress below the surface: half-plane fields of surface tractions, discs and beams."""
 
 from isochrome.stress.closed_forms import beam_difference, disc_difference
+from isochrome.stress.direct import stress_components
 from isochrome.stress.field import StressComponents, StressDifference, principal_direction
 from isochrome.stress.halfplane import (
     FieldGrid,
+    components_on_grid,
+    field_dtype,
     make_field_grid,
-    stress_components,
     stress_difference,
+    stress_trace,
 )
+from isochrome.stress.peak import ShearPeak, largest_shear
 from isochrome.stress.pixels import PixelGrid, pixel_grid
 
 __all__ = [
     "FieldGrid",
     "PixelGrid",
+    "ShearPeak",
     "StressComponents",
     "StressDifference",
     "beam_difference",
+    "components_on_grid",
     "disc_difference",
+    "field_dtype",
+    "largest_shear",
     "make_field_grid",
     "pixel_grid",
     "principal_direction",
     "stress_components",
     "stress_difference",
+    "stress_trace",
 ]

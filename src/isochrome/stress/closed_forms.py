@@ -19,6 +19,7 @@ def disc_difference(scene: Scene, pixels: PixelGrid) -> StressDifference:
     specimen, load = scene.specimen, scene.load
     assert load is not None and specimen.diameter_mm is not None
     assert specimen.thickness_mm is not None
+    assert isinstance(load.normal_n, float)  # only a contact's load varies with distance
     stress = disc_stress(
         pixels.x_mm[None, :],
         (pixels.z_mm - 0.5 * specimen.diameter_mm)[:, None],
@@ -39,6 +40,7 @@ def beam_difference(scene: Scene, pixels: PixelGrid) -> StressDifference:
     specimen, load = scene.specimen, scene.load
     assert load is not None and load.inner_span_mm is not None and load.outer_span_mm is not None
     assert specimen.height_mm is not None and specimen.thickness_mm is not None
+    assert isinstance(load.normal_n, float)  # only a contact's load varies with distance
     column = beam_stress(
         pixels.z_mm - 0.5 * specimen.height_mm,
         load_n=load.normal_n,

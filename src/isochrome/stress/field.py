@@ -31,6 +31,17 @@ class StressComponents:
         mean, radius = 0.5 * (self.sigma_x + self.sigma_z), 0.5 * np.abs(self.difference)
         return mean + radius, mean - radius
 
+    @property
+    def largest_shear(self) -> Floats:
+        """Largest shear stress in the plane, (sigma_1 - sigma_2)/2 (MPa)."""
+        return np.asarray(0.5 * np.abs(self.difference))
+
+    @classmethod
+    def from_invariants(cls, difference: StressDifference, trace: Floats) -> StressComponents:
+        """Components from (sigma_x - sigma_z) + 2i tau_xz and sigma_x + sigma_z, of one shape."""
+        real = difference.real
+        return cls(0.5 * (trace + real), 0.5 * (trace - real), 0.5 * difference.imag)
+
 
 def principal_direction(difference: StressDifference) -> Floats:
     """Direction of sigma_1, counter-clockwise from the image's +x as the camera sees it.

@@ -1,4 +1,4 @@
-r"""Stress in a half-plane under surface tractions that are linear between nodes.
+r"""Stress in a half-plane under surface tractions that are linear between nodes, on the pixels.
 
 With ζ = x - i z, the pressure p, and q the shear on the surface along +x,
 
@@ -6,41 +6,64 @@ With ζ = x - i z, the pressure p, and q the shear on the surface along +x,
     sx + sz            = -(2/π) Re ∫ (q - ip)/(ζ-t) dt.
 
 Source: the stresses of a distributed load, Johnson (1985), Contact Mechanics, eq. 2.23, added up
-into complex form. For a hat of half-width h both integrals are second differences over h, of
-ζ ln ζ - ζ and of -ln ζ: finite everywhere, exact at z = 0, and so without the spikes that stepwise
-constant tractions leave at the surface. Rows are convolutions in x: one complex inverse FFT each.
-The tractions' nodes divide the pixels, so the wanted columns are every m-th sample, which are had
-by folding the spectrum before the transform.
+into complex form. Rows are convolutions in x: see `isochrome.stress.rows`. Both fields use the
+same two kernels, so that whoever wants fringes alone pays nothing for the principal stresses.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
-from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.stress.field import StressComponents, StressDifference
-from isochrome.stress.pixels import Floats, PixelGrid
+from isochrome.stress.hats import Floats
+from isochrome.stress.pixels import PixelGrid
+from isochrome.stress.rows import DEEP_PX, RowBand, convolve_rows, make_band
 
-_FAR = 40.0
-"""Distance over h beyond which the hat's moments replace the second differences."""
+_ON_SURFACE = 1e-9
+"""Share of a pixel within which a row is taken to lie on the surface: rounding of its place."""
+SINGLE_ERROR, DOUBLE_ERROR = 1e-6, 5e-13
+"""Errors of a field over the sum of the largest pressure and shear, in complex64 and complex128."""
 
 
 @dataclass(frozen=True)
 class FieldGrid:
     """Kernel spectra for one surface grid and one pixel grid, made once.
 
-    `normal` and `shear` (rows, length): responses to p and q; `fold`: nodes a pixel; `nodes`.
+    `pixels`; `nodes`, count of surface nodes; `fold`, nodes a pixel; `dtype` of the field;
+    `bands`, the rows in the material (rows above the surface have none).
     """
 
     pixels: PixelGrid
     nodes: int
     fold: int
-    normal: NDArray[np.complexfloating] = field(repr=False)
-    shear: NDArray[np.complexfloating] = field(repr=False)
+    dtype: np.dtype[np.complexfloating]
+    bands: tuple[RowBand, ...]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all spectra, bytes."""
+        return sum(band.nbytes for band in self.bands)
+
+
+def field_dtype(tolerance: float) -> type[np.complexfloating]:
+    """The cheapest precision whose error stays below a tolerance.
+
+    complex64 errs by at most 1e-6 of the largest pressure and shear together (2e-7 under a smooth
+    contact): the rounding of the transforms, 6e-8, times a row's kernel and traction, which even
+    for tractions of random signs on 65536 nodes amount to some ten. complex128 errs by 5e-13 at
+    most, from the hats' second differences 40 spacings away.
+    Parameters: `tolerance`, largest error of the field over the largest pressure and shear.
+    Returns numpy.complex64 or numpy.complex128. Raises InputError below 5e-13.
+    """
+    if not tolerance >= DOUBLE_ERROR:
+        raise InputError(
+            f"the tolerance of a stress field is {tolerance:g} of the largest tractions, but "
+            f"double precision reaches {DOUBLE_ERROR:g}; raise it"
+        )
+    return np.complex64 if tolerance >= SINGLE_ERROR else np.complex128
 
 
 def make_field_grid(
@@ -54,8 +77,8 @@ def make_field_grid(
     """Precompute the kernels from surface nodes to pixels.
 
     Parameters: `pixels`; `left_mm`, `spacing_mm`, `nodes`, the surface nodes; `dtype`, complex64
-    (error about 1e-7 of the peak) or complex128. Returns a FieldGrid. Raises InputError where the
-    pixel is no whole number of spacings, or pixels lie above the surface.
+    or complex128 (see `field_dtype`). Returns a FieldGrid. Raises InputError where the pixel is no
+    whole number of spacings.
     """
     fold = round(pixels.pixel_mm / spacing_mm)
     if fold < 1 or abs(fold * spacing_mm / pixels.pixel_mm - 1.0) > 1e-9:
@@ -63,64 +86,27 @@ def make_field_grid(
             f"the pixel, {pixels.pixel_mm:g} mm, must be a whole number of surface spacings, "
             f"{spacing_mm:g} mm; change the spacing"
         )
-    needed = fold * (pixels.cols - 1) + nodes
-    length = fold * int(scipy.fft.next_fast_len(-(-needed // fold)))
-    lags = np.arange(length)
-    lags[lags > fold * (pixels.cols - 1)] -= length
-    x = pixels.x_mm[0] - left_mm + spacing_mm * lags
-    normal = np.empty((pixels.rows, length), dtype=dtype)
-    shear = np.empty_like(normal)
-    for row, z in enumerate(pixels.z_mm):
-        kernels = hat_kernels(x, float(z), spacing_mm)
-        normal[row], shear[row] = scipy.fft.fft(np.stack(kernels)).astype(dtype)
-    return FieldGrid(pixels, nodes, fold, normal, shear)
-
-
-def hat_kernels(
-    x_mm: Floats, z_mm: float, spacing_mm: float
-) -> tuple[NDArray[np.complexfloating], NDArray[np.complexfloating]]:
-    """Stress difference of a unit hat of pressure and of one of shear, along one row.
-
-    Parameters: `x_mm` (n,), place from the hat's node; `z_mm`, depth, zero above the surface
-    (where there is no material); `spacing_mm`, the hat's half-width. Returns two (n,), complex,
-    MPa per MPa. Source: see the module.
-    """
-    if z_mm < 0.0:
-        return np.zeros(len(x_mm), complex), np.zeros(len(x_mm), complex)
-    first, second = cauchy_of_hat(x_mm, z_mm, spacing_mm)
-    shear = np.asarray(-2.0 / np.pi * (1j * z_mm * second + first), dtype=complex)
-    return -2.0 / np.pi * z_mm * second, shear
-
-
-def cauchy_of_hat(
-    x_mm: Floats, z_mm: float, spacing_mm: float
-) -> tuple[NDArray[np.complexfloating], NDArray[np.complexfloating]]:
-    """Integrals ∫ hat/(ζ-t) dt and ∫ hat/(ζ-t)² dt at ζ = x - i z.
-
-    Near by, second differences of ζ ln ζ and -ln ζ; far off, the hat's moments, where those would
-    cancel. On the surface, ln ζ is the limit from below. The second integral is infinite at a node
-    on the surface, where it is only ever multiplied by z = 0, and is given as zero there.
-    Parameters: `x_mm` (n,); `z_mm` >= 0; `spacing_mm`. Returns two (n,), the second in 1/mm.
-    """
-    zeta = np.asarray(x_mm / spacing_mm - 1j * (z_mm / spacing_mm), dtype=complex)
-    far = np.abs(zeta) > _FAR
-    inverse = np.ones_like(zeta)
-    inverse[far] = 1.0 / zeta[far]
-    square = np.square(inverse)
-    first = np.multiply(inverse, 1.0 + square * (1 / 6 + square * (1 / 15 + square * (1 / 28))))
-    second = np.multiply(square, 1.0 + square * (3 / 6 + square * (5 / 15 + square * (7 / 28))))
-    near = zeta[~far]
-    logs = [_log_from_below(near + k) for k in (-1.0, 0.0, 1.0)]
-    first[~far] = (near - 1) * logs[0] - 2 * near * logs[1] + (near + 1) * logs[2]
-    second[~far] = -(logs[0] - 2 * logs[1] + logs[2])
-    return first, second / spacing_mm
-
-
-def _log_from_below(zeta: NDArray[np.complexfloating]) -> NDArray[np.complexfloating]:
-    """Natural logarithm with the branch of the lower half-plane; zero at zero (times zero)."""
-    size = np.abs(zeta)
-    angle = np.where((zeta.imag == 0.0) & (zeta.real < 0.0), -np.pi, np.angle(zeta))
-    return np.log(np.where(size == 0.0, 1.0, size)) + 1j * angle
+    kind = np.dtype(dtype)
+    depths = pixels.z_mm / pixels.pixel_mm
+    surface = int(np.searchsorted(depths, -_ON_SURFACE))
+    deep = int(np.searchsorted(depths, DEEP_PX[kind])) if fold > 1 else pixels.rows
+    z = np.where(np.abs(depths) <= _ON_SURFACE, 0.0, pixels.z_mm)
+    bands = [
+        make_band(
+            rows,
+            z[rows],
+            pixels.cols,
+            first_mm=float(pixels.x_mm[0] - left_mm),
+            spacing_mm=spacing_mm,
+            nodes=nodes,
+            fold=fold,
+            deep=rows.start >= deep,
+            dtype=kind,
+        )
+        for rows in (slice(surface, max(surface, deep)), slice(max(surface, deep), pixels.rows))
+        if rows.start < rows.stop
+    ]
+    return FieldGrid(pixels, nodes, fold, kind, tuple(bands))
 
 
 def stress_difference(
@@ -129,41 +115,66 @@ def stress_difference(
     """(sigma_x - sigma_z) + 2i tau_xz on the pixels, from tractions at the surface nodes.
 
     Parameters: `grid`; `pressure_mpa` p (n,); `shear_mpa` q (n,), None for none.
-    Returns (rows, cols), complex, MPa; zero above the surface.
+    Returns (rows, cols), complex, MPa; zero above the surface. Raises InputError where the
+    tractions are not as many as the grid's nodes. Source: see the module.
     """
-    length, kind = grid.normal.shape[1], grid.normal.dtype
-    short = length // grid.fold
-    loads = [(grid.normal, pressure_mpa)]
-    if shear_mpa is not None:
-        loads.append((grid.shear, shear_mpa))
-    folded = np.zeros((grid.pixels.rows, short), dtype=kind)
-    for kernel, traction in loads:
-        spectrum = (scipy.fft.fft(traction, length) / grid.fold).astype(kind)
-        for start in range(0, length, short):
-            part = slice(start, start + short)
-            folded += kernel[:, part] * spectrum[part]
-    rows = scipy.fft.ifft(folded, axis=1, overwrite_x=True)
-    return np.asarray(rows[:, : grid.pixels.cols])
+    _check_nodes(grid, pressure_mpa, shear_mpa)
+    field = _empty_field(grid)
+    for band in grid.bands:
+        if shear_mpa is None:
+            loads = [(band.slope, pressure_mpa)]
+        else:
+            loads = [(band.slope, pressure_mpa + 1j * shear_mpa), (band.cauchy, shear_mpa)]
+        convolve_rows(band, loads, field[band.rows])
+    return field
 
 
-def stress_components(
-    x_mm: Floats, z_mm: Floats, nodes_mm: Floats, pressure_mpa: Floats, shear_mpa: Floats
+def stress_trace(grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None) -> Floats:
+    """sigma_x + sigma_z on the pixels, from tractions at the surface nodes.
+
+    Equation: -(2/π) Re ∫ (q - ip)/(ζ-t) dt. Parameters and errors as `stress_difference`.
+    Returns (rows, cols), real, MPa; zero above the surface. Source: see the module.
+    """
+    _check_nodes(grid, pressure_mpa, shear_mpa)
+    traction = -1j * pressure_mpa if shear_mpa is None else shear_mpa - 1j * pressure_mpa
+    field = _empty_field(grid)
+    for band in grid.bands:
+        convolve_rows(band, [(band.cauchy, traction)], field[band.rows])
+    return np.ascontiguousarray(field.real)
+
+
+def components_on_grid(
+    grid: FieldGrid,
+    pressure_mpa: Floats,
+    shear_mpa: Floats | None = None,
+    *,
+    bulk_mpa: float = 0.0,
 ) -> StressComponents:
-    """All three stress components at any places, by direct sums over the loaded nodes.
+    """All three stress components on the pixels: the principal stresses apart.
 
-    Parameters: `x_mm`, `z_mm`, places of one shape (mm, z >= 0); `nodes_mm` (n,), uniform;
-    `pressure_mpa`, `shear_mpa` (n,). Returns StressComponents of that shape, float64.
+    Parameters: as `stress_difference`; `bulk_mpa`, stress along x besides the contact's. Returns
+    StressComponents (rows, cols), MPa, in the grid's precision; zero above the surface.
     """
-    x, z = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(z_mm, float))
-    h = float(nodes_mm[1] - nodes_mm[0])
-    difference = np.zeros(x.size, complex)
-    trace = np.zeros(x.size)
-    loaded = np.flatnonzero((pressure_mpa != 0.0) | (shear_mpa != 0.0))
-    for k, (xi, zi) in enumerate(zip(x.ravel(), z.ravel(), strict=True)):
-        first, second = cauchy_of_hat(xi - nodes_mm[loaded], float(zi), h)
-        p, q = pressure_mpa[loaded], shear_mpa[loaded]
-        difference[k] = -2 / np.pi * (zi * (second @ (p + 1j * q)) + first @ q)
-        trace[k] = (-2 / np.pi * (first @ (q - 1j * p))).real
-    sx = 0.5 * (trace + difference.real).reshape(x.shape)
-    sz = 0.5 * (trace - difference.real).reshape(x.shape)
-    return StressComponents(sx, sz, 0.5 * difference.imag.reshape(x.shape))
+    difference = stress_difference(grid, pressure_mpa, shear_mpa)
+    trace = stress_trace(grid, pressure_mpa, shear_mpa)
+    if bulk_mpa:
+        material = slice(grid.bands[0].rows.start if grid.bands else grid.pixels.rows, None)
+        difference[material] += trace.dtype.type(bulk_mpa)
+        trace[material] += trace.dtype.type(bulk_mpa)
+    return StressComponents.from_invariants(difference, trace)
+
+
+def _empty_field(grid: FieldGrid) -> StressDifference:
+    """A field that is zero above the surface, and yet to be filled below."""
+    field = np.empty((grid.pixels.rows, grid.pixels.cols), dtype=grid.dtype)
+    field[: grid.bands[0].rows.start if grid.bands else None] = 0.0
+    return field
+
+
+def _check_nodes(grid: FieldGrid, *tractions: Floats | None) -> None:
+    for traction in tractions:
+        if traction is not None and np.shape(traction) != (grid.nodes,):
+            raise InputError(
+                f"tractions have shape {np.shape(traction)}, but the grid has {grid.nodes} surface "
+                "nodes; give one value a node"
+            )
