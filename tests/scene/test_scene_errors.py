@@ -45,7 +45,7 @@ def sentence(old: str, new: str) -> str:
         ("width_px = 659", "width_px = 65.5", ["camera.width_px = 65.5", "integer"]),
         ("width_px = 659", "width_px = true", ["camera.width_px = True", "true or false"]),
         ("bit_depth = 8", "bit_depth = 17", ["camera.bit_depth = 17", "less than or equal to 16"]),
-        ('"dark"', '"dim"', ["polariscope.field = 'dim'", "'dark' or 'bright'"]),
+        ('"dark"', '"dim"', ["polariscope.field = 'dim'", "'dark', 'bright' or 'plane'"]),
         ("31.0", "-3.0", ["wear.distances_m[2] = -3.0", "greater than or equal to 0"]),
         ("coefficient = 0.25", "coefficient = 9", ["friction.coefficient = 9", "equal to 5"]),
         (

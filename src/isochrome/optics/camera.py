@@ -18,15 +18,12 @@ def expose(
     Equation: L = background + brightness (1 - vignette r²) signal, with r the distance from the
     middle over half the diagonal; blurred; with shot noise of L full_well electrons; stored as
     L^(1/gamma) full scale plus read noise, rounded and clipped to the bit depth.
-    Parameters: `signal` (rows, cols), 1 = full light; `camera`; `rng`, by default seeded with
-    camera.seed. Returns (rows, cols): uint8 or uint16 by the bit depth, float32 without one.
+    Parameters: `signal` (rows, cols), or (rows, cols, channels), 1 = full light; `camera`; `rng`,
+    by default seeded with camera.seed. Returns an array of the signal's shape: uint8 or uint16 by
+    the bit depth, float32 without one. Noise is independent in every pixel and channel.
     """
     rng = np.random.default_rng(camera.seed) if rng is None else rng
-    light = camera.background + camera.brightness * illumination(signal.shape, camera) * signal
-    if camera.blur_px > 0.0:
-        from scipy.ndimage import gaussian_filter
-
-        light = gaussian_filter(light, camera.blur_px, mode="nearest")
+    light = _light(signal, camera)
     if camera.full_well_electrons is not None:
         electrons = np.maximum(light, 0.0) * camera.full_well_electrons
         light = rng.poisson(electrons) / camera.full_well_electrons
@@ -37,13 +34,30 @@ def expose(
         grey = grey + rng.normal(0.0, camera.noise_grey, grey.shape)
     if camera.bit_depth is None:
         return grey.astype(np.float32)
-    kind = np.uint8 if camera.bit_depth <= 8 else np.uint16
-    return np.clip(np.rint(grey), 0.0, full).astype(kind)
+    np.rint(grey, out=grey)
+    np.clip(grey, 0.0, full, out=grey)
+    return grey.astype(np.uint8 if camera.bit_depth <= 8 else np.uint16)
+
+
+def _light(signal: Array, camera: Camera) -> Array:
+    """Light on the sensor, 1 at full scale; the signal itself where the camera adds nothing."""
+    light = signal
+    fall_off = camera.brightness * illumination(signal.shape, camera)
+    if camera.vignette != 0.0 or camera.brightness != 1.0:
+        light = fall_off * light
+    if camera.background != 0.0:
+        light = camera.background + light
+    if camera.blur_px > 0.0:
+        from scipy.ndimage import gaussian_filter
+
+        light = gaussian_filter(light, camera.blur_px, mode="nearest", axes=(0, 1))
+    return light
 
 
 def illumination(shape: tuple[int, ...], camera: Camera) -> Array | float:
-    """Fall-off of the light, 1 - vignette r², r = 1 in the corners (rows, cols)."""
+    """Fall-off of the light, 1 - vignette r², r = 1 in the corners (rows, cols), or (.., .., 1)."""
     if camera.vignette == 0.0:
         return 1.0
-    rows, cols = (np.linspace(-1.0, 1.0, n) for n in shape)
-    return 1.0 - camera.vignette * 0.5 * (rows[:, None] ** 2 + cols[None, :] ** 2)
+    rows, cols = (np.linspace(-1.0, 1.0, n) for n in shape[:2])
+    fall_off = 1.0 - camera.vignette * 0.5 * (rows[:, None] ** 2 + cols[None, :] ** 2)
+    return fall_off if len(shape) == 2 else fall_off[:, :, None]

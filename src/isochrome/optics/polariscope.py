@@ -16,14 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.scene import Polariscope, PolariscopeStep
+from isochrome.errors import InputError
+from isochrome.scene import Polariscope
 
 Array = NDArray[np.floating]
 
-_DARK = PolariscopeStep(
-    polariser_deg=90.0, input_plate_deg=45.0, output_plate_deg=-45.0, analyser_deg=0.0
-)
-_BRIGHT = _DARK.model_copy(update={"analyser_deg": 90.0})
+_Angles = tuple[float, float | None, float | None, float]
+"""Polariser, input plate, output plate, analyser (degrees); no plates in a plane polariscope."""
+
+_DARK: _Angles = (90.0, 45.0, -45.0, 0.0)
+_BRIGHT: _Angles = (90.0, 45.0, -45.0, 90.0)
 
 
 @dataclass(frozen=True)
@@ -39,33 +41,71 @@ class Chain:
     ideal: int = 0
 
 
-def make_chain(polariscope: Polariscope, step: int | None = None) -> Chain:
-    """The amplitudes of a scene's polariscope.
+def make_chain(
+    polariscope: Polariscope, step: int | None = None, *, wavelength_nm: float | None = None
+) -> Chain:
+    """The amplitudes of a scene's polariscope at one wavelength.
 
-    Parameters: `polariscope`; `step`, which of its phase steps (None: the dark or bright field).
-    Plates are quarter-wave at `plate_wavelength_nm` (ideal when absent), so that their retardance
-    is (π/2) plate_wavelength/wavelength: dispersion of the plate itself is left out.
-    Returns a Chain.
+    Parameters: `polariscope`; `step`, which of its phase steps (None: the dark, bright or plane
+    field); `wavelength_nm`, by default the scene's one. The elements' errors are added to their
+    angles. Plates are quarter-wave at `plate_wavelength_nm` (at every wavelength when absent), so
+    that their retardance is (π/2) plate_wavelength/wavelength: the dispersion of the plate's
+    birefringence is left out. The plane field is crossed, its polariser at `axis_deg`.
+    Returns a Chain. Raises InputError where the light has several wavelengths and none is named.
     """
+    if wavelength_nm is None:
+        if polariscope.several_wavelengths:
+            raise InputError(
+                "[polariscope]: the light has several wavelengths (light, spectrum or lines), "
+                "which can be simulated, but this needs one; remove them, or choose a filter's"
+            )
+        wavelength_nm = polariscope.wavelength_nm
     ratio = 1.0
-    if polariscope.plate_wavelength_nm is not None and polariscope.wavelength_nm is not None:
-        ratio = polariscope.plate_wavelength_nm / polariscope.wavelength_nm
-    if step is None:
-        elements = _DARK if polariscope.field == "dark" else _BRIGHT
-        if ratio == 1.0:
-            dark = polariscope.field == "dark"
-            return Chain(0j, 1 + 0j, 1j, 1) if dark else Chain(1 + 0j, 0j, 0j, -1)
-    else:
-        elements = polariscope.step[step]
-    light = _axis(elements.polariser_deg)
-    seen = _axis(elements.analyser_deg)
-    if elements.input_plate_deg is not None and elements.output_plate_deg is not None:
-        light = retarder(0.5 * math.pi * ratio, elements.input_plate_deg) @ light
-        seen = seen @ retarder(0.5 * math.pi * ratio, elements.output_plate_deg)
+    if polariscope.plate_wavelength_nm is not None and wavelength_nm is not None:
+        ratio = polariscope.plate_wavelength_nm / wavelength_nm
+    nominal = _nominal_angles(polariscope, step)
+    polariser, first, second, analyser = _with_errors(nominal, polariscope)
+    if step is None and ratio == 1.0 and (polariser, first, second, analyser) in (_DARK, _BRIGHT):
+        dark = analyser == _DARK[3]
+        return Chain(0j, 1 + 0j, 1j, 1) if dark else Chain(1 + 0j, 0j, 0j, -1)
+    light, seen = _axis(polariser), _axis(analyser)
+    if first is not None and second is not None:
+        light = retarder(0.5 * math.pi * ratio, first) @ light
+        seen = seen @ retarder(0.5 * math.pi * ratio, second)
     return Chain(
         complex(seen @ light),
         complex(seen[0] * light[0] - seen[1] * light[1]),
         complex(seen[0] * light[1] + seen[1] * light[0]),
+    )
+
+
+def _nominal_angles(polariscope: Polariscope, step: int | None) -> _Angles:
+    """Angles of the elements as they should stand (degrees)."""
+    if step is not None:
+        angles = polariscope.step[step]
+        return (
+            angles.polariser_deg,
+            angles.input_plate_deg,
+            angles.output_plate_deg,
+            angles.analyser_deg,
+        )
+    if polariscope.field == "plane":
+        axis = 90.0 if polariscope.axis_deg is None else polariscope.axis_deg
+        return axis, None, None, axis + 90.0
+    return _DARK if polariscope.field == "dark" else _BRIGHT
+
+
+def _with_errors(angles: _Angles, polariscope: Polariscope) -> _Angles:
+    """Angles of the elements as they do stand (degrees)."""
+    polariser, first, second, analyser = angles
+    if first is not None and second is not None:
+        first += polariscope.input_plate_error_deg
+        second += polariscope.output_plate_error_deg
+    return (
+        polariser + polariscope.polariser_error_deg,
+        first,
+        second,
+        analyser + polariscope.analyser_error_deg,
     )
 
 
@@ -91,45 +131,16 @@ def polariscope_signal(
     area scales cos δ and sin δ by its visibility. Ideal dark field: sin²(pi N).
     Parameters: `order` N (rows, cols); `chain`; `direction` θ of sigma_1 (rows, cols), rad, only
     needed where the chain is not ideal; `visibility` V in 0..1, see `pixel_visibility`.
-    Returns (rows, cols).
+    Returns (rows, cols), in the precision of `order`: 1e-14 in float64; in float32 2e-7, and
+    what the order itself carries. Whole fringes are taken off first, which loses no digit.
     """
-    cosine = visibility * np.cos(2.0 * np.pi * order)
+    turns = 2.0 * np.pi * (order - np.rint(order))
     if chain.ideal:
-        return 0.5 - 0.5 * chain.ideal * cosine
+        return 0.5 - (0.5 * chain.ideal) * (visibility * np.cos(turns))
     if direction is None:
         raise ValueError("a chain that is not ideal needs the direction of sigma_1")
     w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)
     straight, crossed = abs(chain.alpha) ** 2, np.abs(w) ** 2
-    sine = visibility * np.sin(2.0 * np.pi * order)
     mixed = np.imag(chain.alpha * np.conj(w))
-    return 0.5 * (straight + crossed) + 0.5 * (straight - crossed) * cosine - mixed * sine
-
-
-def pixel_visibility(order: Array) -> tuple[Array, float]:
-    r"""How much of the fringes' contrast is left by square pixels, and the share too fine to see.
-
-    Equation: the mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel)
-    is sinc(g_x) sinc(g_y) cos 2 pi N, with sinc(x) = sin(pi x)/(pi x).
-    Parameters: `order` N (rows, cols), NaN where there is no specimen. Returns V (rows, cols), in
-    0..1, and the share, of the pixels that bear fringes (N > 1/2), with one finer than two pixels.
-    """
-    rows, cols = _slope(order, 0), _slope(order, 1)
-    visibility = np.maximum(np.sinc(rows), 0.0) * np.maximum(np.sinc(cols), 0.0)
-    fine = np.hypot(rows, cols)[order > 0.5] > 0.5
-    return visibility, float(fine.mean()) if fine.size else 0.0
-
-
-def _slope(order: Array, axis: int) -> Array:
-    """Fringes a pixel along an axis: the mean of the differences to the neighbours with an order.
-
-    An edge of the specimen is so no fringe; 0 where there is neither neighbour.
-    """
-    step = np.diff(order, axis=axis)
-    known = np.isfinite(step)
-    if known.all():
-        return np.asarray(np.gradient(order, axis=axis)) if step.size else np.zeros_like(order)
-    before, after = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
-    before[axis], after[axis] = (1, 0), (0, 1)
-    step = np.where(known, step, 0.0)
-    count = np.pad(known.astype(int), before) + np.pad(known.astype(int), after)
-    return np.asarray((np.pad(step, before) + np.pad(step, after)) / np.maximum(count, 1))
+    wave = 0.5 * (straight - crossed) * np.cos(turns) - mixed * np.sin(turns)
+    return 0.5 * (straight + crossed) + visibility * wave

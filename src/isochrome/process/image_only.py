@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,10 @@ def process_image_only(
         linear = replace(linear, valid=linear.valid & inside)
     notes: tuple[str, ...] = ()
     try:
-        done = normalise(linear, capture.dark, capture.bright, field=scene.polariscope.field)
+        field: Literal["dark", "bright"] = (
+            "bright" if scene.polariscope.field == "bright" else "dark"
+        )
+        done = normalise(linear, capture.dark, capture.bright, field=field)
         model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
         signal = done.signal

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.optics import expose, make_chain, polariscope_signal
-from isochrome.optics.polariscope import pixel_visibility
+from isochrome.optics import expose, make_chain, pixel_visibility, polariscope_signal
 from isochrome.scene import Camera, Polariscope, Scene
 
 Array = NDArray[np.floating]

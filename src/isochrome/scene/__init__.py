@@ -13,6 +13,7 @@ from isochrome.scene.parts import (
     PolariscopeStep,
     Roi,
     Specimen,
+    Spectrum,
     Wear,
 )
 from isochrome.scene.scene import Scene
@@ -32,6 +33,7 @@ __all__ = [
     "Roi",
     "Scene",
     "Specimen",
+    "Spectrum",
     "Wear",
     "dump_scene",
     "load_scene",

@@ -27,6 +27,7 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
+Wavelength = Annotated[float, Field(ge=200, le=3000)]
 Pixels = Annotated[int, Field(ge=1, le=100_000)]
 Rows = Annotated[int, Field(ge=0, le=100_000)]
 
@@ -152,23 +153,83 @@ class PolariscopeStep(Part):
         return self
 
 
-class Polariscope(Part):
-    """The light and the elements; plates are ideal unless `plate_wavelength_nm` is given."""
+class Spectrum(Part):
+    """Power over wavelength: separate lines, or samples of a spectrum linear in between."""
 
-    wavelength_nm: Annotated[float, Field(ge=200, le=3000)] | None = None
-    field: Literal["dark", "bright"] = "dark"
-    plate_wavelength_nm: Annotated[float, Field(ge=200, le=3000)] | None = None
-    step: tuple[PolariscopeStep, ...] = ()
+    wavelength_nm: Annotated[tuple[Wavelength, ...], Field(min_length=2)]
+    power: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 
     @model_validator(mode="after")
-    def _plates_need_light(self) -> Polariscope:
-        if self.plate_wavelength_nm is not None and self.wavelength_nm is None:
-            raise ValueError("plate_wavelength_nm needs wavelength_nm, the light's; add it")
+    def _same_length_rising_and_lit(self) -> Spectrum:
+        if len(self.wavelength_nm) != len(self.power):
+            raise ValueError(
+                f"wavelength_nm has {len(self.wavelength_nm)} numbers and power has "
+                f"{len(self.power)}; give as many of each"
+            )
+        if any(b <= a for a, b in zip(self.wavelength_nm, self.wavelength_nm[1:], strict=False)):
+            raise ValueError(f"wavelength_nm must rise, but is {list(self.wavelength_nm)}; sort it")
+        if not any(self.power):
+            raise ValueError("power is zero at every wavelength; give the light some")
+        return self
+
+
+class Polariscope(Part):
+    """The light and the elements; plates are ideal unless `plate_wavelength_nm` is given.
+
+    `axis_deg` is the polariser's azimuth in the plane field (90 when absent). An element's error
+    is added to its angle, in the field as in every step. With several wavelengths
+    `wavelength_nm` is the one for which the specimen's fringe value holds.
+    """
+
+    wavelength_nm: Wavelength | None = None
+    field: Literal["dark", "bright", "plane"] = "dark"
+    axis_deg: Finite | None = None
+    plate_wavelength_nm: Wavelength | None = None
+    polariser_error_deg: Finite = 0.0
+    input_plate_error_deg: Finite = 0.0
+    output_plate_error_deg: Finite = 0.0
+    analyser_error_deg: Finite = 0.0
+    light: Literal["white"] | None = None
+    spectrum: Spectrum | None = None
+    lines: Spectrum | None = None
+    step: tuple[PolariscopeStep, ...] = ()
+
+    @property
+    def several_wavelengths(self) -> bool:
+        """Whether the light is more than one wavelength."""
+        return self.light is not None or self.spectrum is not None or self.lines is not None
+
+    @model_validator(mode="after")
+    def _light_agrees(self) -> Polariscope:
+        given = [k for k in ("light", "spectrum", "lines") if getattr(self, k) is not None]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} exclude each other: one light; remove one")
+        for key in ("plate_wavelength_nm", *given):
+            if getattr(self, key) is not None and self.wavelength_nm is None:
+                what = "the light's" if not given else "at which the fringe value holds"
+                raise ValueError(f"{key} needs wavelength_nm, {what}; add it")
+        return self
+
+    @model_validator(mode="after")
+    def _plane_agrees(self) -> Polariscope:
+        if self.axis_deg is not None and (self.field != "plane" or self.step):
+            raise ValueError(
+                "axis_deg is the polariser's azimuth of field = 'plane' alone (without steps); "
+                "remove it, or set field = 'plane'"
+            )
+        if self.field == "plane" and not self.step:
+            for key in ("plate_wavelength_nm", "input_plate_error_deg", "output_plate_error_deg"):
+                if getattr(self, key):
+                    raise ValueError(f"{key} needs plates, and field = 'plane' has none; remove it")
         return self
 
 
 class Camera(Part):
-    """The pixel grid, and what the sensor does to the light; ideal where absent."""
+    """The pixel grid, and what the sensor does to the light; ideal where absent.
+
+    `colour` gives red, green and blue channels. `response` names a CSV file with the sensor's
+    response over wavelength: wavelength_nm, and red, green, blue (or grey without `colour`).
+    """
 
     width_px: Pixels | None = None
     height_px: Pixels | None = None
@@ -183,6 +244,8 @@ class Camera(Part):
     blur_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     noise_grey: Annotated[float, Field(ge=0, le=65535)] = 0.0
     full_well_electrons: Positive | None = None
+    colour: bool = False
+    response: str | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 
 

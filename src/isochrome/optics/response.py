@@ -1,0 +1,94 @@
+"""The sensor's response over wavelength: a measured one from a file, or a generic one."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.scene import Camera
+
+Array = NDArray[np.floating]
+
+COLOURS = ("red", "green", "blue")
+GREY = ("grey",)
+
+GENERIC_PEAK_NM = (600.0, 540.0, 460.0)
+GENERIC_WIDTH_NM = (35.0, 33.0, 30.0)
+"""Peaks and standard deviations of three Gaussians: of the kind of a colour sensor behind an
+infrared filter, and of no sensor in particular. Who wants colours to compare measures theirs."""
+
+_MAX_BYTES = 10_000_000
+
+
+@dataclass(frozen=True)
+class Response:
+    """Response of each channel: `names`, and a table over `wavelength_nm` (m,) rising.
+
+    `value` (channels, m), linear between the table's rows and zero beyond its ends. Without a
+    table: the generic Gaussians for three channels, and an equal response for one.
+    """
+
+    names: tuple[str, ...]
+    wavelength_nm: Array | None = None
+    value: Array | None = None
+
+    def at(self, wavelength_nm: Array) -> Array:
+        """Response (channels, n) at wavelengths (n,), nm."""
+        if self.wavelength_nm is not None and self.value is not None:
+            table = [
+                np.interp(wavelength_nm, self.wavelength_nm, v, left=0, right=0) for v in self.value
+            ]
+            return np.array(table)
+        if len(self.names) == 1:
+            return np.ones((1, len(wavelength_nm)))
+        peak, width = np.array(GENERIC_PEAK_NM), np.array(GENERIC_WIDTH_NM)
+        return np.asarray(np.exp(-0.5 * ((wavelength_nm - peak[:, None]) / width[:, None]) ** 2))
+
+
+def camera_response(camera: Camera, path: Path | None = None) -> Response:
+    """The response of a scene's camera.
+
+    Parameters: `camera`; `path`, its response file, None for the generic one. Returns a Response,
+    of three channels where the camera sees colour, of one where it does not. Raises InputError
+    that names the file and the fix.
+    """
+    names = COLOURS if camera.colour else GREY
+    return Response(names) if path is None else read_response(path, names)
+
+
+def read_response(path: Path, names: tuple[str, ...]) -> Response:
+    """A measured response: a CSV file with the column wavelength_nm and one for each channel.
+
+    Parameters: `path`; `names` of the channels' columns. Returns a Response. Raises InputError.
+    """
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path}: larger than {_MAX_BYTES} bytes; is it a response table?")
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(
+            f"{path}: the camera's response cannot be read ({error}); check camera.response"
+        ) from error
+    columns = ("wavelength_nm", *names)
+    try:
+        table = np.array([[float(row[c]) for c in columns] for row in rows], dtype=float)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path}: a camera's response needs the columns {', '.join(columns)}, numbers in all "
+            "rows; for one grey column set camera.colour = false, for three set it true"
+        ) from error
+    if len(table) < 2 or not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0.0).any():
+        raise InputError(
+            f"{path}: a camera's response needs two rows or more, finite, with rising wavelength_nm"
+        )
+    if (table[:, 1:] < 0.0).any() or not (table[:, 1:] > 0.0).any(axis=0).all():
+        raise InputError(
+            f"{path}: a response must not be negative, nor zero all over a channel; correct it"
+        )
+    return Response(names, table[:, 0], table[:, 1:].T.copy())

@@ -1,0 +1,134 @@
+"""The polariscope's signal for light of several wavelengths, in every channel of the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.optics.light import Light
+from isochrome.optics.polariscope import Chain, polariscope_signal
+
+Array = NDArray[np.floating]
+
+_STEP = 1.0 / 128.0
+"""Of the table over N: cubic pieces hold cos 2 pi k N to (2 pi k/128)⁴/384, 7e-8 at k = 1.5."""
+
+_DARKEST = 1e-300
+"""Keeps the logarithm of a visibility finite; its product with that visibility is then nothing."""
+
+_BLOCK = 2_000_000
+"""Cosines held at once while a table is made."""
+
+
+def spectral_signal(
+    order: Array,
+    light: Light,
+    chains: Sequence[Chain],
+    *,
+    reference_nm: float,
+    direction: Array | None = None,
+    visibility: Array | float = 1.0,
+) -> Array:
+    """Light behind the analyser in each channel, 1 for the channel's full light.
+
+    Equation: I_c = Σ_s w_cs I(k_s N, θ, V^(k_s²)), with k_s = reference/wavelength: the order
+    goes as 1/wavelength, and the visibility sinc(k g) nearly as its power k². Lines are summed; a
+    spectrum's sum is a table over N, interpolated by cubics, with V^(k²) linear in k² about the
+    channel's mean.
+    Parameters: `order` N (rows, cols) at the reference wavelength; `light`; `chains`, one for each
+    of its wavelengths; `reference_nm`; `direction` θ of sigma_1 (rows, cols), rad, needed where a
+    chain is not ideal; `visibility` V (rows, cols) at the reference wavelength.
+    Returns (rows, cols, channels).
+    """
+    ratio = reference_nm / light.wavelength_nm
+    if light.continuous:
+        signals = _table_signals(order, light, ratio, chains, direction, visibility)
+        return np.stack(list(signals), axis=-1)
+    total = np.zeros((*order.shape, len(light.weights)))
+    for k, chain, weights in zip(ratio, chains, light.weights.T, strict=True):
+        one = polariscope_signal(
+            k * order, chain, direction=direction, visibility=visibility ** (k * k)
+        )
+        total += one[..., None] * weights
+    return total
+
+
+def _table_signals(
+    order: Array,
+    light: Light,
+    ratio: Array,
+    chains: Sequence[Chain],
+    direction: Array | None,
+    visibility: Array | float,
+) -> Iterator[Array]:
+    """The channels' signals one by one, each from a table of the waves in N that it holds."""
+    ideal = all(chain.ideal for chain in chains)
+    if direction is None and not ideal:
+        raise ValueError("a chain that is not ideal needs the direction of sigma_1")
+    angles = [np.ones(())] if direction is None or ideal else _angles(direction)
+    still, cosine, sine = (terms[:, : len(angles)] for terms in _harmonics(chains))
+    contrast = np.asarray(visibility, dtype=float)
+    for weights in light.weights:
+        mean = float(weights @ ratio**2)
+        both = np.stack([weights, weights * (ratio**2 - mean)], axis=1)
+        amplitudes = (np.einsum("sv,sa->sva", both, terms) for terms in (cosine, sine))
+        waves = _wave_table(float(order.max()), ratio, *amplitudes)(order)
+        steady, change = np.moveaxis(waves, -2, 0)
+        wave = _over(angles, steady) + np.log(np.maximum(contrast, _DARKEST)) * _over(
+            angles, change
+        )
+        yield _over(angles, weights @ still) + contrast**mean * wave
+
+
+def _angles(direction: Array) -> list[Array]:
+    """1, cos 4θ, sin 4θ, cos 2θ, sin 2θ."""
+    turned = np.exp(2j * np.asarray(direction, dtype=float))
+    twice = turned * turned
+    return [np.ones(()), twice.real, twice.imag, turned.real, turned.imag]
+
+
+def _over(angles: Sequence[Array], amplitudes: Array) -> Array:
+    """Sum of the angles' functions times their amplitudes (..., angles)."""
+    total = sum(angle * amplitudes[..., i] for i, angle in enumerate(angles))
+    return np.asarray(total)
+
+
+def _harmonics(chains: Sequence[Chain]) -> tuple[Array, Array, Array]:
+    """The signal's amplitudes over 1, cos 4θ, sin 4θ, cos 2θ, sin 2θ: still, of cos δ, of sin δ.
+
+    From I = (|α|² + |w|²)/2 + (|α|² - |w|²)/2 cos δ - Im(α w*) sin δ with w = β cos 2θ + γ sin 2θ.
+    Returns three arrays (s, 5).
+    """
+    a, b, c = (np.array([getattr(x, n) for x in chains]) for n in ("alpha", "beta", "gamma"))
+    straight, none = 0.5 * np.abs(a) ** 2, np.zeros(len(chains))
+    mean, difference = (0.25 * (np.abs(b) ** 2 + sign * np.abs(c) ** 2) for sign in (1.0, -1.0))
+    both = 0.5 * np.real(b * np.conj(c))
+    still = [straight + mean, difference, both, none, none]
+    cosine = [straight - mean, -difference, -both, none, none]
+    sine = [none, none, none, -np.imag(a * np.conj(b)), -np.imag(a * np.conj(c))]
+    return np.stack(still, axis=1), np.stack(cosine, axis=1), np.stack(sine, axis=1)
+
+
+def _wave_table(
+    highest: float, ratio: Array, cosine: Array, sine: Array
+) -> Callable[[Array], Array]:
+    """Σ_s (cosine_s cos 2 pi k_s N + sine_s sin 2 pi k_s N) as cubics in N with exact slopes.
+
+    Parameters: `highest` N; `ratio` k (s,); `cosine`, `sine` amplitudes (s, ...).
+    """
+    from scipy.interpolate import CubicHermiteSpline
+
+    order = _STEP * np.arange(int(highest / _STEP) + 2)
+    value, slope = (np.empty((len(order), *cosine.shape[1:])) for _ in range(2))
+    speed = 2.0 * np.pi * ratio
+    fast_cosine, fast_sine = (np.einsum("s,s...->s...", speed, x) for x in (cosine, sine))
+    block = max(1, _BLOCK // len(ratio))
+    for start in range(0, len(order), block):
+        here = slice(start, start + block)
+        turned = np.outer(order[here], speed)
+        c, s = np.cos(turned), np.sin(turned)
+        value[here] = np.tensordot(c, cosine, 1) + np.tensordot(s, sine, 1)
+        slope[here] = np.tensordot(c, fast_sine, 1) - np.tensordot(s, fast_cosine, 1)
+    return CubicHermiteSpline(order, value, slope)
