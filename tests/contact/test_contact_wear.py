@@ -7,7 +7,13 @@ import itertools
 import numpy as np
 import pytest
 
-from isochrome.contact import contact_states, make_surface, solve_pressure, wear_history
+from isochrome.contact import (
+    constant_course,
+    contact_states,
+    make_surface,
+    solve_pressure,
+    wear_history,
+)
 from isochrome.reference import contact_modulus, coupling_modulus_inverse
 from isochrome.scene import load_scene
 
@@ -21,14 +27,9 @@ DOSES = PER_METRE * np.array([31.0, 77.0, 155.0, 233.0])
 def history(n, doses, *, half=0.8, friction=0.25, coupling=COUPLING, tolerance=1e-4, gap=None):
     x = np.linspace(-half, half, n)
     surface = make_surface(n, x[1] - x[0], contact_modulus_mpa=MODULUS, coupling_per_mpa=coupling)
-    mu = np.full(len(doses), friction)
     gap = x**2 / (2 * RADIUS) if gap is None else gap(x)
-    doses = np.asarray(doses, dtype=float)
-    return (
-        x,
-        surface,
-        list(wear_history(surface, gap, LOAD, doses, friction=mu, tolerance=tolerance)),
-    )
+    course, stops = constant_course(LOAD, doses, dose_per_m=1.0, friction=friction)
+    return x, surface, list(wear_history(surface, gap, course, stops, tolerance=tolerance))
 
 
 def test_worn_area_is_dose_times_load_which_proves_only_the_balance():

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from isochrome.contact.course import constant_course, wear_rate
 from isochrome.contact.pressure import solve_pressure
 from isochrome.contact.profile import (
     Grid,
@@ -28,7 +29,7 @@ from isochrome.contact.profile import (
 from isochrome.contact.states import SurfaceState
 from isochrome.contact.surface import Floats, Surface, make_surface
 from isochrome.contact.wear import wear_history
-from isochrome.scene import Scene
+from isochrome.scene import DistanceTable, Scene
 
 _DOSES = np.geomspace(0.6, 1.6, 13)
 """Stored doses over the middle one: 9 % apart, a Hermite error below 1e-6 of the depth."""
@@ -49,9 +50,16 @@ class WearPath:
 
 def has_path(scene: Scene) -> bool:
     """Whether a one-state scene is worn under a cylinder alone, so that similarity holds."""
-    indenter = scene.indenter
+    indenter, wear = scene.indenter, scene.wear
+    tables = (
+        wear and wear.coefficient_mm2_per_n,
+        scene.load and scene.load.normal_n,
+        scene.friction and scene.friction.coefficient,
+    )
     return (
-        scene.wear is not None
+        wear is not None
+        and wear.distances_m[0] > 0.0
+        and not any(isinstance(value, DistanceTable) for value in tables)
         and indenter is not None
         and indenter.shape == "cylinder"
         and indenter.profile is None
@@ -71,12 +79,13 @@ def wear_path(scene: Scene) -> WearPath:
         grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling
     )
     gap, load = undeformed_gap(scene, grid.x_mm), line_load(scene)
-    friction = np.full(len(doses), scene.friction_at(distance))
-    worn = list(
-        wear_history(
-            surface, gap, load, doses, friction=friction, tolerance=scene.numerics.tolerance
-        )
+    course, stops = constant_course(
+        load,
+        distance * _DOSES,
+        dose_per_m=dose / distance,
+        friction=scene.friction_at(distance),
     )
+    worn = list(wear_history(surface, gap, course, stops, tolerance=scene.numerics.tolerance))
     return WearPath(
         grid,
         surface,
@@ -127,10 +136,11 @@ def state_on_path(path: WearPath, scene: Scene) -> SurfaceState:
 
 
 def _dose(scene: Scene) -> tuple[float, float]:
-    """Dose K = k s (mm/MPa) and distance s (m) of a one-state scene."""
+    """Dose K = kappa s (mm/MPa) and distance s (m) of a one-state scene."""
     assert scene.wear is not None
     distance = scene.wear.distances_m[0]
-    return 1e3 * scene.wear.coefficient_mm2_per_n * distance, distance
+    rate = wear_rate(scene.wear.law, scene.wear_coefficient_at(0.0), scene.friction_at(distance))
+    return 1e3 * rate * distance, distance
 
 
 def _at(path: WearPath, dose: float) -> tuple[Floats, Floats]:

@@ -60,10 +60,10 @@ def elastic_constants(scene: Scene) -> tuple[float, float]:
     return 1.0 / compliance, coupling
 
 
-def line_load(scene: Scene) -> float:
-    """Normal load over thickness, P' (N/mm)."""
-    assert scene.load is not None and scene.specimen.thickness_mm is not None
-    return scene.load.normal_n / scene.specimen.thickness_mm
+def line_load(scene: Scene, distance_m: float = 0.0) -> float:
+    """Normal load over thickness, P' (N/mm), at a sliding distance (m)."""
+    assert scene.specimen.thickness_mm is not None
+    return scene.load_at(distance_m) / scene.specimen.thickness_mm
 
 
 def undeformed_gap(scene: Scene, x_mm: Floats) -> Floats:
@@ -110,17 +110,26 @@ def read_profile(path: Path) -> tuple[Floats, Floats]:
     return table[:, 0], table[:, 1] * unit
 
 
-def contact_grid(scene: Scene, *, largest_dose_mm_per_mpa: float, growth: float = 1.0) -> Grid:
-    """A grid that holds the contact at every state, fine enough for the static one.
+def contact_grid(
+    scene: Scene,
+    *,
+    largest_dose_mm_per_mpa: float,
+    line_loads_n_per_mm: tuple[float, float] | None = None,
+    growth: float = 1.0,
+) -> Grid:
+    """A grid that holds the contact at every state, fine enough for the unworn one.
 
     The half-width is that of Hertz, a, joined with that of the worn arc, c = (3 R K P'/2)^(1/3),
     as (a³ + c³)^(1/3), with a margin. The spacing divides the camera's pixel, so that the stress
     below needs no interpolation.
-    Parameters: `scene`; `largest_dose_mm_per_mpa`, K = ∫k ds of the last state; `growth`, factor
-    on the window, for a second try. Raises PhysicsError on a contact too wide for its model.
+    Parameters: `scene`; `largest_dose_mm_per_mpa`, K = ∫kappa ds of the last state;
+    `line_loads_n_per_mm`, the smallest P', which sets the fineness, and the largest, which sets the
+    window (the scene's at no distance if None); `growth`, factor on the window, for a second try.
+     Raises PhysicsError on a contact too wide for its model.
     """
     modulus, _ = elastic_constants(scene)
-    finest, reach = _contact_reach(scene, modulus, largest_dose_mm_per_mpa)
+    loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))
+    finest, reach = _contact_reach(scene, modulus, largest_dose_mm_per_mpa, loads)
     half = scene.numerics.window_mm / 2.0 if scene.numerics.window_mm else _MARGIN * growth * reach
     spacing = scene.numerics.spacing_mm or finest / _NODES_IN_HALF_WIDTH
     pixel = scene.camera.pixel_mm if scene.camera else None
@@ -141,8 +150,10 @@ def contact_grid(scene: Scene, *, largest_dose_mm_per_mpa: float, growth: float 
     return Grid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
 
 
-def _contact_reach(scene: Scene, modulus: float, dose: float) -> tuple[float, float]:
-    """The static contact's half-width and the widest to be expected (mm)."""
+def _contact_reach(
+    scene: Scene, modulus: float, dose: float, loads: tuple[float, float]
+) -> tuple[float, float]:
+    """The half-width of the smallest load's unworn contact and the widest to be expected (mm)."""
     indenter = scene.indenter
     assert indenter is not None
     if indenter.shape == "flat" and indenter.half_width_mm is not None:
@@ -152,9 +163,9 @@ def _contact_reach(scene: Scene, modulus: float, dose: float) -> tuple[float, fl
         x, _ = read_profile(scene.path(indenter.profile))
         half = float(np.abs(x).max())
         return half / 2.0, half
-    radius, load = indenter.radius_mm, line_load(scene)
-    hertz = math.sqrt(4.0 * load * radius / (math.pi * modulus))
-    worn = (1.5 * radius * dose * load) ** (1.0 / 3.0)
+    radius = indenter.radius_mm
+    finest, hertz = (math.sqrt(4.0 * load * radius / (math.pi * modulus)) for load in loads)
+    worn = (1.5 * radius * dose * loads[1]) ** (1.0 / 3.0)
     reach = (hertz**3 + worn**3) ** (1.0 / 3.0)
     if reach > STEEPEST * radius:
         raise PhysicsError(
@@ -162,4 +173,4 @@ def _contact_reach(scene: Scene, modulus: float, dose: float) -> tuple[float, fl
             f"the radius {radius:g} mm, where a half-plane under a parabola no longer holds; lower "
             "load.normal_n or the wear, or raise indenter.radius_mm"
         )
-    return hertz, reach
+    return finest, reach

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
+from isochrome.contact.course import Course, Stop, wear_course
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.profile import (
     Grid,
@@ -66,6 +69,11 @@ class SurfaceState:
         return right - left
 
     @property
+    def line_load_n_per_mm(self) -> float:
+        """Normal load per thickness that the pressure carries, ∫p dx (N/mm)."""
+        return float(self.pressure_mpa.sum() * self.grid.spacing_mm)
+
+    @property
     def worn_area_mm2(self) -> float:
         """Area of the worn cross-section, ∫h dx (mm²)."""
         return float(self.wear_depth_mm.sum() * self.grid.spacing_mm)
@@ -77,20 +85,36 @@ def _carried(outer: float, inner: float) -> float:
 
 
 def contact_states(scene: Scene) -> list[SurfaceState]:
-    """Solve the contact at every state of a scene.
+    """Solve the contact at every state of a scene. See `iter_contact_states`."""
+    return list(iter_contact_states(scene))
+
+
+def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
+    """Solve the contact at every state of a scene, each handed out as soon as it is known.
 
     A static state first if the scene asks for it, then one at each of `wear.distances_m`, in the
-    scene's order; without wear, one state, sliding if there is friction.
+    scene's order; without wear, one state, sliding if there is friction. States wait in memory only
+    for others that the scene names before them. A contact that outgrows its grid is solved again
+    on a wider one, and what was handed out is passed over.
     Raises PhysicsError where the contact does not converge or reaches the edge of the grid.
     """
-    distances = scene.wear.distances_m if scene.wear else (0.0,)
-    coefficient = scene.wear.coefficient_mm2_per_n if scene.wear else 0.0
-    doses = coefficient * 1e3 * np.asarray(distances, dtype=float)
+    course, stops = wear_course(scene)
+    loads = course.line_load_n_per_mm
+    given = 0
     for attempt in range(_TRIES):
-        grid = contact_grid(scene, largest_dose_mm_per_mpa=float(doses.max()), growth=1.5**attempt)
-        states = _states_on(scene, grid, np.asarray(distances, dtype=float), doses)
-        if not any(_touches_edge(state) for state in states):
-            return states
+        grid = contact_grid(
+            scene,
+            largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]),
+            line_loads_n_per_mm=(float(loads.min()), float(loads.max())),
+            growth=1.5**attempt,
+        )
+        for state in islice(_states_on(scene, grid, course, stops), given, None):
+            if _touches_edge(state):
+                break
+            given += 1
+            yield state
+        else:
+            return
         if scene.numerics.window_mm is not None:
             break
     width = grid.spacing_mm * (grid.nodes - 1)
@@ -101,51 +125,48 @@ def contact_states(scene: Scene) -> list[SurfaceState]:
 
 
 def _touches_edge(state: SurfaceState) -> bool:
-    return bool(state.pressure_mpa[[0, -1]].any())
+    """Whether the contact is at the edge of its grid, or was while it wore."""
+    ends = [0, -1]
+    return bool(state.pressure_mpa[ends].any() or state.wear_depth_mm[ends].any())
 
 
-def _states_on(scene: Scene, grid: Grid, distances: Floats, doses: Floats) -> list[SurfaceState]:
+def _states_on(
+    scene: Scene, grid: Grid, course: Course, stops: list[Stop]
+) -> Iterator[SurfaceState]:
+    """The states on one grid, in the scene's order."""
     modulus, coupling = elastic_constants(scene)
     surface = make_surface(
         grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling
     )
     gap = undeformed_gap(scene, grid.x_mm)
-    load = line_load(scene)
     static = scene.friction is None or scene.friction.static_state_first
     held = scene.load.tangential_n if scene.load else None
-    states: list[SurfaceState] = []
     if (static and not scene.wear) or (static and scene.friction) or held is not None:
-        states.append(_static_state(scene, grid, surface, gap, load))
+        yield _static_state(scene, grid, surface, gap, line_load(scene))
     if held is not None or (scene.friction is None and not scene.wear):
-        return states
-    friction = np.array([scene.friction_at(d) for d in distances])
-    order = np.argsort(doses, kind="stable")
+        return
+    order = sorted(range(len(stops)), key=lambda i: stops[i].dose_mm_per_mpa)
     worn = wear_history(
-        surface,
-        gap,
-        load,
-        doses[order],
-        friction=friction[order],
-        tolerance=scene.numerics.tolerance,
+        surface, gap, course, [stops[i] for i in order], tolerance=scene.numerics.tolerance
     )
-    by_place = dict(zip(order.tolist(), worn, strict=True))
-    return states + [
-        _worn_state(grid, by_place[i], float(distances[i]), float(friction[i]), scene)
-        for i in range(len(distances))
-    ]
+    waiting: dict[int, WornState] = {}
+    place = 0
+    for i, state in zip(order, worn, strict=True):
+        waiting[i] = state
+        while place in waiting:
+            yield _worn_state(grid, waiting.pop(place), stops[place], scene)
+            place += 1
 
 
-def _worn_state(
-    grid: Grid, worn: WornState, distance_m: float, friction: float, scene: Scene
-) -> SurfaceState:
+def _worn_state(grid: Grid, worn: WornState, stop: Stop, scene: Scene) -> SurfaceState:
     p = worn.contact.pressure
     return SurfaceState(
         grid=grid,
         pressure_mpa=p,
-        shear_mpa=friction * p,
+        shear_mpa=stop.friction * p,
         wear_depth_mm=worn.depth_mm,
-        distance_m=distance_m,
-        friction=friction,
+        distance_m=stop.distance_m,
+        friction=stop.friction,
         sliding=scene.friction is not None,
         residual=worn.contact.residual,
     )

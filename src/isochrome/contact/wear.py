@@ -1,6 +1,6 @@
 r"""Wear of the specimen over sliding distance, stepped implicitly.
 
-With the dose K(s) = ∫ k ds (mm/MPa) Archard's law dh/ds = k p is dh/dK = p(h): a stiff equation,
+With the dose K(s) = ∫ kappa ds (mm/MPa) a law dh = kappa p ds is dh/dK = p(h): a stiff equation,
 since the pressure answers a short wave of depth with a stiffness of about E*/4 per wavelength.
 Each step of the second-order backward differentiation formula with a variable ratio w,
 
@@ -16,11 +16,12 @@ as its effect below the surface. Sources: Archard (1953), J. Appl. Phys. 24,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from isochrome.contact.course import Course, Stop
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.surface import Floats, Surface, displacement
 
@@ -35,6 +36,10 @@ _APPROACH, _SETTLE = 0.6, 0.05
 """Steps shorten towards a dose that is asked for, to this share of what is left, until what is left
 is this share of the dose in which the shortest wave of depth relaxes. A long step leaves too much
 depth on the nodes that the edge of the contact passed in it, and so a spike of pressure there."""
+
+_SAME, _JUMP = 1e-12, 1e-6
+"""Doses nearer than this, relatively, are one; load or friction that jump by more than this at one
+dose, while there is no wear, start the formula afresh."""
 
 
 @dataclass(frozen=True)
@@ -58,53 +63,73 @@ class _Past:
 def wear_history(
     surface: Surface,
     gap_mm: Floats,
-    line_load_n_per_mm: float,
-    doses_mm_per_mpa: Floats,
+    course: Course,
+    stops: Sequence[Stop],
     *,
-    friction: Floats,
     tolerance: float = 1e-4,
 ) -> Iterator[WornState]:
     """States at rising doses, hit exactly, each yielded as soon as it is known.
 
-    Parameters: `surface`; `gap_mm` (n,), unworn; `line_load_n_per_mm` P'; `doses_mm_per_mpa` (m,),
-    rising, K = ∫k ds; `friction` (m,), mu at each of them, linear in between (coupling only);
-    `tolerance`, wanted relative error of the pressure.
+    Parameters: `surface`; `gap_mm` (n,), unworn; `course`, load and friction (coupling only) over
+    the dose; `stops` (m), sorted by their dose, each with its own load and friction; `tolerance`,
+    wanted relative error of the pressure.
     Yields m WornState. Raises PhysicsError where a contact does not converge.
     """
     accuracy = 1e-3 * tolerance
     allowed = min(_FORECAST * tolerance, _LARGEST_FORECAST)
-    contact = solve_pressure(
-        surface, gap_mm, line_load_n_per_mm, friction=float(friction[0]), tolerance=1e-10
-    )
+    load, mu = course.leaving(0.0)
+    contact = solve_pressure(surface, gap_mm, load, friction=mu, tolerance=1e-10)
     now = WornState(0.0, contact, np.zeros(surface.nodes))
     past: _Past | None = None
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
     settle = _SETTLE * float(surface.lattice_normal[-1])
-    step = 1e-3 * tolerance**0.5 * max(scale, doses_mm_per_mpa[-1] * 1e-6)
-    for target, mu_there in zip(doses_mm_per_mpa, friction, strict=True):
-        while now.dose_mm_per_mpa < target:
-            left = target - now.dose_mm_per_mpa
-            size = min(step, left if left <= settle else max(settle, _APPROACH * left))
-            mu = float(np.interp(now.dose_mm_per_mpa + size, doses_mm_per_mpa, friction))
-            new, error = _advance(
-                surface, gap_mm, line_load_n_per_mm, now, past, size, mu, accuracy
-            )
+    first = 1e-3 * tolerance**0.5 * max(scale, stops[-1].dose_mm_per_mpa * 1e-6)
+    step = first
+    for stop in stops:
+        while stop.dose_mm_per_mpa - now.dose_mm_per_mpa > _SAME * stop.dose_mm_per_mpa:
+            size, target = _size(course, now.dose_mm_per_mpa, stop.dose_mm_per_mpa, step, settle)
+            load, mu = course.at(target)
+            new, error = _advance(surface, gap_mm, load, now, past, size, mu, accuracy)
             factor = _SAFETY * (allowed / max(error, 1e-300)) ** 0.5
-            if error > allowed and size > 1e-12 * target:
+            if error > allowed and size > 1e-12 * stop.dose_mm_per_mpa:
                 step = size * max(_SHRINK, factor)
                 continue
             past = _Past(now.depth_mm, now.contact.pressure, size)
             step = size * min(_GROW, max(_SHRINK, factor))
-            now = replace(new, dose_mm_per_mpa=target) if size == left else new
-        settled = solve_pressure(
-            surface,
-            gap_mm + now.depth_mm,
-            line_load_n_per_mm,
-            friction=float(mu_there),
-            start=now.contact.pressure,
-            tolerance=1e-9,
-        )
+            now = replace(new, dose_mm_per_mpa=target)
+            after = course.leaving(target)
+            if stop.dose_mm_per_mpa > target and not np.allclose(after, (load, mu), _JUMP, 0.0):
+                past, step = None, first
+                now = replace(now, contact=_settled(surface, gap_mm, now, *after))
+        settled = _settled(surface, gap_mm, now, stop.line_load_n_per_mm, stop.friction)
         yield replace(now, contact=settled)
+
+
+def _size(
+    course: Course, dose: float, stop: float, step: float, settle: float
+) -> tuple[float, float]:
+    """The next step's size and the dose where it ends: the stop and breaks are met exactly."""
+    left, until = stop - dose, course.next_break(dose * (1.0 + _SAME)) - dose
+    size = min(step, left if left <= settle else max(settle, _APPROACH * left))
+    if size >= until and until < left:
+        return until, dose + until
+    if 2.0 * size > until and until < left:  # two halves, not a whole and a sliver
+        size = 0.5 * until
+    return size, stop if size == left else dose + size
+
+
+def _settled(
+    surface: Surface, gap: Floats, now: WornState, load: float, friction: float
+) -> ContactState:
+    """The contact on the worn surface, solved afresh."""
+    return solve_pressure(
+        surface,
+        gap + now.depth_mm,
+        load,
+        friction=friction,
+        start=now.contact.pressure,
+        tolerance=1e-9,
+    )
 
 
 def _advance(

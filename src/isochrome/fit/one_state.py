@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from isochrome.contact import contact_grid
-from isochrome.scene import Scene
+import numpy as np
+
+from isochrome.contact import contact_grid, wear_course
+from isochrome.errors import InputError
+from isochrome.scene import DistanceTable, Scene, Wear
 
 
 def frame_scene(scene: Scene, state: int) -> Scene:
-    """The scene of one frame alone: its own distance, its own friction as a number.
+    """The scene of one frame alone: its own distance, load and friction.
 
     Parameters: `scene`; `state`, counted from 0, the static state first where the scene has one.
     Returns a Scene with a single state.
@@ -20,24 +23,53 @@ def frame_scene(scene: Scene, state: int) -> Scene:
     if scene.load is not None and scene.load.tangential_n is not None:
         return scene.model_copy(update={"wear": None})
     if static_first and state == 0:
-        return scene.model_copy(update={"wear": None, "friction": None})
+        return scene.model_copy(update={"wear": None, "friction": None} | _load_at(scene, 0.0))
     distances = scene.wear.distances_m if scene.wear else (0.0,)
     return scene_at(scene, distances[min(state - static_first, len(distances) - 1)])
 
 
 def scene_at(scene: Scene, distance_m: float) -> Scene:
-    """The scene at one sliding distance (m): one state, friction as a number."""
-    update: dict[str, Any] = {}
+    """The scene at one sliding distance: one state; load, friction and wear as numbers.
+
+    The wear coefficient is the one that makes the same dose there under the state's constant
+    friction; a coefficient or friction that varies on the way gives the equivalent of Archard's
+    law, K/s.
+    Parameters: `scene`; `distance_m`, s (m). Returns a Scene. Raises InputError where the load
+    changes while the contact wears: no constant load has worn that scar.
+    """
+    update = _load_at(scene, distance_m)
     if scene.friction:
         update["friction"] = scene.friction.model_copy(
             update={"coefficient": scene.friction_at(distance_m), "static_state_first": False}
         )
     if scene.wear:
-        worn = distance_m > 0.0
-        update["wear"] = (
-            scene.wear.model_copy(update={"distances_m": (distance_m,)}) if worn else None
-        )
+        update["wear"] = _wear_at(scene, scene.wear, distance_m) if distance_m > 0.0 else None
     return scene.model_copy(update=update)
+
+
+def _load_at(scene: Scene, distance_m: float) -> dict[str, Any]:
+    if scene.load is None:
+        return {}
+    return {"load": scene.load.model_copy(update={"normal_n": scene.load_at(distance_m)})}
+
+
+def _wear_at(scene: Scene, wear: Wear, distance_m: float) -> Wear:
+    there = wear.model_copy(update={"distances_m": (distance_m,)})
+    course, (stop,) = wear_course(scene.model_copy(update={"wear": there}))
+    loads = course.line_load_n_per_mm
+    if stop.dose_mm_per_mpa > 0.0 and np.ptp(loads) > 1e-9 * loads.max():
+        raise InputError(
+            f"{scene.name}: load.normal_n is a table that changes before {distance_m:g} m, and "
+            "the depth worn until a frame is modelled here at one load; frames are fitted only "
+            "with a load.normal_n that is constant over distance"
+        )
+    friction = scene.friction.coefficient if scene.friction else 0.0
+    if isinstance(wear.coefficient_mm2_per_n, DistanceTable) or (
+        wear.law != "archard" and isinstance(friction, DistanceTable)
+    ):
+        equivalent = 1e-3 * stop.dose_mm_per_mpa / distance_m
+        return there.model_copy(update={"coefficient_mm2_per_n": equivalent, "law": "archard"})
+    return there
 
 
 def with_numerics(scene: Scene, *, nodes_per_pixel: int, tolerance: float, room: float) -> Scene:
@@ -48,9 +80,8 @@ def with_numerics(scene: Scene, *, nodes_per_pixel: int, tolerance: float, room:
     """
     if scene.model != "contact" or scene.camera is None or scene.camera.pixel_mm is None:
         return scene
-    wear = scene.wear
-    dose = 1e3 * wear.coefficient_mm2_per_n * max(wear.distances_m) if wear else 0.0
-    grid = contact_grid(scene, largest_dose_mm_per_mpa=dose)
+    course, _ = wear_course(scene)
+    grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))
     numerics = scene.numerics.model_copy(
         update={
             "spacing_mm": scene.camera.pixel_mm / nodes_per_pixel,

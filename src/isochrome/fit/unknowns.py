@@ -70,8 +70,7 @@ def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
         elif key == "friction.coefficient":
             found.append(3.0)
         elif key == "load.tangential_n" or key == "load.bulk_mpa":
-            assert scene.load is not None
-            found.append(max(10.0 * value, scene.load.normal_n if "load.t" in key else 10.0))
+            found.append(max(10.0 * value, scene.load_at(0.0) if "load.t" in key else 10.0))
         else:
             found.append(10.0 * value if value else 1.0)
     return np.array(found)

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from isochrome.errors import InputError
-from isochrome.scene.parts import NUMBER, TABLE
+from isochrome.scene.tables import NUMBER, TABLE
 
 M = typing.TypeVar("M", bound=BaseModel)
 

@@ -8,23 +8,30 @@ image's +x, as the camera sees them.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
+    BeforeValidator,
     Discriminator,
     Field,
     Tag,
-    ValidationInfo,
-    field_validator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+from isochrome.scene.tables import (
+    NUMBER,
+    TABLE,
+    DistanceTable,
+    Finite,
+    NonNegative,
+    NonNegativeTable,
+    Part,
+    Positive,
+    PositiveTable,
+    as_dict,
+    form,
+)
+
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
 Wavelength = Annotated[float, Field(ge=200, le=3000)]
@@ -33,20 +40,6 @@ Rows = Annotated[int, Field(ge=0, le=100_000)]
 
 WITHOUT_MODEL = ("ring", "other")
 """Specimen shapes that the image-only commands take, but that have no closed form here."""
-
-
-class Part(BaseModel):
-    """A table of the scene file: frozen, and closed to unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
-        wants_truth = cls.model_fields[str(info.field_name)].annotation is bool
-        if isinstance(value, bool) and not wants_truth:
-            raise PydanticCustomError("truth", "Input should not be true or false")
-        return value
 
 
 class Specimen(Part):
@@ -83,39 +76,20 @@ class Indenter(Part):
 
 
 class Load(Part):
-    """The forces: normal (diametral; or the whole bending load), tangential, bulk stress, spans."""
+    """The forces: normal (diametral; or the whole bending load), tangential, bulk stress, spans.
 
-    normal_n: Positive
+    The normal load of a contact is a number, or a table over distance.
+    """
+
+    normal_n: Annotated[
+        Annotated[Positive, Tag(NUMBER)]
+        | Annotated[PositiveTable, BeforeValidator(as_dict), Tag(TABLE)],
+        Discriminator(form),
+    ]
     tangential_n: Finite | None = None
     bulk_mpa: Finite | None = None
     inner_span_mm: Positive | None = None
     outer_span_mm: Positive | None = None
-
-
-class DistanceTable(Part):
-    """Values over sliding distance, linear in between and constant beyond the ends."""
-
-    distance_m: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
-    value: Annotated[tuple[Finite, ...], Field(min_length=2)]
-
-    @model_validator(mode="after")
-    def _same_length_rising(self) -> DistanceTable:
-        if len(self.distance_m) != len(self.value):
-            raise ValueError(
-                f"distance_m has {len(self.distance_m)} numbers and value has {len(self.value)}; "
-                "give as many of each"
-            )
-        if any(b <= a for a, b in zip(self.distance_m, self.distance_m[1:], strict=False)):
-            raise ValueError(f"distance_m must rise, but is {list(self.distance_m)}; sort it")
-        return self
-
-
-NUMBER, TABLE = "<number>", "<table>"
-"""Tags of the two forms of a value over distance; they do not show in a mistake's key."""
-
-
-def _form(value: Any) -> str:
-    return TABLE if isinstance(value, dict | DistanceTable) else NUMBER
 
 
 class Friction(Part):
@@ -124,15 +98,25 @@ class Friction(Part):
     coefficient: Annotated[
         Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False), Tag(NUMBER)]
         | Annotated[DistanceTable, Tag(TABLE)],
-        Discriminator(_form),
+        Discriminator(form),
     ]
     static_state_first: bool = False
 
 
 class Wear(Part):
-    """Archard wear of the specimen, dh/ds = k p, with frames wanted at `distances_m`."""
+    """Wear of the specimen, dh = kappa p ds, with frames wanted at `distances_m`.
 
-    coefficient_mm2_per_n: NonNegative
+    The coefficient k is a number, or a table over distance (running-in). With `law` 'archard'
+    kappa = k; 'sarkar', k sqrt(1 + 3 mu²); 'dissipated_energy', k |mu|, where k is the worn volume
+    per dissipated energy (1 mm³/J is 1e-3 mm²/N).
+    """
+
+    coefficient_mm2_per_n: Annotated[
+        Annotated[NonNegative, Tag(NUMBER)]
+        | Annotated[NonNegativeTable, BeforeValidator(as_dict), Tag(TABLE)],
+        Discriminator(form),
+    ]
+    law: Literal["archard", "sarkar", "dissipated_energy"] = "archard"
     distances_m: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
 
 

@@ -12,17 +12,16 @@ from isochrome.scene.mistakes import validate
 from isochrome.scene.parts import (
     WITHOUT_MODEL,
     Camera,
-    DistanceTable,
     Frames,
     Friction,
     Indenter,
     Load,
     Numerics,
-    Part,
     Polariscope,
     Specimen,
     Wear,
 )
+from isochrome.scene.tables import Distance, DistanceTable, Part, value_at
 
 
 class Scene(Part):
@@ -53,7 +52,14 @@ class Scene(Part):
                 raise ValueError(f"{key} is missing, and {self._what()} needs it; add it")
         if self.indenter is None and (self.friction or self.wear):
             raise ValueError("[friction] and [wear] need an [indenter]; add it, or remove them")
+        if self.wear and self.wear.law == "dissipated_energy" and self.friction is None:
+            raise ValueError(
+                "wear.law = 'dissipated_energy' needs [friction], which dissipates the energy; "
+                "add it, or set wear.law = 'archard'"
+            )
         load = self.load
+        if load is not None and isinstance(load.normal_n, DistanceTable):
+            self._check_load_table(load)
         if load is not None and load.tangential_n is not None:
             self._check_tangential(load)
         if self.specimen.shape == "beam" and load is not None:
@@ -65,6 +71,18 @@ class Scene(Part):
                 )
         return self
 
+    def _check_load_table(self, load: Load) -> None:
+        if self.indenter is None:
+            raise ValueError(
+                "load.normal_n is a table over sliding distance, and nothing slides without an "
+                "[indenter]; give load.normal_n as a number"
+            )
+        if load.tangential_n is not None:
+            raise ValueError(
+                "load.normal_n is a table over sliding distance, and load.tangential_n is for a "
+                "stuck contact; give load.normal_n as a number, or remove load.tangential_n"
+            )
+
     def _check_tangential(self, load: Load) -> None:
         if self.friction is None:
             raise ValueError("load.tangential_n needs [friction]: a stuck contact's limit; add it")
@@ -72,12 +90,12 @@ class Scene(Part):
             raise ValueError(
                 "load.tangential_n is for a stuck contact, and [wear] for a sliding one; remove one"
             )
-        mu = self.friction_at(0.0)
+        held = abs(self.friction_at(0.0)) * self.load_at(0.0)
         tangential = load.tangential_n or 0.0
-        if abs(tangential) > abs(mu) * load.normal_n:
+        if abs(tangential) > held:
             raise ValueError(
                 f"load.tangential_n = {tangential:g} is more than friction can hold, "
-                f"{abs(mu) * load.normal_n:g} N; lower it, or leave it out for a sliding contact"
+                f"{held:g} N; lower it, or leave it out for a sliding contact"
             )
 
     def _needed(self) -> tuple[str, ...]:
@@ -101,14 +119,29 @@ class Scene(Part):
         shape = self.specimen.shape
         return None if shape is None or shape in WITHOUT_MODEL else shape
 
-    def friction_at(self, distance_m: float) -> float:
+    def friction_at(self, distance_m: Distance) -> Distance:
         """Friction coefficient mu at a sliding distance, linear between the table's points.
 
-        Parameters: `distance_m`, the distance slid (m). Returns mu, 0 where the scene has none.
+        Parameters: `distance_m`, the distance slid (m), a number or an array of any shape.
+        Returns mu of that shape, 0 where the scene has none.
         """
-        if self.friction is None:
-            return 0.0
-        return value_at(self.friction.coefficient, distance_m)
+        return value_at(self.friction.coefficient if self.friction else 0.0, distance_m)
+
+    def load_at(self, distance_m: Distance) -> Distance:
+        """Normal load P at a sliding distance, linear between the table's points.
+
+        Parameters: `distance_m`, the distance slid (m), a number or an array of any shape.
+        Returns P (N) of that shape, 0 where the scene has none.
+        """
+        return value_at(self.load.normal_n if self.load else 0.0, distance_m)
+
+    def wear_coefficient_at(self, distance_m: Distance) -> Distance:
+        """Wear coefficient k at a sliding distance, linear between the table's points.
+
+        Parameters: `distance_m`, the distance slid (m), a number or an array of any shape.
+        Returns k (mm²/N) of that shape, 0 where the scene has none.
+        """
+        return value_at(self.wear.coefficient_mm2_per_n if self.wear else 0.0, distance_m)
 
     def path(self, name: str) -> Path:
         """A path named in the scene, relative to the scene's own file."""
@@ -141,12 +174,3 @@ class Scene(Part):
             table = getattr(self, part)
             data[part] = {n: getattr(table, n) for n in table.model_fields_set} | update
         return validate(Scene, data, self.name)
-
-
-def value_at(value: float | DistanceTable, distance_m: float) -> float:
-    """A number, or a table's linear interpolation at a distance (m), constant beyond its ends."""
-    if not isinstance(value, DistanceTable):
-        return float(value)
-    import numpy as np
-
-    return float(np.interp(distance_m, value.distance_m, value.value))

@@ -1,0 +1,95 @@
+"""What the parts of a scene are made of: the table, its numbers, and values over distance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.floating]
+
+Distance = TypeVar("Distance", float, "Floats")
+"""A distance (m), or an array of them of any shape; what is asked there has the same shape."""
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Part(BaseModel):
+    """A table of the scene file: frozen, and closed to unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        wants_truth = cls.model_fields[str(info.field_name)].annotation is bool
+        if isinstance(value, bool) and not wants_truth:
+            raise PydanticCustomError("truth", "Input should not be true or false")
+        return value
+
+
+class DistanceTable(Part):
+    """Values over sliding distance, linear in between and constant beyond the ends."""
+
+    distance_m: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
+    value: Annotated[tuple[Finite, ...], Field(min_length=2)]
+
+    @model_validator(mode="after")
+    def _same_length_rising(self) -> DistanceTable:
+        if len(self.distance_m) != len(self.value):
+            raise ValueError(
+                f"distance_m has {len(self.distance_m)} numbers and value has {len(self.value)}; "
+                "give as many of each"
+            )
+        if any(b <= a for a, b in zip(self.distance_m, self.distance_m[1:], strict=False)):
+            raise ValueError(f"distance_m must rise, but is {list(self.distance_m)}; sort it")
+        return self
+
+
+class PositiveTable(DistanceTable):
+    """A table of values above zero."""
+
+    value: Annotated[tuple[Positive, ...], Field(min_length=2)]
+
+
+class NonNegativeTable(DistanceTable):
+    """A table of values of zero or more."""
+
+    value: Annotated[tuple[NonNegative, ...], Field(min_length=2)]
+
+
+NUMBER, TABLE = "<number>", "<table>"
+"""Tags of the two forms of a value over distance; they do not show in a mistake's key."""
+
+
+def form(value: Any) -> str:
+    """Which of the two forms a value over distance has."""
+    return TABLE if isinstance(value, dict | DistanceTable) else NUMBER
+
+
+def as_dict(value: Any) -> Any:
+    """Any table as a dictionary, so that the key's own kind of table checks its values."""
+    return value.model_dump() if isinstance(value, DistanceTable) else value
+
+
+def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
+    """A number, or a table's linear interpolation at a distance (m), constant beyond its ends.
+
+    Parameters: `value`; `distance_m`, a number or an array of any shape. Returns that shape.
+    """
+    import numpy as np
+
+    found: Any
+    if isinstance(value, DistanceTable):
+        found = np.interp(distance_m, value.distance_m, value.value)
+    else:
+        found = np.full(np.shape(distance_m), float(value))
+    answer: Any = found if np.ndim(distance_m) else float(found)
+    return answer
