@@ -1,0 +1,147 @@
+"""Rows by FFT: deep rows, whose sources stand at pixel spacing, the precisions, the memory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isochrome.errors import InputError
+from isochrome.stress import (
+    PixelGrid,
+    field_dtype,
+    make_field_grid,
+    stress_difference,
+    stress_trace,
+)
+from isochrome.stress.halfplane import DOUBLE_ERROR, SINGLE_ERROR
+from isochrome.stress.rows import DEEP_PX, HALF_TAPS, pixel_sources
+
+
+def loads(n, seed=0):
+    """Tractions that change sign at random from node to node: nothing smooth to lean on."""
+    rng = np.random.default_rng(seed)
+    return rng.choice([0.0, 1.0], n), rng.choice([-1.0, 1.0], n)
+
+
+def bound(depth_px):
+    """Relative error of a moved source for 1/(ζ-t), midway between pixels."""
+    away = (np.arange(1, HALF_TAPS + 1) - 0.5) ** 2
+    return np.prod(away / (depth_px**2 + away))
+
+
+@pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
+@pytest.mark.parametrize("fold", [2, 6, 7])
+def test_rows_on_both_sides_of_the_switch_are_the_exact_sum(exact_field, dtype, fold):
+    """Deep rows take their sources at pixel spacing: too shallow a switch shows just below it."""
+    deep = DEEP_PX[np.dtype(dtype)]
+    pixels = PixelGrid(rows=8, cols=23, left_mm=-0.4, top_mm=0.02 * (deep - 4), pixel_mm=0.02)
+    h, n = 0.02 / fold, 31 * fold + 1
+    nodes = -0.3 + h * np.arange(n)
+    grid = make_field_grid(pixels, left_mm=nodes[0], spacing_mm=h, nodes=n, dtype=dtype)
+    assert [band.moved for band in grid.bands] == [1, fold]
+    p, q = loads(n)
+    difference, trace = exact_field(pixels.x_mm[None, :], pixels.z_mm[:, None], nodes, p, q)
+    # the stated errors are per largest pressure and shear together, 2 here
+    bar = 2.0 * (SINGLE_ERROR if dtype is np.complex64 else DOUBLE_ERROR)
+    assert np.abs(stress_difference(grid, p, q) - difference).max() < bar
+    assert np.abs(stress_trace(grid, p, q) - trace).max() < bar
+
+
+@pytest.mark.parametrize("fold", [2, 5, 6])
+def test_moved_sources_keep_their_moments(fold):
+    """Interpolation of degree 2m - 1 keeps every moment up to it; here the first eight."""
+    rng = np.random.default_rng(fold)
+    values = rng.normal(size=7 * fold + 3)
+    sources = pixel_sources(values, fold)
+    t = np.arange(len(values)) / fold - 4.0
+    moved = np.arange(len(sources)) - (HALF_TAPS - 1) - 4.0
+    for power in range(8):
+        terms = moved**power * sources
+        # rounding of the largest terms
+        assert terms.sum() == pytest.approx(
+            (t**power * values).sum(), rel=0, abs=1e-14 * np.abs(terms).sum()
+        )
+
+
+def test_a_moved_source_errs_as_the_remainder_says():
+    """A source midway between pixels, seen from straight below it: the remainder is exact."""
+    value = np.zeros(2)
+    value[1] = 1.0
+    sources = pixel_sources(value, 2)
+    at = np.arange(len(sources)) - (HALF_TAPS - 1.0)
+    for depth in (2.0, 4.0, 6.0):
+        zeta = 0.5 - 1j * depth
+        error = abs((sources / (zeta - at)).sum() * (zeta - 0.5) - 1.0)
+        # sums of 24 terms of order one in double precision
+        assert error == pytest.approx(bound(depth), rel=1e-3, abs=1e-15)
+
+
+def test_the_switches_lie_where_the_remainder_is_negligible():
+    # (2m + 1) times it for the steeper kernel: below a thousandth of single precision's stated
+    # error, and below double precision's rounding
+    share = 2 * HALF_TAPS + 1
+    assert share * bound(DEEP_PX[np.dtype(np.complex64)]) < 1e-2 * SINGLE_ERROR
+    assert share * bound(DEEP_PX[np.dtype(np.complex128)]) < 1e-2 * DOUBLE_ERROR
+
+
+def test_kernels_hold_only_the_bands_that_matter():
+    """Six nodes a pixel cost near the surface only: all bands in all rows were five times that."""
+    pixels = PixelGrid(rows=494, cols=659, left_mm=-2.0, top_mm=0.0, pixel_mm=0.006)
+    grid = make_field_grid(pixels, left_mm=-0.8, spacing_mm=0.001, nodes=1601)
+    everywhere = 2 * 494 * (6 * 658 + 1601) * 8
+    assert grid.nbytes < everywhere / 4.5
+
+
+# --- precision ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "dtype"),
+    [(1.0, np.complex64), (1e-6, np.complex64), (9e-7, np.complex128), (5e-13, np.complex128)],
+)
+def test_precision_follows_the_tolerance(tolerance, dtype):
+    assert field_dtype(tolerance) is dtype
+
+
+@pytest.mark.parametrize("tolerance", [1e-13, 0.0, -1.0, float("nan")])
+def test_a_tolerance_beyond_double_precision_is_refused(tolerance):
+    with pytest.raises(InputError, match="double precision reaches 5e-13; raise it"):
+        field_dtype(tolerance)
+
+
+@settings(max_examples=12)
+@given(
+    tolerance=st.sampled_from([1e-6, 5e-13]),
+    nodes=st.integers(2, 3000),
+    fold=st.integers(1, 8),
+    cols=st.integers(1, 300),
+    seed=st.integers(0, 99),
+)
+def test_the_chosen_precision_keeps_its_tolerance(exact_field, tolerance, nodes, fold, cols, seed):
+    """Random signs on grids of any size: the error must stay below what the rule promises."""
+    pixel = 0.01
+    pixels = PixelGrid(rows=15, cols=cols, left_mm=-0.5 * cols * pixel, top_mm=0.0, pixel_mm=pixel)
+    h = pixel / fold
+    at = h * (np.arange(nodes) - nodes // 2)
+    grid = make_field_grid(
+        pixels, left_mm=at[0], spacing_mm=h, nodes=nodes, dtype=field_dtype(tolerance)
+    )
+    p, q = loads(nodes, seed)
+    rng = np.random.default_rng(seed)
+    row, col = rng.integers(0, 15, 12), rng.integers(0, cols, 12)
+    row[0] = 0
+    exact, _ = exact_field(pixels.x_mm[col], pixels.z_mm[row], at, p, q)
+    error = np.abs(stress_difference(grid, p, q)[row, col] - exact).max()
+    assert error < tolerance * (np.abs(p).max() + np.abs(q).max())
+
+
+def test_tractions_that_are_not_the_grids_are_refused():
+    """One value too few would be padded with zero by the transform, and nobody would know."""
+    pixels = PixelGrid(rows=3, cols=5, left_mm=0.0, top_mm=0.0, pixel_mm=0.1)
+    grid = make_field_grid(pixels, left_mm=0.0, spacing_mm=0.1, nodes=6)
+    with pytest.raises(InputError, match="6 surface nodes"):
+        stress_difference(grid, np.ones(5))
+    with pytest.raises(InputError, match="6 surface nodes"):
+        stress_trace(grid, np.ones(6), np.ones(7))
