@@ -60,18 +60,22 @@ def demo(out: Out = Path("isochrome-demo"), as_json: Json = False) -> None:
 def simulate(
     scene: Annotated[str, typer.Argument(help="Scene file (TOML), or line-contact-wear.")],
     out: Out = Path("isochrome-simulate"),
+    components: Annotated[
+        bool, typer.Option("--components", help="Also the principal stresses, apart, in MPa.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
     from isochrome.simulate import simulate as run
 
     with progress_bar("simulating") as progress:
-        result = run(scene, out, progress=progress)
+        result = run(scene, out, components=components, progress=progress)
     if as_json:
         print_json({"out": str(out), "history": result.history})
         return
-    names = ("label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
-             "n_max_z_mm")  # fmt: skip
+    names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
+             "n_max_z_mm"]  # fmt: skip
+    names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
     print_columns(result.history, names)
     typer.echo(f"results: {out}")
 

@@ -11,7 +11,7 @@ from isochrome.simulate.model import (
     state_count,
     state_difference,
 )
-from isochrome.simulate.render import Rendered, render
+from isochrome.simulate.rendering import Rendered, render
 from isochrome.simulate.run import Simulation, simulate
 
 __all__ = [

@@ -13,7 +13,7 @@ from isochrome.stress import PixelGrid
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from isochrome.simulate.render import Rendered
+    from isochrome.simulate.rendering import Rendered
 
 
 def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Figure:

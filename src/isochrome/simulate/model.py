@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.contact import Grid, SurfaceState, contact_states
+from isochrome.contact import Grid, SurfaceState, iter_contact_states
 from isochrome.errors import InputError, PhysicsError
 from isochrome.optics import (
     camera_response,
@@ -83,7 +83,7 @@ def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
         raise InputError(no_model_sentence(scene))
     if scene.model != "contact":
         return iter((SceneState(scene.model, 0.0, None),))
-    return (SceneState(_label(s), s.distance_m, s) for s in contact_states(scene))
+    return (SceneState(_label(s), s.distance_m, s) for s in iter_contact_states(scene))
 
 
 def state_count(scene: Scene) -> int:
@@ -126,7 +126,7 @@ def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> Stre
         return beam_difference(scene, pixels)
     surface = state.surface
     assert surface is not None
-    grid = _field_grid(pixels, surface.grid)
+    grid = surface_field_grid(pixels, surface.grid)
     shear = surface.shear_mpa if surface.shear_mpa.any() else None
     field = stress_difference(grid, surface.pressure_mpa, shear)
     bulk = scene.load.bulk_mpa if scene.load else None
@@ -134,7 +134,8 @@ def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> Stre
 
 
 @lru_cache(maxsize=2)
-def _field_grid(pixels: PixelGrid, grid: Grid) -> FieldGrid:
+def surface_field_grid(pixels: PixelGrid, grid: Grid) -> FieldGrid:
+    """The kernels from a contact's nodes to the pixels; the last two are kept."""
     return make_field_grid(
         pixels, left_mm=grid.left_mm, spacing_mm=grid.spacing_mm, nodes=grid.nodes
     )

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from isochrome.contact import SurfaceState
-from isochrome.simulate.render import Rendered
-from isochrome.stress import PixelGrid
+from isochrome.simulate.rendering import Rendered
+from isochrome.stress import PixelGrid, ShearPeak
 
 PROFILE = ("state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um")
 """Columns of pressure.csv."""
@@ -17,12 +17,15 @@ PROFILE = ("state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um")
 def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]:
     """One row of history.csv: contact, wear, and the largest fringe order and shear in view.
 
-    The largest shear (sigma_1 - sigma_2)/2 is that of the pixel with the largest order.
+    The largest shear (sigma_1 - sigma_2)/2 is that of the pixel with the largest order; with the
+    item's components, the largest anywhere in the material in view.
     Parameters: `index` of the state; `item`; `pixels`. Returns column name to value.
     """
     order = np.where(item.picture.material, item.picture.order, -1.0)
     row, col = np.unravel_index(int(order.argmax()), order.shape)
     place = float(pixels.x_mm[col]), float(pixels.z_mm[row])
+    shear = 0.5 * float(np.abs(item.picture.difference[row, col]))
+    peak = item.components.peak if item.components else ShearPeak(shear, *place)
     surface = item.state.surface
     nothing = float("nan")
     return {
@@ -38,9 +41,9 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
         "n_max": float(order[row, col]),
         "n_max_x_mm": place[0],
         "n_max_z_mm": place[1],
-        "shear_max_mpa": 0.5 * float(np.abs(item.picture.difference[row, col])),
-        "shear_max_x_mm": place[0],
-        "shear_max_z_mm": place[1],
+        "shear_max_mpa": peak.shear_mpa,
+        "shear_max_x_mm": peak.x_mm,
+        "shear_max_z_mm": peak.z_mm,
         "residual": surface.residual if surface else nothing,
     }
 

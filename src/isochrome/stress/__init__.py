@@ -1,6 +1,12 @@
 """Stress below the surface: half-plane fields of surface tractions, discs and beams."""
 
-from isochrome.stress.closed_forms import beam_difference, disc_difference
+from isochrome.stress.closed_forms import (
+    beam_bending,
+    beam_components,
+    beam_difference,
+    disc_components,
+    disc_difference,
+)
 from isochrome.stress.direct import stress_components
 from isochrome.stress.field import StressComponents, StressDifference, principal_direction
 from isochrome.stress.halfplane import (
@@ -20,8 +26,11 @@ __all__ = [
     "ShearPeak",
     "StressComponents",
     "StressDifference",
+    "beam_bending",
+    "beam_components",
     "beam_difference",
     "components_on_grid",
+    "disc_components",
     "disc_difference",
     "field_dtype",
     "largest_shear",

@@ -6,8 +6,8 @@ import numpy as np
 
 from isochrome.reference import beam_stress, disc_stress
 from isochrome.scene import Scene
-from isochrome.stress.field import StressDifference
-from isochrome.stress.pixels import PixelGrid
+from isochrome.stress.field import StressComponents, StressDifference
+from isochrome.stress.pixels import Floats, PixelGrid
 
 
 def disc_difference(scene: Scene, pixels: PixelGrid) -> StressDifference:
@@ -16,6 +16,11 @@ def disc_difference(scene: Scene, pixels: PixelGrid) -> StressDifference:
     Parameters: `scene`, with a disc; `pixels`. Returns (rows, cols), complex, MPa; NaN outside.
     Source: see `isochrome.reference.disc_stress`.
     """
+    return disc_components(scene, pixels).difference
+
+
+def disc_components(scene: Scene, pixels: PixelGrid) -> StressComponents:
+    """Stress components of a disc; parameters, places and source as `disc_difference`."""
     specimen, load = scene.specimen, scene.load
     assert load is not None and specimen.diameter_mm is not None
     assert specimen.thickness_mm is not None
@@ -27,7 +32,7 @@ def disc_difference(scene: Scene, pixels: PixelGrid) -> StressDifference:
         diameter_mm=specimen.diameter_mm,
         thickness_mm=specimen.thickness_mm,
     )
-    return np.asarray((stress.sigma_x - stress.sigma_z) + 2j * stress.tau_xz)
+    return StressComponents(stress.sigma_x, stress.sigma_z, stress.tau_xz)
 
 
 def beam_difference(scene: Scene, pixels: PixelGrid) -> StressDifference:
@@ -37,17 +42,33 @@ def beam_difference(scene: Scene, pixels: PixelGrid) -> StressDifference:
     beam and outside the inner span, where bending is not pure.
     Source: see `isochrome.reference.beam_stress`.
     """
+    return beam_components(scene, pixels).difference
+
+
+def beam_components(scene: Scene, pixels: PixelGrid) -> StressComponents:
+    """Stress components of a beam, sigma_x alone; parameters, places as `beam_difference`."""
+    assert scene.load is not None and scene.load.inner_span_mm is not None
+    inside = np.where(np.abs(pixels.x_mm) <= 0.5 * scene.load.inner_span_mm, 1.0, np.nan)
+    sigma_x = beam_bending(scene, pixels.z_mm)[:, None] * inside[None, :]
+    nothing = np.where(np.isfinite(sigma_x), 0.0, np.nan)
+    return StressComponents(sigma_x, nothing, nothing)
+
+
+def beam_bending(scene: Scene, z_mm: Floats) -> Floats:
+    """sigma_x of a beam between its inner rollers, over its height.
+
+    Parameters: `scene`, with a beam; `z_mm`, depth below its top, any shape. Returns that shape,
+    MPa; NaN outside. Source: see `isochrome.reference.beam_stress`.
+    """
     specimen, load = scene.specimen, scene.load
     assert load is not None and load.inner_span_mm is not None and load.outer_span_mm is not None
     assert specimen.height_mm is not None and specimen.thickness_mm is not None
     assert isinstance(load.normal_n, float)  # only a contact's load varies with distance
-    column = beam_stress(
-        pixels.z_mm - 0.5 * specimen.height_mm,
+    return beam_stress(
+        z_mm - 0.5 * specimen.height_mm,
         load_n=load.normal_n,
         inner_span_mm=load.inner_span_mm,
         outer_span_mm=load.outer_span_mm,
         height_mm=specimen.height_mm,
         thickness_mm=specimen.thickness_mm,
     )
-    inside = np.where(np.abs(pixels.x_mm) <= 0.5 * load.inner_span_mm, 1.0, np.nan)
-    return np.asarray(column[:, None] * inside[None, :], dtype=complex)

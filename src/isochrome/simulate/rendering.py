@@ -12,6 +12,7 @@ from isochrome.contact import SurfaceState
 from isochrome.errors import PhysicsError
 from isochrome.optics import expose
 from isochrome.scene import Scene
+from isochrome.simulate.components import Components, state_components
 from isochrome.simulate.model import (
     Picture,
     SceneState,
@@ -25,21 +26,27 @@ from isochrome.stress import PixelGrid
 
 @dataclass(frozen=True)
 class Rendered:
-    """A state with its picture and the camera's frames of it (steps, rows, cols[, 3])."""
+    """A state with its picture and the camera's frames of it (steps, rows, cols[, 3]).
+
+    `components`, of its stress, None where nobody asked.
+    """
 
     state: SceneState
     picture: Picture
     frames: NDArray[np.generic]
+    components: Components | None = None
 
 
-def render(scene: Scene, states: Iterable[SceneState], pixels: PixelGrid) -> Iterator[Rendered]:
+def render(
+    scene: Scene, states: Iterable[SceneState], pixels: PixelGrid, *, components: bool = False
+) -> Iterator[Rendered]:
     """Render state after state; one is in memory at a time.
 
     Noise of state i comes from the generator seeded with (camera.seed, i), so that a frame does
     not depend on those before it.
-    Parameters: `scene`, with [camera]; `states`, any iterable of them; `pixels`. Yields a Rendered
-    each. Raises PhysicsError where a contact is wider than the picture, or fringes are too fine
-    for the pixels.
+    Parameters: `scene`, with [camera]; `states`, any iterable of them; `pixels`; `components`,
+    whether the principal stresses are wanted apart. Yields a Rendered each. Raises PhysicsError
+    where a contact is wider than the picture, or fringes are too fine for the pixels.
     """
     assert scene.camera is not None
     steps: list[int | None] = list(range(len(scene.polariscope.step)))
@@ -53,7 +60,8 @@ def render(scene: Scene, states: Iterable[SceneState], pixels: PixelGrid) -> Ite
             expose(picture_signal(scene, picture, step), scene.camera, rng=rng)
             for step in steps or [None]
         ]
-        yield Rendered(state, picture, np.stack(frames))
+        parts = state_components(scene, state, picture, pixels) if components else None
+        yield Rendered(state, picture, np.stack(frames), parts)
 
 
 def _refuse_too_wide(scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> None:
