@@ -58,6 +58,32 @@ def sentence(old: str, new: str) -> str:
             "coefficient = {distance_m = [0, 1], value = [0.1, nan]}",
             ["friction.coefficient.value[2] = nan", "finite"],
         ),
+        (
+            "coefficient = 0.25",
+            "coefficient = {distance_m = [0, 1], value = [0.1, -9]}",
+            ["friction.coefficient.value[2] = -9", "greater than or equal to -5"],
+        ),
+        (
+            "coefficient_mm2_per_n = 2e-09",
+            "coefficient_mm2_per_n = {distance_m = [0, 1], value = [1e-9, -1e-9]}",
+            ["wear.coefficient_mm2_per_n.value[2] = -1e-09", "greater than or equal to 0"],
+        ),
+        (
+            "coefficient_mm2_per_n = 2e-09",
+            "coefficient_mm2_per_n = -2e-9",
+            ["wear.coefficient_mm2_per_n = -2e-09", "greater than or equal to 0"],
+        ),
+        (
+            "normal_n = 44.0",
+            "normal_n = {distance_m = [0, 1], value = [44.0, 0]}",
+            ["load.normal_n.value[2] = 0", "greater than 0"],
+        ),
+        ("normal_n = 44.0", "normal_n = 0.0", ["load.normal_n = 0.0", "greater than 0"]),
+        (
+            "[wear]",
+            '[wear]\nlaw = "rabinowicz"',
+            ["wear.law = 'rabinowicz'", "'archard', 'sarkar' or 'dissipated_energy'"],
+        ),
     ],
 )
 def test_a_wrong_value_names_key_value_and_what_is_allowed(old, new, words):
@@ -192,6 +218,32 @@ def test_tangential_load_needs_friction_and_stays_within_it():
     text = refused(held + "[friction]\ncoefficient = 0.25\n")
     assert "load.tangential_n = 12 is more than friction can hold, 11 N" in text
     assert parse_scene(held + "[friction]\ncoefficient = -0.5\n").load.tangential_n == 12.0
+
+
+TABLE_OF_LOADS = "normal_n = {distance_m = [0, 9], value = [44, 20]}"
+
+
+def test_a_load_over_distance_needs_a_contact_that_slides():
+    sliding = CONTACT.replace("normal_n = 44.0", TABLE_OF_LOADS)
+    assert parse_scene(sliding).load_at(9.0) == 20.0
+    for shape in ('"disc"\ndiameter_mm = 9.0', '"beam"\nheight_mm = 9.0', '"other"'):
+        text = refused(
+            f"[specimen]\nshape = {shape}\nthickness_mm = 4.0\nfringe_value_n_per_mm = 14.6\n"
+            f"[load]\n{TABLE_OF_LOADS}\ninner_span_mm = 1.0\nouter_span_mm = 2.0\n"
+        )
+        assert "load.normal_n is a table over sliding distance" in text
+        assert "give load.normal_n as a number" in text
+    held = sliding.replace("[load]\n", "[load]\ntangential_n = 2.0\n")
+    text = refused(held + "[friction]\ncoefficient = 0.25\n")
+    assert "load.normal_n is a table" in text and "load.tangential_n" in text
+
+
+def test_dissipated_energy_needs_friction():
+    wear = '[wear]\nlaw = "dissipated_energy"\ncoefficient_mm2_per_n = 1e-9\ndistances_m = [1]\n'
+    text = refused(CONTACT + wear)
+    assert "wear.law = 'dissipated_energy' needs [friction]" in text and "add it" in text
+    assert parse_scene(CONTACT + wear + "[friction]\ncoefficient = 0.1\n").wear.law
+    assert parse_scene(CONTACT + wear.replace("dissipated_energy", "sarkar")).wear.law == "sarkar"
 
 
 def test_wear_and_friction_need_a_body_that_slides():

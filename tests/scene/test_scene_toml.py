@@ -6,6 +6,7 @@ import math
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -35,6 +36,7 @@ from isochrome.scene import (
 positive = st.floats(1e-6, 1e6)
 finite = st.floats(-1e6, 1e6)
 distance = st.floats(0.0, 1e6)
+coefficients = st.floats(-5, 5)
 # any text that a TOML file can hold: no lone surrogates
 names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
 
@@ -49,9 +51,9 @@ def some(kind, **fields):
 
 
 @st.composite
-def tables(draw):
+def tables(draw, value=finite):
     places = sorted(draw(st.lists(distance, min_size=2, max_size=5, unique=True)))
-    values = st.lists(finite, min_size=len(places), max_size=len(places))
+    values = st.lists(value, min_size=len(places), max_size=len(places))
     return DistanceTable(distance_m=places, value=draw(values))
 
 
@@ -120,17 +122,18 @@ indenters = st.builds(
 )
 wears = st.builds(
     Wear,
-    coefficient_mm2_per_n=st.floats(0, 1),
+    coefficient_mm2_per_n=st.floats(0, 1) | tables(st.floats(0, 1)),
+    law=st.sampled_from(["archard", "sarkar"]),
     distances_m=st.lists(distance, min_size=1, max_size=5),
 )
 frictions = st.builds(
-    Friction, coefficient=st.floats(-5, 5) | tables(), static_state_first=st.booleans()
+    Friction, coefficient=coefficients | tables(coefficients), static_state_first=st.booleans()
 )
 contacts = st.fixed_dictionaries(
     {
         "specimen": specimens,
         "indenter": indenters,
-        "load": st.builds(Load, normal_n=positive, bulk_mpa=maybe(finite)),
+        "load": st.builds(Load, normal_n=positive | tables(positive), bulk_mpa=maybe(finite)),
     },
     optional={
         "friction": frictions,
@@ -208,7 +211,7 @@ def test_the_model_follows_from_the_shape(text, model):
     assert parse_scene(f"[specimen]\n{text}\n{rest}{load}").model == model
 
 
-@given(table=tables(), where=distance)
+@given(table=tables(coefficients), where=distance)
 def test_friction_tables_are_linear_between_their_points_and_constant_beyond(table, where):
     scene = load_scene("line-contact-wear").with_values({"friction.coefficient": table})
     places, values = table.distance_m, table.value
@@ -223,6 +226,22 @@ def test_friction_tables_are_linear_between_their_points_and_constant_beyond(tab
         straight = values[k - 1] + share * (values[k] - values[k - 1])
         # rounding of the interpolation, relative to the values it is made of
         assert mu == pytest.approx(straight, rel=1e-9, abs=1e-9 * max(map(abs, values)) + 1e-300)
+
+
+@given(table=tables(positive), where=st.lists(distance, min_size=1, max_size=6))
+def test_load_friction_and_wear_answer_for_many_distances_at_once(table, where):
+    values = {"load.normal_n": table, "wear.coefficient_mm2_per_n": table}
+    scene = load_scene("line-contact-wear").with_values(values)
+    for ask in (scene.load_at, scene.wear_coefficient_at, scene.friction_at):
+        many = ask(np.array([where, where]))
+        assert many.shape == (2, len(where))
+        assert many.tolist() == [[ask(s) for s in where]] * 2
+    assert type(scene.load_at(where[0])) is type(scene.friction_at(where[0])) is float
+
+
+def test_a_scene_without_a_part_has_none_of_it():
+    scene = parse_scene("[specimen]\n")
+    assert scene.load_at(1.0) == scene.friction_at(1.0) == scene.wear_coefficient_at(1.0) == 0.0
 
 
 def test_friction_tables_hit_their_points_exactly():

@@ -120,6 +120,14 @@ def _refuse_unfitted(scene: Scene, key: str) -> None:
     value = scene.get(key)
     if key in _PLACE:
         return
+    if isinstance(value, DistanceTable) and key != "friction.coefficient":
+        raise InputError(
+            f"{key} cannot be fitted: it is a table over distance in this scene; give it as a "
+            "number, or leave it out"
+        )
+    law = scene.wear.law if scene.wear else "archard"
+    if key in ("friction.coefficient", "wear.coefficient_mm2_per_n") and law != "archard":
+        _refuse_unfitted_law(scene, key, law)
     if key.split(".")[0] in ("camera", "frames", "numerics") and key != "camera.pixel_mm":
         raise InputError(
             f"{key} cannot be fitted: the fringes' orders do not follow it; of the camera only "
@@ -134,6 +142,15 @@ def _refuse_unfitted(scene: Scene, key: str) -> None:
         raise InputError(
             f"{key} = {value!r} cannot be fitted: it is no number in this scene; give it one, or "
             "leave it out"
+        )
+
+
+def _refuse_unfitted_law(scene: Scene, key: str, law: str) -> None:
+    """Refuse a key where the depth follows a course of friction that no single frame tells."""
+    if scene.friction and isinstance(scene.friction.coefficient, DistanceTable):
+        raise InputError(
+            f"{key} cannot be fitted: with wear.law = '{law}' the depth follows the whole course "
+            "of friction.coefficient; give that as a number, or set wear.law = 'archard'"
         )
 
 

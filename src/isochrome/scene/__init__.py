@@ -2,7 +2,6 @@
 
 from isochrome.scene.parts import (
     Camera,
-    DistanceTable,
     Frames,
     Friction,
     Indenter,
@@ -17,6 +16,7 @@ from isochrome.scene.parts import (
     Wear,
 )
 from isochrome.scene.scene import Scene
+from isochrome.scene.tables import DistanceTable
 from isochrome.scene.toml import dump_scene, load_scene, parse_scene, scene_names
 
 __all__ = [

@@ -21,8 +21,9 @@ from pydantic import (
 from isochrome.scene.tables import (
     NUMBER,
     TABLE,
-    DistanceTable,
+    Coefficient,
     Finite,
+    FrictionTable,
     NonNegative,
     NonNegativeTable,
     Part,
@@ -96,8 +97,8 @@ class Friction(Part):
     """Coulomb friction, q = mu p along +x; a number, or a table over distance."""
 
     coefficient: Annotated[
-        Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False), Tag(NUMBER)]
-        | Annotated[DistanceTable, Tag(TABLE)],
+        Annotated[Coefficient, Tag(NUMBER)]
+        | Annotated[FrictionTable, BeforeValidator(as_dict), Tag(TABLE)],
         Discriminator(form),
     ]
     static_state_first: bool = False

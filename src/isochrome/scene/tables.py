@@ -19,6 +19,7 @@ Distance = TypeVar("Distance", float, "Floats")
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Coefficient = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
 
 
 class Part(BaseModel):
@@ -57,6 +58,12 @@ class PositiveTable(DistanceTable):
     """A table of values above zero."""
 
     value: Annotated[tuple[Positive, ...], Field(min_length=2)]
+
+
+class FrictionTable(DistanceTable):
+    """A table of friction coefficients."""
+
+    value: Annotated[tuple[Coefficient, ...], Field(min_length=2)]
 
 
 class NonNegativeTable(DistanceTable):
