@@ -110,6 +110,14 @@ def test_simulate_in_json_is_the_history(isochrome):
     assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
 
 
+def test_simulate_gives_the_principal_stresses_to_whoever_asks(isochrome, place):
+    done = isochrome("simulate", "small.toml", "--out", "Spannung", "--components")
+    assert (done.code, done.err) == (0, "")
+    assert "shear_max_mpa" in done.out and "shear_max_z_mm" in done.out
+    maps = {"sigma_1", "sigma_2", "sigma_1_direction", "sigma_x", "sigma_z", "tau_xz"}
+    assert {f"{name}.tif" for name in maps} | {"stress.png"} <= files_in(place / "Spannung")
+
+
 def test_simulating_twice_gives_the_same_bytes(captured, isochrome, place):
     assert isochrome("simulate", "small.toml", "--out", "twice").code == 0
     for name in ("history.csv", "frames.tif", "pressure.csv", "fringe_order.tif"):
