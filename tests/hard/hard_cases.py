@@ -1,0 +1,153 @@
+"""What the hard cases share: scenes from text, profiles as files, and an independent dense contact.
+
+The influence of a hat-shaped pressure is written here anew, half a hat at a time, so that no
+solution is judged by the operator that made it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isochrome.reference import (
+    contact_modulus,
+    coupling_modulus_inverse,
+    hertz_half_width,
+    hertz_peak_pressure,
+)
+from isochrome.scene import parse_scene
+
+PAIR = (2100.0, 0.4, 210000.0, 0.3)
+MODULUS, COUPLING = contact_modulus(*PAIR), coupling_modulus_inverse(*PAIR)
+RADIUS, LOAD, WEAR = 24.61, 11.0, 2e-9
+HALF_WIDTH = hertz_half_width(LOAD, RADIUS, MODULUS)
+PEAK = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
+FLAT = 'shape = "flat"\nhalf_width_mm = 0.5'
+
+_SCENE = """
+[specimen]
+young_gpa = {young}
+poisson = {poisson}
+thickness_mm = {thickness}
+fringe_value_n_per_mm = 14.6
+[indenter]
+{indenter}
+young_gpa = {other_young}
+poisson = {other_poisson}
+[load]
+normal_n = {load}
+{rest}
+"""
+
+
+def contact_scene(
+    rest="",
+    *,
+    indenter=f"radius_mm = {RADIUS}",
+    load=44.0,
+    thickness=4.0,
+    pair=(2.1, 0.4, 210.0, 0.3),
+    folder=None,
+):
+    """The paper's pair (GPa) and load, without a camera, unless told otherwise."""
+    young, poisson, other_young, other_poisson = pair
+    text = _SCENE.format(
+        young=young,
+        poisson=poisson,
+        thickness=thickness,
+        indenter=indenter,
+        other_young=other_young,
+        other_poisson=other_poisson,
+        load=load,
+        rest=rest,
+    )
+    return parse_scene(text, folder=folder)
+
+
+def worn(distances, *, k=WEAR, friction=None, spacing=None, window=None, tolerance=None):
+    """The text of [wear], [friction] and [numerics]."""
+    lines = [f"[wear]\ncoefficient_mm2_per_n = {k}\ndistances_m = {list(map(float, distances))}"]
+    if friction is not None:
+        lines.append(f"[friction]\ncoefficient = {friction}")
+    lines.append(numerics(spacing=spacing, window=window, tolerance=tolerance))
+    return "\n".join(lines)
+
+
+def numerics(*, spacing=None, window=None, tolerance=None):
+    """The text of [numerics]."""
+    given = {"spacing_mm": spacing, "window_mm": window, "tolerance": tolerance}
+    lines = [f"{key} = {value}" for key, value in given.items() if value is not None]
+    return "\n".join(["[numerics]", *lines])
+
+
+def write_profile(folder, x, gap, name="profile.csv"):
+    """A profile file; returns the line that names it in a scene."""
+    rows = [f"{float(a)!r},{float(b)!r}" for a, b in zip(x, gap, strict=True)]
+    (folder / name).write_text("\n".join(["x_mm,gap_mm", *rows, ""]), "utf-8")
+    return f'profile = "{name}"'
+
+
+def influence(x, *, modulus=MODULUS, coupling=0.0, friction=0.0):
+    """Dense matrix of u at x under unit hats at x, mm/MPa: closed form, half a hat at a time."""
+    h = x[1] - x[0]
+    distance = x[:, None] - x[None, :]
+    logarithm = _half_hat(distance, h) + _half_hat(-distance, h)
+    ahead = np.triu(np.full(distance.shape, h), 1) + np.diag(np.full(len(x), 0.5 * h))
+    return -2.0 / (np.pi * modulus) * logarithm - 0.5 * coupling * friction * ahead
+
+
+def _half_hat(y, h):
+    """∫_0^h (1 - s/h) ln|y - s| ds, by parts."""
+    return (1.0 - y / h) * (_log_1(y) - _log_1(y - h)) + (_log_y(y) - _log_y(y - h)) / h
+
+
+def _log_1(y):
+    """Antiderivative of ln|y|."""
+    safe = np.where(y == 0.0, 1.0, np.abs(y))
+    return y * np.log(safe) - y
+
+
+def _log_y(y):
+    """Antiderivative of y ln|y|."""
+    safe = np.where(y == 0.0, 1.0, np.abs(y))
+    return 0.5 * y * y * np.log(safe) - 0.25 * y * y
+
+
+@dataclass(frozen=True)
+class Violation:
+    """How far a pressure is from a contact: all relative, all zero for an exact solution.
+
+    `tension`, largest -p over p_max; `overlap`, largest -gap where there is no pressure, and
+    `opening`, largest |gap| where there is, over the range of the displacement; `balance`, of load.
+    """
+
+    tension: float
+    overlap: float
+    opening: float
+    balance: float
+
+    @property
+    def worst(self):
+        """The largest of the four."""
+        return max(self.tension, self.overlap, self.opening, self.balance)
+
+
+def violation(x, pressure, gap, load, **pair):
+    """The conditions p >= 0, gap >= 0, p·gap = 0, h Σp = P' by the dense matrix; see Violation."""
+    u = influence(x, **pair) @ pressure
+    inside = pressure > 0.0
+    level = gap + u
+    level = level - level[inside].mean()
+    return Violation(
+        tension=max(0.0, -pressure.min()) / pressure.max(),
+        overlap=max(0.0, -level[~inside].min(initial=0.0)) / np.ptp(u),
+        opening=np.abs(level[inside]).max() / np.ptp(u),
+        balance=abs(pressure.sum() * (x[1] - x[0]) / load - 1.0),
+    )
+
+
+def patches(pressure):
+    """Count of separate stretches of contact."""
+    inside = np.r_[False, pressure > 0.0]
+    return int(np.count_nonzero(np.diff(inside.astype(int)) == 1))
