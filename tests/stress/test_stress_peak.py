@@ -132,6 +132,23 @@ def test_a_window_without_material_is_refused(window):
         largest_shear(nodes, p, None, within=window)
 
 
+def test_tractions_that_are_not_finite_are_refused():
+    nodes, p = hertz_nodes(201)
+    with pytest.raises(InputError, match="shear_mpa holds NaN"):
+        largest_shear(nodes, p, np.where(p > 0, np.nan, 0.0), within=WINDOW)
+
+
+@pytest.mark.parametrize("loaded", [0, 7, 10])
+def test_one_loaded_node_is_enough(loaded):
+    """A hat alone, at an end or not: under a line load hP the largest shear is on its axis."""
+    nodes = 0.1 * np.arange(11)
+    p = np.where(np.arange(11) == loaded, 4.0, 0.0)
+    peak = largest_shear(nodes, p, None, within=(-1.0, 2.0, 5.0, 6.0))
+    assert (peak.x_mm, peak.z_mm) == pytest.approx((nodes[loaded], 5.0), abs=1e-6)
+    # Flamant's P'/(pi z); the hat's own spread, (h/z)² = 4e-4
+    assert peak.shear_mpa == pytest.approx(4.0 * 0.1 / (np.pi * 5.0), rel=4e-4)
+
+
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), bulk=st.sampled_from([0.0, -1.0, 2.0]))
 def test_no_place_in_the_window_has_more(seed, bulk):
