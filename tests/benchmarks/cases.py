@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 from isochrome.bench import Row
 
-from . import case_frames, case_pressure, case_stress, case_wear
+from . import case_frames, case_memory, case_pressure, case_stress, case_wear
 
 PEERS = {"tamaas": "tamaas", "ContactMechanics": "ContactMechanics"}
 
@@ -29,5 +29,6 @@ CASES = {
     "wear": case_wear.wear,
     "stress": case_stress.stress,
     "frames": case_frames.frames,
+    "memory": case_memory.memory,
     "peers": peers,
 }
