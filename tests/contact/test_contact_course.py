@@ -109,6 +109,7 @@ def test_load_and_friction_follow_the_dose_where_it_bends_and_where_it_stops():
         friction__coefficient=table((0.0, 0.1), (100.0, 0.4)),
         load__normal_n=table((0.0, 20.0), (100.0, 60.0)),
         wear__distances_m=(100.0,),
+        numerics__tolerance=1e-6,
     )
     course, (stop,) = wear_course(case)
     full = stop.dose_mm_per_mpa
@@ -116,7 +117,7 @@ def test_load_and_friction_follow_the_dose_where_it_bends_and_where_it_stops():
     for share in np.r_[np.random.default_rng(1).uniform(0, 1, 200), 1 - 1e-9, 0.0, 1.0]:
         done = 1.0 - np.sqrt(1.0 - share)
         load, mu = course.at(share * full)
-        # what the samples are laid for, 1e-9 of the largest value, and the dose's own rounding
+        # what the samples are laid for, a thousandth of the tolerance, and the dose's own rounding
         rounding = 2e-16 / max(np.sqrt(1.0 - share), 1.5e-8)
         assert mu == pytest.approx(0.1 + 0.3 * done, abs=0.4 * (1e-9 + rounding))
         assert THICKNESS * load == pytest.approx(20.0 + 40.0 * done, abs=60.0 * (1e-9 + rounding))

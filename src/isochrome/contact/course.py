@@ -1,31 +1,22 @@
 r"""The course of a run: wear dose, load and friction over the sliding distance.
 
 Every wear law here has the form dh = kappa(s) p ds, so that the distance enters only through the
-dose K(s) = ∫ kappa ds (mm/MPa) and dh/dK = p. kappa is piecewise smooth between the points of the
-scene's tables: Gauss-Legendre quadrature of each smooth stretch gives K to rounding. Load and
-friction are linear in the distance, not in the dose; each stretch is halved until they are linear
-in the dose as well, which puts samples densely where kappa vanishes and sparsely elsewhere.
+dose K(s) = ∫ kappa ds (mm/MPa) and dh/dK = p.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 import numpy as np
 
+from isochrome.contact.sampling import integral, kinks_of, sampled
 from isochrome.contact.surface import Floats
-from isochrome.scene import DistanceTable, Scene
+from isochrome.scene import Scene
 
 Value = TypeVar("Value", float, Floats)
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_STRAIGHT = 1e-9
-"""Largest error of the linear interpolation in the dose, over the largest value."""
-_FRICTION_STRETCH = 0.25
-"""Change of mu over a stretch: sqrt(1 + 3 mu²), singular at mu = ± i/√3, is then exact to 1e-15."""
-_MAX_HALVINGS = 40
 
 
 @dataclass(frozen=True)
@@ -115,11 +106,11 @@ def wear_course(scene: Scene) -> tuple[Course, list[Stop]]:
         law = scene.wear.law if scene.wear else "archard"
         return 1e3 * wear_rate(law, scene.wear_coefficient_at(s), scene.friction_at(s))
 
-    kinks = _kinks(scene, float(asked.max()))
-    s = _sampled(scene, rate, _stretches(scene, kinks))
-    dose = np.concatenate([[0.0], np.cumsum(_integral(rate, s[:-1], s[1:]))])
+    kinks = kinks_of(scene, float(asked.max()))
+    s = sampled(scene, rate, kinks)
+    dose = np.concatenate([[0.0], np.cumsum(integral(rate, s[:-1], s[1:]))])
     below = np.searchsorted(s, asked, side="right") - 1
-    doses = dose[below] + _integral(rate, s[below], asked)
+    doses = dose[below] + integral(rate, s[below], asked)
     inside = np.unique(dose[np.isin(s, kinks)])
     course = Course(
         s,
@@ -151,65 +142,3 @@ def constant_course(
     course = Course(ends, dose_per_m * ends, line_load_n_per_mm * shape, friction * shape)
     stops = [Stop(d, dose_per_m * d, line_load_n_per_mm, friction) for d in asked.tolist()]
     return course, stops
-
-
-def _kinks(scene: Scene, end: float) -> Floats:
-    """Distances in 0..end at which a slope changes: table points, and zeros of mu in |mu|."""
-    assert scene.load is not None
-    friction = scene.friction.coefficient if scene.friction else 0.0
-    wear = scene.wear.coefficient_mm2_per_n if scene.wear else 0.0
-    found = [0.0, end]
-    for table in (scene.load.normal_n, friction, wear):
-        if isinstance(table, DistanceTable):
-            found += table.distance_m
-    if isinstance(friction, DistanceTable):
-        s, mu = np.array(friction.distance_m), np.array(friction.value)
-        i = np.flatnonzero(mu[:-1] * mu[1:] < 0.0)
-        found += (s[i] - mu[i] * (s[i + 1] - s[i]) / (mu[i + 1] - mu[i])).tolist()
-    kinks = np.unique(found)
-    return kinks[kinks <= end]
-
-
-def _stretches(scene: Scene, kinks: Floats) -> Floats:
-    """The kinks, and points between them so that mu changes little from one to the next."""
-    change = np.abs(np.diff(scene.friction_at(kinks)))
-    parts = np.maximum(1, np.ceil(change / _FRICTION_STRETCH)).astype(int)
-    pieces = [
-        np.linspace(a, b, n, endpoint=False)
-        for a, b, n in zip(kinks[:-1], kinks[1:], parts, strict=True)
-    ]
-    return np.concatenate([*pieces, kinks[-1:]])
-
-
-def _integral(rate: Callable[[Floats], Floats], a: Floats, b: Floats) -> Floats:
-    """∫ rate ds from a to b (m,), each within a smooth stretch, by Gauss-Legendre quadrature."""
-    half = 0.5 * (b - a)
-    values = rate((0.5 * (a + b))[:, None] + half[:, None] * _NODES)
-    return half * np.einsum("ij,j->i", values, _WEIGHTS)
-
-
-def _sampled(scene: Scene, rate: Callable[[Floats], Floats], s: Floats) -> Floats:
-    """Stretches halved until load and mu are linear in the dose, looked at in two places.
-
-    In one place, an inflection of the dose could pass for a straight line.
-    """
-    samples, a, b = [s], s[:-1], s[1:]
-    scale = [np.abs(f(s)).max() or 1.0 for f in (scene.load_at, scene.friction_at)]
-    for _ in range(_MAX_HALVINGS):
-        bent = np.zeros(len(a), dtype=bool)
-        whole = _integral(rate, a, b)
-        change = np.maximum(
-            np.abs(scene.load_at(b) - scene.load_at(a)) / scale[0],
-            np.abs(scene.friction_at(b) - scene.friction_at(a)) / scale[1],
-        )
-        for place in (0.25, 0.5):
-            part = _integral(rate, a, a + place * (b - a))
-            share = np.divide(part, whole, out=np.full(len(a), place), where=whole > 0.0)
-            bent |= np.abs(share - place) * change > _STRAIGHT
-        if not bent.any():
-            break
-        a, b = a[bent], b[bent]
-        middle = 0.5 * (a + b)
-        samples.append(middle)
-        a, b = np.concatenate([a, middle]), np.concatenate([middle, b])
-    return np.sort(np.concatenate(samples))
