@@ -17,8 +17,14 @@ from typing import Any
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
+from scipy.linalg import toeplitz
 
 Floats = NDArray[np.floating]
+
+COARSER = 4
+"""Spacing of the next coarser grid over this one's."""
+_DENSE = 256
+"""Nodes up to which the operator is kept as a matrix: there a direct solve is the fastest."""
 
 _NEAR = 20
 """Lags below which the antiderivative's second difference is used; above, its series."""
@@ -28,18 +34,21 @@ _NEAR = 20
 class Surface:
     """The surface operator of one grid: spectra made once, used by every solve.
 
-    `nodes` and `spacing_mm` are the grid; `normal` and `coupling` the spectra of the two influence
-    kernels (mm per MPa; the second is per unit mu); `lattice_*` the same kernels' symbols on an
-    endless grid, the inverse of which is the preconditioner; `coarse` the same surface with every
-    fourth node, where a cold start begins (None on a small grid).
+    `nodes` and `spacing_mm` are the grid; `modulus_mpa` is E*; `normal` and `coupling` the spectra
+    of the two influence kernels (mm per MPa; the second is per unit mu); `lattice_*` the same
+    kernels' symbols on an endless grid, the inverse of which is the preconditioner; `dense`, on a
+    small grid, the two kernels as matrices, and else `coarse`, the same surface with every fourth
+    node, where a cold start begins.
     """
 
     nodes: int
     spacing_mm: float
+    modulus_mpa: float
     normal: NDArray[np.complex128] = field(repr=False)
     coupling: NDArray[np.complex128] | None = field(repr=False)
     lattice_normal: Floats = field(repr=False)
     lattice_coupling: NDArray[np.complex128] | None = field(repr=False)
+    dense: tuple[Floats, Floats | None] | None = field(repr=False)
     coarse: Surface | None = field(repr=False)
 
     @property
@@ -61,25 +70,30 @@ def make_surface(
     length = int(scipy.fft.next_fast_len(2 * n, real=True))
     half = -2.0 / (np.pi * contact_modulus_mpa) * log_of_hat(n, h)
     theta = 2.0 * np.pi * np.arange(length // 2 + 1) / length
-    coupling = lattice_coupling = None
+    coupling = lattice_coupling = ahead = None
     if coupling_per_mpa != 0.0:
         step = 0.25 * coupling_per_mpa * h
-        coupling = scipy.fft.rfft(_circular(np.r_[0.0, np.full(n - 1, step)], length, odd=True))
+        ahead = np.r_[0.0, np.full(n - 1, step)]
+        coupling = scipy.fft.rfft(_circular(ahead, length, odd=True))
         with np.errstate(divide="ignore", invalid="ignore"):
             lattice_coupling = -1j * step / np.tan(theta / 2.0)
         lattice_coupling[0] = 0.0
     return Surface(
         nodes=n,
         spacing_mm=h,
+        modulus_mpa=contact_modulus_mpa,
         normal=scipy.fft.rfft(_circular(half, length)),
         coupling=coupling,
         lattice_normal=2.0 * h / contact_modulus_mpa * _lattice_symbol(theta),
         lattice_coupling=lattice_coupling,
+        dense=None
+        if n > _DENSE
+        else (toeplitz(half), None if ahead is None else toeplitz(ahead, -ahead)),
         coarse=None
-        if n < 256
+        if n <= _DENSE
         else make_surface(
-            (n - 1) // 4 + 1,
-            4.0 * h,
+            (n - 1) // COARSER + 1,
+            COARSER * h,
             contact_modulus_mpa=contact_modulus_mpa,
             coupling_per_mpa=coupling_per_mpa,
         ),
