@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -149,6 +149,11 @@ def test_one_loaded_node_is_enough(loaded):
     assert peak.shear_mpa == pytest.approx(4.0 * 0.1 / (np.pi * 5.0), rel=4e-4)
 
 
+# these hide a hill between the nodes, near the surface
+@example(seed=366, bulk=-1.0)
+@example(seed=115, bulk=2.0)
+@example(seed=87, bulk=2.0)
+@example(seed=272, bulk=2.0)
 @settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), bulk=st.sampled_from([0.0, -1.0, 2.0]))
 def test_no_place_in_the_window_has_more(seed, bulk):
