@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from isochrome.bench import Row
-from isochrome.contact import make_surface, wear_history
+from isochrome.contact import constant_course, make_surface, wear_history
 
 from . import paper_procedure as paper
 from .common import (
@@ -76,11 +76,10 @@ def _calls(n, distances, runs):
     elements = paper.make_elements(n, HALF_MM, friction=FRICTION, **kinds)
     surface = make_surface(n, elements.dx_mm, **kinds)
     gap = elements.x_mm**2 / (2.0 * RADIUS)
-    friction = np.full(len(distances), FRICTION)
+    course, stops = constant_course(LOAD, distances, dose_per_m=1e3 * WEAR, friction=FRICTION)
 
     def ours(tolerance):
-        doses = WEAR * 1e3 * distances
-        states = wear_history(surface, gap, LOAD, doses, friction=friction, tolerance=tolerance)
+        states = wear_history(surface, gap, course, stops, tolerance=tolerance)
         return [(state.contact.pressure, state.depth_mm) for state in states]
 
     def explicit(step_mm):
