@@ -20,6 +20,7 @@ from hard_cases import (
 )
 
 from isochrome.contact import contact_states, make_surface, solve_pressure
+from isochrome.errors import PhysicsError
 from isochrome.reference import (
     contact_modulus,
     coupled_contact,
@@ -140,6 +141,52 @@ def test_pressure_leaves_each_edge_with_the_exponent_of_the_closed_form(name):
     slope = np.polyfit(np.log(s / (2.0 * a - s)), np.log(left / right), 1)[0]
     # an edge misplaced by half a node, 1/40 of the nearest s, turns ln p by 1/2 of that at most
     assert slope == pytest.approx(-2.0 * exact.exponent, abs=0.01)
+
+
+@pytest.mark.parametrize("friction", [0.25, 1.0, -1.0])
+def test_sliding_flat_leans_to_one_corner_as_the_closed_form_does(friction):
+    """Goes wrong: with corners the coupling's jump is lost, and both corners press alike.
+
+    p = P' cos(pi e)/(pi sqrt(a² - x²)) ((a - x)/(a + x))^e, tan(pi e) = mu beta: Johnson (1985),
+    Contact Mechanics, section 2.8(b), with the sign that moves a cylinder to -x.
+    """
+    pair = (2.1, 0.0, 2.1e9, 0.5)  # beta = 1/2
+    rest = f"[friction]\ncoefficient = {friction}\n"
+    errors = []
+    for spacing in (0.005, 0.0025):
+        scene = contact_scene(rest + numerics(spacing=spacing), indenter=FLAT, pair=pair)
+        (state,) = contact_states(scene)
+        x = state.grid.x_mm
+        inside = np.abs(x) < 0.4
+        t = x[inside] / 0.5
+        e = np.arctan(0.5 * friction) / np.pi
+        exact = LOAD * np.cos(np.pi * e) / (0.5 * np.pi * np.sqrt(1.0 - t**2))
+        exact *= ((1.0 - t) / (1.0 + t)) ** e
+        errors.append(np.abs(state.pressure_mpa[inside] / exact - 1.0).max())
+    # first order, from the corner's hats, of which the sharper one weighs more: (1/2 + e) h/a
+    # at t = 0.8, over 1 - t
+    assert 1.8 < errors[0] / errors[1] < 2.2
+    assert errors[1] < (0.5 + abs(e)) * 0.005 / 0.2
+
+
+@pytest.mark.parametrize("friction", [2.0, 5.0, -5.0])
+def test_friction_far_beyond_the_flats_limit_ends_rightly_or_in_a_refusal(friction):
+    """Goes wrong: at mu beta = 5/2 the corner's pressure runs away and the contact sets cycle."""
+    pair = (2.1, 0.0, 2.1e9, 0.5)
+    rest = f"[friction]\ncoefficient = {friction}\n" + numerics(spacing=0.01)
+    try:
+        (state,) = contact_states(contact_scene(rest, indenter=FLAT, pair=pair))
+    except PhysicsError as refusal:
+        assert "lower friction.coefficient" in str(refusal)  # noqa: PT017 - either answer is right
+        return
+    mpa = (1e3 * pair[0], pair[1], 1e3 * pair[2], pair[3])
+    x, p = state.grid.x_mm, state.pressure_mpa
+    gap = np.where(np.abs(x) > 0.5 + 1e-9, 1e3, 0.0)
+    found = violation(
+        x, p, gap, LOAD, modulus=contact_modulus(*mpa), coupling=coupling_modulus_inverse(*mpa),
+        friction=friction,
+    )  # fmt: skip
+    assert found.worst < 1e-8
 
 
 def test_reversed_friction_mirrors_any_profiles_mirrored_pressure(tmp_path):

@@ -230,6 +230,20 @@ def test_friction_that_changes_sign_mirrors_when_its_table_does():
     assert centres[0] < -0.02 and centres[-1] > centres[2] + 0.01
 
 
+def test_friction_is_the_tables_at_every_distance_where_nothing_wears():
+    """Goes wrong: without wear all distances are the same dose, and share one state's friction."""
+    states = turning(FORTH, k=0.0)
+    moduli = pair_modulus()
+    for state in states:
+        x, p = state.grid.x_mm, state.pressure_mpa
+        mu = np.interp(state.distance_m, [0.0, 120.0, 233.0], [0.25, 0.25, -0.25])
+        assert state.friction == pytest.approx(mu, abs=1e-14)
+        found = violation(
+            x, p, x**2 / (2.0 * RADIUS), LOAD, modulus=moduli[0], coupling=moduli[1], friction=mu
+        )
+        assert found.worst < 1e-7 and not state.wear_depth_mm.any()
+
+
 def test_reversed_friction_wears_as_brute_force_says():
     """Goes wrong: friction between two states is not the table's, and the scar leans wrongly."""
     distances = (120.0, 233.0)
