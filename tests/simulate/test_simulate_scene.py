@@ -7,6 +7,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError, PhysicsError
+from isochrome.frames import open_frames
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.reference import coupled_contact, dundurs_beta
 from isochrome.scene import dump_scene, load_scene, parse_scene
@@ -185,6 +186,32 @@ def test_a_phase_stepped_scene_gives_a_frame_for_each_step_and_state():
     dark = simulate(SMALL).frames[0].astype(int)
     assert np.abs(one[0] + one[2] - dark).max() <= 2
     assert np.abs(one[1] + one[3] - dark).max() <= 2
+
+
+@pytest.mark.parametrize(
+    ("bits", "dtype"), [(8, np.uint8), (12, np.uint16), (None, np.float32)], ids=str
+)
+def test_a_colour_cameras_frames_are_rgb_in_memory_and_on_disk(tmp_path, bits, dtype):
+    steps = ({"polariser_deg": 90.0, "analyser_deg": 0.0},) * 2
+    scene = SMALL.with_values(
+        {
+            "camera.colour": True,
+            "camera.bit_depth": bits,
+            "polariscope.light": "white",
+            "polariscope.step": steps,
+            "wear.distances_m": (0.0,),
+        }
+    )
+    frames = simulate(scene).frames
+    assert frames.shape == (2 * 2, 123, 165, 3) and frames.dtype == dtype
+    assert (frames[..., 0] != frames[..., 2]).any()
+    simulate(scene, tmp_path)
+    with tifffile.TiffFile(tmp_path / "frames.tif") as tif:
+        assert {int(page.photometric) for page in tif.pages} == {2}  # RGB
+        np.testing.assert_array_equal(np.stack([page.asarray() for page in tif.pages]), frames)
+    for k, channel in enumerate(("red", "green", "blue")):
+        with open_frames(tmp_path / "frames.tif", channel=channel) as reader:
+            np.testing.assert_array_equal(np.stack([f.image for f in reader]), frames[..., k])
 
 
 def test_above_the_surface_there_is_no_light_and_no_order():

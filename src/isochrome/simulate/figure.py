@@ -26,7 +26,7 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
     curves = items[0].state.surface is not None
     aspect = pixels.rows / pixels.cols
     height = image_rows * (3.6 * aspect + 0.7) + (3.2 if curves else 0.3) + 0.4
-    figure = new_figure(3.9 * cols + 0.5, height)
+    figure = new_figure(max(3.9 * cols + 0.5, 7.5 if curves else 0.0), height)
     upper: Any = figure
     lower: Any = None
     if curves:
@@ -55,7 +55,12 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
         ax.set_visible(False)
     if lower is not None:
         _curves(lower.subplots(1, 2), items)
-    upper.suptitle(f"{scene.name}, simulated (rendered frames)", fontsize=11)
+        if len(items) > 1:
+            handles, labels = lower.axes[0].get_legend_handles_labels()
+            lower.legend(handles, labels, fontsize=8, frameon=False, loc="outside right center")
+    steps = len(scene.polariscope.step)
+    which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
+    upper.suptitle(f"{scene.name}, simulated ({which})", fontsize=11)
     return figure
 
 
@@ -74,4 +79,3 @@ def _curves(axes: np.ndarray, items: list[Rendered]) -> None:
         style_axes(ax, x_label="x (mm)", z_label=name)
         ax.set_xlim(-1.25 * widest, 1.25 * widest)
         ax.grid(alpha=0.3, lw=0.5)
-    axes[0].legend(fontsize=8, frameon=False, loc="upper right")

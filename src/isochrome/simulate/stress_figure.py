@@ -64,10 +64,8 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
         extend = ends.get((low < -limit, high > limit), "neither")
         bar = add_colour_bar(drawn, label, axes=list(axes[: len(items)]), extend=extend)
         bar.ax.set_ylim(max(low, -limit), min(high, limit))
-    edges = ", ▼ edges of contact" if scene.model == "contact" else ""
-    figure.suptitle(
-        f"{scene.name}: principal stresses (tension positive); × largest shear{edges}", fontsize=11
-    )
+    marks = "× largest shear" + (", ▼ edges of contact" if scene.model == "contact" else "")
+    figure.suptitle(f"{scene.name}, simulated: principal stresses\n{marks}", fontsize=11)
     return figure
 
 
