@@ -187,6 +187,11 @@ def test_no_load_frames_take_the_unevenness(beam_frame, tmp_path):
         (("pixel_mm = 0.07\n", ""), "camera.pixel_mm"),
         (("[beam]", "[disc]\ndiameter_mm = 3\n[beam]"), r"either \[beam\] or \[disc\]"),
         (("height_mm = 20.0", "height_mm = -2"), "beam.height_mm = -2"),
+        (("[beam]", '[polariscope]\nfield = "plane"\n[beam]'), "circular dark or bright field"),
+        (
+            ("[beam]", '[polariscope]\nwavelength_nm = 587.0\nlight = "white"\n[beam]'),
+            "at one wavelength",
+        ),
         (("bit_depth = 8", "bit_depth = 8\n[[image]]\nload_n = 3.0"), "file.*missing"),
     ],
 )

@@ -122,3 +122,71 @@ def test_a_camera_does_not_change_the_signal_it_is_given():
     signal = FLAT.copy()
     expose(signal, Camera(bit_depth=8, gamma=2.0, vignette=0.2, noise_grey=1.0, blur_px=1.0))
     np.testing.assert_array_equal(signal, FLAT)
+
+
+@given(bits=st.integers(1, 16), shape=st.sampled_from([(7, 9), (7, 9, 3)]))
+def test_every_depth_saturates_and_blackens_at_its_ends(bits, shape):
+    """Light from -1 to 2: what is over full scale is full, what is under nothing is nothing."""
+    light = np.linspace(-1.0, 2.0, int(np.prod(shape))).reshape(shape)
+    seen = expose(light, Camera(bit_depth=bits, noise_grey=0.1))
+    full = 2**bits - 1
+    assert seen.shape == shape and seen.dtype == (np.uint8 if bits <= 8 else np.uint16)
+    # noise of a tenth of a level: five of them are half a level at most
+    np.testing.assert_array_equal(seen[light > 1.0 + 1.0 / full], full)
+    np.testing.assert_array_equal(seen[light < -1.0 / full], 0)
+
+
+@pytest.mark.parametrize("bits", [1, 4, 8, 10])
+def test_single_precision_gives_the_grey_levels_of_double(bits):
+    """A level may differ only where the light stands on the edge between two, to 1e-7."""
+    light = np.random.default_rng(0).uniform(0.0, 1.0, (300, 400)).astype(np.float32)
+    full = 2**bits - 1
+    single = expose(light, Camera(bit_depth=bits)).astype(float)
+    exact = light.astype(float) * full
+    # half a level, and a rounding of single precision at full scale
+    assert np.abs(single - exact).max() <= 0.5 + 1.2e-7 * full
+
+
+def test_shot_and_read_noise_add_in_variance_and_gamma_stretches_the_shot_noise():
+    wells, read, bits, gamma, level = 20_000.0, 3.0, 12, 2.0, 0.36
+    camera = Camera(
+        bit_depth=bits, full_well_electrons=wells, noise_grey=read, gamma=gamma, seed=11
+    )
+    seen = expose(np.full((400, 500), level), camera).astype(float)
+    full = 2**bits - 1
+    # sigma of L^(1/gamma) is L^(1/gamma - 1)/gamma sigma of L; read noise after it; rounding 1/12
+    slope = level ** (1 / gamma - 1) / gamma
+    variance = (slope * full) ** 2 * level / wells + read**2 + 1 / 12
+    # five standard errors of a variance, and the curve's second order, level/wells/level² = 1e-4
+    assert seen.var() == pytest.approx(variance, rel=5 * np.sqrt(2 / seen.size) + 5e-4)
+
+
+def test_noise_is_independent_in_every_pixel_and_channel():
+    camera = Camera(noise_grey=0.02, full_well_electrons=4000.0, seed=5)
+    seen = expose(np.full((200, 300, 3), 0.5), camera).astype(float) - 0.5
+    variance = 0.02**2 + 0.5 / 4000.0
+    n = seen[..., 0].size
+    cross = np.cov(seen.reshape(-1, 3).T)
+    # five standard errors of variances and covariances
+    np.testing.assert_allclose(np.diag(cross), variance, rtol=5 * np.sqrt(2 / n))
+    np.testing.assert_allclose(cross - np.diag(np.diag(cross)), 0, atol=5 * variance / np.sqrt(n))
+    beside = (seen[:, 1:] * seen[:, :-1]).mean()
+    assert abs(beside) < 5 * variance / np.sqrt(seen.size)
+
+
+def test_the_channels_of_a_frame_do_not_mix():
+    """Each channel of a colour frame is what a grey camera makes of it: blur, vignette and all."""
+    light = np.random.default_rng(2).uniform(0.0, 1.0, (31, 42, 3))
+    camera = Camera(
+        bit_depth=12, blur_px=1.5, vignette=0.3, gamma=1.8, background=0.03, brightness=0.9
+    )
+    seen = expose(light, camera)
+    assert seen.shape == light.shape and seen.dtype == np.uint16
+    for channel in range(3):
+        np.testing.assert_array_equal(seen[..., channel], expose(light[..., channel], camera))
+
+
+def test_a_colour_frame_repeats_with_its_seed():
+    light = np.full((20, 30, 3), 0.4)
+    camera = Camera(bit_depth=8, noise_grey=3.0, full_well_electrons=3000.0, colour=True, seed=1)
+    np.testing.assert_array_equal(expose(light, camera), expose(light, camera))

@@ -1,4 +1,4 @@
-"""The polariscope against explicit Jones products, and finite pixels against brute force."""
+"""The polariscope against explicit Jones products and closed forms; the stress-optic law."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isochrome.optics import fringe_order, make_chain, pixel_visibility, polariscope_signal
+from isochrome.optics import fringe_order, make_chain, polariscope_signal
 from isochrome.optics.polariscope import Chain
 from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure
 from isochrome.scene import Polariscope, PolariscopeStep
@@ -16,28 +16,8 @@ angles = st.floats(-360.0, 360.0)
 orders = st.floats(0.0, 50.0)
 
 
-def rotated(matrix, angle):
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, -s], [s, c]])
-    return turn @ matrix @ turn.T
-
-
-def jones_retarder(retardance, axis):
-    """A retarder as two phases along and across its axis: the textbook form, no half angles."""
-    return rotated(np.diag([np.exp(-0.5j * retardance), np.exp(0.5j * retardance)]), axis)
-
-
-def jones_intensity(step, order, theta, plate):
-    """Analyser · plate · specimen · plate · polariser, multiplied out."""
-    rad = np.deg2rad
-    field = np.array([np.cos(rad(step.polariser_deg)), np.sin(rad(step.polariser_deg))], complex)
-    if step.input_plate_deg is not None:
-        field = jones_retarder(plate, rad(step.input_plate_deg)) @ field
-    field = jones_retarder(2 * np.pi * order, theta) @ field
-    if step.output_plate_deg is not None:
-        field = jones_retarder(plate, rad(step.output_plate_deg)) @ field
-    seen = np.array([np.cos(rad(step.analyser_deg)), np.sin(rad(step.analyser_deg))])
-    return abs(seen @ field) ** 2
+def angles_of(step):
+    return step.polariser_deg, step.input_plate_deg, step.output_plate_deg, step.analyser_deg
 
 
 DARK = PolariscopeStep(
@@ -48,7 +28,7 @@ BRIGHT = DARK.model_copy(update={"analyser_deg": 90.0})
 
 @pytest.mark.parametrize(("field", "elements"), [("dark", DARK), ("bright", BRIGHT)])
 def test_ideal_circular_polariscope_is_sine_or_cosine_squared_whatever_the_direction(
-    field, elements
+    field, elements, jones_intensity
 ):
     """The short way, the general chain and the multiplied matrices: all sin² or cos² to 1e-14."""
     order = np.linspace(0.0, 6.0, 241)
@@ -63,7 +43,10 @@ def test_ideal_circular_polariscope_is_sine_or_cosine_squared_whatever_the_direc
     np.testing.assert_allclose(
         polariscope_signal(order, general, direction=theta), truth, rtol=0, atol=1e-14
     )
-    brute = [jones_intensity(elements, n, t, np.pi / 2) for n, t in zip(order, theta, strict=True)]
+    brute = [
+        jones_intensity(angles_of(elements), n, t, np.pi / 2)
+        for n, t in zip(order, theta, strict=True)
+    ]
     np.testing.assert_allclose(brute, truth, rtol=0, atol=1e-14)
 
 
@@ -97,7 +80,7 @@ def test_the_ideal_chains_amplitudes_are_those_of_its_elements():
     plates=st.booleans(),
 )
 def test_any_chain_is_the_product_of_its_jones_matrices_and_keeps_the_energy(
-    order, theta, polariser, first, second, analyser, ratio, plates
+    jones_intensity, order, theta, polariser, first, second, analyser, ratio, plates
 ):
     """Misaligned elements, plates of another wavelength, with and without plates."""
     step = PolariscopeStep(
@@ -108,7 +91,7 @@ def test_any_chain_is_the_product_of_its_jones_matrices_and_keeps_the_energy(
     )
     scope = Polariscope(wavelength_nm=600.0, plate_wavelength_nm=600.0 * ratio, step=[step])
     signal = polariscope_signal(np.array(order), make_chain(scope, 0), direction=np.array(theta))
-    exact = jones_intensity(step, order, theta, 0.5 * np.pi * ratio)
+    exact = jones_intensity(angles_of(step), order, theta, 0.5 * np.pi * ratio)
     # angles up to 2 pi 50 rounded to 1e-16 each: 1e-13
     assert float(signal) == pytest.approx(exact, abs=1e-12)
     assert -1e-12 <= float(signal) <= 1.0 + 1e-12
@@ -124,6 +107,129 @@ def test_crossed_plane_polariscope_shows_isoclinics_and_isochromatics(order, the
     )
     exact = np.sin(2 * (theta - np.deg2rad(beta))) ** 2 * np.sin(np.pi * order) ** 2
     assert float(signal) == pytest.approx(exact, abs=1e-12)
+
+
+@settings(max_examples=50, deadline=None)
+@given(order=orders, theta=st.floats(-np.pi, np.pi), axis=st.none() | angles)
+def test_the_plane_field_is_crossed_about_its_axis(order, theta, axis):
+    """I = sin²(2 (theta - axis)) sin²(pi N), with the polariser upright where no axis is given."""
+    scope = Polariscope(field="plane", axis_deg=axis)
+    signal = polariscope_signal(np.array(order), make_chain(scope), direction=np.array(theta))
+    upright = 90.0 if axis is None else axis
+    exact = np.sin(2 * (theta - np.deg2rad(upright))) ** 2 * np.sin(np.pi * order) ** 2
+    assert float(signal) == pytest.approx(exact, abs=1e-12)
+
+
+errors = st.floats(-20.0, 20.0)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    order=orders,
+    theta=st.floats(-np.pi, np.pi),
+    wrong=st.tuples(errors, errors, errors, errors),
+    ratio=st.floats(0.7, 1.4),
+    field=st.sampled_from(["dark", "bright", "plane", "step", "plane step"]),
+)
+def test_an_elements_error_turns_it_and_no_other(
+    jones_intensity, order, theta, wrong, ratio, field
+):
+    """The nominal angles and the errors, added up here and multiplied out."""
+    nominal = {
+        "dark": (90.0, 45.0, -45.0, 0.0),
+        "bright": (90.0, 45.0, -45.0, 90.0),
+        "plane": (90.0, None, None, 180.0),
+        "step": (80.0, 30.0, -40.0, 20.0),
+        "plane step": (80.0, None, None, 20.0),
+    }[field]
+    names = ("polariser", "input_plate", "output_plate", "analyser")
+    keys = {f"{n}_error_deg": e for n, e in zip(names, wrong, strict=True)}
+    if field == "plane":
+        keys = {k: v for k, v in keys.items() if "plate" not in k}
+    else:
+        keys |= {"wavelength_nm": 600.0, "plate_wavelength_nm": 600.0 * ratio}
+    if "step" in field:
+        step = {f"{n}_deg": a for n, a in zip(names, nominal, strict=True)}
+        chain = make_chain(Polariscope(step=[step], **keys), 0)
+    else:
+        chain = make_chain(Polariscope(field=field, **keys))
+    signal = polariscope_signal(np.array(order), chain, direction=np.array(theta))
+    stand = tuple(None if a is None else a + e for a, e in zip(nominal, wrong, strict=True))
+    exact = jones_intensity(stand, order, theta, 0.5 * np.pi * ratio)
+    # angles up to 2 pi 50 rounded to 1e-16 each: 1e-13
+    assert float(signal) == pytest.approx(exact, abs=1e-12)
+
+
+def test_the_first_order_of_an_errors_leak_in_the_dark_field():
+    """An analyser off by a small angle e lets sin² e through where there is no stress."""
+    for e in (0.5, 2.0, -3.0):
+        chain = make_chain(Polariscope(analyser_error_deg=e))
+        assert chain.ideal == 0
+        leak = polariscope_signal(np.zeros(5), chain, direction=np.linspace(-1, 1, 5))
+        np.testing.assert_allclose(leak, np.sin(np.deg2rad(e)) ** 2, rtol=0, atol=1e-15)
+
+
+def test_errors_of_nothing_leave_the_ideal_field():
+    assert make_chain(Polariscope(analyser_error_deg=0.0)).ideal == 1
+    # a dark field whose analyser is off by a right angle is the bright field
+    assert make_chain(Polariscope(analyser_error_deg=90.0)).ideal == -1
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    order=orders,
+    theta=st.floats(-np.pi, np.pi),
+    chain=st.tuples(angles, angles, angles, angles),
+    visibility=st.floats(0.0, 1.0),
+    ratio=st.floats(0.5, 1.5),
+    plates=st.booleans(),
+)
+def test_two_crossed_analysers_share_out_the_light_of_every_chain(
+    order, theta, chain, visibility, ratio, plates
+):
+    """I(analyser) + I(analyser + 90) = 1: nothing before the analyser takes light."""
+    polariser, first, second, analyser = chain
+    total = 0.0
+    for turn in (0.0, 90.0):
+        step = {"polariser_deg": polariser, "analyser_deg": analyser + turn}
+        if plates:
+            step |= {"input_plate_deg": first, "output_plate_deg": second}
+        scope = Polariscope(wavelength_nm=600.0, plate_wavelength_nm=600.0 * ratio, step=[step])
+        light = polariscope_signal(
+            np.array(order),
+            make_chain(scope, 0),
+            direction=np.array(theta),
+            visibility=visibility,
+        )
+        # what a pixel averages is light as well
+        assert -1e-12 <= float(light) <= 1.0 + 1e-12
+        total += float(light)
+    assert total == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("field", ["dark", "bright"])
+def test_the_ideal_field_keeps_its_digits_at_any_order(field):
+    """Order 50 as exact as order 1: N is a whole number and a binary fraction, so that the truth
+    is known from the fraction alone."""
+    fraction = np.arange(64) / 64.0
+    truth = np.sin(np.pi * fraction) ** 2
+    truth = truth if field == "dark" else 1.0 - truth
+    for whole in (0, 1, 50, 1000):
+        signal = polariscope_signal(whole + fraction, make_chain(Polariscope(field=field)))
+        np.testing.assert_allclose(signal, truth, rtol=0, atol=1e-15)
+        general = make_chain(Polariscope(step=[DARK if field == "dark" else BRIGHT]), 0)
+        light = polariscope_signal(whole + fraction, general, direction=0.3 + fraction)
+        np.testing.assert_allclose(light, truth, rtol=0, atol=1e-14)
+
+
+def test_single_precision_stays_single_and_far_below_a_grey_level():
+    order = np.random.default_rng(0).uniform(0.0, 50.0, (200, 300)).astype(np.float32)
+    visibility = np.full_like(order, 0.9)
+    signal = polariscope_signal(order, make_chain(Polariscope()), visibility=visibility)
+    assert signal.dtype == np.float32
+    exact = 0.5 - 0.5 * 0.9 * np.cos(2 * np.pi * order.astype(float))
+    # roundings of single precision, 6e-8 each; half a level of 10 bits is 5e-4
+    assert np.abs(signal - exact).max() < 3e-7
 
 
 def test_bright_and_dark_field_share_out_the_light():
@@ -182,88 +288,3 @@ def test_fringe_order_counts_the_principal_difference(sx, sz, txz):
         np.array([(sx - sz) + 2j * txz]), thickness_mm=3.0, fringe_value_n_per_mm=10.0
     )
     assert order[0] == pytest.approx(0.3 * (high - low), abs=1e-12)
-
-
-# --- pixels of finite size -----------------------------------------------------------------------
-
-
-def supersampled(order_at, rows, cols, samples=16):
-    """The mean of sin²(pi N) over each pixel, by samples² midpoints."""
-    fine = (np.arange(samples) + 0.5) / samples - 0.5
-    z = np.arange(rows)[:, None, None, None] + fine[None, None, :, None]
-    x = np.arange(cols)[None, :, None, None] + fine[None, None, None, :]
-    return (np.sin(np.pi * order_at(x, z)) ** 2).mean(axis=(2, 3))
-
-
-@pytest.mark.parametrize("gradient", [(0.0, 0.3), (0.2, 0.0), (0.25, 0.33), (0.45, 0.1)])
-def test_straight_fringes_lose_contrast_as_the_sinc_of_their_gradient(gradient):
-    def order_at(x, z):
-        return 3.0 + gradient[1] * x + gradient[0] * z
-
-    rows, cols = np.indices((12, 13))
-    order = order_at(cols, rows)
-    visibility, too_fine = pixel_visibility(order)
-    signal = polariscope_signal(order, make_chain(Polariscope()), visibility=visibility)
-    # exact for straight fringes; the samples' own midpoint error is (pi g/16)²/6 of the contrast
-    np.testing.assert_allclose(signal, supersampled(order_at, 12, 13), rtol=0, atol=1.5e-3)
-    assert too_fine == 0.0
-
-
-def test_curved_fringes_are_averaged_over_the_pixel_not_sampled():
-    """Rings that run from broad to a third of a fringe a pixel; point samples would alias."""
-
-    def order_at(x, z):
-        return 0.0028 * ((x - 10.0) ** 2 + (z + 4.0) ** 2)
-
-    rows, cols = np.indices((50, 50))
-    order = order_at(cols, rows)
-    visibility, _ = pixel_visibility(order)
-    signal = polariscope_signal(order, make_chain(Polariscope()), visibility=visibility)
-    exact = supersampled(order_at, 50, 50)
-    inner = np.s_[1:-1, 1:-1]
-    # what curvature adds is pi N'' / 12 = 1.5e-3; one-sided differences at the border are worse
-    assert np.abs(signal - exact)[inner].max() < 3e-3
-    pointwise = np.sin(np.pi * order) ** 2
-    assert np.abs(pointwise - exact)[inner].max() > 0.05
-
-
-def test_order_fifty_is_rendered_to_rounding():
-    """Hard case: order-50 fringes; the phase loses no digits that a camera could see."""
-    order = np.full((5, 5), 50.25)
-    visibility, _ = pixel_visibility(order)
-    signal = polariscope_signal(order, make_chain(Polariscope()), visibility=visibility)
-    np.testing.assert_allclose(signal, 0.5, rtol=0, atol=1e-13)
-
-
-def test_fringes_finer_than_two_pixels_are_counted_not_aliased():
-    _, cols = np.indices((20, 20))
-    for gradient, share in ((0.4, 0.0), (0.6, 1.0)):
-        visibility, too_fine = pixel_visibility(gradient * cols)
-        assert too_fine == share
-        assert (visibility >= 0).all() and (visibility <= 1).all()
-
-
-def test_the_edge_of_the_specimen_is_no_fringe():
-    """A step from N = 3 to nothing must neither grey the edge pixels nor count as too fine."""
-    order = np.full((20, 20), 3.0)
-    order[:, 12:] = np.nan
-    order[7, 5] = np.nan
-    visibility, too_fine = pixel_visibility(order)
-    assert too_fine == 0.0
-    np.testing.assert_array_equal(visibility[np.isfinite(order)], 1.0)
-
-
-def test_beside_an_edge_the_gradient_is_one_sided():
-    _, cols = np.indices((6, 30))
-    order = 0.2 * cols.astype(float)
-    whole, _ = pixel_visibility(order)
-    cut = np.where(cols < 14, order, np.nan)
-    part, _ = pixel_visibility(cut)
-    # a straight line has one gradient from either side: rounding
-    np.testing.assert_allclose(part[:, :14], whole[:, :14], rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("shape", [(1, 9), (9, 1), (1, 1)])
-def test_a_picture_one_pixel_thin_has_a_visibility(shape):
-    visibility, _ = pixel_visibility(np.ones(shape))
-    np.testing.assert_array_equal(visibility, np.ones(shape))

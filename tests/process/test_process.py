@@ -251,6 +251,19 @@ def test_real_disc_is_found_and_its_poor_chi_is_said(tmp_path):
     assert len(read_csv(tmp_path / "comparison" / "metrics.csv")["frame"]) == 2
 
 
+@pytest.mark.parametrize(
+    ("light", "words"),
+    [
+        ('wavelength_nm = 587.0\nlight = "white"', "several wavelengths can be simulated, but not"),
+        ('field = "plane"', "isoclinics cannot be told from fringes"),
+    ],
+)
+def test_light_that_cannot_be_read_is_refused_before_the_frames(light, words):
+    scene = parse_scene(f"[specimen]\nthickness_mm = 4.0\n[polariscope]\n{light}\n", name="my")
+    with pytest.raises(InputError, match=f"^my: .*{words}"):
+        process("nowhere.tif", scene)
+
+
 @needs_real
 def test_real_ring_is_checked_and_normalised_and_said_to_have_no_model(tmp_path):
     scene = parse_scene('[specimen]\nshape = "ring"\n\n[frames]\nchannel = "green"\n', name="ring")

@@ -4,7 +4,7 @@ from isochrome.optics.camera import expose
 from isochrome.optics.light import Light, make_light
 from isochrome.optics.polariscope import Chain, make_chain, polariscope_signal
 from isochrome.optics.response import Response, camera_response
-from isochrome.optics.spectral import spectral_signal
+from isochrome.optics.spectral import highest_visible, spectral_signal
 from isochrome.optics.stress_optic import fringe_order
 from isochrome.optics.visibility import pixel_visibility
 
@@ -15,6 +15,7 @@ __all__ = [
     "camera_response",
     "expose",
     "fringe_order",
+    "highest_visible",
     "make_chain",
     "make_light",
     "pixel_visibility",

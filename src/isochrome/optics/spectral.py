@@ -18,8 +18,20 @@ _STEP = 1.0 / 128.0
 _DARKEST = 1e-300
 """Keeps the logarithm of a visibility finite; its product with that visibility is then nothing."""
 
-_BLOCK = 2_000_000
-"""Cosines held at once while a table is made."""
+_BLOCK = 64
+"""Orders of the table at a time."""
+
+_VISIBLE = 1e-3
+"""Contrast below which a pixel's waves are left out of what a table must reach."""
+
+
+def highest_visible(order: Array, visibility: Array | float = 1.0) -> float:
+    """The highest order N of a picture that leaves a thousandth of its contrast or more.
+
+    Parameters: `order` (rows, cols) and `visibility` V, see `pixel_visibility`. Returns N, 0 where
+    nothing is visible: beside a point load N has no bound, and no fringes either.
+    """
+    return float(np.max(order, where=np.asarray(visibility) > _VISIBLE, initial=0.0))
 
 
 def spectral_signal(
@@ -44,6 +56,7 @@ def spectral_signal(
     """
     ratio = reference_nm / light.wavelength_nm
     if light.continuous:
+        order = np.minimum(order, highest_visible(order, visibility))
         signals = _table_signals(order, light, ratio, chains, direction, visibility)
         return np.stack(list(signals), axis=-1)
     total = np.zeros((*order.shape, len(light.weights)))
@@ -116,19 +129,20 @@ def _wave_table(
 ) -> Callable[[Array], Array]:
     """Σ_s (cosine_s cos 2 pi k_s N + sine_s sin 2 pi k_s N) as cubics in N with exact slopes.
 
-    Parameters: `highest` N; `ratio` k (s,); `cosine`, `sine` amplitudes (s, ...).
+    Within a block of orders the waves are those of the first block, turned: one product of
+    matrices a block. Parameters: `highest` N; `ratio` k (s,); `cosine`, `sine` (s, ...).
     """
     from scipy.interpolate import CubicHermiteSpline
 
-    order = _STEP * np.arange(int(highest / _STEP) + 2)
-    value, slope = (np.empty((len(order), *cosine.shape[1:])) for _ in range(2))
+    blocks = int(highest / (_STEP * _BLOCK)) + 1
+    order = _STEP * np.arange(blocks * _BLOCK + 1)
     speed = 2.0 * np.pi * ratio
-    fast_cosine, fast_sine = (np.einsum("s,s...->s...", speed, x) for x in (cosine, sine))
-    block = max(1, _BLOCK // len(ratio))
-    for start in range(0, len(order), block):
-        here = slice(start, start + block)
-        turned = np.outer(order[here], speed)
-        c, s = np.cos(turned), np.sin(turned)
-        value[here] = np.tensordot(c, cosine, 1) + np.tensordot(s, sine, 1)
-        slope[here] = np.tensordot(c, fast_sine, 1) - np.tensordot(s, fast_cosine, 1)
+    wave = (cosine - 1j * sine).reshape(len(ratio), -1)
+    both = np.hstack([wave, 1j * speed[:, None] * wave])  # the value, and the slope
+    first = np.exp(1j * np.outer(order[: _BLOCK + 1], speed))
+    table = np.empty((len(order), both.shape[1]))
+    for start in range(0, blocks * _BLOCK, _BLOCK):
+        turned = np.exp(1j * speed * order[start])[:, None] * both
+        table[start : start + _BLOCK + 1] = (first @ turned).real
+    value, slope = np.moveaxis(table.reshape(len(order), 2, *cosine.shape[1:]), 1, 0)
     return CubicHermiteSpline(order, value, slope)

@@ -36,7 +36,7 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
         if likely.any():
             steep = np.hypot(rows[likely], cols[likely]) > 0.5
             fine += int(np.count_nonzero(steep & (order[here][likely] > 0.5)))
-    bearing = np.count_nonzero(order > 0.5)
+    bearing = int(np.count_nonzero(order > 0.5))
     return visibility, fine / bearing if bearing else 0.0
 
 

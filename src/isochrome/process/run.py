@@ -74,6 +74,16 @@ def process(
             f"{scene.name}: [[polariscope.step]]: phase-stepped sets can be simulated, but not "
             "processed yet; remove the steps to process one frame a state"
         )
+    if scene.polariscope.several_wavelengths:
+        raise InputError(
+            f"{scene.name}: [polariscope]: light of several wavelengths can be simulated, but not "
+            "processed; for frames taken through a filter, give its wavelength_nm alone"
+        )
+    if scene.model is None and scene.polariscope.field == "plane":
+        raise InputError(
+            f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics cannot be "
+            "told from fringes; capture the circular dark or bright field, or describe the model"
+        )
     with open_scene_frames(frames, scene) as reader:
         count = reader.count()
         _check_set(scene, reader, count)

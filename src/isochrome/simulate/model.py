@@ -14,6 +14,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.optics import (
     camera_response,
     fringe_order,
+    highest_visible,
     make_chain,
     make_light,
     pixel_visibility,
@@ -192,7 +193,8 @@ def _spectral(scene: Scene, picture: Picture, order: Array, step: int | None) ->
     camera, polariscope = scene.camera or Camera(), scene.polariscope
     path = scene.path(camera.response) if camera.response is not None else None
     response = camera_response(camera, path)
-    light = make_light(polariscope, response, highest_order=float(order.max()))
+    highest = highest_visible(order, picture.visibility)
+    light = make_light(polariscope, response, highest_order=highest)
     chains = [make_chain(polariscope, step, wavelength_nm=float(w)) for w in light.wavelength_nm]
     ideal = all(chain.ideal for chain in chains)
     assert polariscope.wavelength_nm is not None

@@ -1,0 +1,202 @@
+"""Pixels of finite size: fringes averaged, never aliased, against integrals over the pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isochrome.optics import make_chain, pixel_visibility, polariscope_signal
+from isochrome.reference import disc_centre_difference, disc_stress, hertz_stress
+from isochrome.scene import Polariscope
+
+DARK = make_chain(Polariscope())
+
+
+def supersampled(order_at, rows, cols, samples=16):
+    """The mean of sin²(pi N) over each pixel, by samples² midpoints."""
+    fine = (np.arange(samples) + 0.5) / samples - 0.5
+    z = np.arange(rows)[:, None, None, None] + fine[None, None, :, None]
+    x = np.arange(cols)[None, :, None, None] + fine[None, None, None, :]
+    return (np.sin(np.pi * order_at(x, z)) ** 2).mean(axis=(2, 3))
+
+
+@pytest.mark.parametrize("gradient", [(0.0, 0.3), (0.2, 0.0), (0.25, 0.33), (0.45, 0.1)])
+def test_straight_fringes_lose_contrast_as_the_sinc_of_their_gradient(gradient):
+    def order_at(x, z):
+        return 3.0 + gradient[1] * x + gradient[0] * z
+
+    rows, cols = np.indices((12, 13))
+    order = order_at(cols, rows)
+    visibility, too_fine = pixel_visibility(order)
+    signal = polariscope_signal(order, DARK, visibility=visibility)
+    # exact for straight fringes; the samples' own midpoint error is (pi g/16)²/6 of the contrast
+    np.testing.assert_allclose(signal, supersampled(order_at, 12, 13), rtol=0, atol=1.5e-3)
+    assert too_fine == 0.0
+
+
+def test_curved_fringes_are_averaged_over_the_pixel_not_sampled():
+    """Rings that run from broad to a third of a fringe a pixel; point samples would alias."""
+
+    def order_at(x, z):
+        return 0.0028 * ((x - 10.0) ** 2 + (z + 4.0) ** 2)
+
+    rows, cols = np.indices((50, 50))
+    order = order_at(cols, rows)
+    visibility, _ = pixel_visibility(order)
+    signal = polariscope_signal(order, DARK, visibility=visibility)
+    exact = supersampled(order_at, 50, 50)
+    inner = np.s_[1:-1, 1:-1]
+    # what curvature adds is pi N'' / 12 = 1.5e-3; one-sided differences at the border are worse
+    assert np.abs(signal - exact)[inner].max() < 3e-3
+    pointwise = np.sin(np.pi * order) ** 2
+    assert np.abs(pointwise - exact)[inner].max() > 0.05
+
+
+def test_order_fifty_is_rendered_to_rounding():
+    """Hard case: order-50 fringes; the phase loses no digits that a camera could see."""
+    order = np.full((5, 5), 50.25)
+    visibility, _ = pixel_visibility(order)
+    signal = polariscope_signal(order, DARK, visibility=visibility)
+    np.testing.assert_allclose(signal, 0.5, rtol=0, atol=1e-13)
+
+
+def test_fringes_finer_than_two_pixels_are_counted_not_aliased():
+    _, cols = np.indices((20, 20))
+    for gradient, share in ((0.4, 0.0), (0.6, 1.0)):
+        visibility, too_fine = pixel_visibility(gradient * cols)
+        assert too_fine == share
+        assert (visibility >= 0).all() and (visibility <= 1).all()
+
+
+def test_the_edge_of_the_specimen_is_no_fringe():
+    """A step from N = 3 to nothing must neither grey the edge pixels nor count as too fine."""
+    order = np.full((20, 20), 3.0)
+    order[:, 12:] = np.nan
+    order[7, 5] = np.nan
+    visibility, too_fine = pixel_visibility(order)
+    assert too_fine == 0.0
+    np.testing.assert_array_equal(visibility[np.isfinite(order)], 1.0)
+
+
+def test_beside_an_edge_the_gradient_is_one_sided():
+    _, cols = np.indices((6, 30))
+    order = 0.2 * cols.astype(float)
+    whole, _ = pixel_visibility(order)
+    cut = np.where(cols < 14, order, np.nan)
+    part, _ = pixel_visibility(cut)
+    # a straight line has one gradient from either side: rounding
+    np.testing.assert_allclose(part[:, :14], whole[:, :14], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(1, 9), (9, 1), (1, 1)])
+def test_a_picture_one_pixel_thin_has_a_visibility(shape):
+    visibility, _ = pixel_visibility(np.ones(shape))
+    np.testing.assert_array_equal(visibility, np.ones(shape))
+
+
+def gauss_mean(order_at, x, z, pixel):
+    """The mean of sin²(pi N) over each pixel by 6 x 6 Gauss points, to 1e-8."""
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    total = np.zeros((len(z), len(x)))
+    for u, wu in zip(0.5 * pixel * nodes, 0.5 * weights, strict=True):
+        for v, wv in zip(0.5 * pixel * nodes, 0.5 * weights, strict=True):
+            total += wu * wv * np.sin(np.pi * order_at(x[None, :] + u, z[:, None] + v)) ** 2
+    return total
+
+
+def disc_order(highest_at_centre):
+    """Order of a disc of 20 mm as a function of place, from its closed form."""
+    scale = highest_at_centre / disc_centre_difference(
+        load_n=100.0, diameter_mm=20.0, thickness_mm=6.0
+    )
+
+    def order_at(x, z):
+        field = disc_stress(x, z, load_n=100.0, diameter_mm=20.0, thickness_mm=6.0)
+        return scale * np.hypot(field.sigma_x - field.sigma_z, 2 * field.tau_xz)
+
+    return order_at
+
+
+@pytest.mark.parametrize(
+    ("centre", "pixels", "error"),
+    # measured 4.3e-4, 9.5e-4, 1.8e-3 and 5.6e-3: pi N'' / 12 with the largest N'' of the picture,
+    # 2.7e-3, 4.3e-3, 6.1e-3 and 1.6e-2 fringes a pixel²; bars a quarter above
+    [(20.0, 400, 5.5e-4), (32.0, 400, 1.2e-3), (45.0, 400, 2.3e-3), (32.0, 200, 7e-3)],
+)
+def test_a_discs_fine_fringes_are_those_of_the_pixels_areas(centre, pixels, error):
+    """Hard case: fringes of order 31 to 70, up to 0.2, 0.32, 0.45 and 0.64 fringes a pixel.
+
+    Sampled in the pixels' middles they would be wrong by up to 0.03, 0.08, 0.15 and 0.27.
+    """
+    pixel = 12.0 / pixels
+    place = pixel * (np.arange(pixels) + 0.5) - 6.0
+    order_at = disc_order(centre)
+    order = order_at(place[None, :], place[:, None])
+    assert order.max() > 1.5 * centre
+    visibility, _ = pixel_visibility(order)
+    signal = polariscope_signal(order, DARK, visibility=visibility)
+    exact = gauss_mean(order_at, place, place, pixel)
+    assert np.abs(signal - exact).max() < error
+    assert np.abs(np.sin(np.pi * order) ** 2 - exact).max() > 20 * error
+
+
+def test_the_error_of_fine_fringes_falls_with_the_square_of_the_pixel():
+    """Second order: what the pixel's linear order leaves out is its curvature."""
+    order_at, errors = disc_order(20.0), []
+    for pixels in (100, 200, 400):
+        pixel = 12.0 / pixels
+        place = pixel * (np.arange(pixels) + 0.5) - 6.0
+        order = order_at(place[None, :], place[:, None])
+        signal = polariscope_signal(order, DARK, visibility=pixel_visibility(order)[0])
+        # the borders' one-sided differences are of first order: looked at apart
+        inner = np.s_[1:-1, 1:-1]
+        errors.append(np.abs(signal - gauss_mean(order_at, place, place, pixel))[inner].max())
+    rates = np.log2(np.divide(errors[:-1], errors[1:]))
+    # the largest error moves from pixel to pixel, so that the rate is 2 to a few tenths
+    assert (rates > 1.6).all()
+
+
+def test_order_fifty_under_a_contact_is_averaged():
+    """Hard case: Hertz with order 50 at its peak, 0.37 mm half-width, pixels of 1 um."""
+    pixel = 0.001
+    x = pixel * (np.arange(500) + 0.5) - 0.5
+    z = 0.05 + pixel * (np.arange(300) + 0.5)
+
+    def order_at(x, z):
+        field = hertz_stress(x, z, half_width_mm=0.3733, peak_pressure_mpa=18.76)
+        return 50.0 / 11.27 * np.hypot(field.sigma_x - field.sigma_z, 2 * field.tau_xz)
+
+    order = order_at(x[None, :], z[:, None])
+    assert order.max() == pytest.approx(50.0, abs=0.1)
+    visibility, too_fine = pixel_visibility(order)
+    assert too_fine == 0.0 and visibility.min() < 0.8
+    signal = polariscope_signal(order, DARK, visibility=visibility)
+    # measured 1.8e-3, half a level of 8 bits
+    assert np.abs(signal - gauss_mean(order_at, x, z, pixel)).max() < 2.5e-3
+
+
+def test_single_and_double_precision_agree_in_visibility_and_share():
+    rows, cols = np.indices((150, 130))
+    order = 0.0026 * ((cols - 40.0) ** 2 + (rows - 20.0) ** 2)
+    double, share = pixel_visibility(order)
+    single, single_share = pixel_visibility(order.astype(np.float32))
+    assert single.dtype == np.float32
+    # N of 60 in single precision is known to 4e-6, and so is its slope; dV/dg <= 1.4 pi
+    np.testing.assert_allclose(single, double, rtol=0, atol=4e-5)
+    assert 0.0 < share < 1.0 and single_share == pytest.approx(share, abs=1e-3)
+
+
+def test_blocks_of_rows_leave_no_seams():
+    """The same picture upside down and from another row on: other blocks, equal pixels."""
+    rows, cols = np.indices((200, 40))
+    order = 0.0009 * ((cols - 10.0) ** 2 + (rows - 77.0) ** 2)
+    order[90:95, 5:9] = np.nan
+    visibility, share = pixel_visibility(order)
+    upturned, upturned_share = pixel_visibility(order[::-1].copy())
+    known = np.isfinite(order)
+    np.testing.assert_allclose(upturned[::-1][known], visibility[known], rtol=0, atol=1e-14)
+    assert upturned_share == share
+    shifted, _ = pixel_visibility(order[13:].copy())
+    np.testing.assert_allclose(
+        shifted[1:][known[14:]], visibility[14:][known[14:]], rtol=0, atol=1e-14
+    )
