@@ -94,10 +94,12 @@ def test_largest_shear_is_hertzs_and_between_the_pixels(found):
         assert most >= np.nanmax(shear) * (1.0 - 1e-6)
 
 
-def test_wear_brings_the_largest_shear_to_the_surface_at_the_edge(found):
-    edge = found.states[-1].surface.edges_mm[1]
+def test_wear_brings_the_largest_shear_to_the_surface_at_an_edge(found):
+    """At 77 m both edges have nearly as much; before wear it lies 0.2 mm deep."""
+    edges = np.array(found.states[-1].surface.edges_mm)
+    assert found.history["shear_max_z_mm"][1] > 0.1
     assert found.history["shear_max_z_mm"][-1] < 0.005
-    assert found.history["shear_max_x_mm"][-1] == pytest.approx(edge, abs=0.01)
+    assert np.abs(edges - found.history["shear_max_x_mm"][-1]).min() < 0.01
 
 
 def test_bulk_stress_adds_to_sigma_x_alone(found):

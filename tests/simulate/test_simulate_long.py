@@ -20,13 +20,13 @@ RUN = import_module("isochrome.simulate.run")
 
 @pytest.mark.parametrize("components", [False, True], ids=["fringes", "components"])
 def test_a_state_is_let_go_once_it_is_written(tmp_path, monkeypatch, components):
-    """Of 40 states no more live at any time than the six of the figure, and the two at hand."""
-    scene = parse_scene(load_benchmarks("case_memory").long_history(40))
+    """Of 20 states no more live at any time than the six of the figure, and the two at hand."""
+    scene = parse_scene(load_benchmarks("case_memory").long_history(20))
     (state,) = scene_states(scene.with_values({"wear.distances_m": (0.0,)}))
     seen, most = [], []
 
     def copies(_):
-        for k in range(40):
+        for k in range(20):
             most.append(sum(ref() is not None for ref in seen))
             copy = replace(state, label=f"copy {k}")
             seen.append(weakref.ref(copy))
@@ -38,12 +38,12 @@ def test_a_state_is_let_go_once_it_is_written(tmp_path, monkeypatch, components)
         scene, tmp_path, components=components, progress=lambda k, count: done.append((k, count))
     )
     assert max(most) <= 6 + 2
-    assert done == [(k, 40) for k in range(1, 41)]
-    assert out.states == [] and out.history["label"] == [f"copy {k}" for k in range(40)]
+    assert done == [(k, 20) for k in range(1, 21)]
+    assert out.states == [] and out.history["label"] == [f"copy {k}" for k in range(20)]
     assert read_csv(tmp_path / "history.csv")["label"] == out.history["label"]
-    assert tifffile.imread(tmp_path / "frames.tif").shape == (40, 48, 64)
+    assert tifffile.imread(tmp_path / "frames.tif").shape == (20, 48, 64)
     pressure = read_csv(tmp_path / "pressure.csv")
-    assert sorted(set(pressure["state"])) == list(range(40))
+    assert sorted(set(pressure["state"])) == list(range(20))
 
 
 @pytest.mark.long
