@@ -28,7 +28,7 @@ SCENE = load_scene("line-contact-wear").with_values(
         "camera.pixel_mm": 0.02,
         "numerics.spacing_mm": 0.0025,
         "numerics.tolerance": 1e-3,
-        "wear.distances_m": (0.0, 77.0),
+        "wear.distances_m": (0.0, 233.0),
     }
 )
 MODULUS = contact_modulus(2100.0, 0.4, 210000.0, 0.3)
@@ -95,7 +95,7 @@ def test_largest_shear_is_hertzs_and_between_the_pixels(found):
 
 
 def test_wear_brings_the_largest_shear_to_the_surface_at_an_edge(found):
-    """At 77 m both edges have nearly as much; before wear it lies 0.2 mm deep."""
+    """At 233 m both edges have nearly as much; before wear it lies 0.2 mm deep."""
     edges = np.array(found.states[-1].surface.edges_mm)
     assert found.history["shear_max_z_mm"][1] > 0.1
     assert found.history["shear_max_z_mm"][-1] < 0.005
