@@ -134,9 +134,16 @@ def polariscope_signal(
     Returns (rows, cols), in the precision of `order`: 1e-14 in float64; in float32 2e-7, and
     what the order itself carries. Whole fringes are taken off first, which loses no digit.
     """
-    turns = 2.0 * np.pi * (order - np.rint(order))
+    # in place: a fresh array of a frame costs more than the arithmetic on it
+    turns = np.asarray(np.rint(order))
+    np.subtract(order, turns, out=turns)
+    turns *= 2.0 * np.pi
     if chain.ideal:
-        return 0.5 - (0.5 * chain.ideal) * (visibility * np.cos(turns))
+        light = np.cos(turns, out=turns)
+        light *= visibility
+        light *= -0.5 * chain.ideal
+        light += 0.5
+        return light
     if direction is None:
         raise ValueError("a chain that is not ideal needs the direction of sigma_1")
     w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)

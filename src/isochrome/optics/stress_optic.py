@@ -18,4 +18,6 @@ def fringe_order(
     d; `fringe_value_n_per_mm` f_sigma, N/mm per fringe. Returns N (rows, cols), fringes.
     Source: Dally & Riley (1991), Experimental Stress Analysis, section 12.2.
     """
-    return np.abs(difference_mpa) * (thickness_mm / fringe_value_n_per_mm)
+    order = np.asarray(np.abs(difference_mpa))
+    order *= thickness_mm / fringe_value_n_per_mm
+    return order
