@@ -18,6 +18,9 @@ from isochrome.scene import Scene
 
 Value = TypeVar("Value", float, Floats)
 
+_SAME_DRIVE = 1e-6
+"""Relative difference of load or friction at one dose that is no jump."""
+
 
 @dataclass(frozen=True)
 class Course:
@@ -46,6 +49,13 @@ class Course:
         later = np.searchsorted(self.breaks_mm_per_mpa, dose_mm_per_mpa, side="right")
         rest = self.breaks_mm_per_mpa[int(later) :]
         return rest[0] if rest else float("inf")
+
+    def first_jump(self) -> float:
+        """The first dose beyond zero at which load or friction jump (mm/MPa), or infinity."""
+        for dose in self.breaks_mm_per_mpa:
+            if not np.allclose(self.leaving(dose), self.at(dose), _SAME_DRIVE, 0.0):
+                return dose
+        return float("inf")
 
     def _at(self, dose: float, side: Literal["left", "right"]) -> tuple[float, float]:
         doses = self.dose_mm_per_mpa

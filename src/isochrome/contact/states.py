@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -17,8 +17,10 @@ from isochrome.contact.profile import (
     line_load,
     undeformed_gap,
 )
-from isochrome.contact.surface import Floats, Surface, make_surface
-from isochrome.contact.wear import WornState, wear_history
+from isochrome.contact.regrid import scar_on_nodes
+from isochrome.contact.scar import Scar, scar_history
+from isochrome.contact.surface import Floats, Surface, displacement, make_surface
+from isochrome.contact.wear import WornStart, wear_history
 from isochrome.errors import PhysicsError
 from isochrome.scene import Scene
 
@@ -31,7 +33,7 @@ class SurfaceState:
 
     `grid`, with `x_mm` (n,); `pressure_mpa` p and `shear_mpa` q along +x (n,); `wear_depth_mm`
     (n,); `distance_m` slid; `friction`, mu; `sliding`, False in a static state; `residual`, of the
-    contact's complementarity.
+    contact's complementarity; `scar_edges_mm`, where a mesh knew the edges better than the grid.
     """
 
     grid: Grid
@@ -42,6 +44,7 @@ class SurfaceState:
     friction: float
     sliding: bool
     residual: float
+    scar_edges_mm: tuple[float, float] | None = None
 
     @property
     def p_max_mpa(self) -> float:
@@ -55,6 +58,8 @@ class SurfaceState:
         Near an edge p² is linear in x (p ~ the root of the distance), so p² of the last two nodes
         in contact is carried on to zero, by one spacing at most: second order in the spacing.
         """
+        if self.scar_edges_mm is not None:
+            return self.scar_edges_mm
         p2, h = self.pressure_mpa**2, self.grid.spacing_mm
         inside = np.flatnonzero(p2 > 0.0)
         first, last = int(inside[0]), int(inside[-1])
@@ -146,29 +151,89 @@ def _states_on(
     if held is not None or (scene.friction is None and not scene.wear):
         return
     order = sorted(range(len(stops)), key=lambda i: stops[i].dose_mm_per_mpa)
-    worn = wear_history(
-        surface, gap, course, [stops[i] for i in order], tolerance=scene.numerics.tolerance
-    )
-    waiting: dict[int, WornState] = {}
+    worn = _worn_states(scene, grid, surface, gap, course, [stops[i] for i in order])
+    waiting: dict[int, SurfaceState] = {}
     place = 0
     for i, state in zip(order, worn, strict=True):
         waiting[i] = state
         while place in waiting:
-            yield _worn_state(grid, waiting.pop(place), stops[place], scene)
+            yield waiting.pop(place)
             place += 1
 
 
-def _worn_state(grid: Grid, worn: WornState, stop: Stop, scene: Scene) -> SurfaceState:
-    p = worn.contact.pressure
+def _worn_states(
+    scene: Scene, grid: Grid, surface: Surface, gap: Floats, course: Course, stops: list[Stop]
+) -> Iterator[SurfaceState]:
+    """States at rising doses: under a cylinder on its own mesh as far as that goes, else here."""
+    done = sum(stop.dose_mm_per_mpa == 0.0 for stop in stops)
+    start = WornStart(0.0, np.zeros(grid.nodes))
+    for stop in stops[:done]:
+        yield _elastic_state(scene, grid, surface, gap, start.depth_mm, stop)
+    indenter = scene.indenter
+    assert indenter is not None
+    if indenter.shape == "cylinder" and indenter.profile is None and done < len(stops):
+        assert indenter.radius_mm is not None
+        modulus, coupling = elastic_constants(scene)
+        for scar in scar_history(
+            indenter.radius_mm,
+            modulus,
+            coupling,
+            course,
+            stops[done:],
+            tolerance=scene.numerics.tolerance,
+        ):
+            state = _scar_state(scene, grid, surface, gap, course, scar)
+            start = WornStart(scar.stop.dose_mm_per_mpa, state.wear_depth_mm)
+            done += 1
+            yield state
+    rest = stops[done:]
+    if rest:
+        tolerance = scene.numerics.tolerance
+        history = wear_history(surface, gap, course, rest, tolerance=tolerance, start=start)
+        for stop, worn in zip(rest, history, strict=True):
+            yield _state(scene, grid, stop, worn.contact, worn.depth_mm)
+
+
+def _elastic_state(
+    scene: Scene, grid: Grid, surface: Surface, gap: Floats, depth: Floats, stop: Stop
+) -> SurfaceState:
+    """The contact on a surface of known depth, under a stop's own load and friction."""
+    contact = solve_pressure(
+        surface, gap + depth, stop.line_load_n_per_mm, friction=stop.friction, tolerance=1e-9
+    )
+    return _state(scene, grid, stop, contact, depth)
+
+
+def _scar_state(
+    scene: Scene, grid: Grid, surface: Surface, gap: Floats, course: Course, scar: Scar
+) -> SurfaceState:
+    """A scar's state on the grid; solved afresh where its stop has another load than the course."""
+    stop = scar.stop
+    pressure, depth = scar_on_nodes(scar, grid.x_mm)
+    drive = stop.line_load_n_per_mm, stop.friction
+    if not np.allclose(drive, course.at(stop.dose_mm_per_mpa), 1e-6, 0.0):
+        return _elastic_state(scene, grid, surface, gap, depth, stop)
+    u = displacement(surface, pressure, friction=stop.friction)
+    total = (gap + depth + u)[(grid.x_mm > scar.x_mm[0]) & (grid.x_mm < scar.x_mm[-1])]
+    residual = 0.5 * float(np.ptp(total) / np.ptp(u))
+    contact = ContactState(pressure, gap + depth + u, 0.0, residual, 1, 1)
+    edges = float(scar.x_mm[0]), float(scar.x_mm[-1])
+    return replace(_state(scene, grid, stop, contact, depth), scar_edges_mm=edges)
+
+
+def _state(
+    scene: Scene, grid: Grid, stop: Stop, contact: ContactState, depth: Floats
+) -> SurfaceState:
+    p = contact.pressure
     return SurfaceState(
         grid=grid,
         pressure_mpa=p,
         shear_mpa=stop.friction * p,
-        wear_depth_mm=worn.depth_mm,
+        wear_depth_mm=depth,
         distance_m=stop.distance_m,
         friction=stop.friction,
         sliding=scene.friction is not None,
-        residual=worn.contact.residual,
+        residual=contact.residual,
     )
 
 

@@ -1,4 +1,4 @@
-r"""Wear of the specimen over sliding distance, stepped implicitly.
+r"""Wear of the specimen on a fixed grid, for every profile, stepped implicitly.
 
 With the dose K(s) = ∫ kappa ds (mm/MPa) a law dh = kappa p ds is dh/dK = p(h): a stiff equation,
 since the pressure answers a short wave of depth with a stiffness of about E*/4 per wavelength.
@@ -43,6 +43,14 @@ dose, while there is no wear, start the formula afresh."""
 
 
 @dataclass(frozen=True)
+class WornStart:
+    """Where a run goes on: a dose, and the depth (n,) worn by then."""
+
+    dose_mm_per_mpa: float
+    depth_mm: Floats
+
+
+@dataclass(frozen=True)
 class WornState:
     """The contact at a dose: `contact`, its solution, and `depth_mm` (n,), the worn depth h."""
 
@@ -67,19 +75,21 @@ def wear_history(
     stops: Sequence[Stop],
     *,
     tolerance: float = 1e-4,
+    start: WornStart | None = None,
 ) -> Iterator[WornState]:
     """States at rising doses, hit exactly, each yielded as soon as it is known.
 
     Parameters: `surface`; `gap_mm` (n,), unworn; `course`, load and friction (coupling only) over
     the dose; `stops` (m), sorted by their dose, each with its own load and friction; `tolerance`,
-    wanted relative error of the pressure.
+    wanted relative error of the pressure; `start`, where the run goes on (unworn without it).
     Yields m WornState. Raises PhysicsError where a contact does not converge.
     """
     accuracy = 1e-3 * tolerance
     allowed = min(_FORECAST * tolerance, _LARGEST_FORECAST)
-    load, mu = course.leaving(0.0)
-    contact = solve_pressure(surface, gap_mm, load, friction=mu, tolerance=1e-10)
-    now = WornState(0.0, contact, np.zeros(surface.nodes))
+    start = start or WornStart(0.0, np.zeros(surface.nodes))
+    load, mu = course.leaving(start.dose_mm_per_mpa)
+    contact = solve_pressure(surface, gap_mm + start.depth_mm, load, friction=mu, tolerance=1e-10)
+    now = WornState(start.dose_mm_per_mpa, contact, start.depth_mm)
     past: _Past | None = None
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
     settle = _SETTLE * float(surface.lattice_normal[-1])

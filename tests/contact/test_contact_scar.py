@@ -1,0 +1,212 @@
+"""Wear on the moving mesh: its matrices against quadrature, its run against the fixed grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
+
+from isochrome.contact import contact_states, make_surface, wear_history
+from isochrome.contact.course import Course, constant_course
+from isochrome.contact.mesh import make_mesh
+from isochrome.contact.regrid import scar_on_nodes
+from isochrome.contact.scar import scar_history
+from isochrome.reference import coupled_contact, hertz_half_width, hertz_peak_pressure
+from isochrome.scene import load_scene
+
+RADIUS, MODULUS, LOAD = 24.61, 2473.2, 11.0
+HALF_WIDTH = hertz_half_width(LOAD, RADIUS, MODULUS)
+PEAK = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
+UNIT = 2.0 * HALF_WIDTH / MODULUS
+"""The dose 2a/E* (mm/MPa) in which wear and elasticity count alike; 233 m of the paper are 3.1."""
+
+
+def smooth(t):
+    """A lopsided pressure with root edges."""
+    return np.sqrt(1.0 - t * t) * (1.0 + 0.3 * t + 0.2 * t**3)
+
+
+@pytest.mark.parametrize("intervals", [24, 57])
+def test_the_mesh_integrates_the_logarithm_and_the_load_ahead(intervals):
+    """Truth: adaptive quadrature, the logarithm's weak singularity split off at the node."""
+    mesh = make_mesh(intervals)
+    values = smooth(mesh.xi[1:-1])
+    # a few nodes, edges among them; the series is exact for this polynomial in cos θ times sin θ
+    some = [0, 1, intervals // 3, intervals // 2, intervals]
+    exact, ahead = [], []
+    for xi in mesh.xi[some]:
+        # Σ (c_k/k) cos kθ is -(1/π) ∫ p ln|ξ-t| dt less a constant
+        def kernel(t, xi=xi):
+            return smooth(t) * np.log(max(abs(xi - t), 1e-300))
+
+        points = [xi] if abs(xi) < 1.0 else None
+        exact.append(-quad(kernel, -1, 1, points=points, limit=200, epsabs=1e-12)[0] / np.pi)
+        ahead.append(quad(smooth, xi, 1.0, epsabs=1e-13)[0])
+    got = mesh.logarithm[some] @ values
+    # 1e-8: quad's own error at the logarithm
+    np.testing.assert_allclose(got - got[0], np.array(exact) - exact[0], atol=1e-8)
+    np.testing.assert_allclose(mesh.ahead[some] @ values, ahead, atol=1e-12)
+    assert mesh.total @ values == pytest.approx(quad(smooth, -1, 1)[0], rel=1e-12)
+
+
+def test_the_slope_is_of_fourth_order_inside():
+    """Depth-like (1-ξ²)²: errors fall sixteenfold with twice the nodes."""
+
+    def error(n):
+        xi = make_mesh(n).xi[1:-1]
+        return np.abs(make_mesh(n).slope @ (1 - xi**2) ** 2 + 4 * xi * (1 - xi**2)).max()
+
+    assert 13.0 < error(32) / error(64) < 18.0
+
+
+def run(dose, tolerance, *, mu_beta=0.04, mu_beta_first=None, load_ratio=1.0, count=4):
+    """Scars at doses up to `dose` (in UNIT), friction and load linear in the dose."""
+    doses = np.geomspace(0.02, 1.0, count) * dose * UNIT
+    first = mu_beta if mu_beta_first is None else mu_beta_first
+    coupling = 4.0 / MODULUS  # beta = 1, so that mu is mu beta
+    course = Course(
+        np.array([0.0, 1.0]),
+        np.array([0.0, doses[-1]]),
+        LOAD * np.array([1.0, load_ratio]),
+        np.array([first, mu_beta]),
+    )
+    _, stops = constant_course(LOAD, doses, dose_per_m=1.0)
+    return list(scar_history(RADIUS, MODULUS, coupling, course, stops, tolerance=tolerance))
+
+
+def peaks(scars):
+    """Largest pressure and depth between the nodes as well, and the half-width."""
+    rows = []
+    for scar in scars:
+        theta = np.linspace(0.0, np.pi, len(scar.x_mm))
+        fine = np.linspace(0.3, np.pi - 0.3, 2001)  # the middle 95 %: away from the steep edges
+        p, h = (CubicSpline(theta, v)(fine).max() for v in (scar.pressure_mpa, scar.depth_mm))
+        rows.append((p, h, scar.x_mm[-1] - scar.x_mm[0]))
+    return np.array(rows)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    st.floats(-2.0, 3.0).map(lambda e: 10.0**e),
+    st.floats(-0.5, 0.5),
+    st.floats(0.0, 1.0),
+    st.floats(1.0, 3.0),
+)
+def test_any_run_is_within_its_tolerance(dose, mu_beta, share, load_ratio):
+    """Dose over five decades, coupling to 0.5, friction and load that vary: all that is left.
+
+    In Hertz's units nothing else can differ from run to run. Truth: a tolerance ten times finer,
+    whose own error is a tenth; the property that matters is that the tolerance means what it says.
+    """
+    kinds = {"mu_beta": mu_beta, "mu_beta_first": share * mu_beta, "load_ratio": load_ratio}
+    rough, fine = run(dose, 1e-3, **kinds), run(dose, 1e-4, **kinds)
+    assert len(rough) == len(fine)
+    if rough:  # a run ends where an edge draws back; then the grid goes on
+        error = np.abs(peaks(rough) / peaks(fine) - 1.0)
+        assert error[:, :2].max() < 1.1e-3  # the tolerance, and the finer run's own tenth
+
+
+def test_the_error_falls_with_the_tolerance_to_the_last():
+    exact = peaks(run(3.1, 1e-6))
+    for tolerance in (1e-3, 1e-4, 1e-5):
+        assert np.abs(peaks(run(3.1, tolerance)) / exact - 1.0)[:, :2].max() < tolerance
+
+
+def test_the_steps_are_of_fourth_order():
+    """On one mesh, halving every step divides the error by sixteen."""
+    from isochrome.contact.mesh import make_mesh as mesh_of
+    from isochrome.contact.scar import _advance, _at
+    from isochrome.contact.scar_equations import ScarEquations, hertz_units
+
+    course = constant_course(LOAD, [1.0], dose_per_m=10 * UNIT, friction=0.04)[0]
+    equations = ScarEquations(
+        mesh_of(32), hertz_units(RADIUS, MODULUS, 4.0 / MODULUS, LOAD), course
+    )
+
+    def depth_at_one(ratio, substeps):
+        """Geometric steps, each refined evenly; the same early history for all."""
+        points, dose, size = [equations.unworn()], 0.0, 1e-5
+        while dose < 1.0:
+            many = substeps if dose > 0.05 else 8
+            for _ in range(many):
+                points = [_advance(equations, points, size / many)[0], *points[:4]]
+            dose = points[0].dose
+            size = min(ratio * size, 0.02)
+        return _at(points, 1.0).state[16]
+
+    exact = depth_at_one(1.1, 16)
+    errors = [abs(depth_at_one(1.1, m) - exact) for m in (1, 2, 4)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 3.4).all(), orders  # fourth order, on its way there
+
+
+def test_the_unworn_contact_is_the_coupled_closed_form():
+    scar = run(1e-9, 1e-6, mu_beta=0.3, count=1)[0]
+    exact = coupled_contact(LOAD, RADIUS, MODULUS, friction=1.0, beta=0.3)
+    # a run of 1e-9 of the dose in which wear counts moves nothing by more
+    assert scar.x_mm[-1] - scar.x_mm[0] == pytest.approx(2 * exact.half_width_mm, rel=1e-5)
+    assert 0.5 * (scar.x_mm[0] + scar.x_mm[-1]) == pytest.approx(exact.centre_mm, rel=1e-5)
+
+
+def test_mesh_and_grid_agree_though_they_share_no_discretisation():
+    """The fixed grid's second-order run at 1e-5 against the mesh's: p_max, depth, width.
+
+    Goes wrong if either loses wear at an edge, the coupling's sign, or the load.
+    """
+    half, n = 0.8, 801
+    h = 2 * half / (n - 1)
+    x = h * (np.arange(n) - n // 2)
+    coupling = 1.6e-4
+    surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=coupling)
+    course, stops = constant_course(LOAD, [31.0, 155.0], dose_per_m=2e-6, friction=0.25)
+    grid = wear_history(surface, x * x / (2 * RADIUS), course, stops, tolerance=1e-5)
+    mesh = scar_history(RADIUS, MODULUS, coupling, course, stops, tolerance=1e-5)
+    for worn, scar in zip(grid, mesh, strict=True):
+        p, depth = scar_on_nodes(scar, x)
+        # 3e-5: both runs' tolerances, and the grid's error in space
+        assert p.max() == pytest.approx(worn.contact.pressure.max(), rel=3e-5)
+        assert depth.max() == pytest.approx(worn.depth_mm.max(), rel=3e-5)
+        on = np.flatnonzero(worn.contact.pressure > 0.0)
+        assert abs(scar.x_mm[0] - x[on[0]]) < 1.5 * h and abs(scar.x_mm[-1] - x[on[-1]]) < 1.5 * h
+
+
+@given(st.floats(-0.4, 0.4))
+def test_regridding_keeps_the_load_and_its_moment_wherever_the_nodes_are(shift):
+    """Goes wrong if p is sampled: the load then jumps as an edge passes a node."""
+    scar = run(3.1, 1e-3, count=1)[0]
+    x = 0.011 * (np.arange(201) - 100 + shift)
+    p, depth = scar_on_nodes(scar, x)
+    assert p.sum() * 0.011 == pytest.approx(LOAD, rel=1e-12)
+    fine = np.linspace(scar.x_mm[0], scar.x_mm[-1], 20001)
+    dense, _ = scar_on_nodes(scar, fine)
+    moment = (dense * fine).sum() / dense.sum()
+    # Simpson's mean of a load with an edge in the element errs by a few per cent of that element's
+    assert (p * x).sum() / p.sum() == pytest.approx(moment, abs=1e-5)
+    assert (p >= 0.0).all() and (depth >= 0.0).all()
+
+
+def test_an_edge_that_draws_back_hands_over_to_the_grid():
+    """Load that falls to a third: the contact shrinks and leaves worn surface beside it.
+
+    Truth: the same scene with its cylinder given as a profile, which takes the grid throughout.
+    """
+    table = {"distance_m": (0.0, 40.0, 80.0), "value": (44.0, 44.0, 15.0)}
+    scene = load_scene("line-contact-wear").with_values(
+        {
+            "load.normal_n": table,
+            "wear.distances_m": (20.0, 60.0, 100.0),
+            "numerics.spacing_mm": 0.006,
+            "friction.static_state_first": False,
+        }
+    )
+    states = contact_states(scene)
+    assert states[0].scar_edges_mm is not None and states[-1].scar_edges_mm is None
+    for state in states:
+        assert state.line_load_n_per_mm * 4.0 == pytest.approx(
+            scene.load_at(state.distance_m), rel=1e-9
+        )
+    worn = states[-1].wear_depth_mm > 0.0
+    assert (worn & (states[-1].pressure_mpa == 0.0)).sum() > 5  # worn, and out of contact
