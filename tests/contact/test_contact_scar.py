@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
-from scipy.interpolate import CubicSpline
 
 from isochrome.contact import contact_states, make_surface, wear_history
 from isochrome.contact.course import Course, constant_course
@@ -78,13 +77,12 @@ def run(dose, tolerance, *, mu_beta=0.04, mu_beta_first=None, load_ratio=1.0, co
 
 
 def peaks(scars):
-    """Largest pressure and depth between the nodes as well, and the half-width."""
+    """Largest pressure and depth, and the width, on nodes that lie alike in every scar."""
     rows = []
     for scar in scars:
-        theta = np.linspace(0.0, np.pi, len(scar.x_mm))
-        fine = np.linspace(0.3, np.pi - 0.3, 2001)  # the middle 95 %: away from the steep edges
-        p, h = (CubicSpline(theta, v)(fine).max() for v in (scar.pressure_mpa, scar.depth_mm))
-        rows.append((p, h, scar.x_mm[-1] - scar.x_mm[0]))
+        width = scar.x_mm[-1] - scar.x_mm[0]
+        p, h = scar_on_nodes(scar, scar.x_mm[0] + width * (np.arange(409) - 4.5) / 400)
+        rows.append((p.max(), h.max(), width))
     return np.array(rows)
 
 
@@ -186,6 +184,22 @@ def test_regridding_keeps_the_load_and_its_moment_wherever_the_nodes_are(shift):
     # Simpson's mean of a load with an edge in the element errs by a few per cent of that element's
     assert (p * x).sum() / p.sum() == pytest.approx(moment, abs=1e-5)
     assert (p >= 0.0).all() and (depth >= 0.0).all()
+
+
+def test_a_worn_contact_scales_with_its_load():
+    """h(x; λP', K) = λ h(x/√λ; P', K/√λ): p and the width go with √λ, the depth with λ."""
+    scene = load_scene("line-contact-wear").with_values(
+        {"wear.distances_m": (100.0,), "friction.static_state_first": False}
+    )
+    ratio = 1.7
+    heavier = scene.with_values({"load.normal_n": 44.0 * ratio})
+    lighter = scene.with_values({"wear.distances_m": (100.0 / ratio**0.5,)})
+    (big,), (small,) = contact_states(heavier), contact_states(lighter)
+    # a² ~ P' and p ~ √P' leave the dose that counts, K E*/a, at K ~ √P': 100 m against 100/√λ m
+    assert big.p_max_mpa / small.p_max_mpa == pytest.approx(ratio**0.5, rel=1e-5)
+    assert big.contact_width_mm / small.contact_width_mm == pytest.approx(ratio**0.5, rel=1e-6)
+    depths = big.wear_depth_mm.max() / small.wear_depth_mm.max()
+    assert depths == pytest.approx(ratio, rel=1e-5)  # 1e-5: the nodes lie elsewhere
 
 
 def test_an_edge_that_draws_back_hands_over_to_the_grid():

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from isochrome.contact import contact_states, on_path, state_on_path, wear_path
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fit.one_state import frame_scene, scene_at, with_numerics
 from isochrome.fit.renderer import SceneRenderer
@@ -248,37 +247,21 @@ def test_a_frames_scene_is_one_state_of_its_own():
     assert scene_at(scene, 0.0).wear is None
 
 
-# One wear run for its neighbours
-
-
-@pytest.mark.parametrize("load", [40.0, 44.0, 50.0])
-@pytest.mark.parametrize("wear", [1.6e-9, 2e-9, 2.7e-9])
-def test_a_state_on_the_path_is_that_of_a_run_of_its_own(path_of_77_m, load, wear):
-    path, scene = path_of_77_m
-    moved = scene.with_values({"load.normal_n": load, "wear.coefficient_mm2_per_n": wear})
-    assert on_path(path, moved)
-    quick = state_on_path(path, moved)
-    full = contact_states(moved)[-1]
-    x = quick.grid.x_mm
-    pressure = np.interp(x, full.grid.x_mm, full.pressure_mpa)
-    inside = np.abs(x) < 0.9 * 0.5 * full.contact_width_mm
-    assert np.abs(quick.pressure_mpa - pressure)[inside].max() < 2e-3 * P_MAX
-    assert quick.p_max_mpa == pytest.approx(full.p_max_mpa, rel=2e-3)
-    # The width is told to a node or two, where the pressure of a worn contact ends.
-    assert quick.contact_width_mm == pytest.approx(full.contact_width_mm, abs=2.5 * 0.025 / 12)
-    assert quick.wear_depth_mm.max() == pytest.approx(full.wear_depth_mm.max(), rel=2e-3)
-    assert quick.worn_area_mm2 == pytest.approx(full.worn_area_mm2, rel=2e-3)
-
-
-@pytest.fixture(scope="module")
-def path_of_77_m():
+@pytest.mark.parametrize("key", ["wear.coefficient_mm2_per_n", "load.normal_n"])
+def test_a_worn_signal_has_a_derivative_that_a_fit_can_use(key):
+    """Goes wrong if nodes flip into contact, or steps change, as a value moves a little."""
+    numerics = {"spacing_mm": 0.025 / 4, "tolerance": 1e-4}
     scene = scene_at(parse_scene(WORN), 77.0)
-    numerics = {"spacing_mm": 0.025 / 12, "window_mm": 3.0, "tolerance": 1e-4}
     scene = scene.with_values({f"numerics.{k}": v for k, v in numerics.items()})
-    return wear_path(scene), scene
-
-
-def test_a_scene_far_off_is_not_on_the_path(path_of_77_m):
-    path, scene = path_of_77_m
-    assert not on_path(path, scene.with_values({"wear.coefficient_mm2_per_n": 6e-9}))
-    assert not on_path(path, scene.with_values({"wear.distances_m": (20.0,)}))
+    renderer = SceneRenderer(scene, (120, 160))
+    slopes = []
+    for share in (1e-3, 1e-4):
+        ahead, behind = (
+            renderer.signal(scene.with_values({key: scene.get(key) * (1.0 + sign * share)}))
+            for sign in (1.0, -1.0)
+        )
+        slopes.append((ahead - behind)[2:] / (2.0 * share))
+    # 1 %: single precision over the smaller step, and steps that adapt; a fit's least squares need
+    # no better
+    difference = (slopes[0] - slopes[1]).astype(float)
+    assert np.sqrt(np.mean(difference**2)) < 0.01 * np.sqrt(np.mean(slopes[0].astype(float) ** 2))

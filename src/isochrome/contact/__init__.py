@@ -1,9 +1,10 @@
 """The contact: surface operators, the pressure solver, and wear over sliding distance."""
 
 from isochrome.contact.course import Course, Stop, constant_course, wear_course, wear_rate
-from isochrome.contact.path import WearPath, has_path, on_path, state_on_path, wear_path
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.profile import Grid, contact_grid, elastic_constants, line_load
+from isochrome.contact.regrid import scar_on_nodes
+from isochrome.contact.scar import Scar, scar_history
 from isochrome.contact.states import SurfaceState, contact_states, iter_contact_states
 from isochrome.contact.surface import Surface, displacement, make_surface
 from isochrome.contact.wear import WornState, wear_history
@@ -12,25 +13,23 @@ __all__ = [
     "ContactState",
     "Course",
     "Grid",
+    "Scar",
     "Stop",
     "Surface",
     "SurfaceState",
-    "WearPath",
     "WornState",
     "constant_course",
     "contact_grid",
     "contact_states",
     "displacement",
     "elastic_constants",
-    "has_path",
     "iter_contact_states",
     "line_load",
     "make_surface",
-    "on_path",
+    "scar_history",
+    "scar_on_nodes",
     "solve_pressure",
-    "state_on_path",
     "wear_course",
     "wear_history",
-    "wear_path",
     "wear_rate",
 ]

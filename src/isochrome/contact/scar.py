@@ -45,14 +45,13 @@ _STILL, _SAME = 1e-12, 1e-12
 class Scar:
     """A worn contact: nodes `x_mm` from left to right, `pressure_mpa`, `depth_mm` (n+1,) there.
 
-    `ahead_n_per_mm` (n+1,) is the load that the surface bears to the right of each node.
+    The nodes are the middle less the half-width times cos θ, θ equally spaced over 0..π.
     """
 
     stop: Stop
     x_mm: Floats
     pressure_mpa: Floats
     depth_mm: Floats
-    ahead_n_per_mm: Floats
 
 
 def scar_history(
@@ -139,15 +138,13 @@ def _scar(equations: ScarEquations, stop: Stop, point: Point) -> Scar:
     """
     mesh, units, n = equations.mesh, equations.units, len(point.pressure)
     m, b = point.state[n : n + 2]
-    ahead = mesh.ahead @ point.pressure
-    load = stop.line_load_n_per_mm
-    scale = load / (b * ahead[-1] * units.pressure_mpa * units.length_mm)
+    borne = units.pressure_mpa * units.length_mm * b * float(mesh.total @ point.pressure)
+    scale = units.pressure_mpa * stop.line_load_n_per_mm / borne
     return Scar(
         stop=stop,
         x_mm=units.length_mm * (m + b * mesh.xi[::-1]),
-        pressure_mpa=scale * units.pressure_mpa * np.pad(point.pressure[::-1], 1),
+        pressure_mpa=scale * np.pad(point.pressure[::-1], 1),
         depth_mm=units.depth_mm * np.pad(point.state[:n][::-1], 1),
-        ahead_n_per_mm=load * ahead[::-1] / ahead[-1],
     )
 
 

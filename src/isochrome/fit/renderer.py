@@ -16,17 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.contact import (
-    WearPath,
-    has_path,
-    on_path,
-    state_on_path,
-    wear_path,
-)
 from isochrome.errors import PhysicsError
 from isochrome.optics import fringe_order, make_chain, polariscope_signal
 from isochrome.scene import Scene
-from isochrome.simulate import SceneState, scene_states, state_difference
+from isochrome.simulate import scene_states, state_difference
 from isochrome.stress import PixelGrid, pixel_grid, principal_direction
 
 Array = NDArray[Any]
@@ -46,7 +39,6 @@ class SceneRenderer:
         self.pixels = pixel_grid(scene, shape)
         self._fields: OrderedDict[Any, Array] = OrderedDict()
         self._anchor = (self.pixels.left_mm, self.pixels.top_mm)
-        self._path: tuple[Any, WearPath] | None = None
 
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
         """Stress difference (rows, cols) and visibility of the fringes at the strided pixels.
@@ -84,22 +76,12 @@ class SceneRenderer:
             scene.numerics, scene.camera.pixel_mm, self._anchor,
         )  # fmt: skip
         if key not in self._fields:
-            state = self._state(scene)
+            state = scene_states(scene)[-1]
             self._fields[key] = state_difference(scene, state, self._wide(scene))
             while len(self._fields) > _KEPT:
                 self._fields.popitem(last=False)
         self._fields.move_to_end(key)
         return self._fields[key]
-
-    def _state(self, scene: Scene) -> SceneState:
-        """The scene's state; a worn one from a wear run that its neighbours share."""
-        if not has_path(scene):
-            return scene_states(scene)[-1]
-        made_for = (scene.specimen, scene.indenter, scene.numerics)
-        if self._path is None or self._path[0] != made_for or not on_path(self._path[1], scene):
-            self._path = made_for, wear_path(scene)
-        surface = state_on_path(self._path[1], scene)
-        return SceneState("worn", surface.distance_m, surface)
 
     def _wide(self, scene: Scene) -> PixelGrid:
         assert scene.camera is not None and scene.camera.pixel_mm is not None
