@@ -70,7 +70,7 @@ def _stress(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressCompone
     surface = state.surface
     assert surface is not None
     return components_on_grid(
-        surface_field_grid(pixels, surface.grid),
+        surface_field_grid(pixels, surface.grid, scene.numerics.tolerance),
         surface.pressure_mpa,
         surface.shear_mpa if surface.shear_mpa.any() else None,
         bulk_mpa=_bulk(scene),

@@ -28,6 +28,7 @@ from isochrome.stress import (
     StressDifference,
     beam_difference,
     disc_difference,
+    field_dtype,
     make_field_grid,
     principal_direction,
     stress_difference,
@@ -127,18 +128,25 @@ def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> Stre
         return beam_difference(scene, pixels)
     surface = state.surface
     assert surface is not None
-    grid = surface_field_grid(pixels, surface.grid)
+    grid = surface_field_grid(pixels, surface.grid, scene.numerics.tolerance)
     shear = surface.shear_mpa if surface.shear_mpa.any() else None
     field = stress_difference(grid, surface.pressure_mpa, shear)
     bulk = scene.load.bulk_mpa if scene.load else None
-    return field + np.float32(bulk) if bulk else field
+    return field + field.real.dtype.type(bulk) if bulk else field
 
 
 @lru_cache(maxsize=2)
-def surface_field_grid(pixels: PixelGrid, grid: Grid) -> FieldGrid:
-    """The kernels from a contact's nodes to the pixels; the last two are kept."""
+def surface_field_grid(pixels: PixelGrid, grid: Grid, tolerance: float) -> FieldGrid:
+    """The kernels from a contact's nodes to the pixels, as precise as the scene's tolerance asks.
+
+    The last two are kept.
+    """
     return make_field_grid(
-        pixels, left_mm=grid.left_mm, spacing_mm=grid.spacing_mm, nodes=grid.nodes
+        pixels,
+        left_mm=grid.left_mm,
+        spacing_mm=grid.spacing_mm,
+        nodes=grid.nodes,
+        dtype=field_dtype(tolerance),
     )
 
 
