@@ -125,12 +125,12 @@ def test_worn_states_are_right_to_the_scenes_own_tolerance(paper, converged):
 
 @pytest.mark.long
 def test_worn_fields_are_right_below_the_first_rows(paper, converged):
-    """The fringe orders that the camera sees: the step's error sits at the moving edge."""
+    """The fringe orders that the camera sees: what error there is sits at the moving edge."""
     error = np.abs(paper.orders - converged.orders)
-    # measured 7e-4 of a fringe below 0.1 mm, 0.035 in the pixel at the edge itself, 3e-3 of n_max
-    assert np.nanmax(error[:, 16:]) < 2e-3
-    assert np.nanmax(error) < 0.05
-    np.testing.assert_allclose(paper.history["n_max"], converged.history["n_max"], rtol=1e-2)
+    # measured 2.3e-4 of a fringe below 0.1 mm, 6e-3 in the pixel at the edge itself, 2.6e-3 of n_max
+    assert np.nanmax(error[:, 16:]) < 5e-4
+    assert np.nanmax(error) < 0.01
+    np.testing.assert_allclose(paper.history["n_max"], converged.history["n_max"], rtol=5e-3)
 
 
 @pytest.mark.long
