@@ -57,6 +57,25 @@ def test_peak_pressure_and_depth_are_within_the_tolerance_asked_for(converged, t
         assert state.depth_mm.max() == pytest.approx(true.depth_mm.max(), rel=1.1 * tolerance)
 
 
+SHAPES = {
+    "ledge": lambda x: x**2 / (2 * RADIUS) + np.where(x > 0.05, 2e-4, 0.0),
+    "rounded shoulders": lambda x: 0.05 * np.clip(np.abs(x) - 0.4, 0.0, None),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+def test_the_tolerance_holds_at_a_fixed_corner_beside_an_edge_that_moves(shape):
+    """Hard case: a corner's pressure is hidden from the displacement, early in the run above all."""
+    doses = [DOSES[0] / 31.0, DOSES[0] / 3.1, DOSES[-1]]
+    asked, finer = (history(133, doses, gap=shape, tolerance=t)[2] for t in (1e-3, 3e-5))
+    for state, true in zip(asked, finer, strict=True):
+        # the finer run is itself good to a thirtieth of the tolerance
+        assert state.contact.pressure.max() == pytest.approx(
+            true.contact.pressure.max(), rel=1.1e-3
+        )
+        assert state.depth_mm.max() == pytest.approx(true.depth_mm.max(), rel=1.1e-3)
+
+
 @pytest.mark.parametrize("n", [133, 801])
 def test_no_pressure_spike_is_left_on_the_nodes_that_the_edge_has_just_passed(n):
     """Hard case: a long last step over-wears freshly touched nodes, and the stress at the edge,

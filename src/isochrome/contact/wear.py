@@ -8,10 +8,12 @@ Each step of the second-order backward differentiation formula with a variable r
 
 is one contact solve with dK (1+w)/(1+2w) added to the operator's diagonal: no more work than an
 explicit step, stable for any step and better conditioned. Steps are chosen so that the pressure
-stays near its own linear forecast, as the displacement that the difference would
-make shows it: a norm in which a kink one node wide at the moving edge of the contact is as small
-as its effect below the surface. Sources: Archard (1953), J. Appl. Phys. 24,
-981; Hairer, Nørsett & Wanner (1993), Solving ODEs I, section III.5.
+stays near its own linear forecast in two measures. One is the displacement that the difference
+would make, in which a kink one node wide at the moving edge of the contact is as small as its
+effect below the surface. But so is a corner, or the top of a narrow hill: the other measure is the
+pressure itself where it is largest, for which the tolerance is promised.
+Sources: Archard (1953), J. Appl. Phys. 24, 981; Hairer, Nørsett & Wanner (1993), Solving ODEs I,
+section III.5.
 """
 
 from __future__ import annotations
@@ -25,13 +27,17 @@ from isochrome.contact.course import Course, Stop
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.surface import Floats, Surface, displacement
 
+_ACCURACY = 1e-3
+"""Residual of each step's contact over the tolerance."""
 _GROW = 2.0
 _SHRINK = 0.3
 _SAFETY = 0.9
 _FORECAST, _LARGEST_FORECAST = 30.0, 0.01
-"""Largest forecast error, over the tolerance, and its cap: forecast and result both err by the
-step squared. Measured on the paper's case: p_max and depth are then within the tolerance from 1e-3
-to 1e-6 (tests/contact)."""
+_PEAK_FORECAST, _LARGEST_PEAK_FORECAST = 2.0, 0.05
+"""Largest forecast errors over the tolerance, in the displacement and in the largest pressure (both
+where it is and where it was), and their caps: forecast and result both err by the step squared.
+Measured under cylinders, corners, ledges and roughness: p_max and depth are then within the
+tolerance from 1e-3 to 1e-5, and under cylinders and corners to 1e-6 (tests/contact, tests/hard)."""
 _APPROACH, _SETTLE = 0.6, 0.05
 """Steps shorten towards a dose that is asked for, to this share of what is left, until what is left
 is this share of the dose in which the shortest wave of depth relaxes. A long step leaves too much
@@ -84,8 +90,6 @@ def wear_history(
     wanted relative error of the pressure; `start`, where the run goes on (unworn without it).
     Yields m WornState. Raises PhysicsError where a contact does not converge.
     """
-    accuracy = 1e-3 * tolerance
-    allowed = min(_FORECAST * tolerance, _LARGEST_FORECAST)
     start = start or WornStart(0.0, np.zeros(surface.nodes))
     load, mu = course.leaving(start.dose_mm_per_mpa)
     contact = solve_pressure(surface, gap_mm + start.depth_mm, load, friction=mu, tolerance=1e-10)
@@ -99,9 +103,9 @@ def wear_history(
         while stop.dose_mm_per_mpa - now.dose_mm_per_mpa > _SAME * stop.dose_mm_per_mpa:
             size, target = _size(course, now.dose_mm_per_mpa, stop.dose_mm_per_mpa, step, settle)
             load, mu = course.at(target)
-            new, error = _advance(surface, gap_mm, load, now, past, size, mu, accuracy)
-            factor = _SAFETY * (allowed / max(error, 1e-300)) ** 0.5
-            if error > allowed and size > 1e-12 * stop.dose_mm_per_mpa:
+            new, error = _advance(surface, gap_mm, load, now, past, size, mu, tolerance)
+            factor = _SAFETY / max(error, 1e-300) ** 0.5
+            if error > 1.0 and size > 1e-12 * stop.dose_mm_per_mpa:
                 step = size * max(_SHRINK, factor)
                 continue
             past = _Past(now.depth_mm, now.contact.pressure, size)
@@ -150,9 +154,9 @@ def _advance(
     past: _Past | None,
     size: float,
     friction: float,
-    accuracy: float,
+    tolerance: float,
 ) -> tuple[WornState, float]:
-    """One implicit step, and how far the pressure went from its linear forecast (relative)."""
+    """One implicit step, and its forecast's error over what the tolerance allows."""
     if past is None:
         base, diagonal, forecast = now.depth_mm, size, now.contact.pressure
     else:
@@ -167,11 +171,20 @@ def _advance(
         friction=friction,
         wear_mm_per_mpa=diagonal,
         start=np.maximum(forecast, 0.0),
-        tolerance=accuracy,
+        tolerance=_ACCURACY * tolerance,
     )
-    u = displacement(
-        surface, np.stack([contact.pressure - forecast, contact.pressure]), friction=0.0
-    )
-    error = np.ptp(u[0]) / np.ptp(u[1])
+    error = _forecast_error(surface, now.contact.pressure, contact.pressure, forecast, tolerance)
     depth = base + diagonal * contact.pressure
-    return WornState(now.dose_mm_per_mpa + size, contact, depth), float(error)
+    return WornState(now.dose_mm_per_mpa + size, contact, depth), error
+
+
+def _forecast_error(
+    surface: Surface, before: Floats, pressure: Floats, forecast: Floats, tolerance: float
+) -> float:
+    """The larger of the forecast's two errors, each over what the tolerance allows."""
+    miss, peak = pressure - forecast, pressure.max()
+    u = displacement(surface, np.stack([miss, pressure]), friction=0.0)
+    at = [int(pressure.argmax()), int(before.argmax())]
+    below = np.ptp(u[0]) / np.ptp(u[1]) / min(_FORECAST * tolerance, _LARGEST_FORECAST)
+    above = np.abs(miss[at]).max() / peak / min(_PEAK_FORECAST * tolerance, _LARGEST_PEAK_FORECAST)
+    return float(max(below, above))
