@@ -1,0 +1,77 @@
+"""How fast each discretisation converges: in the mesh, in the grid, in the step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isochrome.contact import constant_course, make_surface, scar_history, scar_on_nodes
+from isochrome.contact import scar as scar_module
+from isochrome.contact.mesh import make_mesh
+from isochrome.contact.pressure import solve_pressure
+from isochrome.reference import hertz_half_width
+
+RADIUS, MODULUS, LOAD = 24.61, 2473.2, 11.0
+COUPLING, FRICTION = 1.6e-4, 0.25
+UNIT = 2.0 * hertz_half_width(LOAD, RADIUS, MODULUS) / MODULUS
+COURSE, STOPS = constant_course(LOAD, [1.0], dose_per_m=3.1 * UNIT, friction=FRICTION)
+"""The paper's 233 m: the pressure is flat, and steep at its edges."""
+
+
+def scar(intervals, monkeypatch, tolerance=1e-6):
+    monkeypatch.setattr(scar_module, "make_mesh", lambda _: make_mesh(intervals))
+    history = scar_history(RADIUS, MODULUS, COUPLING, COURSE, STOPS, tolerance=tolerance)
+    return next(history)
+
+
+def orders(values, exact, refinement=2.0):
+    """Slope of the logarithm of the error from one value to the next."""
+    error = np.abs(np.array(values) - exact)
+    return np.log(error[:-1] / error[1:]) / np.log(refinement)
+
+
+def test_the_worn_pressure_converges_between_second_and_third_order_in_the_mesh(monkeypatch):
+    """p ~ distance^γ at the edges, γ = 0.2 here: the crowding as θ² makes it θ^0.4, and the load
+    that an edge's interval holds err as its width^(2 + 0.4); the derivative of h adds second order.
+    """
+    peaks = {}
+    for n in (16, 32, 64, 256):
+        worn = scar(n, monkeypatch)
+        peaks[n] = worn.pressure_mpa[n // 2]  # at the middle: a node of every mesh
+    got = orders([peaks[n] for n in (16, 32, 64)], peaks[256])
+    assert ((got > 1.9) & (got < 3.3)).all(), got
+
+
+def test_the_unworn_pressure_is_exact_on_any_mesh(monkeypatch):
+    """Hertz's p sin θ is (1 - cos 2θ)/2, two terms of the series: no error at all but rounding."""
+    course, stops = constant_course(LOAD, [0.0, 1.0], dose_per_m=1e-12 * UNIT)
+    for n in (8, 21):
+        monkeypatch.setattr(scar_module, "make_mesh", lambda _, n=n: make_mesh(n))
+        unworn = next(scar_history(RADIUS, MODULUS, 0.0, course, stops, tolerance=1e-4))
+        half = unworn.x_mm[-1]
+        exact = MODULUS / (2 * RADIUS) * np.sqrt(np.maximum(half**2 - unworn.x_mm**2, 0.0))
+        assert half == pytest.approx(hertz_half_width(LOAD, RADIUS, MODULUS), rel=1e-12)
+        # rounding of the edges, which the root magnifies to 1e-8
+        np.testing.assert_allclose(unworn.pressure_mpa, exact, atol=1e-7 * exact.max())
+
+
+def test_the_elastic_contact_on_a_worn_surface_converges_in_the_grid(monkeypatch):
+    """Pressure at the middle on N nodes: first order and better, as the steep edge between nodes
+    allows; truth from a grid thirty times finer than the coarsest."""
+    worn = scar(128, monkeypatch)
+
+    def middle(n):
+        x = np.linspace(-0.8, 0.8, n)
+        surface = make_surface(
+            n, x[1] - x[0], contact_modulus_mpa=MODULUS, coupling_per_mpa=COUPLING
+        )
+        _, depth = scar_on_nodes(worn, x)
+        gap = x * x / (2 * RADIUS) + depth
+        return solve_pressure(surface, gap, LOAD, friction=FRICTION).pressure[n // 2]
+
+    exact = middle(8193)
+    error = np.abs([middle(n) - exact for n in (257, 1025, 4097)]) / exact
+    # where the edge lies between two nodes makes single errors jump; over sixteen times the nodes
+    # the order shows, and the coarsest is within what the default grid promises
+    assert np.log(error[0] / error[-1]) / np.log(16.0) > 1.0
+    assert error[0] < 1e-3
