@@ -18,7 +18,7 @@ from isochrome.stress import pixel_grid
 
 from . import paper_procedure as paper
 from .case_stress import TIMED_ROWS, closed_form, tractions
-from .common import OURS, PAPER, timed, with_ratios
+from .common import OURS, PAPER, plain, timed, with_ratios
 
 IN_A_ROW = 10
 """Frames that are rendered one after the other, as a history's are."""
@@ -27,8 +27,10 @@ IN_A_ROW = 10
 def frames(quick):
     """Rows for one 8-bit frame; the error is the largest of the fringe order in view (fringes)."""
     scene = load_scene("line-contact-wear")
+    if quick:
+        small = {"width_px": 41, "height_px": 31, "pixel_mm": 16 * scene.camera.pixel_mm}
+        scene = scene.with_values({f"camera.{key}": value for key, value in small.items()})
     pixels = pixel_grid(scene)
-    pixels = pixels.every(16) if quick else pixels
     grid = contact_grid(scene, largest_dose_mm_per_mpa=0.0)
     p, q = tractions(grid.x_mm)
     mu = scene.friction_at(0.0)
@@ -54,9 +56,9 @@ def frames(quick):
     truth = np.abs(closed_form(pixels)) * to_order
     errors = np.abs(direct - truth[::TIMED_ROWS]).max(), np.abs(order - truth).max()
     case = f"fringe frame, {pixels.cols} x {pixels.rows}"
-    notes = f", every {TIMED_ROWS}th row timed", ""
+    notes = f" (every {TIMED_ROWS}th row)", ""
     compared = [
-        Row(case, method, f"{1.0 / sec:.3g} frames/s{note}", float(error), sec)
+        Row(case, method, f"{plain(1.0 / sec)} frames/s{note}", float(error), sec)
         for method, sec, error, note in zip((PAPER, OURS), seconds, errors, notes, strict=True)
     ]
     return with_ratios(compared) + _optics(scene, state_difference(scene, state, pixels), pixels)
@@ -66,7 +68,7 @@ def _optics(scene, difference, pixels):
     """Rows from stress to 8 bits; the error is that of the light against plain sums in double."""
     settings = {
         "one wavelength": {},
-        "real plates, analyser 2 degrees off": {
+        "real plates, analyser 2° off": {
             "polariscope.plate_wavelength_nm": 560.0,
             "polariscope.analyser_error_deg": 2.0,
         },
@@ -87,7 +89,7 @@ def _optics(scene, difference, pixels):
         settings, scenes, results, seconds, strict=True
     ):
         error = float(np.abs(signal[::29, ::31] - _summed(changed, picture)).max())
-        rows.append(Row(case, OURS, f"{name}: {1.0 / sec:.3g} frames/s", error, sec))
+        rows.append(Row(case, OURS, f"{name}: {plain(1.0 / sec)} frames/s", error, sec))
     return rows
 
 

@@ -40,7 +40,7 @@ def memory(quick):
     """Rows of peak memory: nothing but the imports, the paper's case, and long histories."""
     if find_spec("resource") is None:
         return [Row(CASE, OURS, "not measured on this system")]
-    lengths = (3, 30) if quick else LENGTHS
+    lengths = (3,) if quick else LENGTHS
     with TemporaryDirectory() as place:
         folder = Path(place)
         runs = {"imports alone": ()}

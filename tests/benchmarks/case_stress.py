@@ -9,13 +9,16 @@ from isochrome.reference import hertz_pressure, sliding_hertz_stress
 from isochrome.stress import PixelGrid, make_field_grid, stress_difference
 
 from . import paper_procedure as paper
-from .common import FRICTION, HALF_WIDTH, OURS, PAPER, PEAK, timed, with_ratios
+from .common import FRICTION, HALF_WIDTH, OURS, PAPER, PEAK, plain, timed, with_ratios
 
 PIXELS = PixelGrid(rows=494, cols=659, left_mm=-2.0, top_mm=0.0, pixel_mm=0.00607)
 FOLDS = (1, 6)
 """Elements a pixel; six is the contact grid that `isochrome simulate` chooses here."""
+KINDS = (np.complex64, np.complex128)
+EDGES, LAGS = "over edges", "by lags"
 TIMED_ROWS = 10
 """The direct sum is timed on every tenth row and scaled; its rows all cost the same."""
+_SCALED = f" (every {TIMED_ROWS}th row)"
 
 
 def stress(quick):
@@ -45,27 +48,38 @@ def _stress(pixels, fold, quick):
     p, q = tractions(nodes)
     here = pixels.x_mm, pixels.z_mm[::TIMED_ROWS], nodes[0], h, p, q
     share = pixels.rows / len(pixels.z_mm[::TIMED_ROWS])
-    kinds = (np.complex64, np.complex128)
-    grids = [
-        make_field_grid(pixels, left_mm=nodes[0], spacing_mm=h, nodes=count, dtype=kind)
-        for kind in kinds
-    ]
+    view = f"{pixels.cols} x {pixels.rows}, {fold}/px"
+    place = {"left_mm": nodes[0], "spacing_mm": h, "nodes": count}
+    setup, grids = _set_up(pixels, place, f"stress, {view}, set-up", quick)
     calls = [lambda: paper.stress_by_edges(*here), lambda: paper.stress_by_lags(*here)]
     calls += [lambda grid=grid: stress_difference(grid, p, q) for grid in grids]
     fields, seconds = timed(calls, repeats=1 if quick else 5)
     seconds = [seconds[0] * share, seconds[1] * share, *seconds[2:]]
     fields[2:] = [field[::TIMED_ROWS] for field in fields[2:]]
     truth = closed_form(pixels)[::TIMED_ROWS]
-    names = [(PAPER, "over edges"), (PAPER, "by lags"), (OURS, "complex64"), (OURS, "complex128")]
-    view = f"{pixels.cols} x {pixels.rows}, {fold} elements/px"
     exact = [exact_steps(*here)] * 2 + [exact_hats(*here)] * 2
+    names = [(PAPER, f"{EDGES}{_SCALED}"), (PAPER, f"{LAGS}{_SCALED}")]
+    names += [
+        (OURS, f"{kind.__name__}: {plain(seconds[0] / sec)} x {EDGES}")
+        for kind, sec in zip(KINDS, seconds[2:], strict=True)
+    ]
     rows = []
     for kind, truths in (("closed form", [truth] * 4), ("exact sum", exact)):
         for (method, how), field, true, sec in zip(names, fields, truths, seconds, strict=True):
-            scaled = f", every {TIMED_ROWS}th row timed" if method == PAPER else ""
             error = float(np.abs(field - true).max() / PEAK)
-            rows.append(Row(f"stress, {view}, to {kind}", method, how + scaled, error, sec))
-    return with_ratios(rows)
+            rows.append(Row(f"stress, {view}, to {kind}", method, how, error, sec))
+    return with_ratios(rows) + setup
+
+
+def _set_up(pixels, place, case, quick):
+    """Rows with the time and memory of the kernels, and the grids that hold them."""
+    calls = [lambda kind=kind: make_field_grid(pixels, dtype=kind, **place) for kind in KINDS]
+    grids, seconds = timed(calls, repeats=1 if quick else 3)
+    rows = [
+        Row(case, OURS, f"{kind.__name__}: kernels {1e-6 * grid.nbytes:.3g} MB", seconds=sec)
+        for kind, grid, sec in zip(KINDS, grids, seconds, strict=True)
+    ]
+    return rows, grids
 
 
 def exact_steps(x, z, first, h, p, q):

@@ -26,6 +26,8 @@ _LONG_S = 2.0
 """A call that has had this much time in all is not repeated."""
 _SHORT_S = 0.02
 """A call shorter than this is timed in groups that are about as long."""
+_SAME_ERROR = 1.01
+"""Errors of rivals that differ by less than this are one."""
 
 
 def timed(calls, *, repeats=5):
@@ -52,20 +54,24 @@ def timed(calls, *, repeats=5):
 
 
 def with_ratios(rows):
-    """Our rows with the ratio to the fastest setting of the paper's at the same or smaller error.
+    """Our rows with the ratio to the fastest setting of a rival at the same or smaller error.
 
-    Where no setting of the paper's procedure gets there, the ratio is to its most accurate one and
-    the row says so. Compares rows of one case only.
+    Where no setting of a rival gets there, the ratio is to the most accurate one (the fastest, if
+    several are) and the row says so. Compares rows of one case only.
     """
     done = []
     for row in rows:
-        rivals = [
-            r for r in rows if r.method == PAPER and r.case == row.case and r.error == r.error
-        ]
+        rivals = [r for r in rows if r.method != OURS and r.case == row.case and r.error == r.error]
         if row.method != OURS or not rivals:
             done.append(row)
             continue
         there = [r for r in rivals if r.error <= row.error]
-        rival = min(there, key=lambda r: r.seconds) if there else min(rivals, key=lambda r: r.error)
+        best = _SAME_ERROR * min(r.error for r in rivals)
+        rival = min(there or [r for r in rivals if r.error <= best], key=lambda r: r.seconds)
         done.append(replace(row, ratio=rival.seconds / row.seconds, reached=bool(there)))
     return done
+
+
+def plain(ratio):
+    """A ratio to two figures, never as a power of ten."""
+    return f"{ratio:.2g}" if ratio < 10.0 else f"{float(f'{ratio:.2g}'):.0f}"
