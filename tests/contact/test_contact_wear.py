@@ -65,7 +65,7 @@ SHAPES = {
 
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 def test_the_tolerance_holds_at_a_fixed_corner_beside_an_edge_that_moves(shape):
-    """Hard case: a corner's pressure is hidden from the displacement, early in the run above all."""
+    """Hard case: a corner's pressure is hidden from the displacement, most of all early."""
     doses = [DOSES[0] / 31.0, DOSES[0] / 3.1, DOSES[-1]]
     asked, finer = (history(133, doses, gap=shape, tolerance=t)[2] for t in (1e-3, 3e-5))
     for state, true in zip(asked, finer, strict=True):

@@ -12,6 +12,7 @@ coarser grid, and has the edges within a node or two; one or two trial sets then
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from isochrome.contact.surface import COARSER, Floats, Surface
 from isochrome.contact.trial import TrialSystem
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 
 _PATIENCE = 8
 _MAX_SETS = 500
@@ -59,15 +60,20 @@ def solve_pressure(
     """Solve for the contact pressure under a given load.
 
     Parameters: `surface`, the operator; `gap_mm` (n,), the undeformed gap, worn depth included
-    (mm; a constant offset does not matter); `line_load_n_per_mm`, P' (N/mm); `friction`, mu, only
-    for the coupling; `wear_mm_per_mpa`, the diagonal c (mm/MPa); `start` (n,), a pressure to start
-    from, else a coarser grid's; `tolerance`, on the KKT residual.
-    Returns a ContactState. Raises PhysicsError where it does not converge.
+    (mm; finite, and a constant offset does not matter); `line_load_n_per_mm`, P' (N/mm), positive;
+    `friction`, mu, only for the coupling; `wear_mm_per_mpa`, the diagonal c (mm/MPa); `start` (n,),
+    a pressure to start from, else (or where it bears nothing) a coarser grid's; `tolerance`, on the
+    KKT residual.
+    Returns a ContactState. Raises InputError on a gap or a load that is none, and PhysicsError
+    where it does not converge.
     """
-    if start is None:
-        start = _from_coarse(surface, gap_mm, line_load_n_per_mm, friction, wear_mm_per_mpa)
-    system = TrialSystem(surface, gap_mm, line_load_n_per_mm, friction, wear_mm_per_mpa)
-    active = start > 0.0
+    datum = _checked_datum(gap_mm, line_load_n_per_mm)
+    gap = gap_mm - datum
+    active = None if start is None else start > 0.0
+    if start is None or active is None or not active.any():
+        start = _from_coarse(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
+        active = start > 0.0
+    system = TrialSystem(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
     pressure = np.where(active, start, 0.0)
     fewest, patience, iterations = surface.nodes + 1, _PATIENCE, 0
     for sets in range(1, _MAX_SETS + 1):
@@ -76,9 +82,10 @@ def solve_pressure(
         count = int(np.count_nonzero(trial.wrong))
         if count == 0:
             residual = system.residual(active, trial.gap)
-            if residual > _WORST * tolerance:
+            if not residual <= _WORST * tolerance:
                 break
-            return ContactState(pressure, trial.gap, trial.approach, residual, iterations, sets)
+            approach = datum + trial.approach
+            return ContactState(pressure, trial.gap, approach, residual, iterations, sets)
         if count < fewest:
             fewest, patience = count, _PATIENCE
         else:
@@ -90,10 +97,26 @@ def solve_pressure(
             active[np.flatnonzero(trial.wrong)[-1]] ^= True
         if not active.any():
             active[np.argmin(trial.gap)] = True
+    lower = "lower friction.coefficient or " if friction else ""
     raise PhysicsError(
         f"the contact pressure did not converge (friction {friction:g}, {sets} trial sets); "
-        "lower friction.coefficient or refine numerics.spacing_mm"
+        f"{lower}refine numerics.spacing_mm"
     )
+
+
+def _checked_datum(gap: Floats, load: float) -> float:
+    """The smallest gap, which is taken off, since its rounding would be felt as roughness."""
+    datum = float(gap.min())
+    if not (math.isfinite(datum) and math.isfinite(float(gap.max()))):
+        raise InputError(
+            "the gap between the bodies is not finite everywhere; give every node a number, and a "
+            "large one (1000 mm) where there is no body"
+        )
+    if not 0.0 < load < math.inf:
+        raise InputError(
+            f"the load is {load:g} N/mm, and must be above 0 and finite; change load.normal_n"
+        )
+    return datum
 
 
 def _to_the_edge(active: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:

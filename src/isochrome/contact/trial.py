@@ -1,11 +1,12 @@
 """The contact's linear equations on a trial set of nodes.
 
-With contact on the set, g + u(p) + c p = d there, p = 0 elsewhere, and h Σp = P'. On a small grid
-they are solved directly. On a larger one by generalised conjugate residuals, which converge for
-every operator with a positive definite symmetric part, symmetric or not (Eisenstat, Elman & Schultz
-1983, SIAM J. Numer. Anal. 20, 345); friction's coupling is antisymmetric, so it never spoils that.
-The preconditioner is the operator's inverse on an endless lattice, about |k|, projected on the
-load-free corrections: six or seven iterations to 1e-10 at any size.
+With contact on the set, g + u(p) + c p = d there, p = 0 elsewhere, and h Σp = P'; the gap g >= 0
+has 0 for its smallest, so that no datum is rounded along. On a small grid they are solved directly.
+On a larger one by generalised conjugate residuals, which converge for every operator with a
+positive definite symmetric part, symmetric or not (Eisenstat, Elman & Schultz 1983, SIAM J. Numer.
+Anal. 20, 345); friction's coupling is antisymmetric, so it never spoils that. The preconditioner is
+the operator's inverse on an endless lattice, about |k|, projected on the load-free corrections: six
+or seven iterations to 1e-10 at any size.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from numpy.typing import NDArray
 from isochrome.contact.surface import Floats, Surface, combined, displacement
 
 _MAX_KRYLOV = 80
+_ROUNDING = 4.0 * float(np.finfo(float).eps)
+"""Error of an equation over its gap below which nothing can be gained, whatever is asked for."""
 _LOOK = 1e-3
 """Residual at which the signs are first looked at, and factor to the next look."""
 
@@ -97,10 +100,11 @@ class TrialSystem:
         u = self.apply(p)
         state = np.stack([p, _project(inside, count, self.gap + u), u])
         scale = _range(u) ** 2
+        rounding = count * (_ROUNDING * self.gap[active].max()) ** 2
         level = _LOOK if look else 0.0
         moves, squares = np.empty((min(count, _MAX_KRYLOV), *state.shape)), np.empty(_MAX_KRYLOV)
         used = 0
-        while (error := float(_dot(state[1], state[1]))) > scale * tolerance**2:
+        while (error := float(_dot(state[1], state[1]))) > max(scale * tolerance**2, rounding):
             if used == len(moves):
                 break
             if error <= scale * level**2:
