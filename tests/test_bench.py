@@ -129,10 +129,10 @@ def test_errors_of_the_quick_bench_are_what_its_cases_promise(quick):
     got, _, _ = quick
     ours = [row for row in got if row.method == "this project"]
     assert max(row.error for row in ours if row.case.startswith("pressure")) < 1e-4
-    worn = {row.setting: row.error for row in ours if row.case.startswith("wear")}
+    worn = {r.setting.split(":")[0]: r.error for r in ours if r.case.startswith("wear")}
     # the tolerance on either way, and the fixed grid's error in space on 64 nodes
     assert worn["tolerance 0.001"] < 1e-3
-    assert worn["fixed grid (any profile), tolerance 0.001"] < 3e-3
+    assert worn["any profile, tolerance 0.001"] < 3e-3
     exact = [row.error for row in ours if row.case.endswith("exact sum")]
     assert exact[0] < 1e-6 and exact[1] < 1e-10  # single, double precision
     frames = [row.error for row in ours if row.case.startswith(("fringe frame", "optics"))]

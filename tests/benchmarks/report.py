@@ -35,7 +35,8 @@ def table(rows: list[Row]) -> str:
 _FOOT = """\
 ratio: time of the fastest setting of the paper's procedure (or of a peer) at the same or smaller
 error over ours, on the same grid; in brackets where none is as accurate: to the most accurate one.
-Under stress it is to whichever of the paper's two sums is faster; the setting has the other.
+Where the paper's procedure also stands in a faster form than the plain one (wear: CG stopped early;
+stress: by lags) the ratio is to whichever is faster, and the setting tells that to the plain one.
 Errors are relative: of p over p0 in the middle half of a static contact, of p_max and depth in a
 worn one, of the field over p0. Frames' are of the order (fringes), the optics' of the light.
 Medians of five after a warm-up, taken in turns (over two seconds: fewer); set-up not included."""

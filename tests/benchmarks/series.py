@@ -9,7 +9,7 @@ from isochrome.figures import LINE_COLOURS
 
 from .case_peers import CONTACT_MECHANICS, TAMAAS
 from .case_stress import EDGES, KINDS, LAGS
-from .case_wear import GRID, MESH
+from .case_wear import GRID, LOOSE, MESH, TIGHT
 from .common import OURS, PAPER
 
 HERE = "Isochrome"
@@ -62,9 +62,21 @@ def pressure(rows: list[Row]) -> list[Series]:
 
 def wear(rows: list[Row]) -> list[Series]:
     """Explicit steps, the moving mesh, and the fixed grid that other profiles take."""
+    steps = _of(rows, "wear", PAPER)
     return _seen(
         [
-            Series("paper: explicit steps", _of(rows, "wear", PAPER), ORANGE, "o"),
+            Series(
+                f"paper: CG to {TIGHT:g}",
+                [r for r in steps if f"CG to {TIGHT:g}" in r.setting],
+                ORANGE,
+                "o",
+            ),
+            Series(
+                f"paper: CG to {LOOSE:g}",
+                [r for r in steps if f"CG to {LOOSE:g}" in r.setting],
+                YELLOW,
+                "v",
+            ),
             Series(f"{HERE}: cylinder", _of(rows, "wear", OURS, MESH), BLUE, "s"),
             Series(f"{HERE}: any profile", _of(rows, "wear", OURS, GRID), SKY, "D"),
         ]
