@@ -339,3 +339,10 @@ def test_the_grid_is_as_fine_as_the_smallest_load_and_as_wide_as_the_largest_nee
     assert both.spacing_mm == light.spacing_mm < heavy.spacing_mm
     # Hertz: twice the width at four times the load, to one spacing of the heavy grid
     assert both.left_mm == pytest.approx(heavy.left_mm, abs=1.01 * heavy.spacing_mm)
+
+
+@pytest.mark.parametrize("k", [5e-324, 1e-300])
+def test_wear_too_small_for_a_number_is_none(k):
+    """Hard case: the smallest coefficient that a float holds; a step's weights would overflow."""
+    for state in worn_states(scene(wear__coefficient_mm2_per_n=k, wear__distances_m=(40.0, 101.0))):
+        assert not state.wear_depth_mm.any() and np.isfinite(state.pressure_mpa).all()

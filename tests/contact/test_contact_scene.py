@@ -21,6 +21,7 @@ from isochrome.scene import load_scene, parse_scene
 
 PAIR = (2100.0, 0.4, 210000.0, 0.3)
 PAPER = load_scene("line-contact-wear")
+FLAT_NODES = "[numerics]\nspacing_mm = 0.01"
 
 STATIC = """
 [specimen]
@@ -196,3 +197,36 @@ def test_a_part_that_is_absent_costs_no_state():
     wear = "[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [1, 2]\n"
     coarse = "[numerics]\nspacing_mm = 0.01\ntolerance = 1e-3\n"
     assert len(contact_states(static(rest=wear + coarse))) == 2
+
+
+def test_a_profiles_end_may_be_a_corner_if_the_file_says_so(tmp_path):
+    """A file that ends in contact is refused; a last row with a large gap makes it a flat."""
+    write_profile(tmp_path, [-0.5, 0.0, 0.5], [0.0, 0.0, 0.0])
+    scene = static(indenter='profile = "scar.csv"', folder=tmp_path, rest=FLAT_NODES)
+    with pytest.raises(PhysicsError, match=r"end of the profile .* add a row with a large gap"):
+        contact_states(scene)
+    write_profile(
+        tmp_path, [-1.0, -0.5 - 1e-9, -0.5, 0.0, 0.5, 0.5 + 1e-9, 1.0], [9, 9, 0, 0, 0, 9, 9]
+    )
+    (state,) = contact_states(scene)
+    flat = static(indenter='shape = "flat"\nhalf_width_mm = 0.5', rest=FLAT_NODES)
+    (punch,) = contact_states(flat)
+    on, there = state.pressure_mpa > 0.0, punch.pressure_mpa > 0.0
+    # two solutions of residual 1e-10 on the same nodes
+    np.testing.assert_allclose(
+        state.pressure_mpa[on], punch.pressure_mpa[there], rtol=0, atol=1e-6 * punch.p_max_mpa
+    )
+
+
+@pytest.mark.parametrize("share", [0.11, 0.13])
+def test_a_flats_mean_pressure_is_held_to_that_of_the_widest_cylinder(share):
+    """p_mean = pi E* a/(8 R) at a = 0.3 R: 0.118 E*."""
+    modulus = contact_modulus(*PAIR)
+    flat = static(
+        'shape = "flat"\nhalf_width_mm = 0.5', load=4.0 * share * modulus, rest=FLAT_NODES
+    )
+    if share < 0.12:
+        assert contact_states(flat)[0].line_load_n_per_mm == pytest.approx(share * modulus)
+    else:
+        with pytest.raises(PhysicsError, match=r"mean pressure .* lower the load"):
+            contact_states(flat)

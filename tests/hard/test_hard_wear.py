@@ -135,9 +135,9 @@ def test_flat_wears_to_uniform_pressure_and_its_corners_only_ever_ease():
 # --- roughness ----------------------------------------------------------------------------------
 
 
-def write_rough(folder, *, shortest=0.015, height=1.5e-4, seed=4):
+def write_rough(folder, *, rows, shortest=0.015, height=1.5e-4, seed=4):
     """Roughness on the cylinder, waves from 1 mm down: its table, and the line that names it."""
-    table = np.linspace(-0.9, 0.9, 901)
+    table = np.linspace(-0.9, 0.9, rows)
     rng = np.random.default_rng(seed)
     k = np.arange(1, round(0.9 / shortest) + 1)
     phase = 2.0 * np.pi * (k[:, None] * table + rng.random(len(k))[:, None])
@@ -148,7 +148,7 @@ def write_rough(folder, *, shortest=0.015, height=1.5e-4, seed=4):
 
 def test_rough_profile_wears_its_tens_of_patches_together(tmp_path):
     """Goes wrong: contact leaves a patch half worn, a new patch is overstepped, volume is lost."""
-    table, heights, line = write_rough(tmp_path)
+    table, heights, line = write_rough(tmp_path, rows=451)  # twice the spacing apart
     text = worn([0.0, 1.0, 5.0, 20.0, 77.0, 233.0], spacing=0.002, window=1.7, friction=0.25)
     states = contact_states(contact_scene(text, indenter=line, folder=tmp_path))
     count = [patches(s.pressure_mpa) for s in states]
@@ -180,7 +180,7 @@ def assert_worn_area(state, tolerance=1e-9):
 
 def test_rough_wear_is_that_of_brute_force(tmp_path):
     """Goes wrong: steps fit for a smooth contact jump over hills that meet in between."""
-    table, heights, line = write_rough(tmp_path, shortest=0.03)
+    table, heights, line = write_rough(tmp_path, rows=181, shortest=0.03)  # as above
     text = worn([2.0], spacing=0.005, window=1.5, tolerance=1e-5)
     (state,) = contact_states(contact_scene(text, indenter=line, folder=tmp_path))
     x = state.grid.x_mm

@@ -1,28 +1,28 @@
-"""The undeformed gap between indenter and specimen, and the grid on which the contact is solved."""
+"""A scene's elastic constants and load, and the grid on which its contact is solved."""
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from isochrome.contact.gap import read_profile, undeformed_gap
 from isochrome.contact.surface import Floats
-from isochrome.errors import InputError, PhysicsError
+from isochrome.errors import PhysicsError
 from isochrome.scene import Scene
 
 STEEPEST = 0.3
 """Largest half-width over radius: beyond it, the parabola is over 2 % off the cylinder's arc."""
 
-FAR_MM = 1e3
-"""Gap beyond a flat's corners: nothing touches there."""
-
 _MAX_NODES = 32_768
 _NODES_IN_HALF_WIDTH = 350
 """Fine enough for 1e-3 of the peak pressure in the first row of pixels, beside the edge."""
 _MARGIN = 1.3
+_SPACINGS_IN_ROW_STEP, _FEWEST_IN_ROW_STEP = 4, 2
+"""Spacings from one row of a measured profile to the next, by default and at least, so that no row
+is passed over. A profile is straight between its rows: at a row that is a kink, the pressure has a
+logarithm, which grows as the spacing is made finer."""
 
 
 @dataclass(frozen=True)
@@ -66,50 +66,6 @@ def line_load(scene: Scene, distance_m: float = 0.0) -> float:
     return scene.load_at(distance_m) / scene.specimen.thickness_mm
 
 
-def undeformed_gap(scene: Scene, x_mm: Floats) -> Floats:
-    """Gap between the unloaded bodies, up to a constant.
-
-    Equation: x²/(2R) for a cylinder, 0 between a flat's corners, and what the profile file adds.
-    Parameters: `scene`, with an indenter; `x_mm` (n,). Returns (n,), mm. Raises InputError on a
-    profile file that cannot be used.
-    """
-    indenter = scene.indenter
-    assert indenter is not None
-    gap = np.zeros_like(x_mm)
-    if indenter.radius_mm is not None and indenter.shape == "cylinder":
-        gap += x_mm**2 / (2.0 * indenter.radius_mm)
-    if indenter.half_width_mm is not None and indenter.shape == "flat":
-        gap[np.abs(x_mm) > indenter.half_width_mm * (1.0 + 1e-12)] = FAR_MM
-    if indenter.profile is not None:
-        x, height = read_profile(scene.path(indenter.profile))
-        gap += np.interp(x_mm, x, height)
-        gap[(x_mm < x[0]) | (x_mm > x[-1])] = FAR_MM
-    return gap
-
-
-def read_profile(path: Path) -> tuple[Floats, Floats]:
-    """A measured profile: a CSV file with the columns x_mm and gap_mm (or gap_um).
-
-    Returns x (m,) rising and the gap (m,), mm. Raises InputError that names the file and the fix.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: the profile cannot be read ({error}); check its name") from error
-    unit = 1e-3 if rows and "gap_um" in rows[0] else 1.0
-    name = "gap_um" if unit == 1e-3 else "gap_mm"
-    try:
-        table = np.array([[float(row["x_mm"]), float(row[name])] for row in rows], dtype=float)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{path}: a profile needs the columns x_mm and gap_mm (or gap_um), numbers in all rows"
-        ) from error
-    if len(table) < 3 or not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0.0).any():
-        raise InputError(f"{path}: a profile needs three rows or more, finite, with rising x_mm")
-    return table[:, 0], table[:, 1] * unit
-
-
 def contact_grid(
     scene: Scene,
     *,
@@ -120,18 +76,20 @@ def contact_grid(
     """A grid that holds the contact at every state, fine enough for the unworn one.
 
     The half-width is that of Hertz, a, joined with that of the worn arc, c = (3 R K P'/2)^(1/3),
-    as (a³ + c³)^(1/3), with a margin. The spacing divides the camera's pixel, so that the stress
-    below needs no interpolation.
+    as (a³ + c³)^(1/3), with a margin; it reaches a measured profile's outer hills as well. The
+    spacing is a quarter of the profile's row step at most, and divides the camera's pixel, so that
+    the stress below needs no interpolation.
     Parameters: `scene`; `largest_dose_mm_per_mpa`, K = ∫kappa ds of the last state;
     `line_loads_n_per_mm`, the smallest P', which sets the fineness, and the largest, which sets the
     window (the scene's at no distance if None); `growth`, factor on the window, for a second try.
-     Raises PhysicsError on a contact too wide for its model.
+    Raises PhysicsError on a contact too wide for its model, on a grid too large or too small, and
+    on a spacing that would pass over rows of the profile.
     """
     modulus, _ = elastic_constants(scene)
     loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))
     finest, reach = _contact_reach(scene, modulus, largest_dose_mm_per_mpa, loads)
     half = scene.numerics.window_mm / 2.0 if scene.numerics.window_mm else _MARGIN * growth * reach
-    spacing = scene.numerics.spacing_mm or finest / _NODES_IN_HALF_WIDTH
+    spacing = _spacing(scene, finest / _NODES_IN_HALF_WIDTH, min(half, reach))
     pixel = scene.camera.pixel_mm if scene.camera else None
     if pixel:
         spacing = pixel / math.ceil(pixel / spacing * (1.0 - 1e-9))
@@ -139,7 +97,8 @@ def contact_grid(
     if nodes > _MAX_NODES:
         raise PhysicsError(
             f"{scene.name}: the contact needs {nodes} nodes of {spacing:.3g} mm over "
-            f"{2 * half:.3g} mm, more than {_MAX_NODES}; set a coarser numerics.spacing_mm or a "
+            f"{2 * half:.3g} mm, more than {_MAX_NODES}; set a coarser numerics.spacing_mm"
+            f"{' (and smooth the profile to fewer rows)' if _has_profile(scene) else ''} or a "
             "smaller numerics.window_mm"
         )
     if nodes < 16:
@@ -148,6 +107,29 @@ def contact_grid(
             "mm; set a finer numerics.spacing_mm or a larger numerics.window_mm"
         )
     return Grid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
+
+
+def _has_profile(scene: Scene) -> bool:
+    return scene.indenter is not None and scene.indenter.profile is not None
+
+
+def _spacing(scene: Scene, smooth: float, half: float) -> float:
+    """The scene's own spacing or that of a smooth contact, and none that passes over rows (mm)."""
+    given = scene.numerics.spacing_mm
+    row = math.inf
+    if scene.indenter is not None and scene.indenter.profile is not None:
+        x, _ = read_profile(scene.path(scene.indenter.profile))
+        steps = np.diff(x)[(x[1:] > -half) & (x[:-1] < half)]
+        if len(steps):
+            row = float(np.median(steps))
+        coarsest = row / _FEWEST_IN_ROW_STEP
+        if given is not None and given > coarsest * (1.0 + 1e-6):
+            raise PhysicsError(
+                f"{scene.name}: numerics.spacing_mm = {given:g} does not resolve the rows of the "
+                f"profile {scene.indenter.profile}, {row:.3g} mm apart; set numerics.spacing_mm to "
+                f"{coarsest:.3g} or less, or smooth the profile to fewer rows"
+            )
+    return given or min(smooth, row / _SPACINGS_IN_ROW_STEP)
 
 
 def _contact_reach(
@@ -164,13 +146,21 @@ def _contact_reach(
         half = float(np.abs(x).max())
         return half / 2.0, half
     radius = indenter.radius_mm
-    finest, hertz = (math.sqrt(4.0 * load * radius / (math.pi * modulus)) for load in loads)
-    worn = (1.5 * radius * dose * loads[1]) ** (1.0 / 3.0)
-    reach = (hertz**3 + worn**3) ** (1.0 / 3.0)
-    if reach > STEEPEST * radius:
+    # root by root, so that no load overflows on its way to the refusal
+    per_load = 2.0 * math.sqrt(radius / (math.pi * modulus))
+    finest, hertz = (per_load * math.sqrt(load) for load in loads)
+    worn = (1.5 * radius * dose) ** (1.0 / 3.0) * loads[1] ** (1.0 / 3.0)
+    widest = max(hertz, worn)
+    reach = widest * ((hertz / widest) ** 3 + (worn / widest) ** 3) ** (1.0 / 3.0)
+    if not reach <= STEEPEST * radius:
         raise PhysicsError(
             f"{scene.name}: the contact's half-width would be {reach:.3g} mm, over {STEEPEST:g} of "
             f"the radius {radius:g} mm, where a half-plane under a parabola no longer holds; lower "
             "load.normal_n or the wear, or raise indenter.radius_mm"
         )
+    if indenter.profile is not None:
+        x, _ = read_profile(scene.path(indenter.profile))
+        gap = undeformed_gap(scene, x)
+        low = gap - gap.min() <= reach**2 / (2.0 * radius)
+        reach = max(reach, float(np.abs(x[low]).max()))
     return finest, reach

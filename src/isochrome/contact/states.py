@@ -9,13 +9,14 @@ from itertools import islice
 import numpy as np
 
 from isochrome.contact.course import Course, Stop, wear_course
+from isochrome.contact.gap import undeformed_gap
+from isochrome.contact.limits import refuse_unfit, touches_outside
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.profile import (
     Grid,
     contact_grid,
     elastic_constants,
     line_load,
-    undeformed_gap,
 )
 from isochrome.contact.regrid import scar_on_nodes
 from isochrome.contact.scar import Scar, scar_history
@@ -25,6 +26,8 @@ from isochrome.errors import PhysicsError
 from isochrome.scene import Scene
 
 _TRIES = 4
+_UNWORN = 1e-30
+"""Depth over the spacing, at a pressure of E*, that is none: far below any rounding of a gap."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,8 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
     scene's order; without wear, one state, sliding if there is friction. States wait in memory only
     for others that the scene names before them. A contact that outgrows its grid is solved again
     on a wider one, and what was handed out is passed over.
-    Raises PhysicsError where the contact does not converge or reaches the edge of the grid.
+    Raises PhysicsError where the contact does not converge, reaches the edge of the grid, or is
+    beyond what its grid, its profile or linear elasticity carries (see `contact.limits`).
     """
     course, stops = wear_course(scene)
     loads = course.line_load_n_per_mm
@@ -114,8 +118,9 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
             growth=1.5**attempt,
         )
         for state in islice(_states_on(scene, grid, course, stops), given, None):
-            if _touches_edge(state):
+            if _touches_edge(state) or touches_outside(scene, state):
                 break
+            refuse_unfit(scene, state)
             given += 1
             yield state
         else:
@@ -165,7 +170,9 @@ def _worn_states(
     scene: Scene, grid: Grid, surface: Surface, gap: Floats, course: Course, stops: list[Stop]
 ) -> Iterator[SurfaceState]:
     """States at rising doses: under a cylinder on its own mesh as far as that goes, else here."""
-    done = sum(stop.dose_mm_per_mpa == 0.0 for stop in stops)
+    modulus, coupling = elastic_constants(scene)
+    nothing = _UNWORN * grid.spacing_mm / modulus
+    done = sum(stop.dose_mm_per_mpa <= nothing for stop in stops)
     start = WornStart(0.0, np.zeros(grid.nodes))
     for stop in stops[:done]:
         yield _elastic_state(scene, grid, surface, gap, start.depth_mm, stop)
@@ -173,7 +180,6 @@ def _worn_states(
     assert indenter is not None
     if indenter.shape == "cylinder" and indenter.profile is None and done < len(stops):
         assert indenter.radius_mm is not None
-        modulus, coupling = elastic_constants(scene)
         for scar in scar_history(
             indenter.radius_mm,
             modulus,
