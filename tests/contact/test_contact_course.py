@@ -20,7 +20,7 @@ from isochrome.contact import (
     wear_rate,
 )
 from isochrome.contact import profile as contact_profile
-from isochrome.contact import states as contact_state_module
+from isochrome.contact import worn as worn_module
 from isochrome.errors import PhysicsError
 from isochrome.scene import load_scene
 
@@ -280,14 +280,14 @@ def test_no_friction_and_no_coefficient_wear_nothing_under_the_energy_law():
 def solved(monkeypatch):
     """Weak references to the worn states that were solved so far."""
     seen = []
-    history = contact_state_module.scar_history
+    history = worn_module.scar_history
 
     def watched(*args, **kwargs):
         for state in history(*args, **kwargs):
             seen.append(weakref.ref(state))
             yield state
 
-    monkeypatch.setattr(contact_state_module, "scar_history", watched)
+    monkeypatch.setattr(worn_module, "scar_history", watched)
     return seen
 
 

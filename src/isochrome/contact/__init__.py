@@ -5,7 +5,8 @@ from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.profile import Grid, contact_grid, elastic_constants, line_load
 from isochrome.contact.regrid import scar_on_nodes
 from isochrome.contact.scar import Scar, scar_history
-from isochrome.contact.states import SurfaceState, contact_states, iter_contact_states
+from isochrome.contact.state import SurfaceState
+from isochrome.contact.states import contact_states, iter_contact_states
 from isochrome.contact.surface import Surface, displacement, make_surface
 from isochrome.contact.wear import WornState, wear_history
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from isochrome.contact.gap import read_profile, undeformed_gap
 from isochrome.contact.profile import Grid, elastic_constants
+from isochrome.contact.state import SurfaceState
 from isochrome.contact.surface import Floats, log_of_hat
 from isochrome.errors import PhysicsError
 from isochrome.scene import Scene
-
-if TYPE_CHECKING:
-    from isochrome.contact.states import SurfaceState
 
 FEWEST_NODES = 8
 """Nodes in contact below which the spacing, not the physics, sets the pressure."""

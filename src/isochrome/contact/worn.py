@@ -1,0 +1,120 @@
+"""The worn states of a scene on one grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isochrome.contact.course import Course, Stop
+from isochrome.contact.gap import undeformed_gap
+from isochrome.contact.pressure import ContactState, solve_pressure
+from isochrome.contact.profile import Grid, elastic_constants
+from isochrome.contact.regrid import scar_on_nodes
+from isochrome.contact.scar import Scar, scar_history
+from isochrome.contact.state import SurfaceState
+from isochrome.contact.surface import Floats, Surface, displacement, make_surface
+from isochrome.contact.wear import WornStart, wear_history
+from isochrome.scene import Scene
+
+_UNWORN = 1e-30
+"""Depth over the spacing, at a pressure of E*, that is none: far below any rounding of a gap."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """A scene's contact on one grid: the surface operator and the gap (n,) before load and wear."""
+
+    scene: Scene
+    grid: Grid
+    surface: Surface
+    gap_mm: Floats
+
+
+def make_site(scene: Scene, grid: Grid) -> Site:
+    """The operator and the gap of a scene on a grid. Raises InputError on an unusable profile."""
+    modulus, coupling = elastic_constants(scene)
+    surface = make_surface(
+        grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling
+    )
+    return Site(scene, grid, surface, undeformed_gap(scene, grid.x_mm))
+
+
+def worn_states(site: Site, course: Course, stops: list[Stop]) -> Iterator[SurfaceState]:
+    """States at rising doses: under a cylinder on its own mesh as far as that goes, else here.
+
+    Parameters: `site`; `course`, load and friction over the dose; `stops`, their doses rising.
+    Yields a SurfaceState for each stop. Raises PhysicsError where a contact does not converge.
+    """
+    tolerance = site.scene.numerics.tolerance
+    modulus, coupling = elastic_constants(site.scene)
+    nothing = _UNWORN * site.grid.spacing_mm / modulus
+    done = sum(stop.dose_mm_per_mpa <= nothing for stop in stops)
+    start = WornStart(0.0, np.zeros(site.grid.nodes))
+    for stop in stops[:done]:
+        yield _elastic_state(site, start.depth_mm, stop)
+    indenter = site.scene.indenter
+    assert indenter is not None
+    if indenter.shape == "cylinder" and indenter.profile is None and done < len(stops):
+        assert indenter.radius_mm is not None
+        for scar in scar_history(
+            indenter.radius_mm,
+            modulus,
+            coupling,
+            course,
+            stops[done:],
+            tolerance=tolerance,
+        ):
+            state = _scar_state(site, course, scar)
+            start = WornStart(scar.stop.dose_mm_per_mpa, state.wear_depth_mm)
+            done += 1
+            yield state
+    rest = stops[done:]
+    if rest:
+        history = wear_history(
+            site.surface, site.gap_mm, course, rest, tolerance=tolerance, start=start
+        )
+        for stop, worn in zip(rest, history, strict=True):
+            yield _state(site, stop, worn.contact, worn.depth_mm)
+
+
+def _elastic_state(site: Site, depth: Floats, stop: Stop) -> SurfaceState:
+    """The contact on a surface of known depth, under a stop's own load and friction."""
+    contact = solve_pressure(
+        site.surface,
+        site.gap_mm + depth,
+        stop.line_load_n_per_mm,
+        friction=stop.friction,
+        tolerance=1e-9,
+    )
+    return _state(site, stop, contact, depth)
+
+
+def _scar_state(site: Site, course: Course, scar: Scar) -> SurfaceState:
+    """A scar's state on the grid; solved afresh where its stop has another load than the course."""
+    stop, x = scar.stop, site.grid.x_mm
+    pressure, depth = scar_on_nodes(scar, x)
+    drive = stop.line_load_n_per_mm, stop.friction
+    if not np.allclose(drive, course.at(stop.dose_mm_per_mpa), 1e-6, 0.0):
+        return _elastic_state(site, depth, stop)
+    u = displacement(site.surface, pressure, friction=stop.friction)
+    gap = site.gap_mm + depth + u
+    residual = 0.5 * float(np.ptp(gap[(x > scar.x_mm[0]) & (x < scar.x_mm[-1])]) / np.ptp(u))
+    contact = ContactState(pressure, gap, 0.0, residual, 1, 1)
+    edges = float(scar.x_mm[0]), float(scar.x_mm[-1])
+    return replace(_state(site, stop, contact, depth), scar_edges_mm=edges)
+
+
+def _state(site: Site, stop: Stop, contact: ContactState, depth: Floats) -> SurfaceState:
+    p = contact.pressure
+    return SurfaceState(
+        grid=site.grid,
+        pressure_mpa=p,
+        shear_mpa=stop.friction * p,
+        wear_depth_mm=depth,
+        distance_m=stop.distance_m,
+        friction=stop.friction,
+        sliding=site.scene.friction is not None,
+        residual=contact.residual,
+    )
