@@ -12,9 +12,10 @@
 | wavy surface | `wavy_full_contact_pressure`, `wavy_half_width`, `wavy_pressure` |
 | disc, diametral loads | `disc_stress`, `disc_principal_difference`, `disc_centre_difference` |
 | four-point bending | `beam_moment`, `beam_stress` |
+| plate with a round hole, tension | `hole_stress` |
 
 Units N, mm, MPa; tension positive; x to the right, z downward (into the block from its surface,
-in the disc from its centre). Fields come as `StressField`. Bad arguments raise
+in a disc and beside a hole from its centre). Fields come as `StressField`. Bad arguments raise
 `isochrome.errors.InputError`.
 """
 
@@ -38,6 +39,7 @@ from isochrome.reference.hertz import (
     hertz_pressure,
     hertz_stress,
 )
+from isochrome.reference.hole import hole_stress
 from isochrome.reference.punch import (
     punch_pressure,
     punch_stress,
@@ -75,6 +77,7 @@ __all__ = [
     "hertz_peak_pressure",
     "hertz_pressure",
     "hertz_stress",
+    "hole_stress",
     "punch_pressure",
     "punch_stress",
     "sliding_hertz_stress",
