@@ -107,7 +107,7 @@ def read_order(
     return OrderReading(
         np.where(known, order, np.nan).astype(np.float32),
         np.where(known, uncertainty, np.nan).astype(np.float32),
-        np.where(known, _probability(uncertainty), 0.0).astype(np.float32),
+        np.where(known, probability(uncertainty), 0.0).astype(np.float32),
         float(known.sum() / max(1, material.sum())),
     )
 
@@ -130,7 +130,8 @@ def _gradient(order: Array, material: Mask) -> Array:
     return np.where(np.isfinite(steep), steep, np.inf)
 
 
-def _probability(uncertainty: Array) -> Array:
+def probability(uncertainty: Array) -> Array:
+    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
     from scipy.special import erf
 
     return erf(SURE / (np.sqrt(2.0) * np.maximum(uncertainty, 1e-9)))

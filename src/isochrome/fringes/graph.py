@@ -1,0 +1,198 @@
+r"""Signs and whole numbers of the patches' orders, settled between neighbours.
+
+Each patch's quadratic stands for ±(n, g, H) + k. Half-way between two neighbours both predict the
+order, its gradient and its curvature; the sign and whole number under which they agree best is
+their relation, and how much worse the other sign would be says how far to trust it. A crest where
+the order turns, or one of no slope, leaves the sign open along one edge and not along another: the
+tree of the most trusted edges reaches every patch without using an open one (Ghiglia & Pritt 1998,
+Two-Dimensional Phase Unwrapping, for trees in place of rows).
+
+The result is one signed field. It passes smoothly through zero, where the order itself has a
+crease, so that the order is its absolute value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.fringes.patches import WORST_CHI, Patches
+
+Array = NDArray[np.floating]
+Integers = NDArray[np.intp]
+
+_BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
+"""What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
+_STEEP_BEND = 0.03
+"""the share of their own size."""
+_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""To the neighbours on the right, below, and on the two diagonals below."""
+_LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
+_GUIDE = 3.0
+"""Width of what a binned frame lets the finer one do, in its own uncertainties."""
+_WORST_EDGE = 12.0
+_SURE_ENOUGH = 50.0
+
+
+@dataclass(frozen=True)
+class Labels:
+    """For each patch (m, n): the field is sign n + shift; `part`, its connected part, -1 for none.
+
+    Within a part all is known but one sign and one whole number for the part.
+    """
+
+    sign: NDArray[np.int8]
+    shift: Array
+    part: Integers
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Pairs of patches: n_a = sign n_b + shift; `cost` of that, `other` of the other sign."""
+
+    a: Integers
+    b: Integers
+    sign: Integers
+    shift: Array
+    cost: Array
+    other: Array
+
+
+def label_patches(patches: Patches) -> Labels:
+    """Settle signs and whole numbers over a frame.
+
+    Parameters: `patches`. Returns Labels; parts are numbered from the largest, 0.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+
+    shape = patches.chi.shape
+    count = patches.chi.size
+    good = (
+        (patches.chi < WORST_CHI)
+        & (patches.filled > _LEAST_FILLED)
+        & (patches.spread[..., 0] < _LEAST_SURE)
+    ).ravel()
+    edges = _edges(patches)
+    use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
+    sure = np.minimum(edges.other - edges.cost, _SURE_ENOUGH)
+    length = 5.0 * edges.cost / (1e-3 + sure) + 0.1 * edges.cost + 1e-3
+    graph = coo_matrix((length[use], (edges.a[use], edges.b[use])), shape=(count, count))
+    tree = minimum_spanning_tree(graph.tocsr())
+    tree = tree + tree.T
+    _, raw = connected_components(tree, directed=False)
+    sizes = np.bincount(raw)
+    rank = np.empty(len(sizes), dtype=int)
+    rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
+    part = np.where(good, rank[raw], -1)
+    sign, shift = _walk(tree, raw, edges)
+    return Labels(sign.reshape(shape), shift.reshape(shape), part.reshape(shape))
+
+
+def _edges(patches: Patches) -> _Edges:
+    """The relations of each patch with its neighbours to the right, below, and on the diagonals."""
+    index = np.arange(patches.chi.size).reshape(patches.chi.shape)
+    parts = []
+    for here, there, dy, dx in _pairs(patches, _STEPS):
+        a, b = _moved(patches.terms[here], dy, dx), _moved(patches.terms[there], -dy, -dx)
+        variance = patches.spread[here] ** 2 + patches.spread[there] ** 2
+        parts.append((index[here], index[there], *_relation(a, b, variance)))
+    return _Edges(*(np.concatenate([p[k].ravel() for p in parts]) for k in range(6)))
+
+
+def _pairs(
+    patches: Patches, steps: tuple[tuple[int, int], ...]
+) -> Iterator[tuple[Any, Any, Array, Array]]:
+    """Slices of the patches and of their neighbours a step on, and half the way (dy, dx)."""
+    m, n = patches.chi.shape
+    rows = patches.rows[:, None] + 0 * patches.cols
+    cols = patches.cols[None, :] + 0 * patches.rows[:, None]
+    for down, right in steps:
+        here = np.s_[: m - down, max(0, -right) : n - max(right, 0)]
+        there = np.s_[down:, max(0, right) : n + min(right, 0)]
+        yield here, there, 0.5 * (rows[there] - rows[here]), 0.5 * (cols[there] - cols[here])
+
+
+def expected_terms(
+    patches: Patches, labels: Labels, rows: Array, cols: Array, finer: int
+) -> tuple[Array, Array]:
+    """What a binned frame's patches say of the quadratics of a finer one.
+
+    Parameters: `patches`, `labels` of the binned frame; `rows` (m,), `cols` (n,), places in it
+    where terms are wanted, pixels; `finer`, how many pixels of the finer frame make one of its.
+    Returns the terms in the finer frame's pixels (m, n, 6), in the signs of the nearest patch's
+    part, NaN where that is no good, and their standard deviations.
+    """
+    i = np.abs(patches.rows[:, None] - rows).argmin(axis=0)
+    j = np.abs(patches.cols[:, None] - cols).argmin(axis=0)
+    near = np.ix_(i, j)
+    terms = labels.sign[near][..., None] * patches.terms[near]
+    terms[..., 0] += labels.shift[near]
+    dy, dx = rows - patches.rows[i], cols - patches.cols[j]
+    moved = _moved(terms, dy[:, None] + 0 * dx, dx[None, :] + 0 * dy[:, None])
+    per_pixel = np.array([1, finer, finer, *[finer**2] * 3], dtype=float)
+    scale = _GUIDE * np.sqrt(patches.spread[near] ** 2 + _BEND**2)
+    good = (labels.part[near] >= 0)[..., None]
+    return np.where(good, moved, np.nan) / per_pixel, scale / per_pixel
+
+
+def _moved(terms: Array, dy: Array, dx: Array) -> Array:
+    """A quadratic's terms about a place that is (dy, dx) from its middle."""
+    n, gx, gy, hxx, hxy, hyy = np.moveaxis(terms, -1, 0)
+    return np.stack(
+        [
+            n + gx * dx + gy * dy + 0.5 * hxx * dx * dx + hxy * dx * dy + 0.5 * hyy * dy * dy,
+            gx + hxx * dx + hxy * dy,
+            gy + hxy * dx + hyy * dy,
+            hxx,
+            hxy,
+            hyy,
+        ],
+        axis=-1,
+    )
+
+
+def _relation(a: Array, b: Array, variance: Array) -> tuple[Integers, Array, Array, Array]:
+    """Sign and shift of n_a = sign n_b + shift, their cost, and the cost of the other sign."""
+    size = np.hypot(a, b)
+    size[..., 0] = size[..., 1:3].max(axis=-1)
+    scale = np.sqrt(variance + _BEND**2 + (_STEEP_BEND * size) ** 2)
+    costs, shifts = [], []
+    for sign in (1, -1):
+        difference = a - sign * b
+        shift = np.round(difference[..., 0])
+        difference[..., 0] -= shift
+        costs.append(((difference / scale) ** 2).sum(axis=-1))
+        shifts.append(shift)
+    same = costs[0] <= costs[1]
+    return (
+        np.where(same, 1, -1),
+        np.where(same, shifts[0], shifts[1]),
+        np.minimum(*costs),
+        np.maximum(*costs),
+    )
+
+
+def _walk(tree: object, raw: Integers, edges: _Edges) -> tuple[NDArray[np.int8], Array]:
+    """Carry sign and shift from one patch of each part along the tree to the others."""
+    from scipy.sparse.csgraph import breadth_first_order
+
+    count = len(raw)
+    key = edges.a.astype(np.int64) * count + edges.b
+    by_key = np.argsort(key)
+    sorted_key = key[by_key]
+    sign, shift = np.ones(count, dtype=np.int8), np.zeros(count)
+    _, roots = np.unique(raw, return_index=True)
+    for root in roots:
+        order, before = breadth_first_order(tree, root, directed=False)
+        for q in order[1:]:
+            p = before[q]
+            i = by_key[np.searchsorted(sorted_key, min(p, q) * count + max(p, q))]
+            s, k = edges.sign[i], edges.shift[i]
+            sign[q] = sign[p] * s
+            shift[q] = shift[p] + sign[p] * k if p < q else shift[p] - sign[q] * k
+    return sign, shift

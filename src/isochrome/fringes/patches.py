@@ -1,0 +1,263 @@
+r"""Local models of the fringe order: a quadratic in each of many overlapping patches.
+
+In a patch the order is N = n + g·x + x·H·x/2, and the dark field's signal s says
+c = 1 - 2 s = cos 2 pi N. Fitted by least squares, all patches at once, from a start that the
+gradient gives: with c = cos ω·x the means of ∇c ∇cᵀ and of 1 - c² are as ω ωᵀ. A patch knows its
+quadratic only up to a sign and a whole number, (n, g, H) ~ ±(n, g, H) + k, which no light can tell;
+`fringes.graph` settles that between neighbours. Pooling over the patch is what reaches below a
+pixel's noise, and the quadratic what carries over the fringes' crests, where a pixel knows nothing.
+Sources: the windowed least squares of Servín, Marroquín & Cuevas (1997), Appl. Opt. 36, 4540;
+Levenberg (1944), Q. Appl. Math. 2, 164, for the steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+
+HALF, STRIDE = 6, 5
+"""Half-width of a patch and distance of their middles, pixels."""
+_WINDOW = 3.0
+_FREQUENCY_WINDOW = 2.5
+_GRADIENT, _CURVATURE = 0.7, 0.02
+"""Prior standard deviations, fringes/px and fringes/px²; what bends more is no quadratic."""
+_STEEPEST = 0.35
+_ROUNDS = 8
+WORST_CHI = 1.6
+"""Residual over noise from which a quadratic does not describe its patch."""
+_FLOOR = 1e-3
+TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Quadratics of the order about the patches' middles, on a lattice (m, n).
+
+    `rows` (m,), `cols` (n,): the middles, pixels; `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy
+    with x along the columns; `spread` (m, n, 6), their standard uncertainties; `chi` (m, n),
+    residual over noise; `filled` (m, n), share of the patch's pixels that are valid.
+    """
+
+    rows: NDArray[np.intp]
+    cols: NDArray[np.intp]
+    terms: Array = field(repr=False)
+    spread: Array = field(repr=False)
+    chi: Array = field(repr=False)
+    filled: Array = field(repr=False)
+
+
+def offsets() -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Rows and columns of a patch's pixels about its middle (k,), and their weights (k,)."""
+    dy, dx = (v.ravel() for v in np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1])
+    return dy, dx, np.exp(-(dx**2 + dy**2) / (2.0 * _WINDOW**2))
+
+
+def basis(dy: Array, dx: Array) -> Array:
+    """The quadratic's terms at places about the middle: (..., 6)."""
+    return np.stack([np.ones_like(dx), dx, dy, 0.5 * dx * dx, dx * dy, 0.5 * dy * dy], axis=-1)
+
+
+def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Array, Mask]:
+    """Means over blocks of by x by pixels; a block is valid where all of it is."""
+    if by == 1:
+        return wave, sigma, valid
+    rows, cols = (by * (n // by) for n in wave.shape)
+
+    def blocks(values: Array) -> Array:
+        cut = values[:rows, :cols].reshape(rows // by, by, cols // by, by)
+        return np.asarray(cut.mean(axis=(1, 3)))
+
+    whole = np.asarray(blocks(valid.astype(float)) == 1.0)
+    mean = blocks(np.where(valid, wave, 0.0))
+    return mean, np.sqrt(blocks(sigma**2)) / by, whole
+
+
+@dataclass(frozen=True)
+class PatchLight:
+    """The light of every patch: `light`, `weight` (p, k), `noise` (p,), and where they are."""
+
+    rows: NDArray[np.intp]
+    cols: NDArray[np.intp]
+    light: Array = field(repr=False)
+    weight: Array = field(repr=False)
+    noise: Array = field(repr=False)
+    filled: Array = field(repr=False)
+
+    def only(self, which: NDArray[np.intp]) -> PatchLight:
+        """Some of the patches, in one row."""
+        return PatchLight(
+            self.rows[:1],
+            np.arange(len(which)),
+            self.light[which],
+            self.weight[which],
+            self.noise[which],
+            self.filled[which],
+        )
+
+
+def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
+    """Cut a normalised frame into patches.
+
+    Parameters: `wave` c = cos 2 pi N (rows, cols); `sigma`, its noise (rows, cols); `valid`, True =
+    trusted. Returns a PatchLight that covers the frame from border to border.
+    """
+    dy, dx, window = offsets()
+    rows, cols = middles(wave.shape[0]), middles(wave.shape[1])
+    at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
+    pick = at[0] + dy, at[1] + dx
+    trusted = np.asarray(valid[pick])
+    return PatchLight(
+        rows,
+        cols,
+        np.where(trusted, wave[pick], 0.0).astype(np.float32),
+        (window * trusted).astype(np.float32),
+        np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
+        np.mean(trusted, axis=1),
+    )
+
+
+def fit_patches(
+    patches: PatchLight,
+    wave: Array,
+    sigma: Array,
+    valid: Mask,
+    expected: tuple[Array, Array] | None = None,
+) -> Patches:
+    """Fit a quadratic of the order to each patch of a frame.
+
+    Parameters: `patches`, and the frame that they were cut from; `expected`, terms that are known
+    beforehand (m, n, 6), NaN where none are, and their standard deviations. A patch that fits its
+    expectation badly is fitted again without. Returns Patches.
+    """
+    clean = np.where(valid, wave, 0.0)
+    at = np.ix_(patches.rows, patches.cols)
+    gradient = [g[at].ravel() for g in _start_gradient(clean, sigma, valid)]
+    start = _start(patches, np.stack(gradient, axis=-1).astype(np.float32))
+    mean, prior = np.zeros_like(start), np.tile(patch_prior(), (len(start), 1))
+    if expected is None:
+        return _refine(patches, start, mean, prior)
+    terms, spread = (v.reshape(-1, 6).astype(np.float32) for v in expected)
+    known = np.asarray(np.isfinite(terms).all(axis=1))
+    mean[known], prior[known] = terms[known], spread[known] ** -2
+    guided = _refine(patches, np.where(known[:, None], mean, start), mean, prior)
+    bad = np.flatnonzero(known & (guided.chi.ravel() > WORST_CHI))
+    if not len(bad):
+        return guided
+    alone = np.tile(patch_prior(), (len(bad), 1))
+    free = _refine(patches.only(bad), start[bad], np.zeros_like(start[bad]), alone)
+    better = free.chi.ravel() < guided.chi.ravel()[bad]
+    for mine, new in (
+        (guided.terms.reshape(-1, 6), free.terms.reshape(-1, 6)),
+        (guided.spread.reshape(-1, 6), free.spread.reshape(-1, 6)),
+        (guided.chi.reshape(-1), free.chi.reshape(-1)),
+    ):
+        mine[bad[better]] = new[better]
+    return guided
+
+
+def middles(length: int) -> NDArray[np.intp]:
+    """Middles that cover a length from border to border, about a stride apart."""
+    count = max(2, -(-(length - 2 * HALF - 1) // STRIDE) + 1)
+    return np.unique(np.linspace(HALF, max(length - HALF - 1, HALF), count).round().astype(int))
+
+
+def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Array]:
+    """The order's gradient (x, y), up to its sign, fringes a pixel."""
+    from scipy.ndimage import gaussian_filter
+
+    scale = 1.0
+    dx = gaussian_filter(wave, scale, order=(0, 1))
+    dy = gaussian_filter(wave, scale, order=(1, 0))
+    smooth = np.clip(gaussian_filter(wave, 0.7), -1.0, 1.0)
+
+    def pooled(values: Array) -> Array:
+        return np.asarray(gaussian_filter(np.where(valid, values, 0.0), _FREQUENCY_WINDOW))
+
+    speed = np.maximum(pooled(1.0 - smooth**2), 0.05)
+    own = pooled(sigma**2) / (8.0 * np.pi * scale**4)  # what noise adds to a derivative's square
+    xx, yy = (pooled(dx * dx) - own) / speed, (pooled(dy * dy) - own) / speed
+    xy = pooled(dx * dy) / speed
+    largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
+    size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, _STEEPEST)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    return size * np.cos(angle), size * np.sin(angle)
+
+
+def patch_basis() -> Array:
+    """The quadratic's terms at a patch's pixels (k, 6)."""
+    dy, dx, _ = offsets()
+    return basis(dy.astype(np.float32), dx.astype(np.float32))
+
+
+def patch_prior() -> Array:
+    """Inverse variances of a quadratic's terms before anything is known (6,)."""
+    return np.array([0.0, *[_GRADIENT**-2] * 2, *[_CURVATURE**-2] * 3], dtype=np.float32)
+
+
+def _start(patches: PatchLight, gradient: Array) -> Array:
+    """Phase at the middle for a known gradient: c = A cos ω·x - B sin ω·x, linear in A and B."""
+    light, weight = patches.light, patches.weight
+    angle = TURN * (gradient @ patch_basis()[:, 1:3].T)
+    cos, sin = np.cos(angle), np.sin(angle)
+    cc, cs = (weight * cos * cos).sum(axis=1), (weight * cos * sin).sum(axis=1)
+    ss = (weight * sin * sin).sum(axis=1) + 1e-3 * weight.sum(axis=1) + 1e-9
+    lc, ls = (weight * light * cos).sum(axis=1), (weight * light * sin).sum(axis=1)
+    terms = np.zeros((len(light), 6), dtype=np.float32)
+    terms[:, 0] = np.arctan2(lc * cs - ls * cc, lc * ss - ls * cs) / TURN
+    terms[:, 1:3] = gradient
+    return terms
+
+
+def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Patches:
+    """Damped Gauss-Newton steps of all patches at once, with a normal prior on their terms."""
+    light, weight, terms_of = patches.light, patches.weight, patch_basis()
+    pairs = (terms_of[:, :, None] * terms_of[:, None, :]).reshape(len(terms_of), 36)
+    gain = (1.0 / patches.noise**2)[:, None]
+    damping = np.full(len(terms), 1e-2, dtype=np.float32)
+    diagonal = np.arange(6)
+
+    def look(terms: Array) -> tuple[Array, Array, Array]:
+        angle = TURN * (terms @ terms_of.T)
+        residual = light - np.cos(angle)
+        cost = gain[:, 0] * np.einsum("pk,pk,pk->p", weight, residual, residual)
+        return cost + ((terms - mean) ** 2 * prior).sum(axis=1), np.sin(angle), residual
+
+    def information_of(sine: Array) -> Array:
+        matrix = ((weight * sine * sine) @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
+        matrix[:, diagonal, diagonal] += prior + 1e-3
+        return np.asarray(matrix)
+
+    cost, sine, residual = look(terms)
+    for _ in range(_ROUNDS):
+        matrix = information_of(sine)
+        slope = -TURN * gain * ((weight * residual * sine) @ terms_of) - (terms - mean) * prior
+        matrix[:, diagonal, diagonal] *= 1.0 + damping[:, None]
+        new = terms + np.linalg.solve(matrix, slope[..., None])[..., 0]
+        new_cost, new_sine, new_residual = look(new)
+        better = new_cost < cost
+        terms = np.where(better[:, None], new, terms)
+        sine = np.where(better[:, None], new_sine, sine)
+        residual = np.where(better[:, None], new_residual, residual)
+        cost = np.where(better, new_cost, cost)
+        damping = np.where(better, 0.2 * damping, 8.0 * damping)
+    # the window's weights are no variances: those of a weighted sum are the weights' squares
+    inverse = np.linalg.inv(information_of(sine).astype(float))
+    squared = ((weight * sine) ** 2 @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
+    squared[:, diagonal, diagonal] += prior
+    covariance = inverse @ squared.astype(float) @ inverse
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    chi = np.sqrt(np.einsum("pk,pk,pk->p", weight, residual, residual) / total) / patches.noise
+    shape = len(patches.rows), len(patches.cols)
+    return Patches(
+        patches.rows,
+        patches.cols,
+        terms.reshape(*shape, 6).astype(float),
+        np.sqrt(np.abs(np.einsum("pii->pi", covariance))).reshape(*shape, 6),
+        np.where(patches.filled > 0.0, chi, np.inf).reshape(shape),
+        patches.filled.reshape(shape),
+    )
