@@ -127,7 +127,7 @@ def test_worn_states_are_right_to_the_scenes_own_tolerance(paper, converged):
 def test_worn_fields_are_right_below_the_first_rows(paper, converged):
     """The fringe orders that the camera sees: what error there is sits at the moving edge."""
     error = np.abs(paper.orders - converged.orders)
-    # measured 2.3e-4 of a fringe below 0.1 mm, 6e-3 in the pixel at the edge itself, 2.6e-3 of n_max
+    # measured 2.3e-4 of a fringe below 0.1 mm, 6e-3 in the edge's own pixel, 2.6e-3 of n_max
     assert np.nanmax(error[:, 16:]) < 5e-4
     assert np.nanmax(error) < 0.01
     np.testing.assert_allclose(paper.history["n_max"], converged.history["n_max"], rtol=5e-3)
