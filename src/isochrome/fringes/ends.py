@@ -51,11 +51,19 @@ class Ends:
     settled: bool
 
 
-def fit_ends(light: Array, sigma: Array, valid: Mask) -> Ends:
+def fit_ends(
+    light: Array,
+    sigma: Array,
+    valid: Mask,
+    *,
+    dark: Array | None = None,
+    bright: Array | None = None,
+) -> Ends:
     """Find the dark and bright ends of a frame in which both occur.
 
     Parameters: `light` I (rows, cols), linear; `sigma`, its noise (rows, cols); `valid`, True =
-    trusted. Returns the Ends. Raises InputError where the frame has no contrast.
+    trusted; `dark`, `bright` (rows, cols), the one end that a no-load frame gives, if any.
+    Returns the Ends. Raises InputError where the frame has no contrast.
     """
     small, noise, whole = binned(light, sigma, valid, BINNING)
     if not whole.any():
@@ -64,18 +72,30 @@ def fit_ends(light: Array, sigma: Array, valid: Mask) -> Ends:
     if not high > low:
         raise InputError("the frame has no contrast; is the light on, and the specimen loaded?")
     shape = binned_polynomials(light.shape, _DEGREE, BINNING)
-    count = shape.shape[-1]
-    terms = np.zeros(2 * count)
-    terms[0], terms[count] = low, high
-    settled = False
+    starts = ((dark, low), (bright, high))
+    bases = [shape if end is None else _binned_end(end, valid) for end, _ in starts]
+    terms = [
+        np.eye(shape.shape[-1])[0] * start if end is None else np.ones(1) for end, start in starts
+    ]
+    free = np.repeat([dark is None, bright is None], [len(t) for t in terms])
+    joined, settled = np.concatenate(terms), False
     for _ in range(_ROUNDS):
-        step = _step(small, noise, whole, shape, terms, high - low)
-        terms = terms + step
+        step = _step(small, noise, whole, bases, joined, free, high - low)
+        joined = joined + step
         if np.abs(step).max() < _STILL * (high - low):
             settled = True
             break
-    full = binned_polynomials(light.shape, _DEGREE, 1)
-    return Ends(full @ terms[:count], full @ terms[count:], settled)
+    full, cut = binned_polynomials(light.shape, _DEGREE, 1), len(terms[0])
+    return Ends(
+        full @ joined[:cut] if dark is None else dark,
+        full @ joined[cut:] if bright is None else bright,
+        settled,
+    )
+
+
+def _binned_end(end: Array, valid: Mask) -> Array:
+    """A known end as the one term of its own, on binned pixels."""
+    return binned(end, np.ones_like(end), valid, BINNING)[0][..., None]
 
 
 def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:
@@ -96,11 +116,17 @@ def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:
 
 
 def _step(
-    light: Array, sigma: Array, valid: Mask, shape: Array, terms: Array, scale: float
+    light: Array,
+    sigma: Array,
+    valid: Mask,
+    bases: list[Array],
+    terms: Array,
+    free: Mask,
+    scale: float,
 ) -> Array:
     """One Gauss-Newton step of the ends, every patch following."""
-    count = shape.shape[-1]
-    dark, bright = shape @ terms[:count], shape @ terms[count:]
+    count = bases[0].shape[-1]
+    dark, bright = bases[0] @ terms[:count], bases[1] @ terms[count:]
     contrast = bright - dark
     seen = valid & (contrast > _FAINT * scale)
     safe = np.where(seen, contrast, scale)
@@ -114,15 +140,21 @@ def _step(
     rows, cols = (places.reshape(-1, 2)[use, k][:, None] + d for k, d in enumerate((dy, dx)))
     basis = patch_basis()
     angle = TURN * (patches.terms.reshape(-1, 6)[use] @ basis.T)
-    signal = 0.5 - 0.5 * np.cos(angle)
+    signal = (0.5 - 0.5 * np.cos(angle))[..., None]
     # a patch that no quadratic describes counts for less
     noise = sigma[rows, cols] * np.maximum(chi[use], 1.0)[:, None]
     weight = cut.weight[use] / noise**2
-    here = shape[rows, cols]
-    by_ends = np.concatenate([here * (1.0 - signal[..., None]), here * signal[..., None]], axis=-1)
+    by_ends = np.concatenate(
+        [bases[0][rows, cols] * (1.0 - signal), bases[1][rows, cols] * signal], axis=-1
+    )
     by_patch = (safe[rows, cols] * np.pi * np.sin(angle))[..., None] * basis
     residual = light[rows, cols] - by_ends @ terms
-    return _eliminated(weight, residual, by_ends, by_patch, terms, scale)
+    smooth = np.where(np.isin(np.arange(len(terms)), (0, count)), 0.0, (_SMOOTH * scale) ** -2)
+    step = np.zeros(len(terms))
+    step[free] = _eliminated(
+        weight, residual, by_ends[..., free], by_patch, terms[free], smooth[free]
+    )
+    return step
 
 
 def _eliminated(
@@ -131,7 +163,7 @@ def _eliminated(
     by_ends: Array,
     by_patch: Array,
     terms: Array,
-    scale: float,
+    prior: Array,
 ) -> Array:
     """Solve the normal equations for the ends, the patches' own terms eliminated."""
     transposed = (weight[..., None] * by_patch).swapaxes(1, 2)  # (p, 6, k)
@@ -143,7 +175,5 @@ def _eliminated(
     weighted = flat * weight.reshape(-1, 1)
     matrix = weighted.T @ flat - np.einsum("pij,pik->jk", mixed, solved[..., :-1])
     slope = weighted.T @ residual.ravel() - np.einsum("pij,pi->j", mixed, solved[..., -1])
-    prior = np.full(len(terms), 1.0 / (_SMOOTH * scale) ** 2)
-    prior[[0, len(terms) // 2]] = 0.0
     matrix = matrix + np.diag(prior) + 1e-2 * np.diag(np.diag(matrix))
     return np.asarray(np.linalg.solve(matrix, slope - prior * terms))
