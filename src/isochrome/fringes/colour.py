@@ -1,0 +1,205 @@
+r"""Fringe order from a colour frame: three-fringe (RGB) photoelasticity.
+
+In light of several wavelengths each order has a colour of its own, as far as the fringes have
+contrast; black in the dark field is N = 0 alone. Each pixel's three signals are compared with a
+calibration table; the branch is chosen with the neighbours (`isochrome.fringes.colour_branch`),
+never by the nearest colour alone. The value then comes from the pixel's neighbourhood by weighted
+least squares over the channels (`isochrome.fringes.colour_value`).
+Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29; Quiroga, García-Botella
+& Gómez-Pedrero (2002), Applied Optics 41, 3461, for the guidance by neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.fringes.branch import SURE, OrderReading
+from isochrome.fringes.colour_branch import choose_orders
+from isochrome.fringes.colour_light import ColourSignal, colour_signal
+from isochrome.fringes.colour_table import ColourTable
+from isochrome.fringes.colour_value import JUMP, ColourValue, refine
+
+Array = NDArray[Any]
+Mask = NDArray[np.bool_]
+
+BINNED_FROM = 150_000
+"""Pixels of a frame from which on branches are chosen for blocks of 2 x 2 of them."""
+
+LOST = 0.03
+"""Share of pixels whose colours are not the table's from which on nothing is read: frames that the
+table describes leave 0.6 % at most, a wrong spectrum, response or gamma 5 % on."""
+
+STEEPEST = 0.15
+"""Fringes a pixel beyond which a pixel's colour is a mixture."""
+
+_LARGEST_UNCERTAINTY = 0.03
+_LARGEST_DOUBT = 0.02
+_LARGEST_RESIDUAL = 0.05
+_LARGEST_MISFIT = 2.0
+_SMALLEST_ISLAND = 0.002
+_LEAST_CONTRAST = (0.04, 0.1)  # of fringes in white, with no-load frames and without
+_BELOW_WHITE = 0.25
+_FOUND_ENDS = 0.001  # fringes: what a quadratic surface leaves of an illumination
+_BLOCK_ERROR = 0.004  # of the table at a block's mean order
+_UNLIT_ORDER = 0.045
+_UNLIT_PX = 6
+
+
+@dataclass(frozen=True)
+class ColourReading(OrderReading):
+    """An OrderReading of a colour frame, with what it was read from.
+
+    `signal` (rows, cols, channels), light with background and illumination out, NaN = not trusted;
+    `chi`, residual over noise of all pixels that can be read, 1 where table and frame agree;
+    `misfit` (rows, cols), the same about each pixel; `blind`, whether illumination or background
+    was found from the frame itself; `noise` of the signal, the median; `strange`, share of the
+    pixels whose colours are not the table's. Where that is over 3 %, no order is known at all.
+    `kept` is over the lit pixels, which without a no-load bright frame are all of the frame.
+    """
+
+    signal: Array
+    chi: float
+    misfit: Array
+    blind: bool
+    noise: float
+    strange: float
+
+
+def read_colour(
+    light: Array,
+    table: ColourTable,
+    *,
+    sigma: Array | float,
+    dark: Array | None = None,
+    bright: Array | None = None,
+    valid: Mask | None = None,
+    specimen: Mask | None = None,
+) -> ColourReading:
+    """Read the absolute fringe order of a colour frame.
+
+    Parameters: `light` (rows, cols, channels), linear; `table`, of as many channels; `sigma`, noise
+    of the light, of its shape or a number; `dark`, `bright`, the unloaded specimen in the dark and
+    the bright field, of the light's shape, found from the frame where missing; `valid`, True =
+    trusted, (rows, cols, channels); `specimen` (rows, cols), True where there is specimen.
+    Returns a ColourReading. A pixel is not known where fewer than two channels are trusted, where
+    its branch is in doubt by over 2 %, where noise leaves more than 0.03 fringe, where light and
+    table disagree by over twice the noise and by a twentieth of full light, where fringes are
+    finer than 7 pixels, where they fade to white, beside a jump of the order, and, without
+    `bright` and `specimen`, where wide black places might be no specimen at all.
+    Raises InputError where shapes differ or nothing has contrast.
+    """
+    _check(light, table, valid, specimen)
+    trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)
+    if specimen is not None:
+        trusted = trusted & specimen[..., None]
+    seen = colour_signal(light, table, sigma=sigma, dark=dark, bright=bright, valid=trusted)
+    factor = 2 if trusted[..., 0].size >= BINNED_FROM else 1
+    choice = choose_orders(*_blocks(seen, factor), table)
+    return _reading(seen, refine(seen, choice, factor, table), table, specimen)
+
+
+def _check(light: Array, table: ColourTable, valid: Mask | None, specimen: Mask | None) -> None:
+    channels = table.signal.shape[1]
+    if light.ndim != 3 or light.shape[2] != channels:
+        raise InputError(
+            f"a colour frame is (row, col, {channels}), as the table has {channels} channels, and "
+            f"this one is {light.shape}; give all its channels"
+        )
+    for name, mask, shape in (
+        ("valid", valid, light.shape),
+        ("specimen", specimen, light.shape[:2]),
+    ):
+        if mask is not None and mask.shape != shape:
+            raise InputError(f"the mask {name} is {mask.shape} and must be {shape}; reshape it")
+
+
+def _blocks(seen: ColourSignal, factor: int) -> tuple[Array, Array]:
+    """Means of the signal over blocks of pixels, and their variance."""
+    if factor == 1:
+        return seen.signal, seen.variance
+    rows, cols = (-(-n // factor) * factor for n in seen.signal.shape[:2])
+    pad = [(0, rows - seen.signal.shape[0]), (0, cols - seen.signal.shape[1]), (0, 0)]
+    trusted = np.pad(np.isfinite(seen.signal), pad)
+    count = _sums(trusted.astype(np.float32), factor)
+    signal = _sums(np.pad(np.nan_to_num(seen.signal), pad), factor)
+    variance = _sums(np.where(trusted, np.pad(seen.variance, pad), 0.0), factor)
+    some = np.maximum(count, 1.0)
+    return np.where(count > 0.0, signal / some, np.nan), np.where(
+        count > 0.0, variance / some**2 + _BLOCK_ERROR**2, 1.0
+    )
+
+
+def _sums(values: Array, factor: int) -> Array:
+    rows, cols, channels = values.shape
+    blocks = values.reshape(rows // factor, factor, cols // factor, factor, channels)
+    return np.asarray(blocks.sum(axis=(1, 3)))
+
+
+def _reading(
+    seen: ColourSignal, value: ColourValue, table: ColourTable, specimen: Mask | None
+) -> ColourReading:
+    """What is known of the refined orders, and how well."""
+    from scipy.special import erf
+
+    trusted = np.isfinite(seen.signal)
+    found = seen.order_variance + (_FOUND_ENDS * seen.blind) ** 2
+    uncertainty = np.sqrt(value.uncertainty**2 + found)
+    readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
+    told = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL)
+    pixels = max(int(np.count_nonzero(readable)), 1)
+    strange = float(np.count_nonzero(readable & ~told) / pixels)
+    highest = table.highest_of(_LEAST_CONTRAST[seen.blind]) - _BELOW_WHITE
+    known = readable & told & value.agreed & (value.order < highest) & (strange < LOST)
+    known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
+    if seen.unlit_unknown and specimen is None:
+        known &= ~_perhaps_unlit(value.order)
+    known = _without_islands(value.order, known)
+    sure = erf(SURE / (np.sqrt(2.0) * np.maximum(uncertainty, 1e-9))) * (1.0 - value.doubt)
+    degrees = float(value.degrees[readable].sum(dtype=float))
+    body = int(np.count_nonzero(seen.lit if specimen is None else specimen))
+    return ColourReading(
+        order=np.where(known, value.order, np.nan).astype(np.float32),
+        uncertainty=np.where(known, uncertainty, np.nan).astype(np.float32),
+        confidence=np.where(known, sure, 0.0).astype(np.float32),
+        kept=float(np.count_nonzero(known) / max(body, 1)),
+        signal=seen.signal,
+        chi=float(np.sqrt(value.chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
+        misfit=np.where(readable, value.misfit, np.nan).astype(np.float32),
+        blind=seen.blind,
+        noise=float(np.sqrt(np.median(seen.variance[trusted]))) if trusted.any() else float("nan"),
+        strange=strange,
+    )
+
+
+def _perhaps_unlit(order: Array) -> Mask:
+    """Black places that might be no specimen at all, where nothing says that there is light."""
+    from scipy.ndimage import distance_transform_edt
+
+    core = distance_transform_edt(order < _UNLIT_ORDER) > _UNLIT_PX
+    if not core.any():
+        return core
+    return np.asarray(distance_transform_edt(~core) <= _UNLIT_PX + 4)
+
+
+def _without_islands(order: Array, known: Mask) -> Mask:
+    """Take away what is beside a jump of the order, and pieces too small to be guided."""
+    from scipy import ndimage
+
+    jump = np.zeros_like(known)
+    for axis in (0, 1):
+        steep = np.abs(np.diff(order, axis=axis)) > JUMP
+        before, after = [(0, 0), (0, 0)], [(0, 0), (0, 0)]
+        before[axis], after[axis] = (1, 0), (0, 1)
+        jump |= np.pad(steep, before) | np.pad(steep, after)
+    known = known & ~ndimage.binary_dilation(jump, iterations=2)
+    pieces, count = ndimage.label(known)
+    if count == 0:
+        return known
+    size = np.bincount(pieces.ravel())
+    size[0] = 0
+    return np.asarray(known & (size >= _SMALLEST_ISLAND * size.sum())[pieces])

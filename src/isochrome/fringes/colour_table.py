@@ -1,0 +1,181 @@
+"""The calibration table of colour photoelasticity: the channels' signals against fringe order.
+
+The table comes from the forward model's spectrum, or from a specimen whose order is known at every
+pixel, such as a beam in bending, where it is linear over the height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.optics import Response, make_chain, make_light, spectral_signal
+from isochrome.scene import Polariscope
+
+Array = NDArray[Any]
+
+STEP = 1.0 / 256.0
+"""Of a table over N: straight pieces hold cos 2 pi k N to (2 pi k/256)²/16, 9e-5 at k = 1.5."""
+
+LOWEST_CONTRAST = 0.02
+"""Contrast of the fringes, of full light, below which a table ends: all colours are white there."""
+
+LARGEST_ORDER = 12.0
+"""Where a table ends at the latest: separate lines never lose their contrast."""
+
+_DIRECTIONS = 16
+
+
+@dataclass(frozen=True)
+class ColourTable:
+    """Signals of the channels (orders, channels) at N = 0, 1/256, 2/256, ..., 1 = full light.
+
+    `spread` (channels,): standard deviation of the signal at one order, from what is not the order
+    (the direction of sigma_1 between real plates; the scatter of a measured table).
+    """
+
+    signal: Array
+    spread: Array
+
+    @property
+    def highest(self) -> float:
+        """The order at the table's end."""
+        return STEP * (len(self.signal) - 1)
+
+    @property
+    def order(self) -> Array:
+        """The orders (n,) of the table."""
+        return STEP * np.arange(len(self.signal))
+
+    @property
+    def white(self) -> Array | None:
+        """The signals (channels,) of all higher orders, None where the table ends before that."""
+        tail = self.signal[-int(1.0 / STEP) :]
+        faded = np.ptp(tail, axis=0).max() < 4.0 * LOWEST_CONTRAST
+        return tail.mean(axis=0) if faded else None
+
+    def highest_of(self, contrast: float) -> float:
+        """The order up to which fringes stand out from white by `contrast`, of full light."""
+        if self.white is None:
+            return self.highest
+        away = np.abs(self.signal - self.white).max(axis=1)
+        return STEP * float(np.flatnonzero(away >= contrast)[-1])
+
+    @property
+    def slope(self) -> Array:
+        """ds/dN (orders, channels), by central differences; 0 at N = 0, where s is even."""
+        slope = np.gradient(self.signal, STEP, axis=0)
+        slope[0] = 0.0
+        return slope
+
+
+def spectral_table(
+    polariscope: Polariscope, response: Response, *, highest_order: float | None = None
+) -> ColourTable:
+    """The table from the spectrum of the light and the response of the camera.
+
+    Equation: s_c(N) = Σ_s w_cs I(N l0/l_s), see `isochrome.optics.spectral_signal`. Where real
+    plates let the direction of sigma_1 show, the table is the mean over directions and `spread`
+    its deviation.
+    Parameters: `polariscope` with light of several wavelengths, in the dark or the bright field;
+    `response` of the camera; `highest_order`, by default where the last contrast is 2 % of full
+    light, 12 at most. Returns a ColourTable. Raises InputError on a plane field, a light that a
+    channel does not see, or one wavelength alone.
+    Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
+    """
+    if polariscope.field == "plane" or not polariscope.several_wavelengths:
+        raise InputError(
+            "[polariscope]: a colour table needs light of several wavelengths in the circular "
+            "dark or bright field; give light, spectrum or lines, and field = 'dark' or 'bright'"
+        )
+    end = LARGEST_ORDER if highest_order is None else highest_order
+    order = STEP * np.arange(int(np.ceil(end / STEP)) + 1)
+    light = make_light(polariscope, response, highest_order=end)
+    chains = [make_chain(polariscope, wavelength_nm=float(w)) for w in light.wavelength_nm]
+    ideal = all(chain.ideal for chain in chains)
+    turn = np.zeros(1) if ideal else np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    orders, turns = np.broadcast_arrays(order[None, :], turn[:, None])
+    assert polariscope.wavelength_nm is not None
+    signals = spectral_signal(
+        orders.copy(),
+        light,
+        chains,
+        reference_nm=polariscope.wavelength_nm,
+        direction=None if ideal else turns,
+    )
+    table, spread = signals.mean(axis=0), np.sqrt(signals.var(axis=0).mean(axis=0))
+    last = len(table) if highest_order is not None else _end_of_contrast(table)
+    return ColourTable(table[:last], spread)
+
+
+def _end_of_contrast(table: Array) -> int:
+    """Rows of a table up to where its last fringe in any channel has faded."""
+    away = np.abs(table - table[-int(1.0 / STEP) :].mean(axis=0)).max(axis=1)
+    seen = np.flatnonzero(away > 0.5 * LOWEST_CONTRAST)
+    return int(min(seen[-1] + 2, len(table)))
+
+
+def measured_table(signal: Array, order: Array, *, width: float = 0.02) -> ColourTable:
+    """The table from an image whose fringe order is known, such as a beam in bending.
+
+    Around each order of the table a straight line is fitted to the pixels near it, weighted by a
+    Gaussian in order, so that neither a slope nor uneven sampling shifts it.
+    Parameters: `signal` (rows, cols, channels), normalised with the no-load frames, NaN = not
+    trusted; `order` N (rows, cols), NaN where not known; `width`, standard deviation of the
+    Gaussian, fringes. Returns a ColourTable up to the highest order seen. Raises InputError where
+    the orders have gaps, or do not begin at 0.
+    """
+    known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
+    n, s = order[known].astype(float), signal[known].astype(float)
+    if len(n) < 100 or n.min() > width:
+        raise InputError(
+            "a colour table needs pixels from N = 0 on, a hundred at least; widen the picture to "
+            "where the beam is free of stress"
+        )
+    cell = np.rint(n / STEP).astype(int)
+    count = cell.max() + 1
+    offset = n - STEP * cell
+    sums = [
+        np.bincount(cell, weights=w, minlength=count)
+        for w in (np.ones_like(n), offset, *s.T, *(s * offset[:, None]).T)
+    ]
+    table = _local_lines(np.array(sums[:2]), np.array(sums[2:]), width)
+    found = ColourTable(table, np.zeros(s.shape[1]))
+    return found
+
+
+def _local_lines(place: Array, values: Array, width: float) -> Array:
+    """Values (orders, channels) of lines fitted about each order of the table.
+
+    Parameters: sums over the pixels of each cell: `place`, their number and their offsets from
+    the cell's order; `values`, the signals, and the signals times the offsets.
+    """
+    from scipy.ndimage import correlate1d
+
+    half = int(np.ceil(4.0 * width / STEP))
+    away = STEP * np.arange(-half, half + 1)
+    bell = np.exp(-0.5 * (away / width) ** 2)
+
+    def summed(sums: Array, weight: Array) -> Array:
+        return correlate1d(sums, weight, axis=-1, mode="constant")
+
+    channels = len(values) // 2
+    number, offsets = place
+    plain, turned = values[:channels], values[channels:]
+    # the mirror image at N < 0 is not used: a line is unbiased at the end too
+    m0 = summed(number, bell)
+    m1 = summed(number, bell * away) + summed(offsets, bell)
+    m2 = summed(number, bell * away**2) + 2.0 * summed(offsets, bell * away)
+    if m0.min() < 3.0:
+        where = STEP * int(np.argmin(m0))
+        raise InputError(
+            f"a colour table needs pixels at every order, and has none near N = {where:.2f}; "
+            "give an image in which the order runs through"
+        )
+    t0 = summed(plain, bell)
+    t1 = summed(plain, bell * away) + summed(turned, bell)
+    return np.asarray(((m2 * t0 - m1 * t1) / np.maximum(m0 * m2 - m1**2, 1e-30)).T)
