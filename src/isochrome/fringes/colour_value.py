@@ -24,7 +24,7 @@ JUMP = 0.35
 """A step of the order, in fringes, that no smooth field takes from one block to the next."""
 
 _WINDOWS_PX = (2.0, 1.5, 1.5, 1.2)
-_BASE_BLOCKS = 0.7
+_BASE_PX = 2.0
 _EVIDENCE_BLOCKS = 1.5
 _FLAT = 0.1
 _LARGEST_STEP = 0.1
@@ -103,7 +103,7 @@ def _base(choice: Choice, factor: int, shape: tuple[int, int]) -> tuple[Array, M
     odd = known & (np.abs(filled - middle) > JUMP)
     filled = np.where(odd, middle, filled)
     weight = known.astype(float)
-    smooth = ndimage.gaussian_filter(filled, _BASE_BLOCKS, mode="nearest")
+    smooth = ndimage.gaussian_filter(filled, _BASE_PX / factor, mode="nearest")
     agreed = known & ~odd
     count = np.maximum(_pooled(weight, _EVIDENCE_BLOCKS), 1e-6)
     chi2 = _pooled(np.where(known, choice.misfit, 0.0), _EVIDENCE_BLOCKS) / count
@@ -159,9 +159,7 @@ def _kernel(factor: int) -> tuple[float, float]:
     """
     f = np.linspace(0.0, 0.5, 257)[:, None]
     squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
-    rest = 1.0 - np.exp(-squared * (_BASE_BLOCKS * factor) ** 2) * np.sinc(factor * f) * np.sinc(
-        factor * f.T
-    )
+    rest = 1.0 - np.exp(-squared * _BASE_PX**2) * np.sinc(factor * f) * np.sinc(factor * f.T)
     for width in _WINDOWS_PX:
         rest = rest * (1.0 - np.exp(-squared * width**2))
     last = np.exp(-squared * _WINDOWS_PX[-1] ** 2)

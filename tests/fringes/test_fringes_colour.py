@@ -1,0 +1,374 @@
+"""Colour frames: orders read from rendered frames whose order is known, and honest masks.
+
+The truth of a frame is the order of its picture, which `read_colour` never sees. The table comes
+from the scene's own light; what a wrong table does is a test of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from isochrome.errors import InputError
+from isochrome.fringes.colour import read_colour
+from isochrome.fringes.colour_table import ColourTable, measured_table, spectral_table
+from isochrome.optics import Response, camera_response, expose
+from isochrome.scene import Camera, Polariscope, parse_scene
+from isochrome.simulate import make_picture, picture_signal, scene_states, state_difference
+from isochrome.stress import pixel_grid
+
+SPECIMENS = {
+    "contact": """
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[indenter]
+radius_mm = 24.61
+young_gpa = 210.0
+poisson = 0.3
+[load]
+normal_n = {load}
+[friction]
+coefficient = {mu}
+""",
+    "disc": """
+[specimen]
+shape = "disc"
+diameter_mm = 20.0
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[load]
+normal_n = {load}
+""",
+    "beam": """
+[specimen]
+shape = "beam"
+height_mm = 20.0
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[load]
+normal_n = {load}
+inner_span_mm = 40.0
+outer_span_mm = 100.0
+""",
+}
+SPECIMENS["worn"] = (
+    SPECIMENS["contact"] + "[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0]\n"
+)
+LOAD = {"contact": 44.0, "worn": 44.0, "disc": 320.0, "beam": 200.0}
+PLACE = {"contact": (-2.0, 0.0, 4.0), "disc": (-13.5, -0.1, 27.0), "beam": (-13.5, -0.1, 27.0)}
+PLACE["worn"] = PLACE["contact"]
+OPTICS = """
+[polariscope]
+wavelength_nm = 587.0
+light = "white"
+field = "{field}"
+[camera]
+width_px = {cols}
+height_px = {rows}
+left_mm = {left}
+top_mm = {top}
+pixel_mm = {pixel}
+bit_depth = 8
+brightness = 0.9
+background = 0.03
+vignette = 0.3
+noise_grey = {noise}
+gamma = {gamma}
+colour = true
+"""
+FULL, HALF = (494, 659), (247, 330)
+WHITE = Polariscope(wavelength_nm=587.0, light="white")
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A captured frame with its no-load frames, in grey levels, and its true order."""
+
+    frame: np.ndarray
+    dark: np.ndarray
+    bright: np.ndarray
+    order: np.ndarray
+    table: ColourTable
+    noise: float
+    gamma: float
+
+    def read(self, no_load="both", *, table=None, gamma=None, **given):
+        """The reading with both, one or none of the no-load frames."""
+        gamma = self.gamma if gamma is None else gamma
+        frame, dark, bright = (
+            (a.astype(float) / 255.0) ** gamma for a in (self.frame, self.dark, self.bright)
+        )
+        level = np.maximum(self.frame / 255.0, self.noise / 255.0)
+        sigma = gamma * level ** (gamma - 1.0) * max(self.noise, 0.3) / 255.0
+        return read_colour(
+            frame,
+            table or self.table,
+            sigma=sigma,
+            dark=dark if no_load in ("both", "dark") else None,
+            bright=bright if no_load in ("both", "bright") else None,
+            valid=self.frame < 255,
+            **given,
+        )
+
+
+@lru_cache(maxsize=3)
+def rendered(kind, *, size=HALF, mu=0.0, noise=3.0, gamma=1.0, field="dark", load=None):
+    left, top, width = PLACE[kind]
+    rows, cols = size
+    pixel = width / cols
+    values = {"field": field, "noise": noise, "gamma": gamma, "left": left, "top": top}
+    optics = OPTICS.format(rows=rows, cols=cols, pixel=pixel, **values)
+    scene = parse_scene(SPECIMENS[kind].format(load=load or LOAD[kind], mu=mu) + optics)
+    grid = pixel_grid(scene)
+    picture = make_picture(scene, state_difference(scene, scene_states(scene)[-1], grid), grid)
+    lit = np.repeat(picture.material[..., None].astype(float), 3, axis=2)
+    signals = (picture_signal(scene, picture), 0.0 * lit, lit)
+    frames = [
+        expose(signal, scene.camera, rng=np.random.default_rng([7, i]))
+        for i, signal in enumerate(signals)
+    ]
+    order = np.where(picture.material, picture.order, np.nan)
+    table = spectral_table(scene.polariscope, camera_response(scene.camera))
+    return Shot(*frames, order, table, noise, gamma)
+
+
+def errors(reading, order):
+    """Errors of the pixels that are said to be known; none of them off the specimen."""
+    known = np.isfinite(reading.order)
+    assert np.isfinite(order[known]).all()
+    return (reading.order - order)[known]
+
+
+def meets_the_bar(reading, order, *, kept):
+    """The bar for colour: RMS 0.02 fringe, wrong branch 0.1 %; and most of N <= 3 is known."""
+    error = errors(reading, order)
+    assert np.sqrt(np.mean(error**2)) <= 0.02
+    assert np.mean(np.abs(error) > 0.5) <= 1e-3
+    assert np.isfinite(reading.order[order <= 3.0]).mean() >= kept
+
+
+CASES = [("contact", 0.0), ("contact", 0.3), ("worn", 0.25), ("disc", 0.0), ("beam", 0.0)]
+
+
+@pytest.mark.parametrize(("kind", "mu"), CASES)
+def test_with_no_load_frames_the_order_is_read(kind, mu):
+    shot = rendered(kind, mu=mu)
+    reading = shot.read()
+    meets_the_bar(reading, shot.order, kept=0.97)
+    error = errors(reading, shot.order)
+    assert np.sqrt(np.mean(error**2)) <= 0.01  # a single pixel's own noise leaves 0.006
+    assert not (np.abs(error) > 0.5).any()
+    assert 0.9 < reading.chi < 1.15 and not reading.blind
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("no_load", ["both", "dark", "bright", "none"])
+@pytest.mark.parametrize(("kind", "mu"), CASES)
+def test_full_frames_meet_the_bar(kind, mu, no_load):
+    shot = rendered(kind, mu=mu, size=FULL)
+    specimen = np.isfinite(shot.order)
+    reading = shot.read(no_load, specimen=specimen)
+    meets_the_bar(reading, shot.order, kept=0.97)
+    assert np.sqrt(np.mean(errors(reading, shot.order) ** 2)) <= 0.006
+
+
+@pytest.mark.parametrize("no_load", ["dark", "bright", "none"])
+@pytest.mark.parametrize("kind", ["contact", "disc", "beam"])
+def test_without_no_load_frames_the_light_is_found(kind, no_load):
+    """Without the bright one, wide black places are left open: they may be no specimen at all."""
+    shot = rendered(kind, mu=0.3 if kind == "contact" else 0.0)
+    reading = shot.read(no_load)
+    known = np.isfinite(reading.order)
+    off = known & ~np.isfinite(shot.order)
+    assert off.sum() <= 1e-3 * known.sum()
+    error = (reading.order - shot.order)[known & ~off]
+    assert np.sqrt(np.mean(error**2)) <= 0.02 and np.mean(np.abs(error) > 0.5) <= 1e-3
+    assert known[shot.order <= 3.0].mean() >= 0.85
+    assert reading.blind
+
+
+@pytest.mark.parametrize("kwargs", [{"gamma": 2.2}, {"field": "bright"}, {"noise": 10.0}])
+def test_gamma_bright_field_and_more_noise(kwargs):
+    shot = rendered("contact", mu=0.3, **kwargs)
+    meets_the_bar(shot.read(), shot.order, kept=0.95)
+
+
+def test_one_saturated_channel_leaves_the_other_two():
+    shot = rendered("contact", mu=0.3)
+    over = [np.array(a, dtype=float) for a in (shot.frame, shot.dark, shot.bright)]
+    for image in over:
+        image[..., 1] *= 1.7
+    over[0] = np.clip(over[0], 0.0, 255.0)
+    lit = Shot(*over, shot.order, shot.table, shot.noise, 1.0)
+    assert (over[0][..., 1] == 255.0).mean() > 0.1
+    meets_the_bar(lit.read(), shot.order, kept=0.95)
+
+
+def test_confidence_is_the_share_that_is_right():
+    """Of the pixels said to be 95 % sure, 95 % are right to 0.05 fringe; so are the less sure."""
+    said, right = [], []
+    for kind, kwargs in (
+        ("contact", {"mu": 0.3, "noise": 20.0}),
+        ("contact", {"load": 300.0, "mu": 0.3}),
+        ("disc", {"load": 700.0}),
+    ):
+        shot = rendered(kind, **kwargs)
+        reading = shot.read()
+        known = np.isfinite(reading.order)
+        assert (reading.confidence[~known] == 0.0).all()
+        said.append(reading.confidence[known])
+        right.append(np.abs(errors(reading, shot.order)) < 0.05)
+    said, right = np.concatenate(said), np.concatenate(right)
+    assert right[said >= 0.95].mean() >= 0.95
+    unsure = said < 0.98
+    assert unsure.sum() > 1000  # else the next line says nothing
+    # neighbours share their noise: some thousand pixels are some hundred trials
+    assert right[unsure].mean() >= said[unsure].mean() - 0.05
+
+
+def test_stated_uncertainty_is_that_of_the_errors():
+    for no_load in ("both", "none"):
+        shot = rendered("contact", mu=0.3)
+        reading = shot.read(no_load)
+        known = np.isfinite(reading.order)
+        pull = errors(reading, shot.order) / reading.uncertainty[known]
+        assert 0.6 < np.sqrt(np.mean(pull**2)) < 1.4
+
+
+def test_orders_beyond_the_colours_are_masked_not_guessed():
+    """A disc up to N = 30 and more beside its loads: white of any order is no order."""
+    shot = rendered("disc", load=900.0)
+    assert np.nanmax(shot.order) > 30.0
+    reading = shot.read()
+    error = errors(reading, shot.order)
+    assert np.mean(np.abs(error) > 0.5) <= 1e-3
+    assert np.nanmax(reading.order) < 7.0
+    assert np.isfinite(reading.order[shot.order <= 3.0]).mean() >= 0.8
+
+
+def gaussian_response(peaks, widths):
+    places = np.arange(400.0, 701.0, 2.0)
+    peaks, widths = np.array(peaks)[:, None], np.array(widths)[:, None]
+    return Response(
+        ("red", "green", "blue"), places, np.exp(-0.5 * ((places - peaks) / widths) ** 2)
+    )
+
+
+@pytest.mark.parametrize("no_load", ["both", "none"])
+@pytest.mark.parametrize("kind", ["contact", "beam"])
+@pytest.mark.parametrize(
+    ("peaks", "widths"), [((620, 560, 440), (35, 33, 30)), ((600, 540, 460), (50, 50, 50))]
+)
+def test_a_wrong_table_shows_in_chi_and_nothing_is_read(kind, peaks, widths, no_load):
+    shot = rendered(kind)
+    reading = shot.read(no_load, table=spectral_table(WHITE, gaussian_response(peaks, widths)))
+    assert reading.chi > 1.5 and reading.strange > 0.03
+    assert not np.isfinite(reading.order).any() and reading.kept == 0.0
+    assert (reading.confidence == 0.0).all()
+
+
+def test_a_wrong_gamma_shows_and_nothing_is_read():
+    reading = rendered("contact", mu=0.3, gamma=2.2).read(gamma=1.0)
+    assert reading.chi > 1.5 and not np.isfinite(reading.order).any()
+
+
+def test_an_unloaded_specimen_is_zero_and_blindly_nothing():
+    shot = rendered("contact")
+    idle = Shot(shot.dark, shot.dark, shot.bright, 0.0 * shot.order, shot.table, 3.0, 1.0)
+    reading = idle.read()
+    assert np.nanmax(reading.order) < 0.06  # sqrt of the noise of N², sin² being flat there
+    with pytest.raises(InputError, match=r"no fringes|not the table's"):
+        Shot(
+            np.full_like(shot.dark, 8), shot.dark, shot.bright, shot.order, shot.table, 3.0, 1.0
+        ).read("none")
+
+
+# --- tables -------------------------------------------------------------------------
+
+
+def test_a_table_is_the_integral_over_the_spectrum():
+    """Against a plain sum over a fine grid of wavelengths."""
+    table = spectral_table(WHITE, camera_response(Camera(colour=True)))
+    wave = np.linspace(400.0, 700.0, 30001)
+    sensor = np.exp(
+        -0.5 * ((wave - np.array([[600.0], [540.0], [460.0]])) / [[35.0], [33.0], [30.0]]) ** 2
+    )
+    ends = np.ones(len(wave))
+    ends[[0, -1]] = 0.5
+    for order in (0.0, 0.5, 1.75, 3.0, 5.25):
+        light = np.sin(np.pi * order * 587.0 / wave) ** 2
+        exact = (sensor * light * ends).sum(axis=1) / (sensor * ends).sum(axis=1)
+        # the trapezoid's own error on 1e-2 nm is 1e-8
+        np.testing.assert_allclose(table.signal[int(order * 256)], exact, rtol=0, atol=1e-6)
+
+
+def test_a_table_ends_where_all_is_white_and_lines_never_are():
+    white = spectral_table(WHITE, camera_response(Camera(colour=True)))
+    assert 5.0 < white.highest < 10.0
+    assert white.white == pytest.approx([0.5] * 3, abs=0.01)
+    assert white.highest_of(0.2) < white.highest_of(0.05) < white.highest
+    lines = Polariscope(
+        wavelength_nm=587.0, lines={"wavelength_nm": (460.0, 540.0, 600.0), "power": (1, 1, 1)}
+    )
+    endless = spectral_table(lines, gaussian_response((600, 540, 460), (5, 5, 5)))
+    assert endless.highest == 12.0 and endless.white is None
+
+
+def test_real_plates_widen_the_table():
+    scope = Polariscope(wavelength_nm=587.0, light="white", plate_wavelength_nm=560.0)
+    assert (spectral_table(scope, camera_response(Camera(colour=True))).spread > 0.002).all()
+
+
+@pytest.mark.parametrize(
+    "scope",
+    [
+        Polariscope(wavelength_nm=587.0),
+        Polariscope(wavelength_nm=587.0, light="white", field="plane"),
+    ],
+)
+def test_a_table_needs_several_wavelengths_in_a_circular_field(scope):
+    with pytest.raises(InputError, match="several wavelengths in the circular"):
+        spectral_table(scope, camera_response(Camera(colour=True)))
+
+
+def test_a_table_measured_from_a_beam_reads_another_specimen():
+    beam = rendered("beam", load=300.0)
+    light = (beam.frame.astype(float) - beam.dark) / np.where(
+        np.isfinite(beam.order)[..., None], beam.bright.astype(float) - beam.dark, np.nan
+    )
+    table = measured_table(light, beam.order)
+    n = np.arange(0, int(3.5 * 256))
+    # 3 grey levels in a signal of some 200, over the 900 pixels within 0.02 fringe: 6e-4; and the
+    # bell's width takes (2 pi 1.3 0.02)²/2 = 1.3 % off the fringes' contrast of 0.5
+    assert np.abs(table.signal[n] - beam.table.signal[n]).max() < 0.02
+    shot = rendered("contact", mu=0.3, load=36.0)
+    meets_the_bar(shot.read(table=table), shot.order, kept=0.95)
+
+
+def test_a_table_is_not_measured_where_orders_are_missing():
+    order = np.linspace(0.0, 3.0, 400)[None].repeat(20, axis=0)
+    light = np.sin(np.pi * order[..., None] * [1.0, 1.1, 1.3]) ** 2
+    gap = np.where((order > 1.0) & (order < 1.5), np.nan, order)
+    with pytest.raises(InputError, match="none near N = 1"):
+        measured_table(light, gap)
+    with pytest.raises(InputError, match="from N = 0 on"):
+        measured_table(light, np.where(order < 0.5, np.nan, order))
+
+
+def test_frames_that_do_not_fit_are_refused():
+    shot = rendered("contact")
+    light = shot.frame / 255.0
+    with pytest.raises(InputError, match="as the table has 3 channels"):
+        read_colour(light[..., 0], shot.table, sigma=0.01)
+    with pytest.raises(InputError, match="no-load dark frame is"):
+        read_colour(light, shot.table, sigma=0.01, dark=light[:-1], bright=light)
+    with pytest.raises(InputError, match="the mask specimen is"):
+        read_colour(light, shot.table, sigma=0.01, specimen=np.ones((3, 3), bool))
+    with pytest.raises(InputError, match="no contrast between its dark and bright ends"):
+        read_colour(light, shot.table, sigma=0.01, dark=light, bright=0.0 * light)
