@@ -1,0 +1,135 @@
+r"""The direction of sigma_1 from the maps of a phase-stepped set, pooled and made continuous.
+
+sin δ exp 2iθ, squared, and (1 - cos δ) exp 4iθ both point along exp 4iθ. The first is nothing at
+whole and half orders, the second at whole ones; weighted with their information they are summed
+over a small window, which no wrap of θ disturbs, and which fringes do not interrupt. The root,
+exp 2iθ, keeps a sign that continuity settles: about an isotropic point 2θ turns whole, so that
+a continuous choice exists all round it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.fringes.absolute import unwrap
+from isochrome.fringes.steps import CROSS, CROSS_SINE, SINE, SINE_SINE, StepDesign, StepTerms
+
+Array = NDArray[Any]
+Mask = NDArray[np.bool_]
+
+_WINDOW_PX = 1.6
+_WIDE_PX = 6.0
+_WIDE_SPREAD = 0.2
+"""What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
+
+_SLOPE_PX = 2.0
+_TURNED = 0.25
+"""Error of θ (rad) for a coherence of nought: seen about isotropic points."""
+
+_STRIDE = 2
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The direction of sigma_1, up to 90°, as `twice` = exp 2iθ (rows, cols), continuous.
+
+    `scatter` of θ (rad, standard) from the noise, `uncertainty` with what is added where the
+    direction turns within the window; `coherence` 0..1, low there, as at an isotropic point.
+    """
+
+    twice: Array
+    scatter: Array
+    uncertainty: Array
+    coherence: Array
+
+    @property
+    def spread(self) -> Array:
+        """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
+        return 2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * _WINDOW_PX
+
+
+def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
+    """Each pixel's information on 4θ, as a complex number along exp 4iθ, and its size.
+
+    Equation: E = S²/(4 vS) + Q (A - c)/vQ, with S = A sin δ exp 2iθ, Q = A (1 - cos δ) exp 4iθ,
+    c = A cos δ, and vS, vQ their variances for unit noise; the squares' means of noise are taken
+    off. Parameters: `terms`, `design`; `sigma`, noise of the light. Returns E and the information
+    on 4θ (rows, cols), both times sigma².
+    """
+    first, second = design.variance(SINE), design.variance(SINE_SINE)
+    spread = 0.5 * (first + second)
+    lean = first - second + 2j * design.variance(SINE, SINE_SINE)
+    noise = np.square(sigma)
+    along = (terms.sine**2 - lean * noise) / (4.0 * spread)
+    size = np.maximum(np.abs(terms.sine) ** 2 - 2.0 * spread * noise, 0.0) / (4.0 * spread)
+    if terms.cross is not None:
+        spread = 0.5 * (design.variance(CROSS) + design.variance(CROSS_SINE))
+        lift = np.maximum(pooled(terms.amplitude, 2.0 * _WINDOW_PX) - terms.cosine, 0.0)
+        along = along + terms.cross * lift / spread
+        size = size + lift**2 / spread
+    return along, size
+
+
+def find_direction(
+    terms: StepTerms, design: StepDesign, *, sigma: Array | float, valid: Mask
+) -> Direction:
+    """The continuous direction of a set of steps, up to 90° over each connected part.
+
+    Parameters: `terms`, `design`, see `isochrome.fringes.steps`; `sigma`, noise of the light, a
+    number or (rows, cols); `valid`, True = trusted pixels (rows, cols). Returns a Direction.
+    """
+    along, size = four_theta(terms, design, sigma)
+    along = np.where(valid, along, 0.0)
+    size = np.where(valid, size, 0.0)
+    narrow, information = pooled(along, _WINDOW_PX), pooled(size, _WINDOW_PX)
+    narrow = _centred(narrow, information)
+    wide = pooled(along, _WIDE_PX)
+    area = 4.0 * np.pi * _WINDOW_PX**2
+    noise = np.square(sigma)
+    wide = wide / np.maximum(np.abs(wide), 1e-30) * noise / (area * _WIDE_SPREAD**2)
+    angle = np.angle(narrow + wide)
+    coarse = np.zeros(angle.shape, dtype=complex)
+    steps = slice(None, None, _STRIDE)
+    rough = np.exp(0.5j * np.nan_to_num(unwrap(angle[steps, steps], valid[steps, steps])))
+    for row in range(_STRIDE):
+        for col in range(_STRIDE):
+            part = coarse[row::_STRIDE, col::_STRIDE]
+            part[:] = rough[: part.shape[0], : part.shape[1]]
+    twice = np.exp(0.5j * angle)
+    twice = np.where((twice * np.conj(coarse)).real < 0.0, -twice, twice)
+    scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
+    coherence = np.minimum(np.abs(narrow) / np.maximum(information, 1e-30), 1.0)
+    return Direction(twice, scatter, np.hypot(scatter, _TURNED * (1.0 - coherence)), coherence)
+
+
+def _centred(narrow: Array, information: Array) -> Array:
+    """Pooled exp 4iθ, turned from where its information lies to the window's middle.
+
+    Fringes put the information's centre of mass beside the middle, by w² ∇J/J for a Gaussian
+    window of width w, where 4θ is another by its gradient: ψ(0) = ψ - ∇ψ w² ∇J/J.
+    """
+    rough = pooled(narrow, _SLOPE_PX)
+    size = np.maximum(np.square(np.abs(rough)), 1e-30)
+    turn = np.zeros(information.shape)
+    for axis in (0, 1):
+        slope = (np.conj(rough) * np.gradient(rough, axis=axis)).imag / size
+        turn += slope * np.gradient(information, axis=axis)
+    turn *= _WINDOW_PX**2 / np.maximum(information, 1e-30)
+    return np.asarray(narrow * np.exp(-1j * np.clip(turn, -1.0, 1.0)))
+
+
+def pooled(values: Array, width_px: float) -> Array:
+    """Mean over a Gaussian window, in single precision.
+
+    Parameters: `values` (rows, cols), real or complex, nought where masked; `width_px`, the
+    window's standard deviation. Returns (rows, cols).
+    """
+    from scipy.ndimage import gaussian_filter
+
+    if np.iscomplexobj(values):
+        return np.asarray(pooled(values.real, width_px) + 1j * pooled(values.imag, width_px))
+    return np.asarray(gaussian_filter(values.astype(np.float32), width_px))

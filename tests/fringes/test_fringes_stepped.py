@@ -1,0 +1,470 @@
+"""Phase-stepped sets: linear algebra against Jones products, maps against the scene's own field."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from isochrome.errors import InputError
+from isochrome.fringes.absolute import balance, unwrap
+from isochrome.fringes.stepped import read_steps
+from isochrome.fringes.steps import make_design, solve_steps
+from isochrome.fringes.whole_number import settle
+from isochrome.optics import make_chain
+from isochrome.scene import Polariscope, parse_scene
+from isochrome.simulate import make_picture, scene_states, simulate, state_difference
+from isochrome.stress import pixel_grid
+
+CIRCULAR = [
+    (90, 45, -45, 0), (90, 45, -45, 90),
+    (90, 45, 0, 0), (90, 45, 45, 45), (90, 45, 90, 90), (90, 45, 135, 135),
+]  # fmt: skip
+PLANE = [(90.0 + b, None, None, b) for b in (0.0, 22.5, 45.0, 67.5)]
+TEN = CIRCULAR + PLANE
+
+OPTICS = "\n[polariscope]\nwavelength_nm = 587.0\n"
+CAMERA = """
+[camera]
+width_px = 659
+height_px = 494
+bit_depth = 8
+brightness = 0.85
+background = 0.05
+vignette = 0.3
+noise_grey = 3.0
+blur_px = 0.4
+"""
+DISC = '[specimen]\nshape = "disc"\ndiameter_mm = 30.0\nthickness_mm = 6.0\n' + (
+    "fringe_value_n_per_mm = 7.0\n[load]\nnormal_n = 450.0\n" + OPTICS + CAMERA
+)
+BEAM = '[specimen]\nshape = "beam"\nheight_mm = 20.0\nthickness_mm = 6.0\n' + (
+    "fringe_value_n_per_mm = 7.0\n[load]\nnormal_n = 200.0\ninner_span_mm = 40.0\n"
+    "outer_span_mm = 100.0\n" + OPTICS + CAMERA
+)
+CONTACT = """
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[indenter]
+radius_mm = 24.61
+young_gpa = 210.0
+poisson = 0.3
+[load]
+normal_n = 44.0
+""" + OPTICS + CAMERA  # fmt: skip
+
+UNMATCHED = {"polariscope.plate_wavelength_nm": 0.95 * 587.0}
+MISALIGNED = {
+    "polariscope.polariser_error_deg": 0.7,
+    "polariscope.input_plate_error_deg": -1.0,
+    "polariscope.output_plate_error_deg": 0.8,
+    "polariscope.analyser_error_deg": -0.5,
+}
+
+
+def as_steps(angles):
+    names = ("polariser_deg", "input_plate_deg", "output_plate_deg", "analyser_deg")
+    return tuple(
+        {n: a for n, a in zip(names, four, strict=True) if a is not None} for four in angles
+    )
+
+
+def a_scene(text, *, pixel_mm, steps=TEN, **values):
+    scene = parse_scene(text + f"pixel_mm = {pixel_mm}\n")
+    return scene.with_values({"polariscope.step": as_steps(steps)} | values)
+
+
+def disc(pixel_mm=0.0625, **values):
+    return a_scene(DISC, pixel_mm=pixel_mm, **values)
+
+
+def contact(mu=0.0, **values):
+    text = CONTACT.replace("[load]", f"[friction]\ncoefficient = {mu}\n[load]") if mu else CONTACT
+    return a_scene(text, pixel_mm=0.00607, **values)
+
+
+def small(scene, factor=3):
+    """The same picture with fewer pixels."""
+    return scene.with_values(
+        {
+            "camera.pixel_mm": factor * scene.camera.pixel_mm,
+            "camera.width_px": 659 // factor,
+            "camera.height_px": 494 // factor,
+        }
+    )
+
+
+def chains_of(scene):
+    return [make_chain(scene.polariscope, i) for i in range(len(scene.polariscope.step))]
+
+
+def truth(scene):
+    """Order (fringes) and direction of sigma_1 (degrees) of the scene's own field."""
+    pixels = pixel_grid(scene)
+    (state,) = scene_states(scene)
+    difference = state_difference(scene, state, pixels)
+    picture = make_picture(scene, difference, pixels)
+    # z grows downward in the image: counter-clockwise for the camera is minus the stress' angle
+    return picture.order, -0.5 * np.degrees(np.angle(difference))
+
+
+def captured(scene):
+    """Light of the steps, pixels that are not saturated, and the noise, all of full scale."""
+    frames = simulate(scene).frames
+    # rounding to whole grey levels is noise of variance 1/12
+    sigma = np.sqrt(scene.camera.noise_grey**2 + 1.0 / 12.0) / 255.0
+    return frames.astype(np.float32) / 255.0, (frames < 255).all(axis=0), float(sigma)
+
+
+def read(scene, **options):
+    light, valid, sigma = captured(scene)
+    return read_steps(light, chains_of(scene), sigma=sigma, valid=valid, **options)
+
+
+def errors(found, scene):
+    """Errors of the order (fringes) and of the isoclinic (degrees), where each is known."""
+    order, direction = truth(scene)
+    known, turned = np.isfinite(found.order), np.isfinite(found.isoclinic)
+    assert np.isfinite(order[known]).all()  # nothing is read where there is no specimen
+    turn = (found.isoclinic - direction + 90.0) % 180.0 - 90.0
+    return (found.order - order)[known], turn[turned], known.sum() / np.isfinite(order).sum()
+
+
+# The linear algebra, against products of Jones matrices written out
+
+
+def element(retardance, axis_deg):
+    turn = np.radians(axis_deg)
+    rotate = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    return rotate @ np.diag(np.exp([-0.5j * retardance, 0.5j * retardance])) @ rotate.T
+
+
+def jones_light(four, delta, theta_deg, plate):
+    polariser, first, second, analyser = four
+    field = np.array([np.cos(np.radians(polariser)), np.sin(np.radians(polariser))], complex)
+    if first is not None:
+        field = element(plate, first) @ field
+    field = element(delta, theta_deg) @ field
+    if second is not None:
+        field = element(plate, second) @ field
+    return (
+        abs(np.cos(np.radians(analyser)) * field[0] + np.sin(np.radians(analyser)) * field[1]) ** 2
+    )
+
+
+angles = st.floats(0.0, 180.0)
+four_angles = st.one_of(
+    st.tuples(angles, angles, angles, angles), st.tuples(angles, st.none(), st.none(), angles)
+)
+
+
+@settings(max_examples=60)
+@given(
+    extra=st.lists(four_angles, max_size=5),
+    ratio=st.floats(0.85, 1.15),
+    delta=st.floats(-20.0, 20.0),
+    theta=angles,
+    amplitude=st.floats(0.1, 2.0),
+    background=st.floats(0.0, 1.0),
+)
+def test_maps_are_exact_for_any_angles_and_plates(
+    extra, ratio, delta, theta, amplitude, background
+):
+    steps = TEN + extra
+    scope = Polariscope(
+        wavelength_nm=600.0, plate_wavelength_nm=600.0 * ratio, step=as_steps(steps)
+    )
+    design = make_design([make_chain(scope, i) for i in range(len(steps))])
+    assert design.crossed
+    light = [
+        background + amplitude * jones_light(four, delta, theta, 0.5 * np.pi * ratio)
+        for four in steps
+    ]
+    terms = solve_steps(np.array(light)[:, None, None], design)
+    turn = np.exp(2j * np.radians(theta))
+    # float64 through a matrix whose inverse is of order 10
+    assert terms.cosine[0, 0] == pytest.approx(amplitude * np.cos(delta), abs=1e-9)
+    assert terms.sine[0, 0] == pytest.approx(amplitude * np.sin(delta) * turn, abs=1e-9)
+    assert terms.cross[0, 0] == pytest.approx(amplitude * (1 - np.cos(delta)) * turn**2, abs=1e-9)
+    assert terms.amplitude[0, 0] == pytest.approx(amplitude, abs=1e-9)
+
+
+@settings(max_examples=60)
+@given(
+    steps=st.lists(st.tuples(angles, angles, angles, angles), min_size=8, max_size=12),
+    delta=st.floats(-20.0, 20.0),
+    theta=angles,
+)
+def test_random_steps_are_exact_or_refused(steps, delta, theta):
+    scope = Polariscope(wavelength_nm=600.0, plate_wavelength_nm=630.0, step=as_steps(steps))
+    try:
+        design = make_design([make_chain(scope, i) for i in range(len(steps))])
+    except InputError:
+        assume(False)
+    light = [0.1 + jones_light(four, delta, theta, 0.525 * np.pi) for four in steps]
+    turn = np.exp(2j * np.radians(theta))
+    terms = solve_steps(np.array(light)[:, None, None], design, np.array([[turn]]))
+    # what is left out leaks by a tenth at most: four passes leave (2 x 0.1)^5 of it
+    tolerance = 1e-3 if design.leaks else 1e-9
+    assert terms.cosine[0, 0] == pytest.approx(np.cos(delta), abs=tolerance)
+    assert terms.sine[0, 0] == pytest.approx(np.sin(delta) * turn, abs=tolerance)
+
+
+def test_six_steps_with_misaligned_elements_take_out_what_they_cannot_solve_for():
+    values = {k.split(".")[1]: v for k, v in (MISALIGNED | UNMATCHED).items()}
+    scope = Polariscope(wavelength_nm=587.0, step=as_steps(CIRCULAR), **values)
+    chains = [make_chain(scope, i) for i in range(6)]
+    design = make_design(chains)
+    assert design.leaks and not design.crossed
+    shift = list(MISALIGNED.values())
+    delta, theta = 2.0, 25.0
+    light = [
+        0.1 + 0.7 * jones_light(np.add(four, shift), delta, theta, 0.475 * np.pi)
+        for four in CIRCULAR
+    ]
+    stack, turn = np.array(light)[:, None, None], np.exp(2j * np.radians(theta))
+    first = solve_steps(stack, design)
+    second = solve_steps(stack, design, np.array([[turn]]))
+    # errors of 1 degree (0.03 rad of 2θ), five times over, of an amplitude of 1
+    assert abs(second.cosine[0, 0] - 0.7 * np.cos(delta)) < 1e-5
+    assert abs(second.sine[0, 0] - 0.7 * np.sin(delta) * turn) < 1e-5
+    assert abs(first.sine[0, 0] - 0.7 * np.sin(delta) * turn) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("steps", "missing"),
+    [
+        (PLANE, ["sin δ cos 2θ", "sin δ sin 2θ"]),
+        (CIRCULAR[:2], ["sin δ cos 2θ", "sin δ sin 2θ"]),
+        (CIRCULAR[2:], ["cos δ (add"]),
+        ([*CIRCULAR[:2], CIRCULAR[2], CIRCULAR[4]], ["sin δ cos 2θ"]),
+        ([*CIRCULAR[:2], CIRCULAR[3], CIRCULAR[5]], ["sin δ sin 2θ"]),
+    ],
+)
+def test_steps_that_cannot_tell_the_order_are_refused_with_those_that_would(steps, missing):
+    def chains(angles):
+        scope = Polariscope(step=as_steps(angles))
+        return [make_chain(scope, i) for i in range(len(angles))]
+
+    with pytest.raises(InputError, match=r"\[\[polariscope.step\]\]") as refused:
+        make_design(chains(steps))
+    for words in missing:
+        assert words in str(refused.value)
+    told = {"sin δ cos 2θ": [(90, 45, 45, 45), (90, 45, 135, 135)],
+            "sin δ sin 2θ": [(90, 45, 0, 0), (90, 45, 90, 90)],
+            "cos δ (add": [(90, 45, -45, 0), (90, 45, -45, 90)]}  # fmt: skip
+    advised = [four for words in told if words in str(refused.value) for four in told[words]]
+    make_design(chains([*steps, *advised]))  # the advice is enough
+
+
+def test_the_order_of_the_steps_does_not_matter():
+    scene = small(contact(0.3))
+    light, valid, sigma = captured(scene)
+    chains, mixed = chains_of(scene), [7, 2, 9, 0, 4, 1, 8, 3, 6, 5]
+    one = read_steps(light, chains, sigma=sigma, valid=valid)
+    other = read_steps(light[mixed], [chains[i] for i in mixed], sigma=sigma, valid=valid)
+    # single precision sums in another order: 1e-6 of the light, 1e-5 fringe
+    both = np.isfinite(one.order) & np.isfinite(other.order)
+    assert both.mean() > 0.95
+    assert np.abs(one.order - other.order)[both].max() < 1e-4
+
+
+# Whole sets, with noise of 3 grey levels and a vignette of 30 %
+
+
+@pytest.mark.parametrize(
+    ("scene", "highest"),
+    [
+        (disc(), 17.0),
+        (disc(**UNMATCHED, **MISALIGNED), 17.0),
+        (contact(), 3.0),
+        (contact(0.3), 3.4),
+    ],
+    ids=["disc", "disc, real elements", "contact", "sliding contact"],
+)
+def test_ten_steps_are_read_to_a_two_hundredth_of_a_fringe(scene, highest):
+    found = read(scene)
+    order, turn, kept = errors(found, scene)
+    assert np.sqrt(np.mean(order**2)) <= 0.005
+    assert np.abs(order).max() < 0.25  # no wrong branch
+    assert np.median(np.abs(turn)) <= 0.1
+    assert np.abs(turn).max() < 45.0  # sigma_1 is nowhere taken for sigma_2
+    assert kept > 0.95 and np.nanmax(found.order) > highest
+    assert found.chi == pytest.approx(1.0, abs=0.02)
+    assert found.warnings == () and found.parts[0].source == "equilibrium"
+    right = (np.abs(order) < 0.05).mean()
+    known = found.reading.confidence > 0.0
+    assert right == pytest.approx(found.reading.confidence[known].mean(), abs=2e-3)
+    pull = order / found.reading.uncertainty[np.isfinite(found.order)]
+    assert 0.9 < np.sqrt(np.mean(pull**2)) < 1.1
+
+
+def test_six_circular_steps_are_enough():
+    scene = contact(0.3, steps=CIRCULAR)
+    order, turn, kept = errors(read(scene), scene)
+    assert np.sqrt(np.mean(order**2)) <= 0.005 and np.abs(order).max() < 0.25
+    # no plane images: a whole order says nothing of the direction, a half one less
+    assert np.median(np.abs(turn)) <= 0.2
+    assert kept > 0.95
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("scene", [disc(), contact(0.3)], ids=["disc", "contact"])
+def test_noise_of_ten_grey_levels_is_told_and_breaks_no_branch(scene):
+    scene = scene.with_values({"camera.noise_grey": 10.0})
+    found = read(scene)
+    order, turn, kept = errors(found, scene)
+    assert np.abs(order).max() < 0.25 and kept > 0.9
+    pull = order / found.reading.uncertainty[np.isfinite(found.order)]
+    assert 0.9 < np.sqrt(np.mean(pull**2)) < 1.1
+    assert np.abs(turn).max() < 45.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(6))
+def test_random_angles_and_loads_break_no_branch(seed):
+    rng = np.random.default_rng(seed)
+    steps = rng.uniform(0.0, 180.0, (10, 4)).tolist()
+    values = {"load.bulk_mpa": rng.uniform(-10, 10), "polariscope.plate_wavelength_nm": 620.0}
+    scene = contact(rng.uniform(0.05, 0.4), steps=steps, **values)
+    order, turn, kept = errors(read(scene), scene)
+    assert np.abs(order).max() < 0.25 and np.abs(turn).max() < 45.0
+    assert kept > 0.9
+
+
+def test_wrong_angles_give_a_poor_chi_and_that_is_said():
+    scene = small(contact(0.3))
+    light, valid, sigma = captured(scene)
+    steps = [*CIRCULAR, *PLANE[:3], (170.0, None, None, 80.0)]
+    wrong = scene.with_values({"polariscope.step": as_steps(steps)})
+    found = read_steps(light, chains_of(wrong), sigma=sigma, valid=valid)
+    assert found.chi > 1.3 and "the steps' angles or plates" in " ".join(found.warnings)
+
+
+def test_saturated_pixels_are_masked_and_the_rest_is_right():
+    scene = small(contact(0.3, **{"camera.brightness": 1.02}), 2)
+    light, valid, sigma = captured(scene)
+    assert 0.05 < 1.0 - valid.mean() < 0.3
+    found = read_steps(light, chains_of(scene), sigma=sigma, valid=valid)
+    assert not np.isfinite(found.order[~valid]).any()
+    order, _, _ = errors(found, scene)
+    assert order.size > 0.6 * valid.size and np.abs(order).max() < 0.25
+
+
+def test_frames_without_a_readable_pixel_say_so():
+    rng = np.random.default_rng(5)
+    light = rng.normal(0.5, 0.01, (10, 60, 80))
+    found = read_steps(light, chains_of(disc()), sigma=0.01)
+    assert not np.isfinite(found.order).any() and not np.isfinite(found.isoclinic).any()
+    assert (found.reading.confidence == 0.0).all() and found.reading.kept == 0.0
+    assert any("could be read" in words for words in found.warnings)
+
+
+# The whole number
+
+
+def disc_field(rows=400, cols=400, size=170.0):
+    """(sigma_1 - sigma_2) exp 2iθ of a disc, y upward, in closed form (Frocht 1948), and inside."""
+    y, x = np.mgrid[:rows, :cols].astype(float)
+    y, x = -(y - rows / 2) / size, (x - cols / 2) / size
+    radius = np.hypot(x, y)
+    inside = (radius < 0.98) & (np.hypot(x, np.abs(y) - 1.0) > 0.3)
+    s = np.where(inside, x + 1j * y, 0.0)
+    field = 4.0 * (1.0 - np.abs(s) ** 2) / np.conj(s**2 + 1.0) ** 2
+    return field, inside
+
+
+@pytest.mark.parametrize("wrong", [-3, 0, 4])
+def test_equilibrium_gives_the_whole_number_of_a_disc(wrong):
+    field, inside = disc_field()
+    twice = np.where(inside, field / np.maximum(np.abs(field), 1e-12), 0.0)
+    turns = np.abs(field) - wrong
+    found = balance(turns, twice, inside, spread=np.full(inside.shape, 1e-3))
+    # blocks of four pixels and Gaussians cut off at 3.5 widths: a hundredth
+    assert found.number == pytest.approx(wrong, abs=0.05)
+    assert found.whole == wrong
+    flipped = balance(-turns, -twice, inside, spread=np.full(inside.shape, 1e-3))
+    assert flipped.number == pytest.approx(-wrong, abs=0.05)  # the same n
+
+
+def test_equilibrium_does_not_pretend_where_the_direction_does_not_vary():
+    rng = np.random.default_rng(3)
+    rows, cols = 300, 400
+    turns = np.repeat(np.linspace(-5.3, 4.2, rows)[:, None], cols, axis=1)
+    noise = 0.02
+    twice = np.exp(1j * noise * rng.normal(size=(rows, cols)))
+    inside = np.ones((rows, cols), bool)
+    found = balance(turns, twice, inside, spread=np.full(inside.shape, noise))
+    assert found is None or found.whole is None
+
+
+def test_a_beam_needs_an_anchor_and_takes_its_neutral_axis_from_one():
+    scene = small(a_scene(BEAM, pixel_mm=0.05), 2)
+    order, _ = truth(scene)
+    row, col = int(np.nanargmin(np.abs(order[:110, 150] - 3.72))), 150
+    alone = read(scene)
+    assert not np.isfinite(alone.order).any()  # no light can tell a bent beam from a pulled one
+    assert "give a point of it in [[frames.known_order]]" in alone.warnings[0]
+    heavier = scene.with_values({"load.normal_n": 220.0})
+    for options, source in (
+        ({"known_order": [(row, col, float(order[row, col]))]}, "known order"),
+        ({"model": lambda: truth(heavier)[0]}, "model"),
+    ):
+        found = read(scene, **options)
+        assert found.parts[0].source == source
+        wrong, turn, kept = errors(found, scene)
+        assert np.abs(wrong).max() < 0.25 and kept > 0.95
+        assert np.abs(turn).max() < 45.0  # sigma_1 turns by 90 degrees at the neutral axis
+
+
+def test_known_orders_go_before_equilibrium_and_their_quarrel_is_said():
+    scene = small(contact(0.3))
+    order, _ = truth(scene)
+    # 2 N far from a whole number: N and -N then ask for different whole numbers
+    row, col = np.unravel_index(np.nanargmin(np.abs(order - 1.72)), order.shape)
+    right = float(order[row, col])
+    found = read(scene, known_order=[(row, col, right)])
+    assert found.parts[0].source == "known order" and found.warnings == ()
+    other = read(scene, known_order=[(row, col, right + 1.0)])
+    assert "disagree by 1 fringe" in " ".join(other.warnings)
+    assert other.order[row, col] == pytest.approx(right + 1.0, abs=0.05)
+    neither = read(scene, known_order=[(row, col, right + 0.28)])
+    assert not np.isfinite(neither.order).any()
+    assert "disagrees with the light" in " ".join(neither.warnings)
+
+
+def test_a_known_order_outside_the_specimen_is_said():
+    found = read(small(disc(**{"load.normal_n": 150.0}), 2), known_order=[(5, 5, 0.0)])
+    assert "row 5, column 5" in " ".join(found.warnings)
+    assert found.parts[0].source == "equilibrium"
+
+
+def test_unwrapping_leaves_out_what_is_not_a_number():
+    rows, cols = np.mgrid[:60, :80]
+    true = 0.31 * cols + 0.12 * rows
+    phase = np.angle(np.exp(1j * true))
+    phase[20:24, 30:50] = np.nan
+    mask = np.ones(phase.shape, bool)
+    mask[:, :3] = False
+    found = unwrap(phase, mask)
+    assert (np.isnan(found) == (np.isnan(phase) | ~mask)).all()
+    shift = (found - true)[np.isfinite(found)]
+    assert np.ptp(shift) < 1e-6  # scikit-image works in double precision
+    assert np.isnan(unwrap(phase, np.zeros_like(mask))).all()
+
+
+def test_small_parts_are_left_open():
+    """A spot apart from the rest has no whole number of its own, nor does it take the rest's."""
+    from isochrome.fringes.isoclinic import Direction
+
+    field, inside = disc_field()
+    inside[2:8, 2:8] = True
+    turns = np.abs(field) - 2.0
+    twice = np.where(np.abs(field) > 0, field / np.maximum(np.abs(field), 1e-12), 1.0)
+    still = np.full(inside.shape, 1e-3)
+    direction = Direction(twice, still, still, np.ones(inside.shape))
+    numbers, parts, _ = settle(turns, direction, inside)
+    assert np.isnan(numbers[2:8, 2:8]).all() and len(parts) == 1
+    assert (numbers[inside & np.isfinite(numbers)] == 2.0).all()
