@@ -16,14 +16,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+DIRECTION_MAP = "hsv"
+"""Colours of a direction: the same at -90 and at 90 degrees, and none of them the grey of NaN."""
+
+_MOST_LINES = 12
+"""Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""
+
+
 def process_figure(scene: Scene, items: list[ProcessedFrame]) -> Figure:
     """Captured frames with the fringes found in them; beside each its fringe order, if known.
+
+    A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles.
 
     Parameters: `scene`; `items`, up to six processed frames. Returns a Figure.
     """
     read = any(item.reading is not None for item in items)
     rows, cols = items[0].normalised.shape
-    across = 2 if read else min(3, len(items))
+    turned = any(item.isoclinic is not None for item in items)
+    across = 2 + turned if read else min(3, len(items))
     down = len(items) if read else -(-len(items) // across)
     width = 4.6 if read else 4.0
     figure = new_figure(width * across + 0.8, (width * min(rows / cols, 1.6) + 0.75) * down + 0.5)
@@ -39,21 +49,40 @@ def process_figure(scene: Scene, items: list[ProcessedFrame]) -> Figure:
         )  # fmt: skip
         lines = item.lines
         if item.reading is not None:
-            lines = order_contours(item.reading.order, np.arange(1.0, 2.0 * largest + 1.0) / 2.0)
+            lines = order_contours(item.reading.order, _line_orders(largest))
             shown = show_image(
                 axes[k, 1], item.reading.order, cmap=VALUE_MAP, vmin=0, vmax=largest,
                 title=f"fringe order, {100 * item.reading.kept:.1f} % known",
                 colour_label="fringe order N (fringes)", **place,
             )  # fmt: skip
             shown.set_interpolation("nearest")
+        if item.isoclinic is not None:
+            _show_isoclinic(axes[k, 2], item.isoclinic, place)
         _draw(ax, lines, place)
-    for ax in list(axes.flat)[len(items) * (2 if read else 1) :]:
+    for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
         ax.set_visible(False)
-    note = (
-        "lines: N = 1/2, 1, 3/2 ..." if read else "lines: dark (blue) and bright (orange) fringes"
-    )
-    figure.suptitle(f"{scene.name}: captured frames, normalised; {note}", fontsize=11)
+    first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
+    note = f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
+    what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
+    figure.suptitle(f"{scene.name}: {what}; {note}", fontsize=11)
     return figure
+
+
+def _line_orders(largest: float) -> np.ndarray:
+    """Orders to draw as lines: halves, or as many as can be told apart."""
+    step = 0.5 if 2.0 * largest <= _MOST_LINES else 1.0 if largest <= _MOST_LINES else 5.0
+    return np.arange(step, largest + step, step)
+
+
+def _show_isoclinic(axes: Any, isoclinic: np.ndarray, place: dict[str, Any]) -> None:
+    """Direction of sigma_1, in colours that close on themselves."""
+    known = 100.0 * float(np.isfinite(isoclinic).mean())
+    shown = show_image(
+        axes, isoclinic, cmap=DIRECTION_MAP, vmin=-90.0, vmax=90.0,
+        title=f"direction of sigma_1, known in {known:.1f} %",
+        colour_label="counter-clockwise from x (degrees)", **place,
+    )  # fmt: skip
+    shown.set_interpolation("nearest")
 
 
 def _largest(item: ProcessedFrame) -> float:

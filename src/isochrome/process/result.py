@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,8 @@ class ProcessedFrame:
     `normalised`, the signal 0..1 with background and illumination out; `reading`, the fringe order
     (None without a model); `fit` and the fitted `scene` (None without one); `lines`, the fringe
     skeleton (without a model); `noise` of the signal; `chi`, residual over noise of the whole
-    frame; `warnings` in plain words.
+    frame; `warnings` in plain words; `isoclinic`, direction of sigma_1 in degrees (phase-stepped
+    sets alone), and `columns`, what such a set has in frames.csv besides.
     """
 
     index: int
@@ -51,16 +52,19 @@ class ProcessedFrame:
     chi: float
     pixel_mm: float | None
     warnings: tuple[str, ...]
+    isoclinic: Array | None = None
+    columns: dict[str, Any] = field(default_factory=dict)
 
     def maps(self) -> dict[str, Array]:
         """The maps that are written to disk, by the name of their file."""
         if self.reading is None:
             return {"normalised": self.normalised}
-        return {
+        maps = {
             "normalised": self.normalised,
             "fringe_order": self.reading.order,
             "confidence": self.reading.confidence,
         }
+        return maps if self.isoclinic is None else maps | {"isoclinic": self.isoclinic}
 
     def _largest(self, order: Array) -> dict[str, float]:
         """The largest fringe order that is known, and its place (mm)."""
@@ -86,6 +90,8 @@ class ProcessedFrame:
             "noise": self.noise,
             "pixel_mm": self.pixel_mm,
         }
+        if self.columns:
+            return row | self.columns | {"warnings": "; ".join(self.warnings)}
         if self.fit is None or self.reading is None:
             return row | {"fringe_lines": len(self.lines), "warnings": "; ".join(self.warnings)}
         row |= {"kept_share": self.reading.kept, **self._largest(self.reading.order)}

@@ -13,6 +13,8 @@ from isochrome.fit.one_state import frame_scene, scene_at
 from isochrome.fit.run import fitted_scene
 from isochrome.frames import Frame, FrameReader, load_no_load, open_scene_frames
 from isochrome.fringes.skeleton import skeleton_table
+from isochrome.fringes.steps import make_design
+from isochrome.optics import make_chain
 from isochrome.output import (
     TiffWriter,
     provenance,
@@ -25,6 +27,7 @@ from isochrome.output import (
 from isochrome.process.figure import process_figure
 from isochrome.process.image_only import process_image_only
 from isochrome.process.result import SPREAD, Capture, ProcessedFrame
+from isochrome.process.stepped import process_stepped, states_of
 from isochrome.process.with_model import process_with_model
 from isochrome.progress import Progress, counted
 from isochrome.scene import Scene, dump_scene, load_scene
@@ -60,34 +63,36 @@ def process(
 
     With a model, each frame's unknowns (load, place, friction, wear) are fitted to its intensity
     on their own, and each pixel is read on the branch that the fit names. Without one, frames are
-    normalised and their fringe skeletons found; that is said in the warnings.
+    normalised and their fringe skeletons found; that is said in the warnings. Where the scene has
+    [[polariscope.step]], as many frames as steps make one state, whose order and isoclinic angle
+    are read from them without any model.
     Parameters: `frames`, a TIFF stack, image, folder or video; `scene`; `out`, a folder for
     frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv (no model),
+    isoclinic.tif (steps: degrees, direction of sigma_1),
     fitted_scene.toml (to simulate what was found), scene.toml, provenance.json and process.png;
     `progress`, called with (done, all).
     Returns Processed, with the frames in memory only without `out`. Raises InputError,
     PhysicsError.
     """
     scene = load_scene(scene)
-    if scene.polariscope.step:
-        raise InputError(
-            f"{scene.name}: [[polariscope.step]]: phase-stepped sets can be simulated, but not "
-            "processed yet; remove the steps to process one frame a state"
-        )
     if scene.polariscope.several_wavelengths:
         raise InputError(
             f"{scene.name}: [polariscope]: light of several wavelengths can be simulated, but not "
             "processed; for frames taken through a filter, give its wavelength_nm alone"
         )
-    if scene.model is None and scene.polariscope.field == "plane":
+    steps = len(scene.polariscope.step)
+    if scene.model is None and scene.polariscope.field == "plane" and not steps:
         raise InputError(
             f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics cannot be "
             "told from fringes; capture the circular dark or bright field, or describe the model"
         )
+    if steps:
+        _check_steps(scene)
     with open_scene_frames(frames, scene) as reader:
         count = reader.count()
         _check_set(scene, reader, count)
-        done = counted(_processed(reader, scene), count, progress)
+        states = _stepped(reader, scene) if steps else _processed(reader, scene)
+        done = counted(states, count // max(steps, 1), progress)
         if out is None:
             kept = list(done)
             return _result(scene, [item.row() for item in kept], kept, reader.shape)
@@ -105,6 +110,20 @@ def _processed(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
             own, label, distance = _state_of(scene, frame)
             found = process_with_model(frame, own, capture)
             yield replace(found, label=label, distance_m=distance)
+
+
+def _stepped(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
+    """State after state of a phase-stepped set, each on its own."""
+    capture = Capture(reader.bit_depth)
+    for index, frames in enumerate(states_of(reader, scene)):
+        if scene.model is None:
+            yield process_stepped(frames, scene, capture, index=index)
+            continue
+        first = replace(frames[0], index=index)
+        own, label, distance = _state_of(scene, first)
+        found = process_stepped(frames, own, capture, index=index)
+        label = found.label if label == first.name else label
+        yield replace(found, label=label, distance_m=distance)
 
 
 def _state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:
@@ -133,8 +152,15 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
         raise InputError(f"{reader.path}: holds no frame; check the file")
     rows, cols = reader.shape
     camera = scene.camera
-    if scene.model in ("contact", "beam") and (camera is None or camera.pixel_mm is None):
+    steps = max(1, len(scene.polariscope.step))
+    fitted = scene.model in ("contact", "beam") and not scene.polariscope.step
+    if fitted and (camera is None or camera.pixel_mm is None):
         raise InputError(f"{scene.name}: camera.pixel_mm is missing, and a fit needs it; add it")
+    if count % steps:
+        raise InputError(
+            f"{reader.path}: {count} frames are not a multiple of the polariscope's {steps} steps; "
+            "give one frame for each [[polariscope.step]]"
+        )
     wanted = (camera.height_px or rows, camera.width_px or cols) if camera else (rows, cols)
     if wanted != (rows, cols):
         raise InputError(
@@ -145,12 +171,22 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
         return
     first = scene.friction is not None and scene.friction.static_state_first
     states = len(scene.wear.distances_m) + int(first)
-    if count != states:
+    if count != states * steps:
+        each = f" for each of its {steps} steps" if steps > 1 else ""
         raise InputError(
             f"{reader.path}: {count} frames, and the scene has {states} states (wear.distances_m"
-            f"{' and the static state first' if first else ''}); give one frame a state, correct "
-            "the list, or set frames.sliding_speed_mm_per_s for a video"
+            f"{' and the static state first' if first else ''}); give one frame a "
+            f"state{each}, correct the list, or set frames.sliding_speed_mm_per_s for a video"
         )
+
+
+def _check_steps(scene: Scene) -> None:
+    """Refuse steps that cannot tell the order."""
+    polariscope = scene.polariscope
+    try:
+        make_design([make_chain(polariscope, step) for step in range(len(polariscope.step))])
+    except InputError as error:
+        raise InputError(f"{scene.name}: {error}") from error
 
 
 def _to_folder(
@@ -221,9 +257,10 @@ def _result(
     names = list(dict.fromkeys(name for row in rows for name in row))
     names.sort(key=lambda name: name == "warnings")
     table = {name: [row.get(name) for row in rows] for name in names}
-    warnings = [] if scene.model else [no_model_sentence(scene)]
+    stepped = bool(scene.polariscope.step)
+    warnings = [] if scene.model or stepped else [no_model_sentence(scene)]
     warnings += [f"frame {row['frame']}: {row['warnings']}" for row in rows if row["warnings"]]
-    fitted = _fitted(scene, rows, shape) if scene.model else None
+    fitted = _fitted(scene, rows, shape) if scene.model and not stepped else None
     return Processed(scene, scene.model, table, frames, fitted, tuple(warnings))
 
 
