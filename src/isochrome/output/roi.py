@@ -1,0 +1,156 @@
+"""ImageJ regions of interest: fringe lines out as polylines, areas in as masks.
+
+ImageJ's habits stay here: (x, y), areas counted from the corners of pixels, lines and points from
+their centres. The library that knows the file format is an extra of its own.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.output.files import replacing
+
+Mask = NDArray[np.bool_]
+SUFFIXES = (".roi", ".zip")
+AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
+
+
+class Line(Protocol):
+    """A line with its points (n,) in pixels, centres at whole numbers, and its order if known."""
+
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """Rows, (n,), px."""
+
+    @property
+    def cols(self) -> NDArray[np.float64]:
+        """Columns, (n,), px."""
+
+    @property
+    def order(self) -> float | None:
+        """The line's fringe order."""
+
+
+def write_rois(
+    path: str | Path,
+    lines: Sequence[Line],
+    *,
+    frames: Sequence[int] | None = None,
+    top_px: int = 0,
+    left_px: int = 0,
+) -> None:
+    """Write fringe lines as ImageJ polylines, one .zip for its ROI manager.
+
+    A line is named 'N = 1.5' by its order, with '#2' on for the next of that order in its frame,
+    or 'line 7' by its number, from 0, where the order is not known.
+    Parameters: `path`, a .zip; `lines`, with rows, cols (px) and order; `frames`, the frame of each
+    line, from 0, so that ImageJ shows it on that slice of a stack; `top_px`, `left_px`, the region
+    of interest's place, to lay the lines on full frames. Raises InputError where the file cannot
+    be written, the lines and frames do not agree in number, or the library is not installed.
+    """
+    roifile, target = load_roifile(), Path(path)
+    if target.suffix.lower() != ".zip":
+        raise InputError(f"{target}: ImageJ keeps a set of ROIs in a .zip file; name it so")
+    if frames is not None and len(frames) != len(lines):
+        raise InputError(f"{target}: {len(lines)} lines and {len(frames)} frames: give one a line")
+    rois, seen = [], Counter[str]()
+    for number, line in enumerate(lines):
+        if len(line.rows) < 2:
+            continue  # ImageJ has no polyline of one point
+        name = f"line {number}" if line.order is None else f"N = {line.order:g}"
+        if frames is not None:
+            name = f"frame {frames[number]}: {name}"
+        seen[name] += 1
+        name += f" #{seen[name]}" if seen[name] > 1 else ""
+        points = np.stack([line.cols + left_px, line.rows + top_px], axis=1)
+        roi = roifile.ImagejRoi.frompoints(
+            points.astype(np.float32),
+            name=name,
+            position=None if frames is None else frames[number],
+        )
+        roi.roitype = roifile.ROI_TYPE.POLYLINE
+        rois.append(roi)
+    # a colon is not allowed in a file's name on Windows, where a user may unpack the .zip
+    entries = [f"{roi.name.replace(':', '')}.roi" for roi in rois]
+    with replacing(target) as beside:
+        roifile.roiwrite(beside, rois, name=entries, mode="w")
+
+
+def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
+    """The pixels whose centres lie in any of the areas of an ImageJ .roi or .zip file.
+
+    Parameters: `path`; `shape` (rows, cols) of the frame that they were drawn on. Returns a mask of
+    that shape, True inside; parts of composite areas that lie in each other are holes. Raises
+    InputError where the file holds no area, a line or a point, or is not ImageJ's.
+    """
+    roifile = load_roifile()
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; check its name")
+    try:
+        found = roifile.roiread(path)
+        rois = found if isinstance(found, list) else [found]
+        inside = np.zeros(shape, dtype=bool)
+        for roi in rois:
+            if roi.roitype.name not in AREAS or roi.subtype.name in ("TEXT", "ARROW", "IMAGE"):
+                raise InputError(
+                    f"{path}: the ROI '{roi.name}' is of type {roi.roitype.name.lower()}, which "
+                    "encloses no area; draw polygons, rectangles, ovals or freehand areas"
+                )
+            inside |= _inside(roi, shape)
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file raises nearly everything
+        reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
+        raise InputError(
+            f"{path}: not a readable ImageJ ROI ({reason}); save it again in ImageJ"
+        ) from error
+    if not rois:
+        raise InputError(f"{path}: holds no ROI; add the specimen's in ImageJ's ROI manager")
+    return inside
+
+
+def load_roifile() -> ModuleType:
+    """The library for ImageJ's ROI files; InputError with the remedy where it is not installed."""
+    try:
+        import roifile
+    except ImportError as error:
+        raise InputError(
+            "ImageJ ROI files need the package roifile, which is not installed; run "
+            "'pip install isochrome[imagej]'"
+        ) from error
+    return roifile
+
+
+def _inside(roi: Any, shape: tuple[int, int]) -> Mask:
+    """One area as a mask, by the pixels' centres."""
+    from skimage.draw import polygon2mask
+
+    top, left, bottom, right = (float(v) for v in (roi.top, roi.left, roi.bottom, roi.right))
+    if roi.subpixelrect:
+        left, top, right, bottom = roi.xd, roi.yd, roi.xd + roi.widthd, roi.yd + roi.heightd
+    # an area is counted from the corners of pixels: half a pixel less from their centres
+    row, col = np.ogrid[0.5 : shape[0], 0.5 : shape[1]]
+    if roi.roitype.name == "OVAL":
+        across, down = max(right - left, 1e-9), max(bottom - top, 1e-9)
+        x, y = (2 * col - left - right) / across, (2 * row - top - bottom) / down
+        return np.asarray(x**2 + y**2 <= 1)
+    if roi.roitype.name == "RECT" and not roi.composite:
+        return np.asarray((row > top) & (row < bottom) & (col > left) & (col < right))
+    inside = np.zeros(shape, dtype=bool)
+    for outline in _outlines(roi):
+        inside ^= polygon2mask(shape, outline[:, ::-1] - 0.5)
+    return inside
+
+
+def _outlines(roi: Any) -> Iterator[NDArray[np.float64]]:
+    for outline in roi.coordinates(multi=True):
+        if len(outline) >= 3:
+            yield np.asarray(outline, dtype=np.float64)

@@ -1,0 +1,92 @@
+"""Fringe lines as ImageJ ROIs, read back byte by byte."""
+
+import struct
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+from isochrome.errors import InputError
+from isochrome.fringes.skeleton import Skeleton
+from isochrome.output.roi import write_rois
+
+POLYLINE, SUB_PIXEL = 5, 128
+"""ImageJ's own numbers for the type and the option."""
+
+LINES = [
+    Skeleton("dark", np.array([3.25, 4.5, 6.0]), np.array([10.0, 11.75, 12.5]), 1.0),
+    Skeleton("dark", np.array([30.0, 31.0]), np.array([1.0, 2.0]), 1.0),
+    Skeleton("bright", np.array([8.0, 9.0]), np.array([2.5, -0.25]), 1.5),
+    Skeleton("bright", np.array([5.0, 5.0]), np.array([0.0, 7.0])),
+    Skeleton("dark", np.array([5.0]), np.array([0.0]), 2.0),
+]
+
+
+def decode(data):
+    """(name, type, sub-pixel?, slice, [(x, y), ...]) of a ROI, after ImageJ's published layout."""
+    assert data[:4] == b"Iout"
+    kind, (count,) = data[6], struct.unpack(">H", data[16:18])
+    (options,) = struct.unpack(">H", data[50:52])
+    place, header = struct.unpack(">ii", data[56:64])
+    values = np.frombuffer(data, ">f4", 2 * count, 64 + 4 * count)
+    start, length = struct.unpack(">ii", data[header + 16 : header + 24])
+    name = data[start : start + 2 * length].decode("utf-16-be")
+    return name, kind, bool(options & SUB_PIXEL), place, values.reshape(2, count).T
+
+
+def written(path, **options):
+    pytest.importorskip("roifile")
+    write_rois(path, LINES, **options)
+    with zipfile.ZipFile(path) as file:
+        assert file.testzip() is None
+        names = file.namelist()
+        return names, [decode(file.read(name)) for name in names]
+
+
+def test_lines_are_polylines_named_by_their_order_on_pixel_centres(tmp_path):
+    names, rois = written(tmp_path / "lines.zip")
+    assert [roi[0] for roi in rois] == ["N = 1", "N = 1 #2", "N = 1.5", "line 3"]
+    assert names == [f"{roi[0]}.roi" for roi in rois]
+    for line, (_, kind, sub_pixel, place, points) in zip(LINES, rois, strict=False):
+        assert (kind, sub_pixel, place) == (POLYLINE, True, 0)
+        # ImageJ counts lines from pixel centres, as rows and cols do; floats hold these exactly
+        np.testing.assert_array_equal(points, np.stack([line.cols, line.rows], axis=1))
+
+
+def test_lines_of_a_stack_stand_on_their_slices_and_full_frames(tmp_path):
+    frames = [0, 1, 1, 1, 0]
+    names, rois = written(tmp_path / "lines.zip", frames=frames, top_px=100, left_px=20)
+    assert [roi[3] for roi in rois] == [1, 2, 2, 2]  # ImageJ counts slices from 1
+    assert [roi[0] for roi in rois][:2] == ["frame 0: N = 1", "frame 1: N = 1"]
+    assert len(set(names)) == 4 and not any(":" in name for name in names)
+    np.testing.assert_array_equal(rois[0][4][0], [30.0, 103.25])
+
+
+def test_an_older_file_is_replaced_and_not_added_to(tmp_path):
+    first, _ = written(tmp_path / "lines.zip")
+    assert written(tmp_path / "lines.zip")[0] == first
+    assert [p.name for p in tmp_path.iterdir()] == ["lines.zip"]
+
+
+def test_no_lines_give_an_empty_set(tmp_path):
+    pytest.importorskip("roifile")
+    write_rois(tmp_path / "none.zip", [])
+    assert zipfile.ZipFile(tmp_path / "none.zip").namelist() == []
+
+
+def test_wrong_name_or_count_is_refused(tmp_path):
+    pytest.importorskip("roifile")
+    with pytest.raises(InputError, match=r"lines\.roi.*\.zip"):
+        write_rois(tmp_path / "lines.roi", LINES)
+    with pytest.raises(InputError, match="5 lines and 2 frames"):
+        write_rois(tmp_path / "lines.zip", LINES, frames=[0, 1])
+    with pytest.raises(InputError, match="cannot be written"):
+        write_rois(tmp_path / "no" / "lines.zip", LINES)
+
+
+def test_without_the_library_one_sentence_says_how_to_get_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "roifile", None)
+    with pytest.raises(InputError, match=r"pip install isochrome\[imagej\]"):
+        write_rois(tmp_path / "lines.zip", LINES)
+    assert not list(tmp_path.iterdir())
