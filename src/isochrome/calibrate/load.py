@@ -39,7 +39,7 @@ def read_shots(given: CalibrationSet) -> tuple[tuple[Shot, ...], Array | None]:
 def _shot(given: CalibrationSet, item: LoadedImage, dark: Array | None) -> Shot:
     from scipy.ndimage import uniform_filter
 
-    from isochrome.frames import estimate_noise, open_frames, to_linear
+    from isochrome.frames import estimate_noise, load_mask, open_frames, to_linear
 
     path = given.path(item.file)
     with open_frames(
@@ -54,19 +54,21 @@ def _shot(given: CalibrationSet, item: LoadedImage, dark: Array | None) -> Shot:
         if next(frames, None) is not None:
             raise InputError(f"{path}: holds more than one frame; give one [[image]] a file")
         raw, depth = first.image, reader.bit_depth
+        inside = load_mask(given, reader.shape, reader.full_shape)
     linear = to_linear(raw, bit_depth=depth, gamma=given.gamma, name=str(path))
     if np.mean(~linear.valid) > MOST_SATURATED:
         raise InputError(
             f"{path}: {np.mean(~linear.valid):.0%} of its pixels are saturated or defective; "
             "lower the exposure, or set roi to the specimen"
         )
-    noise = estimate_noise(raw, linear.valid, bit_depth=depth)
+    noise = estimate_noise(raw, linear.valid & inside, bit_depth=depth)
     level = uniform_filter(raw.astype(float), 3)  # a weight must not follow its own pixel's noise
     sigma = noise.linear_sigma(level, bit_depth=depth, gamma=given.gamma)
     image = linear.image.astype(float)
+    valid = linear.valid & inside
     if dark is not None:
         image = image - dark
-    return Shot(item.file, item.load_n, image, linear.valid, np.asarray(sigma, dtype=float))
+    return Shot(item.file, item.load_n, image, valid, np.asarray(sigma, dtype=float))
 
 
 def _no_load(given: CalibrationSet) -> tuple[Array | None, Array | None]:

@@ -68,7 +68,9 @@ def prepare_frame(
     from scipy.ndimage import gaussian_filter
 
     gamma = scene.frames.gamma
-    linear = to_linear(frame.image, bit_depth=bit_depth, gamma=gamma, name=frame.name)
+    linear = to_linear(
+        frame.image, bit_depth=bit_depth, gamma=gamma, name=frame.name, mask=frame.mask
+    )
     raw = np.where(np.isfinite(frame.image), frame.image, 0.0).astype(np.float32)
     noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
     level = gaussian_filter(raw, _SMOOTH_PX)
@@ -89,5 +91,6 @@ def prepare_frame(
     else:
         illumination = polynomial_basis(shape, 2)
         background = one if dark is None else np.concatenate((dark.image[None], one))
-    light = np.where(valid, linear.image, 0.0)
+    # a mask is no edge of the light: a rim is looked for in all that the camera saw
+    light = np.where(np.isfinite(linear.image), linear.image, 0.0)
     return FrameData(frame.name, light, sigma, valid, illumination, background)

@@ -6,6 +6,7 @@ Pixel coordinates are (row, col), colour is RGB; what OpenCV thinks of both stay
 from isochrome.frames.check import Check, check_frames
 from isochrome.frames.findings import Finding
 from isochrome.frames.linear import Linear, find_outliers, to_linear
+from isochrome.frames.mask import load_mask
 from isochrome.frames.no_load import load_no_load
 from isochrome.frames.noise import NoiseModel, estimate_noise, full_scale
 from isochrome.frames.normalise import Normalised, normalise
@@ -27,6 +28,7 @@ __all__ = [
     "estimate_noise",
     "find_outliers",
     "full_scale",
+    "load_mask",
     "load_no_load",
     "normalise",
     "open_frames",

@@ -95,6 +95,9 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         text = f"colour frames: the {reader.channel} channel is used; frames.channel changes it"
         yield Finding("note", None, text)
     names = reader.names or (str(reader.path),)
+    if reader.mask is not None:
+        text = f"the mask takes {100 * reader.mask.mean():.1f} % of the pixels for the specimen"
+        yield Finding("note", None, text)
     lossy = reader.kind == "video" or names[0].lower().endswith((".jpg", ".jpeg", ".webp"))
     if lossy:
         text = (

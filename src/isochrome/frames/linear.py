@@ -18,7 +18,8 @@ OUTLIER_SIGMAS = 8.0
 class Linear:
     """Light as a fraction of full scale: `image` (row, col) float32, `valid` True = trusted.
 
-    `valid` is False at saturated, dead, hot and non-finite pixels; `image` keeps their values.
+    `valid` is False at saturated, dead, hot and non-finite pixels and off the specimen; `image`
+    keeps their values.
     """
 
     image: np.ndarray
@@ -32,6 +33,7 @@ def to_linear(
     gamma: float = 1.0,
     name: str = "the frame",
     allow_blank: bool = False,
+    mask: Mask | None = None,
 ) -> Linear:
     """Convert raw grey levels to light as a fraction of full scale.
 
@@ -40,12 +42,18 @@ def to_linear(
 
     Parameters: `image` (row, col), raw; `bit_depth` of the sensor, None for float frames that are
     fractions already; `gamma`; `name` for messages; `allow_blank`, True where a constant frame is
-    right, as an ideal no-load one is. Returns a Linear. Raises InputError where the frame is
-    constant (all black, all white), has no finite pixel, or is out of range.
+    right, as an ideal no-load one is; `mask` (row, col), True on the specimen, as a scene's frames
+    carry it. Returns a Linear. Raises InputError where the frame is constant (all black, all
+    white), has no finite pixel, is out of range, or is not of the mask's size.
     """
     raw = np.asarray(image)
     if raw.ndim != 2 or raw.size == 0:
         raise InputError(f"{name}: a frame is (row, col), not {raw.shape}; choose a channel")
+    if mask is not None and mask.shape != raw.shape:
+        raise InputError(
+            f"{name}: is {raw.shape} pixels (rows, columns) and the specimen's mask {mask.shape}; "
+            "give both one size"
+        )
     full = full_scale(bit_depth)
     finite = np.isfinite(raw)
     if not finite.any():
@@ -63,6 +71,8 @@ def to_linear(
         valid &= light >= 0  # a background was subtracted: what gamma made of it is not known
         light = np.maximum(light, 0) ** np.float32(gamma)
     light[~finite] = np.nan
+    if mask is not None:
+        valid &= mask
     return Linear(image=light, valid=valid)
 
 

@@ -35,7 +35,7 @@ def _average(
     if name is None:
         return None
     path = scene.path(name)
-    with open_scene_frames(path, scene) as reader:
+    with open_scene_frames(path, scene, masked=False) as reader:
         if full_shape is not None and reader.full_shape != full_shape:
             raise InputError(
                 f"{path}: frames.{key} is {reader.full_shape} pixels (rows, columns) and the "

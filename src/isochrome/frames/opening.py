@@ -8,6 +8,7 @@ from pathlib import Path
 
 from isochrome.errors import InputError
 from isochrome.frames import images, tiff, video
+from isochrome.frames.mask import load_mask
 from isochrome.frames.reader import Channel, FrameReader, FramesPath
 from isochrome.frames.source import Kind, Source, natural_key
 from isochrome.scene import Roi, Scene
@@ -50,18 +51,23 @@ def open_frames(
     return FrameReader(source, path=path, channel=taken, roi=roi, bit_depth=bit_depth)
 
 
-def open_scene_frames(path: FramesPath, scene: Scene) -> FrameReader:
-    """Open captured frames as a scene says: its roi, channel, wavelength and bit depth.
+def open_scene_frames(path: FramesPath, scene: Scene, *, masked: bool = True) -> FrameReader:
+    """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
 
-    Parameters: `path` as for `open_frames`; `scene`. Returns a FrameReader. Raises InputError.
+    Parameters: `path` as for `open_frames`; `scene`; `masked`, False to leave the specimen's mask
+    out, as for no-load frames. Returns a FrameReader. Raises InputError.
     """
-    return open_frames(
+    reader = open_frames(
         path,
         channel=scene.frames.channel,
         wavelength_nm=scene.polariscope.wavelength_nm,
         roi=scene.frames.roi,
         bit_depth=scene.camera.bit_depth if scene.camera else None,
     )
+    if masked:
+        mask = load_mask(scene, reader.shape, reader.full_shape)
+        reader.mask = None if mask.all() else mask
+    return reader
 
 
 def channel_for(wavelength_nm: float | None) -> Channel:

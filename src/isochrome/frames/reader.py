@@ -10,11 +10,13 @@ from types import TracebackType
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.frames.source import Kind, RawFrame, Source
 from isochrome.scene import Roi
 
+Mask = NDArray[np.bool_]
 Channel = Literal["red", "green", "blue", "mean"]
 CHANNELS = ("red", "green", "blue")
 FramesPath = str | Path | Sequence[str | Path]
@@ -24,13 +26,15 @@ FramesPath = str | Path | Sequence[str | Path]
 class Frame:
     """One captured frame: `image` (row, col) of the region of interest, in raw grey levels.
 
-    `index` counts from 0; `time_s` since the start where the file knows it; `name` for messages.
+    `index` counts from 0; `time_s` since the start where the file knows it; `name` for messages;
+    `mask` (row, col), True on the specimen, None where nobody has said where it is.
     """
 
     index: int
     image: np.ndarray
     time_s: float | None
     name: str
+    mask: Mask | None = None
 
 
 class FrameReader:
@@ -40,8 +44,9 @@ class FrameReader:
     of what it yields and `full_shape` before the region of interest; `dtype`; `bit_depth` of the
     sensor (None for float frames, fractions of full scale then); `channel` taken of a colour
     source (None for grey); `pixel_mm` that the file names, or None; `names` where each frame has
-    a file; `claimed_count`, what a video's head claims, not to be trusted. It holds no open file
-    between iterations, so that it may be handed to other processes.
+    a file; `claimed_count`, what a video's head claims, not to be trusted; `mask` (rows, cols),
+    True on the specimen, which every frame carries, None where none was given. It holds no open
+    file between iterations, so that it may be handed to other processes.
     """
 
     def __init__(
@@ -52,6 +57,7 @@ class FrameReader:
         channel: Channel | None,
         roi: Roi | None,
         bit_depth: int | None,
+        mask: Mask | None = None,
     ) -> None:
         self.path = path
         self.kind: Kind = source.kind
@@ -64,6 +70,7 @@ class FrameReader:
         self.pixel_mm = source.pixel_mm
         self.names = source.names
         self.claimed_count = source.claimed
+        self.mask = mask
         self._source = source
         self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()
 
@@ -75,7 +82,7 @@ class FrameReader:
 
     def _read(self) -> Generator[Frame]:
         for index, raw in enumerate(self._source.frames()):
-            yield Frame(index, self._prepare(raw, index), raw.time_s, raw.name)
+            yield Frame(index, self._prepare(raw, index), raw.time_s, raw.name, self.mask)
 
     def _prepare(self, raw: RawFrame, index: int) -> np.ndarray:
         image = raw.image

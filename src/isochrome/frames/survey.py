@@ -9,13 +9,14 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.frames.noise import estimate_noise, full_scale
-from isochrome.frames.reader import FrameReader
+from isochrome.frames.reader import FrameReader, Mask
 
 
 @dataclass
 class Survey:
     """Raw figures of each frame, in raw grey levels, and of all together.
 
+    Of the specimen's pixels, where the frames carry its mask.
     `low`, `high`: 2nd and 98th percentile; `saturated`: share at full scale;
     `smallest`, `largest`: of the finite pixels, NaN where there are none; `not_finite`: share;
     `noise`: sigma at mid level of frames 0, 1, 3, 7, ...; `twins`: (frame, earlier equal one);
@@ -46,7 +47,7 @@ def survey(reader: FrameReader) -> Survey:
     full = full_scale(reader.bit_depth)
     try:
         for frame in reader:
-            _add(found, frame.image, full)
+            _add(found, frame.image, full, frame.mask)
             key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
             first = seen.setdefault(key, frame.index)
             if first != frame.index:
@@ -61,9 +62,9 @@ def survey(reader: FrameReader) -> Survey:
     return found
 
 
-def _add(found: Survey, image: np.ndarray, full: float) -> None:
-    finite = np.isfinite(image)
-    values = image[finite]
+def _add(found: Survey, image: np.ndarray, full: float, mask: Mask | None) -> None:
+    image = image.ravel() if mask is None else image[mask]  # light off the specimen says nothing
+    values = image[np.isfinite(image)]
     found.not_finite.append(1 - values.size / image.size)
     if values.size == 0:
         for figures in (found.low, found.high, found.smallest, found.largest):

@@ -50,8 +50,12 @@ def open_tiff(path: Path) -> Source:
         )
 
 
-def read_single(path: Path) -> np.ndarray:
-    """The one page of a TIFF in a folder of images. Raises InputError where it holds more."""
+def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:
+    """The one page of a TIFF, such as a folder of images holds.
+
+    Parameters: `path`; `inverted_too`, to take ImageJ's images that are shown inverted, as its
+    masks are, by their stored values. Raises InputError where it holds more pages or is not read.
+    """
     with refusing(path, "not a readable TIFF"), _opened(path) as tif:
         count = _count(tif, path)
         if count != 1:
@@ -59,7 +63,10 @@ def read_single(path: Path) -> np.ndarray:
                 f"{path}: holds {count} pages, and a folder of images one a file; give the stack "
                 "by itself"
             )
-        return _decode(tif, _page(tif, 0, path), 0, path)
+        page: Any = _page(tif, 0, path)
+        if inverted_too and tif.is_imagej and page.photometric == MINISWHITE:
+            return np.asarray(page.asarray())
+        return _decode(tif, page, 0, path)
 
 
 @contextmanager

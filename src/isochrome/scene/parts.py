@@ -252,9 +252,16 @@ class KnownOrder(Part):
 
 
 class Frames(Part):
-    """How the captured frames are to be read; paths are relative to the scene file."""
+    """How the captured frames are to be read; paths are relative to the scene file.
+
+    `mask` (an image of the frame's or the region's size, nonzero = specimen, or ImageJ rois drawn
+    on the full frame) and `polygon_px`, corners (row, col) in the region of interest, pixel centres
+    at whole numbers, say where the specimen is; where both are given, inside both.
+    """
 
     roi: Roi | None = None
+    mask: Annotated[str, Field(min_length=1)] | None = None
+    polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None
     no_load_dark: str | None = None
     no_load_bright: str | None = None
     gamma: Annotated[float, Field(ge=0.1, le=10)] = 1.0

@@ -1,0 +1,165 @@
+"""Where the specimen is in the frame, as the scene says: a mask image, ImageJ areas, a polygon."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.frames import tiff
+from isochrome.frames.images import read_image
+from isochrome.output.roi import SUFFIXES, read_roi_mask
+from isochrome.scene import Frames
+
+Mask = NDArray[np.bool_]
+LEVELS = 64
+"""A mask has few grey levels; an image with more of them on a tenth of its pixels is a picture."""
+
+
+class WithFrames(Protocol):
+    """A scene, or a calibration set: it has [frames], and knows where their files are."""
+
+    @property
+    def frames(self) -> Frames:
+        """How the frames are to be read."""
+
+    def path(self, name: str, /) -> Path:
+        """A path relative to the file that names it."""
+
+
+def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, int]) -> Mask:
+    """The specimen's pixels, by frames.mask and frames.polygon_px, inside both if both are given.
+
+    Parameters: `scene`; `shape` (rows, cols) of the region of interest; `full_shape` of the frame
+    before it. Returns a mask of `shape`, True = specimen, all True where the scene names neither.
+    Raises InputError where the file is missing, of neither size, a picture, or leaves no pixel.
+    """
+    inside = np.ones(shape, dtype=bool)
+    frames = scene.frames
+    if frames.mask is not None:
+        inside &= _of_file(scene.path(frames.mask), frames, shape, full_shape)
+    if frames.polygon_px is not None:
+        polygon = _of_polygon(frames.polygon_px, shape)
+        if not (inside & polygon).any():
+            raise InputError(
+                "frames.polygon_px and frames.mask have no pixel in common; correct one, or "
+                "remove it"
+            )
+        inside &= polygon
+    return inside
+
+
+def _of_file(
+    path: Path, frames: Frames, shape: tuple[int, int], full_shape: tuple[int, int]
+) -> Mask:
+    if path.suffix.lower() in SUFFIXES:
+        full = read_roi_mask(path, full_shape)
+        where = "ROIs are placed on the full frame, not on frames.roi"
+    else:
+        full = _of_image(path)
+        where = "nonzero pixels are the specimen"
+    if full.shape == shape:
+        part = full
+    elif full.shape == full_shape:
+        top, left = (0, 0) if frames.roi is None else (frames.roi.top_px, frames.roi.left_px)
+        part = full[top : top + shape[0], left : left + shape[1]]
+    else:
+        region = "" if shape == full_shape else f", their region of interest {shape}"
+        raise InputError(
+            f"{path}: frames.mask is {full.shape} pixels (rows, columns), and the captured frames "
+            f"are {full_shape}{region}; make the mask of one of these sizes"
+        )
+    if not part.any():
+        raise InputError(
+            f"{path}: frames.mask leaves no pixel of the region of interest; {where}: draw it again"
+        )
+    return part
+
+
+def _of_image(path: Path) -> Mask:
+    """An image's nonzero pixels, (row, col)."""
+    if path.suffix.lower() in (".jpg", ".jpeg"):
+        raise InputError(
+            f"{path}: frames.mask is compressed with loss, so that its zeros are not kept; save "
+            "the mask as PNG or TIFF"
+        )
+    if not path.is_file():
+        raise InputError(f"{path}: frames.mask: no such file; check its name")
+    if path.suffix.lower() in tiff.SUFFIXES:
+        values = tiff.read_single(path, inverted_too=True)
+    else:
+        values = read_image(path)
+    values = np.nan_to_num(values if values.ndim == 2 else values.max(axis=2))
+    inside = np.asarray(values != 0)
+    partly = inside & (values != values.max())
+    if partly.mean() > 0.1 and np.unique(values[partly]).size > LEVELS:
+        raise InputError(
+            f"{path}: frames.mask has many grey levels, as a picture has; a mask is 0 outside the "
+            "specimen and one other value on it"
+        )
+    if inside.all():
+        raise InputError(
+            f"{path}: frames.mask has no pixel that is 0, so that it masks nothing; set the pixels "
+            "outside the specimen to 0, or remove the key"
+        )
+    return inside
+
+
+def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int]) -> Mask:
+    """Pixels whose centres lie in a polygon of (row, col)."""
+    from skimage.draw import polygon2mask
+
+    points = np.array(corners)
+    ends = np.roll(points, -1, axis=0)
+    area = 0.5 * abs(float(np.sum(points[:, 0] * ends[:, 1] - points[:, 1] * ends[:, 0])))
+    sides = crossing_sides(points)
+    if sides is not None:
+        raise InputError(
+            f"frames.polygon_px: the sides after corners {sides[0] + 1} and {sides[1] + 1} cross; "
+            "give the corners in order, once around the specimen"
+        )
+    if area < 1:
+        raise InputError(
+            f"frames.polygon_px encloses {area:.2g} pixels; give at least three corners that do "
+            "not lie on one line"
+        )
+    outside, swapped = (_beyond(each, shape) for each in (points, points[:, ::-1]))
+    if outside and not swapped:
+        raise InputError(
+            f"frames.polygon_px leaves the region of interest of {shape} pixels (rows, columns), "
+            "and with row and column swapped it would not; a corner is [row, col]"
+        )
+    inside = np.asarray(polygon2mask(shape, points), dtype=bool)
+    if not inside.any():
+        raise InputError(
+            f"frames.polygon_px holds no pixel of the region of interest of {shape} pixels (rows, "
+            "columns); its corners are [row, col] of that region, not of the full frame"
+        )
+    return inside
+
+
+def _beyond(points: NDArray[np.float64], shape: tuple[int, int]) -> bool:
+    return bool((points < -1).any() or (points > np.array(shape)).any())
+
+
+def crossing_sides(points: NDArray[np.float64]) -> tuple[int, int] | None:
+    """The first two sides of a closed polygon that cross, by the signs of four triangles' areas.
+
+    Parameters: `points` (n, 2), its corners in order. Returns the sides' numbers from 0, side i
+    going from corner i to the next, or None. Sides that only touch do not cross.
+    Source: O'Rourke (1998), Computational Geometry in C, section 1.5.
+    """
+    ends = np.roll(points, -1, axis=0)
+
+    def side_of(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Twice the area of (side i, point j), by its sign the side on which the point lies."""
+        along, off = (ends - points)[:, None], p[None] - points[:, None]
+        return np.sign(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0])
+
+    parted = side_of(points) * side_of(ends) < 0
+    pairs = np.argwhere(np.triu(parted & parted.T))
+    return (int(pairs[0, 0]), int(pairs[0, 1])) if len(pairs) else None
