@@ -83,15 +83,19 @@ def skeletons(
     return sorted(found, key=lambda each: -each.rows.size)
 
 
-def order_contours(order: ArrayLike, levels: Iterable[float] | None = None) -> list[Skeleton]:
+def order_contours(
+    order: ArrayLike, levels: Iterable[float] | None = None, *, min_length_px: float = 0.0
+) -> list[Skeleton]:
     """Find the lines of a known fringe-order map at whole (dark) and half (bright) orders.
 
     `order` (row, col): fringe order N in fringes, NaN = not known. `levels`: multiples of 1/2;
     default: all from 1/2 up to the largest order (N = 0 is touched, not crossed, so it has no
-    line). Linear interpolation between pixel centres; a line ends where N is not known.
+    line). `min_length_px`: shorter lines, such as noise makes where N is level, are dropped. N is
+    taken as linear between pixel centres, which puts a line within N''/(8 N') px of its place (N',
+    N'' along the row or column that it crosses); a line ends where N is not known.
 
-    Returns the lines by level, with their order. Raises InputError for a map that is not 2-D or
-    a level that is no multiple of 1/2.
+    Returns the lines by level, with their order; `skeleton_table` numbers them. Raises InputError
+    for a map that is not 2-D or a level that is no multiple of 1/2.
     """
     from skimage.measure import find_contours
 
@@ -109,7 +113,8 @@ def order_contours(order: ArrayLike, levels: Iterable[float] | None = None) -> l
             raise InputError(f"level {level} of a fringe order: give whole or half orders")
         kind: Kind = "bright" if twice % 2 else "dark"
         for line in find_contours(np.where(known, field, 0.0), float(level), mask=known):
-            found.append(Skeleton(kind, line[:, 0], line[:, 1], float(level)))
+            if np.hypot(*np.diff(line, axis=0).T).sum() >= min_length_px:
+                found.append(Skeleton(kind, line[:, 0], line[:, 1], float(level)))
     return found
 
 

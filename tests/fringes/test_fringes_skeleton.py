@@ -165,3 +165,81 @@ def test_brightness_and_contrast_do_not_move_lines(gain, offset):
     signal = np.sin(np.pi * COL[:60, :120] / 20.0) ** 2
     for first, second in zip(skeletons(signal), skeletons(gain * signal + offset), strict=True):
         np.testing.assert_allclose(first.cols, second.cols, rtol=0, atol=1e-6)
+
+
+def disc_order(rows, cols):
+    """Diametral compression along z in closed form, centre order 6, radius 150 px.
+
+    sigma1 - sigma2 is proportional to (1 - x² - z²) / ((x² + z²)² + 1 + 2 (x² - z²)), x and z over
+    the radius (Frocht 1948, Photoelasticity II).
+    """
+    x, z = (cols - 170.2) / 150.0, (rows - 160.7) / 150.0
+    square = x**2 + z**2
+    return 6.0 * (1.0 - square) / (square**2 + 1.0 + 2.0 * (x**2 - z**2))
+
+
+def bent_order(rows, cols):
+    """A beam's |N|, its neutral axis turned by 7 degrees: a kink at N = 0."""
+    return np.abs((rows - 150.0) * np.cos(0.12) + (cols - 150.0) * np.sin(0.12)) / 22.0
+
+
+def distances(line, order):
+    """Distance in px of a line's points to the true iso-order line, and the gradient (1/px) there.
+
+    To first order (N - level) / |grad N|, with N and its gradient from the closed form.
+    """
+    step = 1e-4
+    down = (order(line.rows + step, line.cols) - order(line.rows - step, line.cols)) / (2 * step)
+    right = (order(line.rows, line.cols + step) - order(line.rows, line.cols - step)) / (2 * step)
+    steep = np.hypot(down, right)
+    return np.abs(order(line.rows, line.cols) - line.order) / steep, steep
+
+
+@pytest.mark.parametrize("order", [disc_order, bent_order])
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_order_lines_lie_within_a_tenth_of_a_pixel_of_the_closed_form(order, noise):
+    rows, cols = np.indices((320, 340), dtype=float)
+    field = order(rows, cols)
+    known = np.hypot(rows - 160.7, cols - 170.2) < 140
+    noisy = field + noise * np.random.default_rng(1).standard_normal(field.shape)
+    lines = order_contours(np.where(known & (field < 11), noisy, np.nan))
+    found = {each.order for each in lines}
+    assert {0.5 * n for n in range(1, 11)} <= found
+    for line in lines:
+        away, steep = distances(line, order)
+        # noise of 0.002 fringe moves a line by 0.002 / gradient: 5 deviations are 0.1 px at 0.1;
+        # the curvature of N leaves N''/(8 N'), below 0.1 px except in the cones under the loads
+        good = steep > (0.1 if noise else 0.02)
+        good &= steep < 0.3
+        assert away[good].max(initial=0.0) < 0.1
+
+
+def test_scattered_unknown_pixels_only_interrupt_the_lines():
+    rows, cols = np.indices((200, 200), dtype=float)
+    field = bent_order(rows, cols)
+    lost = np.random.default_rng(2).random(field.shape) < 0.01
+    field[lost] = np.where(rows[lost] > 100, np.nan, np.inf)
+    lines = order_contours(field)
+    for line in lines:
+        assert np.isfinite(line.rows).all() and np.isfinite(line.cols).all()
+        assert distances(line, bent_order)[0].max() < 1e-6  # N is linear: no other error is left
+        for row, col in zip(line.rows, line.cols, strict=True):
+            near = lost[int(row) : int(np.ceil(row)) + 1, int(col) : int(np.ceil(col)) + 1]
+            assert not near.any()
+    whole = order_contours(bent_order(rows, cols))
+    length = [
+        sum(np.hypot(np.diff(each.rows), np.diff(each.cols)).sum() for each in some)
+        for some in (lines, whole)
+    ]
+    # one square in 25 has an unknown corner
+    assert 0.9 * length[1] < length[0] < length[1]
+    assert len(order_contours(field, min_length_px=30.0)) < len(lines)
+
+
+def test_short_lines_of_noise_are_dropped_and_long_ones_kept():
+    rows, cols = np.indices((200, 200), dtype=float)
+    level = 1.0 + 0.004 * np.random.default_rng(3).standard_normal(rows.shape)
+    field = np.where(cols < 100, level, 1.3 + 0.01 * (cols - 100))
+    assert len(order_contours(field, [1.0, 1.5])) > 100
+    kept = order_contours(field, [1.5], min_length_px=150.0)
+    assert len(kept) == 1 and np.abs(kept[0].cols - 120.0).max() < 1e-6
