@@ -254,7 +254,10 @@ def test_real_disc_is_found_and_its_poor_chi_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("light", "words"),
     [
-        ('wavelength_nm = 587.0\nlight = "white"', "several wavelengths can be simulated, but not"),
+        (
+            'wavelength_nm = 587.0\nlight = "white"',
+            "several wavelengths can be processed by its colours",
+        ),
         ('field = "plane"', "isoclinics cannot be told from fringes"),
     ],
 )

@@ -100,7 +100,7 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
 
     if not valid.any():
         raise InputError("the frame has no pixel to be trusted: saturated or masked all over")
-    used = valid.any(axis=(0, 1))
+    used = np.asarray(valid.any(axis=(0, 1)))
     usual = np.array(
         [
             float(np.percentile(contrast[..., c][valid[..., c]], 95)) if used[c] else np.inf

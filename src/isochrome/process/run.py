@@ -24,6 +24,12 @@ from isochrome.output import (
     write_json,
     write_text,
 )
+from isochrome.process.colour import (
+    check_colour,
+    colour_capture,
+    colour_frames,
+    process_colour,
+)
 from isochrome.process.figure import process_figure
 from isochrome.process.image_only import process_image_only
 from isochrome.process.result import SPREAD, Capture, ProcessedFrame
@@ -65,7 +71,8 @@ def process(
     on their own, and each pixel is read on the branch that the fit names. Without one, frames are
     normalised and their fringe skeletons found; that is said in the warnings. Where the scene has
     [[polariscope.step]], as many frames as steps make one state, whose order and isoclinic angle
-    are read from them without any model.
+    are read from them without any model. So is the order of colour frames in light of several
+    wavelengths, from their colours.
     Parameters: `frames`, a TIFF stack, image, folder or video; `scene`; `out`, a folder for
     frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv (no model),
     isoclinic.tif (steps: degrees, direction of sigma_1),
@@ -75,11 +82,9 @@ def process(
     PhysicsError.
     """
     scene = load_scene(scene)
-    if scene.polariscope.several_wavelengths:
-        raise InputError(
-            f"{scene.name}: [polariscope]: light of several wavelengths can be simulated, but not "
-            "processed; for frames taken through a filter, give its wavelength_nm alone"
-        )
+    coloured = scene.polariscope.several_wavelengths
+    if coloured:
+        check_colour(scene)
     steps = len(scene.polariscope.step)
     if scene.model is None and scene.polariscope.field == "plane" and not steps:
         raise InputError(
@@ -91,7 +96,10 @@ def process(
     with open_scene_frames(frames, scene) as reader:
         count = reader.count()
         _check_set(scene, reader, count)
-        states = _stepped(reader, scene) if steps else _processed(reader, scene)
+        if coloured:
+            states = _coloured(frames, reader, scene)
+        else:
+            states = _stepped(reader, scene) if steps else _processed(reader, scene)
         done = counted(states, count // max(steps, 1), progress)
         if out is None:
             kept = list(done)
@@ -126,6 +134,16 @@ def _stepped(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
         yield replace(found, label=label, distance_m=distance)
 
 
+def _coloured(path: str | Path, reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
+    """Colour frame after colour frame, each on its own."""
+    capture = colour_capture(scene, reader)
+    for frames in colour_frames(path, scene):
+        own, label, distance = scene, frames[0].name, float("nan")
+        if scene.model is not None:
+            own, label, distance = _state_of(scene, frames[0])
+        yield replace(process_colour(frames, own, capture), label=label, distance_m=distance)
+
+
 def _state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:
     """The one-state scene of a frame, its label and distance (m)."""
     speed = scene.frames.sliding_speed_mm_per_s
@@ -153,7 +171,8 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
     rows, cols = reader.shape
     camera = scene.camera
     steps = max(1, len(scene.polariscope.step))
-    fitted = scene.model in ("contact", "beam") and not scene.polariscope.step
+    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
+    fitted = scene.model in ("contact", "beam") and not alone
     if fitted and (camera is None or camera.pixel_mm is None):
         raise InputError(f"{scene.name}: camera.pixel_mm is missing, and a fit needs it; add it")
     if count % steps:
@@ -257,10 +276,10 @@ def _result(
     names = list(dict.fromkeys(name for row in rows for name in row))
     names.sort(key=lambda name: name == "warnings")
     table = {name: [row.get(name) for row in rows] for name in names}
-    stepped = bool(scene.polariscope.step)
-    warnings = [] if scene.model or stepped else [no_model_sentence(scene)]
+    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
+    warnings = [] if scene.model or alone else [no_model_sentence(scene)]
     warnings += [f"frame {row['frame']}: {row['warnings']}" for row in rows if row["warnings"]]
-    fitted = _fitted(scene, rows, shape) if scene.model and not stepped else None
+    fitted = _fitted(scene, rows, shape) if scene.model and not alone else None
     return Processed(scene, scene.model, table, frames, fitted, tuple(warnings))
 
 

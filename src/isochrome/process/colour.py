@@ -1,0 +1,232 @@
+"""One colour frame in light of several wavelengths: its absolute fringe order, without a model."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.frames import (
+    Frame,
+    FrameReader,
+    estimate_noise,
+    load_no_load,
+    open_scene_frames,
+    to_linear,
+)
+from isochrome.fringes.colour import LOST, ColourReading, read_colour
+from isochrome.fringes.colour_table import ColourTable, spectral_table
+from isochrome.optics import camera_response
+from isochrome.process.result import ProcessedFrame
+from isochrome.process.with_model import POOR_CHI
+from isochrome.scene import Scene
+from isochrome.stress import pixel_grid
+
+Array = NDArray[Any]
+
+CHANNELS = ("red", "green", "blue")
+
+_SMOOTH_PX = 1.5
+
+
+@dataclass(frozen=True)
+class ColourCapture:
+    """How a colour set was captured.
+
+    `bit_depth` of the sensor; `table`, the channels' signals against order; `dark`, `bright`, the
+    no-load frames as light (rows, cols, 3), None where there are none; `valid` (rows, cols, 3),
+    pixels good in both.
+    """
+
+    bit_depth: int | None
+    table: ColourTable
+    dark: Array | None
+    bright: Array | None
+    valid: NDArray[np.bool_]
+
+
+def check_colour(scene: Scene) -> None:
+    """Refuse a scene of several wavelengths whose frames do not tell colours. Raises InputError."""
+    where = f"{scene.name}: [polariscope]: light of several wavelengths"
+    if scene.camera is None or not scene.camera.colour or scene.frames.channel is not None:
+        raise InputError(
+            f"{where} can be processed by its colours alone: set camera.colour = true and leave "
+            "out frames.channel; for frames taken through a filter, give its wavelength_nm alone"
+        )
+    if scene.polariscope.step:
+        raise InputError(
+            f"{where} has no phase steps: remove [[polariscope.step]], or give wavelength_nm alone"
+        )
+    if scene.polariscope.field == "plane":
+        raise InputError(
+            f"{where} needs the circular dark or bright field: isoclinics have no colour; set "
+            "polariscope.field"
+        )
+
+
+def colour_capture(scene: Scene, reader: FrameReader) -> ColourCapture:
+    """What all frames of a set share: the table by the scene's light, and the no-load frames.
+
+    Parameters: `scene`, see `check_colour`; `reader` of the set. Returns a ColourCapture. Raises
+    InputError where the file is grey, or the light or a no-load frame cannot be used.
+    """
+    if reader.channel is None:
+        raise InputError(
+            f"{reader.path}: is grey, and camera.colour says that the frames have colours; give "
+            "colour frames, or for a filter's light its wavelength_nm alone"
+        )
+    assert scene.camera is not None
+    path = scene.path(scene.camera.response) if scene.camera.response is not None else None
+    table = spectral_table(scene.polariscope, camera_response(scene.camera, path))
+    pairs = [
+        load_no_load(_one_channel(scene, name), full_shape=reader.full_shape) for name in CHANNELS
+    ]
+    dark, bright = (
+        None
+        if any(part is None for part in ends)
+        else np.stack([part.image for part in ends if part is not None], axis=-1)
+        for ends in zip(*pairs, strict=True)
+    )
+    valid = np.ones((*reader.shape, len(CHANNELS)), dtype=bool)
+    for c, pair in enumerate(pairs):
+        for part in pair:
+            if part is not None and part.valid.shape == reader.shape:
+                valid[..., c] &= part.valid
+    return ColourCapture(reader.bit_depth, table, dark, bright, valid)
+
+
+def colour_frames(path: str | Path, scene: Scene) -> Iterator[list[Frame]]:
+    """The three channels of each frame of a set, red, green and blue.
+
+    Parameters: `path` of the frames; `scene`. Yields lists of three Frames.
+    """
+    with contextlib.ExitStack() as stack:
+        readers = [
+            stack.enter_context(open_scene_frames(path, _one_channel(scene, name)))
+            for name in CHANNELS
+        ]
+        for frames in zip(*readers, strict=True):
+            yield list(frames)
+
+
+def _one_channel(scene: Scene, name: str) -> Scene:
+    found = scene.with_values({"frames.channel": name})
+    return found.model_copy(update={"folder": scene.folder, "name": scene.name})
+
+
+def process_colour(frames: Sequence[Frame], scene: Scene, capture: ColourCapture) -> ProcessedFrame:
+    """Absolute fringe order of one colour frame.
+
+    Parameters: `frames`, its channels; `scene`, of this one state; `capture`. The scene's model,
+    if it has one, is not used. Returns a ProcessedFrame. Raises InputError on a blank frame, or
+    one that without no-load frames does not tell its illumination.
+    """
+    light, valid, sigma = _stacked(frames, scene, capture)
+    first = frames[0]
+    try:
+        found = read_colour(
+            light,
+            capture.table,
+            sigma=sigma,
+            dark=capture.dark,
+            bright=capture.bright,
+            valid=valid & capture.valid,
+            specimen=_specimen(scene, first),
+        )
+    except InputError as error:
+        raise InputError(f"frame {first.index} ({first.name}): {error}") from error
+    trusted = np.isfinite(found.signal)
+    count = np.maximum(trusted.sum(axis=-1), 1)
+    mean = np.where(trusted, found.signal, 0.0).sum(axis=-1) / count
+    return ProcessedFrame(
+        first.index,
+        first.name,
+        first.name,
+        float("nan"),
+        np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
+        found,
+        None,
+        [],
+        found.noise,
+        found.chi,
+        scene.camera.pixel_mm if scene.camera else None,
+        _warnings(found),
+        columns=_columns(found),
+    )
+
+
+def _stacked(
+    frames: Sequence[Frame], scene: Scene, capture: ColourCapture
+) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Light, trusted pixels and noise of the channels, (rows, cols, 3) each."""
+    from scipy.ndimage import gaussian_filter
+
+    gamma, bit_depth = scene.frames.gamma, capture.bit_depth
+    light, valid, sigma = [], [], []
+    for frame, name in zip(frames, CHANNELS, strict=True):
+        linear = to_linear(
+            frame.image,
+            bit_depth=bit_depth,
+            gamma=gamma,
+            name=f"{frame.name}, {name}",
+            mask=frame.mask,
+        )
+        noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
+        raw = np.where(np.isfinite(frame.image), frame.image, 0.0).astype(np.float32)
+        level = gaussian_filter(raw, _SMOOTH_PX)  # a pixel's weight must not follow its own noise
+        light.append(linear.image)
+        valid.append(linear.valid)
+        sigma.append(noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma))
+    return np.stack(light, axis=-1), np.stack(valid, axis=-1), np.stack(sigma, axis=-1)
+
+
+def _specimen(scene: Scene, frame: Frame) -> NDArray[np.bool_] | None:
+    """The frame's mask, and of a contact what lies below the scene's surface; None for all else."""
+    camera, mask = scene.camera, frame.mask
+    if scene.model != "contact" or camera is None or camera.pixel_mm is None:
+        return mask
+    pixels = pixel_grid(scene, (frame.image.shape[0], frame.image.shape[1]))
+    below = pixels.z_mm >= (0.5 - 1e-6) * pixels.pixel_mm
+    return np.repeat(below[:, None], frame.image.shape[1], axis=1) & (mask is None or mask)
+
+
+def _warnings(found: ColourReading) -> tuple[str, ...]:
+    said = []
+    if found.strange >= LOST:
+        said.append(
+            f"the colours of {100 * found.strange:.0f} % of the pixels are not the table's "
+            f"(chi = {found.chi:.2f}): no order was read; check the light, camera.response and "
+            "frames.gamma"
+        )
+    elif found.chi > POOR_CHI:
+        said.append(
+            f"chi = {found.chi:.2f}: the table does not describe the colours within their noise; "
+            "check camera.response and frames.gamma, and use the orders with care"
+        )
+    if found.blind:
+        said.append("illumination found from the frame itself, without both no-load frames")
+    if found.strange < LOST and found.kept < 0.5:
+        said.append(f"only {100 * found.kept:.0f} % of the lit pixels could be read")
+    return tuple(said)
+
+
+def _columns(found: ColourReading) -> dict[str, Any]:
+    """The frame's columns of frames.csv."""
+    columns: dict[str, Any] = {
+        "kept_share": found.kept,
+        "strange_share": found.strange,
+        "n_max": float("nan"),
+        "n_max_row_px": None,
+        "n_max_col_px": None,
+    }
+    if np.isfinite(found.order).any():
+        row, col = np.unravel_index(int(np.nanargmax(found.order)), found.order.shape)
+        columns |= {"n_max": float(found.order[row, col])}
+        columns |= {"n_max_row_px": int(row), "n_max_col_px": int(col)}
+    return columns
