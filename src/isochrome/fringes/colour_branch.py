@@ -63,31 +63,31 @@ def candidate_orders(signal: Array, weight: Array, table: ColourTable) -> tuple[
         chi2 = np.concatenate([w[here] * y[here], w[here]], axis=1) @ design
         order[here], cost[here] = _minima(chi2, step)
         cost[here] += still[:, None]
-    best = cost[:, :1]
-    cost[cost > best + FARTHEST] = np.inf
     return order, np.maximum(cost, 0.0)
 
 
 def _minima(chi2: Array, step: float) -> tuple[Array, Array]:
-    """The lowest local minima of each row, with their places by a parabola."""
-    low = np.ones(chi2.shape, dtype=bool)
+    """The lowest local minima of each row, best first, with their places by a parabola."""
+    low = chi2 <= chi2.min(axis=1, keepdims=True) + np.float32(FARTHEST)
     rises = chi2[:, 1:] >= chi2[:, :-1]
     low[:, :-1] &= rises
     low[:, 1:] &= ~rises
-    walled = np.where(low, chi2, np.float32(np.inf))
-    chosen = np.argpartition(walled, CANDIDATES, axis=1)[:, :CANDIDATES]
-    cost = np.take_along_axis(walled, chosen, axis=1)
-    ranks = np.argsort(cost, axis=1)
-    chosen, cost = (np.take_along_axis(a, ranks, axis=1) for a in (chosen, cost))
-    inner = np.clip(chosen, 1, chi2.shape[1] - 2)
-    before, middle, after = (
-        np.take_along_axis(chi2, inner + shift, axis=1) for shift in (-1, 0, 1)
-    )
+    row, col = np.nonzero(low)
+    value = chi2[row, col]
+    ranks = np.lexsort((value, row))
+    row, col, value = row[ranks], col[ranks], value[ranks]
+    place = np.arange(len(row)) - np.searchsorted(row, row)
+    kept = place < CANDIDATES
+    row, col, value, place = row[kept], col[kept], value[kept], place[kept]
+    inner = np.clip(col, 1, chi2.shape[1] - 2)
+    before, middle, after = (chi2[row, inner + shift] for shift in (-1, 0, 1))
     bend = np.maximum(before - 2.0 * middle + after, 1e-6)
-    shift = np.where(chosen == inner, 0.5 * (before - after) / bend, 0.0)
-    shift = np.clip(shift, -0.5, 0.5)
-    cost = np.where(chosen == inner, cost - 0.5 * bend * shift**2, cost)
-    return step * (chosen + shift), cost
+    shift = np.where(col == inner, np.clip(0.5 * (before - after) / bend, -0.5, 0.5), 0.0)
+    order = np.zeros((len(chi2), CANDIDATES), dtype=np.float32)
+    cost = np.full(order.shape, np.inf, dtype=np.float32)
+    order[row, place] = step * (col + shift)
+    cost[row, place] = value - 0.5 * bend * shift**2
+    return order, cost
 
 
 def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:

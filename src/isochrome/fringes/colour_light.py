@@ -25,6 +25,8 @@ LEAST_CONTRAST = 0.2
 TABLE_ERROR = 0.002
 """Of a table at best, of full light: what a frame without noise is still weighed by."""
 
+_ROWS = 3
+
 
 @dataclass(frozen=True)
 class ColourSignal:
@@ -118,12 +120,18 @@ def _lit(contrast: Array, valid: Mask) -> Mask:
 
 
 def _noise(frame: Array, valid: Mask) -> Array:
-    """Noise of each channel of a no-load frame, from its fine structure."""
-    from isochrome.frames import estimate_noise
-
+    """Noise (channels,) of a no-load frame: fourth differences along every third row, by median."""
+    rows, good = frame[::_ROWS].astype(np.float32), valid[::_ROWS]
+    rough = sum(
+        weight * rows[:, i : rows.shape[1] - 4 + i]
+        for i, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0))
+    )
+    inside = good[:, 2:-2]
     found = np.zeros(frame.shape[2])
     for c in range(frame.shape[2]):
-        if valid[..., c].any():
-            model = estimate_noise(frame[..., c], valid[..., c])
-            found[c] = float(model.sigma(np.median(frame[..., c][valid[..., c]])))
+        size = np.abs(np.asarray(rough)[..., c][inside[..., c]])
+        if size.size:
+            # rounding to whole levels makes the median itself a step; the middle half does not
+            low, high = np.percentile(size, (25.0, 75.0))
+            found[c] = (low + high) / (0.3186 + 1.1503) / np.sqrt(70.0)
     return found
