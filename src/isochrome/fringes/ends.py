@@ -29,8 +29,11 @@ from isochrome.fringes.patches import (
     patch_prior,
 )
 
-BINNING = 4
+_BINNINGS = (4, 2, 1)
 """The ends vary slowly: binned pixels tell as much, sixteen times as fast."""
+_LEAST_PIXELS = 100
+"""Binned pixels that the shorter side of a frame needs: eight patches or so."""
+_LEAST_PATCHES = 12
 _DEGREE = 2
 _LOW, _HIGH = 1.0, 99.0
 """Percentiles of the light at which the search for the ends starts: both occur in a frame that
@@ -63,17 +66,19 @@ def fit_ends(
 
     Parameters: `light` I (rows, cols), linear; `sigma`, its noise (rows, cols); `valid`, True =
     trusted; `dark`, `bright` (rows, cols), the one end that a no-load frame gives, if any.
-    Returns the Ends. Raises InputError where the frame has no contrast.
+    Returns the Ends. Raises InputError where the frame has no contrast, or no fringe that can be
+    followed.
     """
-    small, noise, whole = binned(light, sigma, valid, BINNING)
+    by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
+    small, noise, whole = binned(light, sigma, valid, by)
     if not whole.any():
         raise InputError("no part of the frame is trusted; check its mask and exposure")
     low, high = np.percentile(small[whole], [_LOW, _HIGH])
     if not high > low:
         raise InputError("the frame has no contrast; is the light on, and the specimen loaded?")
-    shape = binned_polynomials(light.shape, _DEGREE, BINNING)
+    shape = binned_polynomials(light.shape, _DEGREE, by)
     starts = ((dark, low), (bright, high))
-    bases = [shape if end is None else _binned_end(end, valid) for end, _ in starts]
+    bases = [shape if end is None else _binned_end(end, valid, by) for end, _ in starts]
     terms = [
         np.eye(shape.shape[-1])[0] * start if end is None else np.ones(1) for end, start in starts
     ]
@@ -93,9 +98,9 @@ def fit_ends(
     )
 
 
-def _binned_end(end: Array, valid: Mask) -> Array:
+def _binned_end(end: Array, valid: Mask, by: int) -> Array:
     """A known end as the one term of its own, on binned pixels."""
-    return binned(end, np.ones_like(end), valid, BINNING)[0][..., None]
+    return binned(end, np.ones_like(end), valid, by)[0][..., None]
 
 
 def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:
@@ -135,6 +140,11 @@ def _step(
     patches = fit_patches(cut, *frame)
     chi = patches.chi.ravel()
     use = np.flatnonzero((chi < _WORST_CHI) & (patches.filled.ravel() > 0.6))
+    if len(use) < _LEAST_PATCHES:
+        raise InputError(
+            "too few fringes can be followed to find background and illumination from them; give "
+            "both no-load frames"
+        )
     dy, dx, _ = offsets()
     places = np.stack(np.meshgrid(patches.rows, patches.cols, indexing="ij"), axis=-1)
     rows, cols = (places.reshape(-1, 2)[use, k][:, None] + d for k, d in enumerate((dy, dx)))

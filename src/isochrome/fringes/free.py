@@ -15,9 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from isochrome.errors import InputError
 from isochrome.fringes.branch import OrderReading, probability
 from isochrome.fringes.graph import Labels, expected_terms, label_patches
 from isochrome.fringes.patches import (
+    HALF,
     Array,
     Mask,
     Patches,
@@ -33,6 +35,8 @@ KnownPoint = tuple[float, float, float]
 """Row and column of a pixel, and the fringe order there."""
 
 _BINNINGS = (4, 2, 1)
+_LEAST_PIXELS = 4 * (2 * HALF + 1)
+"""Pixels, after binning, of the shorter side of a frame: four patches without overlap."""
 _NEAR = 0.25
 """Largest difference, in fringes, between a known order and the branch that is taken for it."""
 _NEGATIVE = -0.1
@@ -60,8 +64,13 @@ def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint
 
     Parameters: `wave` c = cos 2 pi N (rows, cols); `sigma`, its noise (rows, cols); `valid`, True =
     trusted; `known`, (row, col, order) of points where the order is known, at least one in each
-    part that is wanted. Returns a FreeReading.
+    part that is wanted. Returns a FreeReading. Raises InputError on a frame smaller than a patch.
     """
+    if min(wave.shape) <= 2 * HALF:
+        raise InputError(
+            f"a frame of {wave.shape[0]} x {wave.shape[1]} pixels is smaller than a patch of "
+            f"{2 * HALF + 1}; enlarge frames.roi"
+        )
     patches, labels = _coarse_to_fine(wave, sigma, valid)
     places = [_part_at(patches, labels, point) for point in known]
     misses = [p for p, part in zip(known, places, strict=True) if part < 0]
@@ -88,14 +97,15 @@ def _coarse_to_fine(wave: Array, sigma: Array, valid: Mask) -> tuple[Patches, La
     badly and guide nothing.
     """
     expected = None
-    for k, binning in enumerate(_BINNINGS):
+    binnings = [b for b in _BINNINGS if b == 1 or min(wave.shape) // b >= _LEAST_PIXELS]
+    for k, binning in enumerate(binnings):
         frame = binned(wave, sigma, valid, binning)
         light = gather_patches(*frame)
         patches = fit_patches(light, *frame, expected)
         labels = label_patches(patches)
-        if k + 1 < len(_BINNINGS):
-            ratio = binning // _BINNINGS[k + 1]
-            finer = binned(wave, sigma, valid, _BINNINGS[k + 1])[0].shape
+        if k + 1 < len(binnings):
+            ratio = binning // binnings[k + 1]
+            finer = [n // binnings[k + 1] for n in wave.shape]
             rows, cols = ((middles(n) - 0.5 * (ratio - 1)) / ratio for n in finer)
             expected = expected_terms(patches, labels, rows, cols, ratio)
     return patches, labels

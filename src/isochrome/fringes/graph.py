@@ -35,6 +35,8 @@ _LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
 _GUIDE = 3.0
 """Width of what a binned frame lets the finer one do, in its own uncertainties."""
 _WORST_EDGE = 12.0
+_SMALLEST = 12
+"""Patches of the smallest part that is followed."""
 _SURE_ENOUGH = 50.0
 
 
@@ -88,8 +90,8 @@ def label_patches(patches: Patches) -> Labels:
     sizes = np.bincount(raw)
     rank = np.empty(len(sizes), dtype=int)
     rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
-    part = np.where(good, rank[raw], -1)
-    sign, shift = _walk(tree, raw, edges)
+    part = np.where(good & (sizes[raw] >= _SMALLEST), rank[raw], -1)
+    sign, shift = _walk(tree, part, edges)
     return Labels(sign.reshape(shape), shift.reshape(shape), part.reshape(shape))
 
 
@@ -177,22 +179,31 @@ def _relation(a: Array, b: Array, variance: Array) -> tuple[Integers, Array, Arr
     )
 
 
-def _walk(tree: object, raw: Integers, edges: _Edges) -> tuple[NDArray[np.int8], Array]:
+def _walk(tree: Any, part: Integers, edges: _Edges) -> tuple[NDArray[np.int8], Array]:
     """Carry sign and shift from one patch of each part along the tree to the others."""
+    from scipy.sparse import block_array, csr_array
     from scipy.sparse.csgraph import breadth_first_order
 
-    count = len(raw)
+    count = len(part)
     key = edges.a.astype(np.int64) * count + edges.b
     by_key = np.argsort(key)
     sorted_key = key[by_key]
     sign, shift = np.ones(count, dtype=np.int8), np.zeros(count)
-    _, roots = np.unique(raw, return_index=True)
-    for root in roots:
-        order, before = breadth_first_order(tree, root, directed=False)
-        for q in order[1:]:
-            p = before[q]
-            i = by_key[np.searchsorted(sorted_key, min(p, q) * count + max(p, q))]
-            s, k = edges.sign[i], edges.shift[i]
-            sign[q] = sign[p] * s
-            shift[q] = shift[p] + sign[p] * k if p < q else shift[p] - sign[q] * k
+    numbers, roots = np.unique(part, return_index=True)
+    roots = roots[numbers >= 0]
+    # one patch more, joined to a patch of each part: one walk then reaches all
+    joint = csr_array((np.ones(len(roots)), (np.zeros_like(roots), roots)), shape=(1, count))
+    whole = block_array([[tree, None], [joint, csr_array((1, 1))]], format="csr")
+    order, before = breadth_first_order(whole, count, directed=True)
+    inner = order[1 + len(roots) :]
+    p, q = before[inner], inner
+    place = by_key[
+        np.searchsorted(sorted_key, np.minimum(p, q) * np.int64(count) + np.maximum(p, q))
+    ]
+    steps = zip(
+        p.tolist(), q.tolist(), edges.sign[place].tolist(), edges.shift[place].tolist(), strict=True
+    )
+    for here, there, s, k in steps:
+        sign[there] = sign[here] * s
+        shift[there] = shift[here] + (sign[here] * k if here < there else -sign[there] * k)
     return sign, shift

@@ -1,18 +1,41 @@
-"""A frame without a model: normalised, with its fringe skeleton, and no order."""
+"""A frame without a model: normalised, its fringe skeleton, and its order from known points."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import Frame, estimate_noise, normalise, to_linear
+from isochrome.frames import Frame, Linear, estimate_noise, normalise, to_linear
+from isochrome.fringes.ends import fit_ends
+from isochrome.fringes.free import FreeReading, read_free
 from isochrome.fringes.skeleton import skeletons
 from isochrome.process.result import Capture, ProcessedFrame
 from isochrome.scene import Scene
+
+Array = NDArray[Any]
+
+NO_ANCHOR = (
+    "no order: the light alone leaves a whole number open; give a point whose order you know "
+    "(a free corner, a counted line) as [[frames.known_order]]"
+)
+
+FLAWS = 0.015
+"""What dust, texture and compression add to any frame, over its contrast: a lossy file hides its
+noise, and what no smooth order can follow would be taken for fringes lost."""
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say."""
+
+    signal: Array
+    sigma: Array
+    valid: NDArray[np.bool_]
+    notes: tuple[str, ...]
 
 
 def process_image_only(
@@ -22,43 +45,107 @@ def process_image_only(
     *,
     inside: NDArray[np.bool_] | None = None,
 ) -> ProcessedFrame:
-    """Normalise a frame without a model, and find its fringe skeleton.
+    """Normalise a frame without a model, find its fringe skeleton, and read its order.
 
+    The order is read where `frames.known_order` gives a point that it hangs together with.
     Parameters as in `process_with_model`; `inside`, True on the specimen where that is known.
-    Returns a ProcessedFrame without a reading. A frame in which no fringe shows (an unloaded
-    specimen) is kept as it is, and says so.
+    Returns a ProcessedFrame, without a reading where no order is known. A frame in which no fringe
+    shows (an unloaded specimen) is kept as it is, and says so.
     """
-    gamma, bit_depth = scene.frames.gamma, capture.bit_depth
-    linear = to_linear(frame.image, bit_depth=bit_depth, gamma=gamma, name=frame.name)
+    linear = to_linear(
+        frame.image, bit_depth=capture.bit_depth, gamma=scene.frames.gamma, name=frame.name
+    )
     if inside is not None:
         linear = replace(linear, valid=linear.valid & inside)
-    notes: tuple[str, ...] = ()
-    try:
-        field: Literal["dark", "bright"] = (
-            "bright" if scene.polariscope.field == "bright" else "dark"
-        )
-        done = normalise(linear, capture.dark, capture.bright, field=field)
-        model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
-        sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
-        signal = done.signal
-        noise = float(np.median(sigma[done.valid] / done.contrast[done.valid]))
-        if done.blind:
-            notes = ("normalised blind, without both no-load frames: rough where fringes are few",)
-        lines = skeletons(np.clip(signal, 0.0, 1.0))
-    except InputError as error:
-        signal, lines, noise = np.where(linear.valid, linear.image, np.nan), [], float("nan")
-        notes = (f"not normalised: {error}",)
-    return ProcessedFrame(
+    pixel = scene.camera.pixel_mm if scene.camera else None
+    blank = ProcessedFrame(
         frame.index,
         frame.name,
         frame.name,
         float("nan"),
-        signal.astype(np.float32),
+        np.where(linear.valid, linear.image, np.nan).astype(np.float32),
         None,
         None,
-        lines,
-        noise,
+        [],
         float("nan"),
-        scene.camera.pixel_mm if scene.camera else None,
-        notes,
+        float("nan"),
+        pixel,
+        (),
     )
+    try:
+        seen = _signal(frame, linear, scene, capture)
+    except InputError as error:
+        return replace(blank, warnings=(f"not normalised: {error}",))
+    lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
+    found, warnings = _read(seen, scene)
+    return replace(
+        blank,
+        normalised=seen.signal.astype(np.float32),
+        reading=found.reading if found else None,
+        lines=lines,
+        noise=float(np.median(seen.sigma[seen.valid])),
+        warnings=(*seen.notes, *warnings),
+        columns=_columns(found, pixel, len(lines)) if found else {},
+    )
+
+
+def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Signal:
+    """Background and illumination out, by no-load frames where there are, else by the fringes."""
+    gamma, bit_depth = scene.frames.gamma, capture.bit_depth
+    model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
+    sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
+    low, high = np.percentile(linear.image[linear.valid], [1.0, 99.0])
+    sigma = np.maximum(sigma, FLAWS * (high - low))
+    dark, bright = capture.dark, capture.bright
+    notes: tuple[str, ...] = ()
+    if dark is None or bright is None:
+        valid = linear.valid
+        for no_load in (dark, bright):
+            valid = valid & no_load.valid if no_load else valid
+        ends = fit_ends(
+            linear.image,
+            sigma,
+            valid,
+            dark=dark.image if dark else None,
+            bright=bright.image if bright else None,
+        )
+        dark, bright = Linear(ends.dark, valid), Linear(ends.bright, valid)
+        notes = ("normalised by its own fringes, without both no-load frames",)
+        if not ends.settled:
+            notes = (f"{notes[0]}, which did not settle: rough; give no-load frames",)
+    field: Literal["dark", "bright"] = "bright" if scene.polariscope.field == "bright" else "dark"
+    done = normalise(linear, dark, bright, field=field)
+    noise = sigma / np.where(done.valid, done.contrast, 1.0)
+    return _Signal(done.signal, noise, done.valid, notes)
+
+
+def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, ...]]:
+    """The order from the known points, and what to say of it."""
+    known = [(k.row_px, k.col_px, k.order) for k in scene.frames.known_order]
+    if not known:
+        return None, (NO_ANCHOR,)
+    turn = -1.0 if scene.polariscope.field == "bright" else 1.0
+    wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
+    sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
+    found = read_free(wave, sigma, seen.valid, known)
+    warnings = [
+        f"frames.known_order = {order:g} at row {row}, column {col}: fits no fringe there; check it"
+        for row, col, order in found.misses
+    ]
+    if found.anchored < 0.9:
+        warnings.append(
+            f"{100 * (1.0 - found.anchored):.0f} % of what could be followed hangs together with no"
+            " known point; add [[frames.known_order]] there"
+        )
+    return found, tuple(warnings)
+
+
+def _columns(found: FreeReading, pixel_mm: float | None, lines: int) -> dict[str, Any]:
+    """The frame's columns of frames.csv."""
+    order = found.reading.order
+    columns: dict[str, Any] = {"kept_share": found.reading.kept, "fringe_lines": lines}
+    if np.isfinite(order).any():
+        row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
+        columns |= {"n_max": float(order[row, col]), "n_max_row_px": int(row)}
+        columns |= {"n_max_col_px": int(col)}
+    return columns
