@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import isochrome.bench as module
-from isochrome.bench import Row, bench, load_benchmarks
+from isochrome.bench import FringeRow, Row, bench, load_benchmarks
 from isochrome.contact import make_surface, solve_pressure
 from isochrome.errors import InputError
 from isochrome.reference import (
@@ -178,3 +179,44 @@ def test_without_a_clone_bench_says_where_to_run_it(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="run it from a clone"):
         module.benchmarks_folder()
+
+
+def test_fringes_suite_judges_a_reading_by_the_truth_and_writes_a_table_and_a_picture(
+    monkeypatch, tmp_path
+):
+    case, cases = load_benchmarks("case_fringes"), load_benchmarks("cases")
+    assert list(cases.SUITES["fringes"].cases())[: len(case.specimens().NAMES)] == list(
+        case.specimens().NAMES
+    )
+    few = {"beam": case.cases()["beam"]}
+    suite = replace(cases.SUITES["fringes"], cases=lambda: few)
+    monkeypatch.setitem(cases.SUITES, "fringes", suite)
+    got = bench(tmp_path / "out", suite="fringes", quick=True)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["fringes.csv", "fringes.png"]
+    arcsine, free = (FringeRow(**row) for row in got.rows)
+    # of the fringe's crests a pixel alone knows nothing, and a patch of them does
+    assert free.rms < 0.2 * arcsine.rms and free.kept > 0.9 and free.wrong == 0.0
+    assert free.right == 1.0 and math.isnan(arcsine.right) and arcsine.wrong == 0.0
+    assert max(map(len, got.text.splitlines())) <= 120
+
+
+def test_a_reading_that_is_off_is_counted_as_such():
+    case = load_benchmarks("case_fringes")
+    seen = case.specimens().view("beam")
+    order = np.where(seen.material, seen.order, np.nan)
+    order[:200] = np.nan
+    order[300:310] += 1.0
+    sure = np.ones(order.shape)
+    row = case.judged("beam", "", seen, order, sure, 0.0)
+    kept = np.isfinite(order).sum()
+    assert row.kept == pytest.approx(kept / seen.material.sum())
+    assert row.wrong == pytest.approx(10 * order.shape[1] / kept)
+    assert row.rms == pytest.approx(math.sqrt(row.wrong)) and row.median == 0.0
+    assert row.right == pytest.approx(1.0 - row.wrong)
+    nothing = case.judged("beam", "", seen, np.full_like(order, np.nan), None, 0.0)
+    assert nothing.kept == 0.0 and math.isnan(nothing.rms)
+
+
+def test_an_unknown_suite_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="speed, fringes"):
+        bench(suite="colour")

@@ -202,12 +202,18 @@ def check(frames: FramesArgument, scene: SceneOption, as_json: Json = False) -> 
 
 
 @app.command()
-def bench(out: Out = Path("isochrome-bench"), as_json: Json = False) -> None:
+def bench(
+    suite: Annotated[
+        str, typer.Argument(help="speed, or fringes: every way to the fringe order.")
+    ] = "speed",
+    out: Out = Path("isochrome-bench"),
+    as_json: Json = False,
+) -> None:
     """Measure speed against error, side by side with the paper's own procedure."""
     from isochrome.bench import bench as run
 
     with steps(as_json) as say:
-        result = run(out, progress=say)
+        result = run(out, suite=suite, progress=say)
     if as_json:
         print_json({"out": str(out), "rows": result.rows})
         return

@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-from . import case_frames, case_memory, case_peers, case_pressure, case_stress, case_wear
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from . import (
+    case_frames,
+    case_fringes,
+    case_memory,
+    case_peers,
+    case_pressure,
+    case_stress,
+    case_wear,
+    report,
+    report_fringes,
+)
 
 CASES = {
     "pressure": case_pressure.pressure,
@@ -12,4 +25,20 @@ CASES = {
     "stress": case_stress.stress,
     "frames": case_frames.frames,
     "memory": case_memory.memory,
+}
+
+
+@dataclass(frozen=True)
+class Suite:
+    """What is run together: `cases()` by their names, the `file` they end in, table and figure."""
+
+    cases: Callable[[], dict[str, Callable]]
+    file: str
+    table: Callable
+    figure: Callable
+
+
+SUITES = {
+    "speed": Suite(lambda: CASES, "bench", report.table, report.figure),
+    "fringes": Suite(case_fringes.cases, "fringes", report_fringes.table, report_fringes.figure),
 }

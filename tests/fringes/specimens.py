@@ -10,18 +10,20 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from isochrome.errors import PhysicsError
 from isochrome.frames import Linear, estimate_noise, normalise, to_linear
+from isochrome.fringes.ends import fit_ends
 from isochrome.optics import expose
 from isochrome.reference import hole_stress
-from isochrome.scene import Camera, Load, Scene, Specimen, load_scene
+from isochrome.scene import Camera, Load, Polariscope, Scene, Specimen, load_scene
 from isochrome.simulate import Picture, make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import StressComponents, pixel_grid, principal_direction
 
 ROWS, COLS = 494, 659
 FRINGE_VALUE = 14.6
+SODIUM = Polariscope(wavelength_nm=587.0)
 DISC_MM, BEAM_MM = 10.0, 10.0
 AVERAGED = 16
 """No-load frames are the mean of this many exposures, as a laboratory takes them."""
@@ -79,7 +81,10 @@ class Shot:
 
 @dataclass(frozen=True)
 class Light:
-    """A shot made ready to be read: linear `light` and its `sigma`, ends, `wave`, `valid`."""
+    """A shot made ready to be read: linear `light` and its `sigma`, ends, `wave`, `valid`.
+
+    `settled`, whether the ends that no no-load frame gave were found.
+    """
 
     light: np.ndarray
     sigma: np.ndarray
@@ -88,6 +93,7 @@ class Light:
     wave: np.ndarray
     wave_sigma: np.ndarray
     valid: np.ndarray
+    settled: bool
 
 
 @lru_cache(maxsize=32)
@@ -102,18 +108,18 @@ def view(name: str) -> View:
 
 
 def contact_view(name: str, values: dict[str, Any]) -> View:
-    """The paper's contact with some of its scene's values changed; its last state."""
+    """The paper's contact with some of its scene's values changed; its last state.
+
+    Without a friction coefficient it does not slide, without distances it is not worn.
+    """
     scene = load_scene("line-contact-wear")
-    plain = {
-        "friction.coefficient": 0.0,
-        "friction.static_state_first": False,
-        "wear.distances_m": (0.0,),
+    scene = scene.with_values({"friction.static_state_first": False})
+    absent = {
+        part: None
+        for part, key in (("friction", "friction.coefficient"), ("wear", "wear.distances_m"))
+        if key not in values
     }
-    scene = scene.with_values(plain)
-    if scene.load is not None and "load.bulk_mpa" in values:
-        load = scene.load.model_copy(update={"bulk_mpa": values["load.bulk_mpa"]})
-        scene = scene.model_copy(update={"load": load})
-    scene = scene.with_values(values)
+    scene = scene.model_copy(update=absent).with_values(values)
     pixels = pixel_grid(scene)
     difference = state_difference(scene, scene_states(scene)[-1], pixels)
     return View(name, scene, make_picture(scene, difference, pixels))
@@ -141,7 +147,7 @@ def _beam_view(name: str, order: float) -> View:
 
 
 def _of_scene(name: str, specimen: Specimen, load: Load, pixel: float, *, top: float) -> View:
-    scene = Scene(specimen=specimen, load=load, camera=_geometry(pixel, top))
+    scene = Scene(specimen=specimen, load=load, camera=_geometry(pixel, top), polariscope=SODIUM)
     pixels = pixel_grid(scene)
     difference = state_difference(scene, scene_states(scene)[-1], pixels)
     return View(name, scene, make_picture(scene, difference, pixels))
@@ -151,7 +157,11 @@ def _hole_view(name: str) -> View:
     """A plate under tension of order 1.5 far away, three times that at the hole's rim."""
     pixel, radius, thickness, far = 0.02, 1.2, 6.0, 1.5
     specimen = Specimen(shape="other", thickness_mm=thickness, fringe_value_n_per_mm=FRINGE_VALUE)
-    scene = Scene(specimen=specimen, camera=_geometry(pixel, -0.5 * ROWS * pixel))
+    scene = Scene(
+        specimen=specimen,
+        camera=_geometry(pixel, -0.5 * ROWS * pixel),
+        polariscope=SODIUM,
+    )
     pixels = pixel_grid(scene)
     stress = hole_stress(
         pixels.x_mm[None, :],
@@ -169,21 +179,17 @@ def _geometry(pixel: float, top: float) -> Camera:
     )
 
 
-def shoot(
-    seen: View,
+def camera(
     *,
     noise: float = 3.0,
     gamma: float = 1.0,
     blur: float = 0.0,
-    saturated: float = 0.0,
     brightness: float = 0.85,
     background: float = 0.05,
     vignette: float = 0.3,
-    seed: int = 0,
-) -> Shot:
-    """An 8-bit frame of a view, and its no-load frames; `saturated`, share of its pixels."""
-    signal = np.where(seen.material, picture_signal(seen.scene, seen.picture), 0.0)
-    camera = Camera(
+) -> Camera:
+    """A camera of 8 bits: noise in grey levels, blur in pixels."""
+    return Camera(
         bit_depth=8,
         brightness=brightness,
         background=background,
@@ -192,56 +198,103 @@ def shoot(
         blur_px=blur,
         noise_grey=noise,
     )
+
+
+def shoot(
+    seen: View,
+    *,
+    noise: float = 3.0,
+    gamma: float = 1.0,
+    blur: float = 0.0,
+    glare: float = 0.0,
+    saturated: float = 0.0,
+    brightness: float = 0.85,
+    background: float = 0.05,
+    vignette: float = 0.3,
+    seed: int = 0,
+) -> Shot:
+    """An 8-bit frame of a view, and its no-load frames.
+
+    `glare`, share of the picture under round reflections of lamps, which saturate in all frames;
+    `saturated`, share of the specimen's pixels that are overexposed, in the bright frame far more.
+    """
+    signal = np.where(seen.material, picture_signal(seen.scene, seen.picture), 0.0)
+    lamps = 4.0 * _lamps(signal.shape, glare, np.random.default_rng([seed, 8]))
+    taken = camera(
+        noise=noise,
+        gamma=gamma,
+        blur=blur,
+        brightness=brightness,
+        background=background,
+        vignette=vignette,
+    )
     if saturated > 0.0:
-        ideal = camera.model_copy(update={"bit_depth": None, "noise_grey": 0.0, "gamma": 1.0})
+        ideal = taken.model_copy(update={"bit_depth": None, "noise_grey": 0.0, "gamma": 1.0})
         light = (expose(signal, ideal) - background) / brightness
         level = float(np.quantile(light[seen.material], 1.0 - saturated))
-        camera = camera.model_copy(update={"brightness": (1.0 - background) / level})
-    averaged = camera.model_copy(update={"noise_grey": noise / np.sqrt(AVERAGED)})
+        taken = taken.model_copy(update={"brightness": (1.0 - background) / level})
+    averaged = taken.model_copy(update={"noise_grey": noise / np.sqrt(AVERAGED)})
     rng = np.random.default_rng([seed, 7])
     return Shot(
         seen,
-        expose(signal, camera, rng=rng),
-        expose(0.0 * signal, averaged, rng=rng),
-        expose(0.0 * signal + 1.0, averaged, rng=rng),
-        camera,
+        expose(signal + lamps, taken, rng=rng),
+        expose(0.0 * signal + lamps, averaged, rng=rng),
+        expose(0.0 * signal + 1.0 + lamps, averaged, rng=rng),
+        taken,
     )
 
 
-def light_of(shot: Shot, *, no_load: bool = True, gamma: float | None = None) -> Light:
-    """The shot as a reading is given it: normalised with its no-load frames, or without any.
+def _lamps(shape: tuple[int, int], share: float, rng: np.random.Generator) -> np.ndarray:
+    """Half a dozen round spots (rows, cols), 1 in them, which cover a share of the picture."""
+    rows, cols = np.ogrid[: shape[0], : shape[1]]
+    spots = np.zeros(shape)
+    while spots.mean() < share:
+        place = rng.uniform(0.0, 1.0, 2) * shape
+        radius = np.sqrt(share * spots.size / (6.0 * np.pi))
+        spots[np.hypot(rows - place[0], cols - place[1]) < radius] = 1.0
+    return spots
 
-    `gamma`, that the user says the camera has (None: the true one).
+
+def light_of(shot: Shot, *, ends: str = "both", gamma: float | None = None) -> Light:
+    """The shot as a reading is given it, normalised with its no-load frames.
+
+    Parameters: `ends`, which no-load frames there are: 'both', 'dark', or 'none'; what is missing
+    is found from the fringes. `gamma`, that the user says the camera has (None: the true one).
     """
     said = shot.camera.gamma if gamma is None else gamma
     linear, dark, bright = (
         to_linear(image, bit_depth=8, gamma=said, allow_blank=True)
         for image in (shot.frame, shot.dark, shot.bright)
     )
-    inside = Linear(linear.image, linear.valid & shot.view.material)
-    done = normalise(inside, *((dark, bright) if no_load else ()))
-    noise = estimate_noise(shot.frame, inside.valid, bit_depth=8)
+    valid = linear.valid & shot.view.material
+    noise = estimate_noise(shot.frame, valid, bit_depth=8)
     # at a smoothed level, so that a pixel's weight does not follow its own noise
-    level = (dark.image + done.contrast * 0.5) ** (1.0 / said) * 255.0
+    level = gaussian_filter(shot.frame.astype(float), 1.5)
     sigma = noise.linear_sigma(level, bit_depth=8, gamma=said)
-    contrast = np.where(done.valid, done.contrast, 1.0)
-    return Light(
-        np.where(done.valid, linear.image, 0.0),
-        sigma,
-        done.background,
-        done.contrast,
-        np.where(done.valid, 1.0 - 2.0 * done.signal, 0.0),
-        2.0 * sigma / contrast,
-        done.valid,
-    )
+    if ends == "both":
+        done = normalise(Linear(linear.image, valid), dark, bright)
+        low, contrast, valid, settled = done.background, done.contrast, done.valid, True
+    else:
+        given = dark.image if ends == "dark" else None
+        found = fit_ends(linear.image, sigma, valid, dark=given)
+        low, contrast, settled = found.dark, found.bright - found.dark, found.settled
+        valid = valid & (contrast > 0.0)
+    scale = np.where(valid, contrast, 1.0)
+    light = np.where(valid, linear.image, 0.0)
+    wave = np.where(valid, 1.0 - 2.0 * (light - low) / scale, 0.0)
+    return Light(light, sigma, low, contrast, wave, 2.0 * sigma / scale, valid, settled)
 
 
-def known_point(seen: View) -> tuple[int, int, float]:
-    """A point whose order a user could give: deep in the specimen, half-way between two crests."""
+def known_point(seen: View, within: np.ndarray | None = None) -> tuple[int, int, float]:
+    """A point whose order a user could give: deep in the specimen, half-way between two crests.
+
+    `within`, True where it may lie, such as where a shot is trusted.
+    """
+    inside = seen.material if within is None else seen.material & within
     order = np.where(seen.material, seen.order, 0.0)
     between = np.abs(np.mod(2.0 * order, 1.0) - 0.5) < 0.1
-    steep = np.hypot(*np.gradient(order)) > 0.05
-    deep = distance_transform_edt(np.pad(seen.material & ~steep, 1))[1:-1, 1:-1]
+    steep = np.hypot(*np.gradient(order)) > 0.1
+    deep = distance_transform_edt(np.pad(inside & ~steep, 1))[1:-1, 1:-1]
     row, col = np.unravel_index(int(np.where(between, deep, 0.0).argmax()), order.shape)
     return int(row), int(col), float(order[row, col])
 
