@@ -464,7 +464,7 @@ def test_small_parts_are_left_open():
     turns = np.abs(field) - 2.0
     twice = np.where(np.abs(field) > 0, field / np.maximum(np.abs(field), 1e-12), 1.0)
     still = np.full(inside.shape, 1e-3)
-    direction = Direction(twice, still, still, np.ones(inside.shape))
+    direction = Direction(twice, still, still, np.ones(inside.shape), still)
     numbers, parts, _ = settle(turns, direction, inside)
     assert np.isnan(numbers[2:8, 2:8]).all() and len(parts) == 1
     assert (numbers[inside & np.isfinite(numbers)] == 2.0).all()

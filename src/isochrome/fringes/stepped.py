@@ -43,6 +43,8 @@ _LARGEST_MISFIT = 0.1
 _LARGEST_TURN = np.radians(2.0)
 _COHERENT = 0.7
 _LEAST_ORDER = 4.0
+_LOST = 0.15
+"""Scatter of θ (rad) at which a break of 90 degrees in θ, 45 either way, is five of it."""
 _WINDOW_PX = 1.2
 _SMOOTH = 0.15
 
@@ -111,7 +113,15 @@ def read_steps(
         misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     turns, known = _continuous(terms, direction, seen)
+    # nearer to a whole order than to be told from zero, a sign that breaks may do no harm
+    known &= ~_broken(turns - np.rint(turns), turns, direction)
     numbers, parts, warnings = settle(turns, direction, known, known_order=known_order, model=model)
+    harmful = known & _broken(np.nan_to_num(turns + numbers), turns, direction)
+    if harmful.any():
+        known &= ~harmful
+        numbers, parts, warnings = settle(
+            turns, direction, known, known_order=known_order, model=model
+        )
     known &= np.isfinite(numbers)
     field = np.where(known, (turns + numbers) * direction.twice, np.nan)
     field, uncertainty = _smoothed(field, uncertainty, known)
@@ -120,17 +130,25 @@ def read_steps(
 
 
 def _continuous(terms: StepTerms, direction: Direction, seen: Mask) -> tuple[Array, Mask]:
-    """φ/2π unwrapped, and where it is known: no jumps, no broken direction, not too steep."""
-    from scipy.ndimage import binary_dilation
-
+    """φ/2π unwrapped along the direction, and where both are seen."""
     phase = np.arctan2((terms.sine * np.conj(direction.twice)).real, terms.cosine)
     turns = unwrap(phase, seen) / (2.0 * np.pi)
     # where the direction turns within its window the sign of sin δ is open; no harm near N = 0
     open_sign = np.abs(terms.sine) > 2.0 * np.pi * _LARGEST_UNCERTAINTY * np.abs(terms.cosine)
-    seen = seen & ~(open_sign & (direction.coherence < _COHERENT))
-    broken = np.zeros(seen.shape, dtype=bool)
-    # a broken sign does no harm where nothing is loaded, and no direction is seen
-    off = (np.abs(turns - np.rint(turns)) > SURE) | (direction.uncertainty < _LARGEST_TURN)
+    return turns, seen & np.isfinite(turns) & ~(open_sign & (direction.coherence < _COHERENT))
+
+
+def _broken(order: Array, turns: Array, direction: Direction) -> Mask:
+    """Where fringes are too steep, or the sign of the direction breaks between neighbours.
+
+    A broken sign does harm where the signed order is not zero, or a direction is seen; one that is
+    lost over a wide window, in noise or in elements a little off, may have broken unseen.
+    """
+    from scipy.ndimage import binary_dilation
+
+    loaded = np.abs(order) > SURE
+    off = loaded | (direction.uncertainty < _LARGEST_TURN)
+    broken = np.zeros(turns.shape, dtype=bool)
     for axis in (0, 1):
         steep = np.abs(np.diff(turns, axis=axis)) > STEEPEST
         twice = direction.twice if axis == 0 else direction.twice.T
@@ -140,7 +158,7 @@ def _continuous(terms: StepTerms, direction: Direction, seen: Mask) -> tuple[Arr
         for side in (slice(1, None), slice(None, -1)):
             ends[axis] = side
             broken[tuple(ends)] |= steep
-    return turns, seen & np.isfinite(turns) & ~binary_dilation(broken)
+    return np.asarray(binary_dilation(broken) | (loaded & (direction.bridge > _LOST)))
 
 
 def _smoothed(field: Array, uncertainty: Array, known: Mask) -> tuple[Array, Array]:
