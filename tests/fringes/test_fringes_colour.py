@@ -278,6 +278,20 @@ def test_a_wrong_gamma_shows_and_nothing_is_read():
     assert reading.chi > 1.5 and not np.isfinite(reading.order).any()
 
 
+def test_light_too_uneven_to_be_found_needs_the_no_load_frames():
+    """A lamp off the middle whose corners have a fifth of its light: no quadratic surface."""
+    shot = rendered("contact", mu=0.3)
+    y, x = (np.linspace(-1.0, 1.0, n) for n in HALF)
+    lamp = np.exp(-((x[None, :] - 0.4) ** 2 + (y[:, None] + 0.3) ** 2) / 1.9)[..., None]
+    images = [np.rint(a * lamp) for a in (shot.frame, shot.dark, shot.bright)]
+    uneven = Shot(*images, shot.order, shot.table, shot.noise, 1.0)
+    meets_the_bar(uneven.read(), shot.order, kept=0.95)
+    blind = uneven.read("none")
+    error = errors(blind, shot.order)
+    assert np.count_nonzero(np.abs(error) > 0.5) <= 1e-3 * max(error.size, 1)
+    assert error.size == 0 or np.sqrt(np.mean(error**2)) <= 0.02
+
+
 def test_an_unloaded_specimen_is_zero_and_blindly_nothing():
     shot = rendered("contact")
     idle = Shot(shot.dark, shot.dark, shot.bright, 0.0 * shot.order, shot.table, 3.0, 1.0)
