@@ -1,0 +1,327 @@
+"""One frame read without a model: against rendered specimens whose fringe order is known."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from specimens import (
+    NAMES,
+    Light,
+    View,
+    known_point,
+    light_of,
+    random_scene,
+    shoot,
+    view,
+)
+
+from isochrome.errors import InputError
+from isochrome.fringes.branch import SURE
+from isochrome.fringes.free import FreeReading, read_free
+
+RMS, MEDIAN, KEPT = 0.01, 0.002, 0.90
+"""What a reading with no-load frames promises: fringes, fringes, share of the specimen."""
+BLIND_RMS, BLIND_WRONG, BLIND_KEPT = 0.05, 0.005, 0.70
+WRONG = 0.5
+SCENES = 20
+
+CUT = np.s_[100:260, 200:420]
+"""A part of the contact's frame, where a test needs no whole one."""
+
+
+@lru_cache(maxsize=128)
+def reading(name: str, ends: str = "both", **shot: float) -> tuple[View, Light, FreeReading]:
+    """A specimen, or the random scene of a number, as its frame and one known point tell it."""
+    seen, own = random_scene(int(name)) if name.isdigit() else (view(name), {})
+    light = light_of(shoot(seen, **own, **shot), ends=ends)
+    known = [known_point(seen, light.valid)]
+    return seen, light, read_free(light.wave, light.wave_sigma, light.valid, known)
+
+
+def errors(seen: View, got: FreeReading) -> np.ndarray:
+    """|error| of what was kept of the specimen, fringes."""
+    error = np.abs(got.reading.order - seen.order)[seen.material]
+    return error[np.isfinite(error)]
+
+
+def rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def holds_the_promises(seen: View, got: FreeReading, *, kept: float) -> None:
+    error = errors(seen, got)
+    assert error.size >= kept * np.count_nonzero(seen.material)
+    assert np.count_nonzero(error > WRONG) == 0
+    assert rms(error) <= RMS
+    assert np.median(error) <= MEDIAN
+
+
+QUICK = ("contact, mu 0.3", "hole")
+"""Specimens that every run reads; the others are for the long one."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in QUICK else [pytest.mark.long])
+        for name in (*NAMES, "disc 6", "beam 10")
+    ],
+)
+def test_with_no_load_frames_the_order_is_right_and_nearly_all_is_kept(name):
+    seen, _, got = reading(name)
+    assert got.anchored > 0.95 and not got.misses
+    holds_the_promises(seen, got, kept=KEPT)
+
+
+BULK = "worn contact, mu 0.3, bulk"
+MIRRORED = pytest.mark.xfail(
+    strict=True,
+    reason="rows 2-91, columns 2-238: orders 1.10 to 2.12 mirrored about 1, 7503 pixels off by "
+    "over 0.5, called sure; three other seeds of the noise have none",
+)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[MIRRORED] if n == BULK else []) for n in NAMES]
+)
+def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name):
+    seen, _, got = reading(name, noise=10.0)
+    error = errors(seen, got)
+    assert np.count_nonzero(error > WRONG) == 0
+    assert rms(error) <= RMS
+    # the median error is the noise pooled over the same patch: 10/3 of that at noise 3, where it
+    # may be MEDIAN
+    assert np.median(error) <= MEDIAN * 10.0 / 3.0
+    assert error.size > 0.5 * np.count_nonzero(seen.material)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["contact", "worn contact, mu 0.3", "disc", "beam", "hole"])
+@pytest.mark.parametrize(
+    ("ends", "shot"),
+    [
+        ("both", {"glare": 0.09}),
+        ("dark", {"saturated": 0.09}),
+        ("none", {"saturated": 0.09}),
+        ("both", {"blur": 2.0}),
+        ("both", {"gamma": 2.2}),
+    ],
+    ids=["glare", "overexposed, dark no-load", "overexposed, blind", "blur", "gamma"],
+)
+def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, shot):
+    seen, light, got = reading(name, ends, **shot)
+    error = errors(seen, got)
+    if not light.settled or not error.size:
+        return  # nothing is promised, and nothing may be shown: see the test of unsettled ends
+    worst = RMS if ends == "both" else BLIND_RMS
+    assert rms(error) <= worst
+    assert np.mean(error > WRONG) <= (0.0 if ends == "both" else BLIND_WRONG)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", NAMES)
+def test_blind_what_is_kept_is_right(name):
+    seen, light, got = reading(name, "none")
+    assert light.settled
+    error = errors(seen, got)
+    assert error.size >= BLIND_KEPT * np.count_nonzero(seen.material)
+    assert rms(error) <= BLIND_RMS
+    assert np.mean(error > WRONG) <= BLIND_WRONG
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ends", ["both", "none"])
+def test_nineteen_of_twenty_random_scenes_have_no_failure_that_is_not_masked(ends):
+    worst = {"both": (RMS, 0.0), "none": (BLIND_RMS, BLIND_WRONG)}[ends]
+    failed, read = [], 0
+    for seed in range(SCENES):
+        seen, light, got = reading(str(seed), ends, seed=seed)
+        error = errors(seen, got)
+        if not light.settled or not error.size:
+            continue
+        read += error.size >= BLIND_KEPT * np.count_nonzero(seen.material)
+        if rms(error) > worst[0] or np.mean(error > WRONG) > worst[1]:
+            failed.append(seed)
+    assert len(failed) <= 1, failed
+    # masking everything would pass the line above
+    assert read >= (SCENES if ends == "both" else 0.8 * SCENES)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ends", ["both", "none"])
+def test_of_the_pixels_said_to_be_sure_at_least_as_many_are_right(ends):
+    """Pooled over specimens, noises and random scenes; a whole specimen may not be sure and off."""
+    pools = []
+    for name in NAMES:
+        pools += [reading(name, ends, noise=noise) for noise in (3.0, 10.0)]
+    pools += [reading(str(seed), ends, seed=seed) for seed in range(SCENES)]
+    said, right = [], []
+    for seen, light, got in pools:
+        if light.settled:
+            kept = np.isfinite(got.reading.order) & seen.material
+            said.append(got.reading.confidence[kept])
+            right.append(np.abs(got.reading.order - seen.order)[kept] <= SURE)
+    shares = [float(r[c >= 0.95].mean()) for c, r in zip(said, right, strict=True)]
+    said, right = np.concatenate(said), np.concatenate(right)
+    assert np.mean(said >= 0.95) > 0.8  # and few pixels are called sure would pass as well
+    assert right[said >= 0.95].mean() >= 0.95
+    assert min(shares) >= 0.90
+    # the less sure ones: right at least as often as is said, on average
+    less = said < 0.95
+    assert right[less].mean() >= said[less].mean()
+
+
+def test_errors_are_as_large_as_their_uncertainties_say():
+    seen, _, got = reading("contact, mu 0.3")
+    ratio = (got.reading.order - seen.order) / got.reading.uncertainty
+    spread = np.nanmedian(np.abs(ratio)) / 0.6745  # a normal deviate's median is 0.6745
+    assert 0.5 < spread < 1.2  # on the safe side by 2 at most
+
+
+def test_orders_beyond_ten_are_read_where_the_pixels_allow():
+    seen, _, got = reading("beam 12")
+    high = seen.material & (seen.order > 10.5)
+    error = np.abs(got.reading.order - seen.order)[high]
+    assert np.isfinite(error).mean() > 0.9
+    assert np.nanmax(error) < SURE
+
+
+def test_beside_isotropic_points_the_order_is_right_or_masked():
+    """Where a bulk pressure makes up for the contact's stress; N is a cone there."""
+    seen, _, got = reading("contact, bulk")
+    deep = seen.material & (np.arange(seen.order.shape[0]) > 60)[:, None]
+    low = deep & (seen.order < 0.1)
+    assert np.count_nonzero(low) > 200  # a cone's tip is in view, below the contact's edges
+    error = np.abs(got.reading.order - seen.order)[low]
+    assert np.isfinite(error).any()
+    assert np.nanmax(error) < SURE
+
+
+def test_without_a_known_point_nothing_is_known():
+    _, light, _ = reading("contact, mu 0.3")
+    got = read_free(light.wave[CUT], light.wave_sigma[CUT], light.valid[CUT], [])
+    assert not np.isfinite(got.reading.order).any()
+    assert got.reading.kept == 0.0 and got.anchored == 0.0
+    assert not got.reading.confidence.any()
+
+
+def part(row: int, col: int) -> tuple[tuple[np.ndarray, ...], np.ndarray, tuple]:
+    """The cut of the contact's frame, its true order, and a known point in it."""
+    seen, light, _ = reading("contact, mu 0.3")
+    order = seen.order[CUT]
+    frame = (light.wave[CUT].copy(), light.wave_sigma[CUT], light.valid[CUT].copy())
+    return frame, order, (row, col, float(order[row, col]))
+
+
+def test_any_true_point_gives_the_same_orders():
+    frame, _, first = part(80, 30)
+    _, _, second = part(120, 180)
+    one, two, both = (
+        read_free(*frame, known).reading.order for known in ([first], [second], [first, second])
+    )
+    assert np.isfinite(one).mean() > KEPT
+    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(one, both)
+
+
+def test_a_roughly_counted_point_does_as_well_and_moves_nothing():
+    frame, _, (row, col, order) = part(80, 30)
+    exact = read_free(*frame, [(row, col, order)])
+    rough = read_free(*frame, [(row, col, order + 0.08)])
+    np.testing.assert_array_equal(exact.reading.order, rough.reading.order)
+
+
+def test_two_known_points_that_contradict_each_other_are_told():
+    frame, _, (row, col, order) = part(80, 30)
+    wrong = (row, col, order + 0.4)  # on no branch of the light there
+    got = read_free(*frame, [wrong])
+    assert got.misses == (wrong,)
+    assert not np.isfinite(got.reading.order).any()
+    other = part(120, 180)[2]
+    shifted = (other[0], other[1], other[2] + 1.0)
+    got = read_free(*frame, [(row, col, order), shifted])
+    assert got.misses
+    assert not np.isfinite(got.reading.order).any()
+
+
+def test_of_two_separate_parts_only_the_one_with_a_known_point_is_known():
+    (wave, sigma, valid), order, left = part(80, 30)
+    valid[:, 100:112] = False
+    got = read_free(wave, sigma, valid, [left])
+    known = np.isfinite(got.reading.order)
+    assert known[:, :100].mean() > KEPT and not known[:, 100:].any()
+    assert 0.3 < got.anchored < 0.6  # patches, of which 100 of 208 columns are the left's
+    right = part(120, 180)[2]
+    both = read_free(wave, sigma, valid, [left, right]).reading.order
+    assert np.isfinite(both[:, 112:]).mean() > KEPT
+    assert np.nanmax(np.abs(both - order)) < SURE
+
+
+def test_pixels_that_hold_no_number_are_masked_and_harm_none_beside_them():
+    (wave, sigma, valid), order, point = part(80, 30)
+    whole_frame = read_free(wave, sigma, valid, [point]).reading.order
+    valid[30:34, 40:45] = False
+    wave[30:34, 40:45] = np.nan
+    got = read_free(wave, sigma, valid, [point]).reading.order
+    assert not np.isfinite(got[30:34, 40:45]).any()
+    assert np.nanmax(np.abs(got - order)) < SURE
+    far = np.s_[60:, 80:]
+    np.testing.assert_allclose(got[far], whole_frame[far], atol=1e-3)  # well within the noise
+
+
+@pytest.mark.parametrize(
+    ("level", "known"),
+    # at 0 the order would be 1/4 from the next whole or half one: any point lies on a branch
+    [(1.0, []), (0.0, []), (1.3, []), (1.0, [(50, 50, 0.4)]), (1.3, [(50, 50, 0.4)])],
+    ids=["dark", "middling", "beyond the ends", "dark, a point", "beyond the ends, a point"],
+)
+def test_a_constant_frame_tells_nothing(level, known):
+    rng = np.random.default_rng(3)
+    sigma = np.full((160, 220), 0.03)
+    noise = sigma * rng.normal(size=sigma.shape)
+    for wave in (np.full_like(sigma, level), level + noise):
+        got = read_free(wave, sigma, np.ones(sigma.shape, bool), known)
+        assert not np.isfinite(got.reading.order).any()
+        assert got.misses == tuple(known)
+
+
+def test_noise_alone_tells_nothing():
+    wave = np.random.default_rng(4).normal(size=(160, 220))
+    got = read_free(wave, np.full(wave.shape, 0.03), np.ones(wave.shape, bool), [(50, 50, 0.25)])
+    assert not np.isfinite(got.reading.order).any()
+
+
+def test_a_frame_of_which_nothing_is_trusted_is_all_masked():
+    (wave, sigma, valid), _, point = part(80, 30)
+    got = read_free(wave, sigma, np.zeros_like(valid), [point])
+    assert not np.isfinite(got.reading.order).any() and got.misses == (point,)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 40), (40, 12)])
+def test_a_frame_smaller_than_a_patch_is_refused_with_its_size(shape):
+    wave = np.zeros(shape)
+    with pytest.raises(InputError, match=f"{shape[0]} x {shape[1]}"):
+        read_free(wave, wave + 0.03, np.ones(shape, bool), [(0, 0, 0.25)])
+
+
+@pytest.mark.parametrize("shape", [(13, 13), (20, 14), (60, 60)])
+def test_a_small_frame_is_read_or_masked(shape):
+    """Goes wrong: a binned frame that is smaller than a patch."""
+    rows, cols = np.indices(shape)
+    order = 0.2 + 0.02 * cols + 0.01 * rows
+    sigma = np.full(shape, 0.03)
+    wave = np.cos(2.0 * np.pi * order) + sigma * np.random.default_rng(5).normal(size=shape)
+    got = read_free(wave, sigma, np.ones(shape, bool), [(0, 0, 0.2)]).reading.order
+    assert got.shape == shape
+    assert not (np.abs(got - order) > SURE).any()
+
+
+@pytest.mark.xfail(strict=True, reason="the patch nearest to the point is taken, however far")
+def test_a_known_point_outside_the_frame_is_a_miss():
+    frame, _, (_, _, order) = part(80, 30)
+    got = read_free(*frame, [(900, 900, order)])
+    assert got.misses == ((900, 900, order),)
+    assert not np.isfinite(got.reading.order).any()
