@@ -109,8 +109,9 @@ def find_direction(
     twice = np.exp(0.5j * angle)
     twice = np.where((twice * np.conj(coarse)).real < 0.0, -twice, twice)
     scatter = 0.25 * np.sqrt(noise / np.maximum(information * area, 1e-30))
-    # elements a little off do not average out
-    doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(_OFF * terms.amplitude)
+    # elements a little off do not average out, nor does what was taken out along the direction
+    off = max(_OFF, design.leak) * terms.amplitude
+    doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(off)
     bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, _WIDE_PX), 1e-30))
     coherence = np.minimum(np.abs(narrow) / np.maximum(information, 1e-30), 1.0)
     return Direction(

@@ -77,9 +77,14 @@ class StepDesign:
         return [j for j in range(7) if j not in self.solved]
 
     @property
+    def leak(self) -> float:
+        """The largest share of what is not solved for in what is, the background apart."""
+        return float(np.abs(self.inverse[1:] @ self.matrix[:, self.left]).max(initial=0.0))
+
+    @property
     def leaks(self) -> bool:
         """Whether what is not solved for changes what is, the background apart."""
-        return bool(np.abs(self.inverse[1:] @ self.matrix[:, self.left]).max(initial=0.0) > 1e-9)
+        return self.leak > 1e-9
 
     def variance(self, first: int, second: int | None = None) -> float:
         """Covariance of two solved unknowns (or one's variance) for unit noise."""
