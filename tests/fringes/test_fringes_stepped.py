@@ -310,6 +310,17 @@ def test_six_circular_steps_are_enough():
     assert kept > 0.95
 
 
+def test_six_steps_with_real_plates_leave_out_what_they_cannot_tell():
+    """Wide half orders: what the plates leak of 4θ there is more than sin δ exp 2iθ itself."""
+    values = {"polariscope.plate_wavelength_nm": 557.0, "load.bulk_mpa": 12.0}
+    scene = contact(steps=CIRCULAR, **values).with_values(
+        {"load.normal_n": 19.3, "camera.left_mm": -1.1}
+    )
+    order, turn, kept = errors(read(scene), scene)
+    assert np.abs(order).max() < 0.25 and np.abs(turn).max() < 45.0
+    assert kept > 0.85
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("scene", [disc(), contact(0.3)], ids=["disc", "contact"])
 def test_noise_of_ten_grey_levels_is_told_and_breaks_no_branch(scene):
