@@ -319,7 +319,6 @@ def test_a_small_frame_is_read_or_masked(shape):
     assert not (np.abs(got - order) > SURE).any()
 
 
-@pytest.mark.xfail(strict=True, reason="the patch nearest to the point is taken, however far")
 def test_a_known_point_outside_the_frame_is_a_miss():
     frame, _, (_, _, order) = part(80, 30)
     got = read_free(*frame, [(900, 900, order)])

@@ -119,8 +119,10 @@ def _nearest(patches: Patches, point: KnownPoint) -> tuple[int, int]:
 
 
 def _part_at(patches: Patches, labels: Labels, point: KnownPoint) -> int:
-    """The part of the patch nearest to a point, -1 where that patch is no good."""
-    return int(labels.part[_nearest(patches, point)])
+    """The part of the patch about a point, -1 where there is none, or it is no good."""
+    i, j = _nearest(patches, point)
+    far = max(abs(point[0] - patches.rows[i]), abs(point[1] - patches.cols[j])) > HALF
+    return -1 if far else int(labels.part[i, j])
 
 
 def _anchor(

@@ -53,7 +53,11 @@ def process_image_only(
     shows (an unloaded specimen) is kept as it is, and says so.
     """
     linear = to_linear(
-        frame.image, bit_depth=capture.bit_depth, gamma=scene.frames.gamma, name=frame.name
+        frame.image,
+        bit_depth=capture.bit_depth,
+        gamma=scene.frames.gamma,
+        name=frame.name,
+        mask=frame.mask,
     )
     if inside is not None:
         linear = replace(linear, valid=linear.valid & inside)

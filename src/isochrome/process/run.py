@@ -253,7 +253,7 @@ def _to_folder(
 
 def _files(scene: Scene, inputs: str | Path) -> list[Path]:
     """The captured files and the no-load frames, for their hashes."""
-    named = (scene.frames.no_load_dark, scene.frames.no_load_bright)
+    named = (scene.frames.no_load_dark, scene.frames.no_load_bright, scene.frames.mask)
     return [Path(inputs)] + [scene.path(name) for name in named if name is not None]
 
 

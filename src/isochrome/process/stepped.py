@@ -82,7 +82,12 @@ def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[A
     images, valid, variance = [], [], []
     for frame in frames:
         linear = to_linear(
-            frame.image, bit_depth=bit_depth, gamma=gamma, name=frame.name, allow_blank=True
+            frame.image,
+            bit_depth=bit_depth,
+            gamma=gamma,
+            name=frame.name,
+            allow_blank=True,
+            mask=frame.mask,
         )
         noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         sigma = noise.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)

@@ -46,6 +46,10 @@ def process_with_model(frame: Frame, scene: Scene, capture: Capture) -> Processe
     noise = float(np.nanmedian((data.sigma / gain)[seen.mask])) if fit.positive else float("nan")
     lost = not fit.positive or fit.chi * noise > LOST
     reading = _read(data, seen, lost)
+    if frame.mask is not None:
+        own = seen.picture.material & frame.mask
+        kept = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
+        reading = replace(reading, kept=kept)
     warnings = (*notes, *_warnings(fit, reading, lost))
     if lost:
         # the place that the lost fit ended at says nothing: the specimen is where it began
