@@ -29,7 +29,7 @@ def table(rows: list[Row]) -> str:
         words = [f"{text:<{w}}" for text, w in zip(row[:3], widths[:3], strict=True)]
         words += [f"{text:>{w}}" for text, w in zip(row[3:], widths[3:], strict=True)]
         lines.append("  ".join(words).rstrip())
-    return "\n".join([*lines, "", _FOOT, _machine()])
+    return "\n".join([*lines, "", _FOOT, machine()])
 
 
 _FOOT = """\
@@ -42,7 +42,8 @@ worn one, of the field over p0. Frames' are of the order (fringes), the optics' 
 Medians of five after a warm-up, taken in turns (over two seconds: fewer); set-up not included."""
 
 
-def _machine() -> str:
+def machine() -> str:
+    """What the times are those of."""
     return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
 
 

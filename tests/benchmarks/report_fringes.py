@@ -10,7 +10,7 @@ from isochrome.bench import FringeRow
 from isochrome.figures import LINE_COLOURS
 
 from .case_fringes import ALL, ARCSINE, BLIND, COLOUR, FREE, METHODS, MODEL, STEPS
-from .report import _machine
+from .report import machine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,7 +65,7 @@ def table(rows: list[FringeRow]) -> str:
         words = [f"{text:<{w}}" for text, w in zip(row[:2], widths[:2], strict=True)]
         words += [f"{text:>{w}}" for text, w in zip(row[2:], widths[2:], strict=True)]
         lines.append("  ".join(words).rstrip())
-    return "\n".join([*lines, "", _FOOT, _machine()])
+    return "\n".join([*lines, "", _FOOT, machine()])
 
 
 _FOOT = """\
@@ -120,10 +120,15 @@ def figure(rows: list[FringeRow]) -> Figure:
                         label=method if part is together else None,
                     )
         axes.set_yscale("log")
+        for which in ("major", "minor"):
+            axes.tick_params(axis="y", which=which, labelsize=TICK_PT)
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(_first_digits)
         style_axes(axes, x_label=x_label, z_label="RMS error (fringes)", title=title)
         axes.grid(alpha=0.3, lw=0.5, which="both")
         axes.set_axisbelow(True)
     picture.axes[1].set_xscale("log")
+    picture.axes[1].xaxis.set_major_formatter("{x:g}")
     handles, labels = picture.axes[0].get_legend_handles_labels()
     picture.legend(
         handles,
@@ -136,3 +141,8 @@ def figure(rows: list[FringeRow]) -> Figure:
     )
     picture.suptitle("Fringe order by every method: a point a specimen, large ones all of them")
     return picture
+
+
+def _first_digits(value: float, _: object) -> str:
+    """Between powers of ten: 2 and 5 alone, the others would crowd."""
+    return f"{value:g}" if f"{value:e}"[0] in "25" else ""

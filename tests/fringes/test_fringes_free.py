@@ -114,8 +114,9 @@ def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name):
 def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, shot):
     seen, light, got = reading(name, ends, **shot)
     error = errors(seen, got)
-    if not light.settled or not error.size:
-        return  # nothing is promised, and nothing may be shown: see the test of unsettled ends
+    if not light.settled:
+        pytest.skip("the ends of the light were not found, and nothing is to be read")
+    assert error.size
     worst = RMS if ends == "both" else BLIND_RMS
     assert rms(error) <= worst
     assert np.mean(error > WRONG) <= (0.0 if ends == "both" else BLIND_WRONG)
