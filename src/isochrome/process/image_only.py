@@ -23,6 +23,7 @@ NO_ANCHOR = (
     "(a free corner, a counted line) as [[frames.known_order]]"
 )
 
+NOT_SETTLED = "no order was read; give no-load frames, or mask what is not the specimen"
 FLAWS = 0.015
 """What dust, texture and compression add to any frame, over its contrast: a lossy file hides its
 noise, and what no smooth order can follow would be taken for fringes lost."""
@@ -30,11 +31,15 @@ noise, and what no smooth order can follow would be taken for fringes lost."""
 
 @dataclass(frozen=True)
 class _Signal:
-    """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say."""
+    """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
+
+    `settled`, False where background and illumination could not be found.
+    """
 
     signal: Array
     sigma: Array
     valid: NDArray[np.bool_]
+    settled: bool
     notes: tuple[str, ...]
 
 
@@ -102,6 +107,7 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
     sigma = np.maximum(sigma, FLAWS * (high - low))
     dark, bright = capture.dark, capture.bright
     notes: tuple[str, ...] = ()
+    settled = True
     if dark is None or bright is None:
         valid = linear.valid
         for no_load in (dark, bright):
@@ -115,12 +121,13 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
         )
         dark, bright = Linear(ends.dark, valid), Linear(ends.bright, valid)
         notes = ("normalised by its own fringes, without both no-load frames",)
-        if not ends.settled:
-            notes = (f"{notes[0]}, which did not settle: rough; give no-load frames",)
+        settled = ends.settled
+        if not settled:
+            notes = (f"{notes[0]}, which did not settle: {NOT_SETTLED}",)
     field: Literal["dark", "bright"] = "bright" if scene.polariscope.field == "bright" else "dark"
     done = normalise(linear, dark, bright, field=field)
     noise = sigma / np.where(done.valid, done.contrast, 1.0)
-    return _Signal(done.signal, noise, done.valid, notes)
+    return _Signal(done.signal, noise, done.valid, settled, notes)
 
 
 def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, ...]]:
@@ -128,6 +135,8 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, .
     known = [(k.row_px, k.col_px, k.order) for k in scene.frames.known_order]
     if not known:
         return None, (NO_ANCHOR,)
+    if not seen.settled:
+        return None, ()
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
     sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)

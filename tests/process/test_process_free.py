@@ -1,0 +1,88 @@
+"""Frames processed without a model, from a point whose order is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.process import process
+
+SCENE = """\
+[specimen]
+shape = "other"
+
+[polariscope]
+field = "dark"
+
+[camera]
+pixel_mm = 0.00607
+bit_depth = 8
+
+[frames]
+gamma = 1.4
+"""
+SAMPLES = "sample_images/line-contact-wear"
+SEED = "[[frames.known_order]]\nrow_px = 235\ncol_px = 165\norder = 0.6\n"
+
+
+@pytest.fixture(scope="module")
+def captured(tmp_path_factory, request):
+    """Two of the sample frames and the no-load frames, every second pixel, with their truth."""
+    folder = tmp_path_factory.mktemp("captured")
+    samples = request.config.rootpath / SAMPLES
+    for name in ("captured", "no-load-dark", "no-load-bright"):
+        stack = tifffile.imread(samples / f"{name}.tif")
+        part = stack[[1, 3]] if stack.ndim == 3 else stack
+        tifffile.imwrite(folder / f"{name}.tif", np.ascontiguousarray(part[..., ::2, ::2]))
+    truth = tifffile.imread(samples / "true_fringe_order.tif")[[1, 3], ::2, ::2]
+    return folder, truth
+
+
+def processed(folder, text, frames="captured.tif"):
+    scene = folder / "scene.toml"
+    scene.write_text(text, encoding="utf-8")
+    return process(folder / frames, scene)
+
+
+NO_LOAD = 'no_load_dark = "no-load-dark.tif"\nno_load_bright = "no-load-bright.tif"\n'
+
+
+@pytest.mark.parametrize("ends", [NO_LOAD, NO_LOAD.split("\n")[0] + "\n", ""])
+def test_orders_come_from_one_known_point_with_no_load_frames_one_or_none(captured, ends):
+    folder, truth = captured
+    found = processed(folder, SCENE + ends + SEED)
+    for item, true in zip(found.frames, truth, strict=True):
+        assert item.reading is not None and item.fit is None
+        error = np.abs(item.reading.order - true)
+        # pixels twice as wide as the camera's: fringes twice as fine near the contact
+        assert np.nanmax(error) < 0.25 and np.sqrt(np.nanmean(error**2)) < 0.02
+        assert np.isfinite(error).sum() > 0.85 * np.isfinite(true).sum()
+
+
+def test_without_a_known_point_no_order_is_given_and_that_is_said(captured):
+    folder, _ = captured
+    found = processed(folder, SCENE + NO_LOAD)
+    assert all(item.reading is None for item in found.frames)
+    assert "known_order" in found.table["warnings"][0]
+
+
+def test_a_frames_result_does_not_depend_on_the_others_or_their_order(captured):
+    folder, _ = captured
+    stack = tifffile.imread(folder / "captured.tif")
+    tifffile.imwrite(folder / "turned.tif", stack[::-1])
+    text = SCENE + NO_LOAD + SEED
+    there = processed(folder, text).frames
+    back = processed(folder, text, "turned.tif").frames
+    for a, b in zip(there, back[::-1], strict=True):
+        np.testing.assert_array_equal(a.reading.order, b.reading.order)
+
+
+def test_a_known_order_that_fits_no_fringe_is_told_and_nothing_is_read(captured):
+    """The light there says 0.32, 0.68, 1.32, …: 1.0 is none of them, whatever the branch."""
+    folder, truth = captured
+    assert truth[0, 235, 165] == pytest.approx(0.68, abs=0.01)
+    text = SCENE + NO_LOAD + SEED.replace("order = 0.6", "order = 1.0")
+    found = processed(folder, text)
+    assert not np.isfinite(found.frames[0].reading.order).any()
+    assert "fits no fringe" in found.table["warnings"][0]
