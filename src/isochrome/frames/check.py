@@ -61,7 +61,7 @@ def _sorted(found: Iterable[Finding], count: int, shape: tuple[int, int] | None)
 
 def _of_scene(scene: Scene) -> Iterator[Finding]:
     shape = scene.specimen.shape
-    rest = "process still gives the normalised frames and the fringe skeleton"
+    rest = "process still gives normalised frames, fringe lines, and orders from known points"
     if scene.model is None and shape is not None:
         what = "a ring" if shape == "ring" else f"a specimen of shape '{shape}'"
         yield Finding("warning", None, f"{what} has no model yet: no simulation and no fit; {rest}")

@@ -277,7 +277,8 @@ def _result(
     names.sort(key=lambda name: name == "warnings")
     table = {name: [row.get(name) for row in rows] for name in names}
     alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    warnings = [] if scene.model or alone else [no_model_sentence(scene)]
+    told = scene.model or alone or scene.frames.known_order
+    warnings = [] if told else [no_model_sentence(scene)]
     warnings += [f"frame {row['frame']}: {row['warnings']}" for row in rows if row["warnings"]]
     fitted = _fitted(scene, rows, shape) if scene.model and not alone else None
     return Processed(scene, scene.model, table, frames, fitted, tuple(warnings))

@@ -101,10 +101,11 @@ def state_count(scene: Scene) -> int:
 def no_model_sentence(scene: Scene) -> str:
     """Why a scene has no model, and what can be done with its frames all the same."""
     shape = scene.specimen.shape
-    what = f"a {shape} has no model yet" if shape else "the scene has no [indenter] and no shape"
+    what = {None: "the scene has no [indenter] and no shape", "other": "this specimen has no model"}
+    why = what.get(shape, f"a {shape} has no model yet")
     return (
-        f"{scene.name}: {what}, so it cannot be simulated; `isochrome process` still gives "
-        "the normalised frames and the fringe skeleton"
+        f"{scene.name}: {why}, so it cannot be simulated; `isochrome process` still gives the "
+        "normalised frames, the fringe skeleton, and the order from [[frames.known_order]]"
     )
 
 
