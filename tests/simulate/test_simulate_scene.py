@@ -59,7 +59,7 @@ def converged():
     return simulate(PAPER.with_values({"numerics.tolerance": 1e-6}))
 
 
-# --- the issue's row -----------------------------------------------------------
+# --- the paper's case ----------------------------------------------------------
 
 
 def test_static_peak_and_width_are_hertz_to_the_issues_bars(paper):

@@ -38,7 +38,7 @@ A = hertz_half_width(11.0, 24.61, MODULUS)
 P0 = hertz_peak_pressure(11.0, 24.61, MODULUS)
 
 
-# --- the bars: the shipped scene, every pixel of the 4 x 3 mm window ---------------------
+# --- the shipped scene, every pixel of the 4 x 3 mm window --------------------------------------
 
 
 @pytest.fixture(scope="module")
