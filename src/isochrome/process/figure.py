@@ -42,7 +42,8 @@ def process_figure(scene: Scene, items: list[ProcessedFrame]) -> Figure:
     for k, item in enumerate(items):
         place = _place(item)
         ax = axes[k, 0] if read else axes.flat[k]
-        title = item.label if item.reading is None else f"{item.label}: chi = {item.chi:.2f}"
+        judged = item.reading is not None and np.isfinite(item.chi)  # no model, no chi
+        title = f"{item.label}: chi = {item.chi:.2f}" if judged else item.label
         show_image(
             ax, np.clip(item.normalised, -0.05, 1.05), cmap=FRAME_MAP, vmin=0, vmax=1,
             title=title, **place,
