@@ -215,7 +215,7 @@ def test_reversed_friction_wears_the_mirrored_scar():
     )
 
 
-@pytest.mark.parametrize("factor", [100.0, 1e4])
+@pytest.mark.parametrize("factor", [100.0, pytest.param(1e4, marks=pytest.mark.long)])
 def test_a_long_run_tends_to_the_cylinders_own_arc(factor):
     """Depth (c² - x²)/2R with c³ = 3 R K P'/2 and the pressure flat: elasticity has worn away."""
     dose = factor * DOSES[-1]

@@ -20,6 +20,12 @@ from isochrome.scene import Camera, Polariscope, parse_scene
 from isochrome.simulate import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
 
+
+def slow(value):
+    """A case for the slow run alone."""
+    return pytest.param(value, marks=pytest.mark.long)
+
+
 SPECIMENS = {
     "contact": """
 [specimen]
@@ -178,8 +184,8 @@ def test_full_frames_meet_the_bar(kind, mu, no_load):
     assert np.sqrt(np.mean(errors(reading, shot.order) ** 2)) <= 0.006
 
 
-@pytest.mark.parametrize("no_load", ["dark", "bright", "none"])
-@pytest.mark.parametrize("kind", ["contact", "disc", "beam"])
+@pytest.mark.parametrize("no_load", [slow("dark"), slow("bright"), "none"])
+@pytest.mark.parametrize("kind", ["contact", slow("disc"), "beam"])
 def test_without_no_load_frames_the_light_is_found(kind, no_load):
     """Without the bright one, wide black places are left open: they may be no specimen at all."""
     shot = rendered(kind, mu=0.3 if kind == "contact" else 0.0)
@@ -261,7 +267,7 @@ def gaussian_response(peaks, widths):
 
 
 @pytest.mark.parametrize("no_load", ["both", "none"])
-@pytest.mark.parametrize("kind", ["contact", "beam"])
+@pytest.mark.parametrize("kind", ["contact", slow("beam")])
 @pytest.mark.parametrize(
     ("peaks", "widths"), [((620, 560, 440), (35, 33, 30)), ((600, 540, 460), (50, 50, 50))]
 )
