@@ -9,21 +9,11 @@ from pathlib import Path
 
 import pytest
 
-SMALL_SCENE = """\
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
+from scene_texts import PAPER_CONTACT
 
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-
-[load]
-normal_n = 44.0
-
+SMALL_SCENE = (
+    PAPER_CONTACT
+    + """
 [friction]
 coefficient = 0.25
 
@@ -46,6 +36,7 @@ background = 0.05
 noise_grey = 2.0
 seed = 3
 """
+)
 
 
 @dataclass(frozen=True)

@@ -19,22 +19,11 @@ from isochrome.simulate import (
     state_difference,
 )
 from isochrome.stress import pixel_grid
+from scene_texts import PAPER_CONTACT
 
-STATIC = """\
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-
-[load]
-normal_n = 44.0
-
+STATIC = (
+    PAPER_CONTACT
+    + """
 [camera]
 width_px = 160
 height_px = 120
@@ -47,6 +36,7 @@ background = 0.05
 noise_grey = 3.0
 seed = 11
 """
+)
 SLIDING = STATIC + "\n[friction]\ncoefficient = 0.25\n"
 WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0, 155.0]\n"
 PLACE = {"camera.left_mm": -1.957, "camera.top_mm": 0.018}

@@ -6,21 +6,13 @@ import pytest
 from isochrome.frames import check_frames
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
+from scene_texts import PAPER_CONTACT
 
 ROWS, COLS = 60, 80
 ROW, COL = np.mgrid[:ROWS, :COLS].astype(float)
-CONTACT = """
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-[load]
-normal_n = 44.0
+CONTACT = (
+    PAPER_CONTACT
+    + """
 [friction]
 coefficient = 0.25
 static_state_first = true
@@ -33,6 +25,7 @@ height_px = 60
 pixel_mm = 0.01
 bit_depth = 8
 """
+)
 PLAIN = "[specimen]\n[camera]\nbit_depth = 8\n"
 
 

@@ -19,6 +19,7 @@ from isochrome.optics import Response, camera_response, expose
 from isochrome.scene import Camera, Polariscope, parse_scene
 from isochrome.simulate import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
+from scene_texts import PAPER_PAIR
 
 
 def slow(value):
@@ -27,16 +28,8 @@ def slow(value):
 
 
 SPECIMENS = {
-    "contact": """
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
+    "contact": PAPER_PAIR
+    + """
 [load]
 normal_n = {load}
 [friction]

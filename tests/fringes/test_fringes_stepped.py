@@ -14,6 +14,7 @@ from isochrome.optics import make_chain
 from isochrome.scene import Polariscope, parse_scene
 from isochrome.simulate import make_picture, scene_states, simulate, state_difference
 from isochrome.stress import pixel_grid
+from scene_texts import PAPER_CONTACT
 
 CIRCULAR = [
     (90, 45, -45, 0), (90, 45, -45, 90),
@@ -41,19 +42,7 @@ BEAM = '[specimen]\nshape = "beam"\nheight_mm = 20.0\nthickness_mm = 6.0\n' + (
     "fringe_value_n_per_mm = 7.0\n[load]\nnormal_n = 200.0\ninner_span_mm = 40.0\n"
     "outer_span_mm = 100.0\n" + OPTICS + CAMERA
 )
-CONTACT = """
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-[load]
-normal_n = 44.0
-""" + OPTICS + CAMERA  # fmt: skip
+CONTACT = PAPER_CONTACT + OPTICS + CAMERA
 
 UNMATCHED = {"polariscope.plate_wavelength_nm": 0.95 * 587.0}
 MISALIGNED = {

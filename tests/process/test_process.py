@@ -15,27 +15,16 @@ from isochrome.process import process
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulate import simulate
+from scene_texts import PAPER_CONTACT
 
 CONTACT = samples_path() / "line-contact-wear"
 DISC = samples_path() / "disc"
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
 needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
 
-SMALL = """\
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-
-[load]
-normal_n = 44.0
-
+SMALL = (
+    PAPER_CONTACT
+    + """
 [friction]
 coefficient = 0.25
 
@@ -50,6 +39,7 @@ brightness = 0.85
 background = 0.05
 noise_grey = 2.0
 """
+)
 WEAR = "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [0.0, 40.0, 80.0]\n"
 
 

@@ -12,22 +12,11 @@ from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
 from isochrome.scene import parse_scene
 from isochrome.simulate import simulate
+from scene_texts import PAPER_CONTACT
 
-SCENE = """\
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-
-[load]
-normal_n = 44.0
-
+SCENE = (
+    PAPER_CONTACT
+    + """
 [friction]
 coefficient = 0.25
 
@@ -52,6 +41,7 @@ vignette = 0.3
 noise_grey = 3.0
 colour = true
 """
+)
 NO_LOAD = '\n[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
 
 

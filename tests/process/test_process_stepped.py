@@ -10,6 +10,7 @@ from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulate import simulate
+from scene_texts import PAPER_CONTACT
 
 STEPS = [
     (90, 45, -45, 0), (90, 45, -45, 90), (90, 45, 0, 0), (90, 45, 45, 45),
@@ -18,21 +19,9 @@ STEPS = [
     (157.5, None, None, 67.5),
 ]  # fmt: skip
 NAMES = ("polariser_deg", "input_plate_deg", "output_plate_deg", "analyser_deg")
-TEXT = """\
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-
-[load]
-normal_n = 44.0
-
+TEXT = (
+    PAPER_CONTACT
+    + """
 [friction]
 coefficient = 0.25
 
@@ -51,6 +40,7 @@ background = 0.05
 vignette = 0.3
 noise_grey = 3.0
 """
+)
 WEAR = "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [0.0, 40.0]\n"
 
 

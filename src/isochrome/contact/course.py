@@ -22,6 +22,11 @@ _SAME_DRIVE = 1e-6
 """Relative difference of load or friction at one dose that is no jump."""
 
 
+def same_drive(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether two pairs of line load and mu are the same, to 1e-6 of each."""
+    return bool(np.allclose(one, other, _SAME_DRIVE, 0.0))
+
+
 @dataclass(frozen=True)
 class Course:
     """Dose, load and friction sampled along the distance, all (m,), linear in the dose between.
@@ -53,7 +58,7 @@ class Course:
     def first_jump(self) -> float:
         """The first dose beyond zero at which load or friction jump (mm/MPa), or infinity."""
         for dose in self.breaks_mm_per_mpa:
-            if not np.allclose(self.leaving(dose), self.at(dose), _SAME_DRIVE, 0.0):
+            if not same_drive(self.leaving(dose), self.at(dose)):
                 return dose
         return float("inf")
 

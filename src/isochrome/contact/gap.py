@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,16 @@ def read_profile(path: Path) -> tuple[Floats, Floats]:
     Returns x (m,) rising and the gap (m,), mm. Raises InputError that names the file and the fix.
     """
     try:
+        stat = path.stat()
+    except OSError as error:
+        raise InputError(f"{path}: the profile cannot be read ({error}); check its name") from error
+    return _read_version(path, stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=4)
+def _read_version(path: Path, changed_ns: int, size: int) -> tuple[Floats, Floats]:
+    """One version of a profile's file: every state of a scene asks for it, several times."""
+    try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = list(csv.DictReader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -58,4 +69,7 @@ def read_profile(path: Path) -> tuple[Floats, Floats]:
         ) from error
     if len(table) < 3 or not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0.0).any():
         raise InputError(f"{path}: a profile needs three rows or more, finite, with rising x_mm")
-    return table[:, 0], (table[:, 1] - table[:, 1].min()) * unit
+    x, gap = table[:, 0], (table[:, 1] - table[:, 1].min()) * unit
+    for shared in (x, gap):
+        shared.flags.writeable = False
+    return x, gap

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.contact.course import Course, Stop
+from isochrome.contact.course import Course, Stop, same_drive
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.surface import Floats, Surface, displacement
 
@@ -43,9 +43,8 @@ _APPROACH, _SETTLE = 0.6, 0.05
 is this share of the dose in which the shortest wave of depth relaxes. A long step leaves too much
 depth on the nodes that the edge of the contact passed in it, and so a spike of pressure there."""
 
-_SAME, _JUMP = 1e-12, 1e-6
-"""Doses nearer than this, relatively, are one; load or friction that jump by more than this at one
-dose, while there is no wear, start the formula afresh."""
+_SAME = 1e-12
+"""Doses nearer than this, relatively, are one."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def wear_history(
             step = size * min(_GROW, max(_SHRINK, factor))
             now = replace(new, dose_mm_per_mpa=target)
             after = course.leaving(target)
-            if stop.dose_mm_per_mpa > target and not np.allclose(after, (load, mu), _JUMP, 0.0):
+            if stop.dose_mm_per_mpa > target and not same_drive(after, (load, mu)):
                 past, step = None, first
                 now = replace(now, contact=_settled(surface, gap_mm, now, *after))
         settled = _settled(surface, gap_mm, now, stop.line_load_n_per_mm, stop.friction)

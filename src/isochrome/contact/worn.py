@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.contact.course import Course, Stop
+from isochrome.contact.course import Course, Stop, same_drive
 from isochrome.contact.gap import undeformed_gap
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.profile import Grid, elastic_constants
@@ -96,7 +96,7 @@ def _scar_state(site: Site, course: Course, scar: Scar) -> SurfaceState:
     stop, x = scar.stop, site.grid.x_mm
     pressure, depth = scar_on_nodes(scar, x)
     drive = stop.line_load_n_per_mm, stop.friction
-    if not np.allclose(drive, course.at(stop.dose_mm_per_mpa), 1e-6, 0.0):
+    if not same_drive(drive, course.at(stop.dose_mm_per_mpa)):
         return _elastic_state(site, depth, stop)
     u = displacement(site.surface, pressure, friction=stop.friction)
     gap = site.gap_mm + depth + u

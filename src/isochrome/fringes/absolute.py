@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.fringes.blocks import block_means
+
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
@@ -83,9 +85,9 @@ def balance(turns: Array, direction: Array, inside: Mask, *, spread: Array) -> B
     """
     from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-    share = _blocks(inside.astype(float))
+    share = block_means(inside.astype(float), _BLOCK)
     field, angle, signed, noise = (
-        _blocks(np.where(inside, values, 0.0)) / np.maximum(share, 1e-9)
+        block_means(np.where(inside, values, 0.0), _BLOCK) / np.maximum(share, 1e-9)
         for values in (turns * direction, direction, turns, np.square(spread) / _BLOCK**2)
     )
     # a masked pixel here and there is no edge of the part
@@ -104,13 +106,6 @@ def balance(turns: Array, direction: Array, inside: Mask, *, spread: Array) -> B
         if found is not None:
             return found
     return None
-
-
-def _blocks(values: Array) -> Array:
-    """Means over blocks of pixels."""
-    rows, cols = (n // _BLOCK for n in values.shape)
-    cut = values[: rows * _BLOCK, : cols * _BLOCK]
-    return cut.reshape(rows, _BLOCK, cols, _BLOCK).mean(axis=(1, 3))
 
 
 def _bending(values: Array, width: float) -> Array:

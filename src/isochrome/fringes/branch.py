@@ -81,17 +81,17 @@ def read_order(
         slope = gain * (response(base + smooth + _STEP) - signal) / _STEP * weight
         residual = (light - background - illumination * signal) / sigma * weight
         window = _WINDOW_PX if round_ == _ROUNDS - 1 else _WIDE_PX
-        information = _pooled(slope * slope, window)
-        step = _pooled(slope * residual, window) / (information + 1.0 / BRANCH**2)
+        information = gaussian_sum(slope * slope, window)
+        step = gaussian_sum(slope * residual, window) / (information + 1.0 / BRANCH**2)
         step = np.clip(step, -BRANCH, BRANCH)
         if round_ < _ROUNDS - 1:
             smooth = smooth + step
     shift = smooth + step
     signal = response(base + shift)
     residual = (light - background - illumination * signal) / sigma * weight
-    count = np.maximum(_pooled(weight, _WINDOW_PX), 1e-6)
-    misfit = np.sqrt(_pooled(residual * residual, _WINDOW_PX) / count)
-    spread = np.sqrt(_pooled(slope * slope, _WINDOW_PX / np.sqrt(2.0))) / np.maximum(
+    count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
+    misfit = np.sqrt(gaussian_sum(residual * residual, _WINDOW_PX) / count)
+    spread = np.sqrt(gaussian_sum(slope * slope, _WINDOW_PX / np.sqrt(2.0))) / np.maximum(
         information, 1e-12
     )
     uncertainty = spread * np.maximum(misfit, 1.0)
@@ -112,9 +112,11 @@ def read_order(
     )
 
 
-def _pooled(values: Array, width_px: float) -> Array:
+def gaussian_sum(values: Array, width_px: float) -> Array:
     """Sum over a Gaussian window whose weight is 1 in the middle.
 
+    Parameters: `values` (rows, cols), nought where masked; `width_px`, the window's standard
+    deviation. Returns (rows, cols), single precision.
     The square of such a window is one of width/√2: it gives the variance of a pooled sum.
     """
     from scipy.ndimage import gaussian_filter

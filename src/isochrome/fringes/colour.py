@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.fringes.branch import SURE, OrderReading
+from isochrome.fringes.branch import OrderReading, probability
 from isochrome.fringes.colour_branch import choose_orders
 from isochrome.fringes.colour_light import ColourSignal, colour_signal
 from isochrome.fringes.colour_table import ColourTable
@@ -144,8 +144,6 @@ def _reading(
     seen: ColourSignal, value: ColourValue, table: ColourTable, specimen: Mask | None
 ) -> ColourReading:
     """What is known of the refined orders, and how well."""
-    from scipy.special import erf
-
     trusted = np.isfinite(seen.signal)
     found = seen.order_variance + (_FOUND_ENDS * seen.blind) ** 2
     uncertainty = np.sqrt(value.uncertainty**2 + found)
@@ -159,7 +157,7 @@ def _reading(
     if seen.unlit_unknown and specimen is None:
         known &= ~_perhaps_unlit(value.order)
     known = _without_islands(value.order, known)
-    sure = erf(SURE / (np.sqrt(2.0) * np.maximum(uncertainty, 1e-9))) * (1.0 - value.doubt)
+    sure = probability(uncertainty) * (1.0 - value.doubt)
     degrees = float(value.degrees[readable].sum(dtype=float))
     body = int(np.count_nonzero(seen.lit if specimen is None else specimen))
     return ColourReading(

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.fringes.blocks import block_means
 from isochrome.fringes.colour_branch import choose_orders
 from isochrome.fringes.colour_table import STEP, ColourTable
 
@@ -153,21 +154,14 @@ def _small(
 ) -> _Small:
     """The frame and its no-load frames in blocks of pixels."""
     factor = max(1, int(np.sqrt(valid[..., 0].size / BLOCKS)))
-    count = _means(valid.astype(float), factor)
+    count = block_means(valid.astype(float), factor)
 
     def mean(values: Array) -> Array:
-        return _means(np.where(valid, values, 0.0), factor) / np.maximum(count, 1e-9)
+        return block_means(np.where(valid, values, 0.0), factor) / np.maximum(count, 1e-9)
 
     low, full = (None if frame is None else mean(frame) for frame in (dark, bright))
     noise = mean(sigma) / factor
     return _Small(mean(light), noise, low, full, count > 0.5, _surface(*count.shape[:2]))
-
-
-def _means(values: Array, factor: int) -> Array:
-    """Means over blocks of pixels; a rim narrower than a block is left out."""
-    rows, cols = (n // factor for n in values.shape[:2])
-    cut = values[: rows * factor, : cols * factor]
-    return np.asarray(cut.reshape(rows, factor, cols, factor, -1).mean(axis=(1, 3)))
 
 
 def _first_guess(small: _Small, table: ColourTable) -> Array:

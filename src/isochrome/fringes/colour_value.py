@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.fringes.branch import gaussian_sum
 from isochrome.fringes.colour_branch import Choice
 from isochrome.fringes.colour_light import ColourSignal
 from isochrome.fringes.colour_table import STEP, ColourTable
@@ -66,16 +67,16 @@ def refine(seen: ColourSignal, choice: Choice, factor: int, table: ColourTable) 
     for width in _WINDOWS_PX:
         ideal, slope = _look_up(order, table)
         pull = weight * slope
-        information = _pooled((pull * slope).sum(axis=-1), width)
-        step = _pooled((pull * (signal - ideal)).sum(axis=-1), width) / (information + _PRIOR)
+        information = gaussian_sum((pull * slope).sum(axis=-1), width)
+        step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), width) / (information + _PRIOR)
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)
     square = np.where(trusted, signal - ideal, 0.0) ** 2
     count = trusted.sum(axis=-1)
-    near = np.maximum(_pooled(count, width), 1e-6)
+    near = np.maximum(gaussian_sum(count, width), 1e-6)
     chi2 = (weight * square).sum(axis=-1)
-    misfit = np.sqrt(_pooled(chi2, width) / near)
+    misfit = np.sqrt(gaussian_sum(chi2, width) / near)
     gain, taken = _kernel(factor)
     spread = gain * _spread(order, weight, slope, table, width) * np.maximum(misfit, 1.0)
     return ColourValue(
@@ -84,7 +85,7 @@ def refine(seen: ColourSignal, choice: Choice, factor: int, table: ColourTable) 
         doubt,
         agreed,
         misfit,
-        np.sqrt(_pooled(square.sum(axis=-1), width) / near),
+        np.sqrt(gaussian_sum(square.sum(axis=-1), width) / near),
         chi2,
         np.maximum(count - taken, 0.0),
     )
@@ -105,9 +106,9 @@ def _base(choice: Choice, factor: int, shape: tuple[int, int]) -> tuple[Array, M
     weight = known.astype(float)
     smooth = ndimage.gaussian_filter(filled, _BASE_PX / factor, mode="nearest")
     agreed = known & ~odd
-    count = np.maximum(_pooled(weight, _EVIDENCE_BLOCKS), 1e-6)
-    chi2 = _pooled(np.where(known, choice.misfit, 0.0), _EVIDENCE_BLOCKS) / count
-    evidence = _pooled(np.where(known, choice.margin, 0.0), _EVIDENCE_BLOCKS)
+    count = np.maximum(gaussian_sum(weight, _EVIDENCE_BLOCKS), 1e-6)
+    chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _EVIDENCE_BLOCKS) / count
+    evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _EVIDENCE_BLOCKS)
     doubt = np.exp(-0.5 * np.clip(evidence / np.maximum(0.5 * chi2, 1.0), 0.0, 200.0))
     rows, cols = (
         np.clip((np.arange(n) + 0.5) / factor - 0.5, 0, m - 1)
@@ -130,22 +131,18 @@ def _look_up(order: Array, table: ColourTable) -> tuple[Array, Array]:
     return s, j * np.where(order < 0.0, np.float32(-1.0), np.float32(1.0))[..., None]
 
 
-def _pooled(values: Array, width_px: float) -> Array:
-    """Sum over a Gaussian window whose weight is 1 in the middle."""
-    from scipy.ndimage import gaussian_filter
-
-    area = 2.0 * np.pi * width_px**2
-    return area * gaussian_filter(values.astype(np.float32), width_px, mode="constant")
-
-
 def _spread(order: Array, weight: Array, slope: Array, table: ColourTable, width: float) -> Array:
     """Standard deviation of the pooled order; about N = 0, where s is even, that of N² counts."""
     information = (weight * slope**2).sum(axis=-1)
     narrow = width / np.sqrt(2.0)
-    spread = np.sqrt(_pooled(information, narrow)) / np.maximum(_pooled(information, width), 1e-9)
+    spread = np.sqrt(gaussian_sum(information, narrow)) / np.maximum(
+        gaussian_sum(information, width), 1e-9
+    )
     bend = (table.signal[int(_FLAT / STEP)] - table.signal[0]) / _FLAT**2
     of_square = (weight * bend.astype(np.float32) ** 2).sum(axis=-1)
-    flat = np.sqrt(_pooled(of_square, narrow)) / np.maximum(_pooled(of_square, width), 1e-9)
+    flat = np.sqrt(gaussian_sum(of_square, narrow)) / np.maximum(
+        gaussian_sum(of_square, width), 1e-9
+    )
     return np.where(np.abs(order) < _FLAT, np.minimum(spread, np.sqrt(flat)), spread)
 
 

@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.fringes.blocks import block_means
+
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
@@ -66,15 +68,9 @@ def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Arra
     """Means over blocks of by x by pixels; a block is valid where all of it is."""
     if by == 1:
         return wave, sigma, valid
-    rows, cols = (by * (n // by) for n in wave.shape)
-
-    def blocks(values: Array) -> Array:
-        cut = values[:rows, :cols].reshape(rows // by, by, cols // by, by)
-        return np.asarray(cut.mean(axis=(1, 3)))
-
-    whole = np.asarray(blocks(valid.astype(float)) == 1.0)
-    mean = blocks(np.where(valid, wave, 0.0))
-    return mean, np.sqrt(blocks(sigma**2)) / by, whole
+    whole = np.asarray(block_means(valid.astype(float), by) == 1.0)
+    mean = block_means(np.where(valid, wave, 0.0), by)
+    return mean, np.sqrt(block_means(sigma**2, by)) / by, whole
 
 
 @dataclass(frozen=True)

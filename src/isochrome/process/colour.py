@@ -23,7 +23,7 @@ from isochrome.frames import (
 from isochrome.fringes.colour import LOST, ColourReading, read_colour
 from isochrome.fringes.colour_table import ColourTable, spectral_table
 from isochrome.optics import camera_response
-from isochrome.process.result import ProcessedFrame
+from isochrome.process.result import ProcessedFrame, largest_pixel
 from isochrome.process.with_model import POOR_CHI
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
@@ -218,15 +218,8 @@ def _warnings(found: ColourReading) -> tuple[str, ...]:
 
 def _columns(found: ColourReading) -> dict[str, Any]:
     """The frame's columns of frames.csv."""
-    columns: dict[str, Any] = {
+    return {
         "kept_share": found.kept,
         "strange_share": found.strange,
-        "n_max": float("nan"),
-        "n_max_row_px": None,
-        "n_max_col_px": None,
+        **largest_pixel(found.order),
     }
-    if np.isfinite(found.order).any():
-        row, col = np.unravel_index(int(np.nanargmax(found.order)), found.order.shape)
-        columns |= {"n_max": float(found.order[row, col])}
-        columns |= {"n_max_row_px": int(row), "n_max_col_px": int(col)}
-    return columns

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from isochrome.frames import Frame, Linear, estimate_noise, normalise, to_linear
 from isochrome.fringes.ends import fit_ends
 from isochrome.fringes.free import FreeReading, read_free
 from isochrome.fringes.skeleton import skeletons
-from isochrome.process.result import Capture, ProcessedFrame
+from isochrome.process.result import Capture, ProcessedFrame, largest_pixel
 from isochrome.scene import Scene
 
 Array = NDArray[Any]
@@ -94,7 +94,7 @@ def process_image_only(
         lines=lines,
         noise=float(np.median(seen.sigma[seen.valid])),
         warnings=(*seen.notes, *warnings),
-        columns=_columns(found, pixel, len(lines)) if found else {},
+        columns=_columns(found, len(lines)) if found else {},
     )
 
 
@@ -124,8 +124,7 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
         settled = ends.settled
         if not settled:
             notes = (f"{notes[0]}, which did not settle: {NOT_SETTLED}",)
-    field: Literal["dark", "bright"] = "bright" if scene.polariscope.field == "bright" else "dark"
-    done = normalise(linear, dark, bright, field=field)
+    done = normalise(linear, dark, bright)
     noise = sigma / np.where(done.valid, done.contrast, 1.0)
     return _Signal(done.signal, noise, done.valid, settled, notes)
 
@@ -153,12 +152,8 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, .
     return found, tuple(warnings)
 
 
-def _columns(found: FreeReading, pixel_mm: float | None, lines: int) -> dict[str, Any]:
+def _columns(found: FreeReading, lines: int) -> dict[str, Any]:
     """The frame's columns of frames.csv."""
     order = found.reading.order
     columns: dict[str, Any] = {"kept_share": found.reading.kept, "fringe_lines": lines}
-    if np.isfinite(order).any():
-        row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
-        columns |= {"n_max": float(order[row, col]), "n_max_row_px": int(row)}
-        columns |= {"n_max_col_px": int(col)}
-    return columns
+    return columns | largest_pixel(order) if np.isfinite(order).any() else columns

@@ -29,6 +29,17 @@ class Capture:
     bright: Linear | None = None
 
 
+def largest_pixel(order: Array) -> dict[str, Any]:
+    """Columns of the largest fringe order that is known and its pixel; NaN and None where none is.
+
+    Parameters: `order` (rows, cols), fringes, NaN = not known. Returns column name to value.
+    """
+    if not np.isfinite(order).any():
+        return {"n_max": float("nan"), "n_max_row_px": None, "n_max_col_px": None}
+    row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
+    return {"n_max": float(order[row, col]), "n_max_row_px": int(row), "n_max_col_px": int(col)}
+
+
 @dataclass(frozen=True)
 class ProcessedFrame:
     """What was found in one frame; maps are (rows, cols), NaN = not known.
@@ -69,14 +80,14 @@ class ProcessedFrame:
     def _largest(self, order: Array) -> dict[str, float]:
         """The largest fringe order that is known, and its place (mm)."""
         assert self.fit is not None
-        if not np.isfinite(order).any():
+        there = largest_pixel(order)
+        if there["n_max_row_px"] is None:
             return dict.fromkeys(("n_max", "n_max_x_mm", "n_max_z_mm"), float("nan"))
-        row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
         grid = pixel_grid(self.fit.scene, (order.shape[0], order.shape[1]))
         return {
-            "n_max": float(order[row, col]),
-            "n_max_x_mm": float(grid.x_mm[col]),
-            "n_max_z_mm": float(grid.z_mm[row]),
+            "n_max": there["n_max"],
+            "n_max_x_mm": float(grid.x_mm[there["n_max_col_px"]]),
+            "n_max_z_mm": float(grid.z_mm[there["n_max_row_px"]]),
         }
 
     def row(self) -> dict[str, Any]:

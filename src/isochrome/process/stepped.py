@@ -12,7 +12,7 @@ from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, estimate_noise, to_linear
 from isochrome.fringes.stepped import SteppedReading, read_steps
 from isochrome.optics import make_chain
-from isochrome.process.result import Capture, ProcessedFrame
+from isochrome.process.result import Capture, ProcessedFrame, largest_pixel
 from isochrome.scene import Scene
 from isochrome.simulate import make_picture, scene_states, state_difference
 from isochrome.stress import pixel_grid
@@ -118,17 +118,9 @@ def _model(scene: Scene, shape: tuple[int, int]) -> Callable[[], Array] | None:
 
 def _columns(found: SteppedReading) -> dict[str, Any]:
     """The state's columns of frames.csv."""
-    order = found.order
-    columns: dict[str, Any] = {
+    return {
         "kept_share": found.reading.kept,
         "isoclinic_share": float(np.isfinite(found.isoclinic).mean()),
         "whole_order_from": found.parts[0].source if found.parts else "none",
-        "n_max": float("nan"),
-        "n_max_row_px": None,
-        "n_max_col_px": None,
+        **largest_pixel(found.order),
     }
-    if np.isfinite(order).any():
-        row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
-        columns |= {"n_max": float(order[row, col])}
-        columns |= {"n_max_row_px": int(row), "n_max_col_px": int(col)}
-    return columns

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.scene import Scene
-from isochrome.simulate.model import Picture, SceneState, surface_field_grid
+from isochrome.simulate.model import Picture, SceneState, bulk_stress, surface_field_grid
 from isochrome.stress import (
     PixelGrid,
     ShearPeak,
@@ -73,7 +73,7 @@ def _stress(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressCompone
         surface_field_grid(pixels, surface.grid, scene.numerics.tolerance),
         surface.pressure_mpa,
         surface.shear_mpa if surface.shear_mpa.any() else None,
-        bulk_mpa=_bulk(scene),
+        bulk_mpa=bulk_stress(scene),
     )
 
 
@@ -94,7 +94,7 @@ def _peak(
         surface.pressure_mpa,
         surface.shear_mpa,
         within=pixels,
-        bulk_mpa=_bulk(scene),
+        bulk_mpa=bulk_stress(scene),
     )
 
 
@@ -108,7 +108,3 @@ def _beam_peak(scene: Scene, pixels: PixelGrid) -> ShearPeak:
     end = int(np.nan_to_num(shear, nan=-1.0).argmax())
     middle = pixels.left_mm + 0.5 * pixels.cols * pixels.pixel_mm
     return ShearPeak(float(shear[end]), middle, float(ends[end]))
-
-
-def _bulk(scene: Scene) -> float:
-    return (scene.load.bulk_mpa if scene.load else None) or 0.0

@@ -132,8 +132,13 @@ def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> Stre
     grid = surface_field_grid(pixels, surface.grid, scene.numerics.tolerance)
     shear = surface.shear_mpa if surface.shear_mpa.any() else None
     field = stress_difference(grid, surface.pressure_mpa, shear)
-    bulk = scene.load.bulk_mpa if scene.load else None
+    bulk = bulk_stress(scene)
     return field + field.real.dtype.type(bulk) if bulk else field
+
+
+def bulk_stress(scene: Scene) -> float:
+    """Stress along x in the specimen besides the contact's (MPa), 0 where the scene has none."""
+    return (scene.load.bulk_mpa if scene.load else None) or 0.0
 
 
 @lru_cache(maxsize=2)
