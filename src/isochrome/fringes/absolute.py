@@ -7,7 +7,9 @@ continuous. One whole number m for each connected part is then all that is not k
 In a plane elastic specimen without body forces n obeys equilibrium and compatibility:
 σy - σx + 2iτxy = 2 (z* Φ' + Ψ) with Φ', Ψ analytic in z = x + iy, y upward, so that ∂²n/∂z² = 0.
 Any other whole number adds (m' - m) exp 2iθ, which does not obey it where θ varies: the equation,
-linear in m, is solved for m by least squares over the part, on derivatives of Gaussians.
+linear in m, is solved for m by least squares over the part, on derivatives of Gaussians. Residual
+stress obeys equilibrium and no compatibility: its n leaves the imaginary part of 4 ∂²n/∂z² alone
+nought, 2 (∂xx - ∂yy) τxy - 2 ∂x∂y (σx - σy); the real part is -∇²(σx + σy).
 Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity, for
 the stresses' form; the use made of it here was derived from it.
 """
@@ -73,22 +75,33 @@ def unwrap(phase: Array, mask: Mask) -> Array:
     return np.where(good, np.asarray(unwrap_phase(hidden).filled(0.0)), np.nan)
 
 
-def balance(turns: Array, direction: Array, inside: Mask, *, spread: Array) -> Balance | None:
+def balance(
+    turns: Array,
+    direction: Array,
+    inside: Mask,
+    *,
+    spread: Array,
+    residual: Array | None = None,
+    compatible: bool = True,
+) -> Balance | None:
     """The whole number of a part of the field by equilibrium and compatibility.
 
-    Equation: minimise Σ |∂²_z (turns e) + m ∂²_z e|² over m, e = exp 2iθ, weighted by the noise
-    and robustly, with the noise's own share taken off the sums, which would draw m to -turns.
+    Equation: minimise Σ |∂²_z (turns e - n₀) + m ∂²_z e|² over m, e = exp 2iθ, weighted by the
+    noise and robustly, with the noise's own share taken off the sums, which would draw m to -turns.
     Parameters: `turns` φ/2π (rows, cols), signed fringes; `direction` e (rows, cols), complex,
     continuous; `inside`, True on the part; `spread` (rows, cols), the noise of e as standard
-    deviation of a pixel's 2θ (rad), independent from pixel to pixel. Returns a Balance, None where
-    the part is too small or the direction does not vary enough to tell. Source: the module's.
+    deviation of a pixel's 2θ (rad), independent from pixel to pixel; `residual` n₀ (rows, cols),
+    complex, known all over the part; `compatible`, False where turns e is itself a residual
+    stress's. Returns a Balance, None where the part is too small or the direction does not vary
+    enough to tell. Source: the module's.
     """
     from scipy.ndimage import distance_transform_edt, gaussian_filter
 
     share = block_means(inside.astype(float), _BLOCK)
+    alone = turns * direction if residual is None else turns * direction - residual
     field, angle, signed, noise = (
         block_means(np.where(inside, values, 0.0), _BLOCK) / np.maximum(share, 1e-9)
-        for values in (turns * direction, direction, turns, np.square(spread) / _BLOCK**2)
+        for values in (alone, direction, turns, np.square(spread) / _BLOCK**2)
     )
     # a masked pixel here and there is no edge of the part
     full = share > _FULL
@@ -100,9 +113,10 @@ def balance(turns: Array, direction: Array, inside: Mask, *, spread: Array) -> B
             continue
         # white noise of variance v is left with v ∫ k⁴ exp(-k²w²) d²k/4π² = v/(2π w⁶)
         left = gaussian_filter(noise, width)[use] / (2.0 * np.pi * width**6)
-        found = _solve(
-            _bending(field, width)[use], _bending(angle, width)[use], signed[use], left, places
-        )
+        bent, turned = _bending(field, width)[use], _bending(angle, width)[use]
+        if not compatible:  # one equation of the two, which has half the noise
+            bent, turned, left = 1j * bent.imag, 1j * turned.imag, 0.5 * left
+        found = _solve(bent, turned, signed[use], left, places if compatible else 0.5 * places)
         if found is not None:
             return found
     return None

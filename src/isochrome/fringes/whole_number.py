@@ -52,13 +52,17 @@ def settle(
     *,
     known_order: Sequence[KnownOrder] = (),
     model: Callable[[], Array] | None = None,
+    residual: Array | None = None,
+    compatible: bool = True,
 ) -> tuple[Array, tuple[Part, ...], tuple[str, ...]]:
     """Find the whole number m of each part, so that N = |turns + m|.
 
     Parameters: `turns` φ/2π (rows, cols), unwrapped; `direction`, continuous;
     `known`, True where both are; `known_order`, (row, col, N) each; `model`, called for a model's
-    order (rows, cols) where nothing else tells. Returns m (rows, cols), NaN where it is open, the
-    parts that are not too small, the largest first, and warnings.
+    order (rows, cols) where nothing else tells; `residual`, n of a residual stress that is part of
+    all this (rows, cols), complex, and `compatible`, False where all this is one: see `balance`.
+    Returns m (rows, cols), NaN where it is open, the parts that are not too small, the largest
+    first, and warnings.
     """
     from scipy.ndimage import label
 
@@ -72,7 +76,15 @@ def settle(
         if sizes[index] < _SMALLEST_SHARE * sizes[1:].sum() and index not in seeds:
             continue
         inside = labels == index
-        part, notes = _settle_part(turns, direction, inside, seeds.get(index, []), model)
+        found = balance(
+            turns,
+            direction.twice,
+            inside,
+            spread=direction.spread,
+            residual=residual,
+            compatible=compatible,
+        )
+        part, notes = _settle_part(turns, inside, found, seeds.get(index, []), model)
         warnings += notes
         parts.append(part)
         if part.number is not None:
@@ -82,16 +94,12 @@ def settle(
 
 def _settle_part(
     turns: Array,
-    direction: Direction,
     inside: Mask,
+    found: Balance | None,
     seeds: list[tuple[KnownOrder, tuple[int, int]]],
     model: Callable[[], Array] | None,
 ) -> tuple[Part, list[str]]:
-    pixels, found = (
-        int(inside.sum()),
-        balance(turns, direction.twice, inside, spread=direction.spread),
-    )
-    whole = found.whole if found else None
+    pixels, whole = int(inside.sum()), found.whole if found else None
     if seeds:
         number, notes = _from_seeds(turns, seeds, whole)
         if number is not None:

@@ -1,0 +1,133 @@
+"""What the light of a phase-stepped set says in each pixel, before any whole number is settled.
+
+Least squares over the steps gives the maps of `steps`, these the direction of sigma_1 (`isoclinic`)
+and how far each pixel is to be trusted (`step_quality`). A frame that cannot be trusted in a pixel,
+saturated there or faulty, is left out of that pixel alone, where the other frames still tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.fringes.isoclinic import Direction, find_direction
+from isochrome.fringes.step_quality import (
+    bright_enough,
+    fringed,
+    phase_uncertainty,
+    step_misfit,
+)
+from isochrome.fringes.steps import BACKGROUND, StepDesign, StepTerms, make_design, solve_steps
+from isochrome.optics import Chain
+
+Array = NDArray[Any]
+Mask = NDArray[np.bool_]
+
+LARGEST_UNCERTAINTY = 0.03
+"""Fringes: a pixel whose noise is more is not known."""
+
+_PASSES = 2
+_LARGEST_MISFIT = 0.1
+_MOST_NOISE = 3.0
+"""Times the noise of the whole set that a pixel may have for want of some of its frames."""
+
+
+@dataclass(frozen=True)
+class StepLight:
+    """What a set's light says; maps (rows, cols).
+
+    `terms` and `direction`, see `steps` and `isoclinic`; `seen`, True where the fringes can be
+    read; `specimen`, True where light comes through at all; `contrast` A V, in the light's unit;
+    `uncertainty` of φ/2π, fringes; `chi`, residual of the light over its noise.
+    """
+
+    terms: StepTerms
+    direction: Direction
+    seen: Mask
+    specimen: Mask
+    contrast: Array
+    uncertainty: Array
+    chi: float
+
+
+def measure_steps(
+    stack: Array, chains: Sequence[Chain], *, sigma: Array | float, valid: Mask | None = None
+) -> StepLight:
+    """Read δ, the direction of sigma_1 and their noise from the images of a set's steps.
+
+    Parameters: `stack` (steps, rows, cols), light in any unit; `chains`, the elements of each step;
+    `sigma`, standard deviation of the light's noise, in its unit, a number or (rows, cols);
+    `valid`, True = trusted, (rows, cols) or frame by frame, (steps, rows, cols). Returns a
+    StepLight. Raises InputError where the steps cannot tell the order.
+    """
+    design = make_design(chains)
+    light = np.asarray(stack, dtype=np.promote_types(stack.dtype, np.float32))
+    good = np.isfinite(light)
+    good = good if valid is None else good & valid
+    light, gain = fill_gaps(np.where(good, light, 0.0), good, design)
+    trusted, whole = np.isfinite(gain), good.all(axis=0)
+    if (gain > 1.0).any():
+        sigma = sigma * np.fmax(gain, 1.0)
+    terms = solve_steps(light, design)
+    direction = find_direction(terms, design, sigma=sigma, valid=trusted)
+    for _ in range(_PASSES if design.leaks else 0):
+        terms = solve_steps(light, design, direction.twice)
+        direction = find_direction(terms, design, sigma=sigma, valid=trusted)
+    contrast = np.hypot(terms.cosine, np.abs(terms.sine))
+    seen = trusted & bright_enough(contrast, trusted)
+    misfit, chi = step_misfit(light, design, sigma, seen & whole)
+    uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
+    seen &= (uncertainty < LARGEST_UNCERTAINTY) & (
+        misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
+    )
+    specimen = trusted & fringed(contrast, design, sigma)
+    return StepLight(terms, direction, seen, specimen, contrast, uncertainty, chi)
+
+
+def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array]:
+    """Give the frames that cannot be trusted in a pixel the light that its other frames ask for.
+
+    Equation: I_missing = M_missing x, x the least squares of the frames that are there; all frames
+    together then have the very solution x. Parameters: `light` (steps, rows, cols), nought where
+    not `good`; `good` of that shape, True = trusted; `design`. Returns the light, and how many
+    times the noise of x is that of a whole pixel (rows, cols): 1 where every frame is there, NaN
+    where the rest cannot tell the order. Source: Yates (1933), Empire Journal of Experimental
+    Agriculture 1, 129 (missing observations in least squares).
+    """
+    gain = np.where(good.all(axis=0), 1.0, np.nan).astype(np.float32)
+    wanting = np.isnan(gain) & good.any(axis=0)
+    if design.leaks or not wanting.any():
+        return light, gain
+    code = np.int64(1) << np.arange(len(light), dtype=np.int64)
+    kinds = np.tensordot(code, good[:, wanting].astype(np.int64), axes=1)
+    values, noise = light[:, wanting], np.full(kinds.shape, np.nan, dtype=np.float32)
+    for kind in np.unique(kinds):
+        there, here = (kind & code) > 0, kinds == kind
+        inverse, more = _part_inverse(design, there)
+        if more <= _MOST_NOISE:
+            missing = design.matrix[~there][:, design.solved] @ inverse
+            chosen = values[np.ix_(there, here)]
+            values[np.ix_(~there, here)] = missing.astype(light.dtype) @ chosen
+            noise[here] = more
+    filled = light.copy()
+    filled[:, wanting] = values
+    gain[wanting] = noise
+    return filled, gain
+
+
+def _part_inverse(design: StepDesign, there: Mask) -> tuple[Array, float]:
+    """Least squares over some of the frames, and the largest growth of an unknown's noise by it.
+
+    The background is not used, and counts for nothing.
+    """
+    part = design.matrix[there][:, design.solved]
+    inverse = np.linalg.pinv(part)
+    if np.linalg.matrix_rank(part, tol=1e-6) < len(design.solved):
+        return inverse, float("inf")
+    used = [i for i, unknown in enumerate(design.solved) if unknown != BACKGROUND]
+    growth = np.square(inverse).sum(axis=1) / np.diag(design.covariance)
+    return inverse, float(np.sqrt(growth[used].max()))
