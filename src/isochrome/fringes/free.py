@@ -18,6 +18,7 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.fringes.branch import OrderReading, probability
 from isochrome.fringes.graph import Labels, expected_terms, label_patches
+from isochrome.fringes.mirrors import mend_mirrored, perhaps_mirrored
 from isochrome.fringes.patches import (
     HALF,
     Array,
@@ -84,6 +85,8 @@ def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint
         inside = labels.part == part
         terms[inside] = anchor[0] * labels.sign[inside][:, None] * patches.terms[inside]
         terms[inside, 0] += anchor[0] * labels.shift[inside] + anchor[1]
+    inside = [_nearest(patches, point) for point in known]
+    terms[perhaps_mirrored(patches, terms, inside)] = np.nan
     good = max(1, int((labels.part >= 0).sum()))
     anchored = float(np.isfinite(terms[..., 0]).sum() / good)
     return FreeReading(_dense(patches, terms, valid), anchored, tuple(misses))
@@ -102,7 +105,7 @@ def _coarse_to_fine(wave: Array, sigma: Array, valid: Mask) -> tuple[Patches, La
         frame = binned(wave, sigma, valid, binning)
         light = gather_patches(*frame)
         patches = fit_patches(light, *frame, expected)
-        labels = label_patches(patches)
+        labels = mend_mirrored(patches, label_patches(patches))
         if k + 1 < len(binnings):
             ratio = binning // binnings[k + 1]
             finer = [n // binnings[k + 1] for n in wave.shape]

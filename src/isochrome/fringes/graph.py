@@ -13,31 +13,26 @@ crease, so that the order is its absolute value.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.fringes.neighbours import BEND, moved, pairs, scale_of
 from isochrome.fringes.patches import WORST_CHI, Patches
 
 Array = NDArray[np.floating]
 Integers = NDArray[np.intp]
 
-_BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
-"""What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
-_STEEP_BEND = 0.03
-"""the share of their own size."""
-_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""To the neighbours on the right, below, and on the two diagonals below."""
 _LEAST_FILLED, _LEAST_SURE = 0.6, 0.05
 _GUIDE = 3.0
 """Width of what a binned frame lets the finer one do, in its own uncertainties."""
 _WORST_EDGE = 12.0
 _SMALLEST = 12
 """Patches of the smallest part that is followed."""
-_SURE_ENOUGH = 50.0
+SURE_ENOUGH = 50.0
+"""chi² of an edge beyond which nothing more is learnt from it."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,7 @@ def label_patches(patches: Patches) -> Labels:
     ).ravel()
     edges = _edges(patches)
     use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
-    sure = np.minimum(edges.other - edges.cost, _SURE_ENOUGH)
+    sure = np.minimum(edges.other - edges.cost, SURE_ENOUGH)
     length = 5.0 * edges.cost / (1e-3 + sure) + 0.1 * edges.cost + 1e-3
     graph = coo_matrix((length[use], (edges.a[use], edges.b[use])), shape=(count, count))
     tree = minimum_spanning_tree(graph.tocsr())
@@ -91,7 +86,7 @@ def label_patches(patches: Patches) -> Labels:
     rank = np.empty(len(sizes), dtype=int)
     rank[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
     part = np.where(good & (sizes[raw] >= _SMALLEST), rank[raw], -1)
-    sign, shift = _walk(tree, part, edges)
+    sign, shift = _carried(tree, part, edges)
     return Labels(sign.reshape(shape), shift.reshape(shape), part.reshape(shape))
 
 
@@ -99,24 +94,11 @@ def _edges(patches: Patches) -> _Edges:
     """The relations of each patch with its neighbours to the right, below, and on the diagonals."""
     index = np.arange(patches.chi.size).reshape(patches.chi.shape)
     parts = []
-    for here, there, dy, dx in _pairs(patches, _STEPS):
-        a, b = _moved(patches.terms[here], dy, dx), _moved(patches.terms[there], -dy, -dx)
+    for here, there, dy, dx in pairs(patches):
+        a, b = moved(patches.terms[here], dy, dx), moved(patches.terms[there], -dy, -dx)
         variance = patches.spread[here] ** 2 + patches.spread[there] ** 2
         parts.append((index[here], index[there], *_relation(a, b, variance)))
     return _Edges(*(np.concatenate([p[k].ravel() for p in parts]) for k in range(6)))
-
-
-def _pairs(
-    patches: Patches, steps: tuple[tuple[int, int], ...]
-) -> Iterator[tuple[Any, Any, Array, Array]]:
-    """Slices of the patches and of their neighbours a step on, and half the way (dy, dx)."""
-    m, n = patches.chi.shape
-    rows = patches.rows[:, None] + 0 * patches.cols
-    cols = patches.cols[None, :] + 0 * patches.rows[:, None]
-    for down, right in steps:
-        here = np.s_[: m - down, max(0, -right) : n - max(right, 0)]
-        there = np.s_[down:, max(0, right) : n + min(right, 0)]
-        yield here, there, 0.5 * (rows[there] - rows[here]), 0.5 * (cols[there] - cols[here])
 
 
 def expected_terms(
@@ -135,34 +117,16 @@ def expected_terms(
     terms = labels.sign[near][..., None] * patches.terms[near]
     terms[..., 0] += labels.shift[near]
     dy, dx = rows - patches.rows[i], cols - patches.cols[j]
-    moved = _moved(terms, dy[:, None] + 0 * dx, dx[None, :] + 0 * dy[:, None])
+    there = moved(terms, dy[:, None] + 0 * dx, dx[None, :] + 0 * dy[:, None])
     per_pixel = np.array([1, finer, finer, *[finer**2] * 3], dtype=float)
-    scale = _GUIDE * np.sqrt(patches.spread[near] ** 2 + _BEND**2)
+    scale = _GUIDE * np.sqrt(patches.spread[near] ** 2 + BEND**2)
     good = (labels.part[near] >= 0)[..., None]
-    return np.where(good, moved, np.nan) / per_pixel, scale / per_pixel
-
-
-def _moved(terms: Array, dy: Array, dx: Array) -> Array:
-    """A quadratic's terms about a place that is (dy, dx) from its middle."""
-    n, gx, gy, hxx, hxy, hyy = np.moveaxis(terms, -1, 0)
-    return np.stack(
-        [
-            n + gx * dx + gy * dy + 0.5 * hxx * dx * dx + hxy * dx * dy + 0.5 * hyy * dy * dy,
-            gx + hxx * dx + hxy * dy,
-            gy + hxy * dx + hyy * dy,
-            hxx,
-            hxy,
-            hyy,
-        ],
-        axis=-1,
-    )
+    return np.where(good, there, np.nan) / per_pixel, scale / per_pixel
 
 
 def _relation(a: Array, b: Array, variance: Array) -> tuple[Integers, Array, Array, Array]:
     """Sign and shift of n_a = sign n_b + shift, their cost, and the cost of the other sign."""
-    size = np.hypot(a, b)
-    size[..., 0] = size[..., 1:3].max(axis=-1)
-    scale = np.sqrt(variance + _BEND**2 + (_STEEP_BEND * size) ** 2)
+    scale = scale_of(a, b, variance)
     costs, shifts = [], []
     for sign in (1, -1):
         difference = a - sign * b
@@ -179,31 +143,39 @@ def _relation(a: Array, b: Array, variance: Array) -> tuple[Integers, Array, Arr
     )
 
 
-def _walk(tree: Any, part: Integers, edges: _Edges) -> tuple[NDArray[np.int8], Array]:
+def _carried(tree: Any, part: Integers, edges: _Edges) -> tuple[NDArray[np.int8], Array]:
     """Carry sign and shift from one patch of each part along the tree to the others."""
+    before = _before(tree, part)
+    count = len(part)
+    key = edges.a.astype(np.int64) * count + edges.b
+    by_key = np.argsort(key)
+    inner = np.flatnonzero(before != np.arange(count))
+    first, last = np.minimum(before[inner], inner), np.maximum(before[inner], inner)
+    place = by_key[np.searchsorted(key[by_key], first * np.int64(count) + last)]
+    # n_before = s n + k, or n = s n_before + k: what is carried is field = sign n + shift
+    sign, shift = np.ones(count, dtype=np.int8), np.zeros(count)
+    sign[inner] = edges.sign[place]
+    forward = before[inner] < inner
+    shift[inner] = np.where(forward, 1, -edges.sign[place]) * edges.shift[place]
+    # each patch leaps to where its leap led before, until all stand at their part's root
+    while (before != before[before]).any():
+        shift = shift[before] + sign[before] * shift
+        sign = sign[before] * sign
+        before = before[before]
+    return sign, shift
+
+
+def _before(tree: Any, part: Integers) -> Integers:
+    """The patch before each on the way from its part's root along the tree; itself at a root."""
     from scipy.sparse import block_array, csr_array
     from scipy.sparse.csgraph import breadth_first_order
 
     count = len(part)
-    key = edges.a.astype(np.int64) * count + edges.b
-    by_key = np.argsort(key)
-    sorted_key = key[by_key]
-    sign, shift = np.ones(count, dtype=np.int8), np.zeros(count)
     numbers, roots = np.unique(part, return_index=True)
     roots = roots[numbers >= 0]
     # one patch more, joined to a patch of each part: one walk then reaches all
     joint = csr_array((np.ones(len(roots)), (np.zeros_like(roots), roots)), shape=(1, count))
     whole = block_array([[tree, None], [joint, csr_array((1, 1))]], format="csr")
-    order, before = breadth_first_order(whole, count, directed=True)
-    inner = order[1 + len(roots) :]
-    p, q = before[inner], inner
-    place = by_key[
-        np.searchsorted(sorted_key, np.minimum(p, q) * np.int64(count) + np.maximum(p, q))
-    ]
-    steps = zip(
-        p.tolist(), q.tolist(), edges.sign[place].tolist(), edges.shift[place].tolist(), strict=True
-    )
-    for here, there, s, k in steps:
-        sign[there] = sign[here] * s
-        shift[there] = shift[here] + (sign[here] * k if here < there else -sign[there] * k)
-    return sign, shift
+    _, found = breadth_first_order(whole, count, directed=True)
+    own = np.arange(count)
+    return np.where((found[:count] < 0) | (found[:count] == count), own, found[:count])

@@ -1,0 +1,120 @@
+"""Regions mirrored about a crest: turned back where the light tells, given up where it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isochrome.fringes.free import read_free
+from isochrome.fringes.graph import Labels
+from isochrome.fringes.mirrors import mend_mirrored, perhaps_mirrored
+from isochrome.fringes.patches import Patches, fit_patches, gather_patches
+
+SHAPE = (160, 220)
+ROWS, COLS = np.indices(SHAPE)
+VALUE, SLOPE = 0.01, 0.003
+"""What noise leaves of a patch's order, fringes, and of its slope, fringes a pixel."""
+START = (0, 0)
+"""The patch in which the order is taken as known."""
+
+
+def light(order: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """cos 2 pi N under noise, the noise, and what is trusted."""
+    wave = np.cos(2.0 * np.pi * order) + noise * np.random.default_rng(2).normal(size=SHAPE)
+    return wave, np.full(SHAPE, noise), np.ones(SHAPE, dtype=bool)
+
+
+def true_labels(order: np.ndarray, noise: float) -> tuple[Patches, Labels, np.ndarray]:
+    """Patches of an order's light with the signs and whole numbers of the truth, and the truth."""
+    frame = light(order, noise)
+    patches = fit_patches(gather_patches(*frame), *frame)
+    at = np.ix_(patches.rows, patches.cols)
+    down, right = np.gradient(order)
+    misfits, shifts = [], []
+    for sign in (1, -1):
+        away = order[at] - sign * patches.terms[..., 0]
+        shifts.append(np.round(away))
+        slopes = right[at] - sign * patches.terms[..., 1], down[at] - sign * patches.terms[..., 2]
+        misfits.append(np.hypot(*slopes) / SLOPE + np.abs(away - shifts[-1]) / VALUE)
+    same = misfits[0] < misfits[1]
+    sign = np.where(same, 1, -1).astype(np.int8)
+    shift = np.where(same, *shifts)
+    return patches, Labels(sign, shift, np.zeros(sign.shape, dtype=int)), order[at]
+
+
+def terms_of(patches: Patches, labels: Labels) -> np.ndarray:
+    terms = labels.sign[..., None] * patches.terms
+    terms[..., 0] += labels.shift
+    return terms
+
+
+def valley(lowest: float, bend: float, tilt: float = 4e-4) -> np.ndarray:
+    """An order that falls to a line along the middle row and rises again beyond it."""
+    return lowest + bend * (ROWS - 80.0) ** 2 + tilt * (COLS - 110.0)
+
+
+@pytest.mark.parametrize("lowest", [0.6, 0.75, 0.82])
+@pytest.mark.parametrize("noise", [0.03, 0.06])
+def test_a_region_turned_over_by_hand_is_turned_back(lowest, noise):
+    """All of the lower part beyond the order's second crossing of 1."""
+    patches, labels, truth = true_labels(valley(lowest, 1e-4), noise)
+    beyond = (truth > 1.0) & (patches.rows > 80)[:, None]
+    assert beyond.any()
+    turned = Labels(
+        np.where(beyond, -labels.sign, labels.sign),
+        np.where(beyond, 2.0 - labels.shift, labels.shift),
+        labels.part,
+    )
+    found = terms_of(patches, mend_mirrored(patches, turned))[..., 0]
+    # on the crest itself a patch and its mirror image are one
+    clear = np.abs(truth - 1.0) > 0.05
+    right = [np.mean(np.abs(whole - truth)[clear] < 0.05) for whole in (found, 2.0 - found)]
+    # over a tenth was turned over; a lone patch is off by itself here and there, without a guide
+    assert beyond.mean() > 0.1 and max(right) > 0.97
+
+
+@pytest.mark.parametrize("lowest", [0.6, 0.82, 1.25])
+def test_labels_that_are_right_are_left_and_sure(lowest):
+    patches, labels, truth = true_labels(valley(lowest, 1e-4), 0.05)
+    mended = mend_mirrored(patches, labels)
+    clear = np.abs(truth - np.round(2.0 * truth) / 2.0) > 0.05
+    np.testing.assert_array_equal(mended.sign[clear], labels.sign[clear])
+    np.testing.assert_array_equal(mended.shift[clear], labels.shift[clear])
+    assert not perhaps_mirrored(patches, terms_of(patches, labels), [START]).any()
+
+
+def test_beyond_a_flat_valley_along_a_crest_nothing_is_sure():
+    """N touches 1 and no more: mirroring what lies beyond changes the light nowhere.
+
+    n = 1 + b y |y| has the light of 1 + b y², and its gradient is as continuous.
+    """
+    order = valley(1.0, 6e-5, tilt=0.0)
+    patches, labels, _ = true_labels(order, 0.13)
+    unsure = perhaps_mirrored(patches, terms_of(patches, labels), [START])
+    above, below = patches.rows < 40, patches.rows > 120
+    assert unsure[below].all() and not unsure[above].any()
+    got = read_free(*light(order, 0.13), [(5, 110, float(order[5, 110]))]).reading.order
+    assert np.isfinite(got[:50]).mean() > 0.9
+    assert not np.isfinite(got[120:]).any()
+    assert np.nanmax(np.abs(got - order)) < 0.05
+
+
+def test_a_point_known_on_either_side_of_it_makes_both_sure():
+    order = valley(1.0, 6e-5, tilt=0.0)
+    points = [(row, 110, float(order[row, 110])) for row in (5, 154)]
+    got = read_free(*light(order, 0.13), points).reading.order
+    assert np.isfinite(got[:50]).mean() > 0.9 and np.isfinite(got[120:]).mean() > 0.9
+    assert np.nanmax(np.abs(got - order)) < 0.05
+
+
+def test_mirroring_about_nought_changes_no_order_and_is_no_doubt():
+    """The same flat valley at N = 0, which may be passed through or not: |n| is the order."""
+    order = valley(0.0, 6e-5, tilt=0.0)
+    patches, labels, _ = true_labels(order, 0.13)
+    assert not perhaps_mirrored(patches, terms_of(patches, labels), [START]).any()
+
+
+def test_patches_of_which_none_is_known_are_no_doubt():
+    patches, labels, _ = true_labels(valley(0.6, 1e-4), 0.1)
+    nothing = np.full_like(terms_of(patches, labels), np.nan)
+    assert not perhaps_mirrored(patches, nothing, []).any()
