@@ -85,13 +85,16 @@ def process(
     frames: FramesArgument,
     scene: SceneOption,
     out: Out = Path("isochrome-process"),
+    rois: Annotated[
+        bool, typer.Option("--rois", help="Also the fringe lines as ImageJ ROIs, skeleton.zip.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Find the fringe order of every captured frame."""
     from isochrome.process import process as run
 
     with progress_bar("processing") as progress:
-        result = run(frames, scene, out, progress=progress)
+        result = run(frames, scene, out, rois=rois, progress=progress)
     warnings = list(result.warnings)
     if as_json:
         print_json(

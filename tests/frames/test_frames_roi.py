@@ -44,9 +44,11 @@ def written(path, **options):
         return names, [decode(file.read(name)) for name in names]
 
 
-def test_lines_are_polylines_named_by_their_order_on_pixel_centres(tmp_path):
+def test_lines_are_polylines_named_by_their_order_and_kind_on_pixel_centres(tmp_path):
     names, rois = written(tmp_path / "lines.zip")
-    assert [roi[0] for roi in rois] == ["N = 1", "N = 1 #2", "N = 1.5", "line 3"]
+    assert [roi[0] for roi in rois] == [
+        "N = 1 dark", "N = 1 dark #2", "N = 1.5 bright", "line 3 bright",
+    ]  # fmt: skip
     assert names == [f"{roi[0]}.roi" for roi in rois]
     for line, (_, kind, sub_pixel, place, points) in zip(LINES, rois, strict=False):
         assert (kind, sub_pixel, place) == (POLYLINE, True, 0)
@@ -58,7 +60,10 @@ def test_lines_of_a_stack_stand_on_their_slices_and_full_frames(tmp_path):
     frames = [0, 1, 1, 1, 0]
     names, rois = written(tmp_path / "lines.zip", frames=frames, top_px=100, left_px=20)
     assert [roi[3] for roi in rois] == [1, 2, 2, 2]  # ImageJ counts slices from 1
-    assert [roi[0] for roi in rois][:2] == ["frame 0: N = 1", "frame 1: N = 1"]
+    assert [roi[0] for roi in rois] == [
+        "frame 0: N = 1 dark", "frame 1: N = 1 dark", "frame 1: N = 1.5 bright",
+        "frame 1: line 2 bright",
+    ]  # fmt: skip
     assert len(set(names)) == 4 and not any(":" in name for name in names)
     np.testing.assert_array_equal(rois[0][4][0], [30.0, 103.25])
 

@@ -43,6 +43,8 @@ _MOST = 0.5
 _POOR_CHI = 1.3
 _FEW = 0.9
 _TELLING = 3.0
+_SURELY = 5.5
+"""Standard uncertainties that the largest of a million pixels of noise does not reach."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,12 @@ class Residual:
     def order(self) -> Array:
         """The residual stress's own fringe order (rows, cols) float32."""
         return np.abs(self.field).astype(np.float32)
+
+    @property
+    def largest(self) -> float:
+        """The largest order that stands out of its noise, 0 where none does (fringes)."""
+        order = np.abs(self.field)
+        return float(np.max(order, where=order > _SURELY * self.uncertainty, initial=0.0))
 
     @property
     def isoclinic(self) -> Array:

@@ -24,7 +24,11 @@ AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
 
 
 class Line(Protocol):
-    """A line with its points (n,) in pixels, centres at whole numbers, and its order if known."""
+    """A line with its points (n,) in pixels, centres at whole numbers, kind, and order if known."""
+
+    @property
+    def kind(self) -> str:
+        """What a dark field shows there: 'dark' or 'bright'."""
 
     @property
     def rows(self) -> NDArray[np.float64]:
@@ -49,32 +53,36 @@ def write_rois(
 ) -> None:
     """Write fringe lines as ImageJ polylines, one .zip for its ROI manager.
 
-    A line is named 'N = 1.5' by its order, with '#2' on for the next of that order in its frame,
-    or 'line 7' by its number, from 0, where the order is not known.
-    Parameters: `path`, a .zip; `lines`, with rows, cols (px) and order; `frames`, the frame of each
-    line, from 0, so that ImageJ shows it on that slice of a stack; `top_px`, `left_px`, the region
-    of interest's place, to lay the lines on full frames. Raises InputError where the file cannot
-    be written, the lines and frames do not agree in number, or the library is not installed.
+    A line is named 'N = 1.5 bright' by its order and kind, with '#2' on for the next of that name
+    in its frame, or 'line 7 dark' by its number in its frame, from 0, where the order is not known.
+    Parameters: `path`, a .zip; `lines`, with rows, cols (px), kind and order; `frames`, the frame
+    of each line, from 0, so that ImageJ shows it on that slice of a stack; `top_px`, `left_px`, the
+    region of interest's place, to lay the lines on full frames. Raises InputError where the file
+    cannot be written, the lines and frames do not agree in number, or the library is not installed.
     """
     roifile, target = load_roifile(), Path(path)
     if target.suffix.lower() != ".zip":
         raise InputError(f"{target}: ImageJ keeps a set of ROIs in a .zip file; name it so")
     if frames is not None and len(frames) != len(lines):
         raise InputError(f"{target}: {len(lines)} lines and {len(frames)} frames: give one a line")
-    rois, seen = [], Counter[str]()
-    for number, line in enumerate(lines):
+    rois, seen, numbers = [], Counter[str](), Counter[int]()
+    for k, line in enumerate(lines):
+        frame = -1 if frames is None else frames[k]
+        number = numbers[frame]
+        numbers[frame] += 1
         if len(line.rows) < 2:
             continue  # ImageJ has no polyline of one point
         name = f"line {number}" if line.order is None else f"N = {line.order:g}"
+        name += f" {line.kind}"
         if frames is not None:
-            name = f"frame {frames[number]}: {name}"
+            name = f"frame {frame}: {name}"
         seen[name] += 1
         name += f" #{seen[name]}" if seen[name] > 1 else ""
         points = np.stack([line.cols + left_px, line.rows + top_px], axis=1)
         roi = roifile.ImagejRoi.frompoints(
             points.astype(np.float32),
             name=name,
-            position=None if frames is None else frames[number],
+            position=None if frames is None else frame,
         )
         roi.roitype = roifile.ROI_TYPE.POLYLINE
         rois.append(roi)

@@ -65,6 +65,7 @@ def process_figure(scene: Scene, items: list[ProcessedFrame]) -> Figure:
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
     note = f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
     what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
+    what += ", residual stress taken out" if scene.frames.no_load_steps else ""
     figure.suptitle(f"{scene.name}: {what}; {note}", fontsize=11)
     return figure
 

@@ -11,13 +11,18 @@ from numpy.typing import NDArray
 from isochrome.fit.frame_fit import FrameFit
 from isochrome.frames import Linear
 from isochrome.fringes.branch import OrderReading
-from isochrome.fringes.skeleton import Skeleton
+from isochrome.fringes.line_orders import number_lines
+from isochrome.fringes.skeleton import Skeleton, order_contours
 from isochrome.stress import pixel_grid
 
 Array = NDArray[Any]
 
 SPREAD = "standard_uncertainty"
 """What follows a key in the name of the column that holds its uncertainty."""
+
+
+_SHORTEST_PX = 12.0
+"""Of a fringe line: where the order is level, noise makes small loops of it."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,17 @@ class ProcessedFrame:
     warnings: tuple[str, ...]
     isoclinic: Array | None = None
     columns: dict[str, Any] = field(default_factory=dict)
+
+    def skeleton(self) -> list[Skeleton]:
+        """The fringe lines, with their orders where the frame has a reading.
+
+        Those that the frame shows; where nobody looked for them, the reading's own half orders.
+        """
+        if self.reading is None:
+            return self.lines
+        if self.lines:
+            return number_lines(self.lines, self.reading.order)
+        return order_contours(self.reading.order, min_length_px=_SHORTEST_PX)
 
     def maps(self) -> dict[str, Array]:
         """The maps that are written to disk, by the name of their file."""

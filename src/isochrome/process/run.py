@@ -2,60 +2,31 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.fit.one_state import frame_scene, scene_at
-from isochrome.fit.run import fitted_scene
 from isochrome.frames import Frame, FrameReader, load_no_load, open_scene_frames
-from isochrome.fringes.skeleton import skeleton_table
+from isochrome.fringes.residual import Residual
 from isochrome.fringes.steps import make_design
 from isochrome.optics import make_chain
-from isochrome.output import (
-    TiffWriter,
-    provenance,
-    staged,
-    write_csv,
-    write_figure,
-    write_json,
-    write_text,
-)
+from isochrome.output.roi import load_roifile
 from isochrome.process.colour import (
     check_colour,
     colour_capture,
     colour_frames,
     process_colour,
 )
-from isochrome.process.figure import process_figure
+from isochrome.process.folder import write_folder
 from isochrome.process.image_only import process_image_only
-from isochrome.process.result import SPREAD, Capture, ProcessedFrame
-from isochrome.process.stepped import process_stepped, states_of
+from isochrome.process.processed import Processed, collect
+from isochrome.process.result import Capture, ProcessedFrame
+from isochrome.process.stepped import load_residual, process_stepped, states_of
 from isochrome.process.with_model import process_with_model
 from isochrome.progress import Progress, counted
-from isochrome.scene import Scene, dump_scene, load_scene
-from isochrome.simulate import no_model_sentence
-
-_SHOWN = 6
-
-
-@dataclass(frozen=True)
-class Processed:
-    """Processed frames: `table`, the columns of frames.csv; `frames`, None where streamed.
-
-    `scene`, as given; `fitted`, with the frames' fitted values (means; friction over distance);
-    `warnings` of the whole set; `model`, the scene's. Both are None where there is no model.
-    """
-
-    scene: Scene
-    model: str | None
-    table: dict[str, list[Any]]
-    frames: list[ProcessedFrame] | None
-    fitted: Scene | None
-    warnings: tuple[str, ...]
+from isochrome.scene import Scene, load_scene
 
 
 def process(
@@ -63,6 +34,7 @@ def process(
     scene: str | Path | Scene,
     out: str | Path | None = None,
     *,
+    rois: bool = False,
     progress: Progress | None = None,
 ) -> Processed:
     """Fringe order of every frame of a captured set.
@@ -71,12 +43,15 @@ def process(
     on their own, and each pixel is read on the branch that the fit names. Without one, frames are
     normalised and their fringe skeletons found; that is said in the warnings. Where the scene has
     [[polariscope.step]], as many frames as steps make one state, whose order and isoclinic angle
-    are read from them without any model. So is the order of colour frames in light of several
-    wavelengths, from their colours.
+    are read from them without any model; with frames.no_load_steps the residual stress is taken
+    out of them. So is the order of colour frames in light of several wavelengths, from their
+    colours.
     Parameters: `frames`, a TIFF stack, image, folder or video; `scene`; `out`, a folder for
-    frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv (no model),
-    isoclinic.tif (steps: degrees, direction of sigma_1),
-    fitted_scene.toml (to simulate what was found), scene.toml, provenance.json and process.png;
+    frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv (fringe lines, where
+    no model was fitted), isoclinic.tif (steps: degrees, direction of sigma_1), residual_order.tif
+    and residual_isoclinic.tif (of the no-load steps), fitted_scene.toml (to simulate what was
+    found), scene.toml, provenance.json and process.png; `rois`, whether skeleton.csv and
+    skeleton.zip, the lines as ImageJ ROIs that lie on these maps, are wanted of every frame;
     `progress`, called with (done, all).
     Returns Processed, with the frames in memory only without `out`. Raises InputError,
     PhysicsError.
@@ -86,6 +61,8 @@ def process(
     if coloured:
         check_colour(scene)
     steps = len(scene.polariscope.step)
+    if rois:
+        load_roifile()  # missing, it is to be said before hours of work
     if scene.model is None and scene.polariscope.field == "plane" and not steps:
         raise InputError(
             f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics cannot be "
@@ -93,18 +70,26 @@ def process(
         )
     if steps:
         _check_steps(scene)
+    elif scene.frames.no_load_steps is not None:
+        raise InputError(
+            f"{scene.name}: frames.no_load_steps needs [[polariscope.step]], one for each of its "
+            "frames; add them, or remove the key"
+        )
     with open_scene_frames(frames, scene) as reader:
         count = reader.count()
         _check_set(scene, reader, count)
+        residual = load_residual(scene, reader)
         if coloured:
             states = _coloured(frames, reader, scene)
         else:
-            states = _stepped(reader, scene) if steps else _processed(reader, scene)
+            states = _stepped(reader, scene, residual) if steps else _processed(reader, scene)
         done = counted(states, count // max(steps, 1), progress)
         if out is None:
             kept = list(done)
-            return _result(scene, [item.row() for item in kept], kept, reader.shape)
-        return _to_folder(done, scene, Path(out), frames, reader.shape)
+            return collect(scene, [item.row() for item in kept], kept, reader.shape, residual)
+        return write_folder(
+            done, scene, Path(out), frames, reader.shape, residual=residual, rois=rois
+        )
 
 
 def _processed(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
@@ -120,16 +105,18 @@ def _processed(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
             yield replace(found, label=label, distance_m=distance)
 
 
-def _stepped(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
+def _stepped(
+    reader: FrameReader, scene: Scene, residual: Residual | None
+) -> Iterator[ProcessedFrame]:
     """State after state of a phase-stepped set, each on its own."""
     capture = Capture(reader.bit_depth)
     for index, frames in enumerate(states_of(reader, scene)):
         if scene.model is None:
-            yield process_stepped(frames, scene, capture, index=index)
+            yield process_stepped(frames, scene, capture, index=index, residual=residual)
             continue
         first = replace(frames[0], index=index)
         own, label, distance = _state_of(scene, first)
-        found = process_stepped(frames, own, capture, index=index)
+        found = process_stepped(frames, own, capture, index=index, residual=residual)
         label = found.label if label == first.name else label
         yield replace(found, label=label, distance_m=distance)
 
@@ -206,90 +193,3 @@ def _check_steps(scene: Scene) -> None:
         make_design([make_chain(polariscope, step) for step in range(len(polariscope.step))])
     except InputError as error:
         raise InputError(f"{scene.name}: {error}") from error
-
-
-def _to_folder(
-    done: Iterator[ProcessedFrame],
-    scene: Scene,
-    out: Path,
-    inputs: str | Path,
-    shape: tuple[int, int],
-) -> Processed:
-    """Stream the maps to disk; keep the numbers, and the first frames for the figure."""
-    rows: list[dict[str, Any]] = []
-    shown: list[ProcessedFrame] = []
-    lines: dict[str, list[Any]] = {}
-    with staged(out) as folder:
-        with contextlib.ExitStack() as stack:
-            writers: dict[str, TiffWriter] = {}
-            for item in done:
-                maps = item.maps()
-                if not writers:
-                    pixel = item.pixel_mm or (scene.camera.pixel_mm if scene.camera else None)
-                    writers = {
-                        name: stack.enter_context(
-                            TiffWriter(folder / f"{name}.tif", pixel_mm=pixel)
-                        )
-                        for name in maps
-                    }
-                for name, values in maps.items():
-                    writers[name].append(values)
-                _add_lines(lines, item)
-                rows.append(item.row())
-                if len(shown) < _SHOWN:
-                    shown.append(item)
-        result = _result(scene, rows, None, shape)
-        write_csv(folder / "frames.csv", result.table)
-        if lines:
-            write_csv(folder / "skeleton.csv", lines)
-        if result.fitted is not None:
-            write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
-        text = dump_scene(scene)
-        write_text(folder / "scene.toml", text)
-        write_json(folder / "provenance.json", provenance(text, _files(scene, inputs)))
-        write_figure(folder / "process.png", process_figure(scene, shown))
-    return result
-
-
-def _files(scene: Scene, inputs: str | Path) -> list[Path]:
-    """The captured files and the no-load frames, for their hashes."""
-    named = (scene.frames.no_load_dark, scene.frames.no_load_bright, scene.frames.mask)
-    return [Path(inputs)] + [scene.path(name) for name in named if name is not None]
-
-
-def _add_lines(lines: dict[str, list[Any]], item: ProcessedFrame) -> None:
-    """Add a frame's skeleton to the columns of skeleton.csv."""
-    if not item.lines:
-        return
-    table = skeleton_table(item.lines, pixel_mm=item.pixel_mm)
-    lines.setdefault("frame", []).extend([item.index] * len(next(iter(table.values()))))
-    for name, values in table.items():
-        lines.setdefault(name, []).extend(values)
-
-
-def _result(
-    scene: Scene,
-    rows: list[dict[str, Any]],
-    frames: list[ProcessedFrame] | None,
-    shape: tuple[int, int],
-) -> Processed:
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    names.sort(key=lambda name: name == "warnings")
-    table = {name: [row.get(name) for row in rows] for name in names}
-    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    told = scene.model or alone or scene.frames.known_order
-    warnings = [] if told else [no_model_sentence(scene)]
-    warnings += [f"frame {row['frame']}: {row['warnings']}" for row in rows if row["warnings"]]
-    fitted = _fitted(scene, rows, shape) if scene.model and not alone else None
-    return Processed(scene, scene.model, table, frames, fitted, tuple(warnings))
-
-
-def _fitted(scene: Scene, rows: list[dict[str, Any]], shape: tuple[int, int]) -> Scene:
-    """The scene with the means of the frames' fitted values."""
-    own = [{k: {"value": row[k]} for k in row if f"{k} {SPREAD}" in row} for row in rows]
-    grid = {
-        "camera.pixel_mm": rows[0]["pixel_mm"],  # a disc's may come from its rim
-        "camera.height_px": shape[0],
-        "camera.width_px": shape[1],
-    }
-    return fitted_scene(scene.with_values(grid), {}, own)

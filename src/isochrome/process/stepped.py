@@ -9,13 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import Frame, FrameReader, estimate_noise, to_linear
+from isochrome.frames import (
+    Frame,
+    FrameReader,
+    estimate_noise,
+    open_scene_frames,
+    to_linear,
+)
+from isochrome.fringes.residual import Residual, read_residual
 from isochrome.fringes.stepped import SteppedReading, read_steps
-from isochrome.optics import make_chain
+from isochrome.optics import Chain, make_chain
 from isochrome.process.result import Capture, ProcessedFrame, largest_pixel
 from isochrome.scene import Scene
 from isochrome.simulate import make_picture, scene_states, state_difference
-from isochrome.stress import pixel_grid
+from isochrome.stress import pixel_grid, principal_direction
 
 Array = NDArray[Any]
 
@@ -34,26 +41,65 @@ def states_of(reader: FrameReader, scene: Scene) -> Iterator[list[Frame]]:
             together = []
 
 
+def load_residual(scene: Scene, reader: FrameReader) -> Residual | None:
+    """The residual stress that the scene's no-load steps show.
+
+    Parameters: `scene`; `reader` of the captured frames, to be compared with. Returns a Residual,
+    None where the scene names no such set. Raises InputError where the set cannot be read, holds
+    another number of frames than there are steps, frames of another size, or nothing to read.
+    """
+    name = scene.frames.no_load_steps
+    if name is None:
+        return None
+    path, steps = scene.path(name), len(scene.polariscope.step)
+    with open_scene_frames(path, scene) as unloaded:
+        count = unloaded.count()
+        if count != steps:
+            raise InputError(
+                f"{path}: frames.no_load_steps holds {count} frames and the polariscope has "
+                f"{steps} steps; give one frame of the unloaded specimen for each"
+            )
+        if unloaded.full_shape != reader.full_shape:
+            raise InputError(
+                f"{path}: frames.no_load_steps is {unloaded.full_shape} pixels (rows, columns) and "
+                f"the captured frames {reader.full_shape}; capture both with the same camera "
+                "settings"
+            )
+        light, valid, sigma = _stacked(list(unloaded), scene, Capture(unloaded.bit_depth))
+    found = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
+    if not np.isfinite(found.field).any():
+        raise InputError(
+            f"{path}: frames.no_load_steps has no pixel that can be read; check that its frames "
+            "are the steps of [[polariscope.step]], in their order, and their light"
+        )
+    return found
+
+
 def process_stepped(
-    frames: Sequence[Frame], scene: Scene, capture: Capture, *, index: int
+    frames: Sequence[Frame],
+    scene: Scene,
+    capture: Capture,
+    *,
+    index: int,
+    residual: Residual | None = None,
 ) -> ProcessedFrame:
     """Fringe order and isoclinic angle of one state from the frames of its steps.
 
     Parameters: `frames`, one a step in the scene's order; `scene`, of this one state; `capture`,
     how the set was captured (no-load frames are not needed: the steps tell background and
-    illumination); `index` of the state. A pixel that is saturated or faulty in one frame is masked.
+    illumination); `index` of the state; `residual`, the stress to take out. A frame that is
+    saturated or faulty in a pixel is left out there; where the others do not tell, it is masked.
     Returns a ProcessedFrame. Raises InputError on a blank set, or steps that cannot tell the order.
     """
     light, valid, sigma = _stacked(frames, scene, capture)
-    polariscope = scene.polariscope
-    chains = [make_chain(polariscope, step) for step in range(len(polariscope.step))]
     found = read_steps(
         light,
-        chains,
+        _chains(scene),
         sigma=sigma,
         valid=valid,
         known_order=[(k.row_px, k.col_px, k.order) for k in scene.frames.known_order],
-        model=_model(scene, (light.shape[1], light.shape[2])),
+        model=_model(scene, (light.shape[1], light.shape[2]), residual),
+        residual=residual,
     )
     name = f"{frames[0].name} to {frames[-1].name}"
     contrast = found.contrast[np.isfinite(found.order)]
@@ -72,12 +118,17 @@ def process_stepped(
         scene.camera.pixel_mm if scene.camera else None,
         found.warnings,
         isoclinic=found.isoclinic,
-        columns=_columns(found),
+        columns=_columns(found, residual),
     )
 
 
+def _chains(scene: Scene) -> list[Chain]:
+    """The elements of each step."""
+    return [make_chain(scene.polariscope, step) for step in range(len(scene.polariscope.step))]
+
+
 def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[Array, Array, float]:
-    """Light of the steps (steps, rows, cols), pixels good in all of them, and the noise."""
+    """Light of the steps and where it is good (steps, rows, cols each), and the noise."""
     gamma, bit_depth = scene.frames.gamma, capture.bit_depth
     images, valid, variance = [], [], []
     for frame in frames:
@@ -89,13 +140,21 @@ def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[A
             allow_blank=True,
             mask=frame.mask,
         )
+        if not linear.valid.any():
+            raise InputError(
+                f"frame {frame.name}: has no pixel that can be trusted (saturated, or masked, all "
+                "over); lower the exposure"
+            )
         noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
         sigma = noise.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
         images.append(linear.image)
         valid.append(linear.valid)
         variance.append(float(np.mean(np.square(sigma[linear.valid]))))
-    light, good = np.stack(images), np.logical_and.reduce(valid)
-    if not np.ptp(light[:, good], axis=0).any():
+    light, good = np.stack(images), np.stack(valid)
+    low, high = (
+        end(np.where(good, light, np.nan), axis=0) for end in (np.fmin.reduce, np.fmax.reduce)
+    )
+    if not (high > low).any():
         raise InputError(
             f"frames {frames[0].name} to {frames[-1].name}: the same light in every step, or none; "
             "check that the frames are the steps of [[polariscope.step]], in their order"
@@ -103,24 +162,31 @@ def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[A
     return light, good, float(np.sqrt(np.mean(variance)))
 
 
-def _model(scene: Scene, shape: tuple[int, int]) -> Callable[[], Array] | None:
-    """The scene's own fringe order, as it stands in the scene, for who asks; None without one."""
+def _model(
+    scene: Scene, shape: tuple[int, int], residual: Residual | None
+) -> Callable[[], Array] | None:
+    """The order that frames of the scene's own model would show, for who asks; None without one."""
     if scene.model is None or scene.camera is None or scene.camera.pixel_mm is None:
         return None
 
     def order() -> Array:
         pixels = pixel_grid(scene, shape)
         (state, *_) = scene_states(scene)
-        return make_picture(scene, state_difference(scene, state, pixels), pixels).order
+        picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
+        if residual is None:
+            return picture.order
+        twice = np.exp(2j * principal_direction(picture.difference))
+        return np.abs(picture.order * twice + residual.field)
 
     return order
 
 
-def _columns(found: SteppedReading) -> dict[str, Any]:
+def _columns(found: SteppedReading, residual: Residual | None) -> dict[str, Any]:
     """The state's columns of frames.csv."""
-    return {
+    columns = {
         "kept_share": found.reading.kept,
         "isoclinic_share": float(np.isfinite(found.isoclinic).mean()),
         "whole_order_from": found.parts[0].source if found.parts else "none",
         **largest_pixel(found.order),
     }
+    return columns if residual is None else columns | {"residual_order_max": residual.largest}

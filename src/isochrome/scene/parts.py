@@ -256,7 +256,9 @@ class Frames(Part):
 
     `mask` (an image of the frame's or the region's size, nonzero = specimen, or ImageJ rois drawn
     on the full frame) and `polygon_px`, corners (row, col) in the region of interest, pixel centres
-    at whole numbers, say where the specimen is; where both are given, inside both.
+    at whole numbers, say where the specimen is; where both are given, inside both. `no_load_steps`
+    names a phase-stepped set of the unloaded specimen, one frame a [[polariscope.step]]: its
+    residual stress is taken out. A `known_order` is that of the frame, residual stress included.
     """
 
     roi: Roi | None = None
@@ -264,6 +266,7 @@ class Frames(Part):
     polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None
     no_load_dark: str | None = None
     no_load_bright: str | None = None
+    no_load_steps: Annotated[str, Field(min_length=1)] | None = None
     gamma: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     channel: Literal["red", "green", "blue", "mean"] | None = None
     sliding_speed_mm_per_s: Positive | None = None
