@@ -118,3 +118,13 @@ def test_patches_of_which_none_is_known_are_no_doubt():
     patches, labels, _ = true_labels(valley(0.6, 1e-4), 0.1)
     nothing = np.full_like(terms_of(patches, labels), np.nan)
     assert not perhaps_mirrored(patches, nothing, []).any()
+
+
+def test_a_corner_that_lies_just_beyond_a_crest_is_right_or_not_known():
+    """N passes 0.5 and falls to 0.44 in the corner, as deep below a contact."""
+    order = 0.8 - 1.15e-3 * ROWS - 8e-4 * COLS
+    assert order[-1, -1] < 0.45
+    for noise in (0.03, 0.06):
+        got = read_free(*light(order, noise), [(5, 5, float(order[5, 5]))]).reading.order
+        assert np.isfinite(got).mean() > 0.8
+        assert not (np.abs(got - order) > 0.05).any()

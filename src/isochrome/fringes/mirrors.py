@@ -28,8 +28,9 @@ Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 Integers = NDArray[np.intp]
 
-_BAND = 0.1
-"""Half-width, in fringes, of what counts as near a crest: the noise of a patch there, and more."""
+_BANDS = (0.1, 0.03)
+"""Half-widths, in fringes, of what counts as near a crest. The wide one leaves a seam its way round
+patches that noise has thrown off; the narrow one sees corners that lie just beyond the crest."""
 _SMALLEST = 12
 """Patches of the smallest region that is looked at."""
 _SETTLED = 0.5
@@ -118,29 +119,41 @@ def _seams(
     joints = _joints(patches, terms)
     low, high = np.percentile(order[known], [0.1, 99.9])
     for crest in range(int(np.floor(2.0 * low)), int(np.ceil(2.0 * high)) + 1):
-        from_crest = order - 0.5 * crest
-        far = known & (np.abs(from_crest) >= _BAND)
-        if not 0 < np.count_nonzero(far) < np.count_nonzero(known):
-            continue
-        same = far[joints.a] & far[joints.b]
-        same &= (from_crest[joints.a] > 0.0) == (from_crest[joints.b] > 0.0)
-        region = _regions(joints.a[same], joints.b[same], known.size)
-        sizes = np.bincount(region[far], minlength=region.max() + 1)
-        if points is None:
-            here = np.array([sizes.argmax()])
-        else:
-            here = np.unique([region[np.ravel_multi_index(p, terms.shape[:2])] for p in points])
-        there = np.setdiff1d(np.flatnonzero(sizes >= _SMALLEST), here)
-        if not there.size:
-            continue
-        ends = region[joints.a[~same]], region[joints.b[~same]]
-        worse = joints.mirrored(~same, crest)
-        for cut in _cuts(ends, worse, here, there, len(sizes)):
-            across = cut[ends[0]] != cut[ends[1]]
-            if across.any():
-                beyond = (cut[region] & known).reshape(terms.shape[:2])
-                said = float(np.abs(worse[across]).sum())
-                yield _Seam(crest, beyond, float(worse[across].sum()), said)
+        for band in _BANDS:
+            yield from _about(joints, terms, crest, band, points)
+
+
+def _about(
+    joints: _Joints,
+    terms: Array,
+    crest: int,
+    band: float,
+    points: Sequence[tuple[int, int]] | None,
+) -> Iterator[_Seam]:
+    """The seams about one crest, which keep to the patches in a band of orders about it."""
+    shape = terms.shape[:2]
+    known = np.isfinite(terms[..., 0]).ravel()
+    from_crest = terms[..., 0].ravel() - 0.5 * crest
+    far = known & (np.abs(from_crest) >= band)
+    if not 0 < np.count_nonzero(far) < np.count_nonzero(known):
+        return
+    same = far[joints.a] & far[joints.b]
+    same &= (from_crest[joints.a] > 0.0) == (from_crest[joints.b] > 0.0)
+    region = _regions(joints.a[same], joints.b[same], known.size)
+    sizes = np.bincount(region[far], minlength=region.max() + 1)
+    if points is None:
+        here = np.array([sizes.argmax()])
+    else:
+        here = np.unique([region[np.ravel_multi_index(p, shape)] for p in points])
+    there = np.setdiff1d(np.flatnonzero(sizes >= _SMALLEST), here)
+    ends = region[joints.a[~same]], region[joints.b[~same]]
+    worse = joints.mirrored(~same, crest)
+    for cut in _cuts(ends, worse, here, there, len(sizes)):
+        across = cut[ends[0]] != cut[ends[1]]
+        if across.any():
+            beyond = (cut[region] & known).reshape(shape)
+            said = float(np.abs(worse[across]).sum())
+            yield _Seam(crest, beyond, float(worse[across].sum()), said)
 
 
 def _joints(patches: Patches, terms: Array) -> _Joints:
