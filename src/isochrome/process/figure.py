@@ -10,7 +10,6 @@ from isochrome.figures import FRAME_MAP, LINE_COLOURS, VALUE_MAP, new_figure, sh
 from isochrome.fringes.skeleton import Skeleton, order_contours
 from isochrome.process.result import ProcessedFrame
 from isochrome.scene import Scene
-from isochrome.stress import pixel_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +39,7 @@ def process_figure(scene: Scene, items: list[ProcessedFrame]) -> Figure:
     axes: Any = figure.subplots(down, across, squeeze=False)
     largest = max((_largest(item) for item in items), default=1.0)
     for k, item in enumerate(items):
-        place = _place(item)
+        place = _place(item, scene)
         ax = axes[k, 0] if read else axes.flat[k]
         judged = item.reading is not None and np.isfinite(item.chi)  # no model, no chi
         title = f"{item.label}: chi = {item.chi:.2f}" if judged else item.label
@@ -93,11 +92,9 @@ def _largest(item: ProcessedFrame) -> float:
     return float(np.nanpercentile(item.reading.order, 99.9))
 
 
-def _place(item: ProcessedFrame) -> dict[str, Any]:
-    if item.fit is None:
-        return {"pixel_mm": item.pixel_mm}
-    grid = pixel_grid(item.fit.scene, (item.normalised.shape[0], item.normalised.shape[1]))
-    return {"pixel_mm": grid.pixel_mm, "left_mm": grid.left_mm, "top_mm": grid.top_mm}
+def _place(item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
+    left, top = item.corner_mm(scene)
+    return {"pixel_mm": item.pixel_mm, "left_mm": left, "top_mm": top}
 
 
 def _draw(axes: Any, lines: list[Skeleton], place: dict[str, Any]) -> None:

@@ -28,7 +28,6 @@ from isochrome.process.figure import process_figure
 from isochrome.process.processed import Processed, collect
 from isochrome.process.result import ProcessedFrame
 from isochrome.scene import Scene, dump_scene
-from isochrome.stress import pixel_grid
 
 _SHOWN = 6
 
@@ -117,15 +116,6 @@ def _files(scene: Scene, inputs: str | Path) -> list[Path]:
 
 def _columns(item: ProcessedFrame, lines: list[Skeleton], scene: Scene) -> dict[str, Any]:
     """A frame's part of skeleton.csv."""
-    left, top = _corner(item, scene)
+    left, top = item.corner_mm(scene)
     table = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
     return {"frame": np.full(len(table["line"]), item.index), **table}
-
-
-def _corner(item: ProcessedFrame, scene: Scene) -> tuple[float, float]:
-    """Outer edges (mm) of the first column and row, 0 where nobody has said where they are."""
-    own = scene if item.fit is None else item.fit.scene
-    if own.model is not None and own.camera is not None and own.camera.pixel_mm is not None:
-        grid = pixel_grid(own, (item.normalised.shape[0], item.normalised.shape[1]))
-        return grid.left_mm, grid.top_mm
-    return (own.camera.left_mm or 0.0, own.camera.top_mm or 0.0) if own.camera else (0.0, 0.0)

@@ -13,6 +13,7 @@ from isochrome.frames import Linear
 from isochrome.fringes.branch import OrderReading
 from isochrome.fringes.line_orders import number_lines
 from isochrome.fringes.skeleton import Skeleton, order_contours
+from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
 Array = NDArray[Any]
@@ -81,6 +82,17 @@ class ProcessedFrame:
         if self.lines:
             return number_lines(self.lines, self.reading.order)
         return order_contours(self.reading.order, min_length_px=_SHORTEST_PX)
+
+    def corner_mm(self, scene: Scene) -> tuple[float, float]:
+        """Outer edges (mm) of the first column and row, in the scene's axes; 0 where none has any.
+
+        Parameters: `scene`, the set's. Returns left and top.
+        """
+        own = scene if self.fit is None else self.fit.scene
+        if own.model is not None and own.camera is not None and own.camera.pixel_mm is not None:
+            grid = pixel_grid(own, (self.normalised.shape[0], self.normalised.shape[1]))
+            return grid.left_mm, grid.top_mm
+        return (own.camera.left_mm or 0.0, own.camera.top_mm or 0.0) if own.camera else (0.0, 0.0)
 
     def maps(self) -> dict[str, Array]:
         """The maps that are written to disk, by the name of their file."""
