@@ -7,42 +7,30 @@ from hypothesis import strategies as st
 
 from isochrome.errors import InputError
 from isochrome.fringes.absolute import balance, unwrap
+from isochrome.fringes.step_light import fill_gaps
 from isochrome.fringes.stepped import read_steps
 from isochrome.fringes.steps import make_design, solve_steps
 from isochrome.fringes.whole_number import settle
 from isochrome.optics import make_chain
-from isochrome.scene import Polariscope, parse_scene
-from isochrome.simulate import make_picture, scene_states, simulate, state_difference
-from isochrome.stress import pixel_grid
-from scene_texts import PAPER_CONTACT
-
-CIRCULAR = [
-    (90, 45, -45, 0), (90, 45, -45, 90),
-    (90, 45, 0, 0), (90, 45, 45, 45), (90, 45, 90, 90), (90, 45, 135, 135),
-]  # fmt: skip
-PLANE = [(90.0 + b, None, None, b) for b in (0.0, 22.5, 45.0, 67.5)]
-TEN = CIRCULAR + PLANE
-
-OPTICS = "\n[polariscope]\nwavelength_nm = 587.0\n"
-CAMERA = """
-[camera]
-width_px = 659
-height_px = 494
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-vignette = 0.3
-noise_grey = 3.0
-blur_px = 0.4
-"""
-DISC = '[specimen]\nshape = "disc"\ndiameter_mm = 30.0\nthickness_mm = 6.0\n' + (
-    "fringe_value_n_per_mm = 7.0\n[load]\nnormal_n = 450.0\n" + OPTICS + CAMERA
+from isochrome.scene import Polariscope
+from isochrome.simulate import simulate
+from stepped_sets import (
+    BEAM,
+    CIRCULAR,
+    PLANE,
+    TEN,
+    a_scene,
+    as_steps,
+    captured,
+    chains_of,
+    contact,
+    disc,
+    errors,
+    light_of,
+    read,
+    small,
+    truth,
 )
-BEAM = '[specimen]\nshape = "beam"\nheight_mm = 20.0\nthickness_mm = 6.0\n' + (
-    "fringe_value_n_per_mm = 7.0\n[load]\nnormal_n = 200.0\ninner_span_mm = 40.0\n"
-    "outer_span_mm = 100.0\n" + OPTICS + CAMERA
-)
-CONTACT = PAPER_CONTACT + OPTICS + CAMERA
 
 UNMATCHED = {"polariscope.plate_wavelength_nm": 0.95 * 587.0}
 MISALIGNED = {
@@ -51,74 +39,6 @@ MISALIGNED = {
     "polariscope.output_plate_error_deg": 0.8,
     "polariscope.analyser_error_deg": -0.5,
 }
-
-
-def as_steps(angles):
-    names = ("polariser_deg", "input_plate_deg", "output_plate_deg", "analyser_deg")
-    return tuple(
-        {n: a for n, a in zip(names, four, strict=True) if a is not None} for four in angles
-    )
-
-
-def a_scene(text, *, pixel_mm, steps=TEN, **values):
-    scene = parse_scene(text + f"pixel_mm = {pixel_mm}\n")
-    return scene.with_values({"polariscope.step": as_steps(steps)} | values)
-
-
-def disc(pixel_mm=0.0625, **values):
-    return a_scene(DISC, pixel_mm=pixel_mm, **values)
-
-
-def contact(mu=0.0, **values):
-    text = CONTACT.replace("[load]", f"[friction]\ncoefficient = {mu}\n[load]") if mu else CONTACT
-    return a_scene(text, pixel_mm=0.00607, **values)
-
-
-def small(scene, factor=3):
-    """The same picture with fewer pixels."""
-    return scene.with_values(
-        {
-            "camera.pixel_mm": factor * scene.camera.pixel_mm,
-            "camera.width_px": 659 // factor,
-            "camera.height_px": 494 // factor,
-        }
-    )
-
-
-def chains_of(scene):
-    return [make_chain(scene.polariscope, i) for i in range(len(scene.polariscope.step))]
-
-
-def truth(scene):
-    """Order (fringes) and direction of sigma_1 (degrees) of the scene's own field."""
-    pixels = pixel_grid(scene)
-    (state,) = scene_states(scene)
-    difference = state_difference(scene, state, pixels)
-    picture = make_picture(scene, difference, pixels)
-    # z grows downward in the image: counter-clockwise for the camera is minus the stress' angle
-    return picture.order, -0.5 * np.degrees(np.angle(difference))
-
-
-def captured(scene):
-    """Light of the steps, pixels that are not saturated, and the noise, all of full scale."""
-    frames = simulate(scene).frames
-    # rounding to whole grey levels is noise of variance 1/12
-    sigma = np.sqrt(scene.camera.noise_grey**2 + 1.0 / 12.0) / 255.0
-    return frames.astype(np.float32) / 255.0, (frames < 255).all(axis=0), float(sigma)
-
-
-def read(scene, **options):
-    light, valid, sigma = captured(scene)
-    return read_steps(light, chains_of(scene), sigma=sigma, valid=valid, **options)
-
-
-def errors(found, scene):
-    """Errors of the order (fringes) and of the isoclinic (degrees), where each is known."""
-    order, direction = truth(scene)
-    known, turned = np.isfinite(found.order), np.isfinite(found.isoclinic)
-    assert np.isfinite(order[known]).all()  # nothing is read where there is no specimen
-    turn = (found.isoclinic - direction + 90.0) % 180.0 - 90.0
-    return (found.order - order)[known], turn[turned], known.sum() / np.isfinite(order).sum()
 
 
 # The linear algebra, against products of Jones matrices written out
@@ -351,6 +271,43 @@ def test_saturated_pixels_are_masked_and_the_rest_is_right():
     assert not np.isfinite(found.order[~valid]).any()
     order, _, _ = errors(found, scene)
     assert order.size > 0.6 * valid.size and np.abs(order).max() < 0.25
+
+
+@pytest.mark.parametrize("steps", [TEN, CIRCULAR], ids=["ten", "six"])
+def test_a_saturated_frame_is_left_out_of_a_pixel_and_the_others_are_used(steps):
+    """Over half of the pixels are saturated in one frame or more."""
+    scene = small(contact(0.3, steps=steps, **{"camera.brightness": 1.15}), 2)
+    light, good, sigma = light_of(simulate(scene).frames, scene)
+    assert good.all(axis=0).mean() < 0.5
+    found = read_steps(light, chains_of(scene), sigma=sigma, valid=good)
+    order, turn, kept = errors(found, scene)
+    assert kept > 0.95 and found.warnings == ()
+    assert np.sqrt(np.mean(order**2)) <= 0.005 and np.abs(order).max() < 0.25
+    assert np.abs(turn).max() < 45.0
+    pull = order / found.reading.uncertainty[np.isfinite(found.order)]
+    assert np.sqrt(np.mean(pull**2)) < 1.1  # the gap's own noise is told
+
+
+def test_gaps_are_filled_with_what_least_squares_of_the_rest_gives():
+    rng = np.random.default_rng(8)
+    design = make_design(chains_of(disc()))
+    light, good = rng.uniform(0.1, 0.9, (10, 40, 1)), np.ones((10, 40, 1), bool)
+    for pixel in range(30):
+        good[rng.choice(10, pixel % 4, replace=False), pixel] = False
+    good[:4, 30] = False  # six left, and seven unknowns
+    good[:, 31] = False
+    filled, gain, _ = fill_gaps(np.where(good, light, 0.0), good, design)
+    terms = solve_steps(filled, design)
+    assert (filled[good] == light[good]).all()
+    told = np.isfinite(gain[:, 0])
+    assert not told[30] and not told[31] and told.sum() > 30
+    for pixel in np.flatnonzero(told):
+        there = good[:, pixel, 0]
+        alone, *_ = np.linalg.lstsq(design.matrix[there], light[there, pixel, 0], rcond=None)
+        # two ways through the same equations, of a condition under a hundred
+        assert terms.cosine[pixel, 0] == pytest.approx(alone[2], abs=1e-6)
+        assert terms.sine[pixel, 0] == pytest.approx(alone[5] + 1j * alone[6], abs=1e-6)
+    assert (gain[30:, 0][told[30:]] == 1.0).all() and np.nanmin(gain) == 1.0
 
 
 def test_frames_without_a_readable_pixel_say_so():

@@ -21,7 +21,17 @@ from isochrome.fringes.step_quality import (
     phase_uncertainty,
     step_misfit,
 )
-from isochrome.fringes.steps import BACKGROUND, StepDesign, StepTerms, make_design, solve_steps
+from isochrome.fringes.steps import (
+    BACKGROUND,
+    CROSS,
+    CROSS_SINE,
+    SINE,
+    SINE_SINE,
+    StepDesign,
+    StepTerms,
+    make_design,
+    solve_steps,
+)
 from isochrome.optics import Chain
 
 Array = NDArray[Any]
@@ -68,15 +78,15 @@ def measure_steps(
     light = np.asarray(stack, dtype=np.promote_types(stack.dtype, np.float32))
     good = np.isfinite(light)
     good = good if valid is None else good & valid
-    light, gain = fill_gaps(np.where(good, light, 0.0), good, design)
-    trusted, whole = np.isfinite(gain), good.all(axis=0)
+    light, gain, turn_gain = fill_gaps(np.where(good, light, 0.0), good, design)
+    trusted, whole, swing = np.isfinite(gain), good.all(axis=0), sigma
     if (gain > 1.0).any():
-        sigma = sigma * np.fmax(gain, 1.0)
+        swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
     terms = solve_steps(light, design)
-    direction = find_direction(terms, design, sigma=sigma, valid=trusted)
+    direction = find_direction(terms, design, sigma=swing, valid=trusted)
     for _ in range(_PASSES if design.leaks else 0):
         terms = solve_steps(light, design, direction.twice)
-        direction = find_direction(terms, design, sigma=sigma, valid=trusted)
+        direction = find_direction(terms, design, sigma=swing, valid=trusted)
     contrast = np.hypot(terms.cosine, np.abs(terms.sine))
     seen = trusted & bright_enough(contrast, trusted)
     misfit, chi = step_misfit(light, design, sigma, seen & whole)
@@ -88,46 +98,50 @@ def measure_steps(
     return StepLight(terms, direction, seen, specimen, contrast, uncertainty, chi)
 
 
-def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array]:
+def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:
     """Give the frames that cannot be trusted in a pixel the light that its other frames ask for.
 
     Equation: I_missing = M_missing x, x the least squares of the frames that are there; all frames
     together then have the very solution x. Parameters: `light` (steps, rows, cols), nought where
     not `good`; `good` of that shape, True = trusted; `design`. Returns the light, and how many
-    times the noise of x is that of a whole pixel (rows, cols): 1 where every frame is there, NaN
-    where the rest cannot tell the order. Source: Yates (1933), Empire Journal of Experimental
-    Agriculture 1, 129 (missing observations in least squares).
+    times the noise is that of a whole pixel, at most of any unknown, and on the whole of those that
+    tell the direction (rows, cols): 1 where every frame is there, NaN where the rest cannot tell
+    the order. Source: Yates (1933), Empire Journal of Experimental Agriculture 1, 129 (missing
+    observations in least squares).
     """
-    gain = np.where(good.all(axis=0), 1.0, np.nan).astype(np.float32)
-    wanting = np.isnan(gain) & good.any(axis=0)
+    gains = np.where(good.all(axis=0), 1.0, np.nan)[None].repeat(2, axis=0).astype(np.float32)
+    wanting = np.isnan(gains[0]) & good.any(axis=0)
     if design.leaks or not wanting.any():
-        return light, gain
+        return light, gains[0], gains[1]
     code = np.int64(1) << np.arange(len(light), dtype=np.int64)
     kinds = np.tensordot(code, good[:, wanting].astype(np.int64), axes=1)
-    values, noise = light[:, wanting], np.full(kinds.shape, np.nan, dtype=np.float32)
+    values, noise = light[:, wanting], np.full((2, kinds.size), np.nan, dtype=np.float32)
     for kind in np.unique(kinds):
         there, here = (kind & code) > 0, kinds == kind
-        inverse, more = _part_inverse(design, there)
-        if more <= _MOST_NOISE:
+        inverse, *more = _part_inverse(design, there)
+        if more[0] <= _MOST_NOISE:
             missing = design.matrix[~there][:, design.solved] @ inverse
             chosen = values[np.ix_(there, here)]
             values[np.ix_(~there, here)] = missing.astype(light.dtype) @ chosen
-            noise[here] = more
+            noise[:, here] = np.reshape(more, (2, 1))
     filled = light.copy()
     filled[:, wanting] = values
-    gain[wanting] = noise
-    return filled, gain
+    gains[:, wanting] = noise
+    return filled, gains[0], gains[1]
 
 
-def _part_inverse(design: StepDesign, there: Mask) -> tuple[Array, float]:
-    """Least squares over some of the frames, and the largest growth of an unknown's noise by it.
+def _part_inverse(design: StepDesign, there: Mask) -> tuple[Array, float, float]:
+    """Least squares over some of the frames, and the growth of the unknowns' noise by it.
 
-    The background is not used, and counts for nothing.
+    The largest, and the mean of those that tell the direction; the background is not used, and
+    counts for nothing.
     """
     part = design.matrix[there][:, design.solved]
     inverse = np.linalg.pinv(part)
     if np.linalg.matrix_rank(part, tol=1e-6) < len(design.solved):
-        return inverse, float("inf")
-    used = [i for i, unknown in enumerate(design.solved) if unknown != BACKGROUND]
+        return inverse, float("inf"), float("inf")
     growth = np.square(inverse).sum(axis=1) / np.diag(design.covariance)
-    return inverse, float(np.sqrt(growth[used].max()))
+    unknowns = np.array(design.solved)
+    largest = growth[unknowns != BACKGROUND].max()
+    turning = growth[np.isin(unknowns, (CROSS, CROSS_SINE, SINE, SINE_SINE))].mean()
+    return inverse, float(np.sqrt(largest)), float(np.sqrt(turning))

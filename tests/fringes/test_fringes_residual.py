@@ -1,0 +1,224 @@
+"""Residual stress taken out as a tensor: rendered sums of stresses, in equilibrium, known apart."""
+
+import numpy as np
+import pytest
+
+from isochrome.fringes.absolute import balance
+from isochrome.fringes.residual import least_field, read_residual
+from isochrome.fringes.stepped import read_steps
+from isochrome.fringes.steps import StepTerms
+from stepped_sets import (
+    BEAM,
+    CIRCULAR,
+    a_scene,
+    chains_of,
+    contact,
+    disc,
+    disc_residual,
+    layer_residual,
+    light_of,
+    small,
+    with_residual,
+)
+
+
+def unloaded(sets, scene):
+    light, good, sigma = light_of(sets.unloaded, scene)
+    return read_residual(light, chains_of(scene), sigma=sigma, valid=good)
+
+
+def of_load(sets, scene, residual, **options):
+    light, good, sigma = light_of(sets.loaded, scene)
+    return read_steps(
+        light, chains_of(scene), sigma=sigma, valid=good, residual=residual, **options
+    )
+
+
+def turn_of(found, sets):
+    turn = (found.isoclinic - sets.direction + 90.0) % 180.0 - 90.0
+    return np.abs(turn[np.isfinite(turn)])
+
+
+def scalar_error(sets):
+    """RMS error of the load's order if orders were subtracted in the place of tensors."""
+    return np.sqrt(np.nanmean((np.abs(sets.shown - sets.residual_order) - sets.order) ** 2))
+
+
+def layered_contact(**values):
+    scene = contact(0.3, **values)
+    return scene, layer_residual(scene, 0.3, 3.0)
+
+
+def light_disc():
+    scene = disc(**{"load.normal_n": 60.0})
+    return scene, disc_residual(scene, 0.35)
+
+
+def quenched_disc():
+    scene = disc()
+    return scene, disc_residual(scene, 0.45)
+
+
+@pytest.mark.parametrize("case", [light_disc, quenched_disc, layered_contact])
+def test_the_loads_own_field_is_left(case):
+    scene, residual = case()
+    sets = with_residual(scene, residual, exposure=0.9)
+    apart = unloaded(sets, scene)
+    found = of_load(sets, scene, apart)
+    error = (found.order - sets.order)[np.isfinite(found.order)]
+    assert error.size > 0.95 * np.isfinite(sets.order).sum()
+    assert np.sqrt(np.mean(error**2)) <= 0.005 and np.abs(error).max() < 0.25
+    assert scalar_error(sets) > 0.1  # directions differ: orders do not subtract
+    turn = turn_of(found, sets)
+    assert np.median(turn) <= 0.1 and turn.max() < 45.0
+    assert turn.size > 0.9 * error.size
+    assert found.parts[0].source == "equilibrium"
+    assert found.warnings == () and apart.warnings == ()
+    pull = error / found.reading.uncertainty[np.isfinite(found.order)]
+    assert 0.85 < np.sqrt(np.mean(pull**2)) < 1.1
+    # the dark field is that of the load alone
+    dark = found.dark_field - np.sin(np.pi * sets.order) ** 2
+    assert np.sqrt(np.nanmean(dark**2)) < np.pi * 0.005
+
+
+@pytest.mark.parametrize("highest", [0.05, 0.3, 0.7])
+def test_the_residual_stress_is_read_even_beyond_half_an_order(highest):
+    """A direction that does not vary: equilibrium is silent, and most of the beam is below 1/2."""
+    scene = small(a_scene(BEAM, pixel_mm=0.05), 2)
+    residual = layer_residual(scene, highest, 20.0)
+    sets = with_residual(scene, residual)
+    found = unloaded(sets, scene)
+    # y upward in the reading, z downward in the stress
+    true = np.conj(residual) * 6.0 / 7.0
+    error = np.abs(found.field - true)[np.isfinite(found.field)]
+    assert error.size > 0.95 * np.isfinite(sets.order).sum()
+    assert np.sqrt(np.mean(error**2)) <= 0.005 and error.max() < 0.1
+    assert found.warnings == ()
+    assert found.largest == pytest.approx(np.nanmax(sets.residual_order), abs=0.03)
+    strong = np.isfinite(found.field) & (sets.residual_order > 0.5 * highest)
+    turn = found.isoclinic[strong] + 0.5 * np.degrees(np.angle(residual[strong]))
+    turn = np.abs((turn + 90.0) % 180.0 - 90.0)
+    # noise of 0.0013 fringe, across 0.025 of them and more: 1.5 degrees at most
+    assert np.isfinite(turn).mean() > 0.95 and np.nanmedian(turn) < 1.5
+
+
+def test_a_specimen_without_residual_stress_stays_as_it_is():
+    scene = small(contact(0.3), 2)
+    sets = with_residual(scene, np.zeros((247, 329), complex))
+    apart = unloaded(sets, scene)
+    assert apart.largest == 0.0 and apart.kept > 0.95 and apart.warnings == ()
+    told = np.isfinite(apart.isoclinic).mean()
+    assert told < 0.03  # three standard uncertainties of two components of noise: exp(-9/2)
+    with_it, without = of_load(sets, scene, apart), of_load(sets, scene, None)
+    both = np.isfinite(with_it.order) & np.isfinite(without.order)
+    assert both.sum() > 0.97 * np.isfinite(without.order).sum()
+    spread = np.hypot(with_it.reading.uncertainty, without.reading.uncertainty)
+    change = (with_it.order - without.order) / spread
+    assert np.sqrt(np.mean(change[both] ** 2)) < 1.0
+    assert np.sqrt(np.mean((with_it.order - sets.order)[both] ** 2)) <= 0.005
+
+
+def test_six_circular_steps_take_it_out_too():
+    scene, residual = layered_contact(steps=CIRCULAR)
+    sets = with_residual(scene, residual)
+    found = of_load(sets, scene, unloaded(sets, scene))
+    error = (found.order - sets.order)[np.isfinite(found.order)]
+    assert error.size > 0.95 * sets.order.size and np.abs(error).max() < 0.25
+    assert np.sqrt(np.mean(error**2)) <= 0.005
+    # no plane images: as without residual stress
+    assert np.median(turn_of(found, sets)) <= 0.2
+
+
+def test_the_whole_number_of_a_loaded_disc_needs_the_residual_to_be_left_out_of_compatibility():
+    scene, _ = light_disc()
+    sets = with_residual(scene, disc_residual(scene, 0.45))
+    with_it, without = of_load(sets, scene, unloaded(sets, scene)), of_load(sets, scene, None)
+    assert with_it.parts[0].balance.whole is not None
+    assert without.parts[0].balance.whole is None
+
+
+def test_known_orders_and_models_are_those_of_the_frames_residual_stress_and_all():
+    scene = small(a_scene(BEAM, pixel_mm=0.05), 2)
+    sets = with_residual(scene, layer_residual(scene, 0.4, 20.0))
+    apart = unloaded(sets, scene)
+    row, col = np.unravel_index(np.nanargmin(np.abs(sets.shown - 2.72)), sets.shown.shape)
+    for options, source in (
+        ({"known_order": [(int(row), int(col), 2.72)]}, "known order"),
+        ({"model": lambda: sets.shown}, "model"),
+    ):
+        found = of_load(sets, scene, apart, **options)
+        assert found.parts[0].source == source
+        error = (found.order - sets.order)[np.isfinite(found.order)]
+        assert error.size > 0.9 * np.isfinite(sets.order).sum()
+        assert np.sqrt(np.mean(error**2)) <= 0.005 and np.abs(error).max() < 0.25
+
+
+def test_where_the_residual_is_not_known_nor_is_the_load():
+    scene = small(contact(0.3), 2)
+    sets = with_residual(scene, layer_residual(scene, 0.2, 3.0))
+    light, good, sigma = light_of(sets.unloaded, scene)
+    good[:, 100:140, 60:200] = False
+    apart = read_residual(light, chains_of(scene), sigma=sigma, valid=good)
+    assert not np.isfinite(apart.field[100:140, 60:200]).any()
+    found = of_load(sets, scene, apart)
+    assert not np.isfinite(found.order[100:140, 60:200]).any()
+    assert (found.reading.confidence[100:140, 60:200] == 0.0).all()
+    error = (found.order - sets.order)[np.isfinite(found.order)]
+    assert error.size > 0.8 * sets.order.size and np.abs(error).max() < 0.25
+
+
+def test_a_residual_that_may_be_beyond_half_an_order_all_over_is_left_out_and_said():
+    scene = small(a_scene(BEAM, pixel_mm=0.05), 2)
+    residual = 0.5 * 7.0 / 6.0 + layer_residual(scene, 0.2, 20.0)  # 0.4 to 0.7 fringe, all one way
+    sets = with_residual(scene, residual)
+    found = unloaded(sets, scene)
+    right = np.abs(found.field - np.conj(residual) * 6.0 / 7.0) < 0.1
+    assert not (np.isfinite(found.field) & ~right).any()
+    assert "may pass half an order" in " ".join(found.warnings)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_of_ten_grey_levels_is_told(seed):
+    rng = np.random.default_rng(seed)
+    scene = disc(**{"camera.noise_grey": 10.0, "load.normal_n": rng.uniform(50.0, 450.0)})
+    sets = with_residual(scene, disc_residual(scene, rng.uniform(0.1, 0.45)))
+    found = of_load(sets, scene, unloaded(sets, scene))
+    error = (found.order - sets.order)[np.isfinite(found.order)]
+    assert np.abs(error).max() < 0.25 and error.size > 0.8 * np.isfinite(sets.order).sum()
+    pull = error / found.reading.uncertainty[np.isfinite(found.order)]
+    assert 0.8 < np.sqrt(np.mean(pull**2)) < 1.1
+
+
+# The parts
+
+
+def test_the_least_order_is_the_order_below_a_half_and_its_mirror_above():
+    order, theta = np.array([[0.0, 0.1, 0.49, 0.7, 1.2]]), 0.4
+    delta, twice = 2.0 * np.pi * order, np.exp(2j * theta)
+    found = least_field(
+        StepTerms(np.ones((1, 5)), np.cos(delta), np.sin(delta) * twice, None, True)
+    )
+    expected = np.array([[0.0, 0.1, 0.49, -0.3, 0.2]]) * twice
+    np.testing.assert_allclose(found, expected, atol=1e-12)  # float64 through one arctangent
+
+
+def test_equilibrium_alone_finds_the_whole_number_of_a_stress_that_is_not_compatible():
+    """From an Airy function that is not biharmonic: phi = exp(-(x² + 2 y²)) with a slanted part."""
+    rows = cols = 400
+    y, x = np.mgrid[:rows, :cols] / 110.0
+    x, y = x - 1.8, 1.8 - y
+    bell = 8.0 * np.exp(-(x**2) - 0.5 * y**2 + 0.3 * x * y)
+    slope_x, slope_y = -2.0 * x + 0.3 * y, -y + 0.3 * x
+    stress_y = bell * (slope_x**2 - 2.0)
+    stress_x = bell * (slope_y**2 - 1.0)
+    shear = -bell * (slope_x * slope_y + 0.3)
+    field = 0.2 * (stress_x - stress_y + 2j * shear) + 3.0
+    inside = np.hypot(x, y) < 1.4
+    twice = field / np.abs(field)
+    still = np.full(inside.shape, 1e-4)
+    turns = np.abs(field) - 2.0
+    found = balance(turns, twice, inside, spread=still, compatible=False)
+    # blocks of four pixels and Gaussians cut off at 3.5 widths: a hundredth
+    assert found.whole == 2 and found.number == pytest.approx(2.0, abs=0.05)
+    assert balance(turns, twice, inside, spread=still).whole != 2
