@@ -99,7 +99,9 @@ def read_residual(
     turn = 2.0 * np.pi * np.minimum(np.abs(field), _NEAR_HALF)
     across = spread * turn / np.maximum(np.sin(turn), 1e-9)
     sharp = 2.0 * np.abs(followed.field) * light.direction.uncertainty
-    spread = np.where(least, np.fmax(across, spread), np.hypot(spread, sharp))
+    across, sharp = np.fmax(across, spread), np.hypot(spread, sharp)
+    least &= ~(followed.known & (sharp < across))
+    spread = np.where(least, across, sharp)
     field = np.where(least, field, followed.field)
     known = (least | followed.known) & (spread < LARGEST_UNCERTAINTY)
     field, spread = _pooled(np.where(known, field, np.nan), spread, known)
