@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isochrome.calibrate.line import Line, check_order, fit_line
 from isochrome.calibrate.result import BudgetItem, Calibration, ImageFit
 from isochrome.errors import PhysicsError
+
+Array = NDArray[np.float64]
 
 POOR_CHI = 1.3
 """Above this the model does not describe an image within its noise, and the result says so."""
@@ -40,19 +43,22 @@ def conclude(
     factor_n2_per_mm: float,
     inputs: Sequence[Input],
     *,
+    covariance: Array | None = None,
     said: tuple[str, ...] = (),
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
 
     Parameters: `specimen`, 'beam' or 'disc'; `images`, fitted, with loads above zero;
-    `factor_n2_per_mm`, N/mm per (fringe/N); `inputs`, what else is uncertain; `said`,
-    warnings already known.
+    `factor_n2_per_mm`, N/mm per (fringe/N); `inputs`, what else is uncertain;
+    `covariance` (n, n) of the orders where they were fitted together; `said`, warnings already
+    known.
     Returns the Calibration. Raises PhysicsError where the orders contradict the loads.
     """
     loads = [i.load_n for i in images]
     orders = np.array([i.order for i in images])
     check_order(loads, orders, tuple(i.file for i in images))
-    line = fit_line(loads, orders, [max(i.standard_uncertainty, 1e-9) for i in images])
+    spread = [max(i.standard_uncertainty, 1e-9) for i in images]
+    line = fit_line(loads, orders, spread if covariance is None else covariance)
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
     if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
         raise PhysicsError(
@@ -62,7 +68,7 @@ def conclude(
     if line.left_out is not None:
         images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
         _check_line(images)
-    budget = _budget(value, line, inputs)
+    budget = _budget(value, line, inputs, _misfit(images, line))
     total = float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget)))
     chis = np.array([i.chi for i in images])
     return Calibration(
@@ -87,11 +93,27 @@ def _check_line(images: Sequence[ImageFit]) -> None:
         )
 
 
-def _budget(value: float, line: Line, inputs: Sequence[Input]) -> tuple[BudgetItem, ...]:
+def _misfit(images: Sequence[ImageFit], line: Line) -> float:
+    """What the images' misfits m may do to the slope k: fringes per N.
+
+    One cause mostly works in all images, in proportion to their orders (then it is k m/N) or
+    alone in each (then it is the line's weights times m); the larger of both is taken.
+    """
+    own = np.array([i.misfit for i in images])
+    orders = np.array([i.order for i in images])
+    alike = line.slope * float(np.sqrt(np.mean((own / orders) ** 2)))
+    return max(alike, float(np.sqrt(np.sum((np.array(line.weights) * own) ** 2))))
+
+
+def _budget(
+    value: float, line: Line, inputs: Sequence[Input], misfit: float
+) -> tuple[BudgetItem, ...]:
     scatter = np.sqrt(max(line.slope_uncertainty**2 - line.slope_noise**2, 0.0))
     rows = [
         ("image noise and fit", line.slope_noise, "fringe/N", value * line.slope_noise / line.slope)
     ]
+    if misfit > 0:
+        rows.append(("model misfit", misfit, "fringe/N", value * misfit / line.slope))
     if line.left_out is not None:
         rows.append(("scatter across loads", scatter, "fringe/N", value * scatter / line.slope))
     rows += [

@@ -35,8 +35,9 @@ class View:
 class ImageFit:
     """One image's part: its order (at a beam's edge, at a disc's centre) and what is left.
 
-    `predicted_order` comes from the other loads' line (None below three loads); `geometry` holds
-    the fitted places in pixels and angles in degrees by name.
+    `standard_uncertainty` of the order is the noise's, `misfit` what comes on top of it where the
+    model does not describe the image; `predicted_order` comes from the other loads' line (None
+    below three loads); `geometry` holds the fitted places in pixels and angles in degrees by name.
     """
 
     file: str
@@ -47,6 +48,7 @@ class ImageFit:
     predicted_order: float | None = None
     geometry: dict[str, float] = field(default_factory=dict)
     view: View | None = None
+    misfit: float = 0.0
 
 
 @dataclass(frozen=True)
