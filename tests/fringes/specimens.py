@@ -83,7 +83,8 @@ class Shot:
 class Light:
     """A shot made ready to be read: linear `light` and its `sigma`, ends, `wave`, `valid`.
 
-    `settled`, whether the ends that no no-load frame gave were found.
+    `settled`, whether the search for the ends that no no-load frame gave came to rest; `error` of
+    the signal by what it left open; `tone`, the exponent that was found, 1 where none was asked.
     """
 
     light: np.ndarray
@@ -94,6 +95,8 @@ class Light:
     wave_sigma: np.ndarray
     valid: np.ndarray
     settled: bool
+    error: np.ndarray
+    tone: float = 1.0
 
 
 @lru_cache(maxsize=32)
@@ -255,13 +258,15 @@ def _lamps(shape: tuple[int, int], share: float, rng: np.random.Generator) -> np
     return spots
 
 
-def light_of(shot: Shot, *, ends: str = "both", gamma: float | None = None) -> Light:
+def light_of(shot: Shot, *, ends: str = "both", gamma: float | str | None = None) -> Light:
     """The shot as a reading is given it, normalised with its no-load frames.
 
     Parameters: `ends`, which no-load frames there are: 'both', 'dark', or 'none'; what is missing
-    is found from the fringes. `gamma`, that the user says the camera has (None: the true one).
+    is found from the fringes. `gamma`, that the user says the camera has (None: the true one), or
+    'unknown', and found from the fringes too.
     """
-    said = shot.camera.gamma if gamma is None else gamma
+    unknown = gamma == "unknown"
+    said = 1.0 if unknown else shot.camera.gamma if gamma is None else float(gamma)
     linear, dark, bright = (
         to_linear(image, bit_depth=8, gamma=said, allow_blank=True)
         for image in (shot.frame, shot.dark, shot.bright)
@@ -271,18 +276,29 @@ def light_of(shot: Shot, *, ends: str = "both", gamma: float | None = None) -> L
     # at a smoothed level, so that a pixel's weight does not follow its own noise
     level = gaussian_filter(shot.frame.astype(float), 1.5)
     sigma = noise.linear_sigma(level, bit_depth=8, gamma=said)
-    if ends == "both":
+    light, error, tone = np.where(valid, linear.image, 0.0), np.zeros(valid.shape), 1.0
+    if ends == "both" and not unknown:
         done = normalise(Linear(linear.image, valid), dark, bright)
         low, contrast, valid, settled = done.background, done.contrast, done.valid, True
     else:
-        given = dark.image if ends == "dark" else None
-        found = fit_ends(linear.image, sigma, valid, dark=given)
+        found = fit_ends(
+            light,
+            sigma,
+            valid,
+            dark=dark.image if ends in ("dark", "both") else None,
+            bright=bright.image if ends == "both" else None,
+            tone=unknown,
+        )
         low, contrast, settled = found.dark, found.bright - found.dark, found.settled
-        valid = valid & (contrast > 0.0)
+        error, tone = found.signal_uncertainty(light), found.tone
+        valid = valid & (contrast > 0.05 * np.median(contrast[valid]))
+        sigma = tone * np.maximum(light, sigma) ** (tone - 1.0) * sigma
+        light = light**tone
     scale = np.where(valid, contrast, 1.0)
-    light = np.where(valid, linear.image, 0.0)
     wave = np.where(valid, 1.0 - 2.0 * (light - low) / scale, 0.0)
-    return Light(light, sigma, low, contrast, wave, 2.0 * sigma / scale, valid, settled)
+    return Light(
+        light, sigma, low, contrast, wave, 2.0 * sigma / scale, valid, settled, error, tone
+    )
 
 
 def known_point(seen: View, within: np.ndarray | None = None) -> tuple[int, int, float]:

@@ -91,8 +91,8 @@ class CalibrationSet(Part):
     @property
     def gamma(self) -> float:
         """The exponent from linear light to the files' grey levels, I_file = I^(1/gamma)."""
-        given = self.frames if "gamma" in self.frames.model_fields_set else self.camera
-        return given.gamma
+        given = "gamma" in self.frames.model_fields_set
+        return self.frames.stated_gamma if given else self.camera.gamma
 
     def path(self, file: str) -> Path:
         """A path named in the set, relative to the set's own file."""

@@ -67,7 +67,7 @@ def prepare_frame(
     """
     from scipy.ndimage import gaussian_filter
 
-    gamma = scene.frames.gamma
+    gamma = scene.frames.stated_gamma
     linear = to_linear(
         frame.image, bit_depth=bit_depth, gamma=gamma, name=frame.name, mask=frame.mask
     )

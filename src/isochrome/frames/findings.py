@@ -126,8 +126,8 @@ def of_no_load(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Find
     if not seen.count or np.isnan(seen.low).all():
         return
     full = full_scale(reader.bit_depth)
-    low = (max(float(np.nanmin(seen.low)), 0) / full) ** frames.gamma
-    high = (max(float(np.nanmax(seen.high)), 0) / full) ** frames.gamma
+    low = (max(float(np.nanmin(seen.low)), 0) / full) ** frames.first_gamma
+    high = (max(float(np.nanmax(seen.high)), 0) / full) ** frames.first_gamma
     if bright is not None:
         top = float(np.percentile(bright.image, 98))
         if high > 1.15 * top:

@@ -46,7 +46,7 @@ def _average(
             linear = to_linear(
                 frame.image,
                 bit_depth=reader.bit_depth,
-                gamma=scene.frames.gamma,
+                gamma=scene.frames.first_gamma,
                 name=frame.name,
                 allow_blank=True,
             )

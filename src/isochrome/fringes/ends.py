@@ -1,57 +1,82 @@
 r"""The dark and the bright end of a frame without no-load frames, from its fringes alone.
 
-The light is I = D (1 - s) + B s, s = sin² pi N, with D and B slowly varying over the frame:
-polynomials of the place. Each patch (see `fringes.patches`) has a quadratic N of its own, so that
-the ends are what all patches together leave open. They are found by Gauss-Newton steps on all
-unknowns at once, of which the patches' are eliminated patch by patch (Schur complement): a step in
-the ends is thus taken with every patch following it, and few are needed. Where a patch spans no
-crest its order follows any change of the ends, and it says nothing of them.
-Source: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the elimination.
+The light is I^g = D (1 - s) + B s, s = sin² pi N, with D and B slowly varying over the frame:
+polynomials of the place; and g, where wanted, the exponent that the light's linearisation lacks.
+Each of many patches has an N of its own, so that the ends and the exponent are what all patches
+together leave open (see `fringes.ends_problem`, `fringes.ends_search`). Where a patch spans no
+crest its order follows any change of the ends, and it says nothing of them: the ends come with
+their covariance, and the order is as uncertain as they make it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fringes.patches import (
-    TURN,
-    Array,
-    Mask,
-    PatchLight,
-    binned,
-    fit_patches,
-    gather_patches,
-    offsets,
-    patch_basis,
-    patch_prior,
-)
+from isochrome.fringes.branch import OrderReading, gaussian_sum, probability
+from isochrome.fringes.ends_problem import Problem
+from isochrome.fringes.ends_search import Found, search_all, tone_step
+from isochrome.fringes.patches import TURN, Array, Mask, binned
 
 _BINNINGS = (4, 2, 1)
 """The ends vary slowly: binned pixels tell as much, sixteen times as fast."""
 _LEAST_PIXELS = 100
 """Binned pixels that the shorter side of a frame needs: eight patches or so."""
-_LEAST_PATCHES = 12
 _DEGREE = 2
 _LOW, _HIGH = 1.0, 99.0
 """Percentiles of the light at which the search for the ends starts: both occur in a frame that
 holds at least one whole fringe."""
-_ROUNDS, _STILL = 15, 3e-4
-_WORST_CHI = 30.0
-_FAINT = 0.1
-_SMOOTH = 0.5
-"""Prior of a polynomial's terms beyond the constant, over the contrast."""
+_ABOVE, _STIFF, _PULLS, _ENOUGH = 0.01, 0.1, 12, 400.0
+"""Of the bright end's first surface: weight of light below it over light above; prior of its shape
+over the contrast; rounds; and how many pixels' worth the light counts."""
+_POOLED_PX = 3.0
+_LARGEST_UNCERTAINTY = 0.03
+_BLACK = 1e-6
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Light of the dark and the bright end (rows, cols), and whether the search came to rest."""
+    """Light of the dark and the bright end (rows, cols), and how well they are known.
 
-    dark: Array
-    bright: Array
+    `tone`, the exponent g that makes the light linear, 1 where it was not asked for, and
+    `tone_uncertainty`; `settled`, whether the search came to rest; `chi`, residual over noise of
+    the middling patch. `shapes`, (rows, cols, terms) each, are what the ends are sums of, None for
+    a given end; `roots` (terms, k) times k unit normal deviates are the errors of the dark end's
+    terms, the bright end's, and the tone's.
+    """
+
+    dark: Array = field(repr=False)
+    bright: Array = field(repr=False)
     settled: bool
+    tone: float
+    tone_uncertainty: float
+    chi: float
+    shapes: tuple[Array | None, Array | None] = field(repr=False)
+    roots: tuple[Array, Array, Array] = field(repr=False)
+
+    def signal_uncertainty(self, light: Array) -> Array:
+        """Standard uncertainty of s = (I^g - D)/(B - D) by that of D, B and g (rows, cols).
+
+        Parameters: `light` I (rows, cols), linear but for the exponent g.
+        """
+        level = np.maximum(light, _BLACK)
+        linear = level**self.tone
+        contrast = np.maximum(self.bright - self.dark, _BLACK)
+        signal = np.clip((linear - self.dark) / contrast, 0.0, 1.0)
+        tone = linear * np.log(level)  # dI^g/dg, less what a given end follows of it
+        errors = np.zeros((*light.shape, len(self.roots[-1])))
+        parts = zip((self.dark, self.bright), (1.0 - signal, signal), strict=True)
+        for k, (end, share) in enumerate(parts):
+            shape = self.shapes[k]
+            if shape is None:
+                tone = tone - share * end * np.log(np.maximum(end, _BLACK)) / self.tone
+            else:
+                errors += share[..., None] * (shape @ self.roots[k])
+        if self.tone_uncertainty > 0.0:
+            errors -= tone[..., None] * self.roots[-1]
+        return np.asarray(np.sqrt(np.einsum("...k,...k->...", errors, errors)) / contrast)
 
 
 def fit_ends(
@@ -61,14 +86,57 @@ def fit_ends(
     *,
     dark: Array | None = None,
     bright: Array | None = None,
+    tone: bool = False,
 ) -> Ends:
     """Find the dark and bright ends of a frame in which both occur.
 
-    Parameters: `light` I (rows, cols), linear; `sigma`, its noise (rows, cols); `valid`, True =
-    trusted; `dark`, `bright` (rows, cols), the one end that a no-load frame gives, if any.
+    Parameters: `light` I (rows, cols), linear, but for an exponent where `tone` asks for it;
+    `sigma`, its noise (rows, cols); `valid`, True = trusted; `dark`, `bright` (rows, cols), the
+    ends that no-load frames give, if any, of the same linearity.
     Returns the Ends. Raises InputError where the frame has no contrast, or no fringe that can be
     followed.
     """
+    problem, starts = _problem(light, sigma, valid, dark, bright, tone)
+    found = search_all(problem, starts)
+    if not tone:
+        return _ends(light.shape, dark, bright, found)
+    # a bin's mean is that of the light only where the light is linear: once more, nearly so
+    first = float(found.unknowns[-1])
+    linear = np.maximum(light, _BLACK) ** first
+    noise = first * np.maximum(light, sigma) ** (first - 1.0) * sigma
+    low, high = (None if end is None else end**first for end in (dark, bright))
+    problem, _ = _problem(linear, noise, valid, low, high, True)
+    again = search_all(problem, [np.append(found.unknowns[:-1], 1.0)])
+    done = _ends(light.shape, low, high, again)
+    return replace(
+        done,
+        tone=first * done.tone,
+        tone_uncertainty=first * done.tone_uncertainty,
+        roots=(*done.roots[:-1], first * done.roots[-1]),
+    )
+
+
+def tone_misfit(
+    light: Array, sigma: Array, valid: Mask, ends: tuple[Array, Array]
+) -> tuple[float, float]:
+    """How far the tone exponent is from 1, by the fringes' shape: g - 1 and its uncertainty.
+
+    By one linear step from 1: enough to tell that the light is not linear, not how far.
+    Parameters as in `fit_ends`; `ends`, the dark and the bright one, found or given.
+    """
+    problem, starts = _problem(light, sigma, valid, *ends, True)
+    return tone_step(problem, starts[0])
+
+
+def _problem(
+    light: Array,
+    sigma: Array,
+    valid: Mask,
+    dark: Array | None,
+    bright: Array | None,
+    tone: bool,
+) -> tuple[Problem, list[Array]]:
+    """The problem on binned pixels, and where to start."""
     by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
     small, noise, whole = binned(light, sigma, valid, by)
     if not whole.any():
@@ -76,31 +144,83 @@ def fit_ends(
     low, high = np.percentile(small[whole], [_LOW, _HIGH])
     if not high > low:
         raise InputError("the frame has no contrast; is the light on, and the specimen loaded?")
-    shape = binned_polynomials(light.shape, _DEGREE, by)
-    starts = ((dark, low), (bright, high))
-    bases = [shape if end is None else _binned_end(end, valid, by) for end, _ in starts]
-    terms = [
-        np.eye(shape.shape[-1])[0] * start if end is None else np.ones(1) for end, start in starts
+    poly = binned_polynomials(light.shape, _DEGREE, by)
+    shapes = tuple(
+        poly if end is None else binned(end, np.ones_like(end), valid, by)[0][..., None]
+        for end in (dark, bright)
+    )
+    given = dark is not None, bright is not None
+    problem = Problem(
+        small, noise, whole, (shapes[0], shapes[1]), given, tone, float(high - low), by
+    )
+    flat = [
+        np.ones(1) if known else np.eye(poly.shape[-1])[0] * level
+        for known, level in zip(given, (low, high), strict=True)
     ]
-    free = np.repeat([dark is None, bright is None], [len(t) for t in terms])
-    joined, settled = np.concatenate(terms), False
-    for _ in range(_ROUNDS):
-        step = _step(small, noise, whole, bases, joined, free, high - low)
-        joined = joined + step
-        if np.abs(step).max() < _STILL * (high - low):
-            settled = True
-            break
-    full, cut = binned_polynomials(light.shape, _DEGREE, 1), len(terms[0])
+    starts = [np.concatenate([*flat, [1.0]])]
+    if not given[1]:
+        raised = _envelope(small, poly, whole, float(low), float(high))
+        starts.append(np.concatenate([flat[0], raised, [1.0]]))
+    return problem, starts
+
+
+def _envelope(light: Array, shapes: Array, valid: Mask, low: float, high: float) -> Array:
+    """A smooth surface that rests on the light from above: asymmetric least squares."""
+    rows, values = shapes[valid], light[valid]
+    terms = np.eye(rows.shape[1])[0] * high
+    stiff = np.full(len(terms), (_STIFF * (high - low)) ** -2)
+    stiff[0] = 0.0
+    gain = _ENOUGH / (len(values) * (0.05 * (high - low)) ** 2)
+    for _ in range(_PULLS):
+        weight = gain * np.where(values > rows @ terms, 1.0, _ABOVE)
+        weighted = rows * weight[:, None]
+        terms = np.linalg.solve(weighted.T @ rows + np.diag(stiff), weighted.T @ values)
+    return np.asarray(terms)
+
+
+def _ends(shape: tuple[int, ...], dark: Array | None, bright: Array | None, found: Found) -> Ends:
+    """The ends on all pixels."""
+    full = binned_polynomials(shape, _DEGREE, 1)
+    g = float(found.unknowns[-1])
+    cut = full.shape[-1] if dark is None else 1
+    spread, turn = np.linalg.eigh(found.covariance)
+    root = (turn * np.sqrt(np.maximum(spread, 0.0)))[:, spread > 0.0]
     return Ends(
-        full @ joined[:cut] if dark is None else dark,
-        full @ joined[cut:] if bright is None else bright,
-        settled,
+        full @ found.unknowns[:cut] if dark is None else dark**g,
+        full @ found.unknowns[cut:-1] if bright is None else bright**g,
+        found.rests,
+        g,
+        float(np.sqrt(found.covariance[-1, -1])),
+        found.chi,
+        (full if dark is None else None, full if bright is None else None),
+        (root[:cut], root[cut:-1], root[-1]),
     )
 
 
-def _binned_end(end: Array, valid: Mask, by: int) -> Array:
-    """A known end as the one term of its own, on binned pixels."""
-    return binned(end, np.ones_like(end), valid, by)[0][..., None]
+def widened(reading: OrderReading, error: Array) -> OrderReading:
+    """A reading, as uncertain as errors of the signal leave it that pooling does not average out.
+
+    An error e of the signal moves the order by e/(pi sin 2 pi N); pooled over a patch as the
+    reading is, by sum(w |sin| e)/(pi sum(w sin²)). On a crest, where the sine is nought, the order
+    moves by no more than sqrt(e)/pi.
+    Parameters: `reading`; `error` e (rows, cols), a standard uncertainty, such as
+    `Ends.signal_uncertainty`. Returns an OrderReading; a pixel of more than 0.03 fringe is not
+    known.
+    """
+    known = np.isfinite(reading.order)
+    order = np.where(known, reading.order, 0.0)
+    sine = np.abs(np.sin(TURN * order)) * known
+    pull = gaussian_sum(sine * error, _POOLED_PX)
+    slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
+    moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
+    uncertainty = np.hypot(np.where(known, reading.uncertainty, 0.0), moved)
+    kept = known & (uncertainty < _LARGEST_UNCERTAINTY)
+    return OrderReading(
+        np.where(kept, reading.order, np.nan).astype(np.float32),
+        np.where(kept, uncertainty, np.nan).astype(np.float32),
+        np.where(kept, probability(uncertainty), 0.0).astype(np.float32),
+        reading.kept * float(kept.sum() / max(1, known.sum())),
+    )
 
 
 def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:
@@ -118,72 +238,3 @@ def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:
         ],
         axis=-1,
     )
-
-
-def _step(
-    light: Array,
-    sigma: Array,
-    valid: Mask,
-    bases: list[Array],
-    terms: Array,
-    free: Mask,
-    scale: float,
-) -> Array:
-    """One Gauss-Newton step of the ends, every patch following."""
-    count = bases[0].shape[-1]
-    dark, bright = bases[0] @ terms[:count], bases[1] @ terms[count:]
-    contrast = bright - dark
-    seen = valid & (contrast > _FAINT * scale)
-    safe = np.where(seen, contrast, scale)
-    frame = 1.0 - 2.0 * (light - dark) / safe, 2.0 * sigma / safe, seen
-    cut: PatchLight = gather_patches(*frame)
-    patches = fit_patches(cut, *frame)
-    chi = patches.chi.ravel()
-    use = np.flatnonzero((chi < _WORST_CHI) & (patches.filled.ravel() > 0.6))
-    if len(use) < _LEAST_PATCHES:
-        raise InputError(
-            "too few fringes can be followed to find background and illumination from them; give "
-            "both no-load frames"
-        )
-    dy, dx, _ = offsets()
-    places = np.stack(np.meshgrid(patches.rows, patches.cols, indexing="ij"), axis=-1)
-    rows, cols = (places.reshape(-1, 2)[use, k][:, None] + d for k, d in enumerate((dy, dx)))
-    basis = patch_basis()
-    angle = TURN * (patches.terms.reshape(-1, 6)[use] @ basis.T)
-    signal = (0.5 - 0.5 * np.cos(angle))[..., None]
-    # a patch that no quadratic describes counts for less
-    noise = sigma[rows, cols] * np.maximum(chi[use], 1.0)[:, None]
-    weight = cut.weight[use] / noise**2
-    by_ends = np.concatenate(
-        [bases[0][rows, cols] * (1.0 - signal), bases[1][rows, cols] * signal], axis=-1
-    )
-    by_patch = (safe[rows, cols] * np.pi * np.sin(angle))[..., None] * basis
-    residual = light[rows, cols] - by_ends @ terms
-    smooth = np.where(np.isin(np.arange(len(terms)), (0, count)), 0.0, (_SMOOTH * scale) ** -2)
-    step = np.zeros(len(terms))
-    step[free] = _eliminated(
-        weight, residual, by_ends[..., free], by_patch, terms[free], smooth[free]
-    )
-    return step
-
-
-def _eliminated(
-    weight: Array,
-    residual: Array,
-    by_ends: Array,
-    by_patch: Array,
-    terms: Array,
-    prior: Array,
-) -> Array:
-    """Solve the normal equations for the ends, the patches' own terms eliminated."""
-    transposed = (weight[..., None] * by_patch).swapaxes(1, 2)  # (p, 6, k)
-    own = transposed @ by_patch + np.diag(patch_prior() + 1e-3)
-    mixed = transposed @ by_ends
-    pull = (transposed @ residual[..., None])[..., 0]
-    solved = np.linalg.solve(own, np.concatenate([mixed, pull[..., None]], axis=-1))
-    flat = by_ends.reshape(-1, by_ends.shape[-1])
-    weighted = flat * weight.reshape(-1, 1)
-    matrix = weighted.T @ flat - np.einsum("pij,pik->jk", mixed, solved[..., :-1])
-    slope = weighted.T @ residual.ravel() - np.einsum("pij,pi->j", mixed, solved[..., -1])
-    matrix = matrix + np.diag(prior) + 1e-2 * np.diag(np.diag(matrix))
-    return np.asarray(np.linalg.solve(matrix, slope - prior * terms))

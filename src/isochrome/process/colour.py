@@ -167,7 +167,7 @@ def _stacked(
     """Light, trusted pixels and noise of the channels, (rows, cols, 3) each."""
     from scipy.ndimage import gaussian_filter
 
-    gamma, bit_depth = scene.frames.gamma, capture.bit_depth
+    gamma, bit_depth = scene.frames.stated_gamma, capture.bit_depth
     light, valid, sigma = [], [], []
     for frame, name in zip(frames, CHANNELS, strict=True):
         linear = to_linear(

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import Frame, Linear, estimate_noise, normalise, to_linear
-from isochrome.fringes.ends import fit_ends
+from isochrome.frames import Frame, Linear, Normalised, estimate_noise, normalise, to_linear
+from isochrome.fringes.ends import Ends, fit_ends, tone_misfit, widened
 from isochrome.fringes.free import FreeReading, read_free
 from isochrome.fringes.skeleton import skeletons
-from isochrome.process.result import Capture, ProcessedFrame, largest_pixel
+from isochrome.process.result import SPREAD, Capture, ProcessedFrame, largest_pixel
 from isochrome.scene import Scene
 
 Array = NDArray[Any]
@@ -23,7 +23,9 @@ NO_ANCHOR = (
     "(a free corner, a counted line) as [[frames.known_order]]"
 )
 
-NOT_SETTLED = "no order was read; give no-load frames, or mask what is not the specimen"
+NOT_SETTLED = "no rest was found: give no-load frames, or mask what is not the specimen"
+SIGNIFICANT, WRONG_GAMMA = 5.0, 0.1
+"""Of a stated gamma that the fringes contradict: standard uncertainties, and share of its value."""
 FLAWS = 0.015
 """What dust, texture and compression add to any frame, over its contrast: a lossy file hides its
 noise, and what no smooth order can follow would be taken for fringes lost."""
@@ -33,14 +35,16 @@ noise, and what no smooth order can follow would be taken for fringes lost."""
 class _Signal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
-    `settled`, False where background and illumination could not be found.
+    `error`, what the ends and the tone curve leave open of the signal, over and above the noise;
+    `columns` for frames.csv.
     """
 
     signal: Array
     sigma: Array
     valid: NDArray[np.bool_]
-    settled: bool
+    error: Array
     notes: tuple[str, ...]
+    columns: dict[str, Any]
 
 
 def process_image_only(
@@ -60,7 +64,7 @@ def process_image_only(
     linear = to_linear(
         frame.image,
         bit_depth=capture.bit_depth,
-        gamma=scene.frames.gamma,
+        gamma=scene.frames.first_gamma,
         name=frame.name,
         mask=frame.mask,
     )
@@ -94,39 +98,98 @@ def process_image_only(
         lines=lines,
         noise=float(np.median(seen.sigma[seen.valid])),
         warnings=(*seen.notes, *warnings),
-        columns=_columns(found, len(lines)) if found else {},
+        columns=_columns(found, seen, len(lines)),
     )
 
 
 def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Signal:
     """Background and illumination out, by no-load frames where there are, else by the fringes."""
-    gamma, bit_depth = scene.frames.gamma, capture.bit_depth
+    gamma, bit_depth = scene.frames.first_gamma, capture.bit_depth
     model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
     sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
     low, high = np.percentile(linear.image[linear.valid], [1.0, 99.0])
     sigma = np.maximum(sigma, FLAWS * (high - low))
-    dark, bright = capture.dark, capture.bright
-    notes: tuple[str, ...] = ()
-    settled = True
-    if dark is None or bright is None:
-        valid = linear.valid
-        for no_load in (dark, bright):
-            valid = valid & no_load.valid if no_load else valid
-        ends = fit_ends(
-            linear.image,
-            sigma,
-            valid,
-            dark=dark.image if dark else None,
-            bright=bright.image if bright else None,
+    given = [part for part in (capture.dark, capture.bright) if part]
+    valid = np.logical_and.reduce([linear.valid, *(part.valid for part in given)])
+    dark, bright = (part.image if part else None for part in (capture.dark, capture.bright))
+    light = np.where(valid, linear.image, 0.0)
+    tone = scene.frames.gamma == "unknown"
+    notes: list[str] = []
+    columns: dict[str, Any] = {}
+    error: Array = np.zeros(light.shape)
+    exponent = 1.0
+    if dark is None or bright is None or tone:
+        ends = fit_ends(light, sigma, valid, dark=dark, bright=bright, tone=tone)
+        error, exponent = ends.signal_uncertainty(light), ends.tone
+        notes += _found_by_fringes(ends, blind=len(given) < 2, tone=tone)
+        columns |= _gamma_columns(ends) if tone else {}
+        low_end, high_end = ends.dark, ends.bright
+    else:
+        low_end, high_end = dark, bright
+    done = normalise(
+        Linear(np.maximum(light, 0.0) ** exponent if tone else linear.image, valid),
+        Linear(low_end, valid),
+        Linear(high_end, valid),
+    )
+    if not tone:
+        other, said = _contradicted(light, sigma, done, (dark, bright), gamma)
+        error, notes = np.hypot(error, other), notes + said
+    slope = exponent * np.maximum(light, sigma) ** (exponent - 1.0)
+    noise = slope * sigma / np.where(done.valid, done.contrast, 1.0)
+    return _Signal(done.signal, noise, done.valid, error, tuple(notes), columns)
+
+
+def _found_by_fringes(ends: Ends, *, blind: bool, tone: bool) -> list[str]:
+    """What to say of ends and tone curve that were found from a frame's own fringes."""
+    notes = []
+    if blind:
+        notes.append("normalised by its own fringes, without both no-load frames")
+    if tone:
+        notes.append(
+            f"gamma = {ends.tone:.3f} with a standard uncertainty of {ends.tone_uncertainty:.3f}, "
+            "found from the fringes"
         )
-        dark, bright = Linear(ends.dark, valid), Linear(ends.bright, valid)
-        notes = ("normalised by its own fringes, without both no-load frames",)
-        settled = ends.settled
-        if not settled:
-            notes = (f"{notes[0]}, which did not settle: {NOT_SETTLED}",)
-    done = normalise(linear, dark, bright)
-    noise = sigma / np.where(done.valid, done.contrast, 1.0)
-    return _Signal(done.signal, noise, done.valid, settled, notes)
+    if not ends.settled:
+        notes.append(NOT_SETTLED)
+    return notes
+
+
+def _gamma_columns(ends: Ends) -> dict[str, Any]:
+    return {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
+
+
+def _contradicted(
+    light: Array,
+    sigma: Array,
+    done: Normalised,
+    given: tuple[Array | None, Array | None],
+    gamma: float,
+) -> tuple[Array, list[str]]:
+    """What another gamma would make of the signal, where the fringes speak for it; and a warning.
+
+    The fringes' shape is compared with that of a cosine: a wrong tone curve bends it.
+    """
+    ends = done.background, done.background + done.contrast
+    none = np.zeros(light.shape)
+    try:
+        away, spread = tone_misfit(light, sigma, done.valid, ends)
+        if abs(away) < max(SIGNIFICANT * spread, WRONG_GAMMA):
+            return none, []
+        found = fit_ends(light, sigma, done.valid, dark=given[0], bright=given[1], tone=True)
+    except InputError:  # no fringes to tell it from
+        return none, []
+    share = found.tone - 1.0
+    if abs(share) < max(SIGNIFICANT * found.tone_uncertainty, WRONG_GAMMA):
+        return none, []
+    linear = np.maximum(light, 0.0) ** found.tone
+    other = (linear - found.dark) / np.maximum(found.bright - found.dark, 1e-6)
+    error = np.abs(np.where(done.valid, other - done.signal, 0.0))
+    best = gamma * found.tone
+    return error, [
+        f"frames.gamma = {gamma:g} does not fit the fringes, whose shape says {best:.2f} with a "
+        f"standard uncertainty of {gamma * found.tone_uncertainty:.2f}: set frames.gamma = "
+        f"{best:.2g} or 'unknown'; orders that this would move are left out"
+    ]
 
 
 def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, ...]]:
@@ -134,12 +197,11 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, .
     known = [(k.row_px, k.col_px, k.order) for k in scene.frames.known_order]
     if not known:
         return None, (NO_ANCHOR,)
-    if not seen.settled:
-        return None, ()
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
     sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
     found = read_free(wave, sigma, seen.valid, known)
+    found = replace(found, reading=widened(found.reading, seen.error))
     warnings = [
         f"frames.known_order = {order:g} at row {row}, column {col}: fits no fringe there; check it"
         for row, col, order in found.misses
@@ -152,8 +214,10 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, .
     return found, tuple(warnings)
 
 
-def _columns(found: FreeReading, lines: int) -> dict[str, Any]:
-    """The frame's columns of frames.csv."""
+def _columns(found: FreeReading | None, seen: _Signal, lines: int) -> dict[str, Any]:
+    """The frame's columns of frames.csv besides those of every frame."""
+    if found is None:
+        return {"fringe_lines": lines} | seen.columns
     order = found.reading.order
-    columns: dict[str, Any] = {"kept_share": found.reading.kept, "fringe_lines": lines}
+    columns = {"kept_share": found.reading.kept, "fringe_lines": lines} | seen.columns
     return columns | largest_pixel(order) if np.isfinite(order).any() else columns

@@ -129,7 +129,7 @@ def _chains(scene: Scene) -> list[Chain]:
 
 def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[Array, Array, float]:
     """Light of the steps and where it is good (steps, rows, cols each), and the noise."""
-    gamma, bit_depth = scene.frames.gamma, capture.bit_depth
+    gamma, bit_depth = scene.frames.stated_gamma, capture.bit_depth
     images, valid, variance = [], [], []
     for frame in frames:
         linear = to_linear(

@@ -10,14 +10,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import (
-    BeforeValidator,
-    Discriminator,
-    Field,
-    Tag,
-    model_validator,
-)
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from isochrome.errors import InputError
 from isochrome.scene.tables import (
     NUMBER,
     TABLE,
@@ -37,6 +32,7 @@ Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
 Wavelength = Annotated[float, Field(ge=200, le=3000)]
 Pixels = Annotated[int, Field(ge=1, le=100_000)]
+Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Rows = Annotated[int, Field(ge=0, le=100_000)]
 
 WITHOUT_MODEL = ("ring", "other")
@@ -225,7 +221,7 @@ class Camera(Part):
     brightness: Annotated[float, Field(gt=0, le=10)] = 1.0
     background: Fraction = 0.0
     vignette: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    gamma: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    gamma: Exponent = 1.0
     blur_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     noise_grey: Annotated[float, Field(ge=0, le=65535)] = 0.0
     full_well_electrons: Positive | None = None
@@ -259,6 +255,7 @@ class Frames(Part):
     at whole numbers, say where the specimen is; where both are given, inside both. `no_load_steps`
     names a phase-stepped set of the unloaded specimen, one frame a [[polariscope.step]]: its
     residual stress is taken out. A `known_order` is that of the frame, residual stress included.
+    An unknown `gamma` is found from the fringes of a frame that is read without a model.
     """
 
     roi: Roi | None = None
@@ -267,10 +264,28 @@ class Frames(Part):
     no_load_dark: str | None = None
     no_load_bright: str | None = None
     no_load_steps: Annotated[str, Field(min_length=1)] | None = None
-    gamma: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    gamma: Annotated[
+        Annotated[Exponent, Tag(NUMBER)] | Annotated[Literal["unknown"], Tag("unknown")],
+        Discriminator(lambda value: value if value == "unknown" else NUMBER),
+    ] = 1.0
     channel: Literal["red", "green", "blue", "mean"] | None = None
     sliding_speed_mm_per_s: Positive | None = None
     known_order: tuple[KnownOrder, ...] = ()
+
+    @property
+    def first_gamma(self) -> float:
+        """The exponent to linearise by at first: 1 where it is unknown."""
+        return 1.0 if isinstance(self.gamma, str) else self.gamma
+
+    @property
+    def stated_gamma(self) -> float:
+        """The exponent, for those who cannot find it; InputError where it is unknown."""
+        if isinstance(self.gamma, str):
+            raise InputError(
+                "frames.gamma = 'unknown': only `process` finds it, from single frames in light of "
+                "one wavelength and without a model; give a number (2.2 for most photographs)"
+            )
+        return self.gamma
 
 
 class Numerics(Part):
