@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.fringes.step_field import WINDOW_PX, SettledField, settle_field, smoothed
-from isochrome.fringes.step_light import LARGEST_UNCERTAINTY, measure_steps
+from isochrome.fringes.step_field import WINDOW_PX, settle_field, smoothed
+from isochrome.fringes.step_light import LARGEST_UNCERTAINTY, StepLight, measure_steps
 from isochrome.fringes.steps import StepTerms
 from isochrome.optics import Chain
 
@@ -38,7 +38,9 @@ _NEAR_HALF = 0.4
 
 _APART = 0.25
 _MOST = 0.5
-"""Of the pixels that are seen: a part so large, and below half an order, is believed to be so."""
+"""Of the pixels that hang together: a part so large, below half an order, is believed to be so."""
+
+_LEAST_SINE = 0.3
 
 _POOR_CHI = 1.3
 _FEW = 0.9
@@ -88,23 +90,21 @@ def read_residual(
     InputError where the steps cannot tell the order.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
-    field, spread = least_field(light.terms), light.uncertainty
-    near = light.seen & (np.abs(field) < _NEAR_HALF)
-    main = _main_part(near, int(light.seen.sum()))
+    field, along = least_field(light.terms), light.uncertainty
+    lit = light.specimen | light.seen
+    main, free = _main_parts(lit, light.seen & (np.abs(field) < _NEAR_HALF))
     followed = settle_field(
         light, model=lambda: np.where(main, np.abs(field), np.nan), compatible=False
     )
-    least = _believed(near, main, field, followed)
-    # across the direction the noise is that of sin δ, which falls towards the half order
-    turn = 2.0 * np.pi * np.minimum(np.abs(field), _NEAR_HALF)
-    across = spread * turn / np.maximum(np.sin(turn), 1e-9)
-    sharp = 2.0 * np.abs(followed.field) * light.direction.uncertainty
-    across, sharp = np.fmax(across, spread), np.hypot(spread, sharp)
-    least &= ~(followed.known & (sharp < across))
+    clear = followed.known & direction_told(light)
+    beyond, least = _believed(main, free, clear, np.abs(followed.field - field) > _APART)
+    sharp = np.hypot(along, 2.0 * np.abs(followed.field) * light.direction.uncertainty)
+    across = least_spread(field, along)
+    least &= ~(beyond & (sharp < across))
     spread = np.where(least, across, sharp)
-    field = np.where(least, field, followed.field)
-    known = (least | followed.known) & (spread < LARGEST_UNCERTAINTY)
-    field, spread = _pooled(np.where(known, field, np.nan), spread, known)
+    known = (least | beyond) & (spread < LARGEST_UNCERTAINTY)
+    field = np.where(known, np.where(least, field, followed.field), np.nan)
+    field, spread = _pooled(field, spread, known)
     kept = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
     return Residual(field, np.where(known, spread, np.nan), kept, _remarks(light.chi, kept))
 
@@ -120,29 +120,62 @@ def least_field(terms: StepTerms) -> Array:
     return np.asarray(order * terms.sine / np.maximum(size, 1e-30))
 
 
-def _main_part(near: Mask, seen: int) -> Mask:
-    """The largest connected part of some pixels, none where it is not most of those seen."""
-    from scipy.ndimage import label
+def least_spread(field: Array, along: Array) -> Array:
+    """The noise of `least_field`, the larger of that along n and across.
 
-    labels, _ = label(near)
-    sizes = np.bincount(labels.ravel())
-    sizes[0] = 0
-    return np.asarray((labels == sizes.argmax()) & near & (sizes.max() > _MOST * seen))
+    Equation: across n it is that of N along, times δ/sin δ, which grows towards the half order.
+    Parameters: `field`, of least order, and `along`, the uncertainty of φ/2π, fringes (rows, cols).
+    Returns (rows, cols), fringes.
+    """
+    delta = 2.0 * np.pi * np.minimum(np.abs(field), _NEAR_HALF)
+    return np.asarray(along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9)))
 
 
-def _believed(near: Mask, main: Mask, least: Array, followed: SettledField) -> Mask:
-    """Where the least order is the order: connected parts in which the followed field says so.
+def direction_told(light: StepLight) -> Mask:
+    """Where steps that leave unknowns out tell the direction: not about half orders.
 
-    The main part is one too where the followed field says nothing else.
+    There sin δ is of the size of what is left out. Parameters: `light`, see
+    `isochrome.fringes.step_light`. Returns a mask (rows, cols), True all over where the steps leave
+    nothing out.
+    """
+    sine, cosine = np.abs(light.terms.sine), light.terms.cosine
+    if not light.leaks:
+        return np.ones(sine.shape, dtype=bool)
+    return np.asarray((cosine > 0.0) | (sine > _LEAST_SINE * light.contrast))
+
+
+def _main_parts(lit: Mask, near: Mask) -> tuple[Mask, Mask]:
+    """Where the order is below a half for most of what hangs together, and what has no such part.
+
+    Parameters: `lit`, True on the specimen; `near`, where its least order is well below a half.
+    Returns the main parts, and the pixels of connected parts of the specimen without one.
     """
     from scipy.ndimage import label
 
-    agrees = followed.known & (np.abs(followed.field - least) < _APART)
-    labels, count = label(near & (agrees | ~followed.known))
-    sure = np.bincount(labels[agrees], minlength=count + 1) > 0
-    sure[0] = False
-    plain = main if not (main & followed.known & ~agrees).any() else np.zeros_like(main)
-    return np.asarray(sure[labels] | plain)
+    whole, _ = label(lit)
+    parts, count = label(near)
+    owner = np.zeros(count + 1, dtype=int)
+    owner[parts.ravel()] = whole.ravel()
+    most = np.bincount(parts.ravel()) > _MOST * np.bincount(whole.ravel())[owner]
+    most[0] = False
+    return most[parts], lit & ~np.isin(whole, owner[most])
+
+
+def _believed(main: Mask, free: Mask, clear: Mask, apart: Mask) -> tuple[Mask, Mask]:
+    """Where the followed field is believed, and where the least one is.
+
+    The followed one in parts that reach into a main part or have none: what lies behind a half
+    order that could not be followed has the whole number of nothing. The least one in main parts
+    that it does not gainsay. Parameters: see `_main_parts`; `clear`, where the field could be
+    followed; `apart`, where it is not the least one.
+    """
+    from scipy.ndimage import label
+
+    labels, count = label(clear)
+    reaches = np.bincount(labels[main & clear], minlength=count + 1) > 0
+    parts, count = label(main)
+    gainsaid = np.bincount(parts[main & clear & apart], minlength=count + 1) > 0
+    return clear & (reaches[labels] | free), main & ~gainsaid[parts]
 
 
 def _pooled(field: Array, uncertainty: Array, known: Mask) -> tuple[Array, Array]:

@@ -52,7 +52,8 @@ class StepLight:
 
     `terms` and `direction`, see `steps` and `isoclinic`; `seen`, True where the fringes can be
     read; `specimen`, True where light comes through at all; `contrast` A V, in the light's unit;
-    `uncertainty` of φ/2π, fringes; `chi`, residual of the light over its noise.
+    `uncertainty` of φ/2π, fringes; `chi`, residual of the light over its noise; `leaks`, whether
+    the steps leave unknowns out that change the others.
     """
 
     terms: StepTerms
@@ -62,6 +63,7 @@ class StepLight:
     contrast: Array
     uncertainty: Array
     chi: float
+    leaks: bool
 
 
 def measure_steps(
@@ -95,7 +97,7 @@ def measure_steps(
         misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     specimen = trusted & fringed(contrast, design, sigma)
-    return StepLight(terms, direction, seen, specimen, contrast, uncertainty, chi)
+    return StepLight(terms, direction, seen, specimen, contrast, uncertainty, chi, design.leaks)
 
 
 def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:

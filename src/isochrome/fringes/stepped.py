@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.fringes.branch import OrderReading, probability
-from isochrome.fringes.residual import Residual
+from isochrome.fringes.residual import Residual, direction_told, least_field, least_spread
 from isochrome.fringes.step_field import LARGEST_TURN, SettledField, settle_field, smoothed
 from isochrome.fringes.step_light import LARGEST_UNCERTAINTY, StepLight, measure_steps
 from isochrome.fringes.whole_number import KnownOrder, Part
@@ -30,6 +30,11 @@ Mask = NDArray[np.bool_]
 _POOR_CHI = 1.3
 _LEAST_ORDER = 4.0
 _TINY = 1e-9
+_SMALL = 0.15
+"""Order below which the least order that the light allows is the order."""
+
+_BRIDGED = 0.1
+"""Doubt of 2θ (rad) where the direction is bridged."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,8 @@ def _of_load(light: StepLight, found: SettledField, residual: Residual | None) -
     known = found.known
     shown = np.where(known, found.field, 0.0)
     across = 2.0 * np.abs(shown) * light.direction.uncertainty
+    if residual is not None:
+        shown, across = _sharper(light, shown, across)
     field = shown if residual is None else np.where(known, shown - residual.field, 0.0)
     field, along = smoothed(field, light.uncertainty, known)
     size = np.maximum(np.abs(field), _TINY)
@@ -123,6 +130,20 @@ def _of_load(light: StepLight, found: SettledField, residual: Residual | None) -
     )
     known = known & (uncertainty < LARGEST_UNCERTAINTY)
     return _Parts(field, uncertainty, swing / (2.0 * size), known)
+
+
+def _sharper(light: StepLight, shown: Array, across: Array) -> tuple[Array, Array]:
+    """n and its noise across; where it is small, from the pixel itself.
+
+    Where the sum of stresses is nearly nil its direction is that of the pixels around, or noise:
+    the load's own, with the residual stress taken out, is not. Where the steps leave too much out
+    to tell the direction it has been bridged, which the order bears and a difference does not.
+    """
+    across = np.hypot(across, np.where(direction_told(light), 0.0, _BRIDGED * np.abs(shown)))
+    least = least_field(light.terms)
+    small = np.abs(shown) < _SMALL
+    spread = least_spread(least, light.uncertainty)
+    return np.where(small, least, shown), np.where(small, spread, across)
 
 
 def _result(light: StepLight, found: SettledField, load: _Parts, apart: bool) -> SteppedReading:
