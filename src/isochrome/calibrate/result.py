@@ -70,7 +70,8 @@ class Calibration:
     """A material fringe value with its standard uncertainty, goodness, residual order and budget.
 
     `chi` is the root mean square over the images, `worst_chi` the largest one's;
-    `order_at_zero_load` is None where one load only was given; `slope_per_n` is fringes per N.
+    `order_at_zero_load` is None where one load only was given; `slope_per_n` is fringes per N;
+    `residual` describes a residual stress that was fitted as a field (None where none was).
     """
 
     specimen: str
@@ -84,13 +85,14 @@ class Calibration:
     images: tuple[ImageFit, ...]
     budget: tuple[BudgetItem, ...]
     warnings: tuple[str, ...]
+    residual: dict[str, Any] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain numbers, texts and lists for `calibration.json`.
 
         Returns a dictionary with `fringe_value_n_per_mm`, `standard_uncertainty`, `chi`,
-        `order_at_zero_load` (None where unknown), `order_at_zero_load_uncertainty`, `images`,
-        `budget` and `warnings`.
+        `order_at_zero_load` (None where unknown), `order_at_zero_load_uncertainty`, `residual`,
+        `images`, `budget` and `warnings`.
         """
         return {
             "fringe_value_n_per_mm": self.fringe_value_n_per_mm,
@@ -98,6 +100,7 @@ class Calibration:
             "chi": self.chi,
             "order_at_zero_load": self.order_at_zero_load,
             "order_at_zero_load_uncertainty": self.order_at_zero_load_uncertainty,
+            "residual": self.residual,
             "images": [
                 {
                     "file": i.file,
