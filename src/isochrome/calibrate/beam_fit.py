@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.calibrate.beam_view import FEWEST, BeamView, find_beam
-from isochrome.calibrate.result import ImageFit, View
 from isochrome.calibrate.settings import Beam
 from isochrome.calibrate.shot import Shot
 from isochrome.calibrate.smooth import smooth_starts
@@ -27,6 +26,56 @@ FAINTEST = 2.0
 """Standard deviation of the fringes' intensities, in noise sigmas, at the least."""
 
 
+@dataclass(frozen=True)
+class BeamFit:
+    """A fitted image: `best.values` are slope (fringe/px), row of N = 0 and tilt (rows a column).
+
+    `cols` (m,) are the columns that are fitted; the maps of `best` are (rows, m).
+    """
+
+    shot: Shot
+    view: BeamView
+    cols: Array
+    best: IntensityFit
+
+    @property
+    def pick(self) -> NDArray[np.intp]:
+        """The fitted columns as indices."""
+        return self.cols.astype(np.intp)
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """The fitted pixels (rows, m)."""
+        return np.isfinite(self.best.residual)
+
+    @property
+    def places(self) -> tuple[Array, Array]:
+        """Rows (rows, 1), and columns from the frame's middle (1, m)."""
+        rows, width = self.shot.image.shape
+        return np.arange(rows, dtype=float)[:, None], (self.cols - 0.5 * (width - 1))[None, :]
+
+    @property
+    def gradient(self) -> float:
+        """Fringes a pixel across the fringes, which lie under the tilt."""
+        return float(self.best.values[0] * np.hypot(1.0, self.best.values[2]))
+
+
+def beam_order(params: ArrayLike, y: Array, x: Array) -> Array:
+    """Order, with its sign, in pure bending: N = slope (y - row - tilt x).
+
+    Parameters: `params` (3,), slope (fringe/px), row of N = 0 at x = 0, tilt (rows a column);
+    `y`, `x` in pixels, x from the frame's middle.
+    """
+    slope, row, tilt = np.asarray(params, dtype=float)
+    return np.asarray(slope * (y - row - tilt * x))
+
+
+def beam_signal(order: Array, *, bright: bool) -> Array:
+    """Ideal circular polariscope, 0..1: sin^2(pi N) in a dark field, cos^2(pi N) in a bright."""
+    wave = np.cos(2.0 * np.pi * order)
+    return 0.5 + 0.5 * wave if bright else 0.5 - 0.5 * wave
+
+
 def fit_beam(
     shot: Shot,
     beam: Beam,
@@ -34,72 +83,55 @@ def fit_beam(
     *,
     bright: bool = False,
     light: ArrayLike | None = None,
-) -> ImageFit:
+    pixels: int = PIXELS,
+) -> BeamFit:
     """Fit one image's whole span: slope across the height, neutral axis, tilt, illumination.
 
-    Parameters: as in `bending_from_shots`. Returns the ImageFit, its order at the edge h/2.
-    Raises PhysicsError for too few fringes, an ambiguous slope or a fit that did not converge.
+    Parameters: `pixels`, how many are fitted at the most; the rest as in `bending_from_shots`.
+    Returns the BeamFit. Raises PhysicsError for too few fringes, an ambiguous slope or a fit that
+    did not converge.
     """
     height_px = beam.height_mm / pixel_mm
     view = find_beam(shot, height_px, bright=bright)
-    stride = max(1, int(np.ceil(shot.image.size / PIXELS)))
+    stride = max(1, int(np.ceil(shot.image.size / pixels)))
     cols = np.arange(stride // 2, shot.image.shape[1], stride, dtype=float)
-    found, model = _fit(shot, view, height_px, cols, bright, light)
-    slope, row, tilt = found.best.values
-    _check(shot, found, slope, min(height_px, float(shot.image.shape[0])))
-    across = slope / np.cos(np.arctan(tilt))  # along the normal of the fringes
-    geometry = {
-        "tilt_deg": float(np.degrees(np.arctan(-tilt))),
-        "neutral_axis_row_px": float(row),
-        "top_edge_row_px": view.top,
-        "fringes_per_mm": float(across / pixel_mm),
-    }
-    half = 0.5 * height_px
-    relative = float(found.best.standard_uncertainty[0] / slope)
-    order = float(across * half)
-    shown = _view(shot, found.best, model, cols.astype(int), pixel_mm)
-    return ImageFit(
-        shot.file, shot.load_n, order, order * relative, found.best.chi, None, geometry, shown
-    )
+    found = _fit(shot, view, height_px, cols, bright, light)
+    _check(shot, found, min(height_px, float(shot.image.shape[0])))
+    return BeamFit(shot, view, cols, found.best)
 
 
 def _fit(
     shot: Shot, view: BeamView, height_px: float, cols: Array, bright: bool, light: ArrayLike | None
-) -> tuple[SeveralStarts, Any]:
-    """Fit the fringes inside the beam on every column of `cols`; also returns the order's map."""
+) -> SeveralStarts:
+    """Fit the fringes inside the beam on every column of `cols`."""
     pick = cols.astype(int)
-    image, sigma = shot.image[:, pick], shot.sigma[:, pick]
     y = np.arange(shot.image.shape[0], dtype=float)[:, None]
     x = (cols - 0.5 * (shot.image.shape[1] - 1))[None, :]
     margin = max(3.0, MARGIN * height_px)
     depth = y - view.tilt * x - view.top
-    mask = shot.mask[:, pick] & (depth > margin) & (depth < height_px - margin)
-
-    def order(params: Array) -> Array:
-        return np.asarray(params[0] * (y - params[1] - params[2] * x))
-
-    def response(params: Array) -> Array:
-        wave = np.square(np.sin(np.pi * order(params)))
-        return 1.0 - wave if bright else wave
-
     known = None if light is None else np.asarray(light, dtype=float)[:, pick]
-    found = smooth_starts(
-        image,
-        response,
+    return smooth_starts(
+        shot.image[:, pick],
+        lambda params: beam_signal(beam_order(params, y, x), bright=bright),
         view.starts,
         light=known,
-        mask=mask,
-        sigma=sigma,
-        scale=np.array([0.1 / height_px, 0.1 * height_px, 0.01]),
+        mask=shot.mask[:, pick] & (depth > margin) & (depth < height_px - margin),
+        sigma=shot.sigma[:, pick],
+        scale=beam_scale(height_px),
         lower=[0.0, -np.inf, -0.3],
         upper=[0.5, np.inf, 0.3],
         scan_pixels=20_000,
     )
-    return found, order
 
 
-def _check(shot: Shot, found: SeveralStarts, slope: float, seen_px: float) -> None:
+def beam_scale(height_px: float) -> Array:
+    """Natural changes (3,) of slope, row and tilt."""
+    return np.array([0.1 / height_px, 0.1 * height_px, 0.01])
+
+
+def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
     best = found.best
+    slope = float(best.values[0])
     used = np.isfinite(best.residual)
     contrast = float(np.std((best.illumination_map * best.signal)[used]))
     if contrast < FAINTEST * float(np.median(shot.sigma)):
@@ -125,17 +157,3 @@ def _check(shot: Shot, found: SeveralStarts, slope: float, seen_px: float) -> No
             f"{shot.file}: the fringes could not be fitted; check that the image shows the span "
             "between the inner rollers, with the beam along the rows, and the field (dark, bright)"
         )
-
-
-def _view(shot: Shot, fit: IntensityFit, order: Any, cols: Any, pixel_mm: float) -> View:
-    middle = fit.signal.shape[1] // 2
-    stride = float(cols[1] - cols[0]) if len(cols) > 1 else 1.0
-    orders = order(fit.values)[:, middle]
-    model = fit.illumination_map * fit.signal + fit.background_map
-    inside = np.isfinite(fit.residual[:, middle])
-    place = (np.arange(len(orders)) - fit.values[1]) * pixel_mm
-    return View(
-        shot.image[:, cols], np.where(np.isfinite(fit.residual), model, np.nan), fit.residual,
-        float(np.median(shot.sigma)), (pixel_mm, pixel_mm * stride), place[inside],
-        np.abs(orders[inside]), shot.image[inside, cols[middle]], model[inside, middle],
-    )  # fmt: skip

@@ -9,15 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isochrome.calibrate.beam_fit import fit_beam
+from isochrome.calibrate.beam_fit import PIXELS, fit_beam
+from isochrome.calibrate.beam_image import beam_image
+from isochrome.calibrate.beam_joint import Together, fit_together
 from isochrome.calibrate.conclude import Input, conclude
+from isochrome.calibrate.rest import Rest
 from isochrome.calibrate.result import Calibration
 from isochrome.calibrate.settings import Beam, CalibrationSet, Uncertainty, load_set
 from isochrome.calibrate.shot import Shot, as_shots, loaded_shots
+
+MOST_PIXELS = 300_000
+"""Pixels of all images that are fitted together."""
 
 
 def calibrate_bending(source: str | Path | CalibrationSet) -> Calibration:
@@ -71,8 +78,15 @@ def bending_from_shots(
     light: ArrayLike | None = None,
 ) -> Calibration:
     """`bending_from_images` on shots; `light` (rows, cols), the no-load bright minus dark frame."""
-    loaded, said = loaded_shots(shots)
-    images = [fit_beam(shot, beam, pixel_mm, bright=bright, light=light) for shot in loaded]
+    loaded, _ = loaded_shots(shots)
+    idle = [s for s in shots if s.load_n == 0]
+    height_px = beam.height_mm / pixel_mm
+    common: dict[str, Any] = {"bright": bright, "light": light}
+    pixels = min(PIXELS, MOST_PIXELS // len(shots))
+    fits = [fit_beam(shot, beam, pixel_mm, pixels=pixels, **common) for shot in loaded]
+    joined = fit_together(fits, idle, height_px, **common)
+    images = [beam_image(f, height_px, pixel_mm) for f in (joined.fits if joined else fits)]
+    rest, said = _rest(idle, joined)
     factor = 1.5 * (beam.outer_span_mm - beam.inner_span_mm) / beam.height_mm**2
     known = uncertainty or Uncertainty()
     arm = beam.outer_span_mm - beam.inner_span_mm
@@ -83,4 +97,17 @@ def bending_from_shots(
         Input("pixel scale", known.pixel_mm, "mm", 1.0 / pixel_mm),
         Input("thickness", known.thickness_mm, "mm", 0.0),
     )
-    return conclude("beam", images, factor, inputs, said=said)
+    orders = np.array([i.order for i in images])
+    covariance = joined.covariance * np.outer(orders, orders) if joined else None
+    return conclude("beam", images, factor, inputs, covariance=covariance, rest=rest, said=said)
+
+
+def _rest(
+    idle: Sequence[Shot], joined: Together | None
+) -> tuple[tuple[Rest, ...], tuple[str, ...]]:
+    """What the unloaded images show, and a sentence where they could not be used."""
+    if joined is not None and len(joined.rest) == len(idle):
+        return tuple(Rest(s.file, *q) for s, q in zip(idle, joined.rest, strict=True)), ()
+    names = ", ".join(s.file for s in idle)
+    said = (f"{names}: no load, not used, because its light is not the loaded images'",)
+    return (), said if idle else ()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibrate.line import Line, check_order, fit_line
+from isochrome.calibrate.rest import Rest, largest_order, sayings
 from isochrome.calibrate.result import BudgetItem, Calibration, ImageFit
 from isochrome.errors import PhysicsError
 
@@ -44,14 +45,15 @@ def conclude(
     inputs: Sequence[Input],
     *,
     covariance: Array | None = None,
+    rest: Sequence[Rest] = (),
     said: tuple[str, ...] = (),
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
 
     Parameters: `specimen`, 'beam' or 'disc'; `images`, fitted, with loads above zero;
     `factor_n2_per_mm`, N/mm per (fringe/N); `inputs`, what else is uncertain;
-    `covariance` (n, n) of the orders where they were fitted together; `said`, warnings already
-    known.
+    `covariance` (n, n) of the orders where they were fitted together; `rest`, what unloaded
+    images show; `said`, warnings already known.
     Returns the Calibration. Raises PhysicsError where the orders contradict the loads.
     """
     loads = [i.load_n for i in images]
@@ -59,6 +61,8 @@ def conclude(
     check_order(loads, orders, tuple(i.file for i in images))
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
     line = fit_line(loads, orders, spread if covariance is None else covariance)
+    if line.intercept is None and rest:
+        line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(rest))
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
     if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
         raise PhysicsError(
@@ -74,7 +78,7 @@ def conclude(
     return Calibration(
         specimen, float(value), total, float(np.sqrt(np.mean(chis**2))), float(chis.max()),
         line.intercept, line.intercept_uncertainty, line.slope, tuple(images), budget,
-        (*said, *_warnings(images, line, inputs, specimen)),
+        (*said, *sayings(rest, line, max(loads)), *_warnings(images, line, inputs, specimen)),
     )  # fmt: skip
 
 
@@ -112,6 +116,10 @@ def _budget(
     rows = [
         ("image noise and fit", line.slope_noise, "fringe/N", value * line.slope_noise / line.slope)
     ]
+    alone = float(np.sum(line.weights))  # vanishes where the line has an intercept of its own
+    if line.intercept is not None and abs(alone) > 1e-9 * line.slope:
+        spread = line.intercept_uncertainty or 0.0
+        rows.append(("order at zero load", spread, "fringe", value * alone * spread / line.slope))
     if misfit > 0:
         rows.append(("model misfit", misfit, "fringe/N", value * misfit / line.slope))
     if line.left_out is not None:

@@ -40,8 +40,7 @@ def smooth_starts(
     Parameters: `light`, the no-load bright minus dark frame (then degree 1 on it is enough); the
     rest as in `several_starts` and `fit_intensity`. Returns SeveralStarts.
     """
-    degrees = DEGREES if light is None else ((1, 1), (2, 1))
-    maps = [_maps(image.shape, i, light) for i in degrees]
+    maps = [light_maps(image.shape, i, light) for i in degrees_of(light)]
     common: dict[str, Any] = {"mask": mask, "sigma": sigma, "scale": scale, **options}
     found = several_starts(
         image, response, starts, refine=refine, scan_pixels=scan_pixels, **maps[0], **common
@@ -57,7 +56,18 @@ def smooth_starts(
     return found
 
 
-def _maps(shape: tuple[int, ...], degrees: tuple[int, int], light: Array | None) -> dict[str, Any]:
+def degrees_of(light: Array | None) -> tuple[tuple[int, int], ...]:
+    """Degrees of illumination and background to try; a no-load frame leaves less to be found."""
+    return DEGREES if light is None else ((1, 1), (2, 1))
+
+
+def light_maps(
+    shape: tuple[int, ...], degrees: tuple[int, int], light: Array | None
+) -> dict[str, Any]:
+    """Bases (k, rows, cols) of illumination and background by name, as `fit_intensity` takes them.
+
+    Parameters: `shape`, the frame's; `degrees` of both; `light` (rows, cols) as in `smooth_starts`.
+    """
     size = (shape[0], shape[1])
     return {
         "illumination": polynomial_basis(size, degrees[0], times=light),
