@@ -146,6 +146,24 @@ def layer_residual(scene, highest, height_mm):
     return np.repeat(stress[:, None], pixels.cols, axis=1).astype(complex)
 
 
+def waves_residual(scene, rng, highest):
+    """The same of plane waves of an Airy function, in equilibrium and compatible with nothing.
+
+    phi = sum of -a cos(k·r + c)/k², sigma_x = d²phi/dz² and so on, `highest` fringes at most.
+    """
+    pixels = pixel_grid(scene)
+    half = 0.5 * pixels.rows * pixels.pixel_mm
+    x, z = pixels.x_mm[None, :] / half, (pixels.z_mm[:, None] - pixels.top_mm) / half
+    field = np.zeros((pixels.rows, pixels.cols), complex)
+    for _ in range(rng.integers(1, 5)):
+        size, turn, shift = rng.uniform(0.5, 3.5), rng.uniform(0.0, np.pi), rng.uniform(0.0, 6.3)
+        kx, kz = size * np.cos(turn), size * np.sin(turn)
+        wave = rng.normal() * np.cos(kx * x + kz * z + shift) / size**2
+        # (sigma_x - sigma_z) + 2i tau_xz of phi = -wave: phi_zz - phi_xx - 2i phi_xz
+        field += wave * (kz**2 - kx**2 - 2j * kx * kz)
+    return highest * stress_of_a_fringe(scene) * field / np.abs(field).max()
+
+
 @dataclass(frozen=True)
 class Sets:
     """`unloaded` and `loaded` frames (steps, rows, cols) of a specimen with a residual stress.

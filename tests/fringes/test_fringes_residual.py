@@ -18,6 +18,7 @@ from stepped_sets import (
     layer_residual,
     light_of,
     small,
+    waves_residual,
     with_residual,
 )
 
@@ -188,6 +189,27 @@ def test_noise_of_ten_grey_levels_is_told(seed):
     assert np.abs(error).max() < 0.25 and error.size > 0.95 * np.isfinite(sets.order).sum()
     pull = error / found.reading.uncertainty[np.isfinite(found.order)]
     assert 0.8 < np.sqrt(np.mean(pull**2)) < 1.1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(12))
+def test_random_residual_stresses_break_no_branch_and_turn_no_direction(seed):
+    rng = np.random.default_rng(seed)
+    values = {"camera.noise_grey": rng.uniform(1.0, 6.0)}
+    if seed % 3 == 0:
+        values["polariscope.plate_wavelength_nm"] = 560.0
+    if seed % 2:
+        scene = small(disc(**values, **{"load.normal_n": rng.uniform(40.0, 450.0)}), 2)
+    else:
+        bulk = {"load.bulk_mpa": rng.uniform(-8.0, 8.0)}
+        scene = small(contact(rng.uniform(0.05, 0.4), **values, **bulk), 2)
+    sets = with_residual(scene, waves_residual(scene, rng, rng.uniform(0.05, 0.42)))
+    found = of_load(sets, scene, unloaded(sets, scene))
+    error = (found.order - sets.order)[np.isfinite(found.order)]
+    assert error.size > 0.85 * np.isfinite(sets.order).sum()
+    assert np.abs(error).max() < 0.25 and turn_of(found, sets).max() < 45.0
+    # twice the noise of the bar, and pixels of twice the size about the loads
+    assert np.sqrt(np.mean(error**2)) <= 0.01
 
 
 # The parts
