@@ -132,14 +132,14 @@ def least_spread(field: Array, along: Array) -> Array:
 
 
 def direction_told(light: StepLight) -> Mask:
-    """Where steps that leave unknowns out tell the direction: not about half orders.
+    """Where the steps tell the direction: without plane images, not about half orders.
 
-    There sin δ is of the size of what is left out. Parameters: `light`, see
-    `isochrome.fringes.step_light`. Returns a mask (rows, cols), True all over where the steps leave
-    nothing out.
+    There sin δ, which alone tells, is of the size of what is left out. Parameters: `light`, see
+    `isochrome.fringes.step_light`. Returns a mask (rows, cols), True all over where plane images
+    tell.
     """
     sine, cosine = np.abs(light.terms.sine), light.terms.cosine
-    if not light.leaks:
+    if not light.bridges:
         return np.ones(sine.shape, dtype=bool)
     return np.asarray((cosine > 0.0) | (sine > _LEAST_SINE * light.contrast))
 

@@ -52,8 +52,8 @@ class StepLight:
 
     `terms` and `direction`, see `steps` and `isoclinic`; `seen`, True where the fringes can be
     read; `specimen`, True where light comes through at all; `contrast` A V, in the light's unit;
-    `uncertainty` of φ/2π, fringes; `chi`, residual of the light over its noise; `leaks`, whether
-    the steps leave unknowns out that change the others.
+    `uncertainty` of φ/2π, fringes; `chi`, residual of the light over its noise; `bridges`,
+    whether the steps tell no direction about half orders, or leave out what changes it there.
     """
 
     terms: StepTerms
@@ -63,7 +63,7 @@ class StepLight:
     contrast: Array
     uncertainty: Array
     chi: float
-    leaks: bool
+    bridges: bool
 
 
 def measure_steps(

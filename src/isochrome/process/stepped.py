@@ -70,7 +70,8 @@ def load_residual(scene: Scene, reader: FrameReader) -> Residual | None:
     if not np.isfinite(found.field).any():
         raise InputError(
             f"{path}: frames.no_load_steps has no pixel that can be read; check that its frames "
-            "are the steps of [[polariscope.step]], in their order, and their light"
+            "are the steps of [[polariscope.step]], in their order, and their light; a residual "
+            "stress beyond half an order nearly all over cannot be told"
         )
     return found
 
