@@ -28,7 +28,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 calibrate_app = typer.Typer(
-    help="Calibrate the material fringe value.", no_args_is_help=True, add_completion=False
+    help="Calibrate the material fringe value, or a colour table.",
+    no_args_is_help=True,
+    add_completion=False,
 )
 app.add_typer(calibrate_app, name="calibrate")
 
@@ -152,6 +154,30 @@ def calibrate_disc(
     from isochrome.calibrate import calibrate_disc as run
 
     _calibrate(run, settings, out, as_json)
+
+
+@calibrate_app.command("colour")
+def calibrate_colour(
+    settings: Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")],
+    out: Out = Path("isochrome-calibrate"),
+    as_json: Json = False,
+) -> None:
+    """Calibrate a colour table, from a beam's images or from any images' own colours."""
+    from isochrome.calibrate.colour import calibrate_colour as run
+    from isochrome.calibrate.colour_save import save_colour_calibration
+
+    with steps(quiet=True) as say:
+        say("calibrating")
+        result = run(settings)
+        save_colour_calibration(result, out, source=settings)
+    if as_json:
+        print_json({"out": str(out), **result.to_json()})
+        return
+    typer.echo(f"colour table to N = {result.table.highest:.2f} from {result.way}")
+    typer.echo(f"gamma = {result.gamma:.3f}: set frames.gamma to it where the table is used")
+    typer.echo(f"residual = {result.residual:.3f} of full light")
+    print_warnings(list(result.warnings))
+    typer.echo(f"results: {out}")
 
 
 @app.command()

@@ -1,6 +1,9 @@
-"""The material fringe value from a beam in four-point bending or a disc under compression."""
+"""The material fringe value from a beam or a disc, and colour tables from colour images."""
 
 from isochrome.calibrate.bending import bending_from_images, bending_from_shots, calibrate_bending
+from isochrome.calibrate.colour import ColourCalibration, calibrate_colour
+from isochrome.calibrate.colour_save import save_colour_calibration
+from isochrome.calibrate.colour_settings import ColourSet, load_colour_set
 from isochrome.calibrate.disc import calibrate_disc, disc_from_images, disc_from_shots
 from isochrome.calibrate.result import BudgetItem, Calibration, ImageFit, View
 from isochrome.calibrate.save import save_calibration
@@ -19,6 +22,8 @@ __all__ = [
     "BudgetItem",
     "Calibration",
     "CalibrationSet",
+    "ColourCalibration",
+    "ColourSet",
     "Disc",
     "ImageFit",
     "LoadedImage",
@@ -29,9 +34,12 @@ __all__ = [
     "bending_from_images",
     "bending_from_shots",
     "calibrate_bending",
+    "calibrate_colour",
     "calibrate_disc",
     "disc_from_images",
     "disc_from_shots",
+    "load_colour_set",
     "load_set",
     "save_calibration",
+    "save_colour_calibration",
 ]

@@ -34,8 +34,11 @@ LOST = 0.03
 """Share of pixels whose colours are not the table's from which on nothing is read: frames that the
 table describes leave 0.6 % at most, a wrong spectrum, response or gamma 5 % on."""
 
-STEEPEST = 0.15
-"""Fringes a pixel beyond which a pixel's colour is a mixture."""
+LOST_SPREAD = 0.05
+"""The same for a table with a scatter of its own: what the frames it was found from differ in."""
+
+STEEPEST = 0.25
+"""Fringes a pixel beyond which a pixel's mixture of colours is no longer of the second order."""
 
 _LARGEST_UNCERTAINTY = 0.03
 _LARGEST_DOUBT = 0.02
@@ -48,6 +51,7 @@ _FOUND_ENDS = 0.001  # fringes: what a quadratic surface leaves of an illuminati
 _BLOCK_ERROR = 0.004  # of the table at a block's mean order
 _UNLIT_ORDER = 0.045
 _UNLIT_PX = 6
+_SPREAD = 0.01
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ class ColourReading(OrderReading):
     `chi`, residual over noise of all pixels that can be read, 1 where table and frame agree;
     `misfit` (rows, cols), the same about each pixel; `blind`, whether illumination or background
     was found from the frame itself; `noise` of the signal, the median; `strange`, share of the
-    pixels whose colours are not the table's. Where that is over 3 %, no order is known at all.
+    pixels whose colours are not the table's; `lost`, too many: no order is known then.
     `kept` is over the lit pixels, which without a no-load bright frame are all of the frame.
     """
 
@@ -68,6 +72,7 @@ class ColourReading(OrderReading):
     blind: bool
     noise: float
     strange: float
+    lost: bool
 
 
 def read_colour(
@@ -88,8 +93,8 @@ def read_colour(
     trusted, (rows, cols, channels); `specimen` (rows, cols), True where there is specimen.
     Returns a ColourReading. A pixel is not known where fewer than two channels are trusted, where
     its branch is in doubt by over 2 %, where noise leaves more than 0.03 fringe, where light and
-    table disagree by over twice the noise and by a twentieth of full light, where fringes are
-    finer than 7 pixels, where they fade to white, beside a jump of the order, and, without
+    table disagree by over twice the noise and by a twentieth of the table, where fringes are
+    finer than 4 pixels, where they fade to white, beside a jump of the order, and, without
     `bright` and `specimen`, where wide black places might be no specimen at all.
     Raises InputError where shapes differ or nothing has contrast.
     """
@@ -148,11 +153,13 @@ def _reading(
     found = seen.order_variance + (_FOUND_ENDS * seen.blind) ** 2
     uncertainty = np.sqrt(value.uncertainty**2 + found)
     readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
-    told = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL)
+    span = max(1.0, float(np.ptp(table.signal)))
+    told = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
     pixels = max(int(np.count_nonzero(readable)), 1)
     strange = float(np.count_nonzero(readable & ~told) / pixels)
+    lost = strange >= (LOST if table.spread.max() < _SPREAD else LOST_SPREAD)
     highest = table.highest_of(_LEAST_CONTRAST[seen.blind]) - _BELOW_WHITE
-    known = readable & told & value.agreed & (value.order < highest) & (strange < LOST)
+    known = readable & told & value.agreed & (value.order < highest) & (not lost)
     known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
     if seen.unlit_unknown and specimen is None:
         known &= ~_perhaps_unlit(value.order)
@@ -171,6 +178,7 @@ def _reading(
         blind=seen.blind,
         noise=float(np.sqrt(np.median(seen.variance[trusted]))) if trusted.any() else float("nan"),
         strange=strange,
+        lost=lost,
     )
 
 

@@ -141,7 +141,7 @@ def find_ends(
         residual = root * (small.light[inside] - low[inside] - contrast[inside] * ideal)
         design = root[:, :, None] * small.design(ideal, inside)
         along = root * over[inside] * slope
-        change, covariance = _correction(design, residual, along, hold, first - theta)
+        change, covariance = correction(design, residual, along, hold, first - theta)
         theta = theta + change
     rate = np.einsum("pc,pcn->pn", along, design)
     rate /= np.sum(along**2 + (root * over[inside] * _LEAST_SLOPE) ** 2, axis=1)[:, None]
@@ -161,7 +161,7 @@ def _small(
 
     low, full = (None if frame is None else mean(frame) for frame in (dark, bright))
     noise = mean(sigma) / factor
-    return _Small(mean(light), noise, low, full, count > 0.5, _surface(*count.shape[:2]))
+    return _Small(mean(light), noise, low, full, count > 0.5, quadratic_terms(*count.shape[:2]))
 
 
 def _first_guess(small: _Small, table: ColourTable) -> Array:
@@ -208,7 +208,7 @@ def _prior(first: Array, small: _Small) -> Array:
     return expected.T @ expected
 
 
-def _correction(
+def correction(
     design: Array, residual: Array, along: Array, hold: Array, back: Array
 ) -> tuple[Array, Array]:
     """Change of the unknowns with every pixel's order free, and their covariance.
@@ -246,7 +246,9 @@ def _full_size(
     shape, own = small.parts(theta)
     background = np.broadcast_to(own, size) if dark is None else dark
     contrast = (
-        bright - background if bright is not None else _spread_out(shape, _surface(*size[:2]))
+        bright - background
+        if bright is not None
+        else _spread_out(shape, quadratic_terms(*size[:2]))
     )
     known = np.full(inside.shape, np.nan)
     known[inside] = spread
@@ -256,7 +258,7 @@ def _full_size(
     return Ends(background, contrast, filled[grid])
 
 
-def _surface(rows: int, cols: int) -> Array:
+def quadratic_terms(rows: int, cols: int) -> Array:
     """1, y, x, y², x², xy (6, rows, cols) with y and x from -1 to 1 between the frame's edges."""
     y = (2.0 * np.arange(rows) + 1.0)[:, None] / rows - 1.0
     x = (2.0 * np.arange(cols) + 1.0)[None, :] / cols - 1.0

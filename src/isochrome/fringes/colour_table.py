@@ -108,12 +108,15 @@ def spectral_table(
         direction=None if ideal else turns,
     )
     table, spread = signals.mean(axis=0), np.sqrt(signals.var(axis=0).mean(axis=0))
-    last = len(table) if highest_order is not None else _end_of_contrast(table)
+    last = len(table) if highest_order is not None else end_of_contrast(table)
     return ColourTable(table[:last], spread)
 
 
-def _end_of_contrast(table: Array) -> int:
-    """Rows of a table up to where its last fringe in any channel has faded."""
+def end_of_contrast(table: Array) -> int:
+    """Rows of a table up to where its last fringe in any channel has faded.
+
+    Parameters: `table`, signals (orders, channels). Returns their number.
+    """
     away = np.abs(table - table[-int(1.0 / STEP) :].mean(axis=0)).max(axis=1)
     seen = np.flatnonzero(away > 0.5 * LOWEST_CONTRAST)
     return int(min(seen[-1] + 2, len(table)))

@@ -29,6 +29,7 @@ _BASE_PX = 2.0
 _EVIDENCE_BLOCKS = 1.5
 _FLAT = 0.1
 _LARGEST_STEP = 0.1
+_STEEPEST = 0.3
 _PRIOR = 100.0  # 1/0.1², against a division by nothing
 
 
@@ -66,12 +67,14 @@ def refine(seen: ColourSignal, choice: Choice, factor: int, table: ColourTable) 
     width = _WINDOWS_PX[-1]
     for width in _WINDOWS_PX:
         ideal, slope = _look_up(order, table)
+        ideal = ideal + _mixture(order, table)
         pull = weight * slope
         information = gaussian_sum((pull * slope).sum(axis=-1), width)
         step = gaussian_sum((pull * (signal - ideal)).sum(axis=-1), width) / (information + _PRIOR)
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.clip(order + step, -table.highest, table.highest)
     ideal, slope = _look_up(order, table)
+    ideal = ideal + _mixture(order, table)
     square = np.where(trusted, signal - ideal, 0.0) ** 2
     count = trusted.sum(axis=-1)
     near = np.maximum(gaussian_sum(count, width), 1e-6)
@@ -129,6 +132,20 @@ def _look_up(order: Array, table: ColourTable) -> tuple[Array, Array]:
     s = signal[below] + share * (signal[1:] - signal[:-1])[below]
     j = slope[below] + share * (slope[1:] - slope[:-1])[below]
     return s, j * np.where(order < 0.0, np.float32(-1.0), np.float32(1.0))[..., None]
+
+
+def _mixture(order: Array, table: ColourTable) -> Array:
+    """What a pixel's own width adds to its signal: |grad N|²/24 d²s/dN², its mean over a square.
+
+    To the second order in the gradient; at 0.25 fringe a pixel the fourth is 0.01 of full light.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    steepness = sum(step**2 for step in np.gradient(order))
+    steepness = np.minimum(gaussian_filter(steepness, _WINDOWS_PX[-1]), _STEEPEST**2)
+    bend = np.gradient(table.slope, STEP, axis=0).astype(np.float32)
+    place = np.minimum(np.rint(np.abs(order) / STEP), len(bend) - 1).astype(np.intp)
+    return np.asarray(steepness[..., None].astype(np.float32) / 24.0 * bend[place])
 
 
 def _spread(order: Array, weight: Array, slope: Array, table: ColourTable, width: float) -> Array:

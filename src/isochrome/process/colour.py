@@ -20,7 +20,8 @@ from isochrome.frames import (
     open_scene_frames,
     to_linear,
 )
-from isochrome.fringes.colour import LOST, ColourReading, read_colour
+from isochrome.fringes.colour import ColourReading, read_colour
+from isochrome.fringes.colour_file import read_table
 from isochrome.fringes.colour_table import ColourTable, spectral_table
 from isochrome.optics import camera_response
 from isochrome.process.result import ProcessedFrame, largest_pixel
@@ -71,7 +72,7 @@ def check_colour(scene: Scene) -> None:
 
 
 def colour_capture(scene: Scene, reader: FrameReader) -> ColourCapture:
-    """What all frames of a set share: the table by the scene's light, and the no-load frames.
+    """What all frames of a set share: the colour table, and the no-load frames.
 
     Parameters: `scene`, see `check_colour`; `reader` of the set. Returns a ColourCapture. Raises
     InputError where the file is grey, or the light or a no-load frame cannot be used.
@@ -82,8 +83,7 @@ def colour_capture(scene: Scene, reader: FrameReader) -> ColourCapture:
             "colour frames, or for a filter's light its wavelength_nm alone"
         )
     assert scene.camera is not None
-    path = scene.path(scene.camera.response) if scene.camera.response is not None else None
-    table = spectral_table(scene.polariscope, camera_response(scene.camera, path))
+    table = _table(scene)
     pairs = [
         load_no_load(_one_channel(scene, name), full_shape=reader.full_shape) for name in CHANNELS
     ]
@@ -99,6 +99,15 @@ def colour_capture(scene: Scene, reader: FrameReader) -> ColourCapture:
             if part is not None and part.valid.shape == reader.shape:
                 valid[..., c] &= part.valid
     return ColourCapture(reader.bit_depth, table, dark, bright, valid)
+
+
+def _table(scene: Scene) -> ColourTable:
+    """The scene's own table, or else the one that its light and camera have."""
+    assert scene.camera is not None
+    if scene.frames.colour_table is not None:
+        return read_table(scene.path(scene.frames.colour_table))
+    path = scene.path(scene.camera.response) if scene.camera.response is not None else None
+    return spectral_table(scene.polariscope, camera_response(scene.camera, path))
 
 
 def colour_frames(path: str | Path, scene: Scene) -> Iterator[list[Frame]]:
@@ -198,11 +207,11 @@ def _specimen(scene: Scene, frame: Frame) -> NDArray[np.bool_] | None:
 
 def _warnings(found: ColourReading) -> tuple[str, ...]:
     said = []
-    if found.strange >= LOST:
+    if found.lost:
         said.append(
             f"the colours of {100 * found.strange:.0f} % of the pixels are not the table's "
-            f"(chi = {found.chi:.2f}): no order was read; check the light, camera.response and "
-            "frames.gamma"
+            f"(chi = {found.chi:.2f}): no order was read; check the light, camera.response "
+            "and frames.gamma, or calibrate a colour table: 'isochrome calibrate colour'"
         )
     elif found.chi > POOR_CHI:
         said.append(
@@ -211,7 +220,7 @@ def _warnings(found: ColourReading) -> tuple[str, ...]:
         )
     if found.blind:
         said.append("illumination found from the frame itself, without both no-load frames")
-    if found.strange < LOST and found.kept < 0.5:
+    if not found.lost and found.kept < 0.5:
         said.append(f"only {100 * found.kept:.0f} % of the lit pixels could be read")
     return tuple(said)
 

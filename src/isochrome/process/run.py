@@ -60,6 +60,11 @@ def process(
     coloured = scene.polariscope.several_wavelengths
     if coloured:
         check_colour(scene)
+    elif scene.frames.colour_table is not None:
+        raise InputError(
+            f"{scene.name}: frames.colour_table is for light of several wavelengths; add "
+            "polariscope.light = 'white', or remove the table"
+        )
     steps = len(scene.polariscope.step)
     if rois:
         load_roifile()  # missing, it is to be said before hours of work

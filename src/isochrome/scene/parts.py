@@ -269,6 +269,7 @@ class Frames(Part):
         Discriminator(lambda value: value if value == "unknown" else NUMBER),
     ] = 1.0
     channel: Literal["red", "green", "blue", "mean"] | None = None
+    colour_table: Annotated[str, Field(min_length=1)] | None = None
     sliding_speed_mm_per_s: Positive | None = None
     known_order: tuple[KnownOrder, ...] = ()
 

@@ -1,0 +1,99 @@
+"""From a colour calibration's files to its frames: grey levels, noise and trusted pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibrate.colour_settings import ColourSet
+from isochrome.errors import InputError
+from isochrome.fringes.colour_file import CHANNELS
+from isochrome.fringes.colour_unknowns import ColourShots
+
+Array = NDArray[Any]
+
+_SMOOTH_PX = 1.5
+_SMOOTH_ENDS_PX = 3.0
+
+
+def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
+    """Read a set's images, and its no-load frames where it names them.
+
+    Parameters: `given`, the set. Returns the shots and the images' bit depth. Raises InputError
+    that names the file where one cannot be read, is grey, or is of another size.
+    """
+    images, depth = [], None
+    for item in given.image:
+        image, depth = _read(given, given.path(item.file), masked=True)
+        images.append(image)
+    shapes = {image[0].shape for image in images}
+    if len(shapes) > 1:
+        raise InputError(
+            f"{given.name}: the images are of different sizes {sorted(shapes)} (rows, columns, "
+            "channels); capture all of them alike"
+        )
+    ends = []
+    for name in (given.frames.no_load_dark, given.frames.no_load_bright):
+        end = None if name is None else _smooth(_read(given, given.path(name), masked=False)[0][0])
+        if end is not None and end.shape != images[0][0].shape:
+            raise InputError(
+                f"{given.path(name or '')}: is {end.shape} (rows, columns, channels) and the "
+                f"images {images[0][0].shape}; capture all of them alike"
+            )
+        ends.append(end)
+    raw, noise, valid = (np.stack(part) for part in zip(*images, strict=True))
+    return ColourShots(raw, noise, valid, *ends), depth
+
+
+def _read(
+    given: ColourSet, path: Path, *, masked: bool
+) -> tuple[tuple[Array, Array, Array], int | None]:
+    """Grey levels of one image, 1 = full scale, with noise and trusted pixels."""
+    channels, depth = [], None
+    for name in CHANNELS:
+        levels, noise, valid, depth = _channel(given, path, name, masked=masked)
+        channels.append((levels, noise, valid))
+    found = [np.stack(part, axis=-1) for part in zip(*channels, strict=True)]
+    return (found[0], found[1], found[2]), depth
+
+
+def _channel(
+    given: ColourSet, path: Path, name: Any, *, masked: bool
+) -> tuple[Array, Array, Array, int | None]:
+    from scipy.ndimage import gaussian_filter
+
+    from isochrome.frames import estimate_noise, load_mask, open_frames, to_linear
+
+    with open_frames(
+        path, channel=name, roi=given.frames.roi, bit_depth=given.camera.bit_depth
+    ) as reader:
+        if reader.channel is None:
+            raise InputError(f"{path}: is grey; give colour images")
+        frame = _only(reader, path)
+        depth = reader.bit_depth
+        shape, full_shape = reader.shape, reader.full_shape
+    mask = load_mask(given, shape, full_shape) if masked else None
+    linear = to_linear(
+        frame, bit_depth=depth, name=f"{path}, {name}", allow_blank=not masked, mask=mask
+    )
+    noise = estimate_noise(frame, linear.valid, bit_depth=depth)
+    level = gaussian_filter(np.nan_to_num(frame.astype(np.float32)), _SMOOTH_PX)
+    return linear.image, noise.linear_sigma(level, bit_depth=depth), linear.valid, depth
+
+
+def _only(frames: Iterable[Any], path: Path) -> Array:
+    found = [frame.image for _, frame in zip(range(2), frames, strict=False)]
+    if len(found) != 1:
+        raise InputError(f"{path}: holds more than one frame; give one [[image]] a file")
+    return np.asarray(found[0])
+
+
+def _smooth(end: Array) -> Array:
+    """A no-load frame without its noise, which must not enter every pixel's model."""
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(end, (_SMOOTH_ENDS_PX, _SMOOTH_ENDS_PX, 0.0)))

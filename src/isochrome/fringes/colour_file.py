@@ -1,0 +1,92 @@
+"""A colour table as a CSV file: fringe_order, red, green, blue, and the table's own scatter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.fringes.colour_table import LARGEST_ORDER, STEP, ColourTable
+from isochrome.output import read_csv
+
+CHANNELS = ("red", "green", "blue")
+SPREADS = tuple(f"{name}_spread" for name in CHANNELS)
+
+LARGEST_SIGNAL = 3.0
+"""Of full light: a camera that corrects its colours passes 1 where a channel is purest, and where
+full light would saturate the frames, 1 stands for less of it."""
+
+_MAX_BYTES = 10_000_000
+_COARSEST = 0.05
+_MOST_SPREAD = 0.3
+
+
+def table_columns(table: ColourTable) -> dict[str, Any]:
+    """The columns of a table's file, the spread repeated in every row."""
+    columns: dict[str, Any] = {"fringe_order": table.order}
+    columns |= {name: table.signal[:, c] for c, name in enumerate(CHANNELS)}
+    return columns | {
+        name: np.full(len(table.signal), table.spread[c]) for c, name in enumerate(SPREADS)
+    }
+
+
+def read_table(path: Path) -> ColourTable:
+    """Read a colour table, on the steps that it is used with.
+
+    Parameters: `path` of a CSV file with the columns fringe_order (rising from 0, in fringes),
+    red, green and blue (1 = full light); and, if it has them, red_spread, green_spread and
+    blue_spread, the standard deviation of frames about the table. Straight lines in between.
+    Returns a ColourTable. Raises InputError that names the file, what is wrong and the fix.
+    """
+    fix = "make it with 'isochrome calibrate colour'"
+    if path.is_file() and path.stat().st_size > _MAX_BYTES:
+        raise InputError(f"{path}: larger than {_MAX_BYTES} bytes; is it a colour table? {fix}")
+    found = read_csv(path)
+    missing = [name for name in ("fringe_order", *CHANNELS) if name not in found]
+    if missing:
+        raise InputError(f"{path}: frames.colour_table lacks the columns {missing}; {fix}")
+    try:
+        order = np.array(found["fringe_order"], dtype=float)
+        signal = np.array([found[name] for name in CHANNELS], dtype=float).T
+        spread = np.array([found.get(name, [0.0])[:1] for name in SPREADS], dtype=float).ravel()
+    except ValueError as error:
+        raise InputError(f"{path}: frames.colour_table holds more than numbers; {fix}") from error
+    _check(path, order, signal, spread, fix)
+    places = STEP * np.arange(int(np.floor(order[-1] / STEP + 1e-6)) + 1)
+    values = [np.interp(places, order, signal[:, c]) for c in range(len(CHANNELS))]
+    return ColourTable(np.stack(values, axis=1), spread)
+
+
+def _check(
+    path: Path,
+    order: NDArray[Any],
+    signal: NDArray[Any],
+    spread: NDArray[Any],
+    fix: str,
+) -> None:
+    what = f"{path}: frames.colour_table"
+    if not (np.isfinite(order).all() and np.isfinite(signal).all() and np.isfinite(spread).all()):
+        raise InputError(f"{what} has empty cells or numbers that are not finite; {fix}")
+    if len(order) < 2 or abs(order[0]) > 1e-6 or (np.diff(order) <= 0.0).any():
+        raise InputError(f"{what}: fringe_order must rise from 0, row by row; {fix}")
+    if np.diff(order).max() > _COARSEST:
+        raise InputError(
+            f"{what}: fringe_order goes in steps of {np.diff(order).max():.3g}, and "
+            f"{_COARSEST} at most are allowed; {fix}"
+        )
+    if not 0.5 <= order[-1] <= LARGEST_ORDER:
+        raise InputError(
+            f"{what} ends at N = {order[-1]:g}, and 0.5 to {LARGEST_ORDER:g} are allowed; {fix}"
+        )
+    if signal.min() < -0.2 or signal.max() > LARGEST_SIGNAL:
+        raise InputError(
+            f"{what}: signals from {signal.min():.3g} to {signal.max():.3g}, and 1 is full light; "
+            f"{fix}"
+        )
+    if np.ptp(signal, axis=0).min() < 0.1:
+        raise InputError(f"{what}: a channel hardly changes with the order; {fix}")
+    if spread.min() < 0.0 or spread.max() > _MOST_SPREAD:
+        raise InputError(f"{what}: a spread must be from 0 to {_MOST_SPREAD}; {fix}")
