@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from isochrome.errors import InputError
 from isochrome.process import process
 
 SCENE = """\
@@ -86,3 +87,61 @@ def test_a_known_order_that_fits_no_fringe_is_told_and_nothing_is_read(captured)
     found = processed(folder, text)
     assert not np.isfinite(found.frames[0].reading.order).any()
     assert "fits no fringe" in found.table["warnings"][0]
+
+
+UNKNOWN = SCENE.replace("gamma = 1.4", 'gamma = "unknown"')
+
+
+def test_an_unknown_gamma_is_found_and_reported(captured):
+    folder, truth = captured
+    found = processed(folder, UNKNOWN + NO_LOAD + SEED)
+    # the camera's is 1.4; 3 % move the light's middle by 0.01 and the order by 0.003
+    assert found.table["gamma"] == pytest.approx([1.4, 1.4], rel=0.03)
+    assert all(0.0 < u < 0.05 for u in found.table["gamma standard_uncertainty"])
+    assert all("gamma = 1." in said for said in found.table["warnings"])
+    for item, true in zip(found.frames, truth, strict=True):
+        error = np.abs(item.reading.order - true)
+        assert np.sqrt(np.nanmean(error**2)) < 0.02
+        assert np.isfinite(error).sum() > 0.85 * np.isfinite(true).sum()
+
+
+def test_a_wrong_gamma_is_told_with_what_to_set_and_costs_its_pixels(captured):
+    folder, truth = captured
+    right = processed(folder, SCENE + NO_LOAD + SEED)
+    wrong = processed(folder, SCENE.replace("gamma = 1.4", "gamma = 1.0") + NO_LOAD + SEED)
+    assert not any("frames.gamma" in said for said in right.table["warnings"])
+    for said in wrong.table["warnings"]:
+        assert "frames.gamma = 1 " in said and "frames.gamma = 1.4" in said
+    kept = [[np.isfinite(f.reading.order).sum() for f in run.frames] for run in (right, wrong)]
+    assert all(less < more for more, less in zip(*kept, strict=True))
+    for item, true in zip(wrong.frames, truth, strict=True):
+        # what is left may be off by the largest uncertainty that is let through, 0.03, as an RMS
+        assert np.sqrt(np.nanmean((item.reading.order - true) ** 2)) < 0.03
+
+
+MODEL = """\
+[specimen]
+shape = "disc"
+diameter_mm = 2.0
+thickness_mm = 6.0
+fringe_value_n_per_mm = 14.6
+
+[load]
+normal_n = 100.0
+
+[polariscope]
+wavelength_nm = 587.0
+
+[camera]
+pixel_mm = 0.00607
+bit_depth = 8
+
+[frames]
+gamma = "unknown"
+"""
+
+
+def test_where_gamma_cannot_be_found_unknown_is_refused(captured):
+    folder, _ = captured
+    with pytest.raises(InputError, match=r"frames\.gamma = 'unknown'"):
+        processed(folder, MODEL)

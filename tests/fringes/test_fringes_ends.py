@@ -1,0 +1,143 @@
+"""The ends of the light and the tone curve from a frame's own fringes, on rendered specimens."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from specimens import NAMES, View, known_point, light_of, random_scene, shoot, view
+
+from isochrome.errors import InputError
+from isochrome.fringes.branch import OrderReading
+from isochrome.fringes.ends import fit_ends, tone_misfit, widened
+from isochrome.fringes.free import read_free
+
+RMS, WRONG_SHARE, KEPT = 0.05, 0.005, 0.70
+"""What a blind reading promises: fringes, share off by over half a fringe, share kept."""
+WRONG, SCENES = 0.5, 20
+QUICK = ("worn contact, mu 0.3",)
+"""What every run reads; the others are for the long one."""
+
+
+@lru_cache(maxsize=64)
+def reading(name: str, ends: str = "none", said: float | str | None = None, **shot: float):
+    """A specimen's view, its light, and its reading as uncertain as the ends leave it."""
+    seen, own = random_scene(int(name)) if name.isdigit() else (view(name), {})
+    light = light_of(shoot(seen, **(own | shot)), ends=ends, gamma=said)
+    known = [known_point(seen, light.valid)]
+    found = read_free(light.wave, light.wave_sigma, light.valid, known).reading
+    return seen, light, widened(found, light.error)
+
+
+def errors(seen: View, got: OrderReading) -> np.ndarray:
+    """|error| of what was kept of the specimen, fringes."""
+    error = np.abs(got.order - seen.order)[seen.material]
+    return error[np.isfinite(error)]
+
+
+def is_right(seen: View, got: OrderReading, kept: float = KEPT) -> bool:
+    error = errors(seen, got)
+    return bool(
+        error.size >= kept * np.count_nonzero(seen.material)
+        and np.sqrt(np.mean(error**2)) <= RMS
+        and np.mean(error > WRONG) <= WRONG_SHARE
+    )
+
+
+def long_but(names):
+    return [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.long]) for n in names]
+
+
+@pytest.mark.parametrize("name", long_but(NAMES))
+def test_blind_the_order_is_right_and_most_is_kept(name):
+    seen, light, got = reading(name)
+    assert is_right(seen, got)
+    assert light.tone == 1.0
+
+
+@pytest.mark.long
+def test_of_twenty_random_scenes_nineteen_are_read_blind_and_right():
+    wrong = [k for k in range(SCENES) if not is_right(*reading(str(k), seed=k)[::2])]
+    assert len(wrong) <= 1, wrong
+
+
+@pytest.mark.long
+def test_the_dark_end_is_found_where_few_fringes_reach_it():
+    """Around the hole the plate is at the crest of order 1.5: a quadratic alone says 0.4 off."""
+    seen, light, _ = reading("hole")
+    truth = light_of(shoot(seen))
+    both = light.valid & truth.valid
+    away = (light.background - truth.background)[both] / np.median(truth.contrast[both])
+    # the truth's own noise is 3/4 of a grey level of about 220, 0.004
+    assert np.sqrt(np.mean(away**2)) < 0.02
+
+
+@pytest.mark.parametrize("name", long_but(["worn contact, mu 0.3", "hole"]))
+def test_errors_are_as_large_as_their_uncertainties_say(name):
+    seen, _, got = reading(name)
+    ratio = (got.order - seen.order) / got.uncertainty
+    spread = np.nanmedian(np.abs(ratio)) / 0.6745  # a normal deviate's median is 0.6745
+    assert 0.4 < spread < 1.3  # on the safe side by 2.5 at most
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["contact", "worn contact, mu 0.3", "disc", "beam"])
+@pytest.mark.parametrize("shot", [{"noise": 10.0}, {"saturated": 0.09}, {"blur": 2.0}], ids=str)
+def test_a_poor_frame_is_read_blind_all_the_same(name, shot):
+    seen, _, got = reading(name, **shot)
+    assert is_right(seen, got)
+
+
+GAMMA = 2.2
+
+
+@pytest.mark.parametrize("ends", [pytest.param("none", marks=pytest.mark.long), "both"])
+@pytest.mark.parametrize(
+    "name", long_but(["worn contact, mu 0.3", "worn contact, mu 0.3, bulk", "disc", "beam", "hole"])
+)
+def test_an_unknown_gamma_is_found_from_the_fringes(name, ends):
+    seen, light, got = reading(name, ends, "unknown", gamma=GAMMA)
+    # 3 %: with it the light's middle is off by 0.03 * 0.5 ln 2 = 0.01, the order by 0.003
+    assert light.tone == pytest.approx(GAMMA, rel=0.03)
+    assert is_right(seen, got)
+
+
+@pytest.mark.long
+def test_a_linear_camera_has_an_unknown_gamma_of_one():
+    _, light, _ = reading("worn contact, mu 0.3", "none", "unknown")
+    assert light.tone == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize(("gamma", "told"), [(1.0, False), (1.4, True), (2.2, True)])
+def test_fringes_contradict_a_wrong_gamma_and_no_right_one(gamma, told):
+    light = light_of(shoot(view("worn contact, mu 0.3"), gamma=gamma), gamma=1.0)
+    ends = light.background, light.background + light.contrast
+    away, spread = tone_misfit(light.light, light.sigma, light.valid, ends)
+    assert (abs(away) > 5.0 * spread) is told
+    assert (away > 0.1) is told
+
+
+def test_a_reading_grows_as_uncertain_as_the_signal():
+    """On a slope of order, a signal off by e moves it by e/(pi sin 2 pi N); on a crest by less."""
+    order = np.tile(np.linspace(0.05, 0.45, 200), (60, 1))
+    ones = np.ones(order.shape)
+    sure = OrderReading(order, 1e-4 * ones, ones, 1.0)
+    got = widened(sure, 0.01 * ones)
+    expected = 0.01 / (np.pi * np.sin(2.0 * np.pi * order))
+    middle = np.s_[20:40, 40:160]
+    # pooling over some pixels of a slope of 0.002 fringe a pixel: the sine varies by 4 %
+    np.testing.assert_allclose(got.uncertainty[middle], expected[middle], rtol=0.05)
+    assert not np.isfinite(widened(sure, 0.2 * ones).order).any()  # 0.06 fringe and more
+
+
+def test_light_without_contrast_is_refused():
+    flat = np.full((160, 220), 0.5)
+    with pytest.raises(InputError, match="no contrast"):
+        fit_ends(flat, 0.01 + 0.0 * flat, np.ones(flat.shape, bool))
+
+
+def test_a_frame_of_which_nothing_is_trusted_is_refused():
+    rising = np.tile(np.linspace(0.0, 1.0, 220), (160, 1))
+    with pytest.raises(InputError, match="no part of the frame"):
+        fit_ends(rising, 0.01 + 0.0 * rising, np.zeros(rising.shape, bool))
