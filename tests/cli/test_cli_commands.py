@@ -146,6 +146,18 @@ def test_process_leaves_what_the_contract_names(processed):
         assert 0.95 < chi < 1.05
 
 
+@pytest.mark.long
+def test_process_leaves_rois_where_they_are_asked_for(isochrome, place):
+    roifile = pytest.importorskip("roifile")
+    (place / "bare.toml").write_text("[specimen]\n[camera]\nbit_depth = 8\n", "utf-8")
+    done = isochrome("process", "frames.tif", "--scene", "bare.toml", "--out", "aus", "--rois")
+    assert done.code == 0
+    lines = columns_of(place / "aus" / "skeleton.csv")
+    rois = roifile.roiread(place / "aus" / "skeleton.zip")
+    assert len(rois) == len(set(zip(lines["frame"], lines["line"], strict=True))) > 0
+    assert {roi.position for roi in rois} == {1, 2}  # ImageJ counts slices from 1
+
+
 def test_process_finds_the_simulated_order(processed):
     folder, _ = processed
     found = tifffile.imread(folder / "Ergebnis" / "fringe_order.tif")
