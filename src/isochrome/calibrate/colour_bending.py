@@ -22,8 +22,9 @@ Array = NDArray[Any]
 LARGEST_TILT = 0.1
 """Rows a column; a beam tilted by more is asked to be turned."""
 
-_PIXELS = 20_000
+_PIXELS = 4_000
 _CELL = 0.02
+_ROWS = 1.5
 _STEP = 0.04
 _TILTS = 9
 _LEAST_SHARE = 0.5
@@ -85,12 +86,15 @@ def _away(place: Array, line: Array) -> Array:
 
 def _scatter(place: Array, colours: Array, line: Array, slope: float, half: float) -> float:
     """Share of the colours' variance that is within cells of one order."""
-    away = np.abs(_away(place, line))
-    inside = away < half
+    away = _away(place, line)
+    reach = min(half, float(away.max()), float(-away.min()))  # where there are two sides
+    away = np.abs(away)
+    inside = away < reach
     if np.count_nonzero(inside) < _LEAST_SHARE * len(away):
         return 1.0
     colours = colours[inside]
-    cell = (slope * away[inside] / _CELL).astype(int)
+    width = max(_CELL, _ROWS * slope)  # so that a cell has rows of both sides
+    cell = (slope * away[inside] / width).astype(int)
     count = np.maximum(np.bincount(cell), 1)
     within = 0.0
     for channel in colours.T:

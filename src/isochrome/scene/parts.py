@@ -256,6 +256,7 @@ class Frames(Part):
     names a phase-stepped set of the unloaded specimen, one frame a [[polariscope.step]]: its
     residual stress is taken out. A `known_order` is that of the frame, residual stress included.
     An unknown `gamma` is found from the fringes of a frame that is read without a model.
+    `colour_table` names a CSV file of the channels' signals against order, in place of a spectrum.
     """
 
     roi: Roi | None = None
