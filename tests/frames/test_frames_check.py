@@ -139,3 +139,24 @@ def test_no_load_frames_of_other_size_or_exposure_are_reported(tmp_path):
 def test_unreadable_path_is_a_finding_and_not_an_exception(tmp_path):
     check = check_frames(tmp_path / "none.tif", parse_scene(PLAIN))
     assert not check.ok and check.count == 0 and "none.tif" in texts(check, "error")
+
+
+STEPS = PLAIN + "".join(
+    f"[[polariscope.step]]\npolariser_deg = {a}\nanalyser_deg = {a - 90}\n" for a in (90, 112.5)
+)
+
+
+def test_a_stepped_set_needs_no_dark_and_bright_frames(tmp_path):
+    assert texts(checked(tmp_path, [fringe(0), fringe(1)], STEPS), "warning") == ""
+
+
+def test_a_no_load_stepped_set_that_does_not_fit_is_reported(tmp_path):
+    toml = STEPS + '[frames]\nno_load_steps = "n.tif"\n'
+    frames = [fringe(0), fringe(1)]
+    assert "n.tif" in texts(checked(tmp_path, frames, toml), "error")
+    write_tiff(tmp_path / "n.tif", np.stack(frames).astype(np.uint8))
+    assert checked(tmp_path, frames, toml).ok
+    write_tiff(tmp_path / "n.tif", frames[0][None].astype(np.uint8))
+    assert "holds 1 frames" in texts(checked(tmp_path, frames, toml), "error")
+    write_tiff(tmp_path / "n.tif", np.stack(frames)[:, :50].astype(np.uint8))
+    assert "capture both with the same camera" in texts(checked(tmp_path, frames, toml), "error")

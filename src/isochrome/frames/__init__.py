@@ -7,7 +7,7 @@ from isochrome.frames.check import Check, check_frames
 from isochrome.frames.findings import Finding
 from isochrome.frames.linear import Linear, find_outliers, to_linear
 from isochrome.frames.mask import load_mask
-from isochrome.frames.no_load import load_no_load
+from isochrome.frames.no_load import load_no_load, open_no_load_steps
 from isochrome.frames.noise import NoiseModel, estimate_noise, full_scale
 from isochrome.frames.normalise import Normalised, normalise
 from isochrome.frames.opening import channel_for, open_frames, open_scene_frames
@@ -32,6 +32,7 @@ __all__ = [
     "load_no_load",
     "normalise",
     "open_frames",
+    "open_no_load_steps",
     "open_scene_frames",
     "to_linear",
 ]

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.frames.no_load import load_no_load
+from isochrome.frames.linear import Linear
+from isochrome.frames.no_load import load_no_load, open_no_load_steps
 from isochrome.frames.noise import full_scale
 from isochrome.frames.reader import FrameReader
 from isochrome.frames.survey import Survey
@@ -112,8 +113,14 @@ def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
 
 
 def of_no_load(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:
-    """Findings on the no-load frames: missing, unreadable, of another size or exposure."""
+    """Findings on the no-load frames: missing, unreadable, of another size or exposure.
+
+    A phase-stepped set tells its own background and illumination, and needs none of them.
+    """
     frames = scene.frames
+    if scene.polariscope.step:
+        yield from _of_no_load_steps(reader, scene)
+        return
     missing = [n for n in ("no_load_dark", "no_load_bright") if getattr(frames, n) is None]
     if missing:
         text = f"{' and '.join('frames.' + n for n in missing)} not given: the unloaded specimen's "
@@ -125,6 +132,24 @@ def of_no_load(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Find
         return
     if not seen.count or np.isnan(seen.low).all():
         return
+    yield from _of_exposure(reader, seen, scene, dark, bright)
+
+
+def _of_no_load_steps(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
+    """Findings on the unloaded specimen's phase-stepped set, if one is given."""
+    if scene.frames.no_load_steps is None:
+        return
+    try:
+        open_no_load_steps(scene, reader.full_shape).close()
+    except InputError as error:
+        yield Finding("error", None, str(error))
+
+
+def _of_exposure(
+    reader: FrameReader, seen: Survey, scene: Scene, dark: Linear | None, bright: Linear | None
+) -> Iterator[Finding]:
+    """Findings on the no-load frames' exposure against the captured frames'."""
+    frames = scene.frames
     full = full_scale(reader.bit_depth)
     low = (max(float(np.nanmin(seen.low)), 0) / full) ** frames.first_gamma
     high = (max(float(np.nanmax(seen.high)), 0) / full) ** frames.first_gamma

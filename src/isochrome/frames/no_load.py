@@ -7,6 +7,7 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.frames.linear import Linear, to_linear
 from isochrome.frames.opening import open_scene_frames
+from isochrome.frames.reader import FrameReader
 from isochrome.scene import Scene
 
 
@@ -27,6 +28,35 @@ def load_no_load(
             f"frames.no_load_bright {bright.image.shape}; capture both alike"
         )
     return dark, bright
+
+
+def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader:
+    """Open the unloaded specimen's phase-stepped set.
+
+    Parameters: `scene`, with frames.no_load_steps; `full_shape` (rows, cols) of the captured frames
+    before the roi. Returns a FrameReader. Raises InputError where the set cannot be read, holds
+    another number of frames than there are steps, or frames of another size.
+    """
+    name, steps = scene.frames.no_load_steps, len(scene.polariscope.step)
+    assert name is not None
+    path = scene.path(name)
+    reader = open_scene_frames(path, scene)
+    try:
+        count = reader.count()
+        if count != steps:
+            raise InputError(
+                f"{path}: frames.no_load_steps holds {count} frames and the polariscope has "
+                f"{steps} steps; give one frame of the unloaded specimen for each"
+            )
+        if reader.full_shape != full_shape:
+            raise InputError(
+                f"{path}: frames.no_load_steps is {reader.full_shape} pixels (rows, columns) and "
+                f"the captured frames {full_shape}; capture both with the same camera settings"
+            )
+    except InputError:
+        reader.close()
+        raise
+    return reader
 
 
 def _average(

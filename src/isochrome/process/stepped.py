@@ -13,7 +13,7 @@ from isochrome.frames import (
     Frame,
     FrameReader,
     estimate_noise,
-    open_scene_frames,
+    open_no_load_steps,
     to_linear,
 )
 from isochrome.fringes.residual import Residual, read_residual
@@ -51,26 +51,13 @@ def load_residual(scene: Scene, reader: FrameReader) -> Residual | None:
     name = scene.frames.no_load_steps
     if name is None:
         return None
-    path, steps = scene.path(name), len(scene.polariscope.step)
-    with open_scene_frames(path, scene) as unloaded:
-        count = unloaded.count()
-        if count != steps:
-            raise InputError(
-                f"{path}: frames.no_load_steps holds {count} frames and the polariscope has "
-                f"{steps} steps; give one frame of the unloaded specimen for each"
-            )
-        if unloaded.full_shape != reader.full_shape:
-            raise InputError(
-                f"{path}: frames.no_load_steps is {unloaded.full_shape} pixels (rows, columns) and "
-                f"the captured frames {reader.full_shape}; capture both with the same camera "
-                "settings"
-            )
+    with open_no_load_steps(scene, reader.full_shape) as unloaded:
         light, valid, sigma = _stacked(list(unloaded), scene, Capture(unloaded.bit_depth))
     found = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
     if not np.isfinite(found.field).any():
         raise InputError(
-            f"{path}: frames.no_load_steps has no pixel that can be read; check that its frames "
-            "are the steps of [[polariscope.step]], in their order, and their light; a residual "
+            f"{scene.path(name)}: frames.no_load_steps has no pixel that can be read; check that "
+            "its frames are the steps of [[polariscope.step]], in order, and their light; residual "
             "stress beyond half an order nearly all over cannot be told"
         )
     return found
