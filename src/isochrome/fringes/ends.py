@@ -94,8 +94,10 @@ def fit_ends(
     `sigma`, its noise (rows, cols); `valid`, True = trusted; `dark`, `bright` (rows, cols), the
     ends that no-load frames give, if any, of the same linearity.
     Returns the Ends. Raises InputError where the frame has no contrast, or no fringe that can be
-    followed.
+    followed, or where nothing is unknown.
     """
+    if dark is not None and bright is not None and not tone:
+        raise InputError("both ends of the light are given, and nothing is left to find")
     problem, starts = _problem(light, sigma, valid, dark, bright, tone)
     found = search_all(problem, starts)
     if not tone:
