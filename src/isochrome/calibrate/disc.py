@@ -7,20 +7,32 @@ d cancels, and an order N0 that stays at zero load (residual stress) does not to
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from isochrome.calibrate.conclude import Input, conclude
 from isochrome.calibrate.disc_fit import fit_disc
+from isochrome.calibrate.disc_joint_result import joint_images, residual_of
+from isochrome.calibrate.disc_misfit import slope_misfit
+from isochrome.calibrate.disc_restarts import own_unknowns, with_no_load
 from isochrome.calibrate.disc_rise import fit_rise
 from isochrome.calibrate.disc_starts import choose_orders, scan_disc
+from isochrome.calibrate.disc_together import fit_together, plain_fit
 from isochrome.calibrate.result import Calibration, ImageFit
+from isochrome.calibrate.rim import Circle
 from isochrome.calibrate.rise import overlay, rise_with_load
 from isochrome.calibrate.settings import CalibrationSet, Disc, Uncertainty, load_set
 from isochrome.calibrate.shot import Shot, as_shots, loaded_shots
 from isochrome.errors import PhysicsError
+
+Array = NDArray[np.float64]
+
+BARELY = 1.05
+"""Pooled chi up to which single images are taken to be free of residual stress."""
 
 FROM_RISE = (
     "the closed form of a disc does not describe the single images (residual stress, bubbles, or "
@@ -87,20 +99,72 @@ def disc_from_shots(
         scans, [s.load_n for s in loaded], rise_per_n=clear.slope if clear else None
     )
     images: Sequence[ImageFit]
+    refused: PhysicsError | None = None
     try:
         images = [
             fit_disc(shot, scan.circle, scan.starts(order), disc, bright=bright, light=light)
             for shot, scan, order in zip(loaded, scans, orders, strict=True)
         ]
-    except PhysicsError:
+        own = own_unknowns(images)
+    except PhysicsError as error:
+        refused, images = error, ()
+        own = np.stack([s.starts(o)[0] for s, o in zip(scans, orders, strict=True)])
+    found = _look_further(shots, images, own, circles, disc, bright=bright, light=light)
+    if found is None and refused is not None:
         if clear is None:
-            raise
+            raise refused
         images = fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm, bright=bright)
+        found = _Found(images, None, 0.0, None)
         said = (FROM_RISE, *said)
+    assert found is not None
+    if found.residual is not None:
+        said = ()
     known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
         Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),
         Input("thickness", known.thickness_mm, "mm", 0.0),
+        *([Input("model misfit", 100.0 * found.misfit, "%", 0.01)] if found.misfit > 0 else []),
     )
-    return conclude("disc", images, 8.0 / (np.pi * disc.diameter_mm), inputs, said=said)
+    factor = 8.0 / (np.pi * disc.diameter_mm)
+    result = conclude("disc", found.images, factor, inputs, covariance=found.covariance, said=said)
+    return replace(result, residual=found.residual)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The images' fits, their orders' `covariance`, the slope's relative `misfit`, the residual."""
+
+    images: Sequence[ImageFit]
+    covariance: Array | None
+    misfit: float
+    residual: dict[str, Any] | None
+
+
+def _look_further(
+    shots: Sequence[Shot],
+    images: Sequence[ImageFit],
+    own: Array,
+    circles: Sequence[Circle],
+    disc: Disc,
+    *,
+    bright: bool,
+    light: ArrayLike | None,
+) -> _Found | None:
+    """A residual stress where the single fits leave a misfit; then what the misfit may do.
+
+    None where the single images could not be fitted (`images` empty) and no residual stress
+    explains them.
+    """
+    if not images or np.mean([i.chi**2 for i in images]) > BARELY**2:
+        joint = fit_together(*with_no_load(shots, own), bright=bright, light=light)
+        if joint is not None:
+            together, covariance = joint_images(
+                joint, [c.radius for c in circles], disc.diameter_mm
+            )
+            residual = residual_of(joint, disc.diameter_mm).to_json()
+            return _Found(together, covariance, slope_misfit(joint), residual)
+    if not images:
+        return None
+    plain = plain_fit([s for s in shots if s.load_n > 0], own, bright=bright, light=light)[0]
+    return _Found(images, None, slope_misfit(plain), None)
