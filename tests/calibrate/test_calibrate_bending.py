@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -99,12 +100,72 @@ def test_the_budget_adds_up(beam_frame):
     assert any("no uncertainty is given for load, height" in w for w in bare.warnings)
 
 
-def test_a_poor_fit_is_said(beam_frame):
-    """An unknown tone curve leaves the positions of the fringes right and the residual wrong."""
+def test_an_unknown_tone_curve_is_found_and_said(beam_frame):
     found = calibrated(beam_frame, (2.5, 4.0), gamma=2.2)
+    assert found.chi < 1.05
+    said = next(w for w in found.warnings if "not linear in light" in w)
+    assert float(re.search(r"gamma = ([\d.]+)", said).group(1)) == pytest.approx(2.2, abs=0.05)
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < 1e-3 * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+
+
+@pytest.mark.parametrize(
+    "options", [{"blur": 2.0}, {"background": 70.0}], ids=["blur", "a tenth clipped"]
+)
+def test_blurred_and_clipped_images_are_exact_within_what_is_stated(beam_frame, options):
+    frame = beam_frame(4.0, np.random.default_rng(0), **options)
+    assert "blur" in options or 0.05 < np.mean(frame == 255) < 0.15
+    found = calibrated(beam_frame, (2.5, 4.0), **options)
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < 1e-3 * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+
+
+def test_a_poor_fit_is_said_and_widens_the_uncertainty(beam_frame):
+    """A reflection on the beam: nothing of the model, but a part of every image."""
+
+    def glaring(edge, rng, **options):
+        frame = beam_frame(edge, rng, background=40.0, noise=2.0).astype(float)
+        y, x = np.mgrid[: frame.shape[0], : frame.shape[1]]
+        glare = 25.0 * np.exp(-(((y - 120) / 25.0) ** 2) - ((x - 200) / 90.0) ** 2)
+        return np.clip(np.rint(frame - 28.0 + glare), 0, 255).astype(np.uint8)
+
+    found = calibrated(glaring, (2.5, 4.0))
     assert found.chi > 1.3
     assert any("does not describe" in w for w in found.warnings)
-    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-3)
+    parts = {b.name: b.contribution_n_per_mm for b in found.budget}
+    assert parts["model misfit"] > parts["image noise and fit"]
+    assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 3 * found.standard_uncertainty
+
+
+def test_low_orders_are_exact_where_the_images_share_their_light(beam_frame):
+    """The bar at one fringe is 0.1 %, from several loads with the residual order free."""
+    for edges in ((0.5, 0.75, 1.0), (0.0, 0.6, 1.0)):
+        found = calibrated(beam_frame, edges)
+        error = found.fringe_value_n_per_mm - F_SIGMA
+        assert abs(error) < 1e-3 * F_SIGMA
+        assert abs(error) < 4 * found.standard_uncertainty
+
+
+def test_light_that_changes_between_images_is_not_taken_for_order(beam_frame):
+    rng = np.random.default_rng(2)
+    images = [beam_frame(e, rng, background=10.0) * f for e, f in ((1.0, 1.0), (2.0, 0.8))]
+    found = bending_from_images(images, [bending_load(1.0), bending_load(2.0)], BEAM, PIXEL)
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < 2e-3 * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+
+
+def test_an_unloaded_image_bounds_the_order_that_one_load_cannot_tell(beam_frame):
+    found = calibrated(beam_frame, (0.0, 4.0))
+    assert found.order_at_zero_load == 0.0
+    # noise of 1.5 % of the light over 1e5 pixels leaves a squared order of some 1e-5 open
+    assert 1e-4 < found.order_at_zero_load_uncertainty < 0.02
+    assert "order at zero load" in {b.name for b in found.budget}
+    bent = calibrated(beam_frame, (0.0, 3.0), residual=0.2)
+    assert bent.order_at_zero_load_uncertainty == pytest.approx(0.2, abs=0.01)
+    assert abs(bent.fringe_value_n_per_mm - F_SIGMA) < 2 * bent.standard_uncertainty
 
 
 def test_hostile_images_are_refused(beam_frame):

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 PIXELS = 80_000
 """Pixels of an image that are fitted; more add nothing to the uncertainty that matters."""
 
-MARGIN = 0.02
+MARGIN = 0.03
 """Part of the height left out at each edge, where chamfers and blur are."""
 
 FAINTEST = 2.0
@@ -107,7 +107,7 @@ def _fit(
     pick = cols.astype(int)
     y = np.arange(shot.image.shape[0], dtype=float)[:, None]
     x = (cols - 0.5 * (shot.image.shape[1] - 1))[None, :]
-    margin = max(3.0, MARGIN * height_px)
+    margin = max(4.0, MARGIN * height_px)
     depth = y - view.tilt * x - view.top
     known = None if light is None else np.asarray(light, dtype=float)[:, pick]
     return smooth_starts(

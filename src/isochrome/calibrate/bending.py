@@ -12,16 +12,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from isochrome.calibrate.beam_fit import PIXELS, fit_beam
+from isochrome.calibrate.beam_fit import PIXELS, BeamFit, fit_beam
 from isochrome.calibrate.beam_image import beam_image
 from isochrome.calibrate.beam_joint import Together, fit_together
+from isochrome.calibrate.beam_misfit import band_misfit, check_span
+from isochrome.calibrate.beam_tone import Tone, find_tone, undo_tone
 from isochrome.calibrate.conclude import Input, conclude
 from isochrome.calibrate.rest import Rest
 from isochrome.calibrate.result import Calibration
 from isochrome.calibrate.settings import Beam, CalibrationSet, Uncertainty, load_set
 from isochrome.calibrate.shot import Shot, as_shots, loaded_shots
+
+Array = NDArray[np.float64]
+
+DOUBTFUL_CHI = 1.05
+"""Above this the noise alone does not explain an image, whose tone curve and misfit are looked at.
+"""
 
 MOST_PIXELS = 300_000
 """Pixels of all images that are fitted together."""
@@ -82,11 +90,28 @@ def bending_from_shots(
     idle = [s for s in shots if s.load_n == 0]
     height_px = beam.height_mm / pixel_mm
     common: dict[str, Any] = {"bright": bright, "light": light}
-    pixels = min(PIXELS, MOST_PIXELS // len(shots))
-    fits = [fit_beam(shot, beam, pixel_mm, pixels=pixels, **common) for shot in loaded]
-    joined = fit_together(fits, idle, height_px, **common)
-    images = [beam_image(f, height_px, pixel_mm) for f in (joined.fits if joined else fits)]
-    rest, said = _rest(idle, joined)
+    fits, joined = _fit_all(loaded, idle, beam, pixel_mm, common)
+    tone: Tone | None = None
+    said: tuple[str, ...] = ()
+    if max(f.best.chi for f in fits) > DOUBTFUL_CHI:
+        tone = find_tone(fits, height_px, **common)
+    if tone is not None:
+        loaded, idle = ([undo_tone(s, tone.gamma) for s in group] for group in (loaded, idle))
+        fits, joined = _fit_all(loaded, idle, beam, pixel_mm, common)
+        said = (
+            f"the grey levels are not linear in light: gamma = {tone.gamma:.2f} +- "
+            f"{tone.standard_uncertainty:.2f} times the one given describes the fringes, and was "
+            "used; set camera.gamma to the product",
+        )
+    for fit in fits:
+        check_span(fit, height_px, **common)
+    misfit = np.full(len(fits), tone.slope_change if tone else 0.0)
+    if max(f.best.chi for f in fits) > DOUBTFUL_CHI:
+        misfit = np.hypot(misfit, _misfit(fits, joined, height_px, common))
+    images = [
+        beam_image(f, height_px, pixel_mm, misfit=m) for f, m in zip(fits, misfit, strict=True)
+    ]
+    rest, left = _rest(idle, joined)
     factor = 1.5 * (beam.outer_span_mm - beam.inner_span_mm) / beam.height_mm**2
     known = uncertainty or Uncertainty()
     arm = beam.outer_span_mm - beam.inner_span_mm
@@ -99,7 +124,32 @@ def bending_from_shots(
     )
     orders = np.array([i.order for i in images])
     covariance = joined.covariance * np.outer(orders, orders) if joined else None
-    return conclude("beam", images, factor, inputs, covariance=covariance, rest=rest, said=said)
+    return conclude(
+        "beam", images, factor, inputs, covariance=covariance, rest=rest, said=(*said, *left)
+    )
+
+
+def _fit_all(
+    loaded: Sequence[Shot],
+    idle: Sequence[Shot],
+    beam: Beam,
+    pixel_mm: float,
+    common: dict[str, Any],
+) -> tuple[Sequence[BeamFit], Together | None]:
+    """Each loaded image's fit, under one light where they share it (then the Together as well)."""
+    pixels = min(PIXELS, MOST_PIXELS // (len(loaded) + len(idle)))
+    fits = [fit_beam(shot, beam, pixel_mm, pixels=pixels, **common) for shot in loaded]
+    joined = fit_together(fits, idle, beam.height_mm / pixel_mm, **common)
+    return (joined.fits if joined else fits), joined
+
+
+def _misfit(
+    fits: Sequence[BeamFit], joined: Together | None, height_px: float, common: dict[str, Any]
+) -> Array:
+    """What is not described, as fractions (n,) of the slopes: of all images, or of each."""
+    if joined is not None:
+        return band_misfit(fits, height_px, scaled=joined.scaled, **common)
+    return np.array([float(band_misfit([f], height_px, **common)[0]) for f in fits])
 
 
 def _rest(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibrate.settings import CalibrationSet, LoadedImage
-from isochrome.calibrate.shot import Shot
+from isochrome.calibrate.shot import Shot, below_saturation
 from isochrome.errors import InputError
 
 Array = NDArray[np.float64]
@@ -65,7 +65,8 @@ def _shot(given: CalibrationSet, item: LoadedImage, dark: Array | None) -> Shot:
     level = uniform_filter(raw.astype(float), 3)  # a weight must not follow its own pixel's noise
     sigma = noise.linear_sigma(level, bit_depth=depth, gamma=given.gamma)
     image = linear.image.astype(float)
-    valid = linear.valid & inside
+    full = np.inf if depth is None else 2.0**depth - 1.0
+    valid = linear.valid & inside & below_saturation(raw.astype(float), noise.sigma(level), full)
     if dark is not None:
         image = image - dark
     return Shot(item.file, item.load_n, image, valid, np.asarray(sigma, dtype=float))

@@ -34,7 +34,8 @@ def as_shots(
 ) -> tuple[Shot, ...]:
     """Arrays to shots.
 
-    Parameters: `images`, linear intensities, each (rows, cols); `loads_n`, as many, N; `sigma`,
+    Parameters: `images`, linear intensities, each (rows, cols), those at the top of an integer
+    type's range taken as saturated; `loads_n`, as many, N; `sigma`,
     their noise: one number, or one number or map an image, estimated where None; `masks`,
     True = valid; `names` for messages.
     Returns the shots. Raises InputError for counts or shapes that do not agree.
@@ -52,14 +53,17 @@ def as_shots(
             )
         mask = np.isfinite(frame) if masks is None else np.asarray(masks[i], dtype=bool)
         given = sigma if sigma is None or isinstance(sigma, (int, float)) else sigma[i]
-        noise = noise_of(frame, mask) if given is None else given
+        noise = np.asarray(noise_of(frame, mask) if given is None else given, dtype=float)
+        kind = np.asarray(image).dtype
+        if kind.kind in "ui":
+            mask = mask & below_saturation(frame, noise, float(np.iinfo(kind).max))
         shots.append(
             Shot(
                 names[i] if names else f"image {i + 1}",
                 float(loads_n[i]),
                 frame,
                 mask & np.isfinite(frame),
-                np.broadcast_to(np.asarray(noise, dtype=float), frame.shape),
+                np.broadcast_to(noise, frame.shape),
             )
         )
     return tuple(shots)
@@ -76,6 +80,19 @@ def loaded_shots(shots: Sequence[Shot]) -> tuple[list[Shot], tuple[str, ...]]:
     rest = ", ".join(s.file for s in shots if s.load_n == 0)
     said = f"{rest}: no load, not used; the order at zero load is from the loaded images' line"
     return loaded, (said,) if rest else ()
+
+
+def below_saturation(image: Array, sigma: ArrayLike, full: float) -> NDArray[np.bool_]:
+    """Pixels (rows, cols) whose neighbourhood's mean lies three sigmas below full scale.
+
+    Leaving out the saturated pixels alone would keep the darker half of those beside them, whose
+    mean is then too low. Parameters: `image`, raw grey levels, its noise `sigma`, `full` scale.
+    """
+    from scipy.ndimage import uniform_filter
+
+    if float(np.max(image)) < full:
+        return np.ones(image.shape, dtype=bool)
+    return np.asarray((image < full) & (uniform_filter(image, 3) + 3.0 * np.asarray(sigma) < full))
 
 
 def noise_of(image: Array, mask: NDArray[np.bool_]) -> Array:

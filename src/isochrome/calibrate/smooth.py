@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.fit import SeveralStarts, fit_intensity, polynomial_basis, several_starts
+from isochrome.fit import (
+    IntensityFit,
+    SeveralStarts,
+    fit_intensity,
+    polynomial_basis,
+    several_starts,
+)
 from isochrome.fit.intensity import Response
 
 Array = NDArray[np.float64]
@@ -56,7 +62,7 @@ def smooth_starts(
     return found
 
 
-def degrees_of(light: Array | None) -> tuple[tuple[int, int], ...]:
+def degrees_of(light: ArrayLike | None) -> tuple[tuple[int, int], ...]:
     """Degrees of illumination and background to try; a no-load frame leaves less to be found."""
     return DEGREES if light is None else ((1, 1), (2, 1))
 
@@ -73,3 +79,8 @@ def light_maps(
         "illumination": polynomial_basis(size, degrees[0], times=light),
         "background": polynomial_basis(size, degrees[1]),
     }
+
+
+def light_unknowns(fit: IntensityFit) -> int:
+    """Number of coefficients of illumination and background in a fit."""
+    return len(fit.illumination_coefficients) + len(fit.background_coefficients)
