@@ -63,11 +63,12 @@ class OwnLight:
     """What was found of the light.
 
     `table`, whose spread is what the colours leave of each channel; `gamma` of the tone curve, and
-    `gamma_uncertainty`; `ratio` and `width` of the bands, see `BandLight`; `brightness` of each
-    frame; `background`, `illumination` (rows, cols, 3) of the light, in blocks; `residual`, root
-    mean square that the colours leave, of full light; `torn`, share of pixels beside a jump of the
-    order; `strange`, share of pixels off the table by over 0.15; `moved`, the last round's change
-    of the table; `highest`, the highest order that a hundredth of the pixels reach.
+    `gamma_uncertainty`; `numbers` of the bands, see `band_light`; `brightness` of each frame;
+    `background`, `illumination` (rows, cols, 3) of the light; `residual`, root mean square that
+    the colours leave, of full light; `torn`, share of pixels beside a jump of the order;
+    `strange`, share of pixels off the table by over 0.15; `bent`, root mean square of the table's
+    bend; `moved`, the last round's change of the table; `highest`, the order that a hundredth of
+    the pixels pass.
     """
 
     table: ColourTable
@@ -216,11 +217,6 @@ def _look(
     place = _place(choice.order[inside], table)
     ideal, slope = table.signal[place], table.slope[place]
     away = signal[inside] - ideal
-    sums = np.zeros((2, *inside.shape))
-    unit = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 0.3)
-    across = ideal - unit * np.sum(unit * ideal, axis=1, keepdims=True)
-    sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
-    sums[1][inside] = np.sum(across**2, axis=1)
     told = np.isfinite(choice.order)
     off = (signal - table.signal[_place(np.nan_to_num(choice.order), table)]) ** 2
     square = np.nanmean(off[told & ~tears], axis=1)
@@ -241,8 +237,18 @@ def _look(
         square,
         choice.order,
         float(np.mean(tears[told])) if told.any() else 1.0,
-        sums,
+        _relief_sums(inside, ideal, slope, away),
     )
+
+
+def _relief_sums(inside: Mask, ideal: Array, slope: Array, away: Array) -> Array:
+    """A frame's part of what `added_relief` takes (2, rows, cols), of the pixels `inside`."""
+    unit = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 0.3)
+    across = ideal - unit * np.sum(unit * ideal, axis=1, keepdims=True)
+    sums = np.zeros((2, *inside.shape))
+    sums[0][inside] = np.sum(np.clip(away, -_STRANGE, _STRANGE) * across, axis=1)
+    sums[1][inside] = np.sum(across**2, axis=1)
+    return sums
 
 
 def _place(order: Array, table: ColourTable) -> NDArray[np.intp]:
