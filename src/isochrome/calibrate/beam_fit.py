@@ -95,7 +95,10 @@ def fit_beam(
     view = find_beam(shot, height_px, bright=bright)
     stride = max(1, int(np.ceil(shot.image.size / pixels)))
     cols = np.arange(stride // 2, shot.image.shape[1], stride, dtype=float)
-    found = _fit(shot, view, height_px, cols, bright, light)
+    try:
+        found = _fit(shot, view, height_px, cols, bright, light)
+    except PhysicsError as error:  # every start turned the light negative
+        raise _not_fitted(shot) from error
     _check(shot, found, min(height_px, float(shot.image.shape[0])))
     return BeamFit(shot, view, cols, found.best)
 
@@ -153,7 +156,12 @@ def _check(shot: Shot, found: SeveralStarts, seen_px: float) -> None:
             f"{rivals[0].chi:.2f}); raise the load, or crop the image to the beam with roi"
         )
     if not (best.converged and best.positive):
-        raise PhysicsError(
-            f"{shot.file}: the fringes could not be fitted; check that the image shows the span "
-            "between the inner rollers, with the beam along the rows, and the field (dark, bright)"
-        )
+        raise _not_fitted(shot)
+
+
+def _not_fitted(shot: Shot) -> PhysicsError:
+    return PhysicsError(
+        f"{shot.file}: its fringes are not those of pure bending, evenly spaced and straight along "
+        "the span; check that the frame shows only the span between the inner rollers (no shear), "
+        "the beam along the rows, at least four pixels a fringe, and the field (dark, bright)"
+    )

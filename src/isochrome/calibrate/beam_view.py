@@ -26,6 +26,13 @@ FINEST_PX = 4.0
 SAMPLES = 512
 """Samples of the profile that is scanned, at most about."""
 
+SMALLEST_PX = 16.0
+LARGEST_FRAMES = 20.0
+"""A beam's height in pixels, and in heights of the frame, at the least and at the most."""
+
+FEWEST_VALID = 0.3
+"""Part of the pixels that must be usable."""
+
 FEWEST = 0.5
 """Fringes in view at the least."""
 
@@ -47,6 +54,7 @@ def find_beam(shot: Shot, height_px: float, *, bright: bool = False) -> BeamView
     Parameters: `shot`; `height_px`, the beam's height in pixels; `bright`, for a bright field.
     Returns a BeamView. Raises PhysicsError where no fringes rise across the height.
     """
+    _check_size(shot, height_px)
     tilt = _tilt(shot)
     rows, values, count = _binned(*_profile(shot, tilt))
     tops = _tops(rows, height_px)
@@ -69,6 +77,20 @@ def find_beam(shot: Shot, height_px: float, *, bright: bool = False) -> BeamView
         row = (angle + (0.0 if bright else np.pi)) / (2.0 * np.pi * slope)
         starts.append([slope, row + np.round((middle - row) * slope) / slope, tilt])
     return BeamView(float(tops[place]), tilt, np.array(starts))
+
+
+def _check_size(shot: Shot, height_px: float) -> None:
+    seen = shot.image.shape[0]
+    if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * seen:
+        raise PhysicsError(
+            f"{shot.file}: height_mm / pixel_mm makes the beam {height_px:.3g} pixels high in a "
+            f"frame of {seen}; check that both are in mm (not m), and pixel_mm the camera's"
+        )
+    if np.mean(shot.mask) < FEWEST_VALID:
+        raise PhysicsError(
+            f"{shot.file}: only {np.mean(shot.mask):.0%} of its pixels can be used, the rest is "
+            "saturated or not finite; lower the exposure"
+        )
 
 
 def _tilt(shot: Shot) -> float:

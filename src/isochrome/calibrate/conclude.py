@@ -21,7 +21,13 @@ POOR_CHI = 1.3
 LINE_MISFIT = 0.10
 """Distance of an order from the other loads' line, in orders' range, that is refused."""
 
-PLAUSIBLE_N_PER_MM = (0.01, 5000.0)
+OFF_LINE = 0.04
+"""Distance of one of three orders from their own line, in orders' range, that is refused."""
+
+LARGEST_REST = 0.25
+"""Order at zero load over the largest order that two loads alone are not believed."""
+
+PLAUSIBLE_N_PER_MM = (0.03, 2000.0)
 """From gelatine to glass, with room on both sides."""
 
 
@@ -71,7 +77,7 @@ def conclude(
         )
     if line.left_out is not None:
         images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
-        _check_line(images)
+    _check_line(images, line)
     budget = _budget(value, line, inputs, _misfit(images, line))
     total = float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget)))
     chis = np.array([i.chi for i in images])
@@ -82,13 +88,34 @@ def conclude(
     )  # fmt: skip
 
 
-def _check_line(images: Sequence[ImageFit]) -> None:
-    """Refuse one image far off the line of the others: a wrong load or another specimen."""
+def _check_line(images: Sequence[ImageFit], line: Line) -> None:
+    """Refuse orders that no line joins, or whose line is no calibration's: a wrong load or image.
+
+    From four images on the others tell which is wrong, three show that one is, and two only where
+    their line passes far from the origin.
+    """
+    if line.intercept is None:
+        return
     orders = np.array([i.order for i in images])
-    off = np.array([abs(i.order - (i.predicted_order or 0.0)) for i in images])
+    away = orders - line.slope * np.array([i.load_n for i in images]) - line.intercept
+    table = ", ".join(f"{i.file} {i.load_n:g} N order {i.order:.3f}" for i in images)
+    if len(images) == 2 and abs(line.intercept) > max(0.3, LARGEST_REST * float(orders.max())):
+        raise PhysicsError(
+            f"{table}: these leave an order of {line.intercept:.2f} at zero load, too much for "
+            "residual stress; check the loads and that both show the same beam or disc, or add a "
+            "third load, which can tell"
+        )
+    if len(images) == 3 and float(np.abs(away).max()) > OFF_LINE * float(np.ptp(orders)):
+        raise PhysicsError(
+            f"{table}: these orders do not rise along one line; one load is wrong, or one image "
+            "shows another specimen; check them, or add a fourth load, which can tell which"
+        )
+    if len(images) < 4 or line.left_out is None:
+        return
+    off = np.abs(orders - np.array(line.left_out))
     worst = int(np.argmax(off))
     limit = LINE_MISFIT * max(float(np.ptp(orders)), 0.2 * float(orders.max()))
-    if len(images) > 3 and off[worst] > limit:
+    if off[worst] > limit:
         found = images[worst]
         raise PhysicsError(
             f"{found.file} at {found.load_n:g} N shows order {found.order:.3f} where the other "
@@ -156,7 +183,8 @@ def _warnings(
         where = "centre" if specimen == "disc" else "edge"
         said.append(
             f"an order of {line.intercept:.3f} stays at zero load at the {where}: the specimen has "
-            "residual stress, or the loads an offset; the slope is free of both"
+            "residual stress, or the loads an offset (the slope is free of both)"
+            + (", or one load is wrong: a third load can tell" if len(images) == 2 else "")
         )
     missing = [i.name for i in inputs if i.standard_uncertainty is None and i.sensitivity > 0]
     if missing:

@@ -1,0 +1,190 @@
+"""Hostile bending sets through the command: an exit code, one sentence with the cause, no file."""
+
+import re
+import sys
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.cli import main
+
+from .conftest import HEIGHT, bending_load
+
+SIZES = {"height_mm": 20.0, "inner_span_mm": 40.0, "outer_span_mm": 100.0}
+SMALL = {"shape": (200, 240), "pixel": 0.115}
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Run the command on images and loads; return the exit code and the one line it said."""
+
+    def run(images, loads, *, sizes=SIZES, pixel_mm=0.115, more=""):
+        text = "[beam]\n" + "".join(f"{k} = {v}\n" for k, v in sizes.items())
+        text += f"[camera]\npixel_mm = {pixel_mm}\n{more}"
+        for i, (image, load) in enumerate(zip(images, loads, strict=True)):
+            if isinstance(image, bytes):
+                (tmp_path / f"b{i}.tif").write_bytes(image)
+            elif image is not None:
+                tifffile.imwrite(tmp_path / f"b{i}.tif", image)
+            text += f'[[image]]\nfile = "b{i}.tif"\nload_n = {load}\n'
+        (tmp_path / "set.toml").write_text(text, "utf-8")
+        words = ["isochrome", "calibrate", "bending", str(tmp_path / "set.toml")]
+        monkeypatch.setattr(sys, "argv", [*words, "--out", str(tmp_path / "out")])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert not (tmp_path / "out").exists()
+        (line,) = [v for v in said.err.splitlines() if v.startswith("isochrome: ")]
+        assert "Traceback" not in said.err
+        return ended.value.code, line
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def beams(beam_frame):
+    """Edge order to a small frame of the beam."""
+    rng = np.random.default_rng(0)
+    return {e: beam_frame(e, rng, **SMALL) for e in (1.5, 2.0, 3.0, 4.0, 4.6, 6.0)}
+
+
+def loads_of(*edges):
+    return [bending_load(e) for e in edges]
+
+
+def metres(sizes):
+    return {k: v / 1000.0 for k, v in sizes.items()}
+
+
+def test_two_loads_swapped(beams, refused):
+    code, line = refused([beams[2.0], beams[4.0]], loads_of(4.0, 2.0))
+    assert code == 3 and "b0.tif" in line and "swapped between files" in line
+
+
+def test_two_of_four_loads_swapped(beams, refused):
+    code, line = refused([beams[e] for e in (1.5, 2.0, 3.0, 4.0)], loads_of(1.5, 3.0, 2.0, 4.0))
+    assert code == 3 and "swapped between files" in line
+
+
+@pytest.mark.parametrize(
+    ("edges", "said", "cause"),
+    [
+        # another beam's slope is 1.5 times this one's: two images show it by their origin,
+        # three by their line, and four tell which it is
+        ((2.0, 4.0), (2.0, 6.0), "both show the same"),
+        ((2.0, 3.0, 4.0), (2.0, 3.0, 6.0), "shows another specimen"),
+        ((2.0, 3.0, 4.0), (2.0, 3.0, 4.6), "shows another specimen"),
+        ((1.5, 2.0, 3.0, 4.0), (1.5, 2.0, 3.0, 6.0), r"b3\.tif.*same specimen"),
+    ],
+)
+def test_one_file_of_another_beam(beams, refused, edges, said, cause):
+    code, line = refused([beams[e] for e in said], loads_of(*edges))
+    assert code == 3 and re.search(cause, line)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "pixel_mm"),
+    [
+        (metres(SIZES), 0.115),
+        (metres(SIZES), 0.115e-3),
+        (SIZES, 0.115e-3),
+        ({**SIZES, "height_mm": HEIGHT / 1000.0}, 0.115),
+    ],
+    ids=["the beam", "the beam and the pixel", "the pixel", "the height"],
+)
+def test_metres_given_as_millimetres(beams, refused, sizes, pixel_mm):
+    edges = (2.0, 4.0)
+    images = [beams[e] for e in edges]
+    code, line = refused(images, loads_of(*edges), sizes=sizes, pixel_mm=pixel_mm)
+    assert code == 3 and "in mm" in line
+
+
+def test_spans_in_reverse_order(beams, refused):
+    sizes = {"height_mm": 20.0, "inner_span_mm": 100.0, "outer_span_mm": 40.0}
+    code, line = refused([beams[2.0]], loads_of(2.0), sizes=sizes)
+    assert code == 2 and "inner_span_mm = 100" in line and "swapped" in line
+
+
+@pytest.mark.parametrize("edge", [0.0, 0.1, 0.2])
+def test_too_few_fringes(beam_frame, refused, edge):
+    frame = beam_frame(edge, np.random.default_rng(1), **SMALL)
+    code, line = refused([frame], [bending_load(0.3)])
+    assert code == 3 and re.search("two fringes|at least two|at least four pixels", line)
+
+
+def bent(edge, change):
+    """A frame whose fringes' slope changes along the span by a factor change(t), t = -1..1."""
+    rows, cols = SMALL["shape"]
+    y, x = np.mgrid[:rows, :cols]
+    eta = (y - rows / 2) * SMALL["pixel"]
+    order = edge * change(2.0 * x / cols - 1.0) * (eta - 0.15) / (0.5 * HEIGHT)
+    light = 12.0 + 200.0 * np.where(np.abs(eta) < 0.5 * HEIGHT, np.sin(np.pi * order) ** 2, 0.0)
+    noise = np.random.default_rng(3).normal(0.0, 3.0, light.shape)
+    return np.clip(np.rint(light + noise), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda t: 1.0 + 0.05 * t,
+        lambda t: 1.0 + 0.3 * t,
+        lambda t: 1.0 - 0.1 * t**2,
+        lambda t: np.clip((1.15 - np.abs(t)) / 0.5, 0.0, 1.0),
+    ],
+    ids=["unequal rollers", "one shear span", "a bent moment", "beyond the inner rollers"],
+)
+def test_shear_in_the_span(refused, change):
+    code, line = refused([bent(e, change) for e in (2.5, 4.0)], loads_of(2.5, 4.0))
+    assert code == 3 and "pure bending" in line and "inner rollers" in line
+
+
+def test_saturated_images(beams, refused):
+    bright = np.clip(8 * beams[4.0].astype(int), 0, 255).astype(np.uint8)
+    code, line = refused([beams[2.0], bright], loads_of(2.0, 4.0))
+    assert code == 2 and "b1.tif" in line and "saturated" in line
+
+
+def test_fringes_finer_than_the_pixels(beam_frame, refused):
+    frame = beam_frame(40.0, np.random.default_rng(1), **SMALL)  # 2.2 pixels a fringe
+    code, line = refused([frame], loads_of(40.0))
+    assert code == 3 and "b0.tif" in line and "pixel" in line
+
+
+def test_a_beam_along_the_columns(beams, refused):
+    code, line = refused([beams[e].T.copy() for e in (2.0, 4.0)], loads_of(2.0, 4.0))
+    assert code == 3 and re.search("along the rows|height", line)
+
+
+@pytest.mark.parametrize("content", [b"", b"II*\x00 this is no image", None])
+def test_files_that_are_empty_corrupt_or_missing(beams, refused, content):
+    code, line = refused([beams[2.0], content], loads_of(2.0, 4.0))
+    assert code == 2 and "b1.tif" in line
+
+
+def test_images_of_different_sizes(beams, refused):
+    code, line = refused([beams[2.0], beams[4.0][:150]], loads_of(2.0, 4.0))
+    assert code == 2 and "sizes" in line
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("height_mm", "nan"),
+        ("height_mm", "inf"),
+        ("height_mm", "-20.0"),
+        ("height_mm", '"20 mm"'),
+        ("outer_span_mm", "0"),
+        ("outer_span_mm", "[100.0]"),
+    ],
+)
+def test_nonsense_numbers_in_the_set(beams, refused, key, value):
+    code, line = refused([beams[2.0]], loads_of(2.0), sizes={**SIZES, key: value})
+    assert code == 2 and f"beam.{key}" in line and "set.toml" in line
+
+
+@pytest.mark.parametrize("load", ["nan", "-60.0", "inf", '"60 N"'])
+def test_nonsense_loads(beams, refused, load):
+    code, line = refused([beams[2.0]], [load])
+    assert code == 2 and "load_n" in line
