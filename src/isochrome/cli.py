@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from isochrome.console import (
+    print_calibration,
     print_columns,
     print_json,
     print_rows,
@@ -39,6 +40,7 @@ SceneOption = Annotated[
     str, typer.Option("--scene", help="Scene file (TOML), or a name such as line-contact-wear.")
 ]
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
 FramesArgument = Annotated[
     str, typer.Argument(help="TIFF stack, image, folder of images, or video.")
 ]
@@ -136,24 +138,26 @@ def compare(
 def calibrate_bending(
     settings: Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")],
     out: Out = Path("isochrome-calibrate"),
+    into: Into = None,
     as_json: Json = False,
 ) -> None:
     """Calibrate from images of a beam in four-point bending."""
     from isochrome.calibrate import calibrate_bending as run
 
-    _calibrate(run, settings, out, as_json)
+    _calibrate(run, settings, out, into, as_json)
 
 
 @calibrate_app.command("disc")
 def calibrate_disc(
     settings: Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")],
     out: Out = Path("isochrome-calibrate"),
+    into: Into = None,
     as_json: Json = False,
 ) -> None:
     """Calibrate from images of a disc under diametral compression."""
     from isochrome.calibrate import calibrate_disc as run
 
-    _calibrate(run, settings, out, as_json)
+    _calibrate(run, settings, out, into, as_json)
 
 
 @calibrate_app.command("colour")
@@ -250,23 +254,24 @@ def bench(
     typer.echo(f"results: {out}")
 
 
-def _calibrate(run: Callable[[str], Any], settings: str, out: Path, as_json: bool) -> None:
-    from isochrome.calibrate import save_calibration
+def _calibrate(
+    run: Callable[[str], Any], settings: str, out: Path, into: Path | None, as_json: bool
+) -> None:
+    from isochrome.calibrate import check_scene_file, save_calibration, write_into_scene
 
     with steps(quiet=True) as say:
         say("calibrating")
+        if into is not None:
+            check_scene_file(into)  # before the work, not after it
         result = run(settings)
         save_calibration(result, out, source=settings)
+        if into is not None:
+            write_into_scene(result, into, source=settings)
     if as_json:
-        print_json({"out": str(out), **result.to_json()})
+        print_json({"out": str(out), "into": into, **result.to_json()})
         return
-    value, spread = result.fringe_value_n_per_mm, result.standard_uncertainty
-    typer.echo(f"fringe_value_n_per_mm = {value:.5g} ± {spread:.2g} (standard uncertainty)")
-    typer.echo(f"chi = {result.chi:.3f}")
-    if result.order_at_zero_load is not None:
-        typer.echo(f"order at zero load = {result.order_at_zero_load:.3f} fringes")
-    print_warnings(list(result.warnings))
-    typer.echo(f"results: {out}")
+    print_calibration(result)
+    typer.echo(f"results: {out}" if into is None else f"results: {out}; value set in {into}")
 
 
 def main() -> None:

@@ -51,6 +51,19 @@ def print_warnings(warnings: list[str]) -> None:
         typer.echo(f"warning: {warning}", err=True)
 
 
+def print_calibration(result: Any) -> None:
+    """A fringe value with its uncertainty and goodness; its warnings on standard error."""
+    value, spread = result.fringe_value_n_per_mm, result.standard_uncertainty
+    typer.echo(f"fringe_value_n_per_mm = {value:.5g} ± {spread:.2g} (standard uncertainty)")
+    typer.echo(f"chi = {result.chi:.3f}")
+    if result.order_at_zero_load is not None:
+        typer.echo(f"order at zero load = {result.order_at_zero_load:.3f} fringes")
+    if result.residual is not None:
+        form, size = result.residual["form"], result.residual["largest_order"]
+        typer.echo(f"residual stress: {form}, up to {size:.3f} fringes")
+    print_warnings(list(result.warnings))
+
+
 def print_columns(table: dict[str, list[Any]], names: Any) -> None:
     """Some columns of a table, a row a frame."""
     rows = list(zip(*(table[name] for name in names), strict=True))

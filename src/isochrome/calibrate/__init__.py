@@ -5,7 +5,7 @@ from isochrome.calibrate.colour import ColourCalibration, calibrate_colour
 from isochrome.calibrate.colour_save import save_colour_calibration
 from isochrome.calibrate.colour_settings import ColourSet, load_colour_set
 from isochrome.calibrate.disc import calibrate_disc, disc_from_images, disc_from_shots
-from isochrome.calibrate.into_scene import write_into_scene
+from isochrome.calibrate.into_scene import check_scene_file, write_into_scene
 from isochrome.calibrate.result import BudgetItem, Calibration, ImageFit, View
 from isochrome.calibrate.save import save_calibration
 from isochrome.calibrate.settings import (
@@ -37,6 +37,7 @@ __all__ = [
     "calibrate_bending",
     "calibrate_colour",
     "calibrate_disc",
+    "check_scene_file",
     "disc_from_images",
     "disc_from_shots",
     "load_colour_set",

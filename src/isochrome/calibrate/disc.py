@@ -20,8 +20,8 @@ from isochrome.calibrate.disc_joint_result import joint_images, residual_of
 from isochrome.calibrate.disc_misfit import slope_misfit
 from isochrome.calibrate.disc_restarts import own_unknowns, with_no_load
 from isochrome.calibrate.disc_rise import fit_rise
-from isochrome.calibrate.disc_starts import choose_orders, scan_disc
-from isochrome.calibrate.disc_together import fit_together, plain_fit
+from isochrome.calibrate.disc_starts import check_scans, choose_orders, scan_disc
+from isochrome.calibrate.disc_together import FEWEST_LOADS, fit_together, plain_fit
 from isochrome.calibrate.result import Calibration, ImageFit
 from isochrome.calibrate.rim import Circle
 from isochrome.calibrate.rise import overlay, rise_with_load
@@ -32,7 +32,7 @@ from isochrome.errors import PhysicsError
 Array = NDArray[np.float64]
 
 BARELY = 1.05
-"""Pooled chi up to which single images are taken to be free of residual stress."""
+"""Pooled chi up to which the closed form is taken to describe the single images."""
 
 FROM_RISE = (
     "the closed form of a disc does not describe the single images (residual stress, bubbles, or "
@@ -112,6 +112,7 @@ def disc_from_shots(
     found = _look_further(shots, images, own, circles, disc, bright=bright, light=light)
     if found is None and refused is not None:
         if clear is None:
+            check_scans(scans, loaded)
             raise refused
         images = fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm, bright=bright)
         found = _Found(images, None, 0.0, None)
@@ -156,7 +157,9 @@ def _look_further(
     None where the single images could not be fitted (`images` empty) and no residual stress
     explains them.
     """
-    if not images or np.mean([i.chi**2 for i in images]) > BARELY**2:
+    if images and np.mean([i.chi**2 for i in images]) <= BARELY**2:
+        return _Found(images, None, 0.0, None)
+    if np.unique([s.load_n for s in shots]).size >= FEWEST_LOADS:
         joint = fit_together(*with_no_load(shots, own), bright=bright, light=light)
         if joint is not None:
             together, covariance = joint_images(

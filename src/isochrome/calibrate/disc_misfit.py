@@ -31,7 +31,8 @@ def slope_misfit(fit: JointDisc) -> float:
 
     u^2 = (B - 1)/B sum_b (k_b - mean k)^2 / k^2 - (the fit's own)^2, k_b the slope of order with
     load from all but the block b, to first order in what is left out; 0 unless the jackknife's
-    variance exceeds what noise alone gives it in 95 % of cases.
+    variance exceeds what noise alone gives it in all but one of a
+    thousand cases.
 
     Parameters: `fit`, at its optimum. Returns a number, 0 or above.
     """
@@ -50,7 +51,7 @@ def slope_misfit(fit: JointDisc) -> float:
     jackknife = (count - 1) * float(np.var(slopes))
     noise = float(weights @ scaled_inverse(whole, 1e-14) @ weights)
     noise *= max(1.0, fit.cost / fit.pixels)
-    if jackknife < noise * chdtri(count - 1, 0.05) / (count - 1):
+    if jackknife < noise * chdtri(count - 1, 1e-3) / (count - 1):
         return 0.0
     slope = float(weights[: OWN * len(fit.own) : OWN] @ fit.own[:, 0])
     return float(np.sqrt(jackknife - noise) / abs(slope))

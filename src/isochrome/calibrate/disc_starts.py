@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibrate.disc_field import ORDERS, scan_orders
+from isochrome.calibrate.line import check_order
 from isochrome.calibrate.rim import Circle, find_rim
 from isochrome.calibrate.shot import Shot
 
@@ -25,6 +26,9 @@ LARGEST_RESIDUAL = 2.0
 
 MOST_AT_REST = 0.5
 """Largest part of the highest load's order that may be there at zero load."""
+
+CLEAR = 0.5
+"""Part of the misfit without fringes that an image's own order leaves at the most."""
 
 SLOPE_SLACK = 0.05
 """How far a line's slope may be from the rise that the pixels show."""
@@ -91,6 +95,17 @@ def choose_orders(
     i, j = np.unravel_index(int(np.argmin(total)), total.shape)
     line = ORDERS[i] + slope[i, j] * (loads - low)
     return np.asarray(line)
+
+
+def check_scans(scans: Sequence[Scan], shots: Sequence[Shot]) -> None:
+    """Refuse loads that contradict the orders which the images show each by itself.
+
+    Parameters: `scans` and `shots` (n,). Raises PhysicsError as `line.check_order`; says nothing
+    where an image's own order is not clear.
+    """
+    if all(np.min(s.curve) < CLEAR * s.smooth_chi for s in scans):
+        orders = [ORDERS[int(np.argmin(s.curve))] for s in scans]
+        check_order([s.load_n for s in shots], orders, tuple(s.file for s in shots))
 
 
 def _relative(scan: Scan) -> Array:

@@ -53,9 +53,6 @@ def fit_together(
     `bright`, for a bright field; `light` (rows, cols), the no-load bright minus dark frame.
     Returns the JointDisc, or None where no residual stress is found.
     """
-    if np.unique([s.load_n for s in shots]).size < FEWEST_LOADS:
-        return None
-
     plain, degrees = plain_fit(shots, own, bright=bright, light=light, pixels=SCAN_PIXELS)
 
     def fitted(form: Form, start: Array, shared: Array, pixels: int = SCAN_PIXELS) -> JointDisc:
