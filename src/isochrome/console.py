@@ -57,7 +57,7 @@ def print_calibration(result: Any) -> None:
     typer.echo(f"fringe_value_n_per_mm = {value:.5g} ± {spread:.2g} (standard uncertainty)")
     typer.echo(f"chi = {result.chi:.3f}")
     if result.order_at_zero_load is not None:
-        typer.echo(f"order at zero load = {result.order_at_zero_load:.3f} fringes")
+        typer.echo(f"order at zero load = {round(result.order_at_zero_load, 3) + 0.0:.3f} fringes")
     if result.residual is not None:
         form, size = result.residual["form"], result.residual["largest_order"]
         typer.echo(f"residual stress: {form}, up to {size:.3f} fringes")

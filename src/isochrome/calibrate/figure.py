@@ -43,7 +43,9 @@ def calibration_figure(calibration: Calibration) -> Figure:
     _misfit(misfit, calibration)
     _budget(budget, calibration)
     order = calibration.order_at_zero_load
-    rest = "" if order is None else f"    order at zero load {order:+.3f}"
+    rest = "" if order is None else f"    order at zero load {round(order, 3) + 0.0:+.3f}"
+    if calibration.residual is not None:
+        rest += f"    residual stress up to {calibration.residual['largest_order']:.2f} fringe"
     figure.suptitle(
         f"f$_\\sigma$ = {_pair(calibration)} N/mm per fringe    "
         f"$\\chi$ = {calibration.chi:.2f}{rest}",
@@ -57,8 +59,13 @@ def calibration_figure(calibration: Calibration) -> Figure:
 def _pair(calibration: Calibration) -> str:
     """Value ± standard uncertainty, with two digits of the latter."""
     value, spread = calibration.fringe_value_n_per_mm, calibration.standard_uncertainty
-    digits = max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
+    digits = _digits(spread)
     return f"{value:.{digits}f} ± {spread:.{digits}f}"
+
+
+def _digits(spread: float) -> int:
+    """Decimals that show two digits of an uncertainty."""
+    return max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
 
 
 def _spread(images: list[ImageFit]) -> list[ImageFit]:
@@ -102,7 +109,8 @@ def _image_row(axes: list[Any], item: ImageFit, specimen: str, limit: float) -> 
     twin.yaxis.label.set_color(LINE_COLOURS[1])
     where = "across the height (mm)" if specimen == "beam" else "along the diameter (mm)"
     name = "edge" if specimen == "beam" else "centre"
-    title = f"N = {item.order:.4f} at the {name}"
+    order = f"{item.order:.{min(5, _digits(item.standard_uncertainty))}f}"
+    title = f"N = {order} at the {name} (dots captured, line fitted)"
     style_axes(cut, x_label=where, z_label="intensity", title=title)
 
 
@@ -122,7 +130,13 @@ def _line(axes: Any, calibration: Calibration) -> None:
     rest = calibration.order_at_zero_load or 0.0
     reach = np.array([0.0, loads.max() * 1.05])
     axes.plot(reach, calibration.slope_per_n * reach + rest, "-", color="0.3", lw=1)
-    axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5)
+    axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label="from its image")
+    known = [i for i in calibration.images if i.predicted_order is not None]
+    if known:
+        places = [i.load_n for i in known], [i.predicted_order for i in known]
+        said = "predicted by the other loads"
+        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label=said)
+        axes.legend(frameon=False, fontsize=9, loc="upper left")
     if calibration.order_at_zero_load is not None:
         axes.plot(0.0, rest, "s", color=LINE_COLOURS[1], ms=5)
         text = f"{rest:+.4f} at zero load"
@@ -140,18 +154,27 @@ def _misfit(axes: Any, calibration: Calibration) -> None:
     from isochrome.figures import LINE_COLOURS, style_axes
 
     rest = calibration.order_at_zero_load or 0.0
-    known = [i.predicted_order is not None for i in calibration.images]
-    for item in calibration.images:
-        line = calibration.slope_per_n * item.load_n + rest
-        away = item.order - (line if item.predicted_order is None else item.predicted_order)
-        axes.errorbar(
-            item.load_n, away, item.standard_uncertainty, fmt="o", ms=4, color=LINE_COLOURS[0]
-        )
+    images = calibration.images
+    known = all(i.predicted_order is not None for i in images)
+    away = np.array(
+        [
+            i.order - (calibration.slope_per_n * i.load_n + rest if i.predicted_order is None
+                       else i.predicted_order)
+            for i in images
+        ]
+    )  # fmt: skip
+    spread = np.array([i.standard_uncertainty for i in images])
+    milli = float(np.max(np.abs(away) + spread)) < 0.02
+    scale = 1000.0 if milli else 1.0
+    axes.errorbar(
+        [i.load_n for i in images], scale * away, scale * spread, fmt="o", ms=4,
+        color=LINE_COLOURS[0],
+    )  # fmt: skip
     axes.axhline(0.0, color="0.6", lw=0.8)
-    title = "order - prediction of the others" if all(known) else "order - line"
+    title = "order less the others' prediction" if known else "order less the line"
     axes.margins(x=0.15)
-    axes.ticklabel_format(axis="y", scilimits=(-2, 3))
-    style_axes(axes, x_label="load (N)", z_label="fringes", title=title)
+    unit = "thousandths of a fringe" if milli else "fringes"
+    style_axes(axes, x_label="load (N)", z_label=unit, title=title)
 
 
 def _budget(axes: Any, calibration: Calibration) -> None:
