@@ -19,6 +19,7 @@ from isochrome.calibrate.beam_image import beam_image
 from isochrome.calibrate.beam_joint import Together, fit_together
 from isochrome.calibrate.beam_misfit import band_misfit, check_span
 from isochrome.calibrate.beam_tone import Tone, find_tone, undo_tone
+from isochrome.calibrate.channels import calibrate_channels
 from isochrome.calibrate.conclude import Input, conclude
 from isochrome.calibrate.rest import Rest
 from isochrome.calibrate.result import Calibration
@@ -42,9 +43,13 @@ def calibrate_bending(source: str | Path | CalibrationSet) -> Calibration:
     Returns the Calibration; its order at zero load is at the beam's edge. Raises InputError for
     a set or a file that is wrong, PhysicsError where the images do not determine the value.
     """
+    return calibrate_channels(load_set(source, specimen="beam"), _calibrate_one)
+
+
+def _calibrate_one(given: CalibrationSet) -> Calibration:
+    """Calibrate from one channel, or from grey images."""
     from isochrome.calibrate.load import read_shots
 
-    given = load_set(source, specimen="beam")
     assert given.beam is not None and given.camera.pixel_mm is not None
     shots, light = read_shots(given)
     return bending_from_shots(

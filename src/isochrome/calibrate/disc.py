@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isochrome.calibrate.channels import calibrate_channels
 from isochrome.calibrate.conclude import Input, conclude
 from isochrome.calibrate.disc_fit import fit_disc
 from isochrome.calibrate.disc_joint_result import joint_images, residual_of
@@ -48,9 +49,13 @@ def calibrate_disc(source: str | Path | CalibrationSet) -> Calibration:
     Returns the Calibration; its order at zero load is at the centre. Raises InputError for a set
     or a file that is wrong, PhysicsError where the images do not determine the value.
     """
+    return calibrate_channels(load_set(source, specimen="disc"), _calibrate_one)
+
+
+def _calibrate_one(given: CalibrationSet) -> Calibration:
+    """Calibrate from one channel, or from grey images."""
     from isochrome.calibrate.load import read_shots
 
-    given = load_set(source, specimen="disc")
     assert given.disc is not None
     shots, light = read_shots(given)
     return disc_from_shots(

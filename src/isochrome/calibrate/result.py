@@ -71,7 +71,8 @@ class Calibration:
 
     `chi` is the root mean square over the images, `worst_chi` the largest one's;
     `order_at_zero_load` is None where one load only was given; `slope_per_n` is fringes per N;
-    `residual` describes a residual stress that was fitted as a field (None where none was).
+    `residual` describes a residual stress that was fitted as a field (None where none was);
+    `channels` holds each channel's value of colour images (None where only one was read).
     """
 
     specimen: str
@@ -86,13 +87,14 @@ class Calibration:
     budget: tuple[BudgetItem, ...]
     warnings: tuple[str, ...]
     residual: dict[str, Any] | None = None
+    channels: dict[str, Any] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain numbers, texts and lists for `calibration.json`.
 
         Returns a dictionary with `fringe_value_n_per_mm`, `standard_uncertainty`, `chi`,
         `order_at_zero_load` (None where unknown), `order_at_zero_load_uncertainty`, `residual`,
-        `images`, `budget` and `warnings`.
+        `channels`, `images`, `budget` and `warnings`.
         """
         return {
             "fringe_value_n_per_mm": self.fringe_value_n_per_mm,
@@ -101,6 +103,7 @@ class Calibration:
             "order_at_zero_load": self.order_at_zero_load,
             "order_at_zero_load_uncertainty": self.order_at_zero_load_uncertainty,
             "residual": self.residual,
+            "channels": self.channels,
             "images": [
                 {
                     "file": i.file,

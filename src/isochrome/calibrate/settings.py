@@ -79,10 +79,12 @@ class CalibrationSet(Part):
             raise ValueError("give one specimen, either [beam] or [disc]")
         if self.beam is not None and self.camera.pixel_mm is None:
             raise ValueError("the key 'camera.pixel_mm' is missing, and a beam needs it; add it")
-        if self.polariscope.field == "plane" or self.polariscope.several_wavelengths:
+        broad = self.polariscope.light is not None or self.polariscope.spectrum is not None
+        if self.polariscope.field == "plane" or broad:
             raise ValueError(
                 "a calibration is read from the circular dark or bright field at one wavelength; "
-                "set polariscope.field = 'dark' or 'bright', and no light, spectrum or lines"
+                "set polariscope.field = 'dark' or 'bright', and no light or spectrum (separate "
+                "lines only for a colour camera, a line a channel)"
             )
         if not any(image.load_n > 0 for image in self.image):
             raise ValueError("no [[image]] has load_n above 0; a calibration needs a loaded one")
