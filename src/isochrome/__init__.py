@@ -23,6 +23,7 @@ _HOMES = {
     "open_frames": "isochrome.frames",
     "process": "isochrome.process.run",
     "simulate": "isochrome.simulate.run",
+    "write_into_scene": "isochrome.calibrate",
 }
 
 __all__ = [*_HOMES, "__version__"]
