@@ -145,3 +145,19 @@ def test_where_gamma_cannot_be_found_unknown_is_refused(captured):
     folder, _ = captured
     with pytest.raises(InputError, match=r"frames\.gamma = 'unknown'"):
         processed(folder, MODEL)
+
+
+def test_an_overexposed_frame_gives_no_order_without_a_bright_no_load_frame(captured, tmp_path):
+    """The bright crests are cut off: how bright they would be is not in the picture."""
+    folder, _ = captured
+    stack = tifffile.imread(folder / "captured.tif")
+    level = np.quantile(stack, 0.91)
+    over = np.minimum(stack * (255.0 / level), 255).astype(np.uint8)
+    tifffile.imwrite(folder / "over.tif", over)
+    found = processed(folder, SCENE + SEED, "over.tif")
+    assert all(item.reading is None for item in found.frames)
+    assert all("saturated" in said for said in found.table["warnings"])
+    part = np.minimum(stack, np.quantile(stack, 0.985)).astype(float)
+    tifffile.imwrite(folder / "glint.tif", (part * 255.0 / part.max()).astype(np.uint8))
+    found = processed(folder, SCENE + SEED, "glint.tif")
+    assert all(item.reading is not None for item in found.frames)

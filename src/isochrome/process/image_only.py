@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import Frame, Linear, Normalised, estimate_noise, normalise, to_linear
+from isochrome.frames import (
+    Frame,
+    Linear,
+    Normalised,
+    estimate_noise,
+    full_scale,
+    normalise,
+    to_linear,
+)
 from isochrome.fringes.ends import Ends, fit_ends, tone_misfit, widened
 from isochrome.fringes.free import FreeReading, read_free
 from isochrome.fringes.skeleton import skeletons
@@ -24,11 +32,19 @@ NO_ANCHOR = (
 )
 
 NOT_SETTLED = "no rest was found: give no-load frames, or mask what is not the specimen"
+OVEREXPOSED = (
+    "{:.0f} % of the specimen is saturated: no order is told without frames.no_load_bright, as the "
+    "bright end is not in the picture; lower the exposure, or give that frame"
+)
 SIGNIFICANT, WRONG_GAMMA = 5.0, 0.1
 """Of a stated gamma that the fringes contradict: standard uncertainties, and share of its value."""
 FLAWS = 0.015
 """What dust, texture and compression add to any frame, over its contrast: a lossy file hides its
 noise, and what no smooth order can follow would be taken for fringes lost."""
+
+MOST_SATURATED = 0.03
+"""Share of the specimen's pixels: beyond it, without a bright no-load frame, the bright end is cut
+out of the picture, and an order beyond a bright crest may be mirrored about it."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +106,11 @@ def process_image_only(
     except InputError as error:
         return replace(blank, warnings=(f"not normalised: {error}",))
     lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
-    found, warnings = _read(seen, scene)
+    saturated = _saturated(frame, capture, inside)
+    if capture.bright is None and saturated > MOST_SATURATED:
+        found, warnings = None, (OVEREXPOSED.format(100.0 * saturated),)
+    else:
+        found, warnings = _read(seen, scene)
     return replace(
         blank,
         normalised=seen.signal.astype(np.float32),
@@ -100,6 +120,14 @@ def process_image_only(
         warnings=(*seen.notes, *warnings),
         columns=_columns(found, seen, len(lines)),
     )
+
+
+def _saturated(frame: Frame, capture: Capture, inside: NDArray[np.bool_] | None) -> float:
+    """Share of the specimen's pixels that are at full scale."""
+    specimen = np.ones(frame.image.shape, dtype=bool)
+    for mask in (frame.mask, inside):
+        specimen = specimen if mask is None else specimen & mask
+    return float(np.mean(frame.image[specimen] >= full_scale(capture.bit_depth)))
 
 
 def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Signal:
