@@ -268,7 +268,8 @@ def _calibrate(
         if into is not None:
             write_into_scene(result, into, source=settings)
     if as_json:
-        print_json({"out": str(out), "into": into, **result.to_json()})
+        places = {"out": out} if into is None else {"out": out, "into": into}
+        print_json({**places, **result.to_json()})
         return
     print_calibration(result)
     typer.echo(f"results: {out}" if into is None else f"results: {out}; value set in {into}")

@@ -186,4 +186,6 @@ def _budget(axes: Any, calibration: Calibration) -> None:
     for place, item in enumerate(items):
         axes.text(item.contribution_n_per_mm, place, f" {item.share:.0%}", va="center", fontsize=9)
     axes.margins(x=0.2)
+    axes.set_ylim(-0.6, max(len(items), 3) - 0.4)
+    axes.locator_params(axis="x", nbins=4)
     style_axes(axes, x_label="contribution to u (N/mm)", title="uncertainty budget")
