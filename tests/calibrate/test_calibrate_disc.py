@@ -169,6 +169,10 @@ def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):
     assert 0.001 < found.standard_uncertainty / found.fringe_value_n_per_mm < 0.1
     assert found.order_at_zero_load is not None
     assert all(abs(i.predicted_order - i.order) < 0.3 for i in found.images)
+    figure = calibration_figure(found)
+    drawn = [t.get_text() for a in figure.axes if (k := a.get_legend()) for t in k.get_texts()]
+    assert "predicted by the other loads" in drawn
+    assert f"{found.chi:.2f}" in figure.get_suptitle()
     # every image's order is free: 2.5 fringes more were counted between 523 and 1152 N
     orders = {image.load_n: image.order for image in found.images}
     assert orders[1152.0] - orders[523.0] == pytest.approx(2.5, abs=0.15)

@@ -106,6 +106,7 @@ def test_an_unloaded_image_serves_the_residual():
     found = calibrated([tensor_disc(c, residual, rng) for c in centres], centres)
     assert len(found.images) == 2
     assert found.residual is not None and not any("not used" in w for w in found.warnings)
+    assert any("residual stress up to" in w for w in found.warnings)
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
     assert found.order_at_zero_load == pytest.approx(0.1, abs=5e-3)
 

@@ -2,6 +2,7 @@
 
 At the centre sigma1 - sigma2 = 8 P/(pi D d), so that N = (8/(pi D f_sigma)) P + N0: the thickness
 d cancels, and an order N0 that stays at zero load (residual stress) does not touch the slope.
+Elsewhere in the disc residual stress adds as a tensor: see `disc_residual`.
 """
 
 from __future__ import annotations
@@ -124,7 +125,10 @@ def disc_from_shots(
         said = (FROM_RISE, *said)
     assert found is not None
     if found.residual is not None:
-        said = ()
+        size, form = found.residual["largest_order"], found.residual["form"]
+        said = (
+            f"residual stress up to {size:.2f} fringe is fitted ({form}); f_sigma is free of it",
+        )
     known = uncertainty or Uncertainty()
     inputs = (
         Input("load", known.load_percent, "%", 0.01),
