@@ -84,6 +84,7 @@ def test_errors_are_as_large_as_stated_and_to_both_sides(disc_frame):
     assert 1 <= np.sum(np.array(pulls) > 0) <= 9
 
 
+@pytest.mark.long
 def test_a_stressed_disc_is_calibrated_from_the_rise(disc_frame):
     """Residual stress along the loads' own directions: no single image fits, their rise does."""
 
