@@ -78,3 +78,13 @@ def test_the_images_own_part_is_covered_too(beam_frame):
         pulls.append((found.fringe_value_n_per_mm - F_SIGMA) / found.standard_uncertainty)
     # of sixty normal pulls the root mean square lies in 0.75..1.25 but once in a thousand times
     assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+
+
+@pytest.mark.parametrize("seed", [10_058, 10_080])
+def test_dark_edges_of_order_one_are_not_taken_for_what_lies_beyond(beam_frame, seed):
+    """The lower load's edges have order 1.08: nearly as dark as the frame outside the beam."""
+    frames, loads = random_frames(np.random.default_rng(seed), beam_frame)
+    beam = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
+    found = bending_from_images(frames, loads, beam, PIXEL)
+    assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 4 * found.standard_uncertainty
+    assert found.standard_uncertainty < 5e-4 * F_SIGMA

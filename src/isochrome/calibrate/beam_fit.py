@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,15 @@ PIXELS = 80_000
 
 MARGIN = 0.03
 """Part of the height left out at each edge, where chamfers and blur are."""
+
+EDGE_ROUNDS = 4
+EDGE_REACH = 0.1
+CLOSE_PX = 1.5
+"""Fits until the edges stay where they are; how far they may lie from the first guess, in heights;
+and how near is the same, in pixels."""
+
+ODD = 400.0
+"""Largest squared residual, in noise variances, that a pixel counts for in finding the edges."""
 
 FAINTEST = 2.0
 """Standard deviation of the fringes' intensities, in noise sigmas, at the least."""
@@ -95,12 +104,49 @@ def fit_beam(
     view = find_beam(shot, height_px, bright=bright)
     stride = max(1, int(np.ceil(shot.image.size / pixels)))
     cols = np.arange(stride // 2, shot.image.shape[1], stride, dtype=float)
-    try:
-        found = _fit(shot, view, height_px, cols, bright, light)
-    except PhysicsError as error:  # every start turned the light negative
-        raise _not_fitted(shot) from error
+    for _ in range(EDGE_ROUNDS):
+        try:
+            found = _fit(shot, view, height_px, cols, bright, light)
+        except PhysicsError as error:  # every start turned the light negative
+            raise _not_fitted(shot) from error
+        fit = BeamFit(shot, view, cols, found.best)
+        top = _refined_top(fit, height_px)
+        if abs(top - view.top) <= CLOSE_PX:
+            break
+        view = replace(view, top=top)
     _check(shot, found, min(height_px, float(shot.image.shape[0])))
-    return BeamFit(shot, view, cols, found.best)
+    return fit
+
+
+def _refined_top(fit: BeamFit, height_px: float) -> float:
+    """The top edge's row for which fringes inside and an even level outside explain most.
+
+    The first guess has the fringes' slope roughly only, and an edge of order 1 is as dark as what
+    lies beyond it: a few rows of that would pull the fit.
+    """
+    y, x = fit.places
+    row = np.rint(y - fit.view.tilt * x).astype(np.intp)
+    low = int(row.min())
+    depth = row - fit.view.top
+    away = fit.shot.mask[:, fit.pick] & (
+        (depth < -EDGE_REACH * height_px) | (depth > (1.0 + EDGE_REACH) * height_px)
+    )
+    valid = fit.shot.mask[:, fit.pick]
+    image, sigma = fit.shot.image[:, fit.pick], fit.shot.sigma[:, fit.pick]
+    outer = valid & ((depth < 0.0) | (depth > height_px))
+    if np.count_nonzero(outer) < 0.01 * outer.size:
+        return fit.view.top  # the beam fills the frame, and nothing lies beyond its edges
+    level = float(np.median(image[away if away.any() else outer]))
+    best = fit.best
+    model = best.illumination_map * best.signal + best.background_map
+    # what is neither fringes nor even counts little: a roller, a label, the bench behind
+    outside, inside = (np.minimum(((image - m) / sigma) ** 2, ODD) for m in (level, model))
+    gain = np.bincount((row - low)[valid], weights=(outside - inside)[valid])
+    total = np.concatenate([[0.0], np.cumsum(gain)])
+    near = fit.view.top + np.arange(-EDGE_REACH, EDGE_REACH, 1.0 / height_px) * height_px
+    first = np.clip(np.rint(near - low).astype(np.intp), 0, gain.size)
+    last = np.clip(np.rint(near - low + height_px).astype(np.intp), 0, gain.size)
+    return float(near[int(np.argmax(total[last] - total[first]))])
 
 
 def _fit(
