@@ -19,14 +19,13 @@ Array = NDArray[np.float64]
 PIXELS = 80_000
 """Pixels of an image that are fitted; more add nothing to the uncertainty that matters."""
 
-MARGIN = 0.03
-"""Part of the height left out at each edge, where chamfers and blur are."""
+MARGINS = (0.1, 0.03, 0.03, 0.03)
+"""Part of the height left out at each edge, where chamfers and blur are, in each round of the fit:
+more at first, while the edges are known roughly."""
 
-EDGE_ROUNDS = 4
 EDGE_REACH = 0.1
 CLOSE_PX = 1.5
-"""Fits until the edges stay where they are; how far they may lie from the first guess, in heights;
-and how near is the same, in pixels."""
+"""How far the edges may lie from the last guess, in heights, and how near is the same, in px."""
 
 ODD = 400.0
 """Largest squared residual, in noise variances, that a pixel counts for in finding the edges."""
@@ -104,14 +103,14 @@ def fit_beam(
     view = find_beam(shot, height_px, bright=bright)
     stride = max(1, int(np.ceil(shot.image.size / pixels)))
     cols = np.arange(stride // 2, shot.image.shape[1], stride, dtype=float)
-    for _ in range(EDGE_ROUNDS):
+    for margin in MARGINS:
         try:
-            found = _fit(shot, view, height_px, cols, bright, light)
+            found = _fit(shot, view, height_px, cols, bright, light, margin)
         except PhysicsError as error:  # every start turned the light negative
             raise _not_fitted(shot) from error
         fit = BeamFit(shot, view, cols, found.best)
         top = _refined_top(fit, height_px)
-        if abs(top - view.top) <= CLOSE_PX:
+        if margin == MARGINS[-1] and abs(top - view.top) <= CLOSE_PX:
             break
         view = replace(view, top=top)
     _check(shot, found, min(height_px, float(shot.image.shape[0])))
@@ -150,13 +149,19 @@ def _refined_top(fit: BeamFit, height_px: float) -> float:
 
 
 def _fit(
-    shot: Shot, view: BeamView, height_px: float, cols: Array, bright: bool, light: ArrayLike | None
+    shot: Shot,
+    view: BeamView,
+    height_px: float,
+    cols: Array,
+    bright: bool,
+    light: ArrayLike | None,
+    share: float,
 ) -> SeveralStarts:
-    """Fit the fringes inside the beam on every column of `cols`."""
+    """Fit the fringes inside the beam, less a `share` of it at each edge, on the columns `cols`."""
     pick = cols.astype(int)
     y = np.arange(shot.image.shape[0], dtype=float)[:, None]
     x = (cols - 0.5 * (shot.image.shape[1] - 1))[None, :]
-    margin = max(4.0, MARGIN * height_px)
+    margin = max(4.0, share * height_px)
     depth = y - view.tilt * x - view.top
     known = None if light is None else np.asarray(light, dtype=float)[:, pick]
     return smooth_starts(
