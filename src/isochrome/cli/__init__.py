@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from isochrome.cli.calibrate import calibrate_app
+from isochrome.cli.options import FramesArgument, Json, Out, SceneOption
 from isochrome.console import (
-    print_calibration,
     print_columns,
     print_json,
     print_rows,
@@ -28,22 +28,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-calibrate_app = typer.Typer(
-    help="Calibrate the material fringe value, or a colour table.",
-    no_args_is_help=True,
-    add_completion=False,
-)
 app.add_typer(calibrate_app, name="calibrate")
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else.")]
-SceneOption = Annotated[
-    str, typer.Option("--scene", help="Scene file (TOML), or a name such as line-contact-wear.")
-]
-Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
-Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
-FramesArgument = Annotated[
-    str, typer.Argument(help="TIFF stack, image, folder of images, or video.")
-]
 
 
 @app.command()
@@ -134,56 +119,6 @@ def compare(
     typer.echo(f"results: {out}")
 
 
-@calibrate_app.command("bending")
-def calibrate_bending(
-    settings: Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")],
-    out: Out = Path("isochrome-calibrate"),
-    into: Into = None,
-    as_json: Json = False,
-) -> None:
-    """Calibrate from images of a beam in four-point bending."""
-    from isochrome.calibrate import calibrate_bending as run
-
-    _calibrate(run, settings, out, into, as_json)
-
-
-@calibrate_app.command("disc")
-def calibrate_disc(
-    settings: Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")],
-    out: Out = Path("isochrome-calibrate"),
-    into: Into = None,
-    as_json: Json = False,
-) -> None:
-    """Calibrate from images of a disc under diametral compression."""
-    from isochrome.calibrate import calibrate_disc as run
-
-    _calibrate(run, settings, out, into, as_json)
-
-
-@calibrate_app.command("colour")
-def calibrate_colour(
-    settings: Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")],
-    out: Out = Path("isochrome-calibrate"),
-    as_json: Json = False,
-) -> None:
-    """Calibrate a colour table, from a beam's images or from any images' own colours."""
-    from isochrome.calibrate.colour import calibrate_colour as run
-    from isochrome.calibrate.colour_save import save_colour_calibration
-
-    with steps(quiet=True) as say:
-        say("calibrating")
-        result = run(settings)
-        save_colour_calibration(result, out, source=settings)
-    if as_json:
-        print_json({"out": str(out), **result.to_json()})
-        return
-    typer.echo(f"colour table to N = {result.table.highest:.2f} from {result.way}")
-    typer.echo(f"gamma = {result.gamma:.3f}: set frames.gamma to it where the table is used")
-    typer.echo(f"residual = {result.residual:.3f} of full light")
-    print_warnings(list(result.warnings))
-    typer.echo(f"results: {out}")
-
-
 @app.command()
 def fit(
     frames: FramesArgument,
@@ -252,27 +187,6 @@ def bench(
         return
     typer.echo(result.text)
     typer.echo(f"results: {out}")
-
-
-def _calibrate(
-    run: Callable[[str], Any], settings: str, out: Path, into: Path | None, as_json: bool
-) -> None:
-    from isochrome.calibrate import check_scene_file, save_calibration, write_into_scene
-
-    with steps(quiet=True) as say:
-        say("calibrating")
-        if into is not None:
-            check_scene_file(into)  # before the work, not after it
-        result = run(settings)
-        save_calibration(result, out, source=settings)
-        if into is not None:
-            write_into_scene(result, into, source=settings)
-    if as_json:
-        places = {"out": out} if into is None else {"out": out, "into": into}
-        print_json({**places, **result.to_json()})
-        return
-    print_calibration(result)
-    typer.echo(f"results: {out}" if into is None else f"results: {out}; value set in {into}")
 
 
 def main() -> None:

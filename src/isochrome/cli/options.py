@@ -1,0 +1,19 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else.")]
+SceneOption = Annotated[
+    str, typer.Option("--scene", help="Scene file (TOML), or a name such as line-contact-wear.")
+]
+Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
+FramesArgument = Annotated[
+    str, typer.Argument(help="TIFF stack, image, folder of images, or video.")
+]
+SetArgument = Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")]
