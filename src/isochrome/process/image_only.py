@@ -108,7 +108,7 @@ def process_image_only(
     lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
     saturated = _saturated(frame, capture, inside)
     if capture.bright is None and saturated > MOST_SATURATED:
-        found, warnings = None, (OVEREXPOSED.format(100.0 * saturated),)
+        found, warnings = None, [OVEREXPOSED.format(100.0 * saturated)]
     else:
         found, warnings = _read(seen, scene)
     return replace(
@@ -220,11 +220,11 @@ def _contradicted(
     ]
 
 
-def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, ...]]:
+def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     """The order from the known points, and what to say of it."""
     known = [(k.row_px, k.col_px, k.order) for k in scene.frames.known_order]
     if not known:
-        return None, (NO_ANCHOR,)
+        return None, [NO_ANCHOR]
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
     sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
@@ -239,7 +239,7 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, tuple[str, .
             f"{100 * (1.0 - found.anchored):.0f} % of what could be followed hangs together with no"
             " known point; add [[frames.known_order]] there"
         )
-    return found, tuple(warnings)
+    return found, warnings
 
 
 def _columns(found: FreeReading | None, seen: _Signal, lines: int) -> dict[str, Any]:
