@@ -47,6 +47,7 @@ def test_rendered_beams_give_their_fringe_value(beam_frame, edges, options, bar)
     assert abs(found.order_at_zero_load) < 4 * found.order_at_zero_load_uncertainty
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_stated_and_to_both_sides(beam_frame):
     pulls = []
     for seed in range(12):
@@ -100,6 +101,7 @@ def test_the_budget_adds_up(beam_frame):
     assert any("no uncertainty is given for load, height" in w for w in bare.warnings)
 
 
+@pytest.mark.long
 def test_an_unknown_tone_curve_is_found_and_said(beam_frame):
     found = calibrated(beam_frame, (2.5, 4.0), gamma=2.2)
     assert found.chi < 1.05
@@ -122,6 +124,7 @@ def test_blurred_and_clipped_images_are_exact_within_what_is_stated(beam_frame, 
     assert abs(error) < 4 * found.standard_uncertainty
 
 
+@pytest.mark.long
 def test_a_poor_fit_is_said_and_widens_the_uncertainty(beam_frame):
     """A reflection on the beam: nothing of the model, but a part of every image."""
 
@@ -139,6 +142,7 @@ def test_a_poor_fit_is_said_and_widens_the_uncertainty(beam_frame):
     assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 3 * found.standard_uncertainty
 
 
+@pytest.mark.long
 def test_low_orders_are_exact_where_the_images_share_their_light(beam_frame):
     """The bar at one fringe is 0.1 %, from several loads with the residual order free."""
     for edges in ((0.5, 0.75, 1.0), (0.0, 0.6, 1.0)):
@@ -168,6 +172,7 @@ def test_an_unloaded_image_bounds_the_order_that_one_load_cannot_tell(beam_frame
     assert abs(bent.fringe_value_n_per_mm - F_SIGMA) < 2 * bent.standard_uncertainty
 
 
+@pytest.mark.long
 def test_hostile_images_are_refused(beam_frame):
     rng = np.random.default_rng(0)
     frames = [beam_frame(e, rng) for e in (2.0, 4.0)]

@@ -100,6 +100,7 @@ def test_a_stressed_disc_is_calibrated_from_the_rise(disc_frame):
     assert abs(away - round(away)) < 0.1
 
 
+@pytest.mark.long
 def test_hostile_frames_are_refused(disc_frame):
     rng = np.random.default_rng(0)
     disc = Disc(diameter_mm=DIAMETER)

@@ -257,6 +257,7 @@ def test_light_that_cannot_be_read_is_refused_before_the_frames(light, words):
         process("nowhere.tif", scene)
 
 
+@pytest.mark.long
 @needs_real
 def test_real_ring_is_checked_and_normalised_and_said_to_have_no_model(tmp_path):
     scene = parse_scene('[specimen]\nshape = "ring"\n\n[frames]\nchannel = "green"\n', name="ring")

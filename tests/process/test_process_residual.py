@@ -142,7 +142,7 @@ def test_noise_in_the_place_of_a_no_load_set_is_refused(sets, tmp_path):
 def test_steps_in_another_order_are_not_taken_for_a_residual_stress(sets, tmp_path):
     scene, truth = sets
     files = folder_of(tmp_path, bare(scene), truth, unloaded=truth.unloaded[::-1])
-    with pytest.raises(InputError, match="in their order"):
+    with pytest.raises(InputError, match="in order"):
         process(*files)
 
 

@@ -145,10 +145,10 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
     notes: list[str] = []
     columns: dict[str, Any] = {}
     error: Array = np.zeros(light.shape)
-    exponent = 1.0
+    exponent, settled = 1.0, True
     if dark is None or bright is None or tone:
         ends = fit_ends(light, sigma, valid, dark=dark, bright=bright, tone=tone)
-        error, exponent = ends.signal_uncertainty(light), ends.tone
+        error, exponent, settled = ends.signal_uncertainty(light), ends.tone, ends.settled
         notes += _found_by_fringes(ends, blind=len(given) < 2, tone=tone)
         columns |= _gamma_columns(ends) if tone else {}
         low_end, high_end = ends.dark, ends.bright
@@ -159,7 +159,8 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
         Linear(low_end, valid),
         Linear(high_end, valid),
     )
-    if not tone:
+    # a search that found no rest says nothing of the tone, and without a reading nobody asks
+    if not tone and settled and scene.frames.known_order:
         other, said = _contradicted(light, sigma, done, (dark, bright), gamma)
         error, notes = np.hypot(error, other), notes + said
     slope = exponent * np.maximum(light, sigma) ** (exponent - 1.0)
