@@ -63,6 +63,7 @@ def test_two_loads_swapped(beams, refused):
     assert code == 3 and "b0.tif" in line and "swapped between files" in line
 
 
+@pytest.mark.long
 def test_two_of_four_loads_swapped(beams, refused):
     code, line = refused([beams[e] for e in (1.5, 2.0, 3.0, 4.0)], loads_of(1.5, 3.0, 2.0, 4.0))
     assert code == 3 and "swapped between files" in line

@@ -31,10 +31,11 @@ def calibrated(frame, edges, seed=0, uncertainty=None, **options):
     [
         ((2.0, 3.0, 4.0), {}, 5e-4),
         ((2.0, 4.0), {"tilt": -4.0}, 5e-4),
-        ((2.0, 4.0), {"bright": True}, 5e-4),
-        ((3.0, 6.0), {"pixel": 0.04}, 5e-4),  # the beam is taller than the frame
+        pytest.param((2.0, 4.0), {"bright": True}, 5e-4, marks=pytest.mark.long),
+        # the beam is taller than the frame
+        pytest.param((3.0, 6.0), {"pixel": 0.04}, 5e-4, marks=pytest.mark.long),
         ((0.6, 1.0), {}, 1e-2),
-        ((4.0, 9.0), {"blur": 1.5}, 5e-4),
+        pytest.param((4.0, 9.0), {"blur": 1.5}, 5e-4, marks=pytest.mark.long),
         ((2.0, 4.0), {"noise": 12.0}, 2e-3),
     ],
 )
@@ -70,6 +71,7 @@ def test_tilt_axis_and_orders_are_those_of_the_frame(beam_frame):
         assert image.geometry["neutral_axis_row_px"] == pytest.approx(row, abs=0.2)
 
 
+@pytest.mark.long
 def test_residual_bending_is_the_intercept(beam_frame):
     found = calibrated(beam_frame, (1.5, 2.0, 3.0, 4.0), residual=0.3)
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=2e-3)
@@ -112,6 +114,7 @@ def test_an_unknown_tone_curve_is_found_and_said(beam_frame):
     assert abs(error) < 4 * found.standard_uncertainty
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "options", [{"blur": 2.0}, {"background": 70.0}], ids=["blur", "a tenth clipped"]
 )
@@ -152,6 +155,7 @@ def test_low_orders_are_exact_where_the_images_share_their_light(beam_frame):
         assert abs(error) < 4 * found.standard_uncertainty
 
 
+@pytest.mark.long
 def test_light_that_changes_between_images_is_not_taken_for_order(beam_frame):
     rng = np.random.default_rng(2)
     images = [beam_frame(e, rng, background=10.0) * f for e, f in ((1.0, 1.0), (2.0, 0.8))]
@@ -161,6 +165,7 @@ def test_light_that_changes_between_images_is_not_taken_for_order(beam_frame):
     assert abs(error) < 4 * found.standard_uncertainty
 
 
+@pytest.mark.long
 def test_an_unloaded_image_bounds_the_order_that_one_load_cannot_tell(beam_frame):
     found = calibrated(beam_frame, (0.0, 4.0))
     assert found.order_at_zero_load == 0.0
@@ -228,6 +233,7 @@ def test_a_set_from_its_file(beam_frame, tmp_path):
     assert not any("rest.tif" in w for w in record["warnings"])
 
 
+@pytest.mark.long
 def test_a_tone_curve_that_is_given_is_undone(beam_frame, tmp_path):
     text = SET + "gamma = 2.2\n"
     found = calibrate_bending(write_set(tmp_path, beam_frame, text, gamma=2.2))
@@ -235,6 +241,7 @@ def test_a_tone_curve_that_is_given_is_undone(beam_frame, tmp_path):
     assert found.chi < 1.3
 
 
+@pytest.mark.long
 def test_no_load_frames_take_the_unevenness(beam_frame, tmp_path):
     rng = np.random.default_rng(8)
     tifffile.imwrite(tmp_path / "dark.tif", beam_frame(0.0, rng))

@@ -39,6 +39,7 @@ def coloured(beam_frame):
     ]
 
 
+@pytest.mark.long
 def test_each_channel_has_its_value(coloured, tmp_path):
     loads = [bending_load(e) for e in EDGES]
     found = calibrate_bending(write(tmp_path, SIZES + CAMERA + THREE, coloured, loads))

@@ -64,7 +64,12 @@ def test_centre_order_three_two_loads(disc_frame):
 
 @pytest.mark.parametrize(
     ("centre", "options"),
-    [(1.7, {}), (3.0, {"bright": True}), (12.0, {"angle": -4.0}), (5.0, {"blur": 1.0})],
+    [
+        pytest.param(1.7, {}, marks=pytest.mark.long),
+        (3.0, {"bright": True}),
+        pytest.param(12.0, {"angle": -4.0}, marks=pytest.mark.long),
+        pytest.param(5.0, {"blur": 1.0}, marks=pytest.mark.long),
+    ],
 )
 def test_one_load(disc_frame, centre, options):
     found = calibrated(disc_frame, (centre,), **options)
@@ -137,6 +142,7 @@ def test_line_with_scatter_and_left_out():
     assert fit_line([100.0], [1.0], [1e-3]).intercept is None
 
 
+@pytest.mark.long
 def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
     rng = np.random.default_rng(3)
     text = f"[disc]\ndiameter_mm = {DIAMETER}\nthickness_mm = 6.0\n[camera]\nbit_depth = 8\n"
