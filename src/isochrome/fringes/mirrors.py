@@ -38,6 +38,8 @@ _SETTLED = 0.5
 1, contradicting ones 0. In rendered frames settled seams gave 0.59 at least, open ones 0."""
 _ALIKE = 0.015
 """Distance from a crest, in fringes, at which a patch and its mirror image are as good as one."""
+_AGREE = 12.0
+"""Cost of an edge, chi², from which its two patches need not lie on one side of a seam."""
 _PASSES = 20
 _PER_UNIT, _ENDLESS = 100.0, 2**30
 
@@ -137,7 +139,7 @@ def _about(
     far = known & (np.abs(from_crest) >= band)
     if not 0 < np.count_nonzero(far) < np.count_nonzero(known):
         return
-    same = far[joints.a] & far[joints.b]
+    same = far[joints.a] & far[joints.b] & (joints.cost < _AGREE)
     same &= (from_crest[joints.a] > 0.0) == (from_crest[joints.b] > 0.0)
     region = _regions(joints.a[same], joints.b[same], known.size)
     sizes = np.bincount(region[far], minlength=region.max() + 1)
