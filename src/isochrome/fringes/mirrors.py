@@ -139,7 +139,9 @@ def _about(
     far = known & (np.abs(from_crest) >= band)
     if not 0 < np.count_nonzero(far) < np.count_nonzero(known):
         return
-    same = far[joints.a] & far[joints.b] & (joints.cost < _AGREE)
+    same = far[joints.a] & far[joints.b]
+    if points is not None:  # where doubt is enough; what is turned back must be one whole region
+        same &= joints.cost < _AGREE
     same &= (from_crest[joints.a] > 0.0) == (from_crest[joints.b] > 0.0)
     region = _regions(joints.a[same], joints.b[same], known.size)
     sizes = np.bincount(region[far], minlength=region.max() + 1)
