@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from isochrome.calibrate.result import Calibration
 from isochrome.calibrate.settings import CalibrationSet
 from isochrome.errors import InputError, PhysicsError
-
-Channel = Literal["red", "green", "blue"]
-CHANNELS: tuple[Channel, ...] = ("red", "green", "blue")
 
 POOR_CHI = 1.3
 """Above this a channel's light is taken for too broad, or mixed from two lines."""
@@ -29,7 +26,7 @@ def calibrate_channels(
     three in `channels`. A set of grey images, one that names frames.channel, and one in light of
     one wavelength has the one value. Raises what `run` raises for the channel that is reported.
     """
-    from isochrome.frames import channel_for
+    from isochrome.frames import CHANNELS, channel_for
 
     scope = given.polariscope
     if given.frames.channel is not None or (scope.wavelength_nm and scope.lines is None):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from isochrome.calibrate.colour_settings import ColourSet
 from isochrome.errors import InputError
-from isochrome.fringes.colour_file import CHANNELS
+from isochrome.frames import CHANNELS
 from isochrome.fringes.colour_unknowns import ColourShots
 
 Array = NDArray[Any]

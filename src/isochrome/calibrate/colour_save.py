@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibrate.colour import ColourCalibration
-from isochrome.fringes.colour_file import CHANNELS, table_columns
+from isochrome.frames import CHANNELS
+from isochrome.fringes.colour_file import table_columns
 from isochrome.output import provenance, staged, write_csv, write_figure, write_json, write_tiff
 
 if TYPE_CHECKING:

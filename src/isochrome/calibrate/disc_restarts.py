@@ -12,11 +12,9 @@ from isochrome.calibrate.disc_joint import JointDisc, evaluate_joint, make_pictu
 from isochrome.calibrate.disc_residual import Form, load_field
 from isochrome.calibrate.result import ImageFit
 from isochrome.calibrate.shot import Shot
+from isochrome.calibrate.smooth import degrees_of
 
 Array = NDArray[np.float64]
-
-DEGREES = ((2, 1), (4, 2))
-"""Degrees of illumination and background that are tried."""
 
 ROUGH_PIXELS = 3_000
 RADII = (0.92, 0.95, 0.98, 1.01)
@@ -55,7 +53,7 @@ def scan_round(
         start = unloaded_beside(through_origin(shots, own))
         start[:, 3] = factor * own[:, 3].min()
         pictures = make_pictures(
-            shots, start, form, pixels=ROUGH_PIXELS, degrees=light_degrees(light)[0], light=light
+            shots, start, form, pixels=ROUGH_PIXELS, degrees=degrees_of(light)[0], light=light
         )
         for uniform, middle in product(SIZES, SIZES):
             shared = np.array([uniform, 0.0, middle, 0.0])
@@ -100,8 +98,3 @@ def unloaded_beside(own: Array) -> Array:
     moved = own.copy()
     moved[~loaded, 1:] = own[np.flatnonzero(loaded)[0], 1:]
     return moved
-
-
-def light_degrees(light: ArrayLike | None) -> tuple[tuple[int, int], ...]:
-    """Degrees of illumination and background to try, with no-load frames as `light` or without."""
-    return DEGREES if light is None else ((1, 1), (2, 1))

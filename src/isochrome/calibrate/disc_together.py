@@ -11,11 +11,11 @@ from isochrome.calibrate.disc_joint import JointDisc, fit_joint, make_pictures
 from isochrome.calibrate.disc_residual import FORMS, NONE, Form
 from isochrome.calibrate.disc_restarts import (
     carried,
-    light_degrees,
     scan_round,
     unloaded_beside,
 )
 from isochrome.calibrate.shot import Shot
+from isochrome.calibrate.smooth import degrees_of
 
 Array = NDArray[np.float64]
 
@@ -55,9 +55,13 @@ def fit_together(
     """
     plain, degrees = plain_fit(shots, own, bright=bright, light=light, pixels=SCAN_PIXELS)
 
-    def fitted(form: Form, start: Array, shared: Array, pixels: int = SCAN_PIXELS) -> JointDisc:
+    def fitted(
+        form: Form, start: Array, shared: Array, light_degrees: tuple[int, int], pixels: int
+    ) -> JointDisc:
         places = unloaded_beside(start)
-        pictures = make_pictures(shots, places, form, pixels=pixels, degrees=degrees, light=light)
+        pictures = make_pictures(
+            shots, places, form, pixels=pixels, degrees=light_degrees, light=light
+        )
         return fit_joint(pictures, form, places, shared, bright=bright)
 
     best = plain
@@ -68,21 +72,19 @@ def fit_together(
         if best.form is not NONE:
             starts.append((best.own, carried(best, form)))
         for start in starts:
-            found = fitted(form, *start)
+            found = fitted(form, *start, degrees, SCAN_PIXELS)
             if _better(found, best):
                 best = found
     if best.form is NONE:
         return None
-    used = degrees
-    for degrees in light_degrees(light):
-        found = fitted(best.form, best.own, best.coefficients)
+    for others in degrees_of(light):
+        found = fitted(best.form, best.own, best.coefficients, others, SCAN_PIXELS)
         if _better(found, best):
-            best, used = found, degrees
+            best, degrees = found, others
     left, before = (f.cost / f.pixels - 1.0 for f in (best, plain))
     if left > HALF * before or best.explained[own[:, 0] > 0].min() < EXPLAINED:
         return None
-    degrees = used
-    final = fitted(best.form, best.own, best.coefficients, PIXELS)
+    final = fitted(best.form, best.own, best.coefficients, degrees, PIXELS)
     return final if final.converged else None
 
 
@@ -99,7 +101,7 @@ def plain_fit(
     Parameters: as in `fit_together`, and the `pixels` of the square about each disc.
     """
     fits = []
-    for degrees in light_degrees(light):
+    for degrees in degrees_of(light):
         pictures = make_pictures(shots, own, NONE, pixels=pixels, degrees=degrees, light=light)
         fits.append((fit_joint(pictures, NONE, own, np.zeros(0), bright=bright), degrees))
     few, many = fits

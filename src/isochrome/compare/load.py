@@ -127,8 +127,7 @@ def _one_channel(stack: NDArray, scene: dict[str, Any]) -> NDArray:
     """Reduce colour to the channel that the scene names, else the nearest to its wavelength."""
     if stack.ndim == 3:
         return stack
-    from isochrome.frames import channel_for
-    from isochrome.frames.reader import CHANNELS
+    from isochrome.frames import CHANNELS, channel_for
 
     channel = scene.get("frames", {}).get("channel")
     channel = channel or channel_for(scene.get("polariscope", {}).get("wavelength_nm"))

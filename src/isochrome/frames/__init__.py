@@ -11,9 +11,10 @@ from isochrome.frames.no_load import load_no_load, open_no_load_steps
 from isochrome.frames.noise import NoiseModel, estimate_noise, full_scale
 from isochrome.frames.normalise import Normalised, normalise
 from isochrome.frames.opening import channel_for, open_frames, open_scene_frames
-from isochrome.frames.reader import Channel, Frame, FrameReader, FramesPath
+from isochrome.frames.reader import CHANNELS, Channel, Frame, FrameReader, FramesPath
 
 __all__ = [
+    "CHANNELS",
     "Channel",
     "Check",
     "Finding",

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.frames import CHANNELS
 from isochrome.fringes.colour_table import LARGEST_ORDER, STEP, ColourTable
 from isochrome.output import read_csv
 
-CHANNELS = ("red", "green", "blue")
 SPREADS = tuple(f"{name}_spread" for name in CHANNELS)
 
 LARGEST_SIGNAL = 3.0

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.frames import (
+    CHANNELS,
     Frame,
     FrameReader,
     estimate_noise,
@@ -30,8 +31,6 @@ from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
 Array = NDArray[Any]
-
-CHANNELS = ("red", "green", "blue")
 
 _SMOOTH_PX = 1.5
 
