@@ -9,6 +9,7 @@ fringe order, which has a cone at isotropic points.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 from isochrome.errors import PhysicsError
 from isochrome.optics import fringe_order, make_chain, polariscope_signal
 from isochrome.scene import Scene
-from isochrome.simulate import scene_states, state_difference
+from isochrome.simulate import SceneState, scene_states, state_difference
 from isochrome.stress import PixelGrid, pixel_grid, principal_direction
 
 Array = NDArray[Any]
+Solve = Callable[[Scene], SceneState]
 
 MARGIN_PX = 28
 """How far the contact may stand from its nominal place before the reference grid moves with it."""
@@ -34,8 +36,12 @@ _STEEPEST = 0.5
 class SceneRenderer:
     """Signals of a one-state scene on every `stride`-th pixel of a picture."""
 
-    def __init__(self, scene: Scene, shape: tuple[int, int], *, stride: int = 1) -> None:
+    def __init__(
+        self, scene: Scene, shape: tuple[int, int], *, stride: int = 1, solve: Solve | None = None
+    ) -> None:
+        """`solve` gives a scene's state; None: the scene is solved on its own."""
         self.shape, self.stride = shape, stride
+        self._solve = solve or _last_state
         self.pixels = pixel_grid(scene, shape)
         self._fields: OrderedDict[Any, Array] = OrderedDict()
         self._anchor = (self.pixels.left_mm, self.pixels.top_mm)
@@ -76,7 +82,7 @@ class SceneRenderer:
             scene.numerics, scene.camera.pixel_mm, self._anchor,
         )  # fmt: skip
         if key not in self._fields:
-            state = scene_states(scene)[-1]
+            state = self._solve(scene)
             self._fields[key] = state_difference(scene, state, self._wide(scene))
             while len(self._fields) > _KEPT:
                 self._fields.popitem(last=False)
@@ -145,6 +151,10 @@ class SceneRenderer:
         square = (0.5 * scale * np.pi) ** 2 * (along**2 + across**2)
         # sinc(a) sinc(b) to fourth order, cross term apart; off by 3e-3 at half a fringe a pixel
         return 1.0 - square / 6.0 + square**2 / 120.0
+
+
+def _last_state(scene: Scene) -> SceneState:
+    return scene_states(scene)[-1]
 
 
 def _interpolated(field: Array, base: int, part: float, count: int, stride: int) -> Array:
