@@ -15,7 +15,7 @@ from isochrome.reference import (
     hertz_stress,
     sliding_hertz_stress,
 )
-from isochrome.stress import PixelGrid, largest_shear, stress_components
+from isochrome.stress import PixelGrid, largest_shear, stress_components, uniform_stress
 
 A, P0 = 0.37, 18.0
 SIZE = {"half_width_mm": A, "peak_pressure_mpa": P0}
@@ -83,7 +83,7 @@ def test_at_large_friction_it_sits_on_the_surface():
 
 def test_bulk_stress_moves_it():
     nodes, p = hertz_nodes(801)
-    peak = largest_shear(nodes, p, 0.25 * p, within=WINDOW, bulk_mpa=4.0)
+    peak = largest_shear(nodes, p, 0.25 * p, within=WINDOW, regular=uniform_stress(4.0))
     exact = [climbed(0.25, [x * A, z * A], 4.0) for x in (-0.7, 0.3, 0.8) for z in (0.1, 0.6, 1.0)]
     place, size = max(exact, key=lambda found: found[1])
     assert peak.shear_mpa == pytest.approx(size, rel=2 * lost(nodes))
@@ -121,7 +121,7 @@ def test_a_pixel_grid_means_its_outer_edges():
 
 def test_an_unloaded_surface_leaves_the_bulk_stress():
     nodes = np.linspace(-1, 1, 11)
-    peak = largest_shear(nodes, 0 * nodes, None, within=WINDOW, bulk_mpa=-3.0)
+    peak = largest_shear(nodes, 0 * nodes, None, within=WINDOW, regular=uniform_stress(-3.0))
     assert peak.shear_mpa == 1.5
 
 
@@ -163,7 +163,7 @@ def test_no_place_in_the_window_has_more(seed, bulk):
     nodes = 0.02 * np.arange(-30, 31)
     p = np.maximum(np.cumsum(rng.normal(size=61)), 0.0)
     q = rng.uniform(-1, 1) * p
-    peak = largest_shear(nodes, p, q, within=(-0.8, 0.8, 0.0, 1.0), bulk_mpa=bulk)
+    peak = largest_shear(nodes, p, q, within=(-0.8, 0.8, 0.0, 1.0), regular=uniform_stress(bulk))
     x = np.r_[rng.uniform(-0.8, 0.8, 600), nodes]
     z = np.r_[10 ** rng.uniform(-5, 0, 600), 0 * nodes]
     field = stress_components(x, z, nodes, p, q)

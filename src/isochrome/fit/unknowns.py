@@ -69,7 +69,7 @@ def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
             found.append(100.0 * scene.camera.pixel_mm)
         elif key == "friction.coefficient":
             found.append(3.0)
-        elif key == "load.tangential_n" or key == "load.bulk_mpa":
+        elif key == "load.tangential_n" or key.startswith("load.bulk"):
             found.append(max(10.0 * value, scene.load_at(0.0) if "load.t" in key else 10.0))
         else:
             found.append(10.0 * value if value else 1.0)
@@ -84,7 +84,7 @@ def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
         if key == "friction.coefficient":
             low.append(-2.0)
             high.append(2.0)
-        elif key.startswith("camera.") and key.endswith(("left_mm", "top_mm")):
+        elif key in ("camera.left_mm", "camera.top_mm") or key.startswith("load.bulk"):
             low.append(-np.inf)
             high.append(np.inf)
         elif value > 0.0:

@@ -75,7 +75,9 @@ class Indenter(Part):
 class Load(Part):
     """The forces: normal (diametral; or the whole bending load), tangential, bulk stress, spans.
 
-    The normal load of a contact is a number, or a table over distance.
+    The normal load of a contact is a number, or a table over distance. The bulk stress acts along
+    x at the contact's centre; `bulk_along_x_mpa_per_mm`, `bulk_along_z_mpa_per_mm` say how it
+    changes from there along the surface and with depth (bending).
     """
 
     normal_n: Annotated[
@@ -85,6 +87,8 @@ class Load(Part):
     ]
     tangential_n: Finite | None = None
     bulk_mpa: Finite | None = None
+    bulk_along_x_mpa_per_mm: Finite | None = None
+    bulk_along_z_mpa_per_mm: Finite | None = None
     inner_span_mm: Positive | None = None
     outer_span_mm: Positive | None = None
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.scene import Scene
-from isochrome.simulate.model import Picture, SceneState, bulk_stress, surface_field_grid
+from isochrome.simulate.model import Picture, SceneState, regular_stress, surface_field_grid
 from isochrome.stress import (
     PixelGrid,
     ShearPeak,
@@ -73,7 +73,7 @@ def _stress(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressCompone
         surface_field_grid(pixels, surface.grid, scene.numerics.tolerance),
         surface.pressure_mpa,
         surface.shear_mpa if surface.shear_mpa.any() else None,
-        bulk_mpa=bulk_stress(scene),
+        regular=regular_stress(scene),
     )
 
 
@@ -94,7 +94,7 @@ def _peak(
         surface.pressure_mpa,
         surface.shear_mpa,
         within=pixels,
-        bulk_mpa=bulk_stress(scene),
+        regular=regular_stress(scene),
     )
 
 

@@ -23,8 +23,10 @@ from isochrome.optics import (
 )
 from isochrome.scene import Camera, Scene
 from isochrome.stress import (
+    NO_STRESS,
     FieldGrid,
     PixelGrid,
+    RegularStress,
     StressDifference,
     beam_difference,
     disc_difference,
@@ -118,7 +120,7 @@ def _label(state: SurfaceState) -> str:
 
 
 def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressDifference:
-    """Stress difference of one state on a pixel grid, with the scene's bulk stress.
+    """Stress difference of one state on a pixel grid, with what the scene adds to the contact's.
 
     Returns (sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa; NaN outside a disc or beam, 0 above
     a contact's surface.
@@ -132,13 +134,19 @@ def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> Stre
     grid = surface_field_grid(pixels, surface.grid, scene.numerics.tolerance)
     shear = surface.shear_mpa if surface.shear_mpa.any() else None
     field = stress_difference(grid, surface.pressure_mpa, shear)
-    bulk = bulk_stress(scene)
-    return field + field.real.dtype.type(bulk) if bulk else field
+    regular = regular_stress(scene)
+    if regular:
+        field += regular.difference(pixels.x_mm[None, :], pixels.z_mm[:, None]).astype(field.dtype)
+    return field
 
 
-def bulk_stress(scene: Scene) -> float:
-    """Stress along x in the specimen besides the contact's (MPa), 0 where the scene has none."""
-    return (scene.load.bulk_mpa if scene.load else None) or 0.0
+def regular_stress(scene: Scene) -> RegularStress:
+    """Stress in a contact's specimen besides the contact's own: bulk stress and its changes."""
+    load = scene.load
+    if load is None:
+        return NO_STRESS
+    slope = complex(load.bulk_along_x_mpa_per_mm or 0.0, load.bulk_along_z_mpa_per_mm or 0.0)
+    return RegularStress((complex(load.bulk_mpa or 0.0), slope))
 
 
 @lru_cache(maxsize=2)

@@ -19,10 +19,13 @@ from isochrome.stress.halfplane import (
 )
 from isochrome.stress.peak import ShearPeak, largest_shear
 from isochrome.stress.pixels import PixelGrid, pixel_grid
+from isochrome.stress.regular import NO_STRESS, RegularStress, regular_modes, uniform_stress
 
 __all__ = [
+    "NO_STRESS",
     "FieldGrid",
     "PixelGrid",
+    "RegularStress",
     "ShearPeak",
     "StressComponents",
     "StressDifference",
@@ -37,7 +40,9 @@ __all__ = [
     "make_field_grid",
     "pixel_grid",
     "principal_direction",
+    "regular_modes",
     "stress_components",
     "stress_difference",
     "stress_trace",
+    "uniform_stress",
 ]

@@ -20,6 +20,7 @@ from isochrome.errors import InputError
 from isochrome.stress.field import StressComponents, StressDifference
 from isochrome.stress.hats import Floats
 from isochrome.stress.pixels import PixelGrid
+from isochrome.stress.regular import NO_STRESS, RegularStress
 from isochrome.stress.rows import DEEP_PX, RowBand, convolve_rows, make_band
 
 _ON_SURFACE = 1e-9
@@ -148,19 +149,20 @@ def components_on_grid(
     pressure_mpa: Floats,
     shear_mpa: Floats | None = None,
     *,
-    bulk_mpa: float = 0.0,
+    regular: RegularStress = NO_STRESS,
 ) -> StressComponents:
     """All three stress components on the pixels: the principal stresses apart.
 
-    Parameters: as `stress_difference`; `bulk_mpa`, stress along x besides the contact's. Returns
+    Parameters: as `stress_difference`; `regular`, stress besides the contact's. Returns
     StressComponents (rows, cols), MPa, in the grid's precision; zero above the surface.
     """
     difference = stress_difference(grid, pressure_mpa, shear_mpa)
     trace = stress_trace(grid, pressure_mpa, shear_mpa)
-    if bulk_mpa:
+    if regular:
         material = slice(grid.bands[0].rows.start if grid.bands else grid.pixels.rows, None)
-        difference[material] += trace.dtype.type(bulk_mpa)
-        trace[material] += trace.dtype.type(bulk_mpa)
+        x, z = grid.pixels.x_mm[None, :], grid.pixels.z_mm[material, None]
+        difference[material] += regular.difference(x, z).astype(difference.dtype)
+        trace[material] += regular.trace(x, z).astype(trace.dtype)
     return StressComponents.from_invariants(difference, trace)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.stress.hats import Floats
 from isochrome.stress.pixels import PixelGrid
+from isochrome.stress.regular import NO_STRESS, RegularStress
 from isochrome.stress.scan import Box, Loads, find_hills
 
 
@@ -27,7 +28,7 @@ def largest_shear(
     shear_mpa: Floats | None,
     *,
     within: PixelGrid | tuple[float, float, float, float],
-    bulk_mpa: float = 0.0,
+    regular: RegularStress = NO_STRESS,
 ) -> ShearPeak:
     """The largest (sigma_1 - sigma_2)/2 in the material under a window, its surface included.
 
@@ -37,8 +38,8 @@ def largest_shear(
     edge, sigma_x there grows with the logarithm of the edge's steepness, and so with a finer grid.
 
     Parameters: `nodes_mm` (n,), uniform; `pressure_mpa`, `shear_mpa` (n,), None for no shear;
-    `within`, a PixelGrid or (left, right, top, bottom) in mm, z from the surface; `bulk_mpa`,
-    stress along x besides the contact's. Returns a ShearPeak. Raises InputError where the window
+    `within`, a PixelGrid or (left, right, top, bottom) in mm, z from the surface;
+    `regular`, stress besides the contact's. Returns a ShearPeak. Raises InputError where the window
     holds no material or a traction is not finite. Source: see `isochrome.stress.halfplane`.
     """
     box = _material(within)
@@ -48,16 +49,24 @@ def largest_shear(
             raise InputError(f"{name} holds NaN or infinity; give a finite number at every node")
     loaded = np.flatnonzero((pressure_mpa != 0.0) | (shear != 0.0))
     if not len(loaded):
-        return ShearPeak(0.5 * abs(bulk_mpa), 0.5 * (box.left + box.right), box.top)
+        return _without_loads(regular, box)
     part = slice(max(loaded[0] - 1, 0), loaded[-1] + 2)  # two nodes at least
     spacing = float(nodes_mm[1] - nodes_mm[0])
-    loads = Loads(nodes_mm[part], pressure_mpa[part], shear[part], spacing, bulk_mpa)
+    loads = Loads(nodes_mm[part], pressure_mpa[part], shear[part], spacing, regular)
     x, z, size = find_hills(loads, box)
     step = np.stack([np.maximum(spacing, 0.1 * z), np.maximum(0.5 * spacing, 0.2 * z)])
     x, z, size = _climb(loads, box, x, z, size, step, 0.05)
     best = slice(size.argmax(), size.argmax() + 1)
     x, z, size = _climb(loads, box, x[best], z[best], size[best], 0.05 * step[:, best], 1e-7 / 0.05)
     return ShearPeak(0.5 * float(size[0]), float(x[0]), float(z[0]))
+
+
+def _without_loads(regular: RegularStress, box: Box) -> ShearPeak:
+    """The largest shear of a regular stress alone: polynomials of low degree need no finer scan."""
+    x, z = np.linspace(box.left, box.right, 65), np.linspace(box.top, box.bottom, 65)
+    shear = 0.5 * np.abs(regular.difference(x[None, :], z[:, None]))
+    row, col = np.unravel_index(int(shear.argmax()), shear.shape)
+    return ShearPeak(float(shear[row, col]), float(x[col]), float(z[row]))
 
 
 def _material(within: PixelGrid | tuple[float, float, float, float]) -> Box:

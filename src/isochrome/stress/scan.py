@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from isochrome.stress.direct import difference_and_trace
 from isochrome.stress.hats import Floats
+from isochrome.stress.regular import RegularStress
 from isochrome.stress.rows import convolve_rows, make_band
 
 _GROWTH = 1.2
@@ -33,18 +34,18 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class Loads:
-    """Loaded nodes and what acts there; `bulk` besides."""
+    """Loaded nodes and what acts there; a `regular` stress besides."""
 
     nodes: Floats
     pressure: Floats
     shear: Floats
     spacing: float
-    bulk: float
+    regular: RegularStress
 
     def size(self, x: Floats, z: Floats) -> Floats:
         """|(sigma_x - sigma_z) + 2i tau_xz| at places of one shape, MPa."""
         field, _ = difference_and_trace(x, z, self.nodes, self.pressure, self.shear)
-        return np.abs(field + self.bulk)
+        return np.abs(field + self.regular.difference(x, z))
 
 
 def find_hills(loads: Loads, box: Box) -> tuple[Floats, Floats, Floats]:
@@ -118,7 +119,8 @@ def _scan(loads: Loads, x: Floats, z: Floats, split: int) -> Floats:
         )
         field = np.empty((len(z), len(cols)), np.complex64)
         convolve_rows(band, [(band.slope, both), (band.cauchy, loads.shear)], field)
-        size[:, start::split] = np.abs(field + np.float32(loads.bulk))
+        field += loads.regular.difference(cols[None, :], z[:, None]).astype(np.complex64)
+        size[:, start::split] = np.abs(field)
     return size
 
 
