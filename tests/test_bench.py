@@ -98,6 +98,7 @@ def test_both_direct_sums_of_the_stress_are_the_same_sum(paper, fold):
     np.testing.assert_allclose(sums[0], sums[1], atol=1e-12 * p0)
 
 
+@pytest.mark.long
 def test_quick_bench_has_rows_of_every_case(quick):
     got, _, _ = quick
     for name in ("pressure", "cost", "wear", "stress", "fringe frame"):
@@ -126,6 +127,7 @@ def test_a_peer_that_is_absent_or_fails_says_so_and_ends_nothing(monkeypatch):
     assert rows["this project"].error < 1e-4 and math.isnan(rows["this project"].ratio)
 
 
+@pytest.mark.long
 def test_errors_of_the_quick_bench_are_what_its_cases_promise(quick):
     got, _, _ = quick
     ours = [row for row in got if row.method == "this project"]
@@ -140,6 +142,7 @@ def test_errors_of_the_quick_bench_are_what_its_cases_promise(quick):
     assert max(frames) < 0.01  # fringes; a NaN fails too
 
 
+@pytest.mark.long
 def test_bench_writes_a_table_and_a_picture(quick):
     got, _, folder = quick
     assert sorted(p.name for p in folder.iterdir()) == ["bench.csv", "bench.png"]
@@ -168,6 +171,7 @@ def test_among_equally_accurate_rivals_the_fastest_counts():
     assert ours.ratio == 2.0 and not ours.reached
 
 
+@pytest.mark.long
 def test_the_table_stays_readable(quick):
     _, text, _ = quick
     assert max(map(len, text.splitlines())) <= 150

@@ -231,6 +231,7 @@ def test_confidence_is_the_share_that_is_right():
     assert right[unsure].mean() >= said[unsure].mean() - 0.05
 
 
+@pytest.mark.long
 def test_stated_uncertainty_is_that_of_the_errors():
     for no_load in ("both", "none"):
         shot = rendered("contact", mu=0.3)
@@ -259,7 +260,7 @@ def gaussian_response(peaks, widths):
     )
 
 
-@pytest.mark.parametrize("no_load", ["both", "none"])
+@pytest.mark.parametrize("no_load", [slow("both"), "none"])
 @pytest.mark.parametrize("kind", ["contact", slow("beam")])
 @pytest.mark.parametrize(
     ("peaks", "widths"), [((620, 560, 440), (35, 33, 30)), ((600, 540, 460), (50, 50, 50))]

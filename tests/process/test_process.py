@@ -117,6 +117,7 @@ def test_confidence_is_the_share_of_pixels_right_to_a_twentieth_of_a_fringe(
             assert share == pytest.approx(confidence[unsure].mean(), abs=0.1)
 
 
+@pytest.mark.long
 def test_a_frame_is_read_alike_alone_and_among_others(first_and_last, captured, tmp_path):
     write_tiff(tmp_path / "one.tif", captured[5:])
     scene = sample_scene(distances_m=(233.0,))
@@ -154,7 +155,9 @@ def test_a_disc_is_found_with_its_load(tmp_path):
     assert 0.9 < found.table["chi"][0] < 1.1
 
 
-@pytest.mark.parametrize("text", ['[specimen]\nshape = "ring"\n', "[specimen]\n"])
+@pytest.mark.parametrize(
+    "text", [pytest.param('[specimen]\nshape = "ring"\n', marks=pytest.mark.long), "[specimen]\n"]
+)
 def test_without_a_model_the_frame_is_normalised_and_that_is_said(tmp_path, text):
     found = process(DISC / "disc-560N.png", parse_scene(text, name="mine"), tmp_path / "out")
     assert found.model is None and found.fitted is None

@@ -96,6 +96,7 @@ def test_frames_become_maps_one_a_state(worn, tmp_path):
     assert np.nanstd(dark - expected) < 0.02
 
 
+@pytest.mark.long
 def test_a_processed_set_is_compared_with_its_simulation(worn, tmp_path):
     scene, frames, _ = worn
     write_tiff(tmp_path / "set.tif", frames)

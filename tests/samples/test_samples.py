@@ -140,6 +140,7 @@ def test_the_command_renders_the_shipped_files_and_the_same_bytes_twice(tmp_path
     same_set(FOLDER, tmp_path / "one", names)
 
 
+@pytest.mark.long
 def test_another_seed_gives_other_noise_on_the_same_fringes(tmp_path):
     render_disc(tmp_path, samples.SEED + 1)
     one, two = (

@@ -18,6 +18,7 @@ from isochrome.simulate import scene_states, simulate
 RUN = import_module("isochrome.simulate.run")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("components", [False, True], ids=["fringes", "components"])
 def test_a_state_is_let_go_once_it_is_written(tmp_path, monkeypatch, components):
     """Of 20 states no more live at any time than the six of the figure, and the two at hand."""
