@@ -1,36 +1,40 @@
 """The same simulation, made quick for a fit: what did not change is not computed again.
 
-The mechanics (contact, wear, stress) of the last few sets of values are kept on a reference grid a
-margin wider than the picture. Where the contact stands in the picture is then a shift of that
-field, by four-point (cubic) Lagrange interpolation of its two smooth components, never of the
-fringe order, which has a cone at isotropic points.
+The mechanics (contact, wear) of the last few sets of values are kept, and so is the last field.
+Where the contact stands in the picture is a phase of the tractions' waves, see
+`isochrome.stress.series`: the field is made where it is wanted, on every pixel or on a few.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.contact import SurfaceState
 from isochrome.errors import PhysicsError
-from isochrome.optics import fringe_order, make_chain, polariscope_signal
+from isochrome.optics import (
+    fringe_order,
+    make_chain,
+    pixel_visibility,
+    polariscope_signal,
+    slope_visibility,
+)
 from isochrome.scene import Scene
 from isochrome.simulate import SceneState, scene_states, state_difference
+from isochrome.simulate.model import regular_stress
 from isochrome.stress import PixelGrid, pixel_grid, principal_direction
+from isochrome.stress.series import SeriesField, SeriesGrid, make_series_grid, series_difference
 
 Array = NDArray[Any]
 Solve = Callable[[Scene], SceneState]
 
-MARGIN_PX = 28
-"""How far the contact may stand from its nominal place before the reference grid moves with it."""
-
 _KEPT = 8
-_STEEPEST = 0.5
+_SLACK = 1.15
+"""Reach of a series over what its first place needs: a contact may move so far in the picture."""
 
 
 class SceneRenderer:
@@ -42,136 +46,171 @@ class SceneRenderer:
         """`solve` gives a scene's state; None: the scene is solved on its own."""
         self.shape, self.stride = shape, stride
         self._solve = solve or _last_state
-        self.pixels = pixel_grid(scene, shape)
-        self._fields: OrderedDict[Any, Array] = OrderedDict()
-        self._anchor = (self.pixels.left_mm, self.pixels.top_mm)
+        self._camera = scene.camera
+        self._states: OrderedDict[Any, SceneState] = OrderedDict()
+        self._series: SeriesGrid | None = None
+        self._last: tuple[Any, tuple[Array, Array]] | None = None
 
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
         """Stress difference (rows, cols) and visibility of the fringes at the strided pixels.
 
+        The visibility is that of the pixels' area; with a stride, and so without all pixels to
+        blur, it stands for the camera's blur too.
         Raises PhysicsError where the scene's values cannot be solved.
         """
-        if scene.model != "contact":
-            grid = pixel_grid(scene, self.shape)
-            state = scene_states(scene)[-1]
-            field = state_difference(scene, state, grid.every(self.stride))
-            return field, np.ones(field.shape)
-        field, base, part = self._shifted(scene)
-        return field, self._visibility(scene, base, part)
+        camera = scene.camera
+        assert camera is not None
+        state = self._state(scene)
+        blur = camera.blur_px if self.stride > 1 else 0.0
+        key = (
+            id(state), scene.load, scene.specimen, camera.left_mm, camera.top_mm, camera.pixel_mm,
+            blur,
+        )  # fmt: skip
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._made(scene, state, blur)
+        return self._last[1]
 
     def signal(self, scene: Scene) -> Array:
-        """Ideal polariscope signal at the strided pixels (rows, cols); air has order zero."""
-        specimen = scene.specimen
-        assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
-        field, visibility = self.order_field(scene)
-        field = np.nan_to_num(field)
-        order = fringe_order(
-            field,
-            thickness_mm=specimen.thickness_mm,
-            fringe_value_n_per_mm=specimen.fringe_value_n_per_mm,
-        )
-        chain = make_chain(scene.polariscope, 0 if scene.polariscope.step else None)
-        direction = None if chain.ideal else principal_direction(field)
-        return polariscope_signal(order, chain, direction=direction, visibility=visibility)
+        """Polariscope signal at the strided pixels (rows, cols); no specimen, no light.
 
-    def _reference(self, scene: Scene) -> Array:
-        """The field on the margin-wide grid, for the scene's mechanics."""
-        assert scene.camera is not None
-        key = (
-            scene.specimen, scene.indenter, scene.load, scene.friction, scene.wear,
-            scene.numerics, scene.camera.pixel_mm, self._anchor,
-        )  # fmt: skip
-        if key not in self._fields:
-            state = self._solve(scene)
-            self._fields[key] = state_difference(scene, state, self._wide(scene))
-            while len(self._fields) > _KEPT:
-                self._fields.popitem(last=False)
-        self._fields.move_to_end(key)
-        return self._fields[key]
-
-    def _wide(self, scene: Scene) -> PixelGrid:
-        assert scene.camera is not None and scene.camera.pixel_mm is not None
-        pixel = scene.camera.pixel_mm
-        return replace(
-            self.pixels,
-            rows=self.shape[0] + 2 * MARGIN_PX,
-            cols=self.shape[1] + 2 * MARGIN_PX,
-            left_mm=self._anchor[0] - MARGIN_PX * pixel,
-            top_mm=self._anchor[1] - MARGIN_PX * pixel,
-            pixel_mm=pixel,
-        )
-
-    def _shifted(self, scene: Scene) -> tuple[Array, list[int], list[float]]:
-        """The field where the scene stands, and whole and broken pixels of its shift."""
-        here = pixel_grid(scene, self.shape)
-        offset = self._offset(here)
-        if max(abs(o) for o in offset) > MARGIN_PX - 3:
-            self._anchor = (here.left_mm, here.top_mm)
-            self._fields.clear()
-            offset = self._offset(here)
-        field = self._reference(scene)
-        base = [MARGIN_PX + int(np.floor(o)) for o in offset]
-        part = [o % 1.0 for o in offset]
-        rows = _interpolated(field, base[0], part[0], self.shape[0], self.stride)
-        cols = _interpolated(rows.T, base[1], part[1], self.shape[1], self.stride)
-        return cols.T, base, part
-
-    def _offset(self, here: PixelGrid) -> tuple[float, float]:
-        left, top = self._anchor
-        return (here.top_mm - top) / here.pixel_mm, (here.left_mm - left) / here.pixel_mm
-
-    def _visibility(self, scene: Scene, base: list[int], part: list[float]) -> Array:
-        """Contrast left by the pixel's area, linear between the reference pixels.
-
-        Not that of the nearest pixel: a fit that starts on a whole pixel would stand on a jump.
+        Raises PhysicsError where the scene's values cannot be solved.
         """
-        total: Any = 0.0
-        for down, across in product((0, 1), repeat=2):
-            weight = abs(1 - down - part[0]) * abs(1 - across - part[1])
-            if weight > 0.0:
-                rows, cols = (
-                    slice(b + d, b + d + n, self.stride)
-                    for b, d, n in zip(base, (down, across), self.shape, strict=True)
-                )
-                total = total + weight * self._visibility_at(scene, rows, cols)
-        return np.asarray(total)
+        field, visibility = self.order_field(scene)
+        whole = bool(np.isfinite(field[[0, -1]]).all()) if scene.model == "disc" else True
+        order = _order(scene, field if whole else np.nan_to_num(field))
+        chain = make_chain(scene.polariscope, 0 if scene.polariscope.step else None)
+        direction = None if chain.ideal else principal_direction(np.nan_to_num(field))
+        signal = polariscope_signal(order, chain, direction=direction, visibility=visibility)
+        camera = scene.camera
+        assert camera is not None
+        if camera.blur_px > 0.0 and self.stride == 1:
+            from scipy.ndimage import gaussian_filter
 
-    def _visibility_at(self, scene: Scene, rows: slice, cols: slice) -> Array:
-        """Contrast left by the pixel's area at some reference pixels."""
-        specimen = scene.specimen
-        assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
-        scale = specimen.thickness_mm / specimen.fringe_value_n_per_mm
-        field = self._reference(scene)
-        down = slice(rows.start + 1, rows.stop + 1, rows.step)
-        up = slice(rows.start - 1, rows.stop - 1, rows.step)
-        right = slice(cols.start + 1, cols.stop + 1, cols.step)
-        left = slice(cols.start - 1, cols.stop - 1, cols.step)
-        along = np.abs(field[down, cols]) - np.abs(field[up, cols])
-        across = np.abs(field[rows, right]) - np.abs(field[rows, left])
-        square = (0.5 * scale * np.pi) ** 2 * (along**2 + across**2)
-        # sinc(a) sinc(b) to fourth order, cross term apart; off by 3e-3 at half a fringe a pixel
-        return 1.0 - square / 6.0 + square**2 / 120.0
+            signal[: _first_row(scene, self._pixels(scene))] = 0.0
+            signal = gaussian_filter(signal, camera.blur_px, mode="nearest")
+        return signal
+
+    def _state(self, scene: Scene) -> SceneState:
+        """The solved mechanics: place, optics and bulk stress do not change them."""
+        load = scene.load
+        key = (
+            scene.specimen, scene.indenter, load and (load.normal_n, load.tangential_n),
+            scene.friction, scene.wear, scene.numerics,
+        )  # fmt: skip
+        if key not in self._states:
+            # the surface nodes divide the pixels that the fit began with, whatever they become
+            self._states[key] = self._solve(scene.model_copy(update={"camera": self._camera}))
+            while len(self._states) > _KEPT:
+                self._states.popitem(last=False)
+        self._states.move_to_end(key)
+        return self._states[key]
+
+    def _pixels(self, scene: Scene) -> PixelGrid:
+        return pixel_grid(scene, self.shape).every(self.stride)
+
+    def _made(self, scene: Scene, state: SceneState, blur: float) -> tuple[Array, Array]:
+        """Field and visibility of one state where the scene stands."""
+        pixels = self._pixels(scene)
+        if state.surface is None:
+            field = state_difference(scene, state, pixels)
+            return field, _disc_visibility(scene, field, self.stride)
+        made = self._waves(state.surface, pixels)
+        regular = regular_stress(scene, state.surface, pixels)
+        field = made.difference
+        if regular:
+            added = regular.difference(pixels.x_mm[None, :], pixels.z_mm[:, None])
+            field = field + added.astype(np.complex64)
+        if made.along is None or made.down is None:
+            order = _order(scene, field)
+            order[: _first_row(scene, pixels)] = np.nan
+            return field, np.nan_to_num(pixel_visibility(order)[0], copy=False, nan=1.0)
+        size = np.maximum(np.abs(field), np.float32(1e-30))
+        pixel = np.float32(_fringes_per_mpa(scene) * pixels.pixel_mm / self.stride)
+        across, down = (
+            (field.real * slope.real + field.imag * slope.imag) * (pixel / size)
+            for slope in (made.along, made.down)
+        )
+        visibility = slope_visibility(across, down)
+        if blur > 0.0:
+            visibility *= np.exp(-2.0 * (np.pi * blur) ** 2 * (across**2 + down**2))
+        return field, visibility
+
+    def _waves(self, surface: SurfaceState, pixels: PixelGrid) -> SeriesField:
+        """The half-plane's field; the lattice of waves is made again where it does not reach."""
+        grid = surface.grid
+        for fresh in (False, True):
+            series = self._series
+            if (
+                series is None
+                or fresh
+                or (series.nodes, series.spacing_mm) != (grid.nodes, grid.spacing_mm)
+                or series.pitch_mm != pixels.pixel_mm
+            ):
+                series = self._series = _lattice(surface, pixels)
+            try:
+                return series_difference(
+                    series,
+                    x_mm=float(pixels.x_mm[0]),
+                    z_mm=float(pixels.z_mm[0]),
+                    left_mm=grid.left_mm,
+                    pressure_mpa=surface.pressure_mpa,
+                    shear_mpa=surface.shear_mpa if surface.shear_mpa.any() else None,
+                    slopes=self.stride > 1,
+                )
+            except ValueError:
+                if fresh:
+                    raise
+        raise AssertionError("unreachable")
 
 
 def _last_state(scene: Scene) -> SceneState:
     return scene_states(scene)[-1]
 
 
-def _interpolated(field: Array, base: int, part: float, count: int, stride: int) -> Array:
-    """Rows base + part, base + part + stride, ... by four-point Lagrange interpolation."""
-    t = part
-    weights = (
-        -t * (t - 1.0) * (t - 2.0) / 6.0,
-        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
-        -(t + 1.0) * t * (t - 2.0) / 2.0,
-        (t + 1.0) * t * (t - 1.0) / 6.0,
+def _lattice(surface: SurfaceState, pixels: PixelGrid) -> SeriesGrid:
+    """Waves whose repetitions stay far enough from the picture."""
+    x, z = pixels.x_mm[[0, -1]], np.abs(pixels.z_mm[[0, -1]]).max()
+    ends = surface.grid.x_mm[[0, -1]]
+    reach = float(np.hypot(np.abs(x[:, None] - ends[None, :]).max(), z))
+    return make_series_grid(
+        pixels.rows,
+        pixels.cols,
+        pixels.pixel_mm,
+        nodes=surface.grid.nodes,
+        spacing_mm=surface.grid.spacing_mm,
+        reach_mm=_SLACK * reach,
     )
-    total: Any = 0.0
-    for tap, weight in zip((-1, 0, 1, 2), weights, strict=True):
-        if weight != 0.0:
-            start = base + tap
-            total = total + np.float32(weight) * field[start : start + count : stride]
-    return np.asarray(total)
+
+
+def _fringes_per_mpa(scene: Scene) -> float:
+    specimen = scene.specimen
+    assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
+    return specimen.thickness_mm / specimen.fringe_value_n_per_mm
+
+
+def _order(scene: Scene, field: Array) -> Array:
+    specimen = scene.specimen
+    assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
+    return fringe_order(
+        field,
+        thickness_mm=specimen.thickness_mm,
+        fringe_value_n_per_mm=specimen.fringe_value_n_per_mm,
+    )
+
+
+def _first_row(scene: Scene, pixels: PixelGrid) -> int:
+    """The first row that the surface does not cut; 0 in a disc or beam."""
+    if scene.model != "contact":
+        return 0
+    assert scene.camera is not None and scene.camera.pixel_mm is not None
+    return int(np.searchsorted(pixels.z_mm, (0.5 - 1e-6) * scene.camera.pixel_mm))
+
+
+def _disc_visibility(scene: Scene, field: Array, stride: int) -> Array:
+    """A disc's or beam's: of all pixels where they are there, and not modelled on a few."""
+    if stride > 1:
+        return np.ones(field.shape)
+    return np.nan_to_num(pixel_visibility(_order(scene, field))[0], copy=False, nan=1.0)
 
 
 def safe_signal(renderer: SceneRenderer, scene: Scene) -> Array:

@@ -6,7 +6,7 @@ from isochrome.optics.polariscope import Chain, make_chain, polariscope_signal
 from isochrome.optics.response import Response, camera_response
 from isochrome.optics.spectral import highest_visible, spectral_signal
 from isochrome.optics.stress_optic import fringe_order
-from isochrome.optics.visibility import pixel_visibility
+from isochrome.optics.visibility import pixel_visibility, slope_visibility
 
 __all__ = [
     "Chain",
@@ -20,5 +20,6 @@ __all__ = [
     "make_light",
     "pixel_visibility",
     "polariscope_signal",
+    "slope_visibility",
     "spectral_signal",
 ]

@@ -30,7 +30,7 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
         above = min(start, 1)
         rows = _slope(order[start - above : start + _ROWS + 1], 0)[above:][:_ROWS]
         cols = _slope(order[here], 1)
-        contrast = np.multiply(_sinc(rows), _sinc(cols), out=visibility[here])
+        contrast = slope_visibility(rows, cols, out=visibility[here])
         # sinc(g_x) sinc(g_y) <= 0.651 wherever g_x² + g_y² > 1/4: few pixels need the look
         likely = contrast < 0.66
         if likely.any():
@@ -38,6 +38,15 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
             fine += int(np.count_nonzero(steep & (order[here][likely] > 0.5)))
     bearing = int(np.count_nonzero(order > 0.5))
     return visibility, fine / bearing if bearing else 0.0
+
+
+def slope_visibility(rows: Array, cols: Array, *, out: Array | None = None) -> Array:
+    """Contrast left by square pixels in which the order has given slopes.
+
+    Equation: sinc(g_x) sinc(g_y), see `pixel_visibility`. Parameters: `rows`, `cols`, slopes down
+    and across (fringes a pixel), of one shape; `out`, where to put it. Returns V, in 0..1.
+    """
+    return np.multiply(_sinc(rows), _sinc(cols), out=out)
 
 
 def _sinc(x: Array) -> Array:
