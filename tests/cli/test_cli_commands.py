@@ -198,9 +198,10 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(isochrome, place):
     )  # fmt: skip
     found = done.json()
     assert (done.code, done.err) == (0, "")
-    assert set(found["load.normal_n"]) == {"value", "standard_uncertainty"}
+    assert set(found["load.normal_n"]) == {"value", "standard_uncertainty", "cramer_rao_bound"}
     assert found["load.normal_n"]["value"] == pytest.approx(44.0, rel=1e-3)
-    assert [set(f) for f in found["frames"]] == [{"frame", "friction.coefficient"}] * 2
+    names = {"frame", "distance_m", "chi", "other_minima", "friction.coefficient"}
+    assert [set(f) for f in found["frames"]] == [names] * 2
     assert 0.9 < found["chi"] < 1.1
     assert {"fit.csv", "scene.toml", "fit.png"} <= files_in(place / "Anpassung")
     table = columns_of(place / "Anpassung" / "fit.csv")

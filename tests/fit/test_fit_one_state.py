@@ -68,18 +68,8 @@ def test_a_load_that_changed_while_the_contact_wore_is_refused():
             "load.normal_n",
             "load.normal_n cannot be fitted: it is a table over distance",
         ),
-        (
-            {"wear__law": "sarkar", "friction__coefficient": RAMP},
-            "wear.coefficient_mm2_per_n",
-            "with wear.law = 'sarkar' the depth follows the whole course of friction.coefficient",
-        ),
-        (
-            {"wear__law": "dissipated_energy", "friction__coefficient": RAMP},
-            "friction.coefficient",
-            "with wear.law = 'dissipated_energy' the depth follows the whole course",
-        ),
     ],
 )
-def test_a_key_that_no_single_frame_tells_cannot_be_free(values, key, words):
+def test_a_table_is_not_one_unknown_of_all_frames(values, key, words):
     with pytest.raises(InputError, match=words):
         fit("frames-that-are-not-there.tif", scene(**values), [key])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,17 +18,18 @@ if TYPE_CHECKING:
 _SHOWN = 6
 
 
-def fit_figure(name: str, frames: list[FrameData], scenes: list[Scene]) -> Figure:
+def fit_figure(name: str, frames: Iterable[FrameData], scenes: tuple[Scene, ...]) -> Figure:
     """Captured light, fitted light, and their difference over the noise, for up to six frames.
 
     Parameters: `name` of the scene; `frames`; their fitted one-state `scenes`. Returns a Figure.
     """
-    shown = np.unique(np.linspace(0, len(frames) - 1, min(_SHOWN, len(frames))).round().astype(int))
-    rows, cols = frames[0].light.shape
+    shown = np.unique(np.linspace(0, len(scenes) - 1, min(_SHOWN, len(scenes))).round().astype(int))
+    wanted = {i: data for i, data in enumerate(frames) if i in shown}
+    rows, cols = wanted[0].light.shape
     figure = new_figure(13.0, (3.9 * min(rows / cols, 1.6) + 0.75) * len(shown) + 0.5)
     axes: Any = figure.subplots(len(shown), 3, squeeze=False)
     for row, k in zip(axes, shown, strict=True):
-        data, seen = frames[k], explain_frame(frames[k], scenes[k])
+        data, seen = wanted[k], explain_frame(wanted[k], scenes[k])
         model = seen.background + seen.illumination * seen.signal
         left = np.where(seen.mask, (data.light - model) / data.sigma, np.nan)
         place: dict[str, Any] = {

@@ -2,191 +2,194 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.errors import InputError, PhysicsError
+from isochrome.errors import PhysicsError
 from isochrome.fit.frame_data import FrameData
-from isochrome.fit.frame_fit import EDGE_PX, FrameFit, fit_frame, thinning
-from isochrome.fit.intensity import IntensityFit, fit_intensity
+from isochrome.fit.frame_fit import EDGE_PX, placed, thinning
+from isochrome.fit.intensity import UNDETERMINED
+from isochrome.fit.linear import scaled_inverse
+from isochrome.fit.normal import Normal, add_up, make_renderer
 from isochrome.fit.one_state import with_numerics
-from isochrome.fit.renderer import SceneRenderer, safe_signal
-from isochrome.fit.unknowns import bounds, fit_region, scales
-from isochrome.scene import Scene
+from isochrome.fit.sequence import Sequence, Unknown
+from isochrome.fit.unknowns import bounds, fit_region
+from isochrome.scene import DistanceTable, Scene
 
 Array = NDArray[Any]
+Told = Callable[[], None]
 
-MAX_FRAMES = 16
-"""Frames that are fitted together: beyond, the linear parts no longer fit in memory."""
+_COARSE_PIXELS = 30_000
+_ITERATIONS = 20
+_LOOSE, _TIGHT = 0.3, 0.03
+"""Last predicted step, in standard uncertainties, of the thinned frames and of the whole ones."""
 
-_PIXELS = 120_000
 
-
-@dataclass(frozen=True)
-class Unknown:
-    """One unknown of a joint fit: its `key`, and its `frame` (None where all frames share it)."""
-
-    key: str
-    frame: int | None
+def _nobody() -> None:
+    """Nobody wants to know."""
 
 
 @dataclass(frozen=True)
 class JointFit:
-    """Fitted `unknowns` (p,), `values`, `standard_uncertainty`, `chi`; and each frame's scene."""
+    """Fitted unknowns of a `sequence`.
 
-    unknowns: tuple[Unknown, ...]
+    `values`, `standard_uncertainty`, `cramer_rao_bound` (p,); `covariance` (p, p); `chi`, residual
+    over noise over all frames, `frame_chi` of each; `normal`, the equations at (nearly) `values`;
+    `scene`, with tables over distance; `scenes`, of each frame; `converged`; `lost`, frames whose
+    illumination came out negative.
+    """
+
+    sequence: Sequence
     values: Array
     standard_uncertainty: Array
+    cramer_rao_bound: Array
     covariance: Array
     chi: float
+    frame_chi: tuple[float, ...]
+    cost: float
+    scene: Scene
     scenes: tuple[Scene, ...]
     converged: bool
+    lost: tuple[int, ...]
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknowns, in the order of the values."""
+        return self.sequence.unknowns
 
 
-def has_key(scene: Scene, key: str) -> bool:
-    """Whether a one-state scene has a number under a key (a static state has no friction)."""
-    try:
-        return isinstance(scene.get(key), int | float)
-    except InputError:
-        return False
-
-
-def fit_jointly(
-    frames: list[FrameData], scenes: list[Scene], shared: tuple[str, ...], own: tuple[str, ...]
+def fit_together(
+    frames: Iterable[FrameData],
+    sequence: Sequence,
+    start: Array,
+    *,
+    shape: tuple[int, int],
+    told: Told = _nobody,
 ) -> JointFit:
-    """Fit unknowns that all frames share together with unknowns that each frame has of its own.
+    """Least squares over the intensities of all frames, first thinned, then on every pixel.
 
-    Each frame is first fitted alone, from several starts, for all keys: the mean (weighted by the
-    uncertainties) starts the shared ones. Then one least squares over all frames' intensities,
-    each with its own illumination and background.
-    Parameters: `frames` and their one-state `scenes`; `shared`, `own`, keys. Returns a JointFit.
-    Raises InputError for too many frames or a key that no frame has, PhysicsError
-    for one that has no effect.
+    Parameters: `frames`, gone through once a pass; `sequence`; `start` (p,), in the right basin;
+    `shape` (rows, cols) of a frame; `told`, called with each frame of each pass. Returns a
+    JointFit. Raises PhysicsError where the start cannot be solved or a key changes nothing.
     """
-    if len(frames) > MAX_FRAMES:
-        raise InputError(
-            f"{len(frames)} frames to fit together, and {MAX_FRAMES} is the most; fit fewer, or "
-            "give all keys as --per-frame"
+    problem = Together(frames, sequence, start, shape, told)
+    values, _, _ = problem.solve(start, problem.coarse_stride, _LOOSE)
+    values, normal, converged = problem.solve(values, 1, _TIGHT)
+    return problem.result(values, normal, converged)
+
+
+class Together:
+    """One least-squares problem over a set of frames, at any stride."""
+
+    def __init__(
+        self,
+        frames: Iterable[FrameData],
+        sequence: Sequence,
+        start: Array,
+        shape: tuple[int, int],
+        told: Told,
+    ) -> None:
+        fine = with_numerics(sequence.whole(start), nodes_per_pixel=3, tolerance=1e-4, room=1.3)
+        self.told, self.frames = told, frames
+        self.sequence = replace(
+            sequence, scene=sequence.scene.model_copy(update={"numerics": fine.numerics})
         )
-    keys = tuple(dict.fromkeys((*shared, *own)))
-    alone = []
-    for data, scene in zip(frames, scenes, strict=True):
-        alone.append(fit_frame(data, scene, tuple(k for k in keys if has_key(scene, k))))
-    unknowns = [Unknown(key, None) for key in shared]
-    unknowns += [Unknown(key, i) for i, fit in enumerate(alone) for key in own if key in fit.keys]
-    for unknown in unknowns:
-        if not any(unknown.key in fit.keys for fit in alone):
-            raise InputError(f"{unknown.key}: no frame's scene has this key; leave it out")
-    for key in keys:
-        if not any(np.isfinite(_spread(fit, key)) for fit in alone):
-            raise PhysicsError(
-                f"{key} does not change the fringes of these frames, so that they cannot tell it; "
-                "leave it out"
-            )
-    if len(frames) == 1:
-        only = alone[0]
-        names = tuple(Unknown(key, None if key in shared else 0) for key in only.keys)
-        return JointFit(
-            names, only.values, only.standard_uncertainty, only.covariance, only.chi,
-            (only.scene,), only.converged,
-        )  # fmt: skip
-    return _together(frames, [fit.scene for fit in alone], tuple(unknowns), alone)
-
-
-def _spread(fit: FrameFit, key: str) -> float:
-    """A key's standard uncertainty from one frame alone, infinite where it says nothing."""
-    return float(fit.standard_uncertainty[fit.keys.index(key)]) if key in fit.keys else np.inf
-
-
-def _together(
-    frames: list[FrameData],
-    scenes: list[Scene],
-    unknowns: tuple[Unknown, ...],
-    alone: list[FrameFit],
-) -> JointFit:
-    shape = frames[0].light.shape
-    stride = thinning(shape[0] * shape[1] * len(frames), _PIXELS)
-    thin = [data.every(stride) for data in frames]
-    start = np.array([_start(unknown, alone) for unknown in unknowns])
-    fine = [
-        with_numerics(scene, nodes_per_pixel=2, tolerance=3e-4, room=1.2)
-        for scene in _apply(scenes, unknowns, start)
-    ]
-    renderers = [SceneRenderer(scene, (shape[0], shape[1]), stride=stride) for scene in fine]
-
-    def response(values: Array) -> Array:
-        moved = _apply(fine, unknowns, values)
-        return np.concatenate([safe_signal(r, s) for r, s in zip(renderers, moved, strict=True)])
-
-    mask = np.concatenate(
-        [
-            data.valid & fit_region(scene, shape, stride, EDGE_PX)
-            for data, scene in zip(thin, fine, strict=True)
+        self.numerics = sequence.scene.numerics
+        self.shape = shape
+        self.coarse_stride = thinning(self.shape[0] * self.shape[1], _COARSE_PIXELS)
+        whole = self.sequence.whole(start)
+        self.first = [
+            placed(self.sequence.frame(whole, start, i), self.shape) for i in range(sequence.count)
         ]
-    )
-    of_key = [next(s for s in fine if has_key(s, u.key)) for u in unknowns]
-    limits = [bounds(scene, (u.key,)) for scene, u in zip(of_key, unknowns, strict=True)]
-    result: IntensityFit = fit_intensity(
-        np.concatenate([data.light for data in thin]),
-        response,
-        start,
-        illumination=_blocks([data.illumination for data in thin]),
-        background=_blocks([data.background for data in thin]),
-        mask=mask & np.isfinite(response(start)),
-        sigma=np.concatenate([data.sigma for data in thin]),
-        scale=np.array([scales(s, (u.key,))[0] for s, u in zip(of_key, unknowns, strict=True)]),
-        lower=np.concatenate([limit["lower"] for limit in limits]),
-        upper=np.concatenate([limit["upper"] for limit in limits]),
-        tolerance=0.03,
-        central=False,
-    )
-    fitted = tuple(_apply(scenes, unknowns, result.values))
-    return JointFit(
-        unknowns, result.values, result.standard_uncertainty, result.covariance, result.chi,
-        fitted, result.converged,
-    )  # fmt: skip
+        limits = [self._bounds(unknown) for unknown in sequence.unknowns]
+        self.low, self.high = (np.array(side) for side in zip(*limits, strict=True))
 
+    def solve(self, values: Array, stride: int, tolerance: float) -> tuple[Array, Normal, bool]:
+        """Levenberg-Marquardt with Nielsen's damping; steps are cut at the bounds."""
+        renderer = make_renderer(self.sequence, self.first[0], self.shape, stride)
 
-def _start(unknown: Unknown, alone: list[FrameFit]) -> float:
-    """A frame's own value, or the weighted mean of all frames'."""
-    if unknown.frame is not None:
-        fit = alone[unknown.frame]
-        return float(fit.values[fit.keys.index(unknown.key)])
-    found = [
-        (
-            fit.values[fit.keys.index(unknown.key)],
-            fit.standard_uncertainty[fit.keys.index(unknown.key)],
+        def at(where: Array) -> Normal | None:
+            return add_up(
+                (data.every(stride) for data in self.frames), self.sequence, where,
+                renderer=renderer, told=lambda _: self.told(),
+                regions=lambda i: fit_region(self.first[i], self.shape, stride, EDGE_PX),
+            )  # fmt: skip
+
+        normal = at(values)
+        if normal is None:
+            raise PhysicsError(
+                "the scene cannot be solved where the frames' own fits end; give closer values"
+            )
+        damping, growth = 1e-6, 2.0
+        for _ in range(_ITERATIONS):
+            step = self._step(values, normal, damping)
+            gain = float(step @ (2.0 * normal.gradient - normal.matrix @ step))
+            if gain < tolerance**2 * max(1.0, normal.cost / normal.freedom):
+                return values + step, normal, True
+            trial = at(values + step)
+            if trial is not None and trial.cost < normal.cost:
+                ratio = (normal.cost - trial.cost) / gain
+                values, normal = values + step, trial
+                damping, growth = damping * max(1e-2, 1.0 - (2.0 * ratio - 1.0) ** 3), 2.0
+            else:
+                damping, growth = max(damping, 1e-4) * growth, growth * 2.0
+        return values, normal, False
+
+    def result(self, values: Array, normal: Normal, converged: bool) -> JointFit:
+        """The fit's statistics, with the scene's own numerics back in it."""
+        chi = float(np.sqrt(normal.cost / max(1, normal.freedom - values.size)))
+        inverse = scaled_inverse(normal.matrix, 1e-14)
+        bound = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+        bound[np.diag(normal.matrix) <= UNDETERMINED * normal.squares] = np.inf
+        for unknown, limit in zip(self.sequence.unknowns, bound.tolist(), strict=True):
+            if unknown.shared and not np.isfinite(limit):
+                raise PhysicsError(
+                    f"{unknown.key} does not change the fringes of these frames, so that they "
+                    "cannot tell it; leave it out"
+                )
+        sequence = replace(
+            self.sequence,
+            scene=self.sequence.scene.model_copy(update={"numerics": self.numerics}),
         )
-        for fit in alone
-        if unknown.key in fit.keys
-    ]
-    values, spread = np.array(found).T
-    weight = 1.0 / np.maximum(spread, 1e-300) ** 2
-    return float(np.sum(weight * values) / np.sum(weight))
+        whole = sequence.whole(values)
+        scenes = tuple(
+            placed(sequence.frame(whole, values, i), self.shape) for i in range(sequence.count)
+        )
+        return JointFit(
+            sequence,
+            values,
+            max(1.0, chi) * bound,
+            bound,
+            max(1.0, chi) ** 2 * inverse,
+            chi,
+            normal.chi,
+            normal.cost,
+            whole,
+            scenes,
+            converged and bool(np.all(np.isfinite(bound))),
+            tuple(i for i, good in enumerate(normal.positive) if not good),
+        )
 
+    def _step(self, values: Array, normal: Normal, damping: float) -> Array:
+        """The damped step over the unknowns that are free to move, cut at the bounds."""
+        pull = normal.gradient
+        held = ((values <= self.low) & (pull < 0)) | ((values >= self.high) & (pull > 0))
+        free = np.flatnonzero(~held)
+        step = np.zeros_like(values)
+        if free.size:
+            matrix = normal.matrix[np.ix_(free, free)]
+            matrix = matrix + damping * np.diag(np.diag(matrix))
+            step[free] = scaled_inverse(matrix, 1e-14) @ pull[free]
+        return np.clip(values + step, self.low, self.high) - values
 
-def _apply(scenes: list[Scene], unknowns: tuple[Unknown, ...], values: Array) -> list[Scene]:
-    """The frames' scenes with the unknowns at given values."""
-    moved = []
-    for i, scene in enumerate(scenes):
-        own = {
-            u.key: float(value)
-            for u, value in zip(unknowns, values, strict=True)
-            if u.frame in (None, i) and has_key(scene, u.key)
-        }
-        moved.append(scene.with_values(own))
-    return moved
-
-
-def _blocks(stacks: list[Array]) -> Array:
-    """Bases of frames set one below the other: each is zero in the others' rows."""
-    rows = [stack.shape[1] for stack in stacks]
-    total = np.zeros((sum(len(s) for s in stacks), sum(rows), stacks[0].shape[2]))
-    member = top = 0
-    for stack, height in zip(stacks, rows, strict=True):
-        total[member : member + len(stack), top : top + height] = stack
-        member, top = member + len(stack), top + height
-    return total
+    def _bounds(self, unknown: Unknown) -> tuple[float, float]:
+        scene = self.first[unknown.frames[0]]
+        value = scene.get(unknown.key)
+        if isinstance(value, DistanceTable):
+            scene = scene.with_values({unknown.key: value.value[0]})
+        found = bounds(scene, (unknown.key,))
+        return float(found["lower"][0]), float(found["upper"][0])

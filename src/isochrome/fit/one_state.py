@@ -28,6 +28,34 @@ def frame_scene(scene: Scene, state: int) -> Scene:
     return scene_at(scene, distances[min(state - static_first, len(distances) - 1)])
 
 
+def frame_distance(scene: Scene, state: int) -> float | None:
+    """Sliding distance of a state (m), counted as in `frame_scene`; None where nothing slides."""
+    if scene.model != "contact" or (scene.load and scene.load.tangential_n is not None):
+        return None
+    static_first = bool(scene.friction and scene.friction.static_state_first)
+    if static_first and state == 0:
+        return None
+    distances = scene.wear.distances_m if scene.wear else (0.0,)
+    return distances[min(state - static_first, len(distances) - 1)]
+
+
+def state_scene(scene: Scene, state: int) -> Scene:
+    """The scene of one state with its whole history: its distance alone, tables as they are.
+
+    Parameters: `scene`; `state`, counted as in `frame_scene`. Returns a Scene of a single state,
+    which is exactly the scene's own.
+    """
+    distance = frame_distance(scene, state)
+    if distance is None:
+        return frame_scene(scene, state)
+    update: dict[str, Any] = {}
+    if scene.friction:
+        update["friction"] = scene.friction.model_copy(update={"static_state_first": False})
+    if scene.wear:
+        update["wear"] = scene.wear.model_copy(update={"distances_m": (distance,)})
+    return scene.model_copy(update=update)
+
+
 def scene_at(scene: Scene, distance_m: float) -> Scene:
     """The scene at one sliding distance: one state; load, friction and wear as numbers.
 

@@ -1,0 +1,92 @@
+"""What a fit refuses before it starts, and what the frames cannot tell apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.scene import DistanceTable, Scene
+from isochrome.simulate import no_model_sentence
+
+Array = NDArray[Any]
+
+_SAME_EFFECT = {
+    "specimen.fringe_value_n_per_mm": "only load over fringe value sets the fringe order",
+    "specimen.thickness_mm": "only load and thickness together set the fringe order",
+    "camera.pixel_mm": "a larger pixel and a larger load spread the fringes alike",
+}
+"""Keys that cannot be told from the load, and why."""
+
+_ALIKE = 0.9995
+_PLACE = ("camera.left_mm", "camera.top_mm")
+
+
+def refuse_keys(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> None:
+    """Refuse keys that are unknown, doubled, or have the same effect as the load.
+
+    Parameters: `scene`; `shared`, keys of all frames; `own`, keys with a value a frame. Raises
+    InputError that names the key and what to do.
+    """
+    if scene.model is None:
+        raise InputError(no_model_sentence(scene))
+    keys = shared + own
+    if not keys:
+        raise InputError("nothing to fit; name a key with --free, such as --free load.normal_n")
+    for key in keys:
+        _refuse_unfitted(scene, key, is_own=key in own)
+        if keys.count(key) > 1:
+            raise InputError(f"{key} is named twice; name it once, shared or per frame")
+    for key, reason in _SAME_EFFECT.items():
+        if key in keys and "load.normal_n" in keys:
+            raise InputError(
+                f"load.normal_n and {key} cannot both be free: {reason}; fix one of them"
+            )
+
+
+def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
+    """Refuse a key that is no number, or that does not change the simulated fringes."""
+    value = scene.get(key)
+    if key in _PLACE:
+        return
+    if isinstance(value, DistanceTable) and key != "friction.coefficient" and not is_own:
+        raise InputError(
+            f"{key} cannot be fitted: it is a table over distance in this scene; name it with "
+            "--per-frame, give it as a number, or leave it out"
+        )
+    if key.split(".")[0] in ("camera", "frames", "numerics") and key != "camera.pixel_mm":
+        raise InputError(
+            f"{key} cannot be fitted: the fringes' orders do not follow it; of the camera only "
+            f"{', '.join(_PLACE)} can be free"
+        )
+    if key == "camera.pixel_mm" and scene.model == "contact":
+        raise InputError(
+            "camera.pixel_mm of a contact cannot be fitted: the surface grid is made for it; "
+            "measure it on a scale in the picture's plane"
+        )
+    if isinstance(value, bool) or not isinstance(value, int | float | DistanceTable):
+        raise InputError(
+            f"{key} = {value!r} cannot be fitted: it is no number in this scene; give it one, or "
+            "leave it out"
+        )
+
+
+def refuse_alike(keys: tuple[str, ...], covariance: Array) -> None:
+    """Refuse unknowns that the frames cannot tell apart, by their correlation.
+
+    Parameters: `keys` of the unknowns (p,) and their `covariance` (p, p). Raises PhysicsError that
+    names the pair.
+    """
+    spread = np.sqrt(np.diag(covariance))
+    if not np.all(spread > 0.0):
+        return
+    correlation = covariance / np.outer(spread, spread)
+    np.fill_diagonal(correlation, 0.0)
+    i, j = np.unravel_index(int(np.abs(correlation).argmax()), correlation.shape)
+    if abs(correlation[i, j]) > _ALIKE:
+        raise PhysicsError(
+            f"{keys[i]} and {keys[j]} cannot be told apart in these frames (correlation "
+            f"{correlation[i, j]:.4f}); fix one of them"
+        )
