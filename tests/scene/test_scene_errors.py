@@ -14,9 +14,9 @@ from isochrome.scene.parts import (
     Load,
     Numerics,
     Polariscope,
-    Specimen,
     Wear,
 )
+from isochrome.scene.specimen import Specimen
 
 GOOD = dump_scene(load_scene("line-contact-wear"))
 

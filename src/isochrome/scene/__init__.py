@@ -11,11 +11,11 @@ from isochrome.scene.parts import (
     Polariscope,
     PolariscopeStep,
     Roi,
-    Specimen,
     Spectrum,
     Wear,
 )
 from isochrome.scene.scene import Scene
+from isochrome.scene.specimen import Specimen
 from isochrome.scene.tables import DistanceTable
 from isochrome.scene.toml import dump_scene, load_scene, parse_scene, scene_names
 

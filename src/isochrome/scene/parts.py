@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from isochrome.errors import InputError
+from isochrome.scene.specimen import Poisson
 from isochrome.scene.tables import (
     NUMBER,
     TABLE,
@@ -29,27 +30,10 @@ from isochrome.scene.tables import (
 )
 
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-Poisson = Annotated[float, Field(gt=-1, le=0.5, allow_inf_nan=False)]
 Wavelength = Annotated[float, Field(ge=200, le=3000)]
 Pixels = Annotated[int, Field(ge=1, le=100_000)]
 Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Rows = Annotated[int, Field(ge=0, le=100_000)]
-
-WITHOUT_MODEL = ("ring", "other")
-"""Specimen shapes that the image-only commands take, but that have no closed form here."""
-
-
-class Specimen(Part):
-    """The transparent block, disc or beam. Without `shape` it is a half-plane under a contact."""
-
-    shape: Literal["disc", "beam", "ring", "other"] | None = None
-    young_gpa: Positive | None = None
-    poisson: Poisson | None = None
-    plane: Literal["strain", "stress"] = "strain"
-    thickness_mm: Positive | None = None
-    fringe_value_n_per_mm: Positive | None = None
-    diameter_mm: Positive | None = None
-    height_mm: Positive | None = None
 
 
 class Indenter(Part):

@@ -10,7 +10,6 @@ from pydantic import Field, model_validator
 from isochrome.errors import InputError
 from isochrome.scene.mistakes import validate
 from isochrome.scene.parts import (
-    WITHOUT_MODEL,
     Camera,
     Frames,
     Friction,
@@ -18,9 +17,9 @@ from isochrome.scene.parts import (
     Load,
     Numerics,
     Polariscope,
-    Specimen,
     Wear,
 )
+from isochrome.scene.specimen import WITHOUT_MODEL, Specimen
 from isochrome.scene.tables import Distance, DistanceTable, Part, value_at
 
 
@@ -41,10 +40,10 @@ class Scene(Part):
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Scene:
-        if self.indenter is not None and self.specimen.shape is not None:
+        if self.indenter is not None and self.specimen.shape not in (None, "block"):
             raise ValueError(
                 f"[indenter] and [specimen] shape = '{self.specimen.shape}' exclude each other: "
-                "a contact's specimen is a half-plane; remove one"
+                "a contact's specimen is a half-plane or a block; remove one"
             )
         for key in self._needed():
             part, name = key.split(".")
@@ -57,6 +56,8 @@ class Scene(Part):
                 "wear.law = 'dissipated_energy' needs [friction], which dissipates the energy; "
                 "add it, or set wear.law = 'archard'"
             )
+        if self.specimen.shape == "block":
+            self._check_block()
         load = self.load
         if load is not None and isinstance(load.normal_n, DistanceTable):
             self._check_load_table(load)
@@ -70,6 +71,25 @@ class Scene(Part):
                     f"{outer:g}; are they swapped?"
                 )
         return self
+
+    def _check_block(self) -> None:
+        specimen = self.specimen
+        if self.indenter is None:
+            raise ValueError(
+                "specimen.shape = 'block' is a block under a contact; add [indenter], or set "
+                "shape = 'other' for frames without a model"
+            )
+        width, left = specimen.width_mm or 0.0, specimen.left_mm
+        if left is not None and not -width < left < 0.0:
+            raise ValueError(
+                f"specimen.left_mm = {left:g}, the block's left side from the contact's centre, "
+                f"must lie between -{width:g} (minus its width) and 0; correct it"
+            )
+        if specimen.support == "sliding" and self.friction is not None:
+            raise ValueError(
+                "specimen.support = 'sliding' holds no tangential load, and [friction] makes one; "
+                "set support = 'fixed', or remove [friction]"
+            )
 
     def _check_load_table(self, load: Load) -> None:
         if self.indenter is None:
@@ -101,7 +121,9 @@ class Scene(Part):
     def _needed(self) -> tuple[str, ...]:
         optics = ("specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "load.normal_n")
         if self.indenter is not None:
-            return ("specimen.young_gpa", "specimen.poisson", *optics)
+            block = ("specimen.width_mm", "specimen.height_mm")
+            size = block if self.specimen.shape == "block" else ()
+            return ("specimen.young_gpa", "specimen.poisson", *optics, *size)
         if self.specimen.shape == "disc":
             return ("specimen.diameter_mm", *optics)
         if self.specimen.shape == "beam":
@@ -109,7 +131,8 @@ class Scene(Part):
         return ()
 
     def _what(self) -> str:
-        return "a contact" if self.indenter is not None else f"a {self.specimen.shape}"
+        shape = self.specimen.shape
+        return "a contact" if self.indenter is not None and shape is None else f"a {shape}"
 
     @property
     def model(self) -> str | None:

@@ -73,7 +73,7 @@ def _stress(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressCompone
         surface_field_grid(pixels, surface.grid, scene.numerics.tolerance),
         surface.pressure_mpa,
         surface.shear_mpa if surface.shear_mpa.any() else None,
-        regular=regular_stress(scene),
+        regular=regular_stress(scene, surface, pixels),
     )
 
 
@@ -94,7 +94,7 @@ def _peak(
         surface.pressure_mpa,
         surface.shear_mpa,
         within=pixels,
-        regular=regular_stress(scene),
+        regular=regular_stress(scene, surface, pixels),
     )
 
 

@@ -23,12 +23,12 @@ from isochrome.optics import (
 )
 from isochrome.scene import Camera, Scene
 from isochrome.stress import (
-    NO_STRESS,
     FieldGrid,
     PixelGrid,
     RegularStress,
     StressDifference,
     beam_difference,
+    block_stress,
     disc_difference,
     field_dtype,
     make_field_grid,
@@ -134,19 +134,23 @@ def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> Stre
     grid = surface_field_grid(pixels, surface.grid, scene.numerics.tolerance)
     shear = surface.shear_mpa if surface.shear_mpa.any() else None
     field = stress_difference(grid, surface.pressure_mpa, shear)
-    regular = regular_stress(scene)
+    regular = regular_stress(scene, surface, pixels)
     if regular:
         field += regular.difference(pixels.x_mm[None, :], pixels.z_mm[:, None]).astype(field.dtype)
     return field
 
 
-def regular_stress(scene: Scene) -> RegularStress:
-    """Stress in a contact's specimen besides the contact's own: bulk stress and its changes."""
-    load = scene.load
+def regular_stress(scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
+    """Stress in a contact's specimen besides a half-plane's: bulk stress, a block's sides.
+
+    Parameters: `scene`; `surface`, what acts on it in one state; `pixels`, where it is wanted.
+    Returns a RegularStress (MPa). Raises InputError for pixels too far off in a block.
+    """
+    load, block = scene.load, block_stress(scene, surface, pixels)
     if load is None:
-        return NO_STRESS
+        return block
     slope = complex(load.bulk_along_x_mpa_per_mm or 0.0, load.bulk_along_z_mpa_per_mm or 0.0)
-    return RegularStress((complex(load.bulk_mpa or 0.0), slope))
+    return block + RegularStress((complex(load.bulk_mpa or 0.0), slope))
 
 
 @lru_cache(maxsize=2)

@@ -1,5 +1,6 @@
-"""Stress below the surface: half-plane fields of surface tractions, discs and beams."""
+"""Stress below the surface: half-planes and blocks under surface tractions, discs and beams."""
 
+from isochrome.stress.block import block_stress
 from isochrome.stress.closed_forms import (
     beam_bending,
     beam_components,
@@ -32,6 +33,7 @@ __all__ = [
     "beam_bending",
     "beam_components",
     "beam_difference",
+    "block_stress",
     "components_on_grid",
     "disc_components",
     "disc_difference",

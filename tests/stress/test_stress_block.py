@@ -1,0 +1,251 @@
+"""Blocks of finite size: what their sides and support add, against finite elements of all of it."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from finite_block import FRINGES_PER_MPA, PAIR, Solid, block_difference
+from isochrome.errors import InputError, PhysicsError
+from isochrome.scene import load_scene, parse_scene
+from isochrome.simulate import scene_states, simulate, state_difference
+from isochrome.stress import PixelGrid
+from isochrome.stress.block import FORCES, REACH, block_series
+from isochrome.stress.block_fem import Sides, corrections
+from isochrome.stress.point_force import PointForce, point_force_displacement, point_force_stress
+from isochrome.stress.regular import RegularStress
+from scene_texts import PAPER_CONTACT
+
+PAPER = Sides(-30.0, 30.0, 40.0, PAIR[1], False)
+NEAR_A_SIDE = PAPER._replace(left=-6.0, right=54.0)
+PLACES = np.meshgrid(np.linspace(-2.0, 2.0, 21), np.linspace(0.05, 3.0, 16))
+BLOCK = 'thickness_mm = 4.0\nshape = "block"\nwidth_mm = 60.0\nheight_mm = 40.0\n'
+SCENE = PAPER_CONTACT.replace("thickness_mm = 4.0\n", BLOCK)
+
+
+def change(series, other, radius):
+    """Largest difference of two stresses in a half disc, over the largest of the second."""
+    x, z = np.meshgrid(np.linspace(-1, 1, 25), np.linspace(0, 1, 13))
+    inside = np.hypot(x, z) <= 1.0
+    fields = [s.difference(radius * x[inside], radius * z[inside]) for s in (series, other)]
+    return np.abs(fields[0] - fields[1]).max() / np.abs(fields[1]).max()
+
+
+# The point force
+
+
+@pytest.mark.parametrize("force", FORCES, ids=["P", "Q", "P x", "Q x"])
+@pytest.mark.parametrize("poisson", [0.0, 0.4])
+def test_a_point_forces_displacement_strains_as_hooke_says(force, poisson):
+    x, z, h = *PLACES, 1e-5
+    z = z + 0.5
+
+    def slope(along):
+        ahead, behind = (
+            point_force_displacement(x + s * along * h, z + s * (1 - along) * h, force, poisson)
+            for s in (1, -1)
+        )
+        return [(a - b) / (2 * h) for a, b in zip(ahead, behind, strict=True)]
+
+    (xx, zx), (xz, zz) = slope(1), slope(0)
+    stress = point_force_stress(x, z, force)
+    # h² times third derivatives below 1e3, and rounding 1e-16/h
+    for strain, hooke in (
+        (xx, stress.sigma_x - poisson * stress.sigma_z),
+        (zz, stress.sigma_z - poisson * stress.sigma_x),
+        (xz + zx, 2 * (1 + poisson) * stress.tau_xz),
+    ):
+        assert np.abs(strain - hooke).max() < 1e-7
+
+
+@pytest.mark.parametrize(("normal", "tangential"), [(1.0, 0.0), (0.0, 1.0)])
+def test_a_point_force_is_what_it_is_called(normal, tangential):
+    """Tractions on a half circle about it balance it; its dipole is two of them."""
+    angle = np.pi * (np.arange(400) + 0.5) / 400
+    x, z = 2.0 * np.cos(angle), 2.0 * np.sin(angle)
+    stress = point_force_stress(x, z, PointForce(normal, tangential))
+    step = 2.0 * np.pi / 400
+    along = np.sum(stress.sigma_x * np.cos(angle) + stress.tau_xz * np.sin(angle)) * step
+    down = np.sum(stress.tau_xz * np.cos(angle) + stress.sigma_z * np.sin(angle)) * step
+    # midpoint rule of cosines, second order at worst
+    assert (along, down) == pytest.approx((-tangential, -normal), abs=1e-4)
+    h = 1e-4
+    dipole = point_force_stress(*PLACES, PointForce(normal, tangential, dipole=True))
+    right, left = (
+        point_force_stress(PLACES[0] - t, PLACES[1] + 0.5, PointForce(normal, tangential))
+        for t in (h, -h)
+    )
+    dipole = point_force_stress(PLACES[0], PLACES[1] + 0.5, PointForce(normal, tangential, True))
+    two = (right.difference - left.difference) / (2 * h)
+    assert np.abs(dipole.difference - two).max() < 1e-5  # h² times third derivatives
+
+
+# The correction
+
+
+def test_a_centred_blocks_corrections_are_even_under_a_normal_force_and_odd_under_a_shear():
+    """Mirrored at x = 0, sigma_x under P is the same and under Q its negative; dipoles swap."""
+    for force, series in zip(FORCES, block_series(PAPER).unit, strict=True):
+        sign = 1.0 if (force.normal == 1.0) != force.dipole else -1.0
+        # at the surface sigma_x = Re s_n x^n, and bending Im s_n n x^(n-1): one is even, one odd
+        mirrored = RegularStress(
+            tuple(sign * (-1) ** n * s.conjugate() for n, s in enumerate(series.series))
+        )
+        assert change(mirrored, series, 10.0) < 1e-9
+
+
+def test_a_block_ten_times_larger_has_a_tenth_of_the_correction():
+    """Stress is force per length: s_n of a force is in 1/mm^(n+1), of a dipole in 1/mm^(n+2)."""
+    larger = block_series(Sides(-300.0, 300.0, 400.0, PAIR[1], False))
+    for force, small, large in zip(FORCES, block_series(PAPER).unit, larger.unit, strict=True):
+        scaled = [s * 10.0 ** (n + 1 + force.dipole) for n, s in enumerate(large.series)]
+        assert change(RegularStress(tuple(scaled)), small, 10.0) < 1e-9
+
+
+@pytest.mark.parametrize("sides", [PAPER, PAPER._replace(sliding=True), NEAR_A_SIDE])
+def test_the_correction_converges_with_the_mesh_and_the_series_holds_it(sides):
+    reach = REACH * sides.clearance
+    coarse, usual, fine = (
+        corrections(sides, FORCES[:2], within_mm=reach, refine=r) for r in (0.5, 1.0, 2.0)
+    )
+    series = block_series(sides)
+    assert series.misfit < 1e-3
+    for unit, *samples in zip(series.unit[:2], coarse, usual, fine, strict=True):
+        largest = np.abs(samples[-1].stress.difference).max()
+        off = [
+            np.sqrt(
+                np.average(
+                    np.abs(unit.difference(s.x, s.z) - s.stress.difference) ** 2, weights=s.area
+                )
+            )
+            / largest
+            for s in samples
+        ]
+        # the usual mesh's series against other meshes' stresses: third order on the way to its own
+        assert off[2] < 3e-4 and off[0] > 3 * off[1]
+
+
+def test_a_dipole_is_the_change_as_the_contact_moves_along_the_block():
+    """Moved by t, the contact is a P at t: its correction is that of P and t times P's dipole."""
+    t = 0.3
+    moved = block_series(NEAR_A_SIDE._replace(left=-6.0 - t, right=54.0 - t)).unit[0]
+    force, _, dipole, _ = block_series(NEAR_A_SIDE).unit
+    x, z = PLACES
+    exact = moved.difference(x - t, z) - force.difference(x, z)
+    linear = t * dipole.difference(x, z)
+    # second order: t over the clearance, times a small factor
+    assert np.abs(exact - linear).max() < 2.0 * t / 6.0 * np.abs(linear).max()
+
+
+# Against all of a block
+
+
+def half_plane_and_block(solid):
+    """Stress difference of the contact in a half-plane and in a block, and the truth's, on pixels.
+
+    Away from the contact's edges, where neither mesh nor nodes resolve the root in the pressure.
+    """
+    pixels = PixelGrid(rows=41, cols=67, left_mm=-2.0, top_mm=0.25, pixel_mm=0.06)
+    friction = f"\n[friction]\ncoefficient = {solid.friction}\n" if solid.friction else ""
+    values = {"specimen.support": solid.support, "specimen.left_mm": solid.left_mm}
+    scene = parse_scene(SCENE + friction).with_values({**values, "numerics.spacing_mm": 0.0025})
+    half = scene.with_values({"specimen.shape": None})
+    state = scene_states(scene)[0]
+    return (
+        state_difference(half, state, pixels),
+        state_difference(scene, state, pixels),
+        block_difference(solid, pixels.x_mm, pixels.z_mm),
+    )
+
+
+@pytest.mark.parametrize(
+    ("solid", "bar"),
+    [
+        (Solid(spacing_mm=0.04), 2.5e-3),
+        pytest.param(Solid(support="sliding"), 1e-3, marks=pytest.mark.long),
+        pytest.param(Solid(friction=0.25), 1e-3, marks=pytest.mark.long),
+        pytest.param(Solid(left_mm=-6.0), 1e-3, marks=pytest.mark.long),
+    ],
+)
+def test_a_blocks_stress_is_that_of_finite_elements_of_all_of_it(solid, bar):
+    half, block, truth = half_plane_and_block(solid)
+    off = [FRINGES_PER_MPA * np.abs(field - truth).max() for field in (half, block)]
+    # bars: what the truth itself is off by at its mesh, as the next test shows
+    assert off[0] > 0.03 and off[1] < bar, off
+
+
+@pytest.mark.long
+def test_the_truth_converges_to_the_block():
+    off = []
+    for spacing in (0.04, 0.02, 0.01):
+        _, block, truth = half_plane_and_block(Solid(spacing_mm=spacing))
+        off.append(FRINGES_PER_MPA * np.abs(block - truth).max())
+    # the root of the pressure at the contact's edges limits it to first order and a half
+    assert off[1] < 0.5 * off[0] and off[2] < 0.5 * off[1] and off[2] < 3e-4, off
+
+
+# What a scene says of it
+
+
+def test_all_outputs_of_a_simulation_know_the_block():
+    camera = "\n[camera]\nwidth_px = 80\nheight_px = 60\npixel_mm = 0.03\n"
+    half, block = (
+        simulate(parse_scene(text + camera), components=True) for text in (PAPER_CONTACT, SCENE)
+    )
+    state, pixels = block.states[0], block.pixels
+    difference = state_difference(block.scene, state, pixels)
+    maps = block.maps
+    found = maps["sigma_x"] - maps["sigma_z"] + 2j * maps["tau_xz"]
+    assert np.abs(found - difference).max() < 1e-4  # single precision of some transforms
+    trace = [run.maps["sigma_x"] + run.maps["sigma_z"] for run in (half, block)]
+    added = block_series(PAPER).unit[0].trace(pixels.x_mm[None, :], pixels.z_mm[:, None])
+    assert np.allclose(trace[1] - trace[0], 11.0 * added, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("width_mm = 60.0\n", "", r"specimen.width_mm is missing, and a block needs it; add it"),
+        ("width_mm = 60.0", "width_mm = 60.0\nleft_mm = 3.0", r"left_mm = 3, .* -60 .* and 0"),
+        ("width_mm = 60.0", "width_mm = -60.0", r"specimen.width_mm = -60.0 is not allowed"),
+        (
+            "[load]",
+            "[friction]\ncoefficient = 0.1\n[load]",
+            None,
+        ),
+        ("[indenter]", "[friction]\ncoefficient = 0.1\n[indenter]", None),
+    ],
+)
+def test_a_block_that_cannot_be_is_refused(old, new, sentence):
+    text = SCENE.replace(old, new)
+    if sentence is None:
+        text = text.replace('"block"', '"block"\nsupport = "sliding"')
+        sentence = r"'sliding' holds no tangential load"
+    with pytest.raises(InputError, match=sentence):
+        parse_scene(text)
+
+
+def test_a_block_needs_a_contact():
+    text = SCENE[: SCENE.index("[indenter]")]
+    with pytest.raises(InputError, match=r"add \[indenter\], or set shape = 'other'"):
+        parse_scene(text)
+
+
+def test_a_picture_or_a_contact_beyond_the_corrections_is_refused():
+    camera = "\n[camera]\nwidth_px = 80\nheight_px = 60\npixel_mm = 0.03\n"
+    scene = parse_scene(SCENE + camera)
+    with pytest.raises(InputError, match=r"reaches 2[01]\.\d mm .* known within 18 mm; show less"):
+        simulate(scene.with_values({"camera.left_mm": -20.0}))
+    small = {"specimen.left_mm": -3.0, "camera.width_px": 40, "camera.height_px": 30}
+    with pytest.raises(PhysicsError, match=r"the contact reaches 0\.37\d mm .* 3 mm; a larger"):
+        simulate(scene.with_values(small))
+
+
+def test_without_the_library_one_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "skfem", None)
+    block_series.cache_clear()
+    camera = "\n[camera]\nwidth_px = 80\nheight_px = 60\npixel_mm = 0.03\n"
+    with pytest.raises(InputError, match=r"scikit-fem, .* 'pip install isochrome\[fem\]'"):
+        simulate(parse_scene(SCENE + camera))
+    simulate(parse_scene(PAPER_CONTACT + camera))
+    simulate(load_scene("line-contact-wear").model_copy(update={"wear": None}))
