@@ -12,60 +12,46 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.frames import tiff
 from isochrome.frames.source import (
+    MAX_BYTES,
+    Extent,
+    Form,
     Kind,
     RawFrame,
     Source,
+    Stamp,
     check_dtype,
-    check_same,
     check_size,
-    natural_key,
     refusing,
 )
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".dib", ".pgm", ".ppm", ".pnm", ".webp")
+WIDE = {"I": 4, "F": 4}
+"""Bytes of a channel in Pillow's wide modes."""
+
 PNG_END = b"IEND\xaeB`\x82"
 
 
 def open_images(paths: tuple[Path, ...], kind: Kind) -> Source:
     """Read the first of some image files of one size. Returns their Source. Raises InputError."""
-    first = read_image(paths[0])
+    first = paths[0]
+    form = Form.of(read_image(first))
+    head = tiff.open_tiff(first) if first.suffix.lower() in tiff.SUFFIXES else None
     return Source(
         kind=kind,
-        shape=(first.shape[0], first.shape[1]),
-        channels=1 if first.ndim == 2 else 3,
-        dtype=first.dtype,
-        sensor_bits=None,
-        frames=partial(_frames, paths),
+        form=form,
+        sensor_bits=head.sensor_bits if head else None,
+        frames=partial(_frames, paths, form),
+        extent=partial(Extent, len(paths)),
+        files=paths,
         names=tuple(p.name for p in paths),
-        pixel_mm=None,
-        count=len(paths),
+        pixel_mm=head.pixel_mm if head else None,
     )
 
 
-def images_in(folder: Path) -> tuple[Path, ...]:
-    """The image files of a folder in natural order, hidden ones left out. Raises InputError."""
-    with refusing(folder, "the folder cannot be read"):
-        found = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
-    wanted = [p for p in found if p.suffix.lower() in SUFFIXES + tiff.SUFFIXES]
-    if not wanted:
-        raise InputError(
-            f"{folder}: the folder holds no image; images end in "
-            f"{', '.join(SUFFIXES + tiff.SUFFIXES)}; name a folder with frames"
-        )
-    return tuple(sorted(wanted, key=lambda p: natural_key(p.name)))
-
-
-def _frames(paths: tuple[Path, ...]) -> Iterator[RawFrame]:
-    first: np.ndarray | None = None
-    for path in paths:
+def _frames(paths: tuple[Path, ...], form: Form, start: int) -> Iterator[RawFrame]:
+    for path in paths[start:]:
         image = read_image(path)
-        first = image if first is None else first
-        check_same(path, image, (first.shape[0], first.shape[1]), "the image")
-        if image.dtype != first.dtype:
-            raise InputError(
-                f"{path}: holds {image.dtype} pixels and {paths[0].name} {first.dtype}; save all "
-                "frames alike"
-            )
+        form.check(path, image, "the image")
         yield RawFrame(image, None, path.name)
 
 
@@ -78,17 +64,18 @@ def read_image(path: Path) -> np.ndarray:
     """
     if path.suffix.lower() in tiff.SUFFIXES:
         return tiff.read_single(path)
+    if Stamp.of(path).size > 2 * MAX_BYTES:
+        raise InputError(f"{path}: is larger than {2 * MAX_BYTES} bytes; is it one image?")
     with refusing(path, "not a readable image"):
         data = path.read_bytes()
-        if not data:
-            raise InputError(f"{path}: is empty (0 bytes); copy it again from its source")
         from PIL import Image, UnidentifiedImageError
 
         try:
             with Image.open(io.BytesIO(data)) as file:
-                check_size(path, file.height, file.width)
                 # Pillow makes 16-bit colour 8 bits and stretches PGM values: OpenCV does neither.
                 deep = file.format == "PNG" and data[24:25] == b"\x10"
+                channel = 2 if deep or "16" in file.mode else WIDE.get(file.mode, 1)
+                check_size(path, file.height, file.width, channel * len(file.getbands()))
                 if deep:
                     file.verify()  # checksums to the end: OpenCV would decode a part in silence
                 if deep or file.format == "PPM":
@@ -118,7 +105,7 @@ def _by_pillow(path: Path, file: object) -> np.ndarray:
 
 
 def _by_opencv(path: Path, data: bytes) -> np.ndarray:
-    from isochrome.frames.video import quiet_cv2
+    from isochrome.frames.video_opencv import quiet_cv2
 
     if data.startswith(b"\x89PNG") and PNG_END not in data:
         raise InputError(f"{path}: the image breaks off; copy it again from its source")

@@ -9,9 +9,12 @@ from pathlib import Path
 from isochrome.errors import InputError
 from isochrome.frames import images, tiff, video
 from isochrome.frames.mask import load_mask
+from isochrome.frames.parts import open_parts
 from isochrome.frames.reader import Channel, FrameReader, FramesPath
-from isochrome.frames.source import Kind, Source, natural_key
+from isochrome.frames.source import Kind, Source, natural_key, refusing
 from isochrome.scene import Roi, Scene
+
+KNOWN = images.SUFFIXES + tiff.SUFFIXES + video.SUFFIXES
 
 
 def open_frames(
@@ -22,8 +25,10 @@ def open_frames(
     roi: Roi | None = None,
     bit_depth: int | None = None,
 ) -> FrameReader:
-    """Open captured frames: a TIFF stack, an image, a folder, a list, a glob, or a video.
+    """Open captured frames: a TIFF stack, an image, a video, or a folder, list or glob of them.
 
+    Several videos, or several TIFF stacks, are one recording, in natural order (part2 before
+    part10) but for a list, which has its own.
     Parameters: `path`; `channel` of a colour source ('red', 'green', 'blue', 'mean'; when None, the
     one nearest to `wavelength_nm`: below 490 blue, below 580 green, else red, unknown green);
     `roi`, the part to yield; `bit_depth` of the sensor (when None, 8 or 16 by the file's type;
@@ -32,19 +37,20 @@ def open_frames(
     """
     source = _source(path)
     label = path if isinstance(path, str | Path) else f"{path[0]} ..."
-    rows, cols = source.shape
+    rows, cols = source.form.shape
+    dtype = source.form.dtype
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
         raise InputError(
             f"{label}: the roi, rows {roi.top_px} to {roi.top_px + roi.height_px} and columns "
             f"{roi.left_px} to {roi.left_px + roi.width_px}, lies outside the frame of {rows} rows "
             f"and {cols} columns; correct frames.roi"
         )
-    container = 8 * source.dtype.itemsize if source.dtype.kind == "u" else None
+    container = 8 * dtype.itemsize if dtype.kind == "u" else None
     if bit_depth is None:
         bit_depth = source.sensor_bits or container
     elif not 1 <= bit_depth <= (container or 16):
         raise InputError(
-            f"{label}: bit_depth = {bit_depth} does not fit pixels of type {source.dtype}, which "
+            f"{label}: bit_depth = {bit_depth} does not fit pixels of type {dtype}, which "
             f"take 1 to {container or 16}; correct camera.bit_depth"
         )
     taken = channel or channel_for(wavelength_nm)
@@ -84,9 +90,13 @@ def _source(path: FramesPath) -> Source:
             raise InputError("the list of frames is empty; name at least one image")
         return _of_files(files, "list")
     place = Path(path)
-    if place.is_dir():
-        return images.open_images(images.images_in(place), "folder")
-    if not place.exists():
+    try:
+        if place.is_dir():
+            return _of_files(_files_in(place), "folder")
+        there = os.path.lexists(place)
+    except (OSError, ValueError) as error:  # a name that no file can have
+        raise InputError(f"{path}: cannot be read ({error}); check its name") from error
+    if not there:
         found = sorted(glob.glob(os.fspath(path)), key=natural_key)
         if not found:
             raise InputError(f"{path}: no such file or folder; check its name")
@@ -94,20 +104,44 @@ def _source(path: FramesPath) -> Source:
     return _of_files((place,), "image")
 
 
+def _files_in(folder: Path) -> tuple[Path, ...]:
+    """The frame files of a folder in natural order, hidden ones left out. Raises InputError."""
+    with refusing(folder, "the folder cannot be read"):
+        found = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
+    wanted = sorted((p for p in found if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
+    if not wanted:
+        raise InputError(
+            f"{folder}: the folder holds no image and no video; they end in {', '.join(KNOWN)}; "
+            "name a folder with frames"
+        )
+    return tuple(wanted)
+
+
+def _suffix(path: Path) -> str:
+    return path.suffix.lower()
+
+
 def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
-    known = images.SUFFIXES + tiff.SUFFIXES + video.SUFFIXES
     for file in files:
-        if file.suffix.lower() not in known:
+        if _suffix(file) not in KNOWN:
             raise InputError(
                 f"{file}: frames cannot be read from a file of this kind; known are "
-                f"{', '.join(known)}, or a folder of images"
+                f"{', '.join(KNOWN)}, or a folder of images or videos"
             )
-        if not file.is_file():
-            raise InputError(f"{file}: no such file; check its name")
-    suffix = files[0].suffix.lower()
-    if len(files) == 1 and suffix in tiff.SUFFIXES:
-        return tiff.open_tiff(files[0])
-    moving = next((f for f in files if f.suffix.lower() in video.SUFFIXES), None)
-    if moving is not None and len(files) > 1:
-        raise InputError(f"{moving}: a video cannot be one of many frames; give it by itself")
-    return video.open_video(moving) if moving else images.open_images(files, kind)
+    moving = [f for f in files if _suffix(f) in video.SUFFIXES]
+    if moving and len(moving) < len(files):
+        still = next(f for f in files if f not in moving)
+        raise InputError(
+            f"{moving[0]}: is a video and {still.name} an image, and frames are either; name the "
+            f"ones wanted, such as '{moving[0].with_name('*' + moving[0].suffix)}'"
+        )
+    if moving:
+        alone = len(files) == 1
+        return video.open_video(files[0]) if alone else open_parts(files, video.open_video)
+    if all(_suffix(f) in tiff.SUFFIXES for f in files):
+        first = tiff.open_tiff(files[0])
+        if len(files) == 1 and (kind == "image" or first.extent().count > 1):
+            return first
+        if first.extent().count > 1:
+            return open_parts(files, tiff.open_tiff)
+    return images.open_images(files, kind)

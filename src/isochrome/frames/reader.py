@@ -43,10 +43,11 @@ class FrameReader:
     Attributes: `path`; `kind`, 'tiff', 'image', 'folder', 'list' or 'video'; `shape` (rows, cols)
     of what it yields and `full_shape` before the region of interest; `dtype`; `bit_depth` of the
     sensor (None for float frames, fractions of full scale then); `channel` taken of a colour
-    source (None for grey); `pixel_mm` that the file names, or None; `names` where each frame has
-    a file; `claimed_count`, what a video's head claims, not to be trusted; `mask` (rows, cols),
-    True on the specimen, which every frame carries, None where none was given. It holds no open
-    file between iterations, so that it may be handed to other processes.
+    source (None for grey); `pixel_mm` that the file names, or None; `files`, all that are read, in
+    order; `names` where each frame has a file; `claimed_count`, what a video's head claims, not to
+    be trusted; `mask` (rows, cols), True on the specimen, which every frame carries, None where
+    none was given. It holds no open file between iterations, so that it may be handed to other
+    processes, with what `count` has learnt of the places of a video's frames.
     """
 
     def __init__(
@@ -61,13 +62,15 @@ class FrameReader:
     ) -> None:
         self.path = path
         self.kind: Kind = source.kind
-        self.full_shape = source.shape
-        self.channel = channel if source.channels == 3 else None
+        form = source.form
+        self.full_shape = form.shape
+        self.channel = channel if form.channels == 3 else None
         self.roi = roi
-        self.shape = source.shape if roi is None else (roi.height_px, roi.width_px)
-        self.dtype = np.dtype(np.float32) if self.channel == "mean" else source.dtype
+        self.shape = form.shape if roi is None else (roi.height_px, roi.width_px)
+        self.dtype = np.dtype(np.float32) if self.channel == "mean" else form.dtype
         self.bit_depth = bit_depth
         self.pixel_mm = source.pixel_mm
+        self.files = source.files
         self.names = source.names
         self.claimed_count = source.claimed
         self.mask = mask
@@ -76,13 +79,43 @@ class FrameReader:
 
     def __iter__(self) -> Iterator[Frame]:
         """Frames from the first to the last; raises InputError that names a bad one."""
-        running = self._read()
+        return self.iterate()
+
+    def iterate(self, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
+        """Frames `start` to `stop` - 1 in order, the very same that a whole iteration gives.
+
+        What it costs to come to `start`: nothing for TIFF stacks and images, one page being found
+        as fast as another. In a video, all frames before it are decoded (not converted); after
+        `count`, with PyAV, those since the last key frame only. Of several files, after `count`,
+        only the one that holds `start` is opened. Memory: one frame, and what the codec keeps.
+
+        Parameters: `start`, `stop` (None: to the end), frame numbers from 0. Returns an iterator,
+        which raises InputError that names a bad frame, or where the source ends before `stop`.
+        """
+        if start < 0 or (stop is not None and stop < start):
+            raise InputError(
+                f"frames {start} to {stop} cannot be read: give 0 <= start <= stop, counted from 0"
+            )
+        running = self._read(start, stop)
         self._running.add(running)
         return running
 
-    def _read(self) -> Generator[Frame]:
-        for index, raw in enumerate(self._source.frames()):
-            yield Frame(index, self._prepare(raw, index), raw.time_s, raw.name, self.mask)
+    def _read(self, start: int, stop: int | None) -> Generator[Frame]:
+        if start == stop:
+            return
+        index = start
+        frames = self._source.frames(start)
+        try:
+            for index, raw in enumerate(frames, start):
+                yield Frame(index, self._prepare(raw, index), raw.time_s, raw.name, self.mask)
+                if index + 1 == stop:
+                    return
+        finally:
+            close = getattr(frames, "close", None)
+            if close is not None:  # and with it the file
+                close()
+        if stop is not None:
+            raise InputError(f"{self.path}: ends before frame {stop - 1}; was it changed?")
 
     def _prepare(self, raw: RawFrame, index: int) -> np.ndarray:
         image = raw.image
@@ -99,9 +132,7 @@ class FrameReader:
 
     def count(self) -> int:
         """Number of frames; a video is decoded to its end for it, its head is not believed."""
-        if self._source.count is not None:
-            return self._source.count
-        return sum(1 for _ in self._source.frames())
+        return self._source.extent().count
 
     def __enter__(self) -> FrameReader:
         return self

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import stat
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +18,12 @@ from isochrome.errors import InputError
 MAX_PIXELS = 200_000_000
 """A frame that claims more pixels is a damaged or hostile file: refused before memory is taken."""
 
+MAX_BYTES = 400_000_000
+"""The same for its bytes when decoded: decoders hold some copies of a frame at a time."""
+
+CLOCK_S = 2.0
+"""The coarsest clock of a file system (FAT)."""
+
 Kind = Literal["tiff", "image", "folder", "list", "video"]
 
 
@@ -30,24 +37,108 @@ class RawFrame:
 
 
 @dataclass(frozen=True)
-class Source:
-    """What the head of a file tells, and how to read its frames from the first to the last.
+class Form:
+    """What all frames of a source share: `shape` (rows, cols), `channels` (1 or 3), pixel type."""
 
-    `shape` (rows, cols) of the full frame; `channels` 1 or 3; `sensor_bits` as the file names
-    them; `count` where it is certain, `claimed` what an untrustworthy container says. Each call of
-    `frames` opens the file anew, so that no two readers share an open one.
-    """
-
-    kind: Kind
     shape: tuple[int, int]
     channels: int
     dtype: np.dtype
+
+    @classmethod
+    def of(cls, image: np.ndarray) -> Form:
+        """The form of a frame (row, col) or (row, col, 3)."""
+        return cls((image.shape[0], image.shape[1]), 1 if image.ndim == 2 else 3, image.dtype)
+
+    def check(self, path: str | Path, image: np.ndarray, what: str) -> None:
+        """Refuse a frame unlike the first. Raises InputError that says `what` it is, and how."""
+        other = Form.of(image)
+        if other.shape != self.shape:
+            raise InputError(
+                f"{path}: {what} is {other.shape[0]} x {other.shape[1]} pixels (rows x columns) "
+                f"and the first is {self.shape[0]} x {self.shape[1]}; all frames must have one "
+                "size: remove or crop the odd one"
+            )
+        if other != self:
+            raise InputError(
+                f"{path}: {what} holds {other.pixels} pixels and the first {self.pixels} ones; "
+                "save all frames alike"
+            )
+
+    @property
+    def pixels(self) -> str:
+        """The kind of pixels in words."""
+        return f"{'grey' if self.channels == 1 else 'colour'} {self.dtype}"
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How long a source is: `count` of frames, and `end_s`, when one more frame would have come.
+
+    `end_s` counts from the first frame's time, and is None where the file tells no times.
+    """
+
+    count: int
+    end_s: float | None = None
+
+
+def next_time(before_s: float | None, last_s: float | None) -> float | None:
+    """When one more frame would come after the last two (s); None where a time is not known."""
+    return None if before_s is None or last_s is None else last_s + (last_s - before_s)
+
+
+@dataclass(frozen=True)
+class Source:
+    """What the head of a file tells, and how to read its frames.
+
+    `form` of the full frames; `sensor_bits` as the file names them; `frames(start)` yields the
+    frames from number `start` to the last, in order, and opens the file anew, so that no two
+    readers share an open one; `extent()` is certain: it decodes where heads are not to be trusted;
+    `files`, all that are read; `names`, of each frame where each has a file; `claimed`, what an
+    untrustworthy head says; `start_s`, the first frame's own time stamp, from which times count.
+    """
+
+    kind: Kind
+    form: Form
     sensor_bits: int | None
-    frames: Callable[[], Iterator[RawFrame]]
+    frames: Callable[[int], Iterator[RawFrame]]
+    extent: Callable[[], Extent]
+    files: tuple[Path, ...]
     names: tuple[str, ...] = ()
     pixel_mm: float | None = None
-    count: int | None = None
     claimed: int | None = None
+    start_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """Size (bytes) and time of the last change (s) of a file, to see whether it stays as it was."""
+
+    size: int
+    changed_s: float
+
+    @classmethod
+    def of(cls, path: Path) -> Stamp:
+        """A file's stamp now. Raises InputError where it is missing, empty, or no plain file."""
+        try:
+            found = path.stat()
+        except FileNotFoundError as error:
+            raise InputError(f"{path}: no such file; check its name") from error
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read ({error}); check its name") from error
+        if not stat.S_ISREG(found.st_mode):
+            raise InputError(f"{path}: is not a file; name the file itself")
+        if found.st_size == 0:
+            raise InputError(f"{path}: is empty (0 bytes); copy it again from its source")
+        return cls(found.st_size, found.st_mtime)
+
+    def check(self, path: Path) -> None:
+        """Refuse a file that is no longer what it was, as one being recorded. Raises InputError."""
+        now = Stamp.of(path)
+        if now.size != self.size or abs(now.changed_s - self.changed_s) > CLOCK_S:
+            raise InputError(
+                f"{path}: changed while it was read ({self.size} bytes before, {now.size} now); "
+                "wait until its recording has ended, and start again"
+            )
 
 
 @contextmanager
@@ -67,22 +158,21 @@ def refusing(path: str | Path, what: str = "cannot be read") -> Iterator[None]:
         raise InputError(f"{path}: {what} ({reason}); check the file, or save it again") from error
 
 
-def check_size(path: str | Path, rows: int, cols: int) -> None:
-    """Refuse a frame whose head claims no pixels, or more than `MAX_PIXELS`. Raises InputError."""
-    if not 0 < rows * cols <= MAX_PIXELS:
+def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> None:
+    """Refuse a frame whose head claims no pixels, or too many, before memory is taken for it.
+
+    Parameters: `path`; `rows`, `cols`; `pixel_bytes`, of all channels of a decoded pixel. Raises
+    InputError.
+    """
+    if rows <= 0 or cols <= 0 or rows * cols > MAX_PIXELS:
         raise InputError(
             f"{path}: claims a frame of {rows} x {cols} pixels, and 1 to {MAX_PIXELS} pixels are "
             "allowed; is the file damaged? crop it or save it again"
         )
-
-
-def check_same(path: str | Path, image: np.ndarray, shape: tuple[int, int], what: str) -> None:
-    """Refuse a frame whose rows and columns differ from the first one's. Raises InputError."""
-    if image.shape[:2] != shape:
+    if rows * cols * pixel_bytes > MAX_BYTES:
         raise InputError(
-            f"{path}: {what} is {image.shape[0]} x {image.shape[1]} pixels (rows x columns) and "
-            f"the first is {shape[0]} x {shape[1]}; all frames must have one size: remove or crop "
-            "the odd one"
+            f"{path}: claims a frame of {rows} x {cols} pixels of {pixel_bytes} bytes, and "
+            f"{MAX_BYTES} bytes are allowed; is the file damaged? crop it or save it again"
         )
 
 

@@ -1,0 +1,106 @@
+"""One contract for all readers: the right frame, its time and its bit depth, or a refusal."""
+
+import pickle
+import sys
+
+import numpy as np
+import pytest
+
+from frames.recordings import COLS, COUNT, MOVING, ROWS, STILL, coded, decoded
+from isochrome.errors import InputError
+from isochrome.frames import open_frames
+
+RANGES = ((0, 0), (0, 1), (5, 9), (8, 8 + 9), (16, 19), (31, COUNT), (COUNT - 1, COUNT), (3, 4))
+"""Within a group of frames of one key frame (8 frames), at it, over it, at the files' ends."""
+
+QUICK = (
+    "OpenCV's MJPG in AVI",
+    "FFV1 10 bit",
+    "FFV1 16 bit",
+    "H.264 in MP4, uneven",
+    "H.264 in AVI",
+    "glob of H.264 with B-frames in AVI",
+    "folder of FFV1 16 bit",
+)
+VIDEOS = [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in MOVING]
+
+
+def same(a, b):
+    return (
+        (a.index, a.time_s, a.name) == (b.index, b.time_s, b.name)
+        and a.image.dtype == b.image.dtype
+        and np.array_equal(a.image, b.image)
+    )
+
+
+def check_contract(recording, path):
+    full = 1.0 if recording.bits is None else 2.0**recording.bits - 1
+    with open_frames(path) as reader:
+        assert (reader.kind, reader.shape, reader.bit_depth) == (
+            recording.kind,
+            (ROWS, COLS),
+            recording.bits,
+        )
+        frames = list(reader)
+        assert [decoded(f.image, full) for f in frames] == list(range(COUNT))
+        assert [f.index for f in frames] == list(range(COUNT))
+        assert all(f.image.dtype == reader.dtype and f.image.shape == reader.shape for f in frames)
+        if recording.times is None:
+            assert {f.time_s for f in frames} == {None}
+        else:  # containers round to a millisecond
+            assert [f.time_s for f in frames] == pytest.approx(list(recording.times), abs=1.01e-3)
+        for f in frames:
+            wanted = coded(f.index, full)
+            if recording.exact:
+                np.testing.assert_array_equal(f.image, wanted.astype(reader.dtype))
+            else:  # a lossy codec's error, and rounding on the way to it: under 3 % of full scale
+                inner = np.s_[ROWS // 2 : -8, 8:24]
+                assert abs(float(f.image[inner].mean()) - wanted[inner].mean()) < 0.03 * full
+        if recording.pixel_mm is not None:
+            assert reader.pixel_mm == pytest.approx(recording.pixel_mm, rel=1e-5)
+        # any part of it, by a reader that has not counted, by one that has, and by its copy
+        assert all(same(a, b) for a, b in zip(reader, frames, strict=True)), "reads again"
+        fresh = pickle.loads(pickle.dumps(reader))
+        assert reader.count() == COUNT
+        for one in (fresh, reader, pickle.loads(pickle.dumps(reader))):
+            for start, stop in RANGES:
+                part = list(one.iterate(start, stop))
+                assert len(part) == stop - start
+                assert all(same(a, b) for a, b in zip(part, frames[start:stop], strict=True))
+        with pytest.raises(InputError, match="ends before frame"):
+            list(reader.iterate(COUNT - 2, COUNT + 1))
+
+
+@pytest.mark.parametrize("name", STILL)
+def test_stills_keep_the_contract(name, tmp_path):
+    check_contract(STILL[name], STILL[name].write(tmp_path))
+
+
+@pytest.mark.parametrize("name", VIDEOS)
+def test_videos_keep_the_contract_by_pyav(name, tmp_path):
+    path = MOVING[name].write(tmp_path)
+    pytest.importorskip("av")
+    check_contract(MOVING[name], path)
+
+
+def refusal(path):
+    """Why a recording is refused, None where it is read to its end."""
+    try:
+        with open_frames(path) as reader:
+            list(reader)
+            reader.count()
+    except InputError as error:
+        return str(error)
+    return None
+
+
+@pytest.mark.parametrize("name", VIDEOS)
+def test_videos_keep_the_contract_by_opencv_or_are_refused(name, tmp_path, monkeypatch, capfd):
+    path = MOVING[name].write(tmp_path)
+    monkeypatch.setitem(sys.modules, "av", None)
+    reason = refusal(path)
+    if reason is None:
+        check_contract(MOVING[name], path)
+    else:
+        assert "pip install isochrome[video]" in reason and "\n" not in reason
+    assert capfd.readouterr().err == ""
