@@ -72,10 +72,11 @@ class Fit:
         }
 
 
-def make_result(joint: JointFit, alone: list[FrameFit]) -> Fit:
+def make_result(joint: JointFit, alone: list[FrameFit], notes: tuple[str, ...] = ()) -> Fit:
     """A fit as it is reported.
 
-    Parameters: `joint`, over all frames; `alone`, the frames' own fits, for their other minima.
+    Parameters: `joint`, over all frames; `alone`, the frames' own fits, for their other minima;
+    `notes`, what else is to be said.
     """
     shared: Found = {}
     own: list[Found] = [{} for _ in joint.scenes]
@@ -104,7 +105,7 @@ def make_result(joint: JointFit, alone: list[FrameFit]) -> Fit:
         joint.chi,
         joint.scene.with_values(means) if means else joint.scene,
         [_others(fit) for fit in alone],
-        tuple(_warnings(joint, alone)),
+        (*notes, *_warnings(joint, alone)),
     )
 
 

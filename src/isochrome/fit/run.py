@@ -12,6 +12,7 @@ from isochrome.fit.joint_start import fit_alone, starting_values
 from isochrome.fit.refuse import refuse_alike, refuse_keys
 from isochrome.fit.result import Fit, fitted_scene, make_result
 from isochrome.fit.sequence import make_sequence
+from isochrome.fit.smooth import with_smooth_stress
 from isochrome.output import provenance, staged, write_csv, write_figure, write_json, write_text
 from isochrome.progress import Progress
 from isochrome.scene import Scene, dump_scene, load_scene
@@ -50,8 +51,9 @@ def fit(
     data = FrameSet(frames, scene)
     steps = _Steps(progress, len(data))
     joint, alone = _fitted(data, shared, own, follow=follow, steps=steps)
+    joint, notes = with_smooth_stress(data, joint, shape=data.shape, told=steps.one)
     refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance)
-    result = make_result(joint, alone)
+    result = make_result(joint, alone, notes)
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "fit.csv", result.table())
