@@ -13,7 +13,7 @@ import isochrome
 
 HOUSE = Path(isochrome.__file__).parent
 
-LEAVES = ("errors", "progress", "output", "figures", "reference")
+LEAVES = ("errors", "progress", "output", "runs", "figures", "reference")
 """Rooms that anybody to their right may use; they know nothing but each other."""
 
 ORDER = (
@@ -21,6 +21,7 @@ ORDER = (
     "progress",
     "reference",
     "output",
+    "runs",
     "figures",
     "scene",
     "contact",
@@ -104,7 +105,7 @@ def test_the_command_line_imports_nothing_heavy_before_it_is_needed():
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("room", ["scene", "contact", "stress", "optics", "simulate", "output"])
+@pytest.mark.parametrize("room", ["scene", "contact", "stress", "optics", "simulate", "output", "runs"])
 def test_a_room_imports_no_drawing_or_image_library_at_its_door(room):
     code = f"import sys, isochrome.{room}; print([m for m in {HEAVY!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -21,6 +21,7 @@ _HOMES = {
     "fit": "isochrome.fit.run",
     "load_scene": "isochrome.scene",
     "open_frames": "isochrome.frames",
+    "open_run": "isochrome.runs",
     "process": "isochrome.process.run",
     "simulate": "isochrome.simulate.run",
     "write_into_scene": "isochrome.calibrate",

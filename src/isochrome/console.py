@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import monotonic
 from typing import Any
 
 import typer
+
+from isochrome.progress import Tally
 
 
 @contextmanager
@@ -20,6 +23,41 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(what, total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+@contextmanager
+def run_bar(what: str) -> Iterator[Callable[[Tally], None]]:
+    """Frames done, a second, flagged, and the time left, on standard error; nothing in a pipe."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[flagged]} flagged"),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task(what, total=0, rate="", flagged=0)
+        began = monotonic()
+
+        def show(tally: Tally) -> None:
+            own, seconds = tally.done - tally.before, monotonic() - began
+            rate = f"{own / seconds:.3g} frames/s" if own and seconds > 0.0 else ""
+            progress.update(
+                task,
+                completed=tally.done,
+                total=tally.count,
+                rate=rate,
+                flagged=tally.flagged,
+            )
+
+        yield show
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import TypeVar
 
 Progress = Callable[[int, int], None]
@@ -20,3 +21,20 @@ def counted(items: Iterator[T], count: int, progress: Progress | None) -> Iterat
         yield item
         if progress is not None:
             progress(done, count)
+
+
+@dataclass(frozen=True)
+class Tally:
+    """How far a long run is: items `done` of `count`, those of them that were there when it began.
+
+    `flagged`, those that have warnings or failed.
+    """
+
+    done: int
+    count: int
+    before: int
+    flagged: int
+
+
+RunProgress = Callable[[Tally], None]
+"""Called with a Tally when a run begins or goes on, and after each chunk."""

@@ -17,3 +17,13 @@ FramesArgument = Annotated[
     str, typer.Argument(help="TIFF stack, image, folder of images, or video.")
 ]
 SetArgument = Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", help="Processes; by default as many as pay.", show_default=False),
+]
+Cluster = Annotated[
+    str | None, typer.Option("--cluster", help="Address of a Dask scheduler, tcp://host:8786.")
+]
+Restart = Annotated[
+    bool, typer.Option("--restart", help="Begin anew, whatever an earlier run has left.")
+]

@@ -15,13 +15,14 @@ from isochrome.output.files import (
 )
 from isochrome.output.record import provenance, sha256, write_figure
 from isochrome.output.scale import pixel_mm_of, read_pixel_mm
-from isochrome.output.tables import TableWriter, read_csv, write_csv
+from isochrome.output.tables import TableWriter, csv_text, read_csv, write_csv
 from isochrome.output.tiff import Photometric, TiffWriter, write_tiff
 
 __all__ = [
     "Photometric",
     "TableWriter",
     "TiffWriter",
+    "csv_text",
     "output_folder",
     "pixel_mm_of",
     "plain",

@@ -6,8 +6,9 @@ their centres. The library that knows the file format is an extra of its own.
 
 from __future__ import annotations
 
+import zipfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
@@ -60,12 +61,30 @@ def write_rois(
     region of interest's place, to lay the lines on full frames. Raises InputError where the file
     cannot be written, the lines and frames do not agree in number, or the library is not installed.
     """
-    roifile, target = load_roifile(), Path(path)
+    load_roifile()
+    target = Path(path)
     if target.suffix.lower() != ".zip":
         raise InputError(f"{target}: ImageJ keeps a set of ROIs in a .zip file; name it so")
     if frames is not None and len(frames) != len(lines):
         raise InputError(f"{target}: {len(lines)} lines and {len(frames)} frames: give one a line")
-    rois, seen, numbers = [], Counter[str](), Counter[int]()
+    entries = roi_entries(lines, frames=frames, top_px=top_px, left_px=left_px)
+    with replacing(target) as beside, zipfile.ZipFile(beside, "w") as archive:
+        add_rois(archive, entries)
+
+
+def roi_entries(
+    lines: Sequence[Line],
+    *,
+    frames: Sequence[int] | None = None,
+    top_px: int = 0,
+    left_px: int = 0,
+) -> list[tuple[str, bytes]]:
+    """Fringe lines as the files in ImageJ's .zip: the name of each, and its bytes.
+
+    Parameters as in `write_rois`; all lines of a frame are to be given together.
+    """
+    roifile = load_roifile()
+    entries, seen, numbers = [], Counter[str](), Counter[int]()
     for k, line in enumerate(lines):
         frame = -1 if frames is None else frames[k]
         number = numbers[frame]
@@ -85,11 +104,18 @@ def write_rois(
             position=None if frames is None else frame,
         )
         roi.roitype = roifile.ROI_TYPE.POLYLINE
-        rois.append(roi)
-    # a colon is not allowed in a file's name on Windows, where a user may unpack the .zip
-    entries = [f"{roi.name.replace(':', '')}.roi" for roi in rois]
-    with replacing(target) as beside:
-        roifile.roiwrite(beside, rois, name=entries, mode="w")
+        # a colon is not allowed in a file's name on Windows, where a user may unpack the .zip
+        entries.append((f"{name.replace(':', '')}.roi", roi.tobytes()))
+    return entries
+
+
+def add_rois(archive: zipfile.ZipFile, contents: Iterable[tuple[str, bytes]]) -> None:
+    """Add ROIs to a .zip, all of the first date that it knows: the same ROIs are the same bytes.
+
+    Parameters: `archive`, open for writing; `contents`, the name of each and its bytes.
+    """
+    for name, data in contents:
+        archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)
 
 
 def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -83,6 +84,18 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
     """
     with TableWriter(path) as table:
         table.append(columns)
+
+
+def csv_text(columns: Mapping[str, Any]) -> str:
+    """A table as the text that `write_csv` would write, to be put together with others.
+
+    Parameters: `columns`, name to values, all of one length.
+    """
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+    return text.getvalue()
 
 
 def _cells(values: Any) -> list[str]:

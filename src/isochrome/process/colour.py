@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from isochrome.frames import (
     CHANNELS,
     Frame,
     FrameReader,
+    FramesPath,
     estimate_noise,
     load_no_load,
     open_scene_frames,
@@ -109,7 +109,7 @@ def _table(scene: Scene) -> ColourTable:
     return spectral_table(scene.polariscope, camera_response(scene.camera, path))
 
 
-def colour_frames(path: str | Path, scene: Scene) -> Iterator[list[Frame]]:
+def colour_frames(path: FramesPath, scene: Scene) -> Iterator[list[Frame]]:
     """The three channels of each frame of a set, red, green and blue.
 
     Parameters: `path` of the frames; `scene`. Yields lists of three Frames.

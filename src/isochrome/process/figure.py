@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isochrome.figures import FRAME_MAP, LINE_COLOURS, VALUE_MAP, new_figure, show_image
 from isochrome.fringes.skeleton import Skeleton, order_contours
-from isochrome.process.result import ProcessedFrame
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
@@ -22,14 +22,34 @@ _MOST_LINES = 12
 """Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""
 
 
-def process_figure(scene: Scene, items: list[ProcessedFrame]) -> Figure:
+@dataclass(frozen=True)
+class Shown:
+    """A processed frame as it is drawn: maps (rows, cols), NaN = not known, None = not read.
+
+    `label`; `chi`; `kept`, the share of pixels whose order is known; `lines`, found without an
+    order; `pixel_mm`, `left_mm`, `top_mm`, its scale and outer corner.
+    """
+
+    label: str
+    chi: float
+    kept: float
+    normalised: np.ndarray
+    order: np.ndarray | None
+    isoclinic: np.ndarray | None
+    lines: list[Skeleton]
+    pixel_mm: float | None
+    left_mm: float
+    top_mm: float
+
+
+def process_figure(scene: Scene, items: list[Shown]) -> Figure:
     """Captured frames with the fringes found in them; beside each its fringe order, if known.
 
     A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles.
 
-    Parameters: `scene`; `items`, up to six processed frames. Returns a Figure.
+    Parameters: `scene`; `items`, up to six of the frames. Returns a Figure.
     """
-    read = any(item.reading is not None for item in items)
+    read = any(item.order is not None for item in items)
     rows, cols = items[0].normalised.shape
     turned = any(item.isoclinic is not None for item in items)
     across = 2 + turned if read else min(3, len(items))
@@ -39,20 +59,20 @@ def process_figure(scene: Scene, items: list[ProcessedFrame]) -> Figure:
     axes: Any = figure.subplots(down, across, squeeze=False)
     largest = max((_largest(item) for item in items), default=1.0)
     for k, item in enumerate(items):
-        place = _place(item, scene)
+        place = _place(item)
         ax = axes[k, 0] if read else axes.flat[k]
-        judged = item.reading is not None and np.isfinite(item.chi)  # no model, no chi
+        judged = item.order is not None and np.isfinite(item.chi)  # no model, no chi
         title = f"{item.label}: chi = {item.chi:.2f}" if judged else item.label
         show_image(
             ax, np.clip(item.normalised, -0.05, 1.05), cmap=FRAME_MAP, vmin=0, vmax=1,
             title=title, **place,
         )  # fmt: skip
         lines = item.lines
-        if item.reading is not None:
-            lines = order_contours(item.reading.order, _line_orders(largest))
+        if item.order is not None:
+            lines = order_contours(item.order, _line_orders(largest))
             shown = show_image(
-                axes[k, 1], item.reading.order, cmap=VALUE_MAP, vmin=0, vmax=largest,
-                title=f"fringe order, {100 * item.reading.kept:.1f} % known",
+                axes[k, 1], item.order, cmap=VALUE_MAP, vmin=0, vmax=largest,
+                title=f"fringe order, {100 * item.kept:.1f} % known",
                 colour_label="fringe order N (fringes)", **place,
             )  # fmt: skip
             shown.set_interpolation("nearest")
@@ -86,15 +106,14 @@ def _show_isoclinic(axes: Any, isoclinic: np.ndarray, place: dict[str, Any]) -> 
     shown.set_interpolation("nearest")
 
 
-def _largest(item: ProcessedFrame) -> float:
-    if item.reading is None or not np.isfinite(item.reading.order).any():
+def _largest(item: Shown) -> float:
+    if item.order is None or not np.isfinite(item.order).any():
         return 1.0
-    return float(np.nanpercentile(item.reading.order, 99.9))
+    return float(np.nanpercentile(item.order, 99.9))
 
 
-def _place(item: ProcessedFrame, scene: Scene) -> dict[str, Any]:
-    left, top = item.corner_mm(scene)
-    return {"pixel_mm": item.pixel_mm, "left_mm": left, "top_mm": top}
+def _place(item: Shown) -> dict[str, Any]:
+    return {"pixel_mm": item.pixel_mm, "left_mm": item.left_mm, "top_mm": item.top_mm}
 
 
 def _draw(axes: Any, lines: list[Skeleton], place: dict[str, Any]) -> None:

@@ -1,121 +1,116 @@
-"""What `process` leaves on disk: maps and lines frame by frame, then tables and a figure."""
+"""The files that `process` makes when all frames are done: tables, figure, dataset, scene."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterable
-from dataclasses import dataclass
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from isochrome.fringes.residual import Residual
-from isochrome.fringes.skeleton import Skeleton, skeleton_table
-from isochrome.output import (
-    TableWriter,
-    TiffWriter,
-    provenance,
-    staged,
-    write_csv,
-    write_figure,
-    write_json,
-    write_text,
-    write_tiff,
+from isochrome.output import replacing, write_csv, write_figure, write_text, write_tiff
+from isochrome.process.chunk import (
+    ISOCLINIC,
+    LINES,
+    NORMALISED,
+    ORDER,
+    ROIS,
+    joined_rois,
+    joined_tables,
+    lines_of,
 )
-from isochrome.output.roi import write_rois
-from isochrome.process.figure import process_figure
-from isochrome.process.processed import Processed, collect
-from isochrome.process.result import ProcessedFrame
-from isochrome.scene import Scene, dump_scene
+from isochrome.process.dataset import columns_dataset
+from isochrome.process.figure import Shown, process_figure
+from isochrome.process.processed import Processed, collect, tabulate
+from isochrome.process.recipe import Recipe
+from isochrome.runs import STORE, Bench, Job
+from isochrome.runs.chunks import parts, picture, rows
+from isochrome.runs.store import add_columns
+from isochrome.scene import dump_scene
 
 _SHOWN = 6
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """What stays of the frames: `rows` of frames.csv, `shown` in the figure, `lines` by frame."""
-
-    rows: list[dict[str, Any]]
-    shown: list[ProcessedFrame]
-    lines: list[tuple[int, Skeleton]]
-
-
-def write_folder(
-    done: Iterable[ProcessedFrame],
-    scene: Scene,
-    out: Path,
-    inputs: str | Path,
+def finish_folder(
+    bench: Bench,
+    job: Job,
+    recipe: Recipe,
     shape: tuple[int, int],
-    *,
     residual: Residual | None = None,
-    rois: bool = False,
 ) -> Processed:
-    """Stream the maps and lines to disk; keep the numbers, and the first frames for the figure.
+    """Make the files that need all frames, from what is kept of their chunks.
 
-    Parameters: `done`, the frames as they come; `scene`; `out`, the folder; `inputs`, the captured
-    files; `shape` (rows, cols); `residual`, what was taken out of the frames; `rois`, whether the
-    fringe lines are wanted as ImageJ ROIs too. Returns Processed. Raises InputError where the
-    folder cannot be written.
+    Parameters: `bench`, where the run's chunks lie; `job`; `recipe`; `shape` (rows, cols);
+    `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError.
     """
-    with staged(out) as folder:
-        seen = _stream(done, scene, folder, rois=rois)
-        result = collect(scene, seen.rows, None, shape, residual)
-        write_csv(folder / "frames.csv", result.table)
-        if rois:
-            frames = [frame for frame, _ in seen.lines]
-            write_rois(folder / "skeleton.zip", [line for _, line in seen.lines], frames=frames)
-        if residual is not None:
-            pixel = scene.camera.pixel_mm if scene.camera else None
-            for name in ("order", "isoclinic"):
-                values = getattr(residual, name)[None]
-                write_tiff(folder / f"residual_{name}.tif", values, pixel_mm=pixel)
-        if result.fitted is not None:
-            write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
-        text = dump_scene(scene)
-        write_text(folder / "scene.toml", text)
-        write_json(folder / "provenance.json", provenance(text, _files(scene, inputs)))
-        write_figure(folder / "process.png", process_figure(scene, seen.shown))
+    folder, scene = bench.results, recipe.scene
+    more: dict[str, list[Any]] = {}
+
+    def rows_alone() -> Any:
+        for row, rest in rows(bench):
+            for name, value in rest.items():
+                more.setdefault(name, []).append(value)
+            yield row
+
+    table = tabulate(rows_alone())
+    result = collect(scene, table, more["status"], None, shape, residual)
+    write_csv(folder / "frames.csv", table)
+    _join_lines(bench, recipe)
+    if residual is not None:
+        pixel = scene.camera.pixel_mm if scene.camera else None
+        for name in ("order", "isoclinic"):
+            values = getattr(residual, name)[None]
+            write_tiff(folder / f"residual_{name}.tif", values, pixel_mm=pixel)
+    if result.fitted is not None:
+        write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
+    write_text(folder / "scene.toml", dump_scene(scene))
+    write_figure(folder / "process.png", process_figure(scene, _shown(bench, table, more)))
+    add_columns(folder / STORE, columns_dataset(scene, table, more, shape, job.identity))
     return result
 
 
-def _stream(done: Iterable[ProcessedFrame], scene: Scene, folder: Path, *, rois: bool) -> _Seen:
-    """Write each frame's maps and lines as it comes."""
-    seen = _Seen([], [], [])
-    with contextlib.ExitStack() as stack:
-        writers: dict[str, TiffWriter] = {}
-        table: TableWriter | None = None
-        for item in done:
-            maps = item.maps()
-            if not writers:
-                pixel = item.pixel_mm or (scene.camera.pixel_mm if scene.camera else None)
-                writers = {
-                    name: stack.enter_context(TiffWriter(folder / f"{name}.tif", pixel_mm=pixel))
-                    for name in maps
-                }
-            for name, values in maps.items():
-                writers[name].append(values)
-            # where a model was fitted, its frames can be drawn anew: lines are for who asks
-            lines = item.skeleton() if rois or item.fit is None else []
-            if lines:
-                table = table or stack.enter_context(TableWriter(folder / "skeleton.csv"))
-                table.append(_columns(item, lines, scene))
-                seen.lines.extend((item.index, line) for line in lines if rois)
-            seen.rows.append(item.row())
-            if len(seen.shown) < _SHOWN:
-                seen.shown.append(item)
-    return seen
+def _join_lines(bench: Bench, recipe: Recipe) -> None:
+    """skeleton.csv where a line was found, and skeleton.zip where it was asked for."""
+    if next(parts(bench, LINES), None) is not None:
+        with replacing(bench.results / LINES) as beside, open(beside, "wb") as file:
+            joined_tables(parts(bench, LINES), file.write)
+    if recipe.rois:
+        with (
+            replacing(bench.results / ROIS) as beside,
+            zipfile.ZipFile(beside, "w") as archive,
+        ):
+            joined_rois(parts(bench, ROIS), archive)
 
 
-def _files(scene: Scene, inputs: str | Path) -> list[Path]:
-    """The captured files and the no-load frames, for their hashes."""
-    frames = scene.frames
-    named = (frames.no_load_dark, frames.no_load_bright, frames.no_load_steps, frames.mask)
-    return [Path(inputs)] + [scene.path(name) for name in named if name is not None]
+def _shown(bench: Bench, table: dict[str, list[Any]], more: dict[str, list[Any]]) -> list[Shown]:
+    """The first frames in which something was found, as they are drawn."""
+    status = more["status"]
+    good = [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
+    tables = (
+        Path(file).read_bytes()
+        for index in sorted({k // bench.layout.chunk for k in good})
+        if (file := bench.part_file(LINES, index)).is_file()
+    )
+    lines = {k: own for text in tables for k, own in lines_of(text, set(good)).items()}
+    names = {layer.name for layer in bench.layout.layers}
 
+    def read(layer: str, item: int) -> np.ndarray | None:
+        there = layer in names and more["read"][item]
+        return picture(bench, layer, item) if there else None
 
-def _columns(item: ProcessedFrame, lines: list[Skeleton], scene: Scene) -> dict[str, Any]:
-    """A frame's part of skeleton.csv."""
-    left, top = item.corner_mm(scene)
-    table = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
-    return {"frame": np.full(len(table["line"]), item.index), **table}
+    return [
+        Shown(
+            label=str(table["label"][k]),
+            chi=float(table["chi"][k]),
+            kept=more["kept"][k] if more["kept"][k] is not None else float("nan"),
+            normalised=picture(bench, NORMALISED.name, k),
+            order=read(ORDER.name, k),
+            isoclinic=read(ISOCLINIC.name, k),
+            lines=lines.get(k, []),
+            pixel_mm=table["pixel_mm"][k],
+            left_mm=more["left_mm"][k],
+            top_mm=more["top_mm"][k],
+        )
+        for k in good
+    ]

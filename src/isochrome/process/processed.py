@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from isochrome.fit.run import fitted_scene
 from isochrome.fringes.residual import Residual
+from isochrome.output import read_csv
 from isochrome.process.result import SPREAD, ProcessedFrame
+from isochrome.runs import open_run
+from isochrome.runs.store import values_of
 from isochrome.scene import Scene
 from isochrome.simulate import no_model_sentence
 
@@ -20,7 +25,8 @@ class Processed:
 
     `scene`, as given; `fitted`, with the frames' fitted values (means; friction over distance);
     `warnings` of the whole set; `model`, the scene's. Both are None where there is no model.
-    `residual`, the residual stress that was taken out, None where nobody gave a no-load set.
+    `residual`, the residual stress that was taken out, None where nobody gave a no-load set;
+    `already`, whether an earlier run had left it all; `failed`, how many frames were left out.
     """
 
     scene: Scene
@@ -30,31 +36,69 @@ class Processed:
     fitted: Scene | None
     warnings: tuple[str, ...]
     residual: Residual | None = None
+    already: bool = False
+    failed: int = 0
+
+
+def tabulate(rows: Iterable[dict[str, Any]]) -> dict[str, list[Any]]:
+    """Rows as columns, in order of first appearance, the warnings last; None where a row has none.
+
+    Parameters: `rows`, of frames.csv, one a frame. Returns column name to values.
+    """
+    table: dict[str, list[Any]] = {}
+    for number, row in enumerate(rows):
+        for name in row:
+            if name not in table:
+                table[name] = [None] * number
+        for name, values in table.items():
+            values.append(row.get(name))
+    return dict(sorted(table.items(), key=lambda item: item[0] == "warnings"))
 
 
 def collect(
     scene: Scene,
-    rows: list[dict[str, Any]],
+    table: dict[str, list[Any]],
+    status: list[str],
     frames: list[ProcessedFrame] | None,
     shape: tuple[int, int],
     residual: Residual | None = None,
 ) -> Processed:
-    """Put the frames' rows together.
+    """Put the frames' findings together.
 
-    Parameters: `scene`; `rows`, of frames.csv, one a frame; `frames`, None where they were
-    streamed; `shape` (rows, cols) of the frames; `residual`, what was taken out of them. Returns
-    Processed.
+    Parameters: `scene`; `table`, the columns of frames.csv; `status` of each frame; `frames`, None
+    where they were streamed; `shape` (rows, cols) of the frames; `residual`, what was taken out of
+    them. Returns Processed.
     """
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    names.sort(key=lambda name: name == "warnings")
-    table = {name: [row.get(name) for row in rows] for name in names}
     alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
     told = scene.model or alone or scene.frames.known_order
     warnings = [] if told else [no_model_sentence(scene)]
     warnings += _of_residual(scene, residual) if residual is not None else []
-    warnings += [f"frame {row['frame']}: {row['warnings']}" for row in rows if row["warnings"]]
-    fitted = _fitted(scene, rows, shape) if scene.model and not alone else None
-    return Processed(scene, scene.model, table, frames, fitted, tuple(warnings), residual)
+    warnings += [
+        f"frame {index}: {said}"
+        for index, said in zip(table["frame"], table["warnings"], strict=True)
+        if said
+    ]
+    fitted = _fitted(scene, table, shape) if scene.model and not alone else None
+    failed = status.count("failed")
+    return Processed(
+        scene, scene.model, table, frames, fitted, tuple(warnings), residual, failed=failed
+    )
+
+
+def restore(
+    scene: Scene, out: Path, shape: tuple[int, int], residual: Residual | None
+) -> Processed:
+    """What an earlier run found, from the folder that it left complete.
+
+    Parameters: `scene`; `out`, the folder; `shape` (rows, cols) of the frames; `residual`, what was
+    taken out of them. Returns Processed. Raises InputError.
+    """
+    names = read_csv(out / "frames.csv")
+    with open_run(out) as dataset:
+        table = {name: values_of(dataset[name]) for name in names}
+        status = values_of(dataset["status"])
+    table["warnings"] = ["" if said is None else said for said in table["warnings"]]
+    return replace(collect(scene, table, status, None, shape, residual), already=True)
 
 
 def _of_residual(scene: Scene, residual: Residual) -> list[str]:
@@ -68,11 +112,18 @@ def _of_residual(scene: Scene, residual: Residual) -> list[str]:
     return said
 
 
-def _fitted(scene: Scene, rows: list[dict[str, Any]], shape: tuple[int, int]) -> Scene:
-    """The scene with the means of the frames' fitted values."""
-    own = [{k: {"value": row[k]} for k in row if f"{k} {SPREAD}" in row} for row in rows]
+def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -> Scene | None:
+    """The scene with the means of the frames' fitted values; None where no frame has any."""
+    pixels = [pixel for pixel in table["pixel_mm"] if pixel is not None]
+    if not pixels:
+        return None
+    keys = [name for name in table if f"{name} {SPREAD}" in table]
+    own = [
+        {key: {"value": table[key][k]} for key in keys if table[key][k] is not None}
+        for k in range(len(table["frame"]))
+    ]
     grid = {
-        "camera.pixel_mm": rows[0]["pixel_mm"],  # a disc's may come from its rim
+        "camera.pixel_mm": pixels[0],  # a disc's may come from its rim
         "camera.height_px": shape[0],
         "camera.width_px": shape[1],
     }

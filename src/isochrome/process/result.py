@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.fit.frame_fit import FrameFit
-from isochrome.frames import Linear
+from isochrome.frames import Frame, Linear
 from isochrome.fringes.branch import OrderReading
 from isochrome.fringes.line_orders import number_lines
 from isochrome.fringes.skeleton import Skeleton, order_contours
@@ -46,6 +46,16 @@ def largest_pixel(order: Array) -> dict[str, Any]:
     return {"n_max": float(order[row, col]), "n_max_row_px": int(row), "n_max_col_px": int(col)}
 
 
+def failed_frame(frame: Frame, why: str) -> ProcessedFrame:
+    """A frame in which nothing could be found, and the sentence that says why."""
+    nothing = np.full(frame.image.shape[:2], np.nan, dtype=np.float32)
+    none = float("nan")
+    return ProcessedFrame(
+        frame.index, frame.name, frame.name, none, nothing, None, None, [], none, none, None,
+        (why,), failed=True,
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class ProcessedFrame:
     """What was found in one frame; maps are (rows, cols), NaN = not known.
@@ -54,7 +64,8 @@ class ProcessedFrame:
     (None without a model); `fit` and the fitted `scene` (None without one); `lines`, the fringe
     skeleton (without a model); `noise` of the signal; `chi`, residual over noise of the whole
     frame; `warnings` in plain words; `isoclinic`, direction of sigma_1 in degrees (phase-stepped
-    sets alone), and `columns`, what such a set has in frames.csv besides.
+    sets alone), and `columns`, what such a set has in frames.csv besides; `time_s` since the
+    recording began, where the file knows it; `failed`, whether nothing could be found in it.
     """
 
     index: int
@@ -71,6 +82,13 @@ class ProcessedFrame:
     warnings: tuple[str, ...]
     isoclinic: Array | None = None
     columns: dict[str, Any] = field(default_factory=dict)
+    time_s: float | None = None
+    failed: bool = False
+
+    @property
+    def status(self) -> str:
+        """'ok', 'flagged' (there are warnings) or 'failed'."""
+        return "failed" if self.failed else "flagged" if self.warnings else "ok"
 
     def skeleton(self) -> list[Skeleton]:
         """The fringe lines, with their orders where the frame has a reading.
@@ -129,6 +147,8 @@ class ProcessedFrame:
             "noise": self.noise,
             "pixel_mm": self.pixel_mm,
         }
+        if self.failed:
+            return row | {"warnings": "; ".join(self.warnings)}
         if self.columns:
             return row | self.columns | {"warnings": "; ".join(self.warnings)}
         if self.fit is None or self.reading is None:

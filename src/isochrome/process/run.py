@@ -1,41 +1,40 @@
-"""`process`: the fringe order of every captured frame, one frame in memory at a time."""
+"""`process`: the fringe order of every captured frame, chunk by chunk, in bounded memory."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import hashlib
+import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from isochrome.errors import InputError
-from isochrome.fit.one_state import frame_scene, scene_at
-from isochrome.frames import Frame, FrameReader, load_no_load, open_scene_frames
-from isochrome.fringes.residual import Residual
+from isochrome.frames import FrameReader, FramesPath
 from isochrome.fringes.steps import make_design
 from isochrome.optics import make_chain
 from isochrome.output.roi import load_roifile
-from isochrome.process.colour import (
-    check_colour,
-    colour_capture,
-    colour_frames,
-    process_colour,
-)
-from isochrome.process.folder import write_folder
-from isochrome.process.image_only import process_image_only
-from isochrome.process.processed import Processed, collect
-from isochrome.process.result import Capture, ProcessedFrame
-from isochrome.process.stepped import load_residual, process_stepped, states_of
-from isochrome.process.with_model import process_with_model
-from isochrome.progress import Progress, counted
+from isochrome.process.chunk import layers_of, process_chunk
+from isochrome.process.colour import check_colour
+from isochrome.process.folder import finish_folder
+from isochrome.process.inputs import identity_of, set_pixel
+from isochrome.process.processed import Processed, collect, restore, tabulate
+from isochrome.process.recipe import OpenSet, Recipe, close_kept, opened
+from isochrome.progress import RunProgress, Tally
+from isochrome.runs import Job, Layout, Means, chunk_size, run_job, single_threaded
 from isochrome.scene import Scene, load_scene
 
 
 def process(
-    frames: str | Path,
+    frames: FramesPath,
     scene: str | Path | Scene,
     out: str | Path | None = None,
     *,
     rois: bool = False,
-    progress: Progress | None = None,
+    workers: int | None = 1,
+    cluster: str | None = None,
+    restart: bool = False,
+    keep_going: bool = False,
+    progress: RunProgress | None = None,
 ) -> Processed:
     """Fringe order of every frame of a captured set.
 
@@ -50,24 +49,104 @@ def process(
     frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv (fringe lines, where
     no model was fitted), isoclinic.tif (steps: degrees, direction of sigma_1), residual_order.tif
     and residual_isoclinic.tif (of the no-load steps), fitted_scene.toml (to simulate what was
-    found), scene.toml, provenance.json and process.png; `rois`, whether skeleton.csv and
-    skeleton.zip, the lines as ImageJ ROIs that lie on these maps, are wanted of every frame;
-    `progress`, called with (done, all).
+    found), scene.toml, provenance.json, process.png and run.zarr, which has all of it with named
+    axes (`isochrome.open_run`); `rois`, whether skeleton.csv and skeleton.zip, the lines as ImageJ
+    ROIs that lie on these maps, are wanted of every frame.
+    What is finished is kept in OUT.partial until all is: the same call after a crash goes on there.
+    `workers`, processes on this machine, None: as many as there are processors, where that pays (a
+    script that asks for more than one needs the usual `if __name__ == "__main__":`); `cluster`, the
+    address of a Dask scheduler instead; `restart`, to begin anew; `keep_going`, to leave out frames
+    that fail, with the reason in their warnings, instead of ending with the first; `progress`,
+    called with a Tally.
     Returns Processed, with the frames in memory only without `out`. Raises InputError,
     PhysicsError.
     """
     scene = load_scene(scene)
-    coloured = scene.polariscope.several_wavelengths
-    if coloured:
+    _check_scene(scene)
+    if rois:
+        load_roifile()  # missing, it is to be said before hours of work
+    if out is None and (cluster is not None or workers != 1):
+        raise InputError("workers and a cluster write to a folder: give out")
+    frames = frames if isinstance(frames, str | Path) else tuple(frames)
+    recipe = Recipe(frames, scene, "not yet known", rois, keep_going)
+    try:
+        with single_threaded():
+            source = opened(recipe)
+            count = source.reader.count()
+            _check_set(scene, source.reader, count)
+            if out is None:
+                return _in_memory(source, count // recipe.steps, progress)
+            means = Means(workers, cluster, restart, keep_going)
+            return _to_folder(source, count // recipe.steps, Path(out), means, progress)
+    finally:
+        close_kept()
+
+
+def _in_memory(source: OpenSet, count: int, progress: RunProgress | None) -> Processed:
+    """All states, kept in memory."""
+    kept, flagged = [], 0
+    for item in source.states(0, count):
+        kept.append(item)
+        flagged += item.status != "ok"
+        if progress is not None:
+            progress(Tally(len(kept), count, 0, flagged))
+    table = tabulate(item.row() for item in kept)
+    status = [item.status for item in kept]
+    return collect(source.recipe.scene, table, status, kept, source.reader.shape, source.residual)
+
+
+def _to_folder(
+    source: OpenSet, count: int, out: Path, means: Means, progress: RunProgress | None
+) -> Processed:
+    """All states, by whoever computes them, into a folder."""
+    scene, shape, residual = source.recipe.scene, source.reader.shape, source.residual
+    identity = identity_of(source.recipe)
+    digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
+    recipe = replace(source.recipe, key=digest)
+    source.recipe = recipe  # opened under this name, it need not be opened again
+    if means.cluster is not None:
+        recipe = _absolute(recipe)
+    chunk = chunk_size(count, 4 * shape[0] * shape[1])
+    layout = Layout(
+        {"frame": count},
+        {"row": shape[0], "col": shape[1]},
+        layers_of(scene),
+        chunk,
+        set_pixel(source),
+    )
+    job = Job(partial(process_chunk, recipe), layout, identity)
+    found = run_job(
+        job,
+        out,
+        lambda bench: finish_folder(bench, job, recipe, shape, residual),
+        means=means,
+        progress=progress,
+    )
+    return found or restore(scene, out, shape, residual)
+
+
+def _absolute(recipe: Recipe) -> Recipe:
+    """A recipe whose files are found from any folder, as another machine stands in another."""
+    frames = recipe.frames
+    if isinstance(frames, str | Path):
+        frames = str(Path(frames).absolute())
+    else:
+        frames = tuple(str(Path(path).absolute()) for path in frames)
+    folder = (recipe.scene.folder or Path()).absolute()
+    scene = recipe.scene.model_copy(update={"folder": folder})
+    return replace(recipe, frames=frames, scene=scene)
+
+
+def _check_scene(scene: Scene) -> None:
+    """Refuse a scene whose frames cannot be read, before they are opened."""
+    steps = len(scene.polariscope.step)
+    if scene.polariscope.several_wavelengths:
         check_colour(scene)
     elif scene.frames.colour_table is not None:
         raise InputError(
             f"{scene.name}: frames.colour_table is for light of several wavelengths; add "
             "polariscope.light = 'white', or remove the table"
         )
-    steps = len(scene.polariscope.step)
-    if rois:
-        load_roifile()  # missing, it is to be said before hours of work
     if scene.model is None and scene.polariscope.field == "plane" and not steps:
         raise InputError(
             f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics cannot be "
@@ -80,80 +159,6 @@ def process(
             f"{scene.name}: frames.no_load_steps needs [[polariscope.step]], one for each of its "
             "frames; add them, or remove the key"
         )
-    with open_scene_frames(frames, scene) as reader:
-        count = reader.count()
-        _check_set(scene, reader, count)
-        residual = load_residual(scene, reader)
-        if coloured:
-            states = _coloured(frames, reader, scene)
-        else:
-            states = _stepped(reader, scene, residual) if steps else _processed(reader, scene)
-        done = counted(states, count // max(steps, 1), progress)
-        if out is None:
-            kept = list(done)
-            return collect(scene, [item.row() for item in kept], kept, reader.shape, residual)
-        return write_folder(
-            done, scene, Path(out), frames, reader.shape, residual=residual, rois=rois
-        )
-
-
-def _processed(reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
-    """Frame after frame, each on its own."""
-    dark, bright = load_no_load(scene, full_shape=reader.full_shape)
-    capture = Capture(reader.bit_depth, dark, bright)
-    for frame in reader:
-        if scene.model is None:
-            yield process_image_only(frame, scene, capture)
-        else:
-            own, label, distance = _state_of(scene, frame)
-            found = process_with_model(frame, own, capture)
-            yield replace(found, label=label, distance_m=distance)
-
-
-def _stepped(
-    reader: FrameReader, scene: Scene, residual: Residual | None
-) -> Iterator[ProcessedFrame]:
-    """State after state of a phase-stepped set, each on its own."""
-    capture = Capture(reader.bit_depth)
-    for index, frames in enumerate(states_of(reader, scene)):
-        if scene.model is None:
-            yield process_stepped(frames, scene, capture, index=index, residual=residual)
-            continue
-        first = replace(frames[0], index=index)
-        own, label, distance = _state_of(scene, first)
-        found = process_stepped(frames, own, capture, index=index, residual=residual)
-        label = found.label if label == first.name else label
-        yield replace(found, label=label, distance_m=distance)
-
-
-def _coloured(path: str | Path, reader: FrameReader, scene: Scene) -> Iterator[ProcessedFrame]:
-    """Colour frame after colour frame, each on its own."""
-    capture = colour_capture(scene, reader)
-    for frames in colour_frames(path, scene):
-        own, label, distance = scene, frames[0].name, float("nan")
-        if scene.model is not None:
-            own, label, distance = _state_of(scene, frames[0])
-        yield replace(process_colour(frames, own, capture), label=label, distance_m=distance)
-
-
-def _state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:
-    """The one-state scene of a frame, its label and distance (m)."""
-    speed = scene.frames.sliding_speed_mm_per_s
-    if speed is not None:
-        if frame.time_s is None:
-            raise InputError(
-                f"frame {frame.index} ({frame.name}) has no time, which "
-                "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
-            )
-        distance = 1e-3 * speed * frame.time_s
-        return scene_at(scene, distance), f"{distance:.4g} m", distance
-    own = frame_scene(scene, frame.index)
-    if scene.model != "contact":
-        return own, frame.name, 0.0
-    if own.wear is not None:
-        distance = own.wear.distances_m[0]
-        return own, f"{distance:g} m", distance
-    return own, "initial sliding" if own.friction else "static", 0.0
 
 
 def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:

@@ -1,0 +1,64 @@
+"""What a set's results depend on: its files, those that its scene names, and the scale."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from isochrome.errors import IsochromeError
+from isochrome.fit.frame_data import prepare_frame
+from isochrome.frames import FramesPath
+from isochrome.output import provenance
+from isochrome.process.place import placed_disc
+from isochrome.process.recipe import OpenSet, Recipe
+from isochrome.process.result import Capture
+from isochrome.runs import environment
+from isochrome.scene import Scene, dump_scene
+
+
+def identity_of(recipe: Recipe) -> Mapping[str, Any]:
+    """What a run on a set is a result of, as provenance.json keeps it. Raises InputError."""
+    scene = recipe.scene
+    seed = scene.camera.seed if scene.camera else None
+    record = provenance(dump_scene(scene), input_files(recipe.frames, scene), seed)
+    return record | environment() | {"options": {"rois": recipe.rois}}
+
+
+def input_files(frames: FramesPath, scene: Scene) -> list[Path]:
+    """The captured files, and those that the scene names, in order.
+
+    Parameters: `frames`, as for `open_frames`; `scene`. Returns their paths.
+    """
+    found: list[Path] = []
+    for path in [frames] if isinstance(frames, str | Path) else frames:
+        place = Path(path)
+        found += [place] if place.exists() else map(Path, sorted(glob.glob(str(path))))
+    own = scene.frames
+    named = [own.no_load_dark, own.no_load_bright, own.no_load_steps, own.mask, own.colour_table]
+    named += [scene.camera.response if scene.camera else None]
+    named += [scene.indenter.profile if scene.indenter else None]
+    return found + [scene.path(name) for name in named if name is not None]
+
+
+def set_pixel(source: OpenSet) -> float | None:
+    """The side of a pixel (mm) for the scale of the stacks; None where it is not known.
+
+    A disc without camera.pixel_mm gives it by its rim, that of the first frame here.
+    """
+    scene, capture = source.recipe.scene, source.capture
+    if scene.camera is not None and scene.camera.pixel_mm is not None:
+        return scene.camera.pixel_mm
+    fitted = scene.model == "disc" and not scene.polariscope.step
+    if not fitted or not isinstance(capture, Capture):
+        return None
+    first = next(iter(source.reader))
+    try:
+        data = prepare_frame(
+            first, scene, bit_depth=capture.bit_depth, no_load=(capture.dark, capture.bright)
+        )
+        placed, _ = placed_disc(scene, data)
+    except IsochromeError:  # said where the frame itself is processed
+        return None
+    return placed.camera.pixel_mm if placed.camera else None

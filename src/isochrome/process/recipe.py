@@ -1,0 +1,167 @@
+"""What is done to a set: its frames, state after state, each on its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+
+from isochrome.errors import InputError, IsochromeError
+from isochrome.fit.one_state import frame_scene, scene_at
+from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load, open_scene_frames
+from isochrome.fringes.residual import Residual
+from isochrome.process.colour import ColourCapture, colour_capture, colour_frames, process_colour
+from isochrome.process.image_only import process_image_only
+from isochrome.process.result import Capture, ProcessedFrame, failed_frame
+from isochrome.process.source import Cursor
+from isochrome.process.stepped import load_residual, process_stepped
+from isochrome.process.with_model import process_with_model
+from isochrome.scene import Scene
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A set and what is to be done to it, for any process: `frames`, the files; `scene`.
+
+    `key` is the same for the same recipe on the same content; `rois`, whether fringe lines are
+    wanted of frames with a fit too; `keep_going`, whether a frame that fails is left out.
+    """
+
+    frames: FramesPath
+    scene: Scene
+    key: str
+    rois: bool = False
+    keep_going: bool = False
+
+    @property
+    def coloured(self) -> bool:
+        """Whether the orders are read from colours."""
+        return self.scene.polariscope.several_wavelengths
+
+    @property
+    def steps(self) -> int:
+        """Frames that make one state."""
+        return max(1, len(self.scene.polariscope.step))
+
+
+class OpenSet:
+    """An opened set: its `reader`, what all frames share, and where its reading stands."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        """Open the files. Raises InputError."""
+        scene = recipe.scene
+        self.recipe = recipe
+        self.reader = open_scene_frames(recipe.frames, scene)
+        self.capture: Capture | ColourCapture = Capture(self.reader.bit_depth)
+        self.residual: Residual | None = None
+        if recipe.coloured:
+            self.capture = colour_capture(scene, self.reader)
+        elif scene.polariscope.step:
+            self.residual = load_residual(scene, self.reader)
+        else:
+            dark, bright = load_no_load(scene, full_shape=self.reader.full_shape)
+            self.capture = Capture(self.reader.bit_depth, dark, bright)
+        self._cursor = Cursor[list[Frame]](self._begin)
+
+    def _begin(self, start: int) -> Iterator[list[Frame]]:
+        """The frames of one state after another, from state `start` on."""
+        if self.recipe.coloured:
+            yield from islice(colour_frames(self.recipe.frames, self.recipe.scene), start, None)
+            return
+        steps = self.recipe.steps
+        frames = frames_from(self.reader, start * steps)
+        while len(together := list(islice(frames, steps))) == steps:
+            yield together
+
+    def states(self, start: int, stop: int) -> Iterator[ProcessedFrame]:
+        """What is found in the states [start, stop). Raises InputError, PhysicsError."""
+        index = start
+        for frames in self._cursor.take(start, stop):
+            yield self._processed(index, frames)
+            index += 1
+        if index < stop:
+            raise InputError(
+                f"{self.reader.path}: breaks off after {index * self.recipe.steps} frames, and had "
+                "more when it was counted; is it still being written?"
+            )
+
+    def _processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:
+        first = replace(frames[0], index=index)
+        try:
+            found = self._read(first, frames)
+        except IsochromeError as error:
+            if not self.recipe.keep_going:
+                raise
+            found = failed_frame(first, str(error))
+        return replace(found, time_s=first.time_s)
+
+    def _read(self, first: Frame, frames: list[Frame]) -> ProcessedFrame:
+        """One state, with its label and distance."""
+        scene, capture, index = self.recipe.scene, self.capture, first.index
+        own, label, distance = scene, None, float("nan")
+        if scene.model is not None:
+            own, label, distance = state_of(scene, first)
+        if isinstance(capture, ColourCapture):
+            found = process_colour(frames, own, capture)
+        elif scene.polariscope.step:
+            found = process_stepped(frames, own, capture, index=index, residual=self.residual)
+            label = None if label == first.name else label  # its own name says from where to where
+        elif scene.model is None:
+            found = process_image_only(first, own, capture)
+        else:
+            found = process_with_model(first, own, capture)
+        return replace(found, label=label or found.label, distance_m=distance)
+
+    def close(self) -> None:
+        """Close the files."""
+        self._cursor.close()
+        self.reader.close()
+
+
+def frames_from(reader: FrameReader, start: int) -> Iterator[Frame]:
+    """A reader's frames from frame `start` on."""
+    return islice(iter(reader), start, None)
+
+
+_KEPT = threading.local()
+"""A process keeps the set that it read last, so that chunk after chunk goes on in its files."""
+
+
+def opened(recipe: Recipe) -> OpenSet:
+    """The opened set of a recipe, the same as long as it is asked for. Raises InputError."""
+    kept: OpenSet | None = getattr(_KEPT, "set", None)
+    if kept is None or kept.recipe.key != recipe.key:
+        close_kept()
+        kept = OpenSet(recipe)
+        _KEPT.set = kept
+    kept.recipe = recipe
+    return kept
+
+
+def close_kept() -> None:
+    """Close what this process has open."""
+    kept: OpenSet | None = getattr(_KEPT, "set", None)
+    if kept is not None:
+        kept.close()
+        _KEPT.set = None
+
+
+def state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:
+    """The one-state scene of a frame, its label and its distance (m). Raises InputError."""
+    speed = scene.frames.sliding_speed_mm_per_s
+    if speed is not None:
+        if frame.time_s is None:
+            raise InputError(
+                f"frame {frame.index} ({frame.name}) has no time, which "
+                "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
+            )
+        distance = 1e-3 * speed * frame.time_s
+        return scene_at(scene, distance), f"{distance:.4g} m", distance
+    own = frame_scene(scene, frame.index)
+    if scene.model != "contact":
+        return own, frame.name, 0.0
+    if own.wear is not None:
+        distance = own.wear.distances_m[0]
+        return own, f"{distance:g} m", distance
+    return own, "initial sliding" if own.friction else "static", 0.0

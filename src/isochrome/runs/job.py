@@ -1,0 +1,107 @@
+"""What a long run is made of: chunks of items, each computed by one pure function."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+CHUNK_BYTES = 24_000_000
+"""Of one layer in one chunk; a few chunks of all layers are in memory at a time."""
+LARGEST_CHUNK = 32
+"""Items in a chunk: what a crash may cost."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A picture for each item, float32, NaN = not known: `name`, `units` ('1' for none), `what`.
+
+    `stack`, whether it is left as a TIFF stack too.
+    """
+
+    name: str
+    units: str
+    what: str
+    stack: bool = True
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a run leaves: `axes` over its items and `shape` of each, both by the name of the axis.
+
+    `layers`, the pictures; `chunk`, how many items are computed and kept together (1 where there
+    are several axes); `pixel_mm`, the scale of the TIFF stacks, None where it is not known. It
+    depends on the input alone, not on the machine: so do the files.
+    """
+
+    axes: Mapping[str, int]
+    shape: Mapping[str, int]
+    layers: tuple[Layer, ...]
+    chunk: int
+    pixel_mm: float | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of items."""
+        return math.prod(self.axes.values())
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return -(-self.count // self.chunk)
+
+    def span(self, index: int) -> tuple[int, int]:
+        """First item of a chunk, and the one after its last."""
+        return index * self.chunk, min((index + 1) * self.chunk, self.count)
+
+    @property
+    def chunk_shape(self) -> tuple[int, ...]:
+        """Shape of a layer's chunk, the axes over the items first."""
+        ahead = (1,) * (len(self.axes) - 1) + (self.chunk,)
+        return (*ahead, *self.shape.values())
+
+    def key(self, index: int) -> str:
+        """Where the zarr format (version 3) puts a chunk, below the folder of its array."""
+        counts = tuple(self.axes.values())
+        place = (index,) if len(counts) == 1 else np.unravel_index(index, counts)
+        return "/".join(["c", *(str(int(k)) for k in place), *("0" for _ in self.shape)])
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a chunk's computation gives.
+
+    `arrays`, by layer, (items, ...); `rows`, a row of the run's table for each item; `more`, what
+    else is known of each item, among it its `status`: 'ok', 'flagged' (it has warnings) or 'failed'
+    (nothing was found in it); `parts`, the chunk's part of files that all chunks make together.
+    """
+
+    arrays: Mapping[str, NDArray[Any]]
+    rows: list[dict[str, Any]]
+    more: list[dict[str, Any]]
+    parts: Mapping[str, bytes] = field(default_factory=dict)
+
+
+Work = Callable[[int, int], Results]
+"""Compute items [start, stop): the same results wherever and whenever it is called; picklable."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A long run: `work`, what it leaves (`layout`), and `identity`, what it is a result of."""
+
+    work: Work
+    layout: Layout
+    identity: Mapping[str, Any]
+
+
+def chunk_size(count: int, item_bytes: int) -> int:
+    """Items in a chunk, so that memory stays bounded and a few workers have each their share.
+
+    Parameters: `count` of items; `item_bytes` of one layer of one item. Returns at least 1.
+    """
+    return max(1, min(LARGEST_CHUNK, CHUNK_BYTES // max(item_bytes, 1), -(-count // 8)))

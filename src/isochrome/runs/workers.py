@@ -1,0 +1,179 @@
+"""Who computes the chunks: this process, worker processes on this machine, or a Dask cluster.
+
+All through the standard executor interface (concurrent.futures); the results are the same.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures as futures
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from isochrome.errors import InputError
+from isochrome.runs.chunks import Bench, Kept, keep, work_and_keep
+from isochrome.runs.identity import environment
+from isochrome.runs.job import Results, Work
+from isochrome.runs.threads import single_threaded
+
+T = TypeVar("T")
+Finished = tuple[int, Kept]
+
+
+class WorkersLost(InputError):
+    """Worker processes died under their work: what they have finished is kept."""
+
+
+def alone(work: Work, bench: Bench, chunks: Sequence[int]) -> Generator[Finished]:
+    """Compute chunk after chunk here, while the one before is written to the disk.
+
+    Parameters: `work`; `bench`; `chunks`, their indices. Yields each index with what was kept.
+    """
+    with futures.ThreadPoolExecutor(1) as writer, single_threaded():
+        writing: tuple[int, futures.Future[Kept]] | None = None
+        for index in chunks:
+            results = work(*bench.layout.span(index))
+            if writing is not None:
+                yield writing[0], writing[1].result()
+            writing = index, writer.submit(keep, bench, index, results)
+        if writing is not None:
+            yield writing[0], writing[1].result()
+
+
+def by_processes(
+    work: Work, bench: Bench, chunks: Sequence[int], workers: int
+) -> Generator[Finished]:
+    """Compute chunks in worker processes, each of which writes its own to the disk.
+
+    They are spawned, not forked, ignore the keyboard, and end when this process does, however it
+    does. Parameters: as `alone`; `workers`, how many. Yields in the order of completion. Raises
+    WorkersLost where a worker was killed.
+    """
+    before = set(multiprocessing.active_children())
+    pool = futures.ProcessPoolExecutor(
+        workers, multiprocessing.get_context("spawn"), initializer=_start_worker
+    )
+    finished = False
+    try:
+        yield from _in_flight(
+            lambda index: pool.submit(_alone_in_worker, work, bench, index), chunks, 2 * workers
+        )
+        finished = True
+    except futures.process.BrokenProcessPool as error:
+        raise WorkersLost(
+            "a worker process was killed, as the system does when memory runs out; the same "
+            "command goes on: give it fewer --workers"
+        ) from error
+    finally:
+        if not finished:  # whoever waits at the keyboard does not wait for a chunk
+            for child in set(multiprocessing.active_children()) - before:
+                child.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def by_cluster(
+    work: Work, bench: Bench, chunks: Sequence[int], address: str
+) -> Generator[Finished]:
+    """Compute chunks on an existing Dask cluster; the results come here and are written here.
+
+    The workers need the input under the same paths, and the same versions of all that computes; the
+    output they do not see. A chunk whose worker dies is given to another. Parameters: as `alone`;
+    `address` of the scheduler. Yields in the order of completion. Raises InputError where the
+    cluster cannot be reached.
+    """
+    with _client(address) as client:
+        executor = client.get_executor(pure=False)
+        ahead = 2 * max(1, sum(client.nthreads().values()))
+        expected = environment()
+        sent = _in_flight(
+            lambda index: executor.submit(_elsewhere, work, bench.layout.span(index), expected),
+            chunks,
+            ahead,
+        )
+        try:
+            for index, results in sent:
+                yield index, keep(bench, index, results)
+        finally:
+            executor.shutdown(wait=False)
+
+
+def processors() -> int:
+    """How many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _in_flight(
+    submit: Callable[[int], futures.Future[T]], chunks: Sequence[int], ahead: int
+) -> Iterator[tuple[int, T]]:
+    """Keep `ahead` chunks submitted, so that memory does not grow with their number."""
+    waiting: dict[futures.Future[T], int] = {}
+    todo = iter(chunks)
+    while True:
+        for index in todo:
+            waiting[submit(index)] = index
+            if len(waiting) >= ahead:
+                break
+        if not waiting:
+            return
+        done, _ = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
+        for future in sorted(done, key=waiting.__getitem__):
+            yield waiting.pop(future), future.result()
+
+
+def _start_worker() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Without this, workers of a killed parent would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
+
+
+def _alone_in_worker(work: Work, bench: Bench, index: int) -> Kept:
+    with single_threaded():
+        return work_and_keep(work, bench, index)
+
+
+def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> Results:
+    """Compute a chunk on a cluster's worker, if it has the same code and libraries."""
+    own = environment()
+    odd = [key for key in expected if own.get(key) != expected[key]]
+    if odd:
+        raise InputError(
+            f"a worker of the cluster has another {odd[0]} ({own.get(odd[0])}, here "
+            f"{expected[odd[0]]}), whose results may differ; install the same on all"
+        )
+    with single_threaded():
+        return work(*span)
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    """A Dask client. Raises InputError where it is not installed, or nobody answers."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError(
+            "--cluster needs the package distributed, which is not installed; run "
+            "'pip install isochrome[cluster]'"
+        ) from error
+    try:
+        client = Client(address, timeout="10s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError(
+            f"--cluster {address}: no Dask scheduler answers there ({error}); see that it runs"
+        ) from error
+    with client:
+        if not client.nthreads():
+            raise InputError(f"--cluster {address}: the cluster has no worker; start some")
+        yield client

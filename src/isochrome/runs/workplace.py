@@ -1,0 +1,227 @@
+"""The working folder beside an output: what is finished of a run, until all of it is.
+
+DIR.partial holds the manifest (what the run is a result of), the records of its finished chunks,
+and, in a folder of its own, the files that become DIR. It goes when DIR is there.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shutil
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.output.canvas import make_canvas, open_canvas
+from isochrome.runs.chunks import Bench, sync_folder, write_through
+from isochrome.runs.identity import difference
+from isochrome.runs.job import Job, Layout
+from isochrome.runs.lock import LOCK, OWNER
+from isochrome.runs.store import STORE, create_store
+
+PROVENANCE = "provenance.json"
+_MANIFEST, _RECORDS, _GROUP, _FINISHED = "manifest.json", "chunks", "group.json", "finished"
+
+
+def working_folder(out: Path) -> Path:
+    """Where a run keeps what it has of its output. Raises InputError where `out` is no place."""
+    target = out.resolve()
+    if target.exists() and not target.is_dir():
+        raise InputError(f"{out}: is a file, not a folder; name another --out folder")
+    if target.parent == target or (target.exists() and os.path.ismount(target)):
+        raise InputError(f"{out}: is the top of a drive; name a folder in it")
+    if target.is_dir() and not os.access(target, os.W_OK):
+        raise InputError(
+            f"{out}: results cannot be written there (Permission denied); name another folder"
+        )
+    return target.with_name(f"{target.name}.partial")
+
+
+def is_complete(target: Path, identity: Mapping[str, Any]) -> bool:
+    """Whether a folder holds all results of a run of this identity, as its record names them."""
+    try:
+        record = json.loads((target / PROVENANCE).read_text("utf-8"))
+        outputs = record.get("outputs")
+        if not outputs or difference(record, identity) is not None:
+            return False
+        sizes = [(target / name).stat().st_size == size for name, size in outputs.items()]
+    except (OSError, ValueError, AttributeError):
+        return False
+    return all(sizes) and (target / STORE / "zarr.json").is_file()
+
+
+def open_bench(root: Path, job: Job, *, restart: bool) -> Bench:
+    """The working folder of a run: as an earlier one of the same identity left it, or a new one.
+
+    Parameters: `root`, locked; `job`; `restart`, to throw away what an earlier run left. Returns a
+    Bench. Raises InputError where an earlier run was of something else, OSError.
+    """
+    manifest = None if restart else _manifest(root)
+    if manifest is not None:
+        changed = difference(manifest["identity"], job.identity)
+        if changed is None and manifest["layout"] != _described(job.layout):
+            changed = "the layout of the results"
+        if changed is not None:
+            raise InputError(
+                f"{root}: holds an unfinished run, and since it began {changed} has changed; undo "
+                "that to go on with it, add --restart to begin anew, or name another --out folder"
+            )
+        results = root / manifest["token"]
+        if results.is_dir():
+            return _reopened(root, results, job.layout)
+    wipe(root)
+    return _new(root, job)
+
+
+def wipe(root: Path) -> None:
+    """Remove all that is in a working folder but its lock. Raises OSError."""
+    for entry in sorted(root.iterdir(), key=lambda e: e.name != _MANIFEST):
+        if entry.name in (LOCK, OWNER):
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
+
+
+def _manifest(root: Path) -> dict[str, Any] | None:
+    try:
+        head, _, body = (root / _MANIFEST).read_bytes().partition(b"\n")
+    except FileNotFoundError:
+        return None
+    if head != b"%08x" % zlib.crc32(body):
+        return None  # it breaks off: so may all that was written after it
+    found: dict[str, Any] = json.loads(body)
+    return found
+
+
+def _described(layout: Layout) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(json.dumps(asdict(layout)))
+    return found
+
+
+def _new(root: Path, job: Job) -> Bench:
+    token = f"results-{secrets.token_hex(4)}"  # a dead run's last worker finds its folder gone
+    results, layout = root / token, job.layout
+    results.mkdir()
+    (root / _RECORDS).mkdir()
+    create_store(results / STORE, layout)
+    shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
+    shape = _stack_shape(layout)
+    stacks = {
+        layer.name: make_canvas(results / f"{layer.name}.tif", shape, layout.pixel_mm)
+        for layer in layout.layers
+        if layer.stack
+    }
+    sync_tree(root)
+    body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
+    text = json.dumps(body).encode()
+    write_through(root / _MANIFEST, b"%08x\n" % zlib.crc32(text), text)
+    return Bench(results, root / _RECORDS, layout, stacks)
+
+
+def _reopened(root: Path, results: Path, layout: Layout) -> Bench:
+    shape = _stack_shape(layout)
+    stacks = {
+        layer.name: open_canvas(results / f"{layer.name}.tif", shape)
+        for layer in layout.layers
+        if layer.stack
+    }
+    bench = Bench(results, root / _RECORDS, layout, stacks)
+    if not (root / _FINISHED).exists():
+        clear_up(bench)
+    return bench
+
+
+def _stack_shape(layout: Layout) -> tuple[int, int, int]:
+    rows, cols = list(layout.shape.values())[-2:]
+    return layout.count, rows, cols
+
+
+def clear_up(bench: Bench) -> None:
+    """Remove what a killed run left half-written beside finished chunks. Raises OSError."""
+    layers = {layer.name for layer in bench.layout.layers}
+    store = bench.results / STORE
+    keep = {STORE} | {f"{name}.tif" for name in bench.stacks}
+    for entry in [*bench.results.iterdir(), *store.iterdir()]:
+        known = layers | {"zarr.json"} if entry.parent == store else keep
+        if entry.name in known:
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
+    for folder in (*(store / name for name in layers), bench.records):
+        for file in folder.rglob(".*.part"):
+            file.unlink()
+    shutil.copyfile(bench.records.parent / _GROUP, store / "zarr.json")
+
+
+def publish(bench: Bench, target: Path) -> None:
+    """Give finished results their place: by one rename, or file by file into an existing folder.
+
+    Killed in between, the next run goes on with it. Parameters: `bench`; `target`, the output
+    folder. Raises OSError.
+    """
+    root = bench.records.parent
+    sync_tree(bench.results)
+    write_through(root / _FINISHED, b"")
+    if target.exists():
+        _clear_old(bench.results, target)
+        last = PROVENANCE  # what says that all is there
+        for entry in sorted(bench.results.iterdir(), key=lambda e: (e.name == last, e.name)):
+            _replace(entry, target / entry.name, root)
+        bench.results.rmdir()
+    else:
+        os.rename(bench.results, target)
+    sync_folder(target)
+    sync_folder(target.parent)
+
+
+def _clear_old(results: Path, target: Path) -> None:
+    """Remove an older run's record from its folder, and those of its files that have no successor.
+
+    Else they would pass for results of the new one.
+    """
+    record = target / PROVENANCE
+    try:
+        outputs = list(json.loads(record.read_text("utf-8")).get("outputs", ()))
+    except (OSError, ValueError, AttributeError):
+        outputs = []
+    record.unlink(missing_ok=True)
+    for name in outputs:
+        old = target / name
+        if Path(name).name == name and not (results / name).exists() and not old.is_dir():
+            old.unlink(missing_ok=True)
+
+
+def is_finished(bench: Bench) -> bool:
+    """Whether all results are made, and only have to be given their place."""
+    return (bench.records.parent / _FINISHED).exists()
+
+
+def _replace(source: Path, place: Path, root: Path) -> None:
+    """Put a file or folder in the place of another, which a folder has to leave first."""
+    if place.is_dir() and not place.is_symlink():
+        old = root / f"old-{place.name}"
+        if old.exists():
+            shutil.rmtree(old)
+        os.rename(place, old)
+        shutil.rmtree(old)
+    elif place.is_symlink():
+        place.unlink()  # the link, never what it points to
+    os.replace(source, place)
+
+
+def sync_tree(folder: Path) -> None:
+    """Put all files and names below a folder through to the disk. Raises OSError."""
+    for path, _, files in os.walk(folder):
+        for name in files:
+            with open(os.path.join(path, name), "rb+") as file:
+                os.fsync(file.fileno())
+        sync_folder(Path(path))
