@@ -27,6 +27,8 @@ _COARSE_PIXELS = 30_000
 _ITERATIONS = 20
 _LOOSE, _TIGHT = 0.3, 0.03
 """Last predicted step, in standard uncertainties, of the thinned frames and of the whole ones."""
+_UNSOUND = 1e-6
+"""Share of a misfit beyond the noise that the approximate derivatives do not resolve."""
 
 
 def _nobody() -> None:
@@ -37,10 +39,10 @@ def _nobody() -> None:
 class JointFit:
     """Fitted unknowns of a `sequence`.
 
-    `values`, `standard_uncertainty`, `cramer_rao_bound` (p,); `covariance` (p, p); `chi`, residual
-    over noise over all frames, `frame_chi` of each; `normal`, the equations at (nearly) `values`;
-    `scene`, with tables over distance; `scenes`, of each frame; `converged`; `lost`, frames whose
-    illumination came out negative.
+    `values`, `standard_uncertainty`, `cramer_rao_bound` (p,); `covariance` (p, p); `information`
+    (p, p), J^T J over the noise variance; `chi`, residual over noise over all frames, `frame_chi`
+    of each; `cost`, the sum of squares, and its `freedom`; `scene`, with tables over distance;
+    `scenes`, of each frame; `converged`; `lost`, frames whose illumination came out negative.
     """
 
     sequence: Sequence
@@ -48,9 +50,11 @@ class JointFit:
     standard_uncertainty: Array
     cramer_rao_bound: Array
     covariance: Array
+    information: Array
     chi: float
     frame_chi: tuple[float, ...]
     cost: float
+    freedom: int
     scene: Scene
     scenes: tuple[Scene, ...]
     converged: bool
@@ -128,7 +132,8 @@ class Together:
         for _ in range(_ITERATIONS):
             step = self._step(values, normal, damping)
             gain = float(step @ (2.0 * normal.gradient - normal.matrix @ step))
-            if gain < tolerance**2 * max(1.0, normal.cost / normal.freedom):
+            beyond = max(0.0, normal.cost - normal.freedom)
+            if gain < tolerance**2 * max(1.0, normal.cost / normal.freedom) + _UNSOUND * beyond:
                 return values + step, normal, True
             trial = at(values + step)
             if trial is not None and trial.cost < normal.cost:
@@ -165,9 +170,11 @@ class Together:
             max(1.0, chi) * bound,
             bound,
             max(1.0, chi) ** 2 * inverse,
+            normal.matrix,
             chi,
             normal.chi,
             normal.cost,
+            max(1, normal.freedom - values.size),
             whole,
             scenes,
             converged and bool(np.all(np.isfinite(bound))),

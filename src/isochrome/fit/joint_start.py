@@ -12,12 +12,10 @@ from isochrome.errors import PhysicsError
 from isochrome.fit.frame_data import FrameData
 from isochrome.fit.frame_fit import FrameFit, fit_frame
 from isochrome.fit.history import alone_scene, local_values
-from isochrome.fit.sequence import Sequence
+from isochrome.fit.sequence import WEAR, Sequence
 from isochrome.scene import DistanceTable, Scene
 
 Array = NDArray[Any]
-
-WEAR = "wear.coefficient_mm2_per_n"
 
 
 def fit_alone(
@@ -60,26 +58,33 @@ def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
             )
     values = np.array([_mean([alone[i] for i in u.frames], u.key) for u in sequence.unknowns])
     worn = [k for k, u in enumerate(sequence.unknowns) if u.key == WEAR]
-    values[worn] = _scene_wear(sequence.scene) if worn else 0.0
-    for k in worn:
-        values[k] *= _wear_factor(sequence, values, alone, sequence.unknowns[k].frames)
+    if worn:
+        values[worn] = _scene_wear(sequence.scene)
+        values[worn] *= _wear_factors(sequence, values, alone, worn)
     return values
 
 
-def _wear_factor(
-    sequence: Sequence, values: Array, alone: list[FrameFit], frames: tuple[int, ...]
-) -> float:
-    """Worn area that frames show, over that of the scene's own wear coefficient."""
-    whole, factors, weights = sequence.whole(values), [], []
-    for i in frames:
-        fit, distance = alone[i], sequence.distances_m[i]
-        own = fit.values[fit.keys.index(WEAR)]
-        assert distance is not None
-        found = local_values(fit.scene, (distance,))[0, 2]
-        given = local_values(sequence.frame(whole, values, i), (distance,))[0, 2]
-        factors.append(found / given)
-        weights.append((own / _spread(fit, WEAR)) ** 2)
-    return float(np.average(factors, weights=weights))
+def _wear_factors(
+    sequence: Sequence, values: Array, alone: list[FrameFit], worn: list[int]
+) -> Array:
+    """Worn area between frames, over what the scene's own wear coefficient gives there."""
+    whole, found, given, weights = sequence.whole(values), [], [], []
+    for k in worn:
+        for i in sequence.unknowns[k].frames:
+            fit, distance = alone[i], sequence.distances_m[i]
+            assert distance is not None
+            found.append(local_values(fit.scene, (distance,))[0, 2])
+            given.append(local_values(sequence.frame(whole, values, i), (distance,))[0, 2])
+            weights.append((fit.values[fit.keys.index(WEAR)] / _spread(fit, WEAR)) ** 2)
+    even = np.full(len(worn), np.average(np.divide(found, given), weights=weights))
+    if len(worn) == 1 or not sequence.run:
+        return even
+    order = np.argsort([sequence.distances_m[sequence.unknowns[k].frames[0]] or 0.0 for k in worn])
+    last = [sum(len(sequence.unknowns[k].frames) for k in worn[: j + 1]) - 1 for j in order]
+    own = np.diff(np.array(found)[last], prepend=0.0) / np.diff(np.array(given)[last], prepend=0.0)
+    factors = np.empty(len(worn))
+    factors[order] = own
+    return factors if np.all(own > 0.1 * even) else even
 
 
 def _scene_wear(scene: Scene) -> float:

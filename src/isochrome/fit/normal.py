@@ -20,12 +20,11 @@ from isochrome.fit.history import SharedRun, local_values
 from isochrome.fit.intensity import STEP, reduced_normal
 from isochrome.fit.linear import prepare, solve_linear
 from isochrome.fit.renderer import SceneRenderer, safe_signal
-from isochrome.fit.sequence import COURSE, Sequence
+from isochrome.fit.sequence import COURSE, WEAR, Sequence
 from isochrome.fit.unknowns import scales
 from isochrome.scene import DistanceTable, Scene
 
 Array = NDArray[Any]
-_WEAR = "wear.coefficient_mm2_per_n"
 
 
 @dataclass(frozen=True)
@@ -144,11 +143,11 @@ class DirectionMaps:
         ]
         self._steps = {u.key: self._step(u.key) for u in sequence.unknowns}
         if self.course:
-            self._steps.setdefault(_WEAR, self._step(_WEAR))
+            self._steps.setdefault(WEAR, self._step(WEAR))
             self._local = local_values(self.whole, sequence.distances_m)
             self._along = {
                 key: local_values(self._moved_whole(key), sequence.distances_m) - self._local
-                for key in dict.fromkeys((*self.course, _WEAR))
+                for key in dict.fromkeys((*self.course, WEAR))
             }
             self._by_unknown = self._differences()
 
@@ -160,11 +159,11 @@ class DirectionMaps:
         _, friction, worn = (self._local[index] != 0.0).tolist()
         sliding = self.sequence.distances_m[index] is not None
         shown = {COURSE[0]: True, COURSE[1]: sliding or friction, COURSE[2]: worn}
-        return plain + [k for k in COURSE if shown[k] and (k in self.course or k == _WEAR)]
+        return plain + [k for k in COURSE if shown[k] and (k in self.course or k == WEAR)]
 
     def scene(self, key: str, index: int, whole: Scene) -> Scene:
         """A frame's scene moved by one step along a key."""
-        if key in self.course or (self.course and key == _WEAR):
+        if key in self.course or (self.course and key == WEAR):
             return self.sequence.frame(self._moved_whole(key), self.values, index)
         here = self.sequence.frame(whole, self.values, index)
         return moved(here, key, self._steps[key])

@@ -11,6 +11,7 @@ from isochrome.fit.frame_fit import FrameFit
 from isochrome.fit.joint import JointFit
 from isochrome.fit.one_state import frame_scene
 from isochrome.fit.sequence import over_distance
+from isochrome.fit.told import WearLaws
 from isochrome.scene import Scene
 
 Found = dict[str, dict[str, float]]
@@ -29,7 +30,8 @@ class Fit:
     `shared`, key to {value, standard_uncertainty, cramer_rao_bound} of what all frames share;
     `frames`, the same for each frame's own; `distance_m` and `frame_chi`, of each frame; `chi`,
     residual over noise over all frames; `scene`, with the fitted values; `other_minima`, of each
-    frame on its own: other values that fit nearly as well; `warnings` in plain words.
+    frame on its own: other values that fit nearly as well; `wear_laws`, compared, where several
+    frames tell what was worn between them; `warnings` in plain words.
     """
 
     shared: Found
@@ -39,6 +41,7 @@ class Fit:
     chi: float
     scene: Scene
     other_minima: list[list[dict[str, float]]]
+    wear_laws: WearLaws | None
     warnings: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -52,7 +55,14 @@ class Fit:
                 zip(self.frames, self.distance_m, self.frame_chi, self.other_minima, strict=True)
             )
         ]
-        return top | {"chi": self.chi, "warnings": list(self.warnings), "frames": frames}
+        top |= {"chi": self.chi, "warnings": list(self.warnings), "frames": frames}
+        if self.wear_laws is not None:
+            top |= {
+                "wear_law": self.wear_laws.sentence(),
+                "wear_laws": self.wear_laws.to_json(),
+                "wear_between_frames": list(self.wear_laws.between),
+            }
+        return top
 
     def table(self) -> dict[str, list[Any]]:
         """The columns of fit.csv: one row for each unknown, 'all' or the frame it belongs to."""
@@ -72,11 +82,16 @@ class Fit:
         }
 
 
-def make_result(joint: JointFit, alone: list[FrameFit], notes: tuple[str, ...] = ()) -> Fit:
+def make_result(
+    joint: JointFit,
+    alone: list[FrameFit],
+    laws: WearLaws | None = None,
+    notes: tuple[str, ...] = (),
+) -> Fit:
     """A fit as it is reported.
 
     Parameters: `joint`, over all frames; `alone`, the frames' own fits, for their other minima;
-    `notes`, what else is to be said.
+    `laws`, the wear laws compared, None where they cannot be; `notes`, what else is to be said.
     """
     shared: Found = {}
     own: list[Found] = [{} for _ in joint.scenes]
@@ -105,7 +120,8 @@ def make_result(joint: JointFit, alone: list[FrameFit], notes: tuple[str, ...] =
         joint.chi,
         joint.scene.with_values(means) if means else joint.scene,
         [_others(fit) for fit in alone],
-        (*notes, *_warnings(joint, alone)),
+        laws,
+        (*notes, *_warnings(joint, alone), *_of_law(joint.scene, laws)),
     )
 
 
@@ -140,6 +156,16 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
     if not joint.converged:
         found.append("the fit did not converge fully")
     return found
+
+
+def _of_law(scene: Scene, laws: WearLaws | None) -> list[str]:
+    """What to say where the frames speak against the scene's own wear law."""
+    if laws is None or scene.wear is None or not laws.speaks_against(scene.wear.law):
+        return []
+    return [
+        f"wear.law = '{scene.wear.law}' is not what the frames show: {laws.sentence()}; change the "
+        "law in the scene, and fit again"
+    ]
 
 
 def fitted_scene(scene: Scene, shared: Found, own: list[Found]) -> Scene:

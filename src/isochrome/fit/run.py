@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from isochrome.fit.figure import fit_figure
 from isochrome.fit.frame_fit import FrameFit, placed
 from isochrome.fit.frame_set import FrameSet
 from isochrome.fit.joint import JointFit, fit_together
 from isochrome.fit.joint_start import fit_alone, starting_values
+from isochrome.fit.laws import WEAR, compare_laws, mean_coefficients, segment_ends, segments
 from isochrome.fit.refuse import refuse_alike, refuse_keys
 from isochrome.fit.result import Fit, fitted_scene, make_result
 from isochrome.fit.sequence import make_sequence
-from isochrome.fit.smooth import with_smooth_stress
+from isochrome.fit.smooth import ASKED_CHI, with_smooth_stress
+from isochrome.fit.told import WearLaws
 from isochrome.output import provenance, staged, write_csv, write_figure, write_json, write_text
 from isochrome.progress import Progress
 from isochrome.scene import Scene, dump_scene, load_scene
 
 __all__ = ["Fit", "fit", "fitted_scene"]
 
-_PASSES = 7
+_PASSES = 12
 """Times that a joint fit mostly goes through all frames."""
 
 
@@ -51,12 +55,14 @@ def fit(
     data = FrameSet(frames, scene)
     steps = _Steps(progress, len(data))
     joint, alone = _fitted(data, shared, own, follow=follow, steps=steps)
-    joint, notes = with_smooth_stress(data, joint, shape=data.shape, told=steps.one)
+    joint, laws, notes = _explained(data, joint, steps)
     refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance)
-    result = make_result(joint, alone, notes)
+    result = make_result(joint, alone, laws, notes)
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "fit.csv", result.table())
+            if result.wear_laws is not None:
+                write_csv(folder / "wear_laws.csv", result.wear_laws.table())
             write_text(folder / "scene.toml", dump_scene(result.scene))
             write_json(folder / "fit.json", result.to_json())
             write_json(folder / "provenance.json", provenance(dump_scene(scene), [Path(frames)]))
@@ -79,6 +85,45 @@ def _fitted(
     data.plain |= {i for i, fit in enumerate(alone) if fit.plain}
     start = starting_values(sequence, alone)
     return fit_together(data, sequence, start, shape=data.shape, told=steps.one), alone
+
+
+def _explained(
+    data: FrameSet, joint: JointFit, steps: _Steps
+) -> tuple[JointFit, WearLaws | None, tuple[str, ...]]:
+    """The fit, with a smooth stress where it misses one, the wear laws, and what is to be said."""
+    laws = _laws(data, joint, steps)
+    if laws is not None and laws.chi <= ASKED_CHI:
+        return joint, laws, ()  # what the fit misses is the wear's, and no stress besides
+    wider, notes = with_smooth_stress(data, joint, shape=data.shape, told=steps.one)
+    if laws is not None and wider is not joint:
+        laws = _laws(data, wider, steps)
+    return wider, laws, notes
+
+
+def _laws(data: FrameSet, joint: JointFit, steps: _Steps) -> WearLaws | None:
+    """The wear laws, compared by what was worn between the frames; None where nothing tells."""
+    sequence = segments(joint.sequence)
+    if sequence is None:
+        return None
+    rest = [k for k, u in enumerate(joint.unknowns) if u.key != WEAR]
+    ends = segment_ends(sequence)
+    start = np.concatenate([joint.values[rest], mean_coefficients(joint.scene, ends)])
+    free = fit_together(data, sequence, start, shape=data.shape, told=steps.one)
+    worn = slice(len(rest), None)
+    between = [
+        {"from_m": before, "to_m": end, "value": value, "standard_uncertainty": spread}
+        for before, end, value, spread in zip(
+            [0.0, *ends[:-1].tolist()],
+            ends.tolist(),
+            free.values[worn].tolist(),
+            free.standard_uncertainty[worn].tolist(),
+            strict=True,
+        )
+    ]
+    laws = compare_laws(
+        free.sequence, free.values, free.information, cost=free.cost, freedom=free.freedom
+    )
+    return WearLaws(laws, tuple(between), free.chi)
 
 
 class _Steps:

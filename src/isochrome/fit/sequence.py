@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 from numpy.typing import NDArray
@@ -21,8 +22,14 @@ from isochrome.simulate import state_count
 
 Array = NDArray[Any]
 
-COURSE = ("load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n")
+WEAR = "wear.coefficient_mm2_per_n"
+FRICTION = "friction.coefficient"
+COURSE = ("load.normal_n", FRICTION, WEAR)
 """Keys that may vary over distance: later frames of a run inherit what they were before."""
+
+
+_SUDDEN = 1e-9
+"""Share of a distance within which a stepwise value changes."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +75,10 @@ class Sequence:
             if unknown.shared:
                 found[unknown.key] = value
             elif self.in_course(unknown.key):
-                distance = self.distances_m[unknown.frames[0]] or 0.0
+                distance = max(self.distances_m[i] or 0.0 for i in unknown.frames)
                 tables.setdefault(unknown.key, {})[distance] = value
-        found |= {key: over_distance(points) for key, points in tables.items()}
+        for key, points in tables.items():
+            found[key] = stepwise(points) if key == WEAR else over_distance(points)
         return self.scene.with_values(found)
 
     def frame(self, whole: Scene, values: Array, index: int) -> Scene:
@@ -105,6 +113,22 @@ def over_distance(points: dict[float, float]) -> Any:
     return {"distance_m": rising, "value": [points[d] for d in rising]}
 
 
+def stepwise(points: dict[float, float]) -> Any:
+    """Values that hold until some distances (m), each since the one before, as a scene takes them.
+
+    A wear coefficient between two frames is what was worn between them; one that is linear there
+    would have to swing from frame to frame to follow the noise.
+    """
+    ends = sorted(points)
+    if len(ends) == 1:
+        return points[ends[0]]
+    distance, value = [0.0], [points[ends[0]]]
+    for end, following in pairwise(ends):
+        distance += [end, end * (1.0 + _SUDDEN)]
+        value += [points[end], points[following]]
+    return {"distance_m": [*distance, ends[-1]], "value": [*value, points[ends[-1]]]}
+
+
 def make_sequence(
     scene: Scene, count: int, shared: tuple[str, ...], own: tuple[str, ...]
 ) -> Sequence:
@@ -133,7 +157,7 @@ def make_sequence(
 
 def _has(scene: Scene, index: int, key: str) -> bool:
     one = state_scene(scene, index)
-    if key == "wear.coefficient_mm2_per_n" and (one.wear is None or not one.wear.distances_m[0]):
+    if key == WEAR and (one.wear is None or not one.wear.distances_m[0]):
         return False
     try:
         value = one.get(key)

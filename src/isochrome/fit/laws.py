@@ -1,0 +1,231 @@
+"""Which wear law the frames speak for, by its evidence.
+
+Every law here has the form dh = kappa(s) p ds, so that frames tell laws apart by what was worn
+between them. The frames are fitted once with a wear coefficient of its own between each two: that
+fit's values and their information matrix hold all that the frames say, and each law is a curve
+through them, phi(theta). With Q the least square distance of a law from the values,
+
+    ln Z = -Q/2 - 1/2 ln det(J^T N J + prior) + ln prior + const,
+
+Laplace's approximation of the evidence; what all laws share, flat priors among it, cancels.
+Source: MacKay (2003), Information Theory, Inference, and Learning Algorithms, chapters 27 and 28.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.contact import wear_course
+from isochrome.fit.nearest import marginal, nearest_point
+from isochrome.fit.sequence import FRICTION, WEAR, Sequence, Unknown
+from isochrome.scene import Scene
+
+Array = NDArray[Any]
+
+CLEAR = 5.0
+"""Difference of ln Z that is a clear margin: odds of 150 to 1 (Kass & Raftery 1995, JASA 90, 773:
+very strong evidence)."""
+
+_SEGMENTS = 12
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """One law through what the frames say.
+
+    `law`; `parameters`, {value, standard_uncertainty} by name; `misfit` Q, in noise variances, of
+    `freedom` degrees; `chi`, residual over noise over all pixels with this law;
+    `log_evidence`, ln Z less that of the preferred law.
+    """
+
+    law: str
+    parameters: dict[str, dict[str, float]]
+    misfit: float
+    freedom: int
+    chi: float
+    log_evidence: float
+
+
+@dataclass(frozen=True)
+class Law:
+    """A family of courses: `wear`, its parameters (m,) to [wear] values; `names` and `start` (m,).
+
+    Parameters are logarithms; `prior` (m,) their Gaussian prior's standard deviation about
+    `start`, inf for a flat one.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    start: Array
+    prior: Array
+    wear: Callable[[Array], dict[str, Any]]
+
+
+def segments(sequence: Sequence) -> Sequence | None:
+    """The same frames with a wear coefficient between each two, by Archard's law.
+
+    Returns None where fewer than two frames are worn, or the coefficient is not free: then no law
+    can be told. Of many frames some neighbours share a coefficient.
+    """
+    frames = sorted(
+        {i for u in sequence.unknowns if u.key == WEAR for i in u.frames},
+        key=lambda i: sequence.distances_m[i] or 0.0,
+    )
+    ends = sorted({sequence.distances_m[i] or 0.0 for i in frames})
+    if not sequence.run or len(ends) < 2:
+        return None
+    groups = np.array_split(np.array(ends), min(_SEGMENTS, len(ends)))
+    unknowns = [u for u in sequence.unknowns if u.key != WEAR]
+    for group in groups:
+        inside = tuple(i for i in frames if (sequence.distances_m[i] or 0.0) in group)
+        unknowns.append(Unknown(WEAR, inside, False))
+    scene = sequence.scene.with_values({"wear.law": "archard"})
+    return Sequence(scene, sequence.count, tuple(unknowns))
+
+
+def mean_coefficients(scene: Scene, ends_m: Array) -> Array:
+    """Mean of kappa between distances (mm²/N): what Archard's law would need there.
+
+    Parameters: `scene` of a run, with any law; `ends_m` (n,), rising from above 0. Returns (n,).
+    """
+    assert scene.wear is not None
+    asked = scene.wear.model_copy(update={"distances_m": tuple(ends_m.tolist())})
+    _, stops = wear_course(scene.model_copy(update={"wear": asked}))
+    dose = np.array([0.0] + [stop.dose_mm_per_mpa for stop in stops])
+    return np.diff(dose) / (1e3 * np.diff(ends_m, prepend=0.0))
+
+
+def compare_laws(
+    sequence: Sequence, values: Array, information: Array, *, cost: float, freedom: int
+) -> tuple[LawFit, ...]:
+    """The wear laws by falling evidence.
+
+    Parameters: `sequence`, of `segments`, and its fitted `values` (p,); `information` (p, p), J^T J
+    over the noise variance; `cost`, sum of squared residuals over noise, of `freedom` pixels.
+    Returns a LawFit each: 'archard', 'sarkar' and 'dissipated_energy' where there is friction, and
+    'running_in', Archard's with a coefficient that goes linearly from one value to another; the
+    prior of their ratio is a factor of e, that of the distance a factor of e about the geometric
+    mean of the worn distances.
+    """
+    widened = max(1.0, cost / freedom)
+    fits = [
+        _fit_law(law, sequence, values, information / widened) for law in _laws(sequence, values)
+    ]
+    best = max(log_z for *_, log_z in fits)
+    worn = sum(u.key == WEAR for u in sequence.unknowns)
+    found = [
+        LawFit(
+            law.name,
+            {
+                name: {"value": float(np.exp(t)), "standard_uncertainty": float(np.exp(t) * s)}
+                for name, t, s in zip(law.names, theta, spread, strict=True)
+            },
+            misfit,
+            worn - len(law.names),
+            float(np.sqrt((cost + widened * misfit) / freedom)),
+            log_z - best,
+        )
+        for law, theta, spread, misfit, log_z in fits
+    ]
+    return tuple(sorted(found, key=lambda f: -f.log_evidence))
+
+
+def _laws(sequence: Sequence, values: Array) -> list[Law]:
+    ends = segment_ends(sequence)
+    own = values[_segments_of(sequence)]
+    mean = float(own @ np.diff(ends, prepend=0.0) / ends[-1])
+
+    def plain(law: str) -> Law:
+        scene = sequence.whole(values).with_values({"wear.law": law, WEAR: mean})
+        ratio = float(np.sum(own) / np.sum(mean_coefficients(scene, ends)))
+        start = np.array([np.log(mean * ratio)])
+        return Law(
+            law, (WEAR,), start, np.array([np.inf]),
+            lambda t: {"wear.law": law, WEAR: float(np.exp(t[0]))},
+        )  # fmt: skip
+
+    found = [plain("archard")]
+    if sequence.scene.friction is not None:
+        found += [plain("sarkar"), plain("dissipated_energy")]
+    if len(ends) > 2:
+        found.append(_running_in(ends, own))
+    return found
+
+
+def _running_in(ends: Array, own: Array) -> Law:
+    """Archard's law with a coefficient that is linear in the distance until it stays."""
+    turn = float(np.exp(np.mean(np.log(ends))))
+
+    def wear(t: Array) -> dict[str, Any]:
+        last, ratio, distance = np.exp(t).tolist()
+        table = {"distance_m": [0.0, distance], "value": [last * ratio, last]}
+        return {"wear.law": "archard", WEAR: table}
+
+    return Law(
+        "running_in",
+        (WEAR, "first_over_last", "running_in_distance_m"),
+        np.log([own[-1], 1.0, turn]),
+        np.array([np.inf, 1.0, 1.0]),
+        wear,
+    )
+
+
+def _segments_of(sequence: Sequence) -> list[int]:
+    return [k for k, u in enumerate(sequence.unknowns) if u.key == WEAR]
+
+
+def segment_ends(sequence: Sequence) -> Array:
+    """Distances at which the segments end (n,), m."""
+    return np.array(
+        [
+            max(sequence.distances_m[i] or 0.0 for i in u.frames)
+            for u in sequence.unknowns
+            if u.key == WEAR
+        ]
+    )
+
+
+def _fit_law(
+    law: Law, sequence: Sequence, values: Array, information: Array
+) -> tuple[Law, Array, Array, float, float]:
+    """A law's parameters, their uncertainties, its distance Q, and ln Z but for a constant.
+
+    The friction moves with the law's parameters: a law weighs what it would take to change it.
+    """
+    segment, ends, count = _segments_of(sequence), segment_ends(sequence), len(law.names)
+    friction = [k for k, u in enumerate(sequence.unknowns) if u.key == FRICTION]
+    said, size = marginal(information, friction + segment)
+    centre = np.concatenate([law.start, values[friction]])
+    precision = np.concatenate([1.0 / law.prior**2, np.zeros(len(friction))])
+    steps = np.concatenate([np.full(count, 1e-5), 1e-2 / size[: len(friction)]])
+
+    def curve(unknown: Array) -> Array:
+        there = values.copy()
+        there[friction] = unknown[count:]
+        scene = sequence.whole(there).with_values(law.wear(unknown[:count]))
+        there[segment] = mean_coefficients(scene, ends)
+        return (there - values)[friction + segment] * size
+
+    found = [
+        nearest_point(
+            curve, centre + np.pad(turned, (0, len(friction))), centre, steps, said, precision
+        )
+        for turned in _starts(law)
+    ]
+    total, misfit, unknown, matrix = min(found, key=lambda item: item[0])
+    narrow = law.prior[np.isfinite(law.prior)]
+    log_z = -0.5 * (total + float(np.linalg.slogdet(matrix)[1])) - float(np.log(narrow).sum())
+    spread = np.sqrt(np.diag(np.linalg.inv(matrix)))[:count]
+    return law, unknown[:count], spread, misfit, log_z
+
+
+def _starts(law: Law) -> list[Array]:
+    """Where to begin: a law of several parameters may have several valleys."""
+    if len(law.names) == 1:
+        return [np.zeros(1)]
+    return [np.array([0.0, ratio, turn]) for ratio in (-0.7, 0.7) for turn in (-1.0, 0.0, 1.0)]
