@@ -11,22 +11,27 @@ Array = NDArray[np.float64]
 
 
 def polynomial_basis(
-    shape: tuple[int, int], degree: int, *, times: ArrayLike | None = None
+    shape: tuple[int, int],
+    degree: int,
+    *,
+    times: ArrayLike | None = None,
+    dtype: type[np.floating] = np.float64,
 ) -> Array:
     """Legendre products P_i(y) P_j(x), i + j <= degree, with x and y in -1..1 over the frame.
 
     Parameters: `shape`, the frame's (rows, cols); `degree`, the total degree, 0 for a constant;
     `times`, an optional image (rows, cols) that multiplies every member, such as the no-load
-    bright frame minus the no-load dark one.
+    bright frame minus the no-load dark one; `dtype` of the result without that.
     Returns the stack (k, rows, cols), k = (degree + 1)(degree + 2)/2, the constant first.
     Raises InputError for a negative degree or an image of another shape.
     """
     if degree < 0:
         raise InputError(f"degree = {degree} is not allowed: a polynomial's is 0 or more; raise it")
-    rows, cols = (np.polynomial.legendre.legvander(_unit(n), degree).T for n in shape)
-    stack = np.stack(
-        [np.outer(rows[t - j], cols[j]) for t in range(degree + 1) for j in range(t + 1)]
-    )
+    rows, cols = (np.polynomial.legendre.legvander(_unit(n), degree).T.astype(dtype) for n in shape)
+    pairs = [(t - j, j) for t in range(degree + 1) for j in range(t + 1)]
+    stack = np.empty((len(pairs), *shape), dtype)
+    for member, (i, j) in zip(stack, pairs, strict=True):
+        np.multiply(rows[i][:, None], cols[j][None, :], out=member)
     if times is None:
         return stack
     image = np.asarray(times, dtype=float)

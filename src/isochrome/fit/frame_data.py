@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from isochrome.fit.basis import polynomial_basis
 from isochrome.frames import Frame, Linear, estimate_noise, to_linear
+from isochrome.frames.noise import full_scale
 from isochrome.scene import Scene
 
 Array = NDArray[Any]
@@ -22,7 +24,8 @@ _SMOOTH_PX = 1.5
 class FrameData:
     """One frame: `light` and its noise `sigma` (fractions of full scale), `valid`, the bases.
 
-    `light`, `sigma`, `valid` (rows, cols); `illumination`, `background` (k, rows, cols).
+    `light`, `sigma`, `valid` (rows, cols); `illumination`, `background` (k, rows, cols); `raw` and
+    `raw_sigma`, the same as the sensor stored it, light = raw^gamma.
     """
 
     name: str
@@ -31,10 +34,26 @@ class FrameData:
     valid: Mask
     illumination: Array
     background: Array
+    raw: Array
+    raw_sigma: Array
+    gamma: float
 
     def plain(self) -> FrameData:
         """The frame with one amplitude for all its light: for a search, or a model that is poor."""
         return replace(self, illumination=self.illumination[:1])
+
+    def toned(self, gamma: float) -> FrameData:
+        """The frame read with another exponent, and with smooth light whatever was before."""
+        shape = (self.light.shape[0], self.light.shape[1])
+        level = np.maximum(self.raw, self.raw_sigma)
+        return replace(
+            self,
+            light=np.maximum(self.raw, 0.0) ** np.float32(gamma),
+            sigma=(gamma * level ** (gamma - 1.0) * self.raw_sigma).astype(np.float32),
+            illumination=_smooth(shape, 2),
+            background=_smooth(shape, 0),
+            gamma=gamma,
+        )
 
     def every(self, stride: int) -> FrameData:
         """The frame at every `stride`-th pixel."""
@@ -46,6 +65,9 @@ class FrameData:
             self.valid[cut],
             self.illumination[:, ::stride, ::stride],
             self.background[:, ::stride, ::stride],
+            self.raw[cut],
+            self.raw_sigma[cut],
+            self.gamma,
         )
 
 
@@ -55,6 +77,7 @@ def prepare_frame(
     *,
     bit_depth: int | None,
     no_load: tuple[Linear | None, Linear | None] = (None, None),
+    gamma_found: bool = False,
 ) -> FrameData:
     """Turn raw grey levels into light with its noise, and choose the linear part's bases.
 
@@ -63,34 +86,56 @@ def prepare_frame(
     is told from the frame itself, at a smoothed grey level, so that a pixel's weight does not
     follow its own noise.
     Parameters: `frame`; `scene`, for frames.gamma; `bit_depth` of the sensor; `no_load`, the dark
-    and the bright frame. Returns FrameData. Raises InputError on a blank frame.
+    and the bright frame; `gamma_found`, whether an unknown gamma is going to be found, and is 1
+    until then. Returns FrameData. Raises InputError on a blank frame, and an unknown gamma.
     """
     from scipy.ndimage import gaussian_filter
 
-    gamma = scene.frames.stated_gamma
+    gamma = scene.frames.first_gamma if gamma_found else scene.frames.stated_gamma
     linear = to_linear(
         frame.image, bit_depth=bit_depth, gamma=gamma, name=frame.name, mask=frame.mask
     )
-    raw = np.where(np.isfinite(frame.image), frame.image, 0.0).astype(np.float32)
+    finite = np.isfinite(frame.image)
+    grey = np.where(finite, frame.image, 0.0).astype(np.float32)
     noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
-    level = gaussian_filter(raw, _SMOOTH_PX)
-    sigma = noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma)
+    level = gaussian_filter(grey, _SMOOTH_PX)
     dark, bright = no_load
     valid = linear.valid.copy()
     for part in no_load:
         if part is not None:
             valid &= part.valid
-    shape = linear.image.shape
-    one = np.ones((1, *shape))
+    full = np.float32(full_scale(bit_depth))
+    illumination, background = _bases((grey.shape[0], grey.shape[1]), dark, bright)
+    return FrameData(
+        frame.name,
+        # a mask is no edge of the light: a rim is looked for in all that the camera saw
+        np.where(finite, linear.image, np.float32(0.0)),
+        noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma).astype(np.float32),
+        valid,
+        illumination,
+        background,
+        grey / full,
+        noise.sigma(level).astype(np.float32) / full,
+        gamma,
+    )
+
+
+def _bases(
+    shape: tuple[int, int], dark: Linear | None, bright: Linear | None
+) -> tuple[Array, Array]:
+    """Bases of illumination and background from what no-load frames there are."""
     if dark is not None and bright is not None:
-        illumination = polynomial_basis(shape, 1, times=bright.image - dark.image)
-        background = np.concatenate((dark.image[None], one))
-    elif bright is not None:
-        illumination = polynomial_basis(shape, 1, times=bright.image)
-        background = polynomial_basis(shape, 1)
-    else:
-        illumination = polynomial_basis(shape, 2)
-        background = one if dark is None else np.concatenate((dark.image[None], one))
-    # a mask is no edge of the light: a rim is looked for in all that the camera saw
-    light = np.where(np.isfinite(linear.image), linear.image, 0.0)
-    return FrameData(frame.name, light, sigma, valid, illumination, background)
+        light = _smooth(shape, 1) * (bright.image - dark.image)
+        return light, np.concatenate((dark.image[None], _smooth(shape, 0)))
+    if bright is not None:
+        return _smooth(shape, 1) * bright.image, _smooth(shape, 1)
+    one = _smooth(shape, 0)
+    return _smooth(shape, 2), one if dark is None else np.concatenate((dark.image[None], one))
+
+
+@lru_cache(maxsize=8)
+def _smooth(shape: tuple[int, int], degree: int) -> Array:
+    """Polynomials of a frame's light in single precision, the same for all frames of a size."""
+    basis = polynomial_basis(shape, degree, dtype=np.float32)
+    basis.flags.writeable = False
+    return basis

@@ -46,7 +46,11 @@ class FrameSet:
         kept = []
         for frame in self._reader:
             data = prepare_frame(
-                frame, self.scene, bit_depth=self._reader.bit_depth, no_load=self._no_load
+                frame,
+                self.scene,
+                bit_depth=self._reader.bit_depth,
+                no_load=self._no_load,
+                gamma_found=True,
             )
             if self._count <= _KEPT:
                 kept.append(data)

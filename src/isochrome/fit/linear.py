@@ -20,6 +20,10 @@ MOSTLY = 0.05
 """Share of pixels whose illumination may be negative before the contrast counts as wrong."""
 
 
+_CUTOFF = {4: 1e-6, 8: 1e-12}
+"""Eigenvalues below which directions are dropped, over the largest, by the precision in bytes."""
+
+
 @dataclass(frozen=True)
 class Problem:
     """A frame's valid pixels, weighted by 1/sigma: `data` (n,), `light` (ka, n), `dark` (kc, n).
@@ -105,14 +109,16 @@ def solve_linear(problem: Problem, signal: Array) -> LinearPart:
     """Illumination and background that fit best for a signal (n,) at the valid pixels."""
     light = np.multiply(problem.light, signal, out=problem.scratch)
     cross = light @ problem.dark.T
-    inverse = scaled_inverse(np.block([[light @ light.T, cross], [cross.T, problem.dark_gram]]))
+    gram = np.block([[light @ light.T, cross], [cross.T, problem.dark_gram]]).astype(float)
+    inverse = scaled_inverse(gram, _CUTOFF[problem.light.dtype.itemsize])
     right = np.concatenate((light @ problem.data, problem.dark @ problem.data))
     coefficients = inverse @ right
-    amplitude = coefficients[: len(light)] @ problem.light
+    a, c = np.split(coefficients.astype(problem.light.dtype), [len(light)])
+    amplitude = a @ problem.light
     residual = problem.data - amplitude * signal
-    residual -= coefficients[len(light) :] @ problem.dark
+    residual -= c @ problem.dark
     negative = np.count_nonzero(amplitude <= 0.0) / amplitude.size
-    cost = float(residual @ residual)
+    cost = float(np.sum(np.square(residual), dtype=float))
     return LinearPart(coefficients, signal, inverse, amplitude, residual, cost, negative)
 
 

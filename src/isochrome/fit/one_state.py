@@ -108,11 +108,27 @@ def with_numerics(scene: Scene, *, nodes_per_pixel: int, tolerance: float, room:
     """
     if scene.model != "contact" or scene.camera is None or scene.camera.pixel_mm is None:
         return scene
+    return _on_grid(scene, scene.camera.pixel_mm / nodes_per_pixel, room, tolerance)
+
+
+def with_own_numerics(scene: Scene, *, room: float = 1.2) -> Scene:
+    """A contact scene as fine as it is on its own, with a grid that its values do not move.
+
+    A fit that ends on other numerics than a simulation's would take their difference for physics.
+    Parameters: `scene`; `room`, factor on the window. Returns a Scene; others than contacts as
+    they are.
+    """
+    if scene.model != "contact" or scene.camera is None or scene.camera.pixel_mm is None:
+        return scene
+    return _on_grid(scene, None, room, scene.numerics.tolerance)
+
+
+def _on_grid(scene: Scene, spacing_mm: float | None, room: float, tolerance: float) -> Scene:
     course, _ = wear_course(scene)
     grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))
     numerics = scene.numerics.model_copy(
         update={
-            "spacing_mm": scene.camera.pixel_mm / nodes_per_pixel,
+            "spacing_mm": spacing_mm or grid.spacing_mm,
             "window_mm": room * grid.spacing_mm * (grid.nodes - 1),
             "tolerance": tolerance,
         }

@@ -21,6 +21,16 @@ PLACE_PX = (-10.0, 0.0, 10.0)
 """Starts in place, in both directions, from the nominal one."""
 
 
+_SCALES = {"frames.gamma": 10.0, "camera.blur_px": 100.0}
+"""Scales that the values themselves do not tell."""
+
+_BOUNDS = {
+    "friction.coefficient": (-2.0, 2.0),
+    "frames.gamma": (0.2, 5.0),
+    "camera.blur_px": (0.0, 50.0),
+}
+
+
 def free_keys(scene: Scene) -> tuple[str, ...]:
     """The unknowns that a single frame of a one-state scene can tell, by default.
 
@@ -67,6 +77,12 @@ def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
         value = abs(float(scene.get(key)))
         if key in ("camera.left_mm", "camera.top_mm"):
             found.append(100.0 * scene.camera.pixel_mm)
+        elif key in _SCALES:
+            found.append(_SCALES[key])
+        elif key.endswith("_error_deg"):
+            found.append(100.0)
+        elif key == "camera.pixel_mm":
+            found.append(0.3 * value)
         elif key == "friction.coefficient":
             found.append(3.0)
         elif key == "load.tangential_n" or key.startswith("load.bulk"):
@@ -81,9 +97,10 @@ def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
     low, high = [], []
     for key in keys:
         value = float(scene.get(key))
-        if key == "friction.coefficient":
-            low.append(-2.0)
-            high.append(2.0)
+        if key in _BOUNDS or key.endswith("_error_deg"):
+            least, most = _BOUNDS.get(key, (-45.0, 45.0))
+            low.append(least)
+            high.append(most)
         elif key in ("camera.left_mm", "camera.top_mm") or key.startswith("load.bulk"):
             low.append(-np.inf)
             high.append(np.inf)
