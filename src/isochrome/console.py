@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
@@ -100,6 +101,28 @@ def print_calibration(result: Any) -> None:
         form, size = result.residual["form"], result.residual["largest_order"]
         typer.echo(f"residual stress: {form}, up to {size:.3f} fringes")
     print_warnings(list(result.warnings))
+
+
+def print_fit(result: Any) -> None:
+    """Fitted values with their uncertainties and bounds, chi, and what is said of the wear law."""
+    table = result.table()
+    names = ("frame", "key", "value", "standard_uncertainty", "cramer_rao_bound")
+    rows = [
+        (frame, key, f"{_to_last_digit(value, spread)} ± {spread:.2g}", f"{bound:.2g}")
+        for frame, key, value, spread, bound in zip(*(table[n] for n in names), strict=True)
+    ]
+    print_rows(("frame", "key", "value ± standard uncertainty", "Cramér-Rao bound"), rows)
+    typer.echo(f"chi = {result.chi:.3f}")
+    if result.wear_laws is not None:
+        typer.echo(f"wear law: {result.wear_laws.sentence()}")
+
+
+def _to_last_digit(value: float, spread: float) -> str:
+    """A value with the digits that its uncertainty, shown with two, leaves it."""
+    if not (math.isfinite(spread) and spread > 0.0 and value):
+        return f"{value:.6g}"
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(spread)) + 2
+    return f"{value:#.{min(max(digits, 2), 15)}g}"
 
 
 def print_columns(table: dict[str, list[Any]], names: Any) -> None:

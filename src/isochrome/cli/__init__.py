@@ -21,6 +21,7 @@ from isochrome.cli.options import (
 )
 from isochrome.console import (
     print_columns,
+    print_fit,
     print_json,
     print_rows,
     print_warnings,
@@ -163,23 +164,24 @@ def fit(
     per_frame: Annotated[
         list[str] | None, typer.Option("--per-frame", help="Key of each frame; repeatable.")
     ] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Look for each frame where the last one was.")
+    ] = False,
     out: Out = Path("isochrome-fit"),
     as_json: Json = False,
 ) -> None:
     """Fit unknowns of the scene, such as load.normal_n, to the frames."""
     from isochrome.fit.run import fit as run
 
-    with steps(quiet=True) as say:
-        say("fitting")
-        result = run(frames, scene, free or [], per_frame=per_frame or [], out=out)
+    with progress_bar("fitting") as progress:
+        result = run(
+            frames, scene, free or [], per_frame=per_frame or [], follow=follow, out=out,
+            progress=progress,
+        )  # fmt: skip
     if as_json:
         print_json({"out": str(out), **result.to_json()})
         return
-    rows = [("all", key, found) for key, found in result.shared.items()]
-    rows += [(str(i), key, f) for i, own in enumerate(result.frames) for key, f in own.items()]
-    table = [(a, key, f"{f['value']:.6g} ± {f['standard_uncertainty']:.2g}") for a, key, f in rows]
-    print_rows(("frame", "key", "value ± standard uncertainty"), table)
-    typer.echo(f"chi = {result.chi:.3f}")
+    print_fit(result)
     print_warnings(list(result.warnings))
     typer.echo(f"results: {out}")
 

@@ -38,13 +38,15 @@ _SEGMENTS = 12
 class LawFit:
     """One law through what the frames say.
 
-    `law`; `parameters`, {value, standard_uncertainty} by name; `misfit` Q, in noise variances, of
-    `freedom` degrees; `chi`, residual over noise over all pixels with this law;
-    `log_evidence`, ln Z less that of the preferred law.
+    `law`; `parameters`, {value, standard_uncertainty} by name; `between`, the mean coefficient
+    (mm²/N) that it gives between the frames (n,); `misfit` Q, in noise variances, of `freedom`
+    degrees; `chi`, residual over noise over all pixels with this law; `log_evidence`, ln Z less
+    that of the preferred law.
     """
 
     law: str
     parameters: dict[str, dict[str, float]]
+    between: tuple[float, ...]
     misfit: float
     freedom: int
     chi: float
@@ -113,24 +115,26 @@ def compare_laws(
     mean of the worn distances.
     """
     widened = max(1.0, cost / freedom)
-    fits = [
-        _fit_law(law, sequence, values, information / widened) for law in _laws(sequence, values)
-    ]
-    best = max(log_z for *_, log_z in fits)
+    laws = _laws(sequence, values)
+    fits = [_fit_law(law, sequence, values, information / widened) for law in laws]
+    best = max(fit.log_z for fit in fits)
     worn = sum(u.key == WEAR for u in sequence.unknowns)
     found = [
         LawFit(
             law.name,
             {
-                name: {"value": float(np.exp(t)), "standard_uncertainty": float(np.exp(t) * s)}
-                for name, t, s in zip(law.names, theta, spread, strict=True)
+                name: {"value": value, "standard_uncertainty": value * spread}
+                for name, value, spread in zip(
+                    law.names, np.exp(fit.theta).tolist(), fit.spread.tolist(), strict=True
+                )
             },
-            misfit,
+            tuple(fit.between.tolist()),
+            fit.misfit,
             worn - len(law.names),
-            float(np.sqrt((cost + widened * misfit) / freedom)),
-            log_z - best,
+            float(np.sqrt((cost + widened * fit.misfit) / freedom)),
+            fit.log_z - best,
         )
-        for law, theta, spread, misfit, log_z in fits
+        for law, fit in zip(laws, fits, strict=True)
     ]
     return tuple(sorted(found, key=lambda f: -f.log_evidence))
 
@@ -190,10 +194,19 @@ def segment_ends(sequence: Sequence) -> Array:
     )
 
 
-def _fit_law(
-    law: Law, sequence: Sequence, values: Array, information: Array
-) -> tuple[Law, Array, Array, float, float]:
-    """A law's parameters, their uncertainties, its distance Q, and ln Z but for a constant.
+@dataclass(frozen=True)
+class _Nearest:
+    """A law's parameters, their uncertainties, its curve, Q, and ln Z but for a constant."""
+
+    theta: Array
+    spread: Array
+    between: Array
+    misfit: float
+    log_z: float
+
+
+def _fit_law(law: Law, sequence: Sequence, values: Array, information: Array) -> _Nearest:
+    """A law through the values that the frames say.
 
     The friction moves with the law's parameters: a law weighs what it would take to change it.
     """
@@ -221,7 +234,8 @@ def _fit_law(
     narrow = law.prior[np.isfinite(law.prior)]
     log_z = -0.5 * (total + float(np.linalg.slogdet(matrix)[1])) - float(np.log(narrow).sum())
     spread = np.sqrt(np.diag(np.linalg.inv(matrix)))[:count]
-    return law, unknown[:count], spread, misfit, log_z
+    between = values[segment] + (curve(unknown) / size)[len(friction) :]
+    return _Nearest(unknown[:count], spread, between, misfit, log_z)
 
 
 def _starts(law: Law) -> list[Array]:

@@ -12,6 +12,7 @@ from isochrome.fit.frame_set import FrameSet
 from isochrome.fit.joint import JointFit, fit_together
 from isochrome.fit.joint_start import fit_alone, starting_values
 from isochrome.fit.laws import WEAR, compare_laws, mean_coefficients, segment_ends, segments
+from isochrome.fit.over_distance import over_distance_figure
 from isochrome.fit.refuse import refuse_alike, refuse_keys
 from isochrome.fit.result import Fit, fitted_scene, make_result
 from isochrome.fit.sequence import make_sequence
@@ -44,8 +45,8 @@ def fit(
     Parameters: `frames`, one a state; `scene`, where the fit starts; `free`, keys that all frames
     share, such as 'load.normal_n'; `per_frame`, keys with a value a frame; `follow`, whether a
     frame is looked for where the last one was, and there alone; `out`, a folder for fit.csv,
-    scene.toml (fitted), fit.json, provenance.json and fit.png; `progress`, called with
-    (done, all).
+    scene.toml (fitted), fit.json, provenance.json, fit.png, and of several frames
+    fit_over_distance.png and wear_laws.csv; `progress`, called with (done, all).
     Returns a Fit. Raises InputError for unknown keys and those that cannot be told apart,
     PhysicsError where the frames do not hold the scene's fringes.
     """
@@ -67,6 +68,9 @@ def fit(
             write_json(folder / "fit.json", result.to_json())
             write_json(folder / "provenance.json", provenance(dump_scene(scene), [Path(frames)]))
             write_figure(folder / "fit.png", fit_figure(scene.name, data, joint.scenes))
+            over_distance = over_distance_figure(scene.name, result)
+            if over_distance is not None:
+                write_figure(folder / "fit_over_distance.png", over_distance)
     steps.end()
     return result
 
