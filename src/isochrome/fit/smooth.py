@@ -17,6 +17,7 @@ import numpy as np
 
 from isochrome.errors import PhysicsError
 from isochrome.fit.frame_data import FrameData
+from isochrome.fit.frame_fit import FrameFit, fit_frame
 from isochrome.fit.joint import JointFit, fit_together
 from isochrome.fit.refuse import refuse_alike
 from isochrome.fit.sequence import Unknown
@@ -98,6 +99,27 @@ def with_smooth_stress(
     return smooth, (
         smooth_sentence(keys, (joint.chi, smooth.chi), most, loads[0] if loads else None),
     )
+
+
+def smooth_frame_fit(data: FrameData, fit: FrameFit) -> tuple[FrameFit, tuple[str, ...]]:
+    """One frame's fit with a smooth stress freed, where its chi asks for one and it explains chi.
+
+    Parameters: `data`, the frame; `fit`, of it. Returns a fit with more keys or the given one, and
+    what is to be said of it.
+    """
+    keys = smooth_keys(fit.scene, fit.keys, fit.chi)
+    if not keys or not fit.positive:
+        return fit, ()
+    begun = with_zeros(fit.scene, keys)
+    smooth = fit_frame(data, begun, (*fit.keys, *keys), load_factors=(1.0,), place_px=(0.0,))
+    told = bool(np.isfinite(smooth.standard_uncertainty[len(fit.keys) :]).all())
+    if not (told and smooth.positive and is_explained(fit.chi, smooth.chi)):
+        return fit, ()
+    k = fit.keys.index("load.normal_n") if "load.normal_n" in fit.keys else None
+    load = None if k is None else (float(fit.values[k]), float(smooth.values[k]))
+    most = smooth_fringes(smooth.scene, fit.scene, data.light.shape)
+    said = smooth_sentence(keys, (fit.chi, smooth.chi), most, load)
+    return replace(smooth, others=fit.others), (said,)
 
 
 def smooth_fringes(scene: Scene, other: Scene, shape: tuple[int, ...]) -> float:

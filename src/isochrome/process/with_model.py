@@ -10,6 +10,7 @@ from isochrome.errors import PhysicsError
 from isochrome.fit.explain import Explained, explain_frame
 from isochrome.fit.frame_data import FrameData, prepare_frame
 from isochrome.fit.frame_fit import FrameFit, fit_frame
+from isochrome.fit.smooth import smooth_frame_fit
 from isochrome.fit.unknowns import LOAD_FACTORS, PLACE_PX
 from isochrome.frames import Frame
 from isochrome.fringes.branch import OrderReading, read_order
@@ -90,7 +91,9 @@ def _fitted(data: FrameData, scene: Scene, frame: Frame) -> tuple[FrameFit, Scen
         scene, notes = placed_disc(scene, data)
         factors, places = _DISC_LOADS, (0.0,)
     try:
-        return fit_frame(data, scene, load_factors=factors, place_px=places), scene, notes
+        fit = fit_frame(data, scene, load_factors=factors, place_px=places)
+        fit, said = smooth_frame_fit(data, fit)
+        return fit, scene, [*notes, *said]
     except PhysicsError as error:
         raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
 
