@@ -197,6 +197,9 @@ def test_all_outputs_of_a_simulation_know_the_block():
     maps = block.maps
     found = maps["sigma_x"] - maps["sigma_z"] + 2j * maps["tau_xz"]
     assert np.abs(found - difference).max() < 1e-4  # single precision of some transforms
+    off = FRINGES_PER_MPA * np.abs(state_difference(half.scene, state, pixels) - difference).max()
+    assert block.history["block_order_max"] == pytest.approx([off], rel=0.02)  # of few pixels
+    assert "block_order_max" not in half.history
     trace = [run.maps["sigma_x"] + run.maps["sigma_z"] for run in (half, block)]
     added = block_series(PAPER).unit[0].trace(pixels.x_mm[None, :], pixels.z_mm[:, None])
     assert np.allclose(trace[1] - trace[0], 11.0 * added, atol=1e-4)

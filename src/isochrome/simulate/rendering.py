@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState
 from isochrome.errors import PhysicsError
-from isochrome.optics import expose
+from isochrome.optics import expose, fringe_order
 from isochrome.scene import Scene
 from isochrome.simulate.components import Components, state_components
 from isochrome.simulate.model import (
@@ -21,20 +21,22 @@ from isochrome.simulate.model import (
     refuse_too_fine,
     state_difference,
 )
-from isochrome.stress import PixelGrid
+from isochrome.stress import PixelGrid, block_stress
 
 
 @dataclass(frozen=True)
 class Rendered:
     """A state with its picture and the camera's frames of it (steps, rows, cols[, 3]).
 
-    `components`, of its stress, None where nobody asked.
+    `components`, of its stress, None where nobody asked; `block_order`, the largest change of the
+    fringe order in view by the sides of a block, None for a half-plane.
     """
 
     state: SceneState
     picture: Picture
     frames: NDArray[np.generic]
     components: Components | None = None
+    block_order: float | None = None
 
 
 def render(
@@ -61,7 +63,23 @@ def render(
             for step in steps or [None]
         ]
         parts = state_components(scene, state, picture, pixels) if components else None
-        yield Rendered(state, picture, np.stack(frames), parts)
+        yield Rendered(state, picture, np.stack(frames), parts, _block_order(scene, state, pixels))
+
+
+def _block_order(scene: Scene, state: SceneState, pixels: PixelGrid) -> float | None:
+    """How far a half-plane would be off, in fringes: the most that a block's sides add in view."""
+    if scene.specimen.shape != "block":
+        return None
+    assert state.surface is not None
+    added = block_stress(scene, state.surface, pixels)
+    few = pixels.every(max(1, min(pixels.rows, pixels.cols) // 32))  # smooth: no pixel differs
+    z = np.maximum(few.z_mm, 0.0)
+    order = fringe_order(
+        added.difference(few.x_mm[None, :], z[:, None]),
+        thickness_mm=scene.specimen.thickness_mm or 0.0,
+        fringe_value_n_per_mm=scene.specimen.fringe_value_n_per_mm or 0.0,
+    )
+    return float(order.max())
 
 
 def _refuse_too_wide(scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> None:
