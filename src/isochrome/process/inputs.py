@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import glob
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from isochrome.errors import IsochromeError
 from isochrome.fit.frame_data import prepare_frame
-from isochrome.frames import FramesPath
+from isochrome.frames import FrameReader
 from isochrome.output import provenance
 from isochrome.process.place import placed_disc
 from isochrome.process.recipe import OpenSet, Recipe
@@ -18,28 +17,24 @@ from isochrome.runs import environment
 from isochrome.scene import Scene, dump_scene
 
 
-def identity_of(recipe: Recipe) -> Mapping[str, Any]:
-    """What a run on a set is a result of, as provenance.json keeps it. Raises InputError."""
+def identity_of(recipe: Recipe, files: Sequence[Path]) -> Mapping[str, Any]:
+    """What a run on a set is a result of, as provenance.json keeps it.
+
+    Parameters: `recipe`; `files`, see `input_files`. Raises InputError where one cannot be read.
+    """
     scene = recipe.scene
     seed = scene.camera.seed if scene.camera else None
-    record = provenance(dump_scene(scene), input_files(recipe.frames, scene), seed)
+    record = provenance(dump_scene(scene), files, seed)
     return record | environment() | {"options": {"rois": recipe.rois}}
 
 
-def input_files(frames: FramesPath, scene: Scene) -> list[Path]:
-    """The captured files, and those that the scene names, in order.
-
-    Parameters: `frames`, as for `open_frames`; `scene`. Returns their paths.
-    """
-    found: list[Path] = []
-    for path in [frames] if isinstance(frames, str | Path) else frames:
-        place = Path(path)
-        found += [place] if place.exists() else map(Path, sorted(glob.glob(str(path))))
+def input_files(reader: FrameReader, scene: Scene) -> list[Path]:
+    """The captured files, and those that the scene names, in order."""
     own = scene.frames
     named = [own.no_load_dark, own.no_load_bright, own.no_load_steps, own.mask, own.colour_table]
     named += [scene.camera.response if scene.camera else None]
     named += [scene.indenter.profile if scene.indenter else None]
-    return found + [scene.path(name) for name in named if name is not None]
+    return [*reader.files, *(scene.path(name) for name in named if name is not None)]
 
 
 def set_pixel(source: OpenSet) -> float | None:

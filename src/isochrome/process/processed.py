@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from isochrome.fit.run import fitted_scene
 from isochrome.fringes.residual import Residual
 from isochrome.output import read_csv
@@ -17,6 +19,7 @@ from isochrome.scene import Scene
 from isochrome.simulate import no_model_sentence
 
 _NOTABLE = 0.02
+_SPANS = 8
 
 
 @dataclass(frozen=True)
@@ -73,16 +76,31 @@ def collect(
     told = scene.model or alone or scene.frames.known_order
     warnings = [] if told else [no_model_sentence(scene)]
     warnings += _of_residual(scene, residual) if residual is not None else []
-    warnings += [
-        f"frame {index}: {said}"
-        for index, said in zip(table["frame"], table["warnings"], strict=True)
-        if said
-    ]
+    warnings += _of_frames(table)
     fitted = _fitted(scene, table, shape) if scene.model and not alone else None
     failed = status.count("failed")
     return Processed(
         scene, scene.model, table, frames, fitted, tuple(warnings), residual, failed=failed
     )
+
+
+def _of_frames(table: dict[str, list[Any]]) -> list[str]:
+    """What is said of frames, each sentence once, with the frames that it is said of."""
+    said: dict[str, list[int]] = {}
+    for index, text in zip(table["frame"], table["warnings"], strict=True):
+        if text:
+            said.setdefault(text, []).append(index)
+    return [f"{_frames(indices)}: {text}" for text, indices in said.items()]
+
+
+def _frames(indices: list[int]) -> str:
+    """Frames as 'frame 3' or 'frames 0-4, 7', after eight spans how many more."""
+    if len(indices) == 1:
+        return f"frame {indices[0]}"
+    runs = np.split(np.array(indices), np.flatnonzero(np.diff(indices) > 1) + 1)
+    spans = [f"{run[0]}" if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs]
+    more = f" and {len(spans) - _SPANS} more" if len(spans) > _SPANS else ""
+    return f"frames {', '.join(spans[:_SPANS])}{more}"
 
 
 def restore(

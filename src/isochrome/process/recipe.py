@@ -9,7 +9,7 @@ from itertools import islice
 
 from isochrome.errors import InputError, IsochromeError
 from isochrome.fit.one_state import frame_scene, scene_at
-from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load, open_scene_frames
+from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load
 from isochrome.fringes.residual import Residual
 from isochrome.process.colour import ColourCapture, colour_capture, colour_frames, process_colour
 from isochrome.process.image_only import process_image_only
@@ -24,12 +24,14 @@ from isochrome.scene import Scene
 class Recipe:
     """A set and what is to be done to it, for any process: `frames`, the files; `scene`.
 
-    `key` is the same for the same recipe on the same content; `rois`, whether fringe lines are
-    wanted of frames with a fit too; `keep_going`, whether a frame that fails is left out.
+    `reader` of the frames, which has counted them and so knows their places; `key`, the same for
+    the same recipe on the same content; `rois`, whether fringe lines are wanted of frames with a
+    fit too; `keep_going`, whether a frame that fails is left out.
     """
 
     frames: FramesPath
     scene: Scene
+    reader: FrameReader
     key: str
     rois: bool = False
     keep_going: bool = False
@@ -45,14 +47,18 @@ class Recipe:
         return max(1, len(self.scene.polariscope.step))
 
 
+_FAR = 300
+"""Frames of a video that are sooner passed over than left out by a new start at a key frame."""
+
+
 class OpenSet:
     """An opened set: its `reader`, what all frames share, and where its reading stands."""
 
     def __init__(self, recipe: Recipe) -> None:
-        """Open the files. Raises InputError."""
+        """Open the files besides the frames. Raises InputError."""
         scene = recipe.scene
         self.recipe = recipe
-        self.reader = open_scene_frames(recipe.frames, scene)
+        self.reader = recipe.reader
         self.capture: Capture | ColourCapture = Capture(self.reader.bit_depth)
         self.residual: Residual | None = None
         if recipe.coloured:
@@ -62,7 +68,8 @@ class OpenSet:
         else:
             dark, bright = load_no_load(scene, full_shape=self.reader.full_shape)
             self.capture = Capture(self.reader.bit_depth, dark, bright)
-        self._cursor = Cursor[list[Frame]](self._begin)
+        far = _FAR // recipe.steps if self.reader.kind == "video" else 0
+        self._cursor = Cursor[list[Frame]](self._begin, far)
 
     def _begin(self, start: int) -> Iterator[list[Frame]]:
         """The frames of one state after another, from state `start` on."""
@@ -70,7 +77,7 @@ class OpenSet:
             yield from islice(colour_frames(self.recipe.frames, self.recipe.scene), start, None)
             return
         steps = self.recipe.steps
-        frames = frames_from(self.reader, start * steps)
+        frames = self.reader.iterate(start * steps)
         while len(together := list(islice(frames, steps))) == steps:
             yield together
 
@@ -117,11 +124,6 @@ class OpenSet:
         """Close the files."""
         self._cursor.close()
         self.reader.close()
-
-
-def frames_from(reader: FrameReader, start: int) -> Iterator[Frame]:
-    """A reader's frames from frame `start` on."""
-    return islice(iter(reader), start, None)
 
 
 _KEPT = threading.local()

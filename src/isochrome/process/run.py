@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.frames import FrameReader, FramesPath
+from isochrome.frames import FrameReader, FramesPath, open_scene_frames
 from isochrome.fringes.steps import make_design
 from isochrome.optics import make_chain
 from isochrome.output.roi import load_roifile
 from isochrome.process.chunk import layers_of, process_chunk
 from isochrome.process.colour import check_colour
 from isochrome.process.folder import finish_folder
-from isochrome.process.inputs import identity_of, set_pixel
+from isochrome.process.inputs import identity_of, input_files, set_pixel
 from isochrome.process.processed import Processed, collect, restore, tabulate
 from isochrome.process.recipe import OpenSet, Recipe, close_kept, opened
 from isochrome.progress import RunProgress, Tally
@@ -68,16 +70,22 @@ def process(
     if out is None and (cluster is not None or workers != 1):
         raise InputError("workers and a cluster write to a folder: give out")
     frames = frames if isinstance(frames, str | Path) else tuple(frames)
-    recipe = Recipe(frames, scene, "not yet known", rois, keep_going)
     try:
-        with single_threaded():
+        with single_threaded(), open_scene_frames(frames, scene) as reader:
+            files = input_files(reader, scene)
+            if cluster is not None:
+                frames, scene = _absolute(frames, scene)
+                reader = open_scene_frames(frames, scene)
+            count = reader.count()
+            _check_set(scene, reader, count)
+            recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going)
             source = opened(recipe)
-            count = source.reader.count()
-            _check_set(scene, source.reader, count)
             if out is None:
                 return _in_memory(source, count // recipe.steps, progress)
             means = Means(workers, cluster, restart, keep_going)
-            return _to_folder(source, count // recipe.steps, Path(out), means, progress)
+            identity = identity_of(recipe, files)
+            layout = _layout(source, count // recipe.steps)
+            return _to_folder(source, identity, layout, Path(out), means, progress)
     finally:
         close_kept()
 
@@ -95,25 +103,31 @@ def _in_memory(source: OpenSet, count: int, progress: RunProgress | None) -> Pro
     return collect(source.recipe.scene, table, status, kept, source.reader.shape, source.residual)
 
 
+def _layout(source: OpenSet, count: int) -> Layout:
+    """What a set's run leaves: its maps over frame, row and column."""
+    rows, cols = source.reader.shape
+    return Layout(
+        {"frame": count},
+        {"row": rows, "col": cols},
+        layers_of(source.recipe.scene),
+        chunk_size(count, 4 * rows * cols),
+        set_pixel(source),
+    )
+
+
 def _to_folder(
-    source: OpenSet, count: int, out: Path, means: Means, progress: RunProgress | None
+    source: OpenSet,
+    identity: Mapping[str, Any],
+    layout: Layout,
+    out: Path,
+    means: Means,
+    progress: RunProgress | None,
 ) -> Processed:
     """All states, by whoever computes them, into a folder."""
     scene, shape, residual = source.recipe.scene, source.reader.shape, source.residual
-    identity = identity_of(source.recipe)
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
     recipe = replace(source.recipe, key=digest)
     source.recipe = recipe  # opened under this name, it need not be opened again
-    if means.cluster is not None:
-        recipe = _absolute(recipe)
-    chunk = chunk_size(count, 4 * shape[0] * shape[1])
-    layout = Layout(
-        {"frame": count},
-        {"row": shape[0], "col": shape[1]},
-        layers_of(scene),
-        chunk,
-        set_pixel(source),
-    )
     job = Job(partial(process_chunk, recipe), layout, identity)
     found = run_job(
         job,
@@ -125,16 +139,14 @@ def _to_folder(
     return found or restore(scene, out, shape, residual)
 
 
-def _absolute(recipe: Recipe) -> Recipe:
-    """A recipe whose files are found from any folder, as another machine stands in another."""
-    frames = recipe.frames
+def _absolute(frames: FramesPath, scene: Scene) -> tuple[FramesPath, Scene]:
+    """Frames and scene found from any folder, as another machine stands in another."""
     if isinstance(frames, str | Path):
         frames = str(Path(frames).absolute())
     else:
         frames = tuple(str(Path(path).absolute()) for path in frames)
-    folder = (recipe.scene.folder or Path()).absolute()
-    scene = recipe.scene.model_copy(update={"folder": folder})
-    return replace(recipe, frames=frames, scene=scene)
+    folder = (scene.folder or Path()).absolute()
+    return frames, scene.model_copy(update={"folder": folder})
 
 
 def _check_scene(scene: Scene) -> None:

@@ -11,7 +11,6 @@ from isochrome.fit.explain import Explained, explain_frame
 from isochrome.fit.frame_data import FrameData, prepare_frame
 from isochrome.fit.frame_fit import FrameFit, fit_frame
 from isochrome.fit.smooth import smooth_frame_fit
-from isochrome.fit.unknowns import LOAD_FACTORS, PLACE_PX
 from isochrome.frames import Frame
 from isochrome.fringes.branch import OrderReading, read_order
 from isochrome.process.image_only import process_image_only
@@ -25,8 +24,6 @@ POOR_CHI = 1.3
 LOST = 0.12
 """Residual over contrast beyond which a model cannot name the branch of a pixel: nothing is read.
 A right model leaves the noise, about 0.02; one that is 3 % off in load 0.05; wrong ones 0.15 on."""
-
-_DISC_LOADS = tuple(np.geomspace(0.3, 3.0, 47).tolist())
 
 
 def process_with_model(frame: Frame, scene: Scene, capture: Capture) -> ProcessedFrame:
@@ -85,13 +82,10 @@ def process_with_model(frame: Frame, scene: Scene, capture: Capture) -> Processe
 def _fitted(data: FrameData, scene: Scene, frame: Frame) -> tuple[FrameFit, Scene, list[str]]:
     """The fit, the scene that it began with (a disc's placed by its rim), and what to say."""
     notes: list[str] = []
-    factors: tuple[float, ...] = LOAD_FACTORS
-    places: tuple[float, ...] = PLACE_PX
     if scene.model == "disc":
         scene, notes = placed_disc(scene, data)
-        factors, places = _DISC_LOADS, (0.0,)
     try:
-        fit = fit_frame(data, scene, load_factors=factors, place_px=places)
+        fit = fit_frame(data, scene)
         fit, said = smooth_frame_fit(data, fit)
         return fit, scene, [*notes, *said]
     except PhysicsError as error:

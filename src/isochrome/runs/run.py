@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Generator
-from contextlib import closing, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,6 +26,7 @@ from isochrome.runs.workers import (
 )
 from isochrome.runs.workplace import (
     PROVENANCE,
+    has_run,
     is_complete,
     is_finished,
     open_bench,
@@ -90,55 +91,70 @@ def run_job(
         if not means.restart and is_complete(target, job.identity):
             wipe(root)
             return None
-        kept: dict[int, Kept] = {}
-        before, start = 0, time.perf_counter()
-        try:
+        with _saying(root, job) as state:
+            state.own = means.restart or not has_run(root)
             bench = open_bench(root, job, restart=means.restart)
-            kept = _kept(bench, means)
-            before = len(kept)
-            _compute(job, bench, kept, means, progress)
+            found: T | None = None
             if is_finished(bench):  # and killed before all had its place
-                found = None
+                state.finished = True
             else:
+                state.kept = _kept(bench, means)
+                _compute(job, bench, state.kept, means, progress)
                 found = finish(bench)
                 _leave_record(bench, job)
+                state.finished = True
             publish(bench, target)
             wipe(root)
             return found
-        except IsochromeError as error:
-            if (
-                not isinstance(error, WorkersLost)
-                and not before
-                and _since(start) < WORTH_KEEPING_S
-            ):
-                kept.clear()
-            if not kept:
-                raise
-            raise type(error)(f"{error} ({_said(job, kept)} in {root})") from error
-        except KeyboardInterrupt:
-            raise Stopped(
-                f"stopped; {_said(job, kept)} in {root}: the same command goes on"
-                if kept
-                else "stopped before anything was finished; nothing is left"
-            ) from None
-        except OSError as error:
-            raise InputError(
-                f"{root}: cannot be written ({error.strerror or error}); {_said(job, kept)} there: "
-                "make room, or see that the drive is there, and the same command goes on"
-            ) from error
-        finally:
-            if not kept:
-                with suppress(OSError):
-                    wipe(root)
 
 
-def _since(start: float) -> float:
-    return time.perf_counter() - start
+@dataclass
+class _State:
+    """What is kept of a run: its `kept` chunks, or all of it, `finished`.
+
+    `own`, whether the working folder holds nothing of an earlier run.
+    """
+
+    own: bool = False
+    kept: dict[int, Kept] = field(default_factory=dict)
+    finished: bool = False
 
 
-def _said(job: Job, kept: dict[int, Kept]) -> str:
-    done = sum(chunk.items for chunk in kept.values())
-    return f"{done} of {job.layout.count} are finished and kept"
+@contextmanager
+def _saying(root: Path, job: Job) -> Iterator[_State]:
+    """Say what is kept when a run ends before its time; where nothing is, leave nothing."""
+    state, start = _State(), time.perf_counter()
+    count = job.layout.count
+
+    def said() -> str:
+        done = count if state.finished else sum(chunk.items for chunk in state.kept.values())
+        return f"{done} of {count} are finished and kept"
+
+    try:
+        yield state
+    except IsochromeError as error:
+        soon_again = state.own and time.perf_counter() - start < WORTH_KEEPING_S
+        if soon_again and not isinstance(error, WorkersLost):
+            state.kept.clear()
+        if not state.kept:
+            raise
+        raise type(error)(f"{error} ({said()} in {root})") from error
+    except KeyboardInterrupt:
+        something = state.kept or state.finished
+        raise Stopped(
+            f"stopped; {said()} in {root}: the same command goes on"
+            if something
+            else "stopped before anything was finished; nothing is left"
+        ) from None
+    except OSError as error:
+        raise InputError(
+            f"{root}: cannot be written ({error.strerror or error}); {said()} there: make room, or "
+            "see that the drive is there, and the same command goes on"
+        ) from error
+    finally:
+        if state.own and not state.kept and not state.finished:
+            with suppress(OSError):
+                wipe(root)
 
 
 def _kept(bench: Bench, means: Means) -> dict[int, Kept]:

@@ -36,7 +36,12 @@ def alone(work: Work, bench: Bench, chunks: Sequence[int]) -> Generator[Finished
     with futures.ThreadPoolExecutor(1) as writer, single_threaded():
         writing: tuple[int, futures.Future[Kept]] | None = None
         for index in chunks:
-            results = work(*bench.layout.span(index))
+            try:
+                results = work(*bench.layout.span(index))
+            except BaseException:
+                if writing is not None:  # it is finished, whatever became of this one
+                    yield writing[0], writing[1].result()
+                raise
             if writing is not None:
                 yield writing[0], writing[1].result()
             writing = index, writer.submit(keep, bench, index, results)
@@ -55,12 +60,15 @@ def by_processes(
     """
     before = set(multiprocessing.active_children())
     pool = futures.ProcessPoolExecutor(
-        workers, multiprocessing.get_context("spawn"), initializer=_start_worker
+        workers,
+        multiprocessing.get_context("spawn"),
+        initializer=_start_worker,
+        initargs=(work, bench),  # once for each worker: it may know the places of all frames
     )
     finished = False
     try:
         yield from _in_flight(
-            lambda index: pool.submit(_alone_in_worker, work, bench, index), chunks, 2 * workers
+            lambda index: pool.submit(_alone_in_worker, index), chunks, 2 * workers
         )
         finished = True
     except futures.process.BrokenProcessPool as error:
@@ -87,10 +95,13 @@ def by_cluster(
     """
     with _client(address) as client:
         executor = client.get_executor(pure=False)
+        everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
         expected = environment()
         sent = _in_flight(
-            lambda index: executor.submit(_elsewhere, work, bench.layout.span(index), expected),
+            lambda index: executor.submit(
+                _elsewhere, everywhere, bench.layout.span(index), expected
+            ),
             chunks,
             ahead,
         )
@@ -126,7 +137,12 @@ def _in_flight(
             yield waiting.pop(future), future.result()
 
 
-def _start_worker() -> None:
+_TASK: list[tuple[Work, Bench]] = []
+"""What a worker process was started for."""
+
+
+def _start_worker(work: Work, bench: Bench) -> None:
+    _TASK[:] = [(work, bench)]
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -139,7 +155,8 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _alone_in_worker(work: Work, bench: Bench, index: int) -> Kept:
+def _alone_in_worker(index: int) -> Kept:
+    ((work, bench),) = _TASK
     with single_threaded():
         return work_and_keep(work, bench, index)
 

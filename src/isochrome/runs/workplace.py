@@ -72,10 +72,17 @@ def open_bench(root: Path, job: Job, *, restart: bool) -> Bench:
                 "that to go on with it, add --restart to begin anew, or name another --out folder"
             )
         results = root / manifest["token"]
+        if (root / _FINISHED).exists():
+            return Bench(results, root / _RECORDS, job.layout, {})
         if results.is_dir():
             return _reopened(root, results, job.layout)
     wipe(root)
     return _new(root, job)
+
+
+def has_run(root: Path) -> bool:
+    """Whether a working folder holds what an earlier run left."""
+    return _manifest(root) is not None
 
 
 def wipe(root: Path) -> None:
@@ -133,8 +140,7 @@ def _reopened(root: Path, results: Path, layout: Layout) -> Bench:
         if layer.stack
     }
     bench = Bench(results, root / _RECORDS, layout, stacks)
-    if not (root / _FINISHED).exists():
-        clear_up(bench)
+    clear_up(bench)
     return bench
 
 
@@ -169,9 +175,12 @@ def publish(bench: Bench, target: Path) -> None:
     folder. Raises OSError.
     """
     root = bench.records.parent
-    sync_tree(bench.results)
-    write_through(root / _FINISHED, b"")
-    if target.exists():
+    if not is_finished(bench):
+        sync_tree(bench.results)
+        write_through(root / _FINISHED, b"")
+    if not bench.results.exists():
+        pass  # all has its place
+    elif target.exists():
         _clear_old(bench.results, target)
         last = PROVENANCE  # what says that all is there
         for entry in sorted(bench.results.iterdir(), key=lambda e: (e.name == last, e.name)):

@@ -1,0 +1,85 @@
+"""A job whose results are known beforehand, and files that tell who computed what of it."""
+
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from isochrome.runs import Job, Layer, Layout, Results
+from isochrome.runs.chunks import parts, rows
+
+ROWS, COLS = 5, 7
+IDENTITY = {
+    "isochrome": "1",
+    "scene": "a = 1\nb = 2\n",
+    "inputs_sha256": {"film.avi": "00"},
+    "options": {"rois": False},
+}
+
+
+def truth(item):
+    """The picture of an item: item + row / 8 + col / 64, exact in float32."""
+    row, col = np.mgrid[:ROWS, :COLS]
+    return (item + row / 8 + col / 64).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Count:
+    """Work: it notes each call in a folder; it fails at an item, or waits, where it is told to.
+
+    `seconds` of each item; `fail_at`, an item at which `failure` is raised while `switch` is there.
+    """
+
+    notes: Path
+    seconds: float = 0.0
+    fail_at: int | None = None
+    failure: type[BaseException] = KeyboardInterrupt
+    switch: Path | None = None
+
+    def __call__(self, start, stop):
+        with open(self.notes / f"{os.getpid()}.txt", "a", encoding="utf-8") as file:
+            file.write(f"{start}\n")
+        for item in range(start, stop):
+            time.sleep(self.seconds)
+            if item == self.fail_at and self.switch is not None and self.switch.exists():
+                if self.failure is SystemExit:
+                    os._exit(9)
+                raise self.failure(f"item {item} is bad")
+        items = range(start, stop)
+        return Results(
+            {"order": np.stack([truth(i) for i in items])},
+            [{"frame": i, "third": i / 3, "even": None if i % 2 else i} for i in items],
+            [{"status": "flagged" if i % 10 == 3 else "ok"} for i in items],
+            {"lines.txt": "".join(f"{i}\n" for i in items if i % 2).encode()},
+        )
+
+
+def job(work, count=10, chunk=3, identity=IDENTITY):
+    """A job of `count` items."""
+    layers = (Layer("order", "1", "fringe order"),)
+    return Job(
+        work, Layout({"frame": count}, {"row": ROWS, "col": COLS}, layers, chunk, 0.01), identity
+    )
+
+
+def finish(bench):
+    """Write the rows and the joined parts; return the rows."""
+    found = [row for row, _ in rows(bench)]
+    (bench.results / "rows.json").write_text(json.dumps(found), "utf-8")
+    (bench.results / "lines.txt").write_bytes(b"".join(parts(bench, "lines.txt")))
+    return found
+
+
+def calls(notes):
+    """Starts of all chunks that were computed, sorted."""
+    return sorted(int(line) for f in notes.glob("*.txt") for line in f.read_text("utf-8").split())
+
+
+def contents(folder):
+    """All files below a folder with their bytes."""
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()
+    }

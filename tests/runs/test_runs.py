@@ -1,0 +1,361 @@
+"""A long run leaves all results or none, goes on where it was, and knows what it is a run of."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.output import read_pixel_mm
+from isochrome.runs import Means, Stopped, open_run, run_job
+from isochrome.runs import run as run_module
+from runs.counting import IDENTITY, Count, calls, contents, finish, job, truth
+
+
+@pytest.fixture
+def undisturbed(count, tmp_path):
+    """The files of a run that nothing happened to."""
+    out = tmp_path / "undisturbed"
+    run_job(job(count), out, finish)
+    for note in count.notes.iterdir():
+        note.unlink()
+    return contents(out)
+
+
+def stopped(tmp_path, count, at=7, **keys):
+    """A run that is stopped at the keyboard while it computes an item."""
+    switch = tmp_path / "switch"
+    switch.touch()
+    work = Count(count.notes, fail_at=at, switch=switch)
+    with pytest.raises(Stopped, match=r"stopped; . of 10 are finished and kept in .*out\.partial"):
+        run_job(job(work), tmp_path / "out", finish, **keys)
+    switch.unlink()
+    return work
+
+
+def test_results_are_those_of_the_items_in_order(count, tmp_path):
+    done = []
+    found = run_job(job(count), tmp_path / "out", finish, progress=done.append)
+    assert [row["frame"] for row in found] == list(range(10))
+    assert [row["third"] for row in found] == [i / 3 for i in range(10)]  # to the last bit
+    pictures = np.stack([truth(i) for i in range(10)])
+    with open_run(tmp_path / "out") as dataset:
+        assert dataset.order.dims == ("frame", "row", "col")
+        assert dataset.order.attrs == {"units": "1", "long_name": "fringe order"}
+        np.testing.assert_array_equal(dataset.order.values, pictures)
+        np.testing.assert_array_equal(dataset.order[7].values, truth(7))
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "out" / "order.tif"), pictures)
+    assert read_pixel_mm(tmp_path / "out" / "order.tif") == pytest.approx(0.01, rel=1e-6)
+    assert (tmp_path / "out" / "lines.txt").read_text() == "1\n3\n5\n7\n9\n"
+    assert [(t.done, t.count, t.before) for t in done] == [
+        (0, 10, 0), (3, 10, 0), (6, 10, 0), (9, 10, 0), (10, 10, 0),
+    ]  # fmt: skip
+    assert done[-1].flagged == 1
+    assert not (tmp_path / "out.partial").exists()
+
+
+def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(undisturbed, count, tmp_path):
+    stopped(tmp_path, count)
+    assert not (tmp_path / "out").exists()
+    assert calls(count.notes) == [0, 3, 6]
+    done = []
+    run_job(job(count), tmp_path / "out", finish, progress=done.append)
+    assert calls(count.notes) == [0, 3, 6, 6, 9]  # no finished chunk was computed again
+    assert (done[0].before, done[0].done) == (6, 6)
+    assert contents(tmp_path / "out") == undisturbed
+    assert not (tmp_path / "out.partial").exists()
+
+
+def test_a_complete_run_is_not_computed_again(undisturbed, count, tmp_path):
+    out = tmp_path / "out"
+    assert run_job(job(count), out, finish) is not None
+    assert run_job(job(count), out, finish) is None
+    assert calls(count.notes) == [0, 3, 6, 9]
+    (out / "rows.json").write_text("[]", "utf-8")  # no longer what the run left
+    assert run_job(job(count), out, finish) is not None
+    assert run_job(job(count), out, finish, means=Means(restart=True)) is not None
+    assert calls(count.notes) == sorted(3 * [0, 3, 6, 9])
+    assert contents(out) == undisturbed
+
+
+@pytest.mark.parametrize("what", ["order/c/1/0/0", "order.tif", "00000001.json", "lines"])
+@pytest.mark.parametrize("how", ["flipped", "cut", "gone"])
+def test_a_damaged_chunk_is_computed_again_and_no_other(undisturbed, count, tmp_path, what, how):
+    stopped(tmp_path, count)
+    root = tmp_path / "out.partial"
+    name = "00000001-lines.txt" if what == "lines" else what
+    (file,) = [f for f in root.rglob("*") if f.as_posix().endswith(name)]
+    data = bytearray(file.read_bytes())
+    if what == "order.tif" and how != "flipped":
+        pytest.skip("the stack is one file for all chunks")
+    at = len(data) // 2 if what != "order.tif" else data.index(truth(4).tobytes())
+    data[at] ^= 0x10
+    if how == "gone":
+        file.unlink()
+    else:
+        file.write_bytes(data if how == "flipped" else data[:at])
+    run_job(job(count), tmp_path / "out", finish)
+    assert calls(count.notes) == sorted([0, 3, 6, 3, 6, 9])
+    assert contents(tmp_path / "out") == undisturbed
+
+
+def test_what_a_killed_writer_left_is_cleared_up(undisturbed, count, tmp_path):
+    stopped(tmp_path, count)
+    (results,) = (tmp_path / "out.partial").glob("results-*")
+    for name in (".rows-12ab.json", "run.zarr/order/c/2/0/.0.99.part", "run.zarr/chi/c/0"):
+        (results / name).parent.mkdir(parents=True, exist_ok=True)
+        (results / name).write_bytes(b"half")
+    (results / "run.zarr" / "zarr.json").write_bytes(b"{half")
+    run_job(job(count), tmp_path / "out", finish)
+    assert contents(tmp_path / "out") == undisturbed
+
+
+def test_a_run_killed_before_its_manifest_begins_anew(undisturbed, count, tmp_path):
+    stopped(tmp_path, count)
+    manifest = tmp_path / "out.partial" / "manifest.json"
+    manifest.write_bytes(manifest.read_bytes()[:-4])
+    run_job(job(count), tmp_path / "out", finish)
+    assert contents(tmp_path / "out") == undisturbed
+
+
+@pytest.mark.parametrize("existing", [False, True])
+@pytest.mark.parametrize("at", range(6))
+def test_killed_while_results_take_their_place_it_goes_on(
+    undisturbed, count, tmp_path, monkeypatch, existing, at
+):
+    """Every rename of the publication in turn is the last thing that the first run does."""
+    out = tmp_path / "out"
+    if existing:
+        out.mkdir()
+        (out / "mine.txt").write_text("mine", "utf-8")
+        (out / "run.zarr").mkdir()
+        (out / "run.zarr" / "old").write_text("old", "utf-8")
+        (out / "provenance.json").write_text('{"outputs": {"old.csv": 3}}', "utf-8")
+        (out / "old.csv").write_text("old", "utf-8")
+    from isochrome.runs import workplace
+
+    left = [at]
+    names = ("rename", "replace")
+    real = {name: getattr(os, name) for name in names}
+
+    def killing(name):
+        def act(source, target):
+            if left[0] == 0:
+                raise KeyboardInterrupt
+            left[0] -= 1
+            real[name](source, target)
+
+        return act
+
+    publish = workplace.publish
+
+    def dying(bench, target):
+        for name in names:
+            monkeypatch.setattr(os, name, killing(name))
+        publish(bench, target)
+
+    monkeypatch.setattr(run_module, "publish", dying)
+    try:
+        run_job(job(count), out, finish)
+        survived = True
+    except Stopped:
+        survived = False
+    for name in names:
+        monkeypatch.setattr(os, name, real[name])
+    monkeypatch.setattr(run_module, "publish", publish)
+    assert survived == (at >= (6 if existing else 2))
+    run_job(job(count), out, finish)
+    assert calls(count.notes) == [0, 3, 6, 9]  # nothing is computed twice
+    found = contents(out)
+    if existing:
+        assert found.pop("mine.txt") == b"mine"
+    assert found == undisturbed
+    assert not (tmp_path / "out.partial").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scene": "a = 1\nb = 3\n"}, r"the scene \('b = 2' is now 'b = 3'\) has changed"),
+        ({"scene": "a = 1\n"}, r"the scene \('b = 2' is no longer there\)"),
+        ({"inputs_sha256": {"film.avi": "01"}}, r"the content of film\.avi has changed"),
+        ({"inputs_sha256": {"other.avi": "00"}}, r"the input files \(film\.avi, other\.avi\)"),
+        ({"options": {"rois": True}}, r"the options \(rois: False, now True\)"),
+        ({"isochrome": "2"}, r"Isochrome's version \(1, now 2\)"),
+    ],
+)
+def test_an_unfinished_run_of_something_else_is_refused(count, tmp_path, change, words):
+    stopped(tmp_path, count)
+    before = contents(tmp_path / "out.partial")
+    other = job(count, identity=IDENTITY | change)
+    with pytest.raises(InputError, match=f"out.partial: .*{words}.*--restart"):
+        run_job(other, tmp_path / "out", finish)
+    assert contents(tmp_path / "out.partial") == before
+    run_job(other, tmp_path / "out", finish, means=Means(restart=True))
+    assert calls(count.notes) == sorted([0, 3, 6, 0, 3, 6, 9])
+
+
+def test_the_same_files_in_another_folder_are_the_same_input(count, tmp_path):
+    stopped(tmp_path, count)
+    moved = IDENTITY | {"inputs_sha256": {"elsewhere/film.avi": "00"}}
+    run_job(job(count, identity=moved), tmp_path / "out", finish)
+    assert calls(count.notes) == [0, 3, 6, 6, 9]
+
+
+HOLD = """
+import sys, time
+from isochrome.runs.lock import locked
+from pathlib import Path
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_two_runs_on_one_output_are_refused_until_the_first_is_dead(count, tmp_path):
+    root = tmp_path / "out.partial"
+    other = subprocess.Popen([sys.executable, "-c", HOLD, str(root)], stdout=subprocess.PIPE)
+    try:
+        assert other.stdout.readline() == b"held\n"
+        words = rf"out\.partial: another run is at work there \(process {other.pid} on "
+        with pytest.raises(InputError, match=words):
+            run_job(job(count), tmp_path / "out", finish)
+    finally:
+        other.kill()
+        other.wait()
+        other.stdout.close()
+    assert run_job(job(count), tmp_path / "out", finish) is not None
+    assert not root.exists()
+
+
+@pytest.mark.parametrize("failure", [InputError, PhysicsError])
+def test_a_refusal_early_in_a_run_leaves_nothing(notes, tmp_path, failure):
+    (tmp_path / "switch").touch()
+    work = Count(notes, fail_at=7, failure=failure, switch=tmp_path / "switch")
+    with pytest.raises(failure, match=r"^item 7 is bad$"):
+        run_job(job(work), tmp_path / "out", finish)
+    assert {p.name for p in tmp_path.iterdir()} == {"notes", "switch"}
+
+
+def test_a_refusal_after_long_work_keeps_it_and_says_so(notes, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "WORTH_KEEPING_S", 0.0)
+    (tmp_path / "switch").touch()
+    work = Count(notes, fail_at=7, failure=InputError, switch=tmp_path / "switch")
+    with pytest.raises(InputError, match=r"^item 7 is bad \(6 of 10 are finished and kept in "):
+        run_job(job(work), tmp_path / "out", finish)
+    (tmp_path / "switch").unlink()
+    run_job(job(work), tmp_path / "out", finish)
+    assert calls(notes) == [0, 3, 6, 6, 9]
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[3])
+from isochrome.errors import InputError
+from isochrome.runs import run_job
+from runs.counting import Count, finish, job
+import signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+big = job(Count(Path(sys.argv[2])), count=60, chunk=3)
+limit = int(sys.argv[4])
+def watch(tally):
+    if tally.done >= 30:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+try:
+    run_job(big, sys.argv[1], finish, progress=watch)
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size there")
+def test_a_full_disk_is_said_and_what_is_finished_is_kept(notes, tmp_path):
+    """The system itself refuses to let a file grow, as it does where the disk is full."""
+    from pathlib import Path
+
+    tests = str(Path(__file__).parents[1])
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", FULL, str(out), str(notes), tests]
+    done = subprocess.run([*command, "4000"], capture_output=True, text=True, timeout=60)
+    assert done.stderr == ""
+    assert "out.partial: cannot be written (" in done.stdout
+    assert "of 60 are finished and kept there: make room" in done.stdout
+    assert not out.exists()
+    before = len(calls(notes))
+    assert 10 <= before < 20
+    done = subprocess.run([*command, "-1"], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("", "")
+    again = len(calls(notes)) - 20  # 20 chunks; those that were being written are done again
+    assert 1 <= again <= 2
+    np.testing.assert_array_equal(tifffile.imread(out / "order.tif")[59], truth(59))
+
+
+def test_links_in_the_output_folder_are_replaced_and_not_followed(count, tmp_path, undisturbed):
+    out, other = tmp_path / "out", tmp_path / "other"
+    out.mkdir()
+    other.mkdir()
+    (other / "precious.txt").write_text("precious", "utf-8")
+    try:
+        (out / "rows.json").symlink_to(other / "precious.txt")
+        (out / "run.zarr").symlink_to(other, target_is_directory=True)
+    except OSError:
+        pytest.skip("no symbolic links here")
+    run_job(job(count), out, finish)
+    assert contents(out) == undisturbed
+    assert contents(other) == {"precious.txt": b"precious"}
+    (tmp_path / "next.partial").symlink_to(other, target_is_directory=True)
+    with pytest.raises(InputError, match="is a symbolic link"):
+        run_job(job(count), tmp_path / "next", finish)
+    assert contents(other) == {"precious.txt": b"precious"}
+
+
+def test_places_that_are_no_output_folder_are_refused(count, tmp_path):
+    (tmp_path / "file").write_text("mine", "utf-8")
+    with pytest.raises(InputError, match="is a file, not a folder"):
+        run_job(job(count), tmp_path / "file", finish)
+    with pytest.raises(InputError, match="top of a drive"):
+        run_job(job(count), tmp_path.anchor, finish)
+    with pytest.raises(InputError, match="cannot be written there"):
+        run_job(job(count), tmp_path / "file" / "below", finish)
+    assert calls(count.notes) == []
+
+
+def test_the_record_names_what_the_results_are_of(count, tmp_path):
+    run_job(job(count), tmp_path / "out", finish)
+    record = json.loads((tmp_path / "out" / "provenance.json").read_text("utf-8"))
+    outputs = record.pop("outputs")
+    assert record == IDENTITY
+    assert outputs == {
+        name: (tmp_path / "out" / name).stat().st_size
+        for name in ("order.tif", "rows.json", "lines.txt")
+    }
+
+
+def test_an_unfinished_run_cannot_be_opened_as_a_result(count, tmp_path):
+    stopped(tmp_path, count)
+    with pytest.raises(InputError, match="the run is not finished"):
+        open_run(tmp_path / "out")
+    with pytest.raises(InputError, match=r"holds no run\.zarr; name a folder"):
+        open_run(tmp_path)
+
+
+def test_a_second_stop_keeps_what_both_runs_did(undisturbed, count, tmp_path):
+    stopped(tmp_path, count, at=4)
+    stopped(tmp_path, count, at=9)
+    run_job(job(count), tmp_path / "out", finish)
+    assert calls(count.notes) == sorted([0, 3, 3, 6, 9, 9])
+    assert contents(tmp_path / "out") == undisturbed
+
+
+def test_time_is_no_part_of_the_results(count, tmp_path, undisturbed, monkeypatch):
+    """A clock that stands years back changes nothing."""
+    real = time.time
+    monkeypatch.setattr(time, "time", lambda: real() - 1e9)
+    run_job(job(count), tmp_path / "out", finish)
+    assert contents(tmp_path / "out") == undisturbed
