@@ -1,0 +1,192 @@
+"""Chunks computed by worker processes or a cluster are those of one process, bit for bit."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.errors import InputError
+from isochrome.runs import Means, run_job
+from isochrome.runs.threads import single_threaded
+from isochrome.runs.workers import WorkersLost
+from runs.counting import Count, calls, contents, finish, job, truth
+
+TESTS = str(Path(__file__).parents[1])
+
+
+def test_two_workers_leave_what_one_process_leaves(count, tmp_path):
+    run_job(job(count), tmp_path / "one", finish)
+    told = []
+    run_job(job(count), tmp_path / "two", finish, means=Means(workers=2), progress=told.append)
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
+    assert calls(count.notes) == sorted(2 * [0, 3, 6, 9])
+    assert f"{os.getpid()}.txt" in {p.name for p in count.notes.iterdir()}
+    assert len(list(count.notes.iterdir())) >= 2  # the second time others did it
+    assert told[-1].done == told[-1].count == 10
+
+
+@pytest.mark.long
+def test_a_killed_worker_is_said_and_the_same_call_goes_on(notes, tmp_path):
+    """What the system does when memory runs out."""
+    switch = tmp_path / "switch"
+    switch.touch()
+    work = Count(notes, fail_at=7, failure=SystemExit, switch=switch)
+    with pytest.raises(WorkersLost, match=r"a worker process was killed.*the same command goes on"):
+        run_job(job(work), tmp_path / "out", finish, means=Means(workers=2))
+    switch.unlink()
+    run_job(job(work), tmp_path / "out", finish, means=Means(workers=2))
+    np.testing.assert_array_equal(
+        tifffile.imread(tmp_path / "out" / "order.tif"), np.stack([truth(i) for i in range(10)])
+    )
+
+
+@pytest.mark.long
+def test_a_refusal_by_a_worker_is_the_same_sentence(notes, tmp_path):
+    (tmp_path / "switch").touch()
+    work = Count(notes, fail_at=7, failure=InputError, switch=tmp_path / "switch")
+    with pytest.raises(InputError, match=r"^item 7 is bad$"):
+        run_job(job(work), tmp_path / "out", finish, means=Means(workers=2))
+    assert {p.name for p in tmp_path.iterdir()} == {"notes", "switch"}
+
+
+RUN = """
+import sys
+from pathlib import Path
+if __name__ == "__main__":
+    sys.path.insert(0, sys.argv[3])
+    from isochrome.runs import Means, Stopped, run_job
+    from runs.counting import Count, finish, job
+    work = Count(Path(sys.argv[2]), seconds=0.2)
+    try:
+        run_job(job(work, count=60), sys.argv[1], finish, means=Means(workers=2))
+    except Stopped as stop:
+        print(stop)
+"""
+
+
+def children(pid):
+    """Processes whose parent is `pid`, by the kernel's own list."""
+    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def started(tmp_path, notes):
+    """A run with two workers in another process, and its workers once each has begun a chunk."""
+    script = tmp_path / "run.py"
+    script.write_text(RUN, "utf-8")
+    run = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path / "out"), str(notes), TESTS],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while len(list(notes.iterdir())) < 2 or len(calls(notes)) < 4:
+        assert time.monotonic() < deadline and run.poll() is None
+        time.sleep(0.05)
+    return run, children(run.pid)
+
+
+def gone(pid):
+    return not Path(f"/proc/{pid}").exists() or "Z" in Path(f"/proc/{pid}/stat").read_text()
+
+
+def wait_for(workers):
+    deadline = time.monotonic() + 30
+    while not all(gone(pid) for pid in workers):
+        assert time.monotonic() < deadline, "workers outlive their run"
+        time.sleep(0.05)
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+
+
+@pytest.mark.long
+@needs_proc
+def test_workers_end_with_a_killed_run_and_it_goes_on(notes, tmp_path):
+    run, workers = started(tmp_path, notes)
+    run.kill()
+    run.wait()
+    run.stdout.close()
+    wait_for(workers)
+    before = calls(notes)
+    run_job(job(Count(notes), count=60), tmp_path / "out", finish)
+    again = len(calls(notes)) - 20
+    assert 0 <= again <= 4, before  # two workers, each with one chunk in hand and one on its way
+    run_job(job(Count(notes), count=60), tmp_path / "other", finish)
+    assert contents(tmp_path / "out") == contents(tmp_path / "other")
+
+
+@pytest.mark.long
+@needs_proc
+def test_a_run_with_workers_stops_at_the_keyboard_at_once(notes, tmp_path):
+    run, workers = started(tmp_path, notes)
+    run.send_signal(signal.SIGINT)
+    said, _ = run.communicate(timeout=30)
+    assert said.startswith("stopped; ") and "the same command goes on" in said
+    wait_for(workers)
+    run_job(job(Count(notes), count=60), tmp_path / "out", finish)
+    assert len(calls(notes)) - 20 <= 4
+
+
+def test_libraries_compute_with_one_thread_and_get_theirs_back():
+    import cv2
+    from threadpoolctl import threadpool_info
+
+    def threads():
+        return {pool["filepath"]: pool["num_threads"] for pool in threadpool_info()}
+
+    before = threads(), cv2.getNumThreads()
+    with single_threaded():
+        assert set(threads().values()) == {1} and cv2.getNumThreads() == 1
+    assert (threads(), cv2.getNumThreads()) == before
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_a_cluster_that_loses_a_worker_completes_with_the_same_bytes(notes, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    run_job(job(Count(notes), count=60), tmp_path / "one", finish)
+    one = contents(tmp_path / "one")
+    for note in notes.iterdir():
+        note.unlink()
+    work = Count(notes, seconds=0.05)
+    killed = []
+
+    def kill_one(tally):
+        if tally.done >= 12 and not killed:
+            busy = [int(p.stem) for p in notes.iterdir()]
+            killed.append(busy[0])
+            os.kill(busy[0], signal.SIGKILL)
+
+    with distributed.LocalCluster(
+        n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        run_job(
+            job(work, count=60),
+            tmp_path / "cluster",
+            finish,
+            means=Means(cluster=cluster.scheduler_address),
+            progress=kill_one,
+        )
+    assert killed and killed[0] != os.getpid()
+    assert f"{os.getpid()}.txt" not in {p.name for p in notes.iterdir()}  # not computed here
+    assert len(list(notes.iterdir())) >= 3
+    assert contents(tmp_path / "cluster") == one
+
+
+@pytest.mark.long
+def test_no_cluster_is_said(count, tmp_path):
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match=r"--cluster tcp://127\.0\.0\.1:9: no Dask scheduler"):
+        run_job(job(count), tmp_path / "out", finish, means=Means(cluster="tcp://127.0.0.1:9"))
+    assert not (tmp_path / "out.partial").exists()
+
+
+def test_workers_below_one_are_refused(count, tmp_path):
+    with pytest.raises(InputError, match="--workers 0: give 1 or more"):
+        run_job(job(count), tmp_path / "out", finish, means=Means(workers=0))
