@@ -1,4 +1,4 @@
-"""Fit a scene's unknowns to the intensity of one frame, from several starts."""
+"""Fit a scene's unknowns to the intensity of one frame, wherever the scene starts."""
 
 from __future__ import annotations
 
@@ -10,36 +10,30 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fit.frame_data import FrameData
-from isochrome.fit.intensity import Response
-from isochrome.fit.local import GAMMA, FrameModel
+from isochrome.fit.local import BLUR, GAMMA, FrameModel
 from isochrome.fit.one_state import with_numerics, with_own_numerics
 from isochrome.fit.polish import Polished, covariance, polish
-from isochrome.fit.renderer import SceneRenderer, safe_signal
-from isochrome.fit.starts import Minimum, SeveralStarts, several_starts
-from isochrome.fit.unknowns import (
-    LOAD_FACTORS,
-    PLACE_PX,
-    bounds,
-    fit_region,
-    free_keys,
-    scales,
-    starting_points,
-)
+from isochrome.fit.search import CLEAR, search_frame
+from isochrome.fit.starts import Minimum
+from isochrome.fit.unknowns import fit_region, free_keys
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
 Array = NDArray[Any]
 
 _NEAR_PIXELS = 9_000
-_COARSE_PIXELS = 20_000
-_HIDDEN_PX = 14.0
+_HIDDEN_PX, _ROOM_PX = 14.0, 10.0
 EDGE_PX = 2.0
 
 _CLOSE_CHI = 1.15
 """Residual over noise of the coarse model, on few pixels, below which a start was the right one."""
 
-_SENSOR = (GAMMA, "camera.blur_px")
+_SENSOR = (GAMMA, BLUR)
 """Unknowns that no start is scanned in: they hardly move a fringe."""
+
+_RIVAL = 1.3
+_RIVALS = 3
+"""Minima of the search that its quick model cannot tell apart: within a factor in chi, the best."""
 
 _GAMMAS = (1.0, 2.2)
 """Where an unknown exponent starts: a sensor's own, and most photographs'."""
@@ -75,18 +69,17 @@ def fit_frame(
     scene: Scene,
     keys: tuple[str, ...] | None = None,
     *,
-    load_factors: tuple[float, ...] = LOAD_FACTORS,
-    place_px: tuple[float, ...] = PLACE_PX,
+    cold: bool = True,
 ) -> FrameFit:
     """Fit the unknowns of a one-state scene to one frame.
 
     First from the scene's own values on a thinned frame with a coarse contact; where that does not
-    describe the frame, several starts in load and place are scanned and the best few refined. Then
+    describe the frame, the search of `isochrome.fit.search`, over a factor of four in load. Then
     every trusted pixel is fitted with a fine contact. An unknown frames.gamma is an unknown more.
     Parameters: `data`; `scene`, one state (see `frame_scene`), where the fit starts; `keys`, the
-    unknowns (None: `free_keys`); `load_factors`, `place_px`, the starts of the search. Returns a
-    FrameFit. Raises InputError for a key that cannot be free,
-    PhysicsError where no start gives fringes of the right contrast.
+    unknowns (None: `free_keys`); `cold`, False to search only where the scene's own values lead to
+    no light at all. Returns a FrameFit. Raises InputError for a key that cannot be free,
+    PhysicsError where no values give fringes of the right contrast.
     """
     keys = free_keys(scene) if keys is None else keys
     scene = placed(scene, data.light.shape)
@@ -96,30 +89,19 @@ def fit_frame(
     else:
         toned = [scene]
     if GAMMA in keys:
-        fits = [
-            _fit_begun(data.toned(s.frames.stated_gamma), s, keys, load_factors, place_px)
-            for s in toned
-        ]
+        fits = [_fit_begun(data.toned(s.frames.stated_gamma), s, keys, cold) for s in toned]
         return min(fits, key=lambda fit: fit.chi if fit.positive else np.inf)
-    return _fit_begun(data, scene, keys, load_factors, place_px)
+    return _fit_begun(data, scene, keys, cold)
 
 
-def _fit_begun(
-    data: FrameData,
-    scene: Scene,
-    keys: tuple[str, ...],
-    load_factors: tuple[float, ...],
-    place_px: tuple[float, ...],
-) -> FrameFit:
+def _fit_begun(data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool) -> FrameFit:
     """The fit from one scene's start, and others about it."""
-    coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
     others: tuple[Minimum, ...] = ()
-    best = _near(data, coarse, keys)
-    if best is None:
-        scanned = tuple(key for key in keys if key not in _SENSOR)
-        starts = starting_points(coarse, scanned, load_factors, place_px)
-        first = _search(data.plain(), coarse, scanned, starts)
-        best, others = _with(coarse, scanned, first.best.values), first.others
+    near = _coarse(data, scene, keys)
+    if near is not None and (not cold or (near.chi <= _CLOSE_CHI and near.clear)):
+        best = near.scene
+    else:
+        best, others = _searched(data, scene, keys)
     fine = with_own_numerics(best.model_copy(update={"numerics": scene.numerics}))
     model, final = _final(data, fine, keys)
     plain = not final.toned.part.positive
@@ -144,17 +126,54 @@ def _fit_begun(
     )
 
 
-def _near(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Scene | None:
-    """The scene that the fit from its own values leads to, None where that is not the frame's."""
+@dataclass(frozen=True)
+class _Coarse:
+    """Where a coarse fit led: `scene`, `values` (p,), `chi`; `clear`, light well above noise."""
+
+    scene: Scene
+    values: Array
+    chi: float
+    clear: bool
+
+
+def _coarse(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> _Coarse | None:
+    """The fit from a scene's own values to few pixels; None where the light comes out negative."""
     shape = (data.light.shape[0], data.light.shape[1])
     stride = thinning(data.light.size, _NEAR_PIXELS)
     region = fit_region(scene, shape, stride, _HIDDEN_PX)
-    model = FrameModel(data, scene, keys, region, stride=stride)
+    coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
+    assert scene.camera is not None
+    sharp = scene.camera.blur_px == 0.0 and BLUR not in keys
+    model = FrameModel(
+        data, coarse, keys, region, stride=stride, hidden_px=_HIDDEN_PX - _ROOM_PX, rough=sharp
+    )
     found = polish(model, values_of(scene, keys), tolerance=0.5, iterations=12)
     if found is None or not found.toned.part.positive:
         return None
-    close = found.toned.cost <= _CLOSE_CHI**2 * model.pixels.size
-    return _with(scene, keys, found.values) if close else None
+    return _Coarse(
+        _with(scene, keys, found.values),
+        found.values,
+        float(np.sqrt(found.toned.cost / model.pixels.size)),
+        bool(np.mean(found.toned.part.amplitude) >= CLEAR),
+    )
+
+
+def _searched(
+    data: FrameData, scene: Scene, keys: tuple[str, ...]
+) -> tuple[Scene, tuple[Minimum, ...]]:
+    """The scene that a search leads to, and the other minima by rising chi."""
+    scanned = tuple(key for key in keys if key not in _SENSOR)
+    minima = search_frame(data, scene, scanned).minima
+    rivals = [m for m in minima if m.chi <= _RIVAL * minima[0].chi][:_RIVALS]
+    if len(rivals) == 1:
+        return _with(scene, scanned, minima[0].values), minima[1:]
+    refined = [_coarse(data, _with(scene, scanned, m.values), keys) for m in rivals]
+    found = sorted((r for r in refined if r is not None), key=lambda r: r.chi)
+    if not found:
+        return _with(scene, scanned, minima[0].values), minima[1:]
+    others = [Minimum(r.values, r.chi) for r in found[1:]]
+    others += [m for m in minima if m.chi > _RIVAL * minima[0].chi]
+    return found[0].scene, tuple(others)
 
 
 def _final(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> tuple[FrameModel, Polished]:
@@ -162,8 +181,7 @@ def _final(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> tuple[FrameM
     shape = (data.light.shape[0], data.light.shape[1])
     start = values_of(scene, keys)
     model = FrameModel(data, scene, keys, fit_region(scene, shape, 1, EDGE_PX))
-    model.keep_clear(start)
-    final = polish(model, start)
+    final = polish(model, start, toned=model.keep_clear(start))
     if final is None:
         raise PhysicsError(
             f"{data.name}: the scene cannot be solved where its search ended; give closer values"
@@ -178,32 +196,6 @@ def values_of(scene: Scene, keys: tuple[str, ...]) -> Array:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{key} = {value!r} cannot be fitted: it is no number in this scene")
     return np.array(found, dtype=float)
-
-
-def _search(data: FrameData, scene: Scene, keys: tuple[str, ...], starts: Array) -> SeveralStarts:
-    """The best of several starts on a thinned frame."""
-    light, response, options = _problem(data, scene, keys, _COARSE_PIXELS, _HIDDEN_PX)
-    return several_starts(
-        light, response, starts, apart=5e-3, refine=2, tolerance=0.3, central=False, **options
-    )
-
-
-def _problem(
-    data: FrameData, scene: Scene, keys: tuple[str, ...], pixels: int, hidden_px: float
-) -> tuple[Array, Response, dict[str, Any]]:
-    """A thinned frame's light, the response to the unknowns, and the rest of a fit's arguments."""
-    stride = thinning(data.light.size, pixels)
-    thin = data.every(stride)
-    renderer = SceneRenderer(scene, data.light.shape, stride=stride)
-    options = {
-        "illumination": thin.illumination,
-        "background": thin.background,
-        "mask": thin.valid & fit_region(scene, data.light.shape, stride, hidden_px),
-        "sigma": thin.sigma,
-        "scale": scales(scene, keys),
-        **bounds(scene, keys),
-    }
-    return thin.light, lambda values: safe_signal(renderer, _with(scene, keys, values)), options
 
 
 def _with(scene: Scene, keys: tuple[str, ...], values: Array) -> Scene:

@@ -33,12 +33,12 @@ def fit_alone(
     found: list[FrameFit] = []
     for i, data in enumerate(frames):
         scene, keys = alone_scene(sequence.scene, i), sequence.acting(i)
-        options: dict[str, Any] = {}
+        cold = True
         if follow and found and found[-1].positive:
             last = dict(zip(found[-1].keys, found[-1].values.tolist(), strict=True))
             scene = scene.with_values({key: last[key] for key in keys if key in last})
-            options = {"load_factors": (1.0,), "place_px": (0.0,)}
-        found.append(fit_frame(data, scene, keys, **options))
+            cold = False
+        found.append(fit_frame(data, scene, keys, cold=cold))
         told()
     return found
 

@@ -24,9 +24,10 @@ from isochrome.fit.sequence import Unknown
 from isochrome.scene import Scene
 from isochrome.stress import RegularStress, pixel_grid
 
+ALONG_X = "load.bulk_along_x_mpa_per_mm"
 SMOOTH_KEYS = (
     "load.bulk_mpa",
-    "load.bulk_along_x_mpa_per_mm",
+    ALONG_X,
     "load.bulk_along_z_mpa_per_mm",
 )
 """The scene's keys of a smooth stress besides the contact's."""
@@ -65,7 +66,8 @@ def with_smooth_stress(
 ) -> tuple[JointFit, tuple[str, ...]]:
     """The fit with a smooth stress freed, where its chi asks for one and it explains chi.
 
-    All frames share it, or each has its own where each has its own load.
+    All frames share it, but for its change along the surface: that follows the friction, and each
+    frame has its own; where each has its own load, each has its own of all three.
     Parameters: `frames`, gone through once a pass; `joint`, their fit; `shape` (rows, cols) of a
     frame; `told`, called with each frame of each pass. Returns that fit or the given one, and what
     is to be said of it.
@@ -76,8 +78,12 @@ def with_smooth_stress(
         return joint, ()
     scene, every = with_zeros(sequence.scene, keys), tuple(range(sequence.count))
     own = any(u.key == "load.normal_n" and not u.shared for u in joint.unknowns)
-    groups = [(i,) for i in every] if own else [every]
-    added = tuple(Unknown(key, group, not own) for key in keys for group in groups)
+    added: list[Unknown] = []
+    for key in keys:
+        if own or (key == ALONG_X and sequence.count > 1):
+            added += [Unknown(key, (i,), False) for i in every]
+        else:
+            added.append(Unknown(key, every, True))
     wider = replace(sequence, scene=scene, unknowns=(*joint.unknowns, *added))
     start = np.r_[joint.values, [float(scene.get(unknown.key)) for unknown in added]]
     try:
@@ -111,7 +117,7 @@ def smooth_frame_fit(data: FrameData, fit: FrameFit) -> tuple[FrameFit, tuple[st
     if not keys or not fit.positive:
         return fit, ()
     begun = with_zeros(fit.scene, keys)
-    smooth = fit_frame(data, begun, (*fit.keys, *keys), load_factors=(1.0,), place_px=(0.0,))
+    smooth = fit_frame(data, begun, (*fit.keys, *keys), cold=False)
     told = bool(np.isfinite(smooth.standard_uncertainty[len(fit.keys) :]).all())
     if not (told and smooth.positive and is_explained(fit.chi, smooth.chi)):
         return fit, ()

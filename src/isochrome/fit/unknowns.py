@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.errors import InputError
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid, pixel_grid
 
 Array = NDArray[Any]
-
-LOAD_FACTORS = (0.8, 0.9, 1.0, 1.1, 1.25)
-"""Starts in load; a fit's basin is about 0.8 to 1.1 of the truth."""
-
-PLACE_PX = (-10.0, 0.0, 10.0)
-"""Starts in place, in both directions, from the nominal one."""
-
 
 _SCALES = {"frames.gamma": 10.0, "camera.blur_px": 100.0}
 """Scales that the values themselves do not tell."""
@@ -29,6 +20,9 @@ _BOUNDS = {
     "frames.gamma": (0.2, 5.0),
     "camera.blur_px": (0.0, 50.0),
 }
+
+_SIGNED = ("camera.left_mm", "camera.top_mm", "load.tangential_n")
+"""Unknowns of either sign, which a start at a small value says nothing of."""
 
 
 def free_keys(scene: Scene) -> tuple[str, ...]:
@@ -47,26 +41,6 @@ def free_keys(scene: Scene) -> tuple[str, ...]:
     if scene.wear is not None:
         keys.append("wear.coefficient_mm2_per_n")
     return tuple(keys)
-
-
-def starting_points(
-    scene: Scene, keys: tuple[str, ...], factors: tuple[float, ...], offsets: tuple[float, ...]
-) -> Array:
-    """All combinations of load factors and place offsets; the rest stays at the scene's values."""
-    assert scene.camera is not None and scene.camera.pixel_mm is not None
-    pixel = scene.camera.pixel_mm
-    choices = []
-    for key in keys:
-        value = scene.get(key)
-        if not isinstance(value, int | float):
-            raise InputError(f"{key} = {value!r} cannot be fitted: it is no number in this scene")
-        if key == "load.normal_n":
-            choices.append([value * factor for factor in factors])
-        elif key in ("camera.left_mm", "camera.top_mm"):
-            choices.append([value + pixel * offset for offset in offsets])
-        else:
-            choices.append([float(value)])
-    return np.array(list(product(*choices)))
 
 
 def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
@@ -101,7 +75,7 @@ def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
             least, most = _BOUNDS.get(key, (-45.0, 45.0))
             low.append(least)
             high.append(most)
-        elif key in ("camera.left_mm", "camera.top_mm") or key.startswith("load.bulk"):
+        elif key in _SIGNED or key.startswith("load.bulk"):
             low.append(-np.inf)
             high.append(np.inf)
         elif value > 0.0:
