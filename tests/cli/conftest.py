@@ -61,7 +61,7 @@ def run_isochrome(folder: Path, *arguments: str) -> Run:
     command = [sys.executable, "-m", "isochrome", *arguments]
     done = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, encoding="utf-8", check=False,
-        timeout=120, env=env | {"PYTHONIOENCODING": "utf-8"},
+        timeout=600, env=env | {"PYTHONIOENCODING": "utf-8"},
     )  # fmt: skip
     return Run(done.returncode, done.stdout, done.stderr)
 
