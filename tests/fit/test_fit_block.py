@@ -99,6 +99,25 @@ def test_a_frame_that_the_contact_alone_explains_has_nothing_freed(tmp_path):
 
 
 @pytest.mark.long
+def test_a_static_and_a_sliding_frame_of_a_block_share_all_but_what_the_shear_adds(tmp_path):
+    solids = (Solid(), Solid(friction=0.25))
+    for i, solid in enumerate(solids):
+        photographed(solid, WHOLE, tmp_path / f"frame{i}.tif")
+    frames = [tifffile.imread(tmp_path / f"frame{i}.tif").squeeze() for i in range(2)]
+    write_tiff(tmp_path / "both.tif", np.stack(frames), pixel_mm=0.00607)
+    begun = scene_of(solids[1], WHOLE, friction=0.22).with_values(
+        {"friction.static_state_first": True, "load.normal_n": 0.95 * LOAD}
+    )
+    found = fit(tmp_path / "both.tif", begun, FREE, per_frame=["friction.coefficient"])
+    assert found.shared["load.normal_n"]["value"] == pytest.approx(LOAD, rel=5e-4)
+    assert found.frames[1]["friction.coefficient"]["value"] == pytest.approx(0.25, abs=1e-3)
+    assert found.chi == pytest.approx(1.0, abs=0.02)
+    # a shear bends the block's surface along x, a normal force does not, by symmetry
+    static, sliding = (frame[SMOOTH[1]]["value"] for frame in found.frames)
+    assert abs(static) < 1e-3 and sliding > 3e-3
+
+
+@pytest.mark.long
 def test_process_reads_a_blocks_orders_with_its_smooth_stress(tmp_path):
     solid = Solid(friction=0.25)
     truth = photographed(solid, WHOLE, tmp_path / "frame.tif")

@@ -76,14 +76,7 @@ def with_smooth_stress(
     keys = smooth_keys(sequence.scene, {u.key for u in joint.unknowns}, joint.chi)
     if not keys or joint.lost:
         return joint, ()
-    scene, every = with_zeros(sequence.scene, keys), tuple(range(sequence.count))
-    own = any(u.key == "load.normal_n" and not u.shared for u in joint.unknowns)
-    added: list[Unknown] = []
-    for key in keys:
-        if own or (key == ALONG_X and sequence.count > 1):
-            added += [Unknown(key, (i,), False) for i in every]
-        else:
-            added.append(Unknown(key, every, True))
+    scene, added = with_zeros(sequence.scene, keys), _unknowns(joint, keys)
     wider = replace(sequence, scene=scene, unknowns=(*joint.unknowns, *added))
     start = np.r_[joint.values, [float(scene.get(unknown.key)) for unknown in added]]
     try:
@@ -105,6 +98,18 @@ def with_smooth_stress(
     return smooth, (
         smooth_sentence(keys, (joint.chi, smooth.chi), most, loads[0] if loads else None),
     )
+
+
+def _unknowns(joint: JointFit, keys: tuple[str, ...]) -> tuple[Unknown, ...]:
+    every = tuple(range(joint.sequence.count))
+    own_load = any(u.key == "load.normal_n" and not u.shared for u in joint.unknowns)
+    added: list[Unknown] = []
+    for key in keys:
+        if own_load or (key == ALONG_X and len(every) > 1):
+            added += [Unknown(key, (i,), False) for i in every]
+        else:
+            added.append(Unknown(key, every, True))
+    return tuple(added)
 
 
 def smooth_frame_fit(data: FrameData, fit: FrameFit) -> tuple[FrameFit, tuple[str, ...]]:
