@@ -105,17 +105,21 @@ def prepare_frame(
         if part is not None:
             valid &= part.valid
     full = np.float32(full_scale(bit_depth))
+    raw_sigma = noise.sigma(level).astype(np.float32) / full
+    sigma = raw_sigma
+    if gamma != 1.0:
+        sigma = noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma).astype(np.float32)
     illumination, background = _bases((grey.shape[0], grey.shape[1]), dark, bright)
     return FrameData(
         frame.name,
         # a mask is no edge of the light: a rim is looked for in all that the camera saw
         np.where(finite, linear.image, np.float32(0.0)),
-        noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma).astype(np.float32),
+        sigma,
         valid,
         illumination,
         background,
         grey / full,
-        noise.sigma(level).astype(np.float32) / full,
+        raw_sigma,
         gamma,
     )
 

@@ -34,7 +34,7 @@ from isochrome.scene import Scene
 
 Array = NDArray[Any]
 
-GAMMA = "frames.gamma"
+GAMMA, BLUR = "frames.gamma", "camera.blur_px"
 
 _ENOUGH = 0.25
 """Share of pixels that must be clear of black and white for the others to be left out."""
@@ -51,37 +51,56 @@ class FrameModel:
         region: Array,
         *,
         stride: int = 1,
+        hidden_px: float = 0.0,
+        rough: bool = False,
     ) -> None:
-        """`data`, whole; `scene`, one state, numbers at `keys`; `region` (rows, cols), strided."""
+        """`data`, whole; `scene`, one state, numbers at `keys`; `region` (rows, cols), strided.
+
+        `hidden_px`, depth above which the region shows nothing; `rough`, whether the pixels' area
+        may be left out.
+        """
         self.scene, self.keys = scene, keys
-        self.renderer = SceneRenderer(scene, data.light.shape[:2], stride=stride)
+        self.renderer = SceneRenderer(
+            scene, data.light.shape[:2], stride=stride, hidden_px=hidden_px, rough=rough
+        )
         self.pixels: Pixels = trusted_pixels(data.every(stride) if stride > 1 else data, region)
         self.steps = STEP * scales(scene, keys)
         limits = bounds(scene, keys)
         self.low, self.high = limits["lower"], limits["upper"]
 
-    def keep_clear(self, values: Array) -> None:
-        """Leave out the pixels whose model at some values is near black or white."""
+    def keep_clear(self, values: Array) -> Toned | None:
+        """Leave out the pixels whose model at some values is near black or white.
+
+        Returns the linear solution there, None where the values make no scene.
+        """
         toned = self.at(values)
         if toned is None:
-            return
+            return None
         clear = clear_of_ends(self.pixels, toned.model, self.gamma(values))
-        if not clear.all() and np.count_nonzero(clear) > _ENOUGH * clear.size:
-            self.pixels = some_pixels(self.pixels, clear)
+        if clear.all() or np.count_nonzero(clear) <= _ENOUGH * clear.size:
+            return toned
+        self.pixels = some_pixels(self.pixels, clear)
+        return self.solved(toned.part.signal[clear], values, toned.model[clear])
 
     def gamma(self, values: Array) -> float:
         """The exponent of the tone curve at some values."""
         return float(values[self.keys.index(GAMMA)]) if GAMMA in self.keys else self.pixels.gamma
 
-    def signal(self, values: Array) -> Array | None:
-        """The signal at the pixels (n,), None where the values make no scene that can be solved."""
-        given = dict(zip(self.keys, np.asarray(values, float).tolist(), strict=True))
+    def signal(self, values: Array, *, visibility: Array | None = None) -> Array | None:
+        """The signal at the pixels (n,), None where the values make no scene that can be solved.
+
+        `visibility` (rows, cols), where it is known well enough.
+        """
         try:
-            image = self.renderer.signal(self.scene.with_values(given))
+            image = self.renderer.signal(self._moved(values), visibility=visibility)
         except (InputError, PhysicsError):
             return None
         found = image[self.pixels.keep]
         return np.asarray(found, dtype=np.float32)
+
+    def _moved(self, values: Array) -> Scene:
+        given = zip(self.keys, np.asarray(values, float).tolist(), strict=True)
+        return self.scene.with_values(dict(given))
 
     def at(self, values: Array, *, near: Array | None = None) -> Toned | None:
         """The linear solution at some values (p,); `near` (n,), a model that is not far off."""
@@ -98,6 +117,8 @@ class FrameModel:
         Raises PhysicsError where the scene cannot be solved beside them.
         """
         rows = np.empty((len(self.keys), self.pixels.size), np.float32)
+        # what the pixels' area takes changes little: it is not rendered for every derivative
+        _, visibility = self.renderer.order_field(self._moved(values))
         for j, key in enumerate(self.keys):
             if key == GAMMA:
                 rows[j] = gamma_slope(toned, self.gamma(values))
@@ -106,7 +127,7 @@ class FrameModel:
             for signed in (step, -step):
                 moved = np.array(values, dtype=float)
                 moved[j] += signed
-                signal = self.signal(moved)
+                signal = self.signal(moved, visibility=None if key == BLUR else visibility)
                 if signal is not None:
                     break
             else:
@@ -163,8 +184,7 @@ def project(rows: Array, problem: Problem, part: LinearPart) -> None:
     """Take off what illumination and background explain of derivatives (p, n), in place."""
     split = len(problem.light)
     light = np.multiply(problem.light, part.signal, out=problem.scratch)
-    for _ in range(2):  # once more for what single precision left of a large part
-        cross = np.concatenate((light @ rows.T, problem.dark @ rows.T)).astype(float)
-        known = (part.inverse @ cross).astype(rows.dtype)
-        rows -= known[:split].T @ light
-        rows -= known[split:].T @ problem.dark
+    cross = np.concatenate((light @ rows.T, problem.dark @ rows.T)).astype(float)
+    known = (part.inverse @ cross).astype(rows.dtype)
+    rows -= known[:split].T @ light
+    rows -= known[split:].T @ problem.dark

@@ -35,16 +35,22 @@ class Polished:
 
 
 def polish(
-    model: FrameModel, start: Array, *, tolerance: float = _NEAR, iterations: int = 25
+    model: FrameModel,
+    start: Array,
+    *,
+    toned: Toned | None = None,
+    tolerance: float = _NEAR,
+    iterations: int = 25,
 ) -> Polished | None:
     """Levenberg's and Marquardt's steps, with derivatives that are kept as long as they serve.
 
-    Parameters: `model`; `start` (p,); `tolerance`, the last step in standard uncertainties;
-    `iterations`, exact residuals at most. Returns a Polished, None where the start makes no scene
-    that can be solved. Raises PhysicsError where only the start does.
+    Parameters: `model`; `start` (p,); `toned`, the solution there if it is known; `tolerance`, the
+    last step in standard uncertainties; `iterations`, exact residuals at most. Returns a Polished,
+    None where the start makes no scene that can be solved. Raises PhysicsError where only the
+    start does.
     """
     values = np.clip(np.asarray(start, float), model.low, model.high)
-    toned = model.at(values)
+    toned = toned or model.at(values)
     if toned is None:
         return None
     local = model.linearise(values, toned)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,19 +38,40 @@ _SLACK = 1.15
 """Reach of a series over what its first place needs: a contact may move so far in the picture."""
 
 
+@dataclass(frozen=True)
+class _Rendered:
+    """The last field with what it was made of: `state`, and `key`, where that stood."""
+
+    state: SceneState
+    key: tuple[Any, ...]
+    field: Array
+    visibility: Array
+
+
 class SceneRenderer:
     """Signals of a one-state scene on every `stride`-th pixel of a picture."""
 
     def __init__(
-        self, scene: Scene, shape: tuple[int, int], *, stride: int = 1, solve: Solve | None = None
+        self,
+        scene: Scene,
+        shape: tuple[int, int],
+        *,
+        stride: int = 1,
+        solve: Solve | None = None,
+        hidden_px: float = 0.0,
+        rough: bool = False,
     ) -> None:
-        """`solve` gives a scene's state; None: the scene is solved on its own."""
+        """`solve` gives a scene's state; None: the scene is solved on its own.
+
+        `hidden_px`, depth above which nobody looks; `rough`, whether the pixels' area is left out.
+        """
         self.shape, self.stride = shape, stride
+        self._hidden_px, self._rough = hidden_px, rough
         self._solve = solve or _last_state
         self._camera = scene.camera
         self._states: OrderedDict[Any, SceneState] = OrderedDict()
         self._series: SeriesGrid | None = None
-        self._last: tuple[Any, tuple[Array, Array]] | None = None
+        self._last: _Rendered | None = None
 
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
         """Stress difference (rows, cols) and visibility of the fringes at the strided pixels.
@@ -62,24 +84,29 @@ class SceneRenderer:
         assert camera is not None
         state = self._state(scene)
         blur = camera.blur_px if self.stride > 1 else 0.0
-        key = (
-            id(state), scene.load, scene.specimen, camera.left_mm, camera.top_mm, camera.pixel_mm,
-            blur,
-        )  # fmt: skip
-        if self._last is None or self._last[0] != key:
-            self._last = key, self._made(scene, state, blur)
-        return self._last[1]
+        key = (*_standing(scene), blur)
+        last = self._last
+        if last is None or last.state is not state or last.key != key:
+            made = self._field(scene, state, slopes=self.stride > 1 and not self._rough)
+            last = _Rendered(state, key, made.difference, self._visibility(scene, made, blur))
+            self._last = last
+        return last.field, last.visibility
 
-    def signal(self, scene: Scene) -> Array:
+    def signal(self, scene: Scene, *, visibility: Array | None = None) -> Array:
         """Polariscope signal at the strided pixels (rows, cols); no specimen, no light.
 
-        Raises PhysicsError where the scene's values cannot be solved.
+        Parameters: `scene`; `visibility`, where it is known. Raises PhysicsError where the scene's
+        values cannot be solved.
         """
-        field, visibility = self.order_field(scene)
-        whole = bool(np.isfinite(field[[0, -1]]).all()) if scene.model == "disc" else True
-        order = _order(scene, field if whole else np.nan_to_num(field))
+        if visibility is None:
+            field, visibility = self.order_field(scene)
+        else:
+            field = self._field_alone(scene)
+        if scene.model != "contact":
+            field = np.nan_to_num(field)
+        order = _order(scene, field)
         chain = make_chain(scene.polariscope, 0 if scene.polariscope.step else None)
-        direction = None if chain.ideal else principal_direction(np.nan_to_num(field))
+        direction = None if chain.ideal else principal_direction(field)
         signal = polariscope_signal(order, chain, direction=direction, visibility=visibility)
         camera = scene.camera
         assert camera is not None
@@ -108,22 +135,34 @@ class SceneRenderer:
     def _pixels(self, scene: Scene) -> PixelGrid:
         return pixel_grid(scene, self.shape).every(self.stride)
 
-    def _made(self, scene: Scene, state: SceneState, blur: float) -> tuple[Array, Array]:
-        """Field and visibility of one state where the scene stands."""
+    def _field_alone(self, scene: Scene) -> Array:
+        """The field without its visibility; the last one if only the optics have changed."""
+        state, last = self._state(scene), self._last
+        if last is not None and last.state is state and last.key[:-1] == _standing(scene):
+            return last.field
+        return self._field(scene, state, slopes=False).difference
+
+    def _field(self, scene: Scene, state: SceneState, *, slopes: bool) -> SeriesField:
+        """The field of one state where the scene stands, and its slopes where they are wanted."""
         pixels = self._pixels(scene)
         if state.surface is None:
-            field = state_difference(scene, state, pixels)
-            return field, _disc_visibility(scene, field, self.stride)
-        made = self._waves(state.surface, pixels)
+            return SeriesField(state_difference(scene, state, pixels), None, None)
+        made = self._waves(state.surface, pixels, slopes)
         regular = regular_stress(scene, state.surface, pixels)
-        field = made.difference
-        if regular:
-            added = regular.difference(pixels.x_mm[None, :], pixels.z_mm[:, None])
-            field = field + added.astype(np.complex64)
-        if made.along is None or made.down is None:
+        if not regular:
+            return made
+        added = regular.difference(pixels.x_mm[None, :], pixels.z_mm[:, None])
+        return replace(made, difference=made.difference + added.astype(np.complex64))
+
+    def _visibility(self, scene: Scene, made: SeriesField, blur: float) -> Array:
+        """What is left of the fringes' contrast by the pixels' area, and by a blur."""
+        field, pixels = made.difference, self._pixels(scene)
+        if self.stride == 1:
             order = _order(scene, field)
             order[: _first_row(scene, pixels)] = np.nan
-            return field, np.nan_to_num(pixel_visibility(order)[0], copy=False, nan=1.0)
+            return np.nan_to_num(pixel_visibility(order)[0], copy=False, nan=1.0)
+        if made.along is None or made.down is None:
+            return np.ones((), np.float32)
         size = np.maximum(np.abs(field), np.float32(1e-30))
         pixel = np.float32(_fringes_per_mpa(scene) * pixels.pixel_mm / self.stride)
         across, down = (
@@ -133,9 +172,9 @@ class SceneRenderer:
         visibility = slope_visibility(across, down)
         if blur > 0.0:
             visibility *= np.exp(-2.0 * (np.pi * blur) ** 2 * (across**2 + down**2))
-        return field, visibility
+        return visibility
 
-    def _waves(self, surface: SurfaceState, pixels: PixelGrid) -> SeriesField:
+    def _waves(self, surface: SurfaceState, pixels: PixelGrid, slopes: bool) -> SeriesField:
         """The half-plane's field; the lattice of waves is made again where it does not reach."""
         grid = surface.grid
         for fresh in (False, True):
@@ -155,12 +194,20 @@ class SceneRenderer:
                     left_mm=grid.left_mm,
                     pressure_mpa=surface.pressure_mpa,
                     shear_mpa=surface.shear_mpa if surface.shear_mpa.any() else None,
-                    slopes=self.stride > 1,
+                    slopes=slopes,
+                    least_mm=self._hidden_px * pixels.pixel_mm / self.stride,
                 )
             except ValueError:
                 if fresh:
                     raise
         raise AssertionError("unreachable")
+
+
+def _standing(scene: Scene) -> tuple[Any, ...]:
+    """What a field depends on besides the solved contact."""
+    camera = scene.camera
+    assert camera is not None
+    return scene.load, scene.specimen, camera.left_mm, camera.top_mm, camera.pixel_mm
 
 
 def _last_state(scene: Scene) -> SceneState:
@@ -204,13 +251,6 @@ def _first_row(scene: Scene, pixels: PixelGrid) -> int:
         return 0
     assert scene.camera is not None and scene.camera.pixel_mm is not None
     return int(np.searchsorted(pixels.z_mm, (0.5 - 1e-6) * scene.camera.pixel_mm))
-
-
-def _disc_visibility(scene: Scene, field: Array, stride: int) -> Array:
-    """A disc's or beam's: of all pixels where they are there, and not modelled on a few."""
-    if stride > 1:
-        return np.ones(field.shape)
-    return np.nan_to_num(pixel_visibility(_order(scene, field))[0], copy=False, nan=1.0)
 
 
 def safe_signal(renderer: SceneRenderer, scene: Scene) -> Array:

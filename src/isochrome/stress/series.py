@@ -63,6 +63,7 @@ class SeriesGrid:
     down: Floats = field(repr=False)
     across: Floats = field(repr=False)
     cosines: Floats = field(repr=False)
+    powers: Floats = field(repr=False)
     pairs: Floats = field(repr=False)
     poles: Floats = field(repr=False)
 
@@ -91,6 +92,7 @@ def make_series_grid(
     length = int(scipy.fft.next_fast_len(math.ceil(wanted)))
     cosines = np.cos(np.pi * (np.arange(_PLACES) + 0.5) / _PLACES)
     pairs, poles = _power_series()
+    places = spacing_mm / (length * pitch_mm) * (np.arange(nodes) - 0.5 * (nodes - 1))
     return SeriesGrid(
         rows,
         cols,
@@ -101,6 +103,7 @@ def make_series_grid(
         _interpolation(rows, cosines).astype(np.float32),
         _interpolation(cols, cosines).T.astype(np.float32),
         cosines,
+        np.vander(places, 2 * _TERMS, increasing=True).T.copy(),
         pairs,
         poles,
     )
@@ -127,17 +130,19 @@ def series_difference(
     pressure_mpa: Floats,
     shear_mpa: Floats | None = None,
     slopes: bool = False,
+    least_mm: float = 0.0,
 ) -> SeriesField:
     """(sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, from tractions at surface nodes.
 
     Errs by 2e-7 of the largest traction. The slopes lack those of the repetitions, 1e-3 of them.
     Parameters: `grid`; `x_mm`, `z_mm`, centre of the first pixel; `left_mm`, place of the first
     node; `pressure_mpa` p, `shear_mpa` q (n,), linear between the nodes and zero beyond, None for
-    no shear; `slopes`, whether the derivatives are wanted. Returns a SeriesField. Raises ValueError
-    where a pixel is beyond the reach of the series.
+    no shear; `slopes`, whether the derivatives are wanted; `least_mm`, depth above which nothing is
+    (the rows near the surface cost most). Returns a SeriesField. Raises ValueError where a pixel is
+    beyond the reach of the series.
     """
     depth = z_mm + grid.pitch_mm * np.arange(grid.rows)
-    first = int(np.searchsorted(depth, SHALLOWEST * grid.spacing_mm))
+    first = int(np.searchsorted(depth, max(least_mm, SHALLOWEST * grid.spacing_mm)))
     maps = [np.zeros((grid.rows, grid.cols), np.complex64) for _ in range(3 if slopes else 1)]
     if first < grid.rows:
         waves = _Waves(grid, float(depth[first]), x_mm, left_mm, pressure_mpa, shear_mpa)
@@ -240,16 +245,16 @@ def _repetitions(
     z = 0.5 * (depth[0] + depth[-1] + (depth[-1] - depth[0]) * grid.cosines)
     v = (x[None, :] - 1j * z[:, None]) / period
     loaded = np.flatnonzero(p)
-    t = (grid.spacing_mm * np.arange(grid.nodes) + left_mm - middle) / period
-    ends = t[loaded[[0, -1]]] if len(loaded) else np.zeros(2)
+    ends = grid.powers[1, loaded[[0, -1]]] if len(loaded) else np.zeros(2)
     if max(np.abs(v - ends[0]).max(), np.abs(v - ends[1]).max()) > _FARTHEST:
         raise ValueError("a pixel is beyond the reach of the series")
-    powers = np.vander(t, 2 * _TERMS, increasing=True)
-    moments = grid.spacing_mm * (powers.T @ (p if q is None else p + 1j * q))
+    moments = grid.spacing_mm * (grid.powers @ p)
+    if q is not None:
+        across = grid.spacing_mm * (grid.powers @ q)
+        moments = moments + 1j * across
     total = z[:, None] / period**2 * np.polynomial.polynomial.polyval(v, grid.poles @ moments)
     if q is not None:
-        shear = grid.pairs @ (grid.spacing_mm * (powers.T @ q))
-        total = total + np.polynomial.polynomial.polyval(v, shear) / period
+        total = total + np.polynomial.polynomial.polyval(v, grid.pairs @ across) / period
     total = (-2.0 / np.pi * total).astype(np.complex64)
     half = np.ascontiguousarray((total.real @ grid.across) + 1j * (total.imag @ grid.across))
     return np.asarray(_real_product(grid.down, half.astype(np.complex64)))
