@@ -31,6 +31,9 @@ _CLOSE_CHI = 1.15
 _SENSOR = (GAMMA, BLUR)
 """Unknowns that no start is scanned in: they hardly move a fringe."""
 
+_LEAST_BLUR_PX = 0.7
+"""Where a free blur starts at least: from none it has no slope."""
+
 _RIVAL = 1.3
 _RIVALS = 3
 """Minima of the search that its quick model cannot tell apart: within a factor in chi, the best."""
@@ -44,8 +47,9 @@ class FrameFit:
     """What one frame says of its scene.
 
     `scene` with the fitted values; `keys` and their `values`, `standard_uncertainty` (p,),
-    `covariance` (p, p), and `cramer_rao_bound` (p,), the least that noise like this frame's allows;
-    `chi` = residual over noise; `others`, other minima by rising chi; `converged`; `plain`, True
+    `covariance` (p, p), and `cramer_rao_bound` (p,), the least that noise like this frame's allows,
+    from the `information` (p, p) of its pixels; `freedom`, pixels less unknowns; `chi` = residual
+    over noise; `others`, other minima by rising chi; `converged`; `plain`, True
     where a free illumination came out negative and one amplitude for all the frame had to do: the
     model is poor then; `positive`, False where even that is negative: the scene's fringes are not
     in the frame.
@@ -57,6 +61,8 @@ class FrameFit:
     standard_uncertainty: Array
     covariance: Array
     cramer_rao_bound: Array
+    information: Array
+    freedom: int
     chi: float
     others: tuple[Minimum, ...]
     converged: bool
@@ -83,15 +89,22 @@ def fit_frame(
     """
     keys = free_keys(scene) if keys is None else keys
     scene = placed(scene, data.light.shape)
-    if isinstance(scene.frames.gamma, str):
-        keys = keys if GAMMA in keys else (*keys, GAMMA)
-        toned = [scene.with_values({GAMMA: gamma}) for gamma in _GAMMAS]
-    else:
-        toned = [scene]
-    if GAMMA in keys:
-        fits = [_fit_begun(data.toned(s.frames.stated_gamma), s, keys, cold) for s in toned]
-        return min(fits, key=lambda fit: fit.chi if fit.positive else np.inf)
-    return _fit_begun(data, scene, keys, cold)
+    if BLUR in keys and scene.get(BLUR) < _LEAST_BLUR_PX:
+        scene = scene.with_values({BLUR: _LEAST_BLUR_PX})
+    known = scene.frames.gamma
+    if isinstance(known, str) and GAMMA not in keys:
+        keys = (*keys, GAMMA)
+    if GAMMA not in keys:
+        return _fit_begun(data, scene, keys, cold)
+    best: FrameFit | None = None
+    for gamma in dict.fromkeys((*([] if isinstance(known, str) else [known]), *_GAMMAS)):
+        fit = _fit_begun(data.toned(gamma), scene.with_values({GAMMA: gamma}), keys, cold)
+        if best is None or (fit.positive, -fit.chi) > (best.positive, -best.chi):
+            best = fit
+        if best.positive and best.chi <= _CLOSE_CHI:
+            break
+    assert best is not None
+    return best
 
 
 def _fit_begun(data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool) -> FrameFit:
@@ -118,6 +131,8 @@ def _fit_begun(data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool)
         np.where(told, np.sqrt(np.maximum(np.diag(spread), 0.0)), np.inf),
         spread,
         bound,
+        final.local.normal,
+        freedom,
         float(np.sqrt(final.toned.cost / freedom)),
         others,
         final.converged and bool(told.all()),
@@ -181,12 +196,28 @@ def _final(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> tuple[FrameM
     shape = (data.light.shape[0], data.light.shape[1])
     start = values_of(scene, keys)
     model = FrameModel(data, scene, keys, fit_region(scene, shape, 1, EDGE_PX))
-    final = polish(model, start, toned=model.keep_clear(start))
+    toned = model.keep_clear(start)
+    assert scene.camera is not None
+    if toned is not None and (scene.camera.blur_px > 0.0 or BLUR in keys):
+        model.follow_light(data, toned)
+        toned = model.at(start, near=toned.model)
+    final = polish(model, start, toned=toned)
     if final is None:
         raise PhysicsError(
             f"{data.name}: the scene cannot be solved where its search ended; give closer values"
         )
-    return model, final
+    return model, _better_side(model, final)
+
+
+def _better_side(model: FrameModel, final: Polished) -> Polished:
+    """The fit, or the one with plates turned to the other side, which nearly mirrors it."""
+    plates = [j for j, key in enumerate(model.keys) if key.endswith("plate_error_deg")]
+    if not plates:
+        return final
+    other = final.values.copy()
+    other[plates] *= -1.0
+    turned = polish(model, other)
+    return final if turned is None or turned.toned.cost > final.toned.cost else turned
 
 
 def values_of(scene: Scene, keys: tuple[str, ...]) -> Array:

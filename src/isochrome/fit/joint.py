@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import PhysicsError
 from isochrome.fit.frame_data import FrameData
-from isochrome.fit.frame_fit import EDGE_PX, placed, thinning
+from isochrome.fit.frame_fit import EDGE_PX, FrameFit, placed, thinning
 from isochrome.fit.intensity import UNDETERMINED
 from isochrome.fit.linear import scaled_inverse
 from isochrome.fit.normal import Normal, add_up, make_renderer
@@ -84,6 +84,42 @@ def fit_together(
     values, _, _ = problem.solve(start, problem.coarse_stride, _LOOSE)
     values, normal, converged = problem.solve(values, 1, _TIGHT)
     return problem.result(values, normal, converged)
+
+
+def fit_of_one(sequence: Sequence, alone: FrameFit) -> JointFit | None:
+    """The fit of a single frame as one of a sequence.
+
+    Parameters: `sequence` of one frame; `alone`, the frame's own fit for its keys. Returns a
+    JointFit; None where the frame shows a state that other distances led to, which its own fit
+    does not follow.
+    """
+    scene = sequence.scene
+    course = (
+        scene.load and scene.load.normal_n,
+        scene.friction and scene.friction.coefficient,
+        scene.wear and scene.wear.coefficient_mm2_per_n,
+    )
+    if sequence.count != 1 or any(isinstance(value, DistanceTable) for value in course):
+        return None
+    order = [alone.keys.index(unknown.key) for unknown in sequence.unknowns]
+    values, pairs = alone.values[order], np.ix_(order, order)
+    whole = sequence.whole(values)
+    return JointFit(
+        sequence,
+        values,
+        alone.standard_uncertainty[order],
+        alone.cramer_rao_bound[order],
+        alone.covariance[pairs],
+        alone.information[pairs],
+        alone.chi,
+        (alone.chi,),
+        alone.chi**2 * alone.freedom,
+        alone.freedom,
+        whole,
+        (alone.scene,),
+        alone.converged,
+        () if alone.positive else (0,),
+    )
 
 
 class Together:

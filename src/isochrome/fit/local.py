@@ -36,6 +36,9 @@ Array = NDArray[Any]
 
 GAMMA, BLUR = "frames.gamma", "camera.blur_px"
 
+_SMOOTH_PX, _DIMMEST = 5.0, 0.05
+"""What is smoothed off an illumination whose slope is wanted; the least of it, over its most."""
+
 _ENOUGH = 0.25
 """Share of pixels that must be clear of black and white for the others to be left out."""
 
@@ -67,6 +70,7 @@ class FrameModel:
         self.steps = STEP * scales(scene, keys)
         limits = bounds(scene, keys)
         self.low, self.high = limits["lower"], limits["upper"]
+        self._light_slopes: tuple[Array, Array] | None = None
 
     def keep_clear(self, values: Array) -> Toned | None:
         """Leave out the pixels whose model at some values is near black or white.
@@ -82,6 +86,20 @@ class FrameModel:
         self.pixels = some_pixels(self.pixels, clear)
         return self.solved(toned.part.signal[clear], values, toned.model[clear])
 
+    def follow_light(self, data: FrameData, toned: Toned) -> None:
+        """Blur the light with its fall-off A, and not the signal s alone.
+
+        Equation: G * (A s) = A (G * s) + b² ∇A·∇(G * s) for a Gaussian G of standard deviation b
+        and an A that is linear over it; ∇A/A from the solution `toned` of the frame `data`.
+        """
+        from scipy.ndimage import gaussian_filter
+
+        coefficients = toned.part.coefficients[: len(data.illumination)]
+        light = np.tensordot(coefficients.astype(np.float32), data.illumination, 1)
+        light = np.maximum(gaussian_filter(light, _SMOOTH_PX), _DIMMEST * float(light.max()))
+        down, across = np.gradient(np.log(light))
+        self._light_slopes = down, across
+
     def gamma(self, values: Array) -> float:
         """The exponent of the tone curve at some values."""
         return float(values[self.keys.index(GAMMA)]) if GAMMA in self.keys else self.pixels.gamma
@@ -92,11 +110,17 @@ class FrameModel:
         `visibility` (rows, cols), where it is known well enough.
         """
         try:
-            image = self.renderer.signal(self._moved(values), visibility=visibility)
+            scene = self._moved(values)
+            image = self.renderer.signal(scene, visibility=visibility)
         except (InputError, PhysicsError):
             return None
-        found = image[self.pixels.keep]
-        return np.asarray(found, dtype=np.float32)
+        assert scene.camera is not None
+        if self._light_slopes is not None and scene.camera.blur_px > 0.0:
+            down, across = np.gradient(image)
+            down *= self._light_slopes[0]
+            across *= self._light_slopes[1]
+            image = image + np.float32(scene.camera.blur_px**2) * (down + across)
+        return np.asarray(image[self.pixels.keep], dtype=np.float32)
 
     def _moved(self, values: Array) -> Scene:
         given = zip(self.keys, np.asarray(values, float).tolist(), strict=True)

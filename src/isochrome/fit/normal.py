@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from isochrome.fit.frame_data import FrameData
 from isochrome.fit.history import SharedRun, local_values
-from isochrome.fit.intensity import STEP, reduced_normal
-from isochrome.fit.linear import prepare, solve_linear
+from isochrome.fit.intensity import STEP
+from isochrome.fit.local import project
 from isochrome.fit.renderer import SceneRenderer, safe_signal
 from isochrome.fit.sequence import COURSE, WEAR, Sequence
+from isochrome.fit.tone import gamma_slope, solve_toned, trusted_pixels
 from isochrome.fit.unknowns import scales
 from isochrome.scene import DistanceTable, Scene
 
@@ -100,30 +101,31 @@ def linearise(
 
     Returns None where a scene cannot be solved. Source: see `isochrome.fit.intensity`.
     """
-    signal = safe_signal(renderer, here)
-    problem = prepare(
-        data.light,
-        mask=data.valid & region,
-        sigma=data.sigma,
-        illumination=data.illumination,
-        background=data.background,
-    )
-    kept = np.asarray(signal, dtype=float)[problem.keep]
-    if not np.all(np.isfinite(kept)):
+    gamma = here.frames.stated_gamma
+    free = [scene.frames.stated_gamma - gamma for scene in moved]
+    pixels = trusted_pixels(data.toned(gamma) if any(free) else data, region)
+    signal = safe_signal(renderer, here)[pixels.keep].astype(np.float32)
+    toned = solve_toned(pixels, signal, gamma)
+    if toned is None:
         return None
-    part = solve_linear(problem, kept)
-    rows = np.empty((len(moved), problem.size))
-    for row, scene in zip(rows, moved, strict=True):
-        row[:] = (safe_signal(renderer, scene)[problem.keep] - kept) * part.amplitude
-    if not np.all(np.isfinite(rows)):
+    rows = np.empty((len(moved), pixels.size), np.float32)
+    for row, scene, change in zip(rows, moved, free, strict=True):
+        if change:
+            row[:] = gamma_slope(toned, gamma) * np.float32(change)
+        else:
+            np.subtract(safe_signal(renderer, scene)[pixels.keep], signal, out=row)
+            row *= toned.part.amplitude
+    if not np.isfinite(rows.sum()):
         return None
+    squares = rows @ rows.T
+    project(rows, toned.problem, toned.part)
     return Linearised(
-        reduced_normal(problem, rows, part),
-        rows @ part.residual,
-        rows @ rows.T,
-        part.cost,
-        problem.size - len(part.coefficients),
-        part.positive,
+        (rows @ rows.T).astype(float),
+        (rows @ toned.residual).astype(float),
+        squares.astype(float),
+        toned.cost,
+        pixels.size - len(toned.part.coefficients),
+        toned.part.positive,
     )
 
 

@@ -22,6 +22,7 @@ _SAME_EFFECT = {
 
 _ALIKE = 0.9995
 _PLACE = ("camera.left_mm", "camera.top_mm")
+_SENSOR = ("camera.pixel_mm", "camera.blur_px", "frames.gamma")
 
 
 def refuse_keys(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> None:
@@ -56,16 +57,13 @@ def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
             f"{key} cannot be fitted: it is a table over distance in this scene; name it with "
             "--per-frame, give it as a number, or leave it out"
         )
-    if key.split(".")[0] in ("camera", "frames", "numerics") and key != "camera.pixel_mm":
+    if key.split(".")[0] in ("camera", "frames", "numerics") and key not in _SENSOR:
         raise InputError(
-            f"{key} cannot be fitted: the fringes' orders do not follow it; of the camera only "
-            f"{', '.join(_PLACE)} can be free"
+            f"{key} cannot be fitted: the fringes do not follow it; of camera and frames only "
+            f"{', '.join((*_PLACE, *_SENSOR))} can be free"
         )
-    if key == "camera.pixel_mm" and scene.model == "contact":
-        raise InputError(
-            "camera.pixel_mm of a contact cannot be fitted: the surface grid is made for it; "
-            "measure it on a scale in the picture's plane"
-        )
+    if key == "frames.gamma" and value == "unknown":
+        return
     if isinstance(value, bool) or not isinstance(value, int | float | DistanceTable):
         raise InputError(
             f"{key} = {value!r} cannot be fitted: it is no number in this scene; give it one, or "

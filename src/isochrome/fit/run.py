@@ -9,9 +9,10 @@ import numpy as np
 from isochrome.fit.figure import fit_figure
 from isochrome.fit.frame_fit import FrameFit, placed
 from isochrome.fit.frame_set import FrameSet
-from isochrome.fit.joint import JointFit, fit_together
+from isochrome.fit.joint import JointFit, fit_of_one, fit_together
 from isochrome.fit.joint_start import fit_alone, starting_values
 from isochrome.fit.laws import WEAR, compare_laws, mean_coefficients, segment_ends, segments
+from isochrome.fit.local import GAMMA
 from isochrome.fit.over_distance import over_distance_figure
 from isochrome.fit.refuse import refuse_alike, refuse_keys
 from isochrome.fit.result import Fit, fitted_scene, make_result
@@ -43,16 +44,19 @@ def fit(
     Frames of a worn contact are states of one run: the wear is simulated with the load, friction
     and wear that the unknowns stand for, over all distances, in every step of the fit.
     Parameters: `frames`, one a state; `scene`, where the fit starts; `free`, keys that all frames
-    share, such as 'load.normal_n'; `per_frame`, keys with a value a frame; `follow`, whether a
-    frame is looked for where the last one was, and there alone; `out`, a folder for fit.csv,
-    scene.toml (fitted), fit.json, provenance.json, fit.png, and of several frames
-    fit_over_distance.png and wear_laws.csv; `progress`, called with (done, all).
+    share, such as 'load.normal_n' (an unknown frames.gamma is one of them); `per_frame`, keys with
+    a value a frame; `follow`, whether a frame is looked for where the last one was, and there
+    alone; `out`, a folder for fit.csv, scene.toml (fitted), fit.json, provenance.json, fit.png, and
+    of several frames fit_over_distance.png and wear_laws.csv; `progress`, called with (done, all).
     Returns a Fit. Raises InputError for unknown keys and those that cannot be told apart,
     PhysicsError where the frames do not hold the scene's fringes.
     """
     scene = load_scene(scene)
     shared, own = tuple(free), tuple(per_frame)
     refuse_keys(scene, shared, own)
+    if scene.frames.gamma == "unknown":
+        scene = scene.with_values({GAMMA: scene.frames.first_gamma})
+        shared += () if GAMMA in own + shared else (GAMMA,)
     data = FrameSet(frames, scene)
     steps = _Steps(progress, len(data))
     joint, alone = _fitted(data, shared, own, follow=follow, steps=steps)
@@ -88,6 +92,9 @@ def _fitted(
     alone = fit_alone(data, sequence, follow=follow, told=steps.one)
     data.plain |= {i for i, fit in enumerate(alone) if fit.plain}
     start = starting_values(sequence, alone)
+    only = fit_of_one(sequence, alone[0]) if len(alone) == 1 else None
+    if only is not None:
+        return only, alone
     return fit_together(data, sequence, start, shape=data.shape, told=steps.one), alone
 
 

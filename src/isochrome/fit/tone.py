@@ -35,15 +35,14 @@ cuts the noise on one side, and so would a choice of pixels by their own levels.
 class Pixels:
     """Trusted pixels of a frame (n,), float32: `raw`, fraction of full scale, and `weight` = 1/σ.
 
-    `light` (ka, n) and `dark` (kc, n), the bases of illumination and background; `first` (n,), the
-    light as `raw` alone tells it; `keep` (rows, cols), where the pixels are; `gamma`, at first.
+    `light` (ka, n) and `dark` (kc, n), the bases of illumination and background; `keep` (rows,
+    cols), where the pixels are; `gamma`, the frame's exponent where it is not an unknown.
     """
 
     raw: Array
     weight: Array
     light: Array
     dark: Array
-    first: Array
     keep: Mask
     gamma: float
 
@@ -99,7 +98,6 @@ def trusted_pixels(data: FrameData, region: Mask) -> Pixels:
         1.0 / chosen(data.raw_sigma),
         np.stack([chosen(image) for image in data.illumination]),
         np.stack([chosen(image) for image in data.background]),
-        chosen(data.light),
         keep,
         data.gamma,
     )
@@ -121,7 +119,6 @@ def some_pixels(pixels: Pixels, chosen: Mask) -> Pixels:
         pixels.weight[chosen],
         np.ascontiguousarray(pixels.light[:, chosen]),
         np.ascontiguousarray(pixels.dark[:, chosen]),
-        pixels.first[chosen],
         keep,
         pixels.gamma,
     )
@@ -146,7 +143,7 @@ def solve_toned(
         part = solve_linear(pixels.as_stored, signal)
         model = pixels.raw - part.residual / pixels.weight
         return Toned(pixels.as_stored, part, model, pixels.weight, part.residual)
-    model = pixels.first if near is None else near
+    model = np.maximum(pixels.raw, 0.0) ** np.float32(gamma) if near is None else near
     # light of one standard deviation above black: there the tone's slope ends
     least = pixels.weight ** np.float32(-gamma)
     for _ in range(_PASSES):
