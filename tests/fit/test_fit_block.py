@@ -124,7 +124,7 @@ def test_process_reads_a_blocks_orders_with_its_smooth_stress(tmp_path):
     begun = scene_of(solid, WHOLE, friction=0.2).with_values({"load.normal_n": 0.92 * LOAD})
     found = process(tmp_path / "frame.tif", begun, tmp_path / "out")
     assert found.table["load.normal_n"][0] == pytest.approx(LOAD, rel=5e-4)
-    assert "load.normal_n would come out +1." in found.warnings[0]
+    assert "load.normal_n would come out +" in found.warnings[0]
     order = tifffile.imread(tmp_path / "out" / "fringe_order.tif")
     rms, wrong = order_error(order, truth)
     # the noise of a pixel's order, not the model: the half-plane's leaves 0.013
