@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 import pytest
+from recordings import COLS, COUNT, MOVING, ROWS, STILL, coded, decoded
 
-from frames.recordings import COLS, COUNT, MOVING, ROWS, STILL, coded, decoded
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
 

@@ -99,7 +99,7 @@ def opened(path: Path) -> Iterator[tuple[Any, Any]]:
     import av
 
     with refusing(path, "not a readable video"):
-        container = av.open(os.fspath(path.absolute()), options=OPEN | DECODE)
+        container = av.open(os.fspath(path.absolute()), container_options=OPEN)
     try:
         with refusing(path, "not a readable video"):
             streams = [s for s in container.streams.video if not _is_picture(s)]
@@ -119,7 +119,8 @@ def opened(path: Path) -> Iterator[tuple[Any, Any]]:
 
 def _is_picture(stream: Any) -> bool:
     """Whether it is a picture on the cover, and no recording."""
-    return bool(int(getattr(stream, "disposition", 0)) & COVER)
+    marks = getattr(stream, "disposition", 0)  # a number, or a flag with one, by PyAV's version
+    return bool(int(getattr(marks, "value", marks)) & COVER)
 
 
 def _check_stream(stream: Any, path: Path) -> None:

@@ -92,42 +92,33 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     values = image.astype(np.float32)
     if finite is not None and not finite.all():
         values[~finite] = np.median(values[finite])
+    rows, cols = values.shape[0] - 2, values.shape[1] - 2
+    inner = values[1:-1, 1:-1]
+    first_max = np.full(inner.shape, -np.inf, np.float32)
+    first_min, second_max, second_min = -first_max, first_max.copy(), -first_max
+    for dr in range(3):
+        for dc in range(3):
+            if (dr, dc) != (1, 1):
+                near = values[dr : dr + rows, dc : dc + cols]
+                np.maximum(second_max, np.minimum(first_max, near), out=second_max)
+                np.minimum(second_min, np.maximum(first_min, near), out=second_min)
+                np.maximum(first_max, near, out=first_max)
+                np.minimum(first_min, near, out=first_min)
+    spread = second_max - second_min
+    excess = np.maximum(inner - second_max, second_min - inner)
+    # Around noise alone the second extremes lie about 1.7 sigmas apart.
+    sigma = float(np.median(spread)) / 1.7
     quantum = 1.0 if image.dtype.kind in "ui" else 0.0
-    step = max(OUTLIER_SIGMAS * _rough_sigma(values), 2 * quantum)
+    step = max(OUTLIER_SIGMAS * _rough_sigma(values, sigma), 2 * quantum)
     found = np.zeros(image.shape, bool)
-    row, col = _odd_ones(values, step)
-    low, high = _second_extremes(values, row, col)
-    excess = np.maximum(values[row, col] - high, low - values[row, col])
-    found[row, col] = excess > np.maximum(high - low, step)
+    found[1:-1, 1:-1] = excess > np.maximum(spread, step)
     return found
 
 
-def _second_extremes(
-    values: np.ndarray, row: np.ndarray, col: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The second smallest and the second largest of the eight pixels around some."""
-    steps = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0)]
-    around = np.sort([values[row + r, col + c] for r, c in steps], axis=0)
-    return around[1], around[-2]
-
-
-def _odd_ones(values: np.ndarray, step: float) -> tuple[np.ndarray, ...]:
-    """Inner pixels that may be outliers: beyond one neighbour at least on each of both axes."""
-    inner = values[1:-1, 1:-1]
-    pairs = ((values[1:-1, :-2], values[1:-1, 2:]), (values[:-2, 1:-1], values[2:, 1:-1]))
-    above = inner - step > np.maximum(*(np.minimum(a, b) for a, b in pairs))
-    below = inner + step < np.minimum(*(np.maximum(a, b) for a, b in pairs))
-    row, col = np.nonzero(above | below)
-    return row + 1, col + 1
-
-
-def _rough_sigma(values: np.ndarray) -> float:
+def _rough_sigma(values: np.ndarray, otherwise: float) -> float:
     """Noise sigma from the median fourth difference along the columns' axis; fringe-blind."""
     if values.shape[1] < 8:
-        inner = np.indices(values.shape)[:, 1:-1, 1:-1].reshape(2, -1)
-        low, high = _second_extremes(values, *inner)
-        # around noise alone the second extremes lie about 1.7 sigmas apart
-        return float(np.median(high - low)) / 1.7
+        return otherwise
     v = values[::2]
     mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
     return float(np.median(np.abs(mixed))) * 1.4826 / np.sqrt(70.0)

@@ -19,6 +19,9 @@ Mask = NDArray[np.bool_]
 LEVELS = 64
 """A mask has few grey levels; an image with more of them on a tenth of its pixels is a picture."""
 
+MOST_CORNERS = 2000
+"""Of a polygon: all pairs of its sides are looked at."""
+
 
 class WithFrames(Protocol):
     """A scene, or a calibration set: it has [frames], and knows where their files are."""
@@ -113,6 +116,11 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int]) 
     """Pixels whose centres lie in a polygon of (row, col)."""
     from skimage.draw import polygon2mask
 
+    if len(corners) > MOST_CORNERS:
+        raise InputError(
+            f"frames.polygon_px has {len(corners)} corners, and {MOST_CORNERS} are allowed; draw "
+            "it with fewer, or give frames.mask"
+        )
     points = np.array(corners)
     ends = np.roll(points, -1, axis=0)
     area = 0.5 * abs(float(np.sum(points[:, 0] * ends[:, 1] - points[:, 1] * ends[:, 0])))

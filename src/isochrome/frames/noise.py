@@ -19,8 +19,6 @@ FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 QUANTISATION = 1 / 12
 """Variance of rounding to whole grey levels."""
 LEVELS = 16
-ENOUGH = 20_000
-"""Residuals of which a median, or levels of which quantiles, are taken for all."""
 CLIP = 4.0
 """Residuals beyond this many standard deviations are defects or edges, not noise."""
 
@@ -117,8 +115,7 @@ def _high_pass(
 def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
     """Variance without outliers, about zero, and the number of residuals that were kept."""
     size = np.abs(residual)
-    # where the clipping starts: some of the residuals tell that well enough
-    sigma = 1.4826 * float(np.median(size[:: max(1, size.size // ENOUGH)]))
+    sigma = 1.4826 * float(np.median(size))
     if sigma == 0:  # a mostly flat, rounded frame: the median tells nothing
         sigma = float(np.sqrt(np.mean(size**2)))
     variance, kept = sigma**2, size.size
@@ -133,19 +130,15 @@ def _clipped_variance(residual: np.ndarray) -> tuple[float, int]:
 def _fit_levels(residual: np.ndarray, level: np.ndarray) -> tuple[float, float]:
     """Fit variance = offset + slope * level to bins of equal population, by their uncertainty."""
     bins = min(LEVELS, residual.size // 500)
-    some = level[:: max(1, level.size // ENOUGH)]
-    edges = np.unique(np.quantile(some, np.linspace(0, 1, max(bins, 1) + 1)))
+    edges = np.unique(np.quantile(level, np.linspace(0, 1, max(bins, 1) + 1)))
     if len(edges) < 3:
         return _clipped_variance(residual)[0], 0.0
     index = np.clip(np.searchsorted(edges, level, side="right") - 1, 0, len(edges) - 2)
-    order = np.argsort(index.astype(np.uint8), kind="stable")
-    ends = np.cumsum(np.bincount(index, minlength=len(edges) - 1))[:-1]
     rows = []
-    bins_of = (np.split(values[order], ends) for values in (level, residual))
-    for own, chosen in zip(*bins_of, strict=True):
-        if own.size:
-            variance, count = _clipped_variance(chosen)
-            rows.append((float(own.mean()), variance, count))
+    for i in range(len(edges) - 1):
+        chosen = index == i
+        variance, count = _clipped_variance(residual[chosen])
+        rows.append((float(level[chosen].mean()), variance, count))
     x, y, n = np.array(rows).T
     weight, slope, offset = np.sqrt(n) / max(y.mean(), 1e-300), 0.0, y.mean()
     for _ in range(5):

@@ -6,6 +6,7 @@ their centres. The library that knows the file format is an extra of its own.
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,6 +22,12 @@ from isochrome.output.files import replacing
 
 Mask = NDArray[np.bool_]
 SUFFIXES = (".roi", ".zip")
+MAX_BYTES = 20_000_000
+"""An area needs less; a file that claims more is damaged or hostile."""
+
+ON_SIDE = 1e-9
+"""A centre that lies on a side counts as inside, rounding (px) or not."""
+
 AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
 
 
@@ -126,10 +133,9 @@ def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
     InputError where the file holds no area, a line or a point, or is not ImageJ's.
     """
     roifile = load_roifile()
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; check its name")
+    _check_size(path)
     try:
-        found = roifile.roiread(path)
+        found = roifile.roiread(path, maxsize=MAX_BYTES)
         rois = found if isinstance(found, list) else [found]
         inside = np.zeros(shape, dtype=bool)
         for roi in rois:
@@ -151,6 +157,23 @@ def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
     return inside
 
 
+def _check_size(path: Path) -> None:
+    """Refuse a file that is none, or that would swell beyond what areas need. Raises InputError."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; check its name")
+    try:
+        size = path.stat().st_size
+        if path.suffix.lower() == ".zip":
+            with zipfile.ZipFile(path) as archive:
+                size = max(size, sum(entry.file_size for entry in archive.infolist()))
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a readable ImageJ ROI ({error}); save it again") from error
+    if size > MAX_BYTES:
+        raise InputError(
+            f"{path}: holds {size} bytes, and ROIs need less than {MAX_BYTES}; save the areas again"
+        )
+
+
 def load_roifile() -> ModuleType:
     """The library for ImageJ's ROI files; InputError with the remedy where it is not installed."""
     try:
@@ -165,8 +188,6 @@ def load_roifile() -> ModuleType:
 
 def _inside(roi: Any, shape: tuple[int, int]) -> Mask:
     """One area as a mask, by the pixels' centres."""
-    from skimage.draw import polygon2mask
-
     top, left, bottom, right = (float(v) for v in (roi.top, roi.left, roi.bottom, roi.right))
     if roi.subpixelrect:
         left, top, right, bottom = roi.xd, roi.yd, roi.xd + roi.widthd, roi.yd + roi.heightd
@@ -180,7 +201,7 @@ def _inside(roi: Any, shape: tuple[int, int]) -> Mask:
         return np.asarray((row > top) & (row < bottom) & (col > left) & (col < right))
     inside = np.zeros(shape, dtype=bool)
     for outline in _outlines(roi):
-        inside ^= polygon2mask(shape, outline[:, ::-1] - 0.5)
+        inside ^= _filled(outline - 0.5, shape)
     return inside
 
 
@@ -188,3 +209,25 @@ def _outlines(roi: Any) -> Iterator[NDArray[np.float64]]:
     for outline in roi.coordinates(multi=True):
         if len(outline) >= 3:
             yield np.asarray(outline, dtype=np.float64)
+
+
+def _filled(outline: NDArray[np.float64], shape: tuple[int, int]) -> Mask:
+    """Pixels whose centres lie in a closed polygon of (x, y), by the even-odd rule.
+
+    Along a row the inside changes at each side that crosses it. Source: Foley, van Dam, Feiner and
+    Hughes (1990), Computer Graphics, section 3.6.
+    """
+    ends = np.roll(outline, -1, axis=0)
+    low, high = (f(outline[:, 1], ends[:, 1]) for f in (np.minimum, np.maximum))
+    order = np.argsort(low, kind="stable")
+    inside = np.zeros(shape, dtype=bool)
+    for row in range(max(0, math.ceil(low.min())), min(shape[0], math.floor(high.max()) + 1)):
+        reached = order[: np.searchsorted(low[order], row, side="right")]
+        sides = reached[high[reached] > row]
+        (x0, y0), (x1, y1) = outline[sides].T, ends[sides].T
+        across = np.sort(x0 + (row - y0) / (y1 - y0) * (x1 - x0))
+        enter = np.ceil(across[0::2] - ON_SIDE).clip(0, shape[1]).astype(int)
+        leave = np.floor(across[1::2] + ON_SIDE + 1).clip(0, shape[1]).astype(int)
+        entered, left = (np.bincount(k, minlength=shape[1] + 1) for k in (enter, leave))
+        inside[row] = np.cumsum(entered - left)[: shape[1]] > 0
+    return inside
