@@ -47,7 +47,8 @@ def local_values(whole: Scene, distances_m: tuple[float | None, ...]) -> Array:
     """What a frame of a run shows of its course: load P (N), friction mu, worn area per frame.
 
     The worn area W = ∫ P' dK, with dh = p dK and ∫ p dx = P', is the area of the scar; a frame
-    follows its history through it all but alone (the shape of the scar adds a part in a thousand).
+    follows its history through it all but alone: the scar's shape at one area changes a frame's
+    derivatives by some per cent (measured), and nothing else, since residuals are of the whole run.
     Parameters: `whole`, the scene of the run; `distances_m` (frames,), None for a static state.
     Returns (frames, 3), N, 1, mm².
     """

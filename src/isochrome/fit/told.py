@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from scipy.special import chdtrc
+
 from isochrome.fit.laws import CLEAR, WEAR, LawFit
 
 _UNLIKELY = 1e-4
@@ -35,10 +37,8 @@ class WearLaws:
     @property
     def none_fits(self) -> bool:
         """Whether even the preferred law misses what was worn by far more than its uncertainty."""
-        from scipy.stats import chi2
-
         best = self.laws[0]
-        return best.freedom > 0 and float(chi2.sf(best.misfit, best.freedom)) < _UNLIKELY
+        return best.freedom > 0 and float(chdtrc(best.freedom, best.misfit)) < _UNLIKELY
 
     def sentence(self) -> str:
         """Which law the frames prefer, and by how much, or that they cannot tell."""
