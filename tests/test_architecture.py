@@ -105,7 +105,9 @@ def test_the_command_line_imports_nothing_heavy_before_it_is_needed():
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("room", ["scene", "contact", "stress", "optics", "simulate", "output", "runs"])
+@pytest.mark.parametrize(
+    "room", ["scene", "contact", "stress", "optics", "simulate", "output", "runs"]
+)
 def test_a_room_imports_no_drawing_or_image_library_at_its_door(room):
     code = f"import sys, isochrome.{room}; print([m for m in {HEAVY!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -129,3 +131,23 @@ def test_a_module_is_short_and_its_public_things_are_described(path):
             for inner in node.body:
                 if isinstance(inner, kinds) and not inner.name.startswith("_"):
                     assert ast.get_docstring(inner), f"{path.name}: {node.name}.{inner.name}"
+
+
+@pytest.mark.parametrize("again", [1, 2])
+@pytest.mark.parametrize("name", ["process", "simulate", "fit", "compare"])
+def test_a_command_is_a_function_of_the_package_however_it_is_come_by(name, again):
+    """The package has rooms of the same names, which importing puts in the functions' places."""
+    code = (
+        f"import isochrome; isochrome.{name}; " * again
+        + f"""
+from isochrome import {name} as command
+import isochrome.{name}.run
+for function in (command, isochrome.{name}):
+    try:
+        function()
+    except TypeError as error:
+        print(error)
+"""
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.count(f"{name}() missing") == 2, done.stdout

@@ -1,6 +1,7 @@
 """Chunks computed by worker processes or a cluster are those of one process, bit for bit."""
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -190,3 +191,36 @@ def test_no_cluster_is_said(count, tmp_path):
 def test_workers_below_one_are_refused(count, tmp_path):
     with pytest.raises(InputError, match="--workers 0: give 1 or more"):
         run_job(job(count), tmp_path / "out", finish, means=Means(workers=0))
+
+
+@pytest.mark.long
+@needs_proc
+@pytest.mark.parametrize("workers", [1, 2])
+def test_killed_at_random_moments_no_more_than_the_chunks_in_hand_are_lost(
+    notes, tmp_path, workers
+):
+    """Twenty kills in all; what is computed twice is what each worker had in hand."""
+    rng = random.Random(workers)
+    run_job(job(Count(notes), count=60), tmp_path / "whole", finish)
+    whole = contents(tmp_path / "whole")
+    script = tmp_path / "run.py"
+    script.write_text(
+        RUN.replace("0.2", "0.02").replace("workers=2", f"workers={workers}"), "utf-8"
+    )
+    for k in range(10):
+        out, own = tmp_path / f"out{k}", tmp_path / f"notes{k}"
+        own.mkdir()
+        command = [sys.executable, str(script), str(out), str(own), TESTS]
+        run = subprocess.Popen(command)
+        while not (tmp_path / f"out{k}.partial" / "manifest.json").exists():
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 1.5))
+        run.kill()
+        run.wait()
+        started = len(calls(own))
+        assert subprocess.run(command).returncode == 0
+        assert contents(out) == whole
+        assert not (tmp_path / f"out{k}.partial").exists()
+        # one process computes a chunk while it writes the one before
+        in_hand = 2 if workers == 1 else workers
+        assert len(calls(own)) - 20 <= in_hand, (k, started)

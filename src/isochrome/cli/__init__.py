@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -39,6 +40,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(calibrate_app, name="calibrate")
+
+STOPPED = 130
+"""Exit code after Ctrl-C, as shells have it."""
 
 
 @app.command()
@@ -231,10 +235,22 @@ def main() -> None:
         app()
     except IsochromeError as error:
         _fail(str(error), error.exit_code)
-    except KeyboardInterrupt:
-        _fail("stopped; nothing was left half-written", 130)
+    except SystemExit as end:
+        if end.code != STOPPED:
+            raise
+        _fail(_stopped(end), STOPPED)
     except MemoryError:
         _fail("not enough memory; use a smaller region of interest or fewer frames", 3)
+
+
+def _stopped(end: BaseException) -> str:
+    """What was said when the user stopped the command, and how to go on with it."""
+    cause: BaseException | None = end
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__ or cause.__context__
+    said = str(cause or "") or "stopped; nothing was left half-written"
+    same = shlex.join(part for part in sys.argv[1:] if part != "--restart")
+    return f"{said}: isochrome {same}" if said.endswith("goes on") else said
 
 
 def _fail(text: str, code: int) -> None:
