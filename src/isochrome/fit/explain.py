@@ -43,6 +43,8 @@ def explain_frame(data: FrameData, scene: Scene) -> Explained:
 
     Parameters: `data`; `scene`, with fitted values. Returns Explained.
     """
+    if scene.frames.stated_gamma != data.gamma:
+        data = data.toned(scene.frames.stated_gamma)
     grid = pixel_grid(scene, (data.light.shape[0], data.light.shape[1]))
     picture = make_picture(scene, state_difference(scene, scene_states(scene)[-1], grid), grid)
     chain = make_chain(scene.polariscope)
@@ -52,6 +54,11 @@ def explain_frame(data: FrameData, scene: Scene) -> Explained:
         return polariscope_signal(order, chain, direction=direction, visibility=picture.visibility)
 
     signal = response(np.where(picture.material, picture.order, 0.0))
+    assert scene.camera is not None
+    if scene.camera.blur_px > 0.0:
+        from scipy.ndimage import gaussian_filter
+
+        signal = gaussian_filter(np.where(picture.material, signal, 0.0), scene.camera.blur_px)
     mask = data.valid & picture.material & (picture.visibility > 0.5)
     linear = evaluate(
         data.light,

@@ -23,7 +23,8 @@ Array = NDArray[Any]
 
 _NEAR_PIXELS = 9_000
 _HIDDEN_PX, _ROOM_PX = 14.0, 10.0
-EDGE_PX = 2.0
+EDGE_PX = 0.75
+"""Depth above which no pixel is fitted: there the surface's place decides what is seen."""
 
 _CLOSE_CHI = 1.15
 """Residual over noise of the coarse model, on few pixels, below which a start was the right one."""
