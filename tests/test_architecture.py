@@ -28,6 +28,7 @@ ORDER = (
     "stress",
     "optics",
     "simulate",
+    "sweep",
     "frames",
     "fit",
     "fringes",
@@ -134,7 +135,7 @@ def test_a_module_is_short_and_its_public_things_are_described(path):
 
 
 @pytest.mark.parametrize("again", [1, 2])
-@pytest.mark.parametrize("name", ["process", "simulate", "fit", "compare"])
+@pytest.mark.parametrize("name", ["process", "simulate", "fit", "compare", "sweep"])
 def test_a_command_is_a_function_of_the_package_however_it_is_come_by(name, again):
     """The package has rooms of the same names, which importing puts in the functions' places."""
     code = (

@@ -20,12 +20,14 @@ _HOMES = {
     "check_frames": "isochrome.frames",
     "compare": "isochrome.compare.run",
     "demo": "isochrome.demo",
+    "export": "isochrome.runs.export",
     "fit": "isochrome.fit.run",
     "load_scene": "isochrome.scene",
     "open_frames": "isochrome.frames",
     "open_run": "isochrome.runs",
     "process": "isochrome.process.run",
     "simulate": "isochrome.simulate.run",
+    "sweep": "isochrome.sweep.run",
     "write_into_scene": "isochrome.calibrate",
 }
 

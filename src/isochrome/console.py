@@ -27,8 +27,8 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def run_bar(what: str) -> Iterator[Callable[[Tally], None]]:
-    """Frames done, a second, flagged, and the time left, on standard error; nothing in a pipe."""
+def run_bar(what: str, items: str = "frames") -> Iterator[Callable[[Tally], None]]:
+    """Items done, a second, flagged, and the time left, on standard error; nothing in a pipe."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -49,7 +49,7 @@ def run_bar(what: str) -> Iterator[Callable[[Tally], None]]:
 
         def show(tally: Tally) -> None:
             own, seconds = tally.done - tally.before, monotonic() - began
-            rate = f"{own / seconds:.3g} frames/s" if own and seconds > 0.0 else ""
+            rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
             progress.update(
                 task,
                 completed=tally.done,

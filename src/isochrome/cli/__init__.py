@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from isochrome.cli.calibrate import calibrate_app
+from isochrome.cli.long import export, sweep
 from isochrome.cli.options import (
     Cluster,
     FramesArgument,
@@ -40,6 +41,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(calibrate_app, name="calibrate")
+app.command()(sweep)
+app.command()(export)
 
 STOPPED = 130
 """Exit code after Ctrl-C, as shells have it."""

@@ -1,0 +1,178 @@
+"""A run's dataset for other programs: netCDF for MATLAB, TIFF for ImageJ, CSV for all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.output import output_folder, replacing, write_csv
+from isochrome.output.tiff import IMAGEJ_LIMIT
+from isochrome.runs.store import open_run
+
+if TYPE_CHECKING:
+    import xarray
+
+FORMATS = ("netcdf", "tiff", "csv")
+_PICTURE = ("row", "col")
+
+
+def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path]:
+    """Write a run's dataset in another program's format, a picture in memory at a time.
+
+    Parameters: `run`, the folder that process or sweep left; `to`: 'netcdf', one netCDF-4 file with
+    all axes, units and attributes, which MATLAB's ncread opens; 'tiff', a stack of each map, with
+    its scale, time step and labels where ImageJ looks for them; 'csv', the table of all that is
+    known besides pictures, a row for each frame or state. `out`, the folder, by default the run's
+    own. Returns the files. Raises InputError where the run is not there, or a library is missing.
+    """
+    if to not in FORMATS:
+        raise InputError(f"--to {to}: is no format known here; give {', '.join(FORMATS)}")
+    place = Path(run)
+    with open_run(place) as dataset:
+        folder = output_folder(out if out is not None else place)
+        if to == "netcdf":
+            return [_to_netcdf(dataset, folder / "run.nc")]
+        if to == "csv":
+            return [_to_csv(dataset, folder / "run.csv")]
+        return [
+            _to_tiff(dataset, str(name), folder / "imagej")
+            for name, variable in dataset.data_vars.items()
+            if _is_picture(variable)
+        ]
+
+
+def _is_picture(variable: xarray.DataArray) -> bool:
+    return variable.dims[-2:] == _PICTURE
+
+
+def _blocks(variable: xarray.DataArray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """A variable's parts, each with its place: single pictures, or else all at once."""
+    if not _is_picture(variable):
+        yield (), np.asarray(variable.values)
+        return
+    for place in product(*(range(size) for size in variable.shape[:-2])):
+        yield place, np.asarray(variable[place].values)
+
+
+def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
+    try:
+        import h5netcdf
+        import h5py
+    except ImportError as error:
+        raise InputError(
+            "netCDF needs the packages h5netcdf and h5py, which are not installed; run "
+            "'pip install isochrome[netcdf]'"
+        ) from error
+    with replacing(path) as beside, h5netcdf.File(beside, "w") as file:
+        file.dimensions = dict(dataset.sizes)
+        for name, value in dataset.attrs.items():
+            file.attrs[str(name)] = value
+        for name, variable in dataset.variables.items():
+            array = dataset[name]
+            text = variable.dtype.kind not in "iuf"
+            kind = h5py.string_dtype() if text else variable.dtype
+            chunks = (*(1 for _ in array.dims[:-2]), *array.shape[-2:])
+            made = file.create_variable(
+                str(name), array.dims, kind, chunks=chunks if _is_picture(array) else None
+            )
+            for key, value in array.attrs.items():
+                made.attrs[str(key)] = value
+            # a coordinate beside the axes has to be named by the variables that it belongs to
+            if name not in dataset.coords:
+                beside_axes = [
+                    str(c)
+                    for c in dataset.coords
+                    if c not in dataset.sizes and set(dataset[c].dims) <= set(array.dims)
+                ]
+                made.attrs["coordinates"] = " ".join(beside_axes)
+            for place, values in _blocks(array):
+                made[place or ...] = values.astype(object) if text else values
+    return path
+
+
+def _to_csv(dataset: xarray.Dataset, path: Path) -> Path:
+    flat = [name for name, v in dataset.variables.items() if not set(_PICTURE) & set(v.dims)]
+    axes = [axis for axis in dataset.sizes if axis not in _PICTURE]
+    shape = tuple(dataset.sizes[axis] for axis in axes)
+    columns: dict[str, Any] = {}
+    for name in [*axes, *(name for name in flat if name not in axes)]:
+        own = dataset[name] if name in dataset.variables else None
+        if own is None:  # an axis without a coordinate counts from 0
+            values = np.arange(dataset.sizes[name])
+            dims: tuple[Any, ...] = (name,)
+        else:
+            values, dims = np.asarray(own.values), own.dims
+        spread = tuple(shape[k] if axis in dims else 1 for k, axis in enumerate(axes))
+        columns[str(name)] = np.broadcast_to(values.reshape(spread), shape).ravel().tolist()
+    write_csv(path, columns)
+    return path
+
+
+def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
+    import tifffile
+
+    array = dataset[name]
+    folder.mkdir(exist_ok=True)
+    path = folder / f"{name}.tif"
+    rows, cols = array.shape[-2:]
+    count = int(np.prod(array.shape[:-2]))
+    imagej = 4 * count * rows * cols < IMAGEJ_LIMIT and min(rows, cols) > 1
+    keys: dict[str, Any] = {"photometric": "minisblack", "metadata": None}
+    scale = _scale(dataset)
+    if imagej:
+        keys["metadata"] = {"axes": "TYX", "Labels": _labels(dataset, array), **_interval(dataset)}
+        keys["metadata"] |= {"unit": "mm"} if scale else {}
+    if scale:
+        per_unit = 1 / scale if imagej else 10 / scale
+        keys["resolution"] = (per_unit, per_unit)
+        keys |= {} if imagej else {"resolutionunit": "CENTIMETER"}
+    pictures = (values.astype("<f4") for _, values in _blocks(array))
+    with (
+        replacing(path) as beside,
+        tifffile.TiffWriter(beside, imagej=imagej, bigtiff=not imagej, byteorder="<") as tif,
+    ):
+        if imagej:
+            tif.write(pictures, shape=(count, rows, cols), dtype="<f4", **keys)
+        else:
+            for picture in pictures:
+                tif.write(picture, **keys)
+    return path
+
+
+def _scale(dataset: xarray.Dataset) -> float | None:
+    """The side of a pixel (mm), by the coordinates of the columns."""
+    if "x_mm" not in dataset.coords or dataset.sizes["col"] < 2:
+        return None
+    x = dataset.x_mm.values
+    return float((x[-1] - x[0]) / (len(x) - 1))
+
+
+def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
+    """What ImageJ shows above each slice."""
+    if "label" in dataset.coords and array.dims[:-2] == dataset.label.dims:
+        return [str(text) for text in dataset.label.values]
+    axes = array.dims[:-2]
+    values = [dataset[axis].values if axis in dataset.coords else None for axis in axes]
+    places = product(*(range(size) for size in array.shape[:-2]))
+    return [
+        ", ".join(
+            f"{axis} = {k if own is None else f'{own[k]:.6g}'}"
+            for axis, own, k in zip(axes, values, place, strict=True)
+        )
+        for place in places
+    ]
+
+
+def _interval(dataset: xarray.Dataset) -> dict[str, Any]:
+    """The time between frames, where it is known and even to a thousandth."""
+    if "time_s" not in dataset.coords or dataset.time_s.size < 2:
+        return {}
+    steps = np.diff(dataset.time_s.values)
+    if not np.isfinite(steps).all() or np.ptp(steps) > 1e-3 * abs(steps.mean()):
+        return {}
+    return {"finterval": float(steps.mean()), "tunit": "s"}

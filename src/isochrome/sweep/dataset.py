@@ -1,0 +1,82 @@
+"""A sweep's findings: one table of all points and states, and the columns of its dataset."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.output import write_csv, write_text
+from isochrome.runs import STORE, Bench, Job
+from isochrome.runs.chunks import rows
+from isochrome.runs.store import add_columns, attributes, units_of
+from isochrome.scene import dump_scene
+from isochrome.stress import pixel_grid
+from isochrome.sweep.grid import Grid
+
+TABLE = "sweep.csv"
+
+
+def finish_sweep(bench: Bench, job: Job, grid: Grid) -> None:
+    """Make the files that need all points, from what is kept of them.
+
+    Parameters: `bench`, where they lie; `job`; `grid`. Raises PhysicsError where every point was
+    refused, OSError.
+    """
+    table = _table(bench, grid)
+    if set(table["status"]) == {"failed"}:
+        raise PhysicsError(f"all {bench.layout.count} points were refused: {table['reason'][0]}")
+    write_csv(bench.results / TABLE, table)
+    write_text(bench.results / "scene.toml", dump_scene(grid.scene))
+    _add(bench, job, grid, table)
+
+
+def _table(bench: Bench, grid: Grid) -> dict[str, list[Any]]:
+    """A row for each state of each point: the varied keys, and the columns of history.csv."""
+    names: dict[str, None] = {}
+    for row, _ in rows(bench):
+        names |= dict.fromkeys(name for name in row["history"] if name != "state")
+    keys = (*grid.values, "state", "status", *names, "reason")
+    table: dict[str, list[Any]] = {key: [] for key in keys}
+    for index, (row, more) in enumerate(rows(bench)):
+        own = grid.point(index) | {"status": more["status"], "reason": row["reason"]}
+        for state in range(bench.layout.shape["state"]):
+            for key, value in (own | {"state": state}).items():
+                table[key].append(value)
+            for name in names:
+                values = row["history"].get(name)
+                table[name].append(None if values is None else values[state])
+    return table
+
+
+def _add(bench: Bench, job: Job, grid: Grid, table: dict[str, list[Any]]) -> None:
+    """The table's columns over the varied keys and state, and the axes' coordinates."""
+    import xarray
+
+    shape = (*grid.counts.values(), bench.layout.shape["state"])
+    variables: dict[str, Any] = {}
+    for name, values in table.items():
+        if name in (*grid.values, "state"):
+            continue
+        text = any(isinstance(value, str) for value in values)
+        empty: Any = "" if text else np.nan
+        data = np.array([empty if v is None else v for v in values], object if text else float)
+        variables[name] = _variable((*grid.values, "state"), name, data.reshape(shape))
+    for name in ("status", "reason"):  # of the point, whatever its states
+        variables[name] = variables[name].isel(state=0)
+    axes = {key: _variable((key,), key, np.array(own)) for key, own in grid.values.items()}
+    axes["state"] = _variable(("state",), "state", np.arange(shape[-1]))
+    if not any(key.startswith("camera.") for key in grid.values):
+        pixels = pixel_grid(grid.scene_at(0))
+        axes["z_mm"] = _variable(("row",), "z_mm", pixels.z_mm)
+        axes["x_mm"] = _variable(("col",), "x_mm", pixels.x_mm)
+    columns = xarray.Dataset(variables, axes, attributes(job.identity))
+    add_columns(bench.results / STORE, columns)
+
+
+def _variable(axes: tuple[str, ...], name: str, values: Any) -> Any:
+    import xarray
+
+    units = units_of(name)
+    return xarray.Variable(axes, values, {} if units is None else {"units": units})
