@@ -82,7 +82,7 @@ def search_frame(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Search
     fine = pixels(_FINE_PIXELS)
     near = _with_hops(fine, descend(fine, own[None], space, steps=12), space)
     noisy = (CLEAR / max(float(near.gain[0]), 1e-3)) ** 2
-    if near.chi[0] <= FOUND_CHI and noisy <= 1.0:
+    if near.sound[0] and near.chi[0] <= FOUND_CHI and noisy <= 1.0:
         return Search(keys, _minima(near, scene, keys), scanned=False)
     coarse = pixels(_SCAN_PIXELS)
     rows = starting_rows(own, space, contact=scene.model == "contact")
@@ -94,7 +94,7 @@ def search_frame(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Search
             fine = pixels(round(_FINE_PIXELS * min(noisy, _NOISIEST)))
             near = descend(fine, near.theta, space, steps=_STEPS)
         found = descend(fine, led.theta, space, steps=_STEPS)
-        near = _with_hops(fine, _distinct(_together(near, found), space, _KEPT), space)
+        near = _with_hops(fine, _distinct(near.joined(found), space, _KEPT), space)
     if not np.isfinite(near.chi[0]):
         raise PhysicsError(
             "no start gives a positive illumination; is the field (dark or bright) the right one?"
@@ -138,40 +138,33 @@ def _thinning(data: FrameData, scene: Scene) -> Callable[[int], SearchPixels]:
     return pixels
 
 
-def _together(one: Descended, other: Descended) -> Descended:
-    return Descended(
-        np.concatenate((one.theta, other.theta)),
-        np.concatenate((one.chi, other.chi)),
-        np.concatenate((one.gain, other.gain)),
-    )
-
-
 def _with_hops(pixels: SearchPixels, found: Descended, space: Space) -> Descended:
     """Minima and what lies a fringe of bulk stress beside the best of them, by rising chi."""
     hops = bulk_hops(found.theta[:_HOPPED], space)
     if len(hops):
-        found = _together(found, descend(pixels, hops, space, steps=_STEPS))
+        found = found.joined(descend(pixels, hops, space, steps=_STEPS))
     return _distinct(found, space, len(found.chi))
 
 
 def _distinct(found: Descended, space: Space, count: int) -> Descended:
-    """The best `count` minima that are not next to each other, by rising chi; one at least."""
+    """The best `count` minima that are not next to each other, sound ones first; one at least."""
     apart = (_APART * space.size)[space.free]
     kept: list[int] = []
-    for i in np.argsort(found.chi, kind="stable"):
+    for i in found.order:
         if kept and (len(kept) == count or not np.isfinite(found.chi[i])):
             break
         far = np.abs(found.theta[kept] - found.theta[i])[:, space.free] / apart
         if not kept or (far.size and far.max(axis=1).min() > 1.0):
             kept.append(int(i))
-    return Descended(found.theta[kept], found.chi[kept], found.gain[kept])
+    return found.rows(kept)
 
 
 def _minima(found: Descended, scene: Scene, keys: tuple[str, ...]) -> tuple[Minimum, ...]:
     """The minima as values of the keys."""
-    minima = []
-    for theta, chi in zip(found.theta, found.chi, strict=True):
-        if np.isfinite(chi):
+    minima: list[Minimum] = []
+    for i in found.order:
+        if np.isfinite(found.chi[i]) and (not minima or found.sound[i]):
             values = {key: float(scene.get(key)) for key in keys}
-            minima.append(Minimum(np.array([*(values | values_of(theta, keys)).values()]), chi))
+            values |= values_of(found.theta[i], keys)
+            minima.append(Minimum(np.array([*values.values()]), float(found.chi[i])))
     return tuple(minima)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.fit.linear import MOSTLY
 from isochrome.fit.search_field import BULK, FRICTION, SHEAR, SLIPPING
 from isochrome.fit.search_pixels import Misfit, SearchPixels
 
@@ -52,11 +53,35 @@ class Space:
 
 @dataclass(frozen=True)
 class Descended:
-    """Where starts led: rows `theta` (m, 7), `chi` (m,); `gain` (m,), mean light over noise."""
+    """Where starts led: rows `theta` (m, 7), `chi` (m,); `gain` (m,), mean light over noise.
+
+    `sound` (m,), False where more than a few pixels' light came out negative.
+    """
 
     theta: Array
     chi: Array
     gain: Array
+    sound: NDArray[np.bool_]
+
+    def rows(self, chosen: Any) -> Descended:
+        """Some of them, by index."""
+        return Descended(
+            self.theta[chosen], self.chi[chosen], self.gain[chosen], self.sound[chosen]
+        )
+
+    def joined(self, other: Descended) -> Descended:
+        """These and others."""
+        return Descended(
+            np.concatenate((self.theta, other.theta)),
+            np.concatenate((self.chi, other.chi)),
+            np.concatenate((self.gain, other.gain)),
+            np.concatenate((self.sound, other.sound)),
+        )
+
+    @property
+    def order(self) -> NDArray[np.intp]:
+        """Indices by rising chi, the sound ones first."""
+        return np.lexsort((self.chi, ~self.sound))
 
 
 def descend(pixels: SearchPixels, starts: Array, space: Space, *, steps: int) -> Descended:
@@ -96,7 +121,9 @@ def descend(pixels: SearchPixels, starts: Array, space: Space, *, steps: int) ->
             (here.chi, here.light, here.dark), (there.chi, there.light, there.dark), strict=True
         ):
             old[won] = new[better]
-    return Descended(theta, here.chi, here.light @ pixels.light.mean(axis=1))
+    amplitude = here.light @ pixels.light
+    sound = np.mean(amplitude <= 0.0, axis=1) <= MOSTLY
+    return Descended(theta, here.chi, amplitude.mean(axis=1), sound & np.isfinite(here.chi))
 
 
 def _of(misfit: Misfit, rows: Array) -> Misfit:
