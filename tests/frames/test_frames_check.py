@@ -107,7 +107,7 @@ def test_count_size_and_scale_are_held_against_the_scene(tmp_path):
     errors = texts(check, "error")
     assert "3 frames, and the scene has 4 states" in errors
     assert "58 rows x 80 columns" in errors
-    assert "the file says 0.02 mm a pixel" in texts(check, "warning")
+    assert "names 0.02 mm a pixel" in errors
 
 
 def test_steps_and_known_orders_are_held_against_the_frames(tmp_path):

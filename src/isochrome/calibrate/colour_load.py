@@ -66,13 +66,14 @@ def _channel(
 ) -> tuple[Array, Array, Array, int | None]:
     from scipy.ndimage import gaussian_filter
 
-    from isochrome.frames import estimate_noise, load_mask, open_frames, to_linear
+    from isochrome.frames import check_scale, estimate_noise, load_mask, open_frames, to_linear
 
     with open_frames(
         path, channel=name, roi=given.frames.roi, bit_depth=given.camera.bit_depth
     ) as reader:
         if reader.channel is None:
             raise InputError(f"{path}: is grey; give colour images")
+        check_scale(reader, given.camera)
         frame = _only(reader, path)
         depth = reader.bit_depth
         shape, full_shape = reader.shape, reader.full_shape

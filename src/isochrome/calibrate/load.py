@@ -39,7 +39,7 @@ def read_shots(given: CalibrationSet) -> tuple[tuple[Shot, ...], Array | None]:
 def _shot(given: CalibrationSet, item: LoadedImage, dark: Array | None) -> Shot:
     from scipy.ndimage import uniform_filter
 
-    from isochrome.frames import estimate_noise, load_mask, open_frames, to_linear
+    from isochrome.frames import check_scale, estimate_noise, load_mask, open_frames, to_linear
 
     path = given.path(item.file)
     with open_frames(
@@ -49,6 +49,7 @@ def _shot(given: CalibrationSet, item: LoadedImage, dark: Array | None) -> Shot:
         roi=given.frames.roi,
         bit_depth=given.camera.bit_depth,
     ) as reader:
+        check_scale(reader, given.camera)
         frames = iter(reader)
         first = next(frames)
         if next(frames, None) is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from isochrome.errors import InputError
 from isochrome.fit.frame_data import FrameData, prepare_frame
-from isochrome.frames import load_no_load, open_scene_frames
+from isochrome.frames import load_no_load, open_scene_frames, with_file_scale
 from isochrome.scene import Scene
 from isochrome.simulate import state_count
 
@@ -32,7 +32,7 @@ class FrameSet:
         self.shape = self._reader.shape
         if self._count == 0:
             raise InputError(f"{path}: holds no frame; check the file")
-        self.scene = self._with_distances(scene)
+        self.scene = self._with_distances(with_file_scale(scene, self._reader))
         self._check(path)
 
     def __len__(self) -> int:

@@ -10,7 +10,13 @@ from isochrome.frames.mask import load_mask
 from isochrome.frames.no_load import load_no_load, open_no_load_steps
 from isochrome.frames.noise import NoiseModel, estimate_noise, full_scale
 from isochrome.frames.normalise import Normalised, normalise
-from isochrome.frames.opening import channel_for, open_frames, open_scene_frames
+from isochrome.frames.opening import (
+    channel_for,
+    check_scale,
+    open_frames,
+    open_scene_frames,
+    with_file_scale,
+)
 from isochrome.frames.reader import CHANNELS, Channel, Frame, FrameReader, FramesPath
 
 __all__ = [
@@ -26,6 +32,7 @@ __all__ = [
     "Normalised",
     "channel_for",
     "check_frames",
+    "check_scale",
     "estimate_noise",
     "find_outliers",
     "full_scale",
@@ -36,4 +43,5 @@ __all__ = [
     "open_no_load_steps",
     "open_scene_frames",
     "to_linear",
+    "with_file_scale",
 ]

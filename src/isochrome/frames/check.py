@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 from isochrome.errors import InputError
 from isochrome.frames.findings import Finding, of_depth, of_light, of_no_load
-from isochrome.frames.opening import open_scene_frames
+from isochrome.frames.opening import check_scale, open_scene_frames
 from isochrome.frames.reader import FrameReader, FramesPath
 from isochrome.frames.survey import Survey, survey
 from isochrome.scene import Scene
-
-SCALE = 0.01
-"""A difference in scale beyond this part is reported."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,7 @@ def check_frames(path: FramesPath, scene: Scene) -> Check:
     """
     found = list(_of_scene(scene))
     try:
-        reader = open_scene_frames(path, scene)
+        reader = open_scene_frames(path, scene, any_scale=True)
     except InputError as error:
         return _sorted([Finding("error", None, str(error)), *found], 0, None)
     with reader:
@@ -73,6 +70,10 @@ def _of_scene(scene: Scene) -> Iterator[Finding]:
 def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
     rows, cols = reader.shape
     camera = scene.camera
+    try:
+        check_scale(reader, camera)
+    except InputError as error:
+        yield Finding("error", None, str(error))
     if camera is not None:
         wanted = (camera.height_px or rows, camera.width_px or cols)
         if wanted != (rows, cols):
@@ -83,10 +84,6 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
                 f"frames are {rows} rows x {cols} columns {after} and the scene's camera is "
                 f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi",
             )
-        ours, file = camera.pixel_mm, reader.pixel_mm
-        if ours and file and abs(file / ours - 1) > SCALE:
-            text = f"the file says {file:.6g} mm a pixel and camera.pixel_mm is {ours:.6g}"
-            yield Finding("warning", None, text + "; which is right?")
     for i, known in enumerate(scene.frames.known_order, start=1):
         if known.row_px >= rows or known.col_px >= cols:
             text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "

@@ -12,9 +12,12 @@ from isochrome.frames.mask import load_mask
 from isochrome.frames.parts import open_parts
 from isochrome.frames.reader import Channel, FrameReader, FramesPath
 from isochrome.frames.source import Kind, Source, natural_key, refusing
-from isochrome.scene import Roi, Scene
+from isochrome.scene import Camera, Roi, Scene
 
 KNOWN = images.SUFFIXES + tiff.SUFFIXES + video.SUFFIXES
+
+SCALE = 0.005
+"""Pixel sizes that differ by more than this part are not one size rounded to three digits."""
 
 
 def open_frames(
@@ -57,11 +60,14 @@ def open_frames(
     return FrameReader(source, path=path, channel=taken, roi=roi, bit_depth=bit_depth)
 
 
-def open_scene_frames(path: FramesPath, scene: Scene, *, masked: bool = True) -> FrameReader:
+def open_scene_frames(
+    path: FramesPath, scene: Scene, *, masked: bool = True, any_scale: bool = False
+) -> FrameReader:
     """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
 
     Parameters: `path` as for `open_frames`; `scene`; `masked`, False to leave the specimen's mask
-    out, as for no-load frames. Returns a FrameReader. Raises InputError.
+    out, as for no-load frames; `any_scale`, True to open a file that names another pixel size than
+    the scene too. Returns a FrameReader. Raises InputError.
     """
     reader = open_frames(
         path,
@@ -70,10 +76,39 @@ def open_scene_frames(path: FramesPath, scene: Scene, *, masked: bool = True) ->
         roi=scene.frames.roi,
         bit_depth=scene.camera.bit_depth if scene.camera else None,
     )
+    if not any_scale:
+        check_scale(reader, scene.camera)
     if masked:
         mask = load_mask(scene, reader.shape, reader.full_shape)
         reader.mask = None if mask.all() else mask
     return reader
+
+
+def check_scale(reader: FrameReader, camera: Camera | None) -> None:
+    """Refuse frames whose file names another pixel size than the camera that they are read for.
+
+    Parameters: `reader`; `camera`, a scene's or a calibration set's. Raises InputError.
+    """
+    ours, file = camera.pixel_mm if camera else None, reader.pixel_mm
+    if ours and file and abs(file / ours - 1) > SCALE:
+        raise InputError(
+            f"{reader.files[0]}: names {file:.6g} mm a pixel, and camera.pixel_mm is {ours:.6g}; "
+            "correct the one that is wrong (the file's in ImageJ: Analyze > Set Scale)"
+        )
+
+
+def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
+    """The scene with the pixel size that the frames' file names, where it gives none itself.
+
+    A disc's is left open, as its rim tells it better. Parameters: `scene`; `reader` of its frames.
+    Returns the scene, the same where there is nothing to take.
+    """
+    camera = scene.camera or Camera()
+    if camera.pixel_mm is not None or reader.pixel_mm is None or scene.model == "disc":
+        return scene
+    return scene.model_copy(
+        update={"camera": camera.model_copy(update={"pixel_mm": reader.pixel_mm})}
+    )
 
 
 def channel_for(wavelength_nm: float | None) -> Channel:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.frames import FrameReader, FramesPath, open_scene_frames
+from isochrome.frames import FrameReader, FramesPath, open_scene_frames, with_file_scale
 from isochrome.fringes.steps import make_design
 from isochrome.optics import make_chain
 from isochrome.output.roi import load_roifile
@@ -72,6 +72,7 @@ def process(
     frames = frames if isinstance(frames, str | Path) else tuple(frames)
     try:
         with single_threaded(), open_scene_frames(frames, scene) as reader:
+            scene = with_file_scale(scene, reader)
             files = input_files(reader, scene)
             if cluster is not None:
                 frames, scene = _absolute(frames, scene)
