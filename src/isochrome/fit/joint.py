@@ -14,8 +14,8 @@ from isochrome.fit.frame_data import FrameData
 from isochrome.fit.frame_fit import EDGE_PX, FrameFit, placed, thinning
 from isochrome.fit.intensity import UNDETERMINED
 from isochrome.fit.linear import scaled_inverse
-from isochrome.fit.normal import Normal, add_up, make_renderer
-from isochrome.fit.one_state import with_numerics
+from isochrome.fit.normal import Normal, add_up, clear_region, make_renderer
+from isochrome.fit.one_state import with_own_numerics
 from isochrome.fit.sequence import Sequence, Unknown
 from isochrome.fit.unknowns import bounds, fit_region
 from isochrome.scene import DistanceTable, Scene
@@ -82,6 +82,7 @@ def fit_together(
     """
     problem = Together(frames, sequence, start, shape, told)
     values, _, _ = problem.solve(start, problem.coarse_stride, _LOOSE)
+    problem.keep_clear(values)
     values, normal, converged = problem.solve(values, 1, _TIGHT)
     return problem.result(values, normal, converged)
 
@@ -133,7 +134,7 @@ class Together:
         shape: tuple[int, int],
         told: Told,
     ) -> None:
-        fine = with_numerics(sequence.whole(start), nodes_per_pixel=3, tolerance=1e-4, room=1.3)
+        fine = with_own_numerics(sequence.whole(start), room=1.3)
         self.told, self.frames = told, frames
         self.sequence = replace(
             sequence, scene=sequence.scene.model_copy(update={"numerics": fine.numerics})
@@ -145,6 +146,7 @@ class Together:
         self.first = [
             placed(self.sequence.frame(whole, start, i), self.shape) for i in range(sequence.count)
         ]
+        self._clear: list[Array] = []
         limits = [self._bounds(unknown) for unknown in sequence.unknowns]
         self.low, self.high = (np.array(side) for side in zip(*limits, strict=True))
 
@@ -156,7 +158,7 @@ class Together:
             return add_up(
                 (data.every(stride) for data in self.frames), self.sequence, where,
                 renderer=renderer, told=lambda _: self.told(),
-                regions=lambda i: fit_region(self.first[i], self.shape, stride, EDGE_PX),
+                regions=lambda i: self._region(i, stride),
             )  # fmt: skip
 
         normal = at(values)
@@ -180,6 +182,24 @@ class Together:
                 damping, growth = max(damping, 1e-4) * growth, growth * 2.0
         return values, normal, False
 
+    def keep_clear(self, values: Array) -> None:
+        """Leave out the pixels whose model at some values is near black or white, see `tone`."""
+        renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
+        whole, found = self.sequence.whole(values), []
+        for i, data in enumerate(self.frames):
+            here, region = self.sequence.frame(whole, values, i), self._region(i, 1)
+            clear = clear_region(data, here, renderer=renderer, region=region)
+            found.append(np.packbits(clear))
+            self.told()
+        self._clear = found
+
+    def _region(self, index: int, stride: int) -> Array:
+        """The pixels of a frame that are fitted."""
+        if stride == 1 and self._clear:
+            bits = np.unpackbits(self._clear[index], count=self.shape[0] * self.shape[1])
+            return bits.reshape(self.shape).astype(bool)
+        return fit_region(self.first[index], self.shape, stride, EDGE_PX)
+
     def result(self, values: Array, normal: Normal, converged: bool) -> JointFit:
         """The fit's statistics, with the scene's own numerics back in it."""
         chi = float(np.sqrt(normal.cost / max(1, normal.freedom - values.size)))
@@ -200,12 +220,14 @@ class Together:
         scenes = tuple(
             placed(sequence.frame(whole, values, i), self.shape) for i in range(sequence.count)
         )
+        covariance = inverse @ normal.middle @ inverse  # White's, as for one frame: see `polish`
+        spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         return JointFit(
             sequence,
             values,
-            max(1.0, chi) * bound,
+            np.where(np.isfinite(bound), spread, np.inf),
             bound,
-            max(1.0, chi) ** 2 * inverse,
+            covariance,
             normal.matrix,
             chi,
             normal.chi,

@@ -39,7 +39,7 @@ GAMMA, BLUR = "frames.gamma", "camera.blur_px"
 _SMOOTH_PX, _DIMMEST = 5.0, 0.05
 """What is smoothed off an illumination whose slope is wanted; the least of it, over its most."""
 
-_ENOUGH = 0.25
+ENOUGH = 0.25
 """Share of pixels that must be clear of black and white for the others to be left out."""
 
 
@@ -81,7 +81,7 @@ class FrameModel:
         if toned is None:
             return None
         clear = clear_of_ends(self.pixels, toned.model, self.gamma(values))
-        if clear.all() or np.count_nonzero(clear) <= _ENOUGH * clear.size:
+        if clear.all() or np.count_nonzero(clear) <= ENOUGH * clear.size:
             return toned
         self.pixels = some_pixels(self.pixels, clear)
         return self.solved(toned.part.signal[clear], values, toned.model[clear])

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from isochrome.fit.frame_data import FrameData
 from isochrome.fit.history import SharedRun, local_values
 from isochrome.fit.intensity import STEP
-from isochrome.fit.local import project
+from isochrome.fit.local import ENOUGH, project
+from isochrome.fit.polish import block_correlation
 from isochrome.fit.renderer import SceneRenderer, safe_signal
 from isochrome.fit.sequence import COURSE, WEAR, Sequence
-from isochrome.fit.tone import gamma_slope, solve_toned, trusted_pixels
+from isochrome.fit.tone import clear_of_ends, gamma_slope, solve_toned, trusted_pixels
 from isochrome.fit.unknowns import scales
 from isochrome.scene import DistanceTable, Scene
 
@@ -32,12 +33,14 @@ Array = NDArray[Any]
 class Normal:
     """Sums over frames at one set of values: `matrix` J^T J (p, p) and `gradient` J^T r (p,).
 
+    `middle` (p, p), the sum of r² j j^T over the pixels, widened by the residuals' correlation;
     `squares` (p,), of the rows before the linear parts were eliminated; `cost`, sum of squared
     residuals over noise; `freedom`, pixels less linear unknowns; `positive` (frames,), False where
     a frame's illumination came out negative; `chi` (frames,), of each frame.
     """
 
     matrix: Array
+    middle: Array
     gradient: Array
     squares: Array
     cost: float
@@ -51,6 +54,7 @@ class Linearised:
     """One frame along its directions: sums as in `Normal`, in units of the directions' steps."""
 
     matrix: Array
+    middle: Array
     gradient: Array
     squares: Array
     cost: float
@@ -75,7 +79,8 @@ def add_up(
     whole = sequence.whole(values)
     maps = DirectionMaps(sequence, values)
     size = len(sequence.unknowns)
-    matrix, gradient, squares = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    matrix, middle = np.zeros((size, size)), np.zeros((size, size))
+    gradient, squares = np.zeros(size), np.zeros(size)
     cost, freedom, positive, chi = 0.0, 0, [], []
     for i, data in enumerate(frames):
         here = sequence.frame(whole, values, i)
@@ -85,13 +90,14 @@ def add_up(
             return None
         columns = maps.columns(i)
         matrix += columns.T @ part.matrix @ columns
+        middle += columns.T @ part.middle @ columns
         gradient += columns.T @ part.gradient
         squares += np.einsum("ij,ik,kj->j", columns, part.squares, columns)
         cost, freedom = cost + part.cost, freedom + part.freedom
         positive.append(part.positive)
         chi.append(float(np.sqrt(part.cost / max(1, part.freedom))))
         told(i)
-    return Normal(matrix, gradient, squares, cost, freedom, tuple(positive), tuple(chi))
+    return Normal(matrix, middle, gradient, squares, cost, freedom, tuple(positive), tuple(chi))
 
 
 def linearise(
@@ -119,14 +125,35 @@ def linearise(
         return None
     squares = rows @ rows.T
     project(rows, toned.problem, toned.part)
+    weighted = rows * toned.residual
+    wider = max(1.0, block_correlation(pixels.keep, toned.residual))
     return Linearised(
         (rows @ rows.T).astype(float),
+        wider * (weighted @ weighted.T).astype(float),
         (rows @ toned.residual).astype(float),
         squares.astype(float),
         toned.cost,
         pixels.size - len(toned.part.coefficients),
         toned.part.positive,
     )
+
+
+def clear_region(data: FrameData, here: Scene, *, renderer: SceneRenderer, region: Array) -> Array:
+    """A frame's region without the pixels whose model is near black or white, where noise is cut.
+
+    Parameters: `data`; `here`, its scene; `renderer`; `region` (rows, cols). Returns (rows, cols).
+    """
+    gamma = here.frames.stated_gamma
+    pixels = trusted_pixels(data, region)
+    toned = solve_toned(pixels, safe_signal(renderer, here)[pixels.keep], gamma)
+    if toned is None:
+        return region
+    clear = clear_of_ends(pixels, toned.model, gamma)
+    if np.count_nonzero(clear) <= ENOUGH * clear.size:
+        return region
+    found = region.copy()
+    found[pixels.keep] = clear
+    return found
 
 
 class DirectionMaps:

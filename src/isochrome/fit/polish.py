@@ -115,12 +115,15 @@ def covariance(model: FrameModel, polished: Polished) -> Array:
     middle = (weighted @ weighted.T).astype(float)
     linear = len(polished.toned.part.coefficients)
     freedom = residual.size / max(1, residual.size - len(local.values) - linear)
-    wider = max(1.0, _correlation(model.pixels.keep, residual))
+    wider = max(1.0, block_correlation(model.pixels.keep, residual))
     return np.asarray(local.inverse @ middle @ local.inverse * (freedom * wider))
 
 
-def _correlation(keep: NDArray[np.bool_], residual: Array) -> float:
-    """Variance of the residuals' sums over blocks, over that of independent ones."""
+def block_correlation(keep: NDArray[np.bool_], residual: Array) -> float:
+    """Variance of the residuals' sums over blocks of 4 x 4 pixels, over that of independent ones.
+
+    Parameters: `keep` (rows, cols), where the pixels are; `residual` (n,), theirs.
+    """
     rows, cols = (n - n % _BLOCK_PX for n in keep.shape)
     if rows == 0 or cols == 0:
         return 1.0
