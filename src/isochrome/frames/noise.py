@@ -140,7 +140,9 @@ def _fit_levels(residual: np.ndarray, level: np.ndarray) -> tuple[float, float]:
         variance, count = _clipped_variance(residual[chosen])
         rows.append((float(level[chosen].mean()), variance, count))
     x, y, n = np.array(rows).T
-    weight, slope, offset = np.sqrt(n) / max(y.mean(), 1e-300), 0.0, y.mean()
+    if not y.any():  # a computed frame: no noise at all
+        return 0.0, 0.0
+    weight, slope, offset = np.sqrt(n) / y.mean(), 0.0, y.mean()
     for _ in range(5):
         slope, offset = np.polyfit(x, y, 1, w=weight)
         fitted = np.maximum(offset + slope * x, 0.05 * y.mean() + 1e-300)

@@ -161,7 +161,8 @@ def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
     """Refuse values that a sensor of this bit depth cannot give."""
     if bit_depth is None or (image.dtype.kind == "u" and bit_depth >= 8 * image.dtype.itemsize):
         return
-    top = np.fmax.reduce(image, axis=None)
+    values = image if image.dtype.kind == "u" else image[np.isfinite(image)]
+    top = values.max(initial=0)
     if top > 2**bit_depth - 1:
         raise InputError(
             f"{label}: holds the value {top:g}, and {bit_depth} bits end at {2**bit_depth - 1}; "

@@ -22,6 +22,11 @@ def open_video(path: Path) -> Source:
     """
     stamp = Stamp.of(path)
     container = check_whole(path)
-    if importlib.util.find_spec("av") is not None:
+    if has_pyav():
         return video_pyav.open_video(path, stamp, container)
     return video_opencv.open_video(path, stamp)
+
+
+def has_pyav() -> bool:
+    """Whether PyAV is installed."""
+    return importlib.util.find_spec("av") is not None

@@ -1,7 +1,8 @@
 """Frames from a video by OpenCV, where PyAV is not installed: read in order, never by seeking.
 
 OpenCV says neither why it stops nor what it has guessed: only what it reads right is read, and
-where it is in doubt whether it did, the video is refused. Its BGR and (x, y) stay in this module.
+where it is in doubt whether it did, the video is refused. One thing it hides: a frame whose size
+changes in mid-recording is scaled. Its BGR and (x, y) stay in this module.
 """
 
 from __future__ import annotations

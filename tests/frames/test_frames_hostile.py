@@ -1,0 +1,422 @@
+"""Recordings that are cut off, damaged, growing, lying or not there: refused, in one sentence."""
+
+import os
+import struct
+import sys
+import tracemalloc
+import zlib
+from contextlib import contextmanager
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+from recordings import COLS, COUNT, EVEN, MOVING, ROWS, STILL, coded, decoded, stack, video
+
+from isochrome.errors import InputError
+from isochrome.frames import check_frames, decoding, open_frames
+from isochrome.output import write_tiff
+from isochrome.scene import parse_scene
+
+FFV1 = MOVING["FFV1 grey"].write
+
+
+def read_until_refused(path, full=255):
+    """Numbers of the frames that come before the refusal, and its sentence (None: no refusal)."""
+    numbers = []
+    try:
+        for frame in open_frames(path):
+            numbers.append(decoded(frame.image, full))
+    except InputError as error:
+        return numbers, str(error)
+    return numbers, None
+
+
+CUT = ["MJPG in AVI", "uncompressed grey in AVI", "H.264 in AVI", "FFV1 grey", "FFV1 16 bit in AVI",
+       "H.264 in MP4", "H.264 in MKV, uneven", "VP9, uneven", "PNG in MOV"]  # fmt: skip
+SLOW = ("VP9, uneven", "PNG in MOV", "uncompressed grey in AVI", "FFV1 16 bit in AVI")
+
+
+@pytest.mark.parametrize("library", ["pyav", "opencv"])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long) if n in SLOW else n for n in CUT]
+)
+def test_a_video_that_breaks_off_is_never_read_as_a_whole_one(
+    name, library, tmp_path, monkeypatch, capfd
+):
+    path = MOVING[name].write(tmp_path)
+    data = path.read_bytes()
+    if library == "opencv":
+        monkeypatch.setitem(sys.modules, "av", None)
+    for part in (0.02, 0.3, 0.55, 0.8, 0.97):
+        path.write_bytes(data[: int(part * len(data))])
+        numbers, reason = read_until_refused(path, 2 ** MOVING[name].bits - 1)
+        assert reason is not None and path.name in reason and "\n" not in reason
+        assert numbers == list(range(len(numbers)))
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", ["FFV1 grey", "VP9, uneven", "MJPG in AVI"])
+def test_a_container_damaged_between_its_frames_is_refused(name, tmp_path):
+    path = MOVING[name].write(tmp_path)
+    data = bytearray(path.read_bytes())
+    mark = b"00dc" if path.suffix == ".avi" else b"\x1f\x43\xb6\x75"
+    place = data.find(mark, len(data) // 4 if path.suffix == ".avi" else 0)
+    data[place : place + 4] = b"\0\0\0\0"
+    path.write_bytes(data)
+    numbers, reason = read_until_refused(path)
+    assert numbers == [] and "is damaged at byte" in reason
+
+
+def test_a_damaged_frame_is_named_and_not_made_up(tmp_path):
+    path = MOVING["H.264 in MP4"].write(tmp_path)
+    data = bytearray(path.read_bytes())
+    key = data.find(b"mdat") + (len(data) - data.find(b"mdat")) // 2
+    for k in range(key, key + 60):
+        data[k] ^= 0x5A
+    path.write_bytes(data)
+    numbers, reason = read_until_refused(path)
+    assert 0 < len(numbers) < COUNT and numbers == list(range(len(numbers)))
+    assert f"frame {len(numbers)}" in reason
+
+
+def lying_avi(folder):
+    """An AVI whose heads claim 16000 frames, as some writers' do."""
+    path = MOVING["MJPG in AVI"].write(folder)
+    data = bytearray(path.read_bytes())
+    for mark, skip in ((b"avih", 8 + 16), (b"strh", 8 + 32)):
+        place = data.find(mark) + skip
+        assert struct.unpack_from("<I", data, place) == (COUNT,)
+        struct.pack_into("<I", data, place, 16000)
+    path.write_bytes(data)
+    return path
+
+
+def test_frames_are_counted_and_heads_are_not_believed(tmp_path, monkeypatch):
+    pytest.importorskip("av")
+    path = lying_avi(tmp_path)
+    reader = open_frames(path)
+    assert (reader.count(), reader.claimed_count) == (COUNT, 16000)
+    assert [decoded(f.image) for f in reader] == list(range(COUNT))
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(
+        InputError, match=r"40 frames and the head claims 16000.*isochrome\[video\]"
+    ):
+        open_frames(path).count()
+
+
+@pytest.mark.parametrize("name", ["H.264 in MKV, uneven", "FFV1 16 bit", "H.264 in AVI"])
+def test_after_a_count_a_range_is_reached_from_the_key_frame_before_it(name, tmp_path, monkeypatch):
+    reader, taken = open_frames(MOVING[name].write(tmp_path)), []
+    reader.count()
+    plain = decoding._decode
+    monkeypatch.setattr(decoding, "_decode", lambda *a: taken.append(1) or plain(*a))
+    (frame,) = reader.iterate(30, 31)
+    assert decoded(frame.image, 2**reader.bit_depth - 1) == 30
+    # eight frames a key frame, some more for the codec to get going; not thirty
+    assert len(taken) <= 20
+
+
+def jpegs_of_two_sizes(folder):
+    """Frames of a camera whose size was changed during the recording."""
+    av = pytest.importorskip("av")
+    big = video(folder / "big.avi", "mjpeg", "yuvj420p", numbers=range(5))
+    small = folder / "small.avi"
+    with av.open(str(small), "w") as out:
+        stream = out.add_stream("mjpeg", rate=20)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuvj420p"
+        grey = av.VideoFrame.from_ndarray(np.full((64, 96), 90, np.uint8), format="gray")
+        out.mux(stream.encode(grey.reformat(format="yuvj420p")))
+        out.mux(stream.encode(None))
+    path = folder / "v.avi"
+    with av.open(str(path), "w") as out:
+        stream = None
+        ticks = 0
+        for part in (big, small):
+            with av.open(str(part)) as given:
+                source = given.streams.video[0]
+                if stream is None:
+                    stream = out.add_stream_from_template(source)
+                for packet in given.demux(source):
+                    if packet.size:
+                        packet.stream, packet.pts, packet.dts = stream, ticks, ticks
+                        ticks += 1
+                        out.mux(packet)
+    return path
+
+
+def test_a_frame_of_another_size_in_mid_recording_is_refused(tmp_path):
+    numbers, reason = read_until_refused(jpegs_of_two_sizes(tmp_path))
+    assert numbers == [0, 1, 2, 3, 4]
+    assert "frame 5 is 64 x 96 pixels" in reason
+
+
+def test_check_says_what_opencv_cannot_notice(tmp_path, monkeypatch):
+    path, scene = MOVING["MJPG in AVI"].write(tmp_path), parse_scene("[specimen]\n")
+    assert "PyAV" not in " ".join(f.text for f in check_frames(path, scene).findings)
+    monkeypatch.setitem(sys.modules, "av", None)
+    assert "pip install isochrome[video]" in " ".join(
+        f.text for f in check_frames(path, scene).findings if f.level == "note"
+    )
+
+
+def test_files_of_one_recording_must_be_alike(tmp_path):
+    write_tiff(tmp_path / "a1.tif", stack(numbers=range(3)))
+    for data in (
+        stack(numbers=range(3))[:, :-2],
+        stack(np.uint16, 65535, range(3)),
+        np.repeat(stack(numbers=range(3))[..., None], 3, axis=-1),
+    ):
+        colour = {"photometric": "rgb"} if data.ndim == 4 else {}
+        write_tiff(tmp_path / "a2.tif", data, **colour)
+        with pytest.raises(InputError, match=r"a2\.tif: .*must be alike"):
+            list(open_frames(tmp_path))
+
+
+def test_videos_and_images_side_by_side_are_refused(tmp_path):
+    MOVING["MJPG in AVI"].write(tmp_path)
+    Image.fromarray(coded(0).astype(np.uint8)).save(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"v\.avi: is a video and a\.png an image"):
+        open_frames(tmp_path)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("bits", [None, 8])
+def test_pixels_that_are_no_number_are_passed_on_as_such(tmp_path, value, bits):
+    image = np.full((1, 6, 8), 0.5, np.float32)
+    image[0, 2, 3] = value
+    write_tiff(tmp_path / "f.tif", image)
+    (frame,) = open_frames(tmp_path / "f.tif", bit_depth=bits)
+    np.testing.assert_array_equal(frame.image, image[0])
+
+
+NAMES = [
+    "two words",
+    "Versuch Öl µ",
+    "опыт 七",
+    "100%d",
+    "a:b",
+    "x[1]",
+    "#1 'q' \"d\"",
+    "-lead",
+    "~",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_any_name_will_do(tmp_path, name, monkeypatch):
+    path = FFV1(tmp_path)
+    plain = tmp_path / f"{name}.mkv"
+    path.rename(plain)
+    write_tiff(tmp_path / f"{name}.tif", stack())
+    folder = tmp_path / f"{name} d"
+    folder.mkdir()
+    Image.fromarray(stack()[7]).save(folder / f"{name}.png")
+    for library in ("pyav", "opencv"):
+        if library == "opencv":
+            monkeypatch.setitem(sys.modules, "av", None)
+        assert read_until_refused(plain) == (list(range(COUNT)), None)
+    assert read_until_refused(tmp_path / f"{name}.tif") == (list(range(COUNT)), None)
+    assert read_until_refused(folder) == ([7], None)
+    monkeypatch.chdir(tmp_path)
+    assert read_until_refused(f"{name}.tif") == (list(range(COUNT)), None)
+
+
+def test_a_name_that_is_no_text_is_read_or_refused(tmp_path):
+    odd = os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xfe")
+    for suffix, write in ((".mkv", FFV1), (".tif", STILL["plain pages"].write)):
+        os.rename(write(tmp_path), odd + suffix)
+        numbers, reason = read_until_refused(odd + suffix)
+        assert numbers == list(range(COUNT)) or reason
+    with pytest.raises(InputError):
+        open_frames("a\0b.tif")
+
+
+def test_links_are_followed_and_those_to_nowhere_refused(tmp_path):
+    (tmp_path / "real").mkdir()
+    path = FFV1(tmp_path / "real")
+    (tmp_path / "link.mkv").symlink_to(path)
+    (tmp_path / "folder").symlink_to(tmp_path / "real")
+    for good in ("link.mkv", "folder"):
+        assert read_until_refused(tmp_path / good) == (list(range(COUNT)), None)
+    (tmp_path / "gone.mkv").symlink_to(tmp_path / "none.mkv")
+    (tmp_path / "loop.tif").symlink_to(tmp_path / "loop.tif")
+    for bad in ("gone.mkv", "loop.tif"):
+        assert read_until_refused(tmp_path / bad)[1] is not None
+
+
+@contextmanager
+def as_nobody():
+    """Without the rights of the superuser, who may read everything."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+@pytest.mark.skipif(not hasattr(os, "seteuid"), reason="rights are given otherwise here")
+@pytest.mark.parametrize("suffix", [".mkv", ".tif", ".png"])
+def test_a_file_that_may_not_be_read_is_refused(tmp_path, suffix):
+    path = tmp_path / f"x{suffix}"
+    path.write_bytes(b"x" * 99)
+    path.chmod(0)
+    with as_nobody():
+        numbers, reason = read_until_refused(path)
+    assert numbers == [] and "x" + suffix in reason
+
+
+@pytest.mark.parametrize("suffix", [".avi", ".tif", ".png", ".mkv"])
+def test_folders_pipes_and_empty_files_in_a_files_place(tmp_path, suffix):
+    (tmp_path / f"d{suffix}").mkdir()
+    (tmp_path / f"e{suffix}").touch()
+    os.mkfifo(tmp_path / f"p{suffix}")
+    for name, why in (("d", "no image"), ("e", "0 bytes"), ("p", "not a file")):
+        numbers, reason = read_until_refused(tmp_path / f"{name}{suffix}")
+        assert numbers == [] and why in reason
+    assert "not a file" in read_until_refused([tmp_path / f"d{suffix}"])[1]
+
+
+@pytest.mark.parametrize("name", ["FFV1 grey", "MJPG in AVI"])
+@pytest.mark.parametrize("library", ["pyav", "opencv"])
+def test_a_video_that_is_being_written_is_refused(tmp_path, name, library, monkeypatch):
+    path = MOVING[name].write(tmp_path)
+    if library == "opencv":
+        monkeypatch.setitem(sys.modules, "av", None)
+    check_growing(path)
+
+
+def test_a_stack_that_is_being_written_is_refused(tmp_path):
+    check_growing(STILL["plain pages"].write(tmp_path))
+
+
+def check_growing(path):
+    reader = open_frames(path)
+    running = iter(reader)
+    next(running)
+    with open(path, "ab") as file:
+        file.write(b"more")
+    with pytest.raises(InputError, match="changed while it was read"):
+        list(running)
+    with pytest.raises(InputError, match="changed while it was read"):
+        list(reader)
+
+
+def test_time_stamps_that_go_backwards_are_no_times(tmp_path, monkeypatch):
+    path = FFV1(tmp_path)
+    data = bytearray(path.read_bytes())
+    place = data.find(b"\x81" + struct.pack(">h", 500))  # frame 10's, after 450 ms
+    assert place > 0
+    data[place + 1 : place + 3] = struct.pack(">h", 120)
+    path.write_bytes(data)
+    reader = open_frames(path)
+    reader.count()
+    for frames in (list(open_frames(path)), list(reader), list(reader.iterate(0, COUNT))):
+        assert [decoded(f.image) for f in frames] == list(range(COUNT))
+        wanted = [None if i == 10 else t for i, t in enumerate(EVEN)]
+        assert [f.time_s for f in frames] == pytest.approx(wanted, abs=1e-3)
+    assert next(reader.iterate(10, 11)).time_s is None
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(InputError, match=r"when frame 10 was taken.*isochrome\[video\]"):
+        list(open_frames(path))
+
+
+def test_a_playlist_in_a_videos_clothes_opens_nothing(tmp_path):
+    FFV1(tmp_path)
+    for text in (
+        f"#EXTM3U\n#EXTINF:1,\nfile://{tmp_path}/v.mkv\n",
+        "ffconcat version 1.0\nfile v.mkv",
+    ):
+        (tmp_path / "x.avi").write_text(text + "\n" * 50)
+        numbers, reason = read_until_refused(tmp_path / "x.avi")
+        assert numbers == [] and "whatever its name says" in reason
+
+
+def test_two_cameras_in_one_file_and_pixels_that_are_not_square_are_refused(tmp_path):
+    av = pytest.importorskip("av")
+    cases = (("two.mkv", "ffv1", "gray", 2), ("wide.mp4", "mpeg4", "yuv420p", 1))
+    for name, codec, pixels, streams in cases:
+        with av.open(str(tmp_path / name), "w") as out:
+            made = [out.add_stream(codec, rate=20) for _ in range(streams)]
+            for stream in made:
+                stream.width, stream.height, stream.pix_fmt = COLS, ROWS, pixels
+                if streams == 1:
+                    stream.codec_context.sample_aspect_ratio = Fraction(16, 15)
+            for stream in made:
+                frame = av.VideoFrame.from_ndarray(stack()[0], format="gray")
+                out.mux(stream.encode(frame.reformat(format=pixels)))
+                out.mux(stream.encode(None))
+    assert "holds 2 video streams" in read_until_refused(tmp_path / "two.mkv")[1]
+    assert "16:15, not square" in read_until_refused(tmp_path / "wide.mp4")[1]
+
+
+def peak_of(action):
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError) as caught:
+            action()
+        return tracemalloc.get_traced_memory()[1], str(caught.value)
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_strip_that_swells_beyond_its_head_is_refused_unswollen(tmp_path):
+    """500 MB of zeros in 0.5 MB, as the strip of a frame of 64 x 48."""
+    stream = zlib.compressobj()
+    first = stream.compress(bytes(1_000_000)) + stream.flush(zlib.Z_FULL_FLUSH)
+    again = stream.compress(bytes(1_000_000)) + stream.flush(zlib.Z_FULL_FLUSH)
+    bomb = first + 499 * again  # after a full flush nothing depends on what was before
+    assert len(zlib.decompressobj().decompress(first + again)) == 2_000_000
+    tifffile.imwrite(tmp_path / "b.tif", np.zeros((48, 64), np.uint8), compression="zlib")
+    with tifffile.TiffFile(tmp_path / "b.tif", mode="r+b") as tif:
+        tags, end = tif.pages[0].tags, tif.filehandle.size
+        tags["StripOffsets"].overwrite(end)
+        tags["StripByteCounts"].overwrite(len(bomb))
+    with open(tmp_path / "b.tif", "ab") as file:
+        file.write(bomb)
+    peak, reason = peak_of(lambda: open_frames(tmp_path / "b.tif"))
+    assert "swells" in reason and peak < 50e6  # a hundredth of what it would be
+
+
+@pytest.mark.parametrize(("tag", "value"), [("SamplesPerPixel", 60_000), ("TileWidth", 2**20)])
+def test_heads_that_claim_gigabytes_are_refused(tmp_path, tag, value):
+    how = {"tile": (4096, 64)} if tag == "TileWidth" else {}
+    tifffile.imwrite(tmp_path / "b.tif", np.zeros((4096, 64), np.uint8), **how)
+    with tifffile.TiffFile(tmp_path / "b.tif", mode="r+b") as tif:
+        tif.pages[0].tags[tag].overwrite(value)
+    peak, reason = peak_of(lambda: open_frames(tmp_path / "b.tif"))
+    assert "b.tif" in reason and peak < 50e6
+
+
+@pytest.mark.parametrize("library", ["pyav", "opencv"])
+def test_a_video_that_claims_gigapixels_is_refused(tmp_path, library, monkeypatch):
+    path = MOVING["uncompressed grey in AVI"].write(tmp_path)
+    data = bytearray(path.read_bytes())
+    place = data.find(b"strf") + 8 + 4
+    assert struct.unpack_from("<ii", data, place)[0] == COLS
+    struct.pack_into("<ii", data, place, 60_000, 60_000)
+    path.write_bytes(data)
+    if library == "opencv":
+        monkeypatch.setitem(sys.modules, "av", None)
+    assert read_until_refused(path)[1] is not None
+
+
+def test_a_list_of_frames_may_be_permuted(tmp_path):
+    """The same frame gives the same pixels, wherever in the list it stands."""
+    STILL["folder of PNG"].write(tmp_path)
+    order = [5, 0, 39, 12]
+    files = [tmp_path / f"frame{i}.png" for i in order]
+    assert [decoded(f.image) for f in open_frames(files)] == order
+    reader = open_frames(files)
+    assert reader.files == tuple(files)
+    assert [f.name for f in reader.iterate(1, 3)] == ["frame0.png", "frame39.png"]
+
+
+@pytest.mark.parametrize("bad", [(-1, 3), (3, 2)])
+def test_ranges_that_are_none_are_refused(tmp_path, bad):
+    with pytest.raises(InputError, match="0 <= start <= stop"):
+        open_frames(STILL["plain pages"].write(tmp_path)).iterate(*bad)
