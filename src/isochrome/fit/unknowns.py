@@ -34,7 +34,7 @@ def free_keys(scene: Scene) -> tuple[str, ...]:
     keys = ["load.normal_n", "camera.left_mm", "camera.top_mm"]
     if scene.model == "beam":
         keys.remove("camera.left_mm")
-    if scene.load is not None and scene.load.tangential_n is not None:
+    if _is_held(scene):
         keys.append("load.tangential_n")
     elif scene.friction is not None:
         keys.append("friction.coefficient")
@@ -73,6 +73,9 @@ def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
         value = float(scene.get(key))
         if key in _BOUNDS or key.endswith("_error_deg"):
             least, most = _BOUNDS.get(key, (-45.0, 45.0))
+            if key == "friction.coefficient" and _is_held(scene):
+                # only what it holds counts: the shear's sign is the tangential force's
+                least, most = (0.0, most) if value >= 0.0 else (least, 0.0)
             low.append(least)
             high.append(most)
         elif key in _SIGNED or key.startswith("load.bulk"):
@@ -85,6 +88,10 @@ def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
             low.append(-np.inf)
             high.append(np.inf)
     return {"lower": np.array(low), "upper": np.array(high)}
+
+
+def _is_held(scene: Scene) -> bool:
+    return scene.load is not None and scene.load.tangential_n is not None
 
 
 def fit_region(scene: Scene, shape: tuple[int, ...], stride: int, hidden_px: float) -> Array:
