@@ -174,12 +174,21 @@ def fit(
     follow: Annotated[
         bool, typer.Option("--follow", help="Look for each frame where the last one was.")
     ] = False,
+    track: Annotated[
+        bool,
+        typer.Option(
+            "--track", help="Follow the --per-frame keys through a video, frame by frame."
+        ),
+    ] = False,
     out: Out = Path("isochrome-fit"),
     as_json: Json = False,
 ) -> None:
     """Fit unknowns of the scene, such as load.normal_n, to the frames."""
     from isochrome.fit.run import fit as run
 
+    if track:
+        _track(frames, scene, tuple(free or ()), tuple(per_frame or ()), out, as_json)
+        return
     with progress_bar("fitting") as progress:
         result = run(
             frames, scene, free or [], per_frame=per_frame or [], follow=follow, out=out,
@@ -189,6 +198,23 @@ def fit(
         print_json({"out": str(out), **result.to_json()})
         return
     print_fit(result)
+    print_warnings(list(result.warnings))
+    typer.echo(f"results: {out}")
+
+
+def _track(
+    frames: str, scene: str, free: tuple[str, ...], keys: tuple[str, ...], out: Path, as_json: bool
+) -> None:
+    """`fit --track`."""
+    from isochrome.fit.track_run import refuse_shared, track
+
+    refuse_shared(free)
+    with progress_bar("tracking") as progress:
+        result = track(frames, scene, keys, out=out, progress=progress)
+    if as_json:
+        print_json({"out": str(out), **result.to_json()})
+        return
+    print_columns(result.summary(), ("key", "mean", "least", "most", "standard_uncertainty"))
     print_warnings(list(result.warnings))
     typer.echo(f"results: {out}")
 

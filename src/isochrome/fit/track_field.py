@@ -1,0 +1,110 @@
+"""A stress difference as a polynomial of a scene's values: rendered a few times, then only added.
+
+Between a few places of its values a contact's field is smooth: at a fixed pixel it is interpolated
+by the terms t_i^m and t_i^m t_j^n (m, n <= 2 in the mixed ones) of the values in units of a box,
+-1 <= t <= 1, through fields rendered at Chebyshev's places along each value and at the corners of
+each pair: a sparse grid (Smolyak 1963, Dokl. Akad. Nauk SSSR 148, 1042).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+Render = Callable[[Array], tuple[Array, Array]]
+
+_CORNER = round(0.5**0.5, 12)
+"""Where the corners of a pair of values lie, in half-widths of the box: as one of the places along
+each of them, so that what costs most, the mechanics, is solved once for both."""
+
+
+@dataclass(frozen=True)
+class FieldBox:
+    """Field and visibility over a box of values: `middle` (p,) and `half` (p,) its half-widths.
+
+    `powers` (terms, p), exponents; `field` (terms, n) complex64, their coefficients at the pixels;
+    `visibility` (1 + p, n), its value in the middle and its slopes.
+    """
+
+    middle: Array
+    half: Array
+    powers: Array
+    field: Array
+    visibility: Array
+
+    def place(self, values: Array) -> Array:
+        """Values (p,) in units of the box, -1..1 inside."""
+        return np.asarray((values - self.middle) / self.half)
+
+    def at(self, values: Array) -> tuple[Array, Array]:
+        """Stress difference (n,), MPa, complex64, and visibility (n,) at some values (p,)."""
+        t = self.place(values)
+        return _sum(_terms(t, self.powers), self.field), _sum([1.0, *t], self.visibility)
+
+    def slope(self, values: Array, axis: int) -> tuple[Array, Array]:
+        """Derivatives of both by one value, per its own unit."""
+        t = self.place(values)
+        lower = self.powers.copy()
+        lower[:, axis] = np.maximum(lower[:, axis] - 1, 0)
+        weights = self.powers[:, axis] * _terms(t, lower) / self.half[axis]
+        used = np.flatnonzero(weights)
+        return _sum(weights[used], self.field[used]), self.visibility[1 + axis] / np.float32(
+            self.half[axis]
+        )
+
+
+def make_field_box(render: Render, low: Array, high: Array, degrees: tuple[int, ...]) -> FieldBox:
+    """Interpolate a field over a box of values.
+
+    Parameters: `render`, values (p,) to stress difference and visibility (n,); `low`, `high` (p,),
+    the box; `degrees`, the highest power of each value, even. Returns a FieldBox. Raises what
+    `render` raises.
+    """
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    places, powers = _places(degrees)
+    made = [render(middle + half * t) for t in places]
+    weights = np.linalg.inv(np.array([_terms(t, powers) for t in places]))
+    fields = np.stack([field.astype(np.complex64, copy=False) for field, _ in made])
+    seen = np.stack([np.broadcast_to(v, fields.shape[1:]).astype(np.float32) for _, v in made])
+    slopes = np.linalg.pinv(np.column_stack((np.ones(len(places)), places)))
+    return FieldBox(
+        middle, half, powers, _product(weights, fields), slopes.astype(np.float32) @ seen
+    )
+
+
+def _places(degrees: tuple[int, ...]) -> tuple[Array, Array]:
+    """Where to render, (terms, p) in units of the box, and the exponents that this allows."""
+    size = len(degrees)
+    places, powers = [np.zeros(size)], [np.zeros(size, int)]
+    unit = np.eye(size)
+    for axis, degree in enumerate(degrees):
+        ends = np.cos(np.pi * np.arange(degree + 1) / degree)
+        places += [round(t, 12) * unit[axis] for t in ends if abs(t) > 1e-9]
+        powers += [m * unit[axis].astype(int) for m in range(1, degree + 1)]
+    for i, j in combinations(range(size), 2):
+        for one, other in product((-_CORNER, _CORNER), repeat=2):
+            places.append(one * unit[i] + other * unit[j])
+        powers += [(m * unit[i] + n * unit[j]).astype(int) for m, n in product((1, 2), repeat=2)]
+    # those that differ only in values of low degree follow each other: they share the mechanics
+    order = np.lexsort([np.array(places)[:, j] for j in np.argsort(degrees, kind="stable")])
+    return np.array(places)[order], np.array(powers)
+
+
+def _terms(t: Array, powers: Array) -> Array:
+    return np.asarray(np.prod(t**powers, axis=1))
+
+
+def _sum(weights: Any, rows: Array) -> Array:
+    return _product(np.asarray(weights)[None, :], rows)[0]
+
+
+def _product(weights: Array, rows: Array) -> Array:
+    """A real matrix times rows, real or complex, in single precision."""
+    real = rows.view(np.float32)
+    return np.asarray((weights.astype(np.float32) @ real).view(rows.dtype))

@@ -1,0 +1,222 @@
+"""Follow a contact through a video: each frame from the last one's values, in milliseconds.
+
+The stress difference is a polynomial of the values about where they are (`track_field`), so that
+a residual costs no mechanics; the derivatives are kept from frame to frame as long as they serve.
+A frame that this does not bring down to its noise is lost, and is searched for as if it were alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import PhysicsError
+from isochrome.fit.frame_data import FrameData, prepare_frame
+from isochrome.fit.frame_fit import fit_frame, thinning
+from isochrome.fit.local import LocalModel
+from isochrome.fit.polish import block_correlation
+from isochrome.fit.tone import Toned
+from isochrome.fit.track_course import WORN, TrackCourse
+from isochrome.fit.track_local import HIDDEN_PX, TrackModel, step_size
+from isochrome.fit.track_pixels import Look, thin_frame
+from isochrome.fit.unknowns import fit_region
+from isochrome.frames import Frame, Linear, estimate_noise
+from isochrome.frames.noise import full_scale
+from isochrome.scene import Scene
+
+Array = NDArray[Any]
+
+_PIXELS = 20_000
+_NEAR, _FROZEN, _STEPS, _BOXES = 0.05, 0.3, 12, 3
+"""Last step in standard uncertainties; share of the last step below which the derivatives are
+kept; exact residuals, and polynomials, of one frame at most."""
+_LOST = 1.1
+"""Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
+_NOISE_EVERY = 250
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """One frame: `values`, `standard_uncertainty`, `cramer_rao_bound` (keys,), and `chi`.
+
+    `searched`, whether it was found by a full search, not from the last frame; `positive`, False
+    where the scene's fringes are not in it: its values are NaN then.
+    """
+
+    values: Array
+    standard_uncertainty: Array
+    cramer_rao_bound: Array
+    chi: float
+    searched: bool
+    positive: bool
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Where the steps in one frame ended."""
+
+    values: Array
+    local: LocalModel
+    toned: Toned
+    look: Look
+
+    @property
+    def chi(self) -> float:
+        linear = len(self.toned.part.coefficients)
+        freedom = self.toned.residual.size - len(self.local.values) - linear
+        return float(np.sqrt(self.toned.cost / max(1, freedom)))
+
+    def good(self, chi: float) -> bool:
+        """Whether the light is light, and the residual no more than it may be."""
+        return self.toned.part.positive and self.chi <= chi
+
+
+class Tracker:
+    """Tracks keys of a scene through frames given one after the other."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        keys: tuple[str, ...],
+        *,
+        bit_depth: int | None,
+        no_load: tuple[Linear | None, Linear | None] = (None, None),
+    ) -> None:
+        """`scene`, placed in its picture; `keys` to track; `bit_depth` of the sensor; `no_load`.
+
+        Raises InputError for a scene or a key that cannot be tracked.
+        """
+        self.scene, self.keys = scene, keys
+        self.course = TrackCourse(scene, keys)
+        self._bit_depth, self._no_load = bit_depth, no_load
+        self._values: Array | None = None
+        self._model: TrackModel | None = None
+        self._reference, self._since_noise = 1.0, 0
+
+    def track(self, frame: Frame, distance_m: float | None) -> Tracked:
+        """The tracked values of the next frame. Raises InputError on a blank frame.
+
+        `distance_m`, slid until then, None where nothing wears.
+        """
+        if self._values is None:
+            start = self.course.start(distance_m)
+        else:
+            start = self.course.carried(self._values, distance_m)
+        found = None
+        if self._model is not None:
+            self._check_noise(frame, self._model)
+            found = self._follow(frame, self._model, start)
+        lost = found is None or not found.good(_LOST * self._reference)
+        if lost:
+            found = self._search(frame, start)
+        if found is None or not found.toned.part.positive:
+            return self._nothing(found)
+        if lost:
+            self._reference = max(1.0, found.chi)
+        self._values = found.values
+        self.course.passed(found.values, distance_m)
+        return self._told(found, distance_m, searched=lost)
+
+    def _nothing(self, found: _Found | None) -> Tracked:
+        nan = np.full(len(self.keys), np.nan)
+        return Tracked(nan, nan, nan, found.chi if found else np.nan, True, False)
+
+    def _told(self, found: _Found, distance_m: float | None, *, searched: bool) -> Tracked:
+        """What a frame says in its keys' own units.
+
+        The covariance is White's (1980, Econometrica 48, 817), N⁻¹ (Σ r² j jᵀ) N⁻¹ n/(n - k),
+        widened by the residuals' correlation over blocks of pixels.
+        """
+        local, residual = found.local, found.toned.residual
+        weighted = local.rows * residual
+        middle = (weighted @ weighted.T).astype(float)
+        linear = len(found.toned.part.coefficients)
+        wider = residual.size / max(1, residual.size - len(local.keys) - linear)
+        wider *= max(1.0, block_correlation(found.look.keep, residual))
+        spread = np.sqrt(np.maximum(np.diag(local.inverse @ middle @ local.inverse), 0.0) * wider)
+        spread[~local.determined] = np.inf
+        factors = self.course.reported(distance_m)
+        values = found.values[: self.course.count] * factors
+        return Tracked(
+            values, spread * factors, local.bound * factors, found.chi, searched, positive=True
+        )
+
+    def _search(self, frame: Frame, start: Array) -> _Found | None:
+        """A frame found as if it were alone; None where the scene's fringes are not in it."""
+        data = prepare_frame(frame, self.scene, bit_depth=self._bit_depth, no_load=self._no_load)
+        free = tuple(
+            "wear.coefficient_mm2_per_n" if axis == WORN else axis
+            for axis in self.course.axes[: self.course.count]
+        )
+        even = self.course.even_scene(start)
+        keys = free if even.wear is not None else tuple(k for k in free if "wear." not in k)
+        try:
+            fit = fit_frame(data, even, keys)
+        except PhysicsError:
+            return None
+        if not fit.positive:
+            return None
+        self._model = self._prepare(frame, data)
+        return self._follow(frame, self._model, self.course.from_even(fit.scene, start))
+
+    def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:
+        """What all frames have in common, from one that is whole."""
+        shape = (data.light.shape[0], data.light.shape[1])
+        stride = max(2, thinning(data.light.size, _PIXELS))
+        thinned = thin_frame(
+            data,
+            fit_region(self.scene, shape, stride, HIDDEN_PX),
+            stride,
+            full=full_scale(self._bit_depth),
+            noise=estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth),
+        )
+        self._since_noise = 0
+        return TrackModel(self.course, shape, thinned)
+
+    def _check_noise(self, frame: Frame, model: TrackModel) -> None:
+        """Tell the camera's noise again now and then."""
+        self._since_noise += 1
+        if self._since_noise >= _NOISE_EVERY:
+            noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
+            model.see(model.thinned.with_noise(noise))
+            self._since_noise = 0
+
+    def _follow(self, frame: Frame, model: TrackModel, start: Array) -> _Found | None:
+        """Newton's steps from some values (axes,); None where they do not end."""
+        levels = model.thinned.levels(frame.image)
+        values, last, boxes = start.copy(), np.inf, 0
+        for _ in range(_STEPS):
+            if not model.holds(values):
+                if boxes == _BOXES or not model.move(values, levels):
+                    return None
+                boxes, last = boxes + 1, np.inf
+            toned = model.at(values, levels)
+            if toned is None:
+                return None
+            local = model.local
+            if local is None or self._turned(local, toned, values, last):
+                toned, last = model.linearise(values, levels, toned), np.inf
+                local = model.local
+            assert local is not None and model.look is not None
+            step = local.step(toned.residual)
+            size = step_size(local, step) / _noise(toned)
+            values = self.course.moved(values, step)
+            if size < _NEAR:
+                return _Found(values, local, toned, model.look)
+            last = size
+        return None
+
+    def _turned(self, local: LocalModel, toned: Toned, values: Array, last: float) -> bool:
+        """Whether steps with the kept derivatives do not shrink fast enough."""
+        size = step_size(local, local.step(toned.residual)) / _noise(toned)
+        return size > _FROZEN * last and not np.array_equal(
+            local.values, values[: len(local.values)]
+        )
+
+
+def _noise(toned: Toned) -> float:
+    """Residual over noise, 1 at least."""
+    return float(max(1.0, toned.cost / max(1, toned.residual.size)) ** 0.5)
