@@ -296,6 +296,16 @@ def test_a_full_disk_is_said_and_what_is_finished_is_kept(notes, tmp_path):
     np.testing.assert_array_equal(tifffile.imread(out / "order.tif")[59], truth(59))
 
 
+def test_results_that_the_disk_cannot_hold_are_refused_before_the_work(count, tmp_path):
+    # 3e13 items of 5 x 7 pixels, in the store and in the stack, 4 bytes each: 8.4e15 bytes
+    huge = job(count, count=30_000_000_000_000, chunk=3_000_000_000_000)
+    words = r"out: the results need 8\.4e\+06 GB, and .* GB are free"
+    with pytest.raises(InputError, match=words):
+        run_job(huge, tmp_path / "out", finish)
+    assert calls(count.notes) == []
+    assert not (tmp_path / "out.partial").exists()
+
+
 def test_links_in_the_output_folder_are_replaced_and_not_followed(count, tmp_path, undisturbed):
     out, other = tmp_path / "out", tmp_path / "other"
     out.mkdir()

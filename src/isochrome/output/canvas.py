@@ -24,7 +24,7 @@ class TiffCanvas:
     shape: tuple[int, int, int]
     offset: int
 
-    def write(self, start: int, frames: bytes) -> None:
+    def write(self, start: int, frames: bytes | memoryview) -> None:
         """Write whole frames, little-endian float32, from frame `start` on, through to the disk.
 
         Raises OSError.

@@ -18,6 +18,8 @@ from isochrome.output.files import plain, replacing
 
 DIGITS = 9
 """Significant digits of a number in a table."""
+_AT_ONCE = 4096
+"""Rows of a long table that are text in memory at a time."""
 
 
 class TableWriter:
@@ -82,8 +84,12 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
     Parameters: `columns`, name to values, all of one length. Floats get 9 significant digits,
     NaN and None an empty cell. Raises InputError where the lengths differ.
     """
+    count = max((len(values) for values in columns.values()), default=0)
     with TableWriter(path) as table:
-        table.append(columns)
+        for start in range(0, max(count, 1), _AT_ONCE):
+            table.append(
+                {name: values[start : start + _AT_ONCE] for name, values in columns.items()}
+            )
 
 
 def csv_text(columns: Mapping[str, Any]) -> str:

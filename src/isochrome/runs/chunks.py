@@ -68,7 +68,7 @@ def keep(bench: Bench, index: int, results: Results) -> Kept:
     for layer in bench.layout.layers:
         values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
         assert values.shape == (stop - start, *bench.layout.shape.values()), layer.name
-        data = values.tobytes()
+        data = memoryview(values).cast("B")
         rest = int(np.prod(bench.layout.chunk_shape)) - values.size
         padding = np.full(rest, np.nan, dtype="<f4").tobytes()
         write_through(bench.chunk_file(layer.name, index), data, padding)
@@ -154,7 +154,7 @@ def picture(bench: Bench, layer: str, item: int) -> np.ndarray:
     return np.array(flat.reshape(shape)[inside])
 
 
-def write_through(path: Path, *data: bytes) -> None:
+def write_through(path: Path, *data: bytes | memoryview) -> None:
     """Write a file beside its place, through to the disk, and give it its name. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")

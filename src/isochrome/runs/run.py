@@ -26,6 +26,7 @@ from isochrome.runs.workers import (
 )
 from isochrome.runs.workplace import (
     PROVENANCE,
+    check_room,
     has_run,
     is_complete,
     is_finished,
@@ -177,6 +178,7 @@ def _compute(
 ) -> None:
     """Compute the chunks that are not there; `kept` grows with each."""
     before = sum(chunk.items for chunk in kept.values())
+    check_room(bench.records.parent, job.layout, job.layout.count - before)
     todo = [index for index in range(bench.layout.chunks) if index not in kept]
 
     def tell() -> None:

@@ -7,6 +7,7 @@ and, in a folder of its own, the files that become DIR. It goes when DIR is ther
 from __future__ import annotations
 
 import json
+import math
 import os
 import secrets
 import shutil
@@ -115,6 +116,7 @@ def _described(layout: Layout) -> dict[str, Any]:
 def _new(root: Path, job: Job) -> Bench:
     token = f"results-{secrets.token_hex(4)}"  # a dead run's last worker finds its folder gone
     results, layout = root / token, job.layout
+    check_room(root, layout, layout.count)
     results.mkdir()
     (root / _RECORDS).mkdir()
     create_store(results / STORE, layout)
@@ -166,6 +168,21 @@ def clear_up(bench: Bench) -> None:
         for file in folder.rglob(".*.part"):
             file.unlink()
     shutil.copyfile(bench.records.parent / _GROUP, store / "zarr.json")
+
+
+def check_room(root: Path, layout: Layout, items: int) -> None:
+    """Refuse a run whose pictures the disk cannot hold, before hours of work.
+
+    Parameters: `root`, the working folder; `layout`; `items` still to come. Raises InputError.
+    """
+    copies = sum(2 if layer.stack else 1 for layer in layout.layers)
+    needed = 4 * items * copies * math.prod(layout.shape.values())
+    free = shutil.disk_usage(root).free
+    if needed > free:
+        raise InputError(
+            f"{root.with_suffix('')}: the results need {needed / 1e9:.3g} GB, and "
+            f"{free / 1e9:.3g} GB are free there; make room, or name an --out folder elsewhere"
+        )
 
 
 def publish(bench: Bench, target: Path) -> None:
