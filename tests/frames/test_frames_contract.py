@@ -104,3 +104,36 @@ def test_videos_keep_the_contract_by_opencv_or_are_refused(name, tmp_path, monke
     else:
         assert "pip install isochrome[video]" in reason and "\n" not in reason
     assert capfd.readouterr().err == ""
+
+
+# 100 % colour bars, (Y, Cb, Cr) of red, green and blue: ITU-R BT.601-7 and BT.709-6, 8 bits
+BARS = {
+    "601": ((81, 90, 240), (145, 54, 34), (41, 240, 110)),
+    "709": ((63, 102, 240), (173, 42, 26), (32, 240, 118)),
+}
+
+
+@pytest.mark.parametrize("pixels", ["yuv444p", "yuv420p", "yuv422p10le"])
+@pytest.mark.parametrize("space", BARS)
+def test_colours_of_a_video_are_those_of_the_standard(tmp_path, space, pixels):
+    av = pytest.importorskip("av")
+    deep = 2 if "10" in pixels else 0
+    with av.open(str(tmp_path / "v.mkv"), "w") as out:
+        stream = out.add_stream("ffv1", rate=10)
+        stream.width, stream.height, stream.pix_fmt = COLS, ROWS, pixels
+        stream.codec_context.colorspace = {"601": 6, "709": 1}[space]
+        for bar in BARS[space]:
+            frame = av.VideoFrame(COLS, ROWS, pixels)
+            frame.colorspace = stream.codec_context.colorspace
+            for plane, value in zip(frame.planes, bar, strict=True):
+                dtype = np.uint16 if deep else np.uint8
+                plane.update(np.full(plane.buffer_size // (1 + deep // 2), value << deep, dtype))
+            out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
+    top = 255 << deep | (3 if deep else 0)
+    for k, name in enumerate(("red", "green", "blue")):
+        levels = [f.image for f in open_frames(tmp_path / "v.mkv", channel=name)]
+        assert all(np.ptp(level) == 0 for level in levels)
+        # the bars' own numbers are rounded: one level of luminance, two of chrominance
+        wanted = [top if i == k else 0 for i in range(3)]
+        assert [int(level[0, 0]) for level in levels] == pytest.approx(wanted, abs=0.012 * top)

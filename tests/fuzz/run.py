@@ -153,7 +153,11 @@ def main() -> int:
                 command = [sys.executable, __file__, "--inside", "--target", name, "--seconds",
                            str(max(int(left), 2)), "--out", str(given.out), "--seed", str(seed),
                            "--way", way]  # fmt: skip
-                done = subprocess.run(command, capture_output=True, text=True, check=False)
+                with tempfile.TemporaryDirectory() as scratch:  # libFuzzer ends without clearing up
+                    done = subprocess.run(
+                        command, capture_output=True, text=True, check=False,
+                        env=os.environ | {"TMPDIR": scratch},
+                    )  # fmt: skip
                 left -= time.monotonic() - began
                 seed += 1
                 runs = re.search(r"executed_units: *([0-9]+)", done.stderr)

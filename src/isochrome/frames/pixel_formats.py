@@ -99,7 +99,7 @@ def _rgb_of_yuv(
     """
     bits = _bits(frame)
     luma, cb, cr = (plane_of(frame, k) for k in range(3))
-    grey = _levels(bits, full)[luma]
+    grey = luma if full else _levels(bits).take(luma)
     half = 1 << (bits - 1)
     if (cb == half).all() and (cr == half).all():  # mono, stored as colour
         return np.broadcast_to(grey[..., None], (*grey.shape, 3)), bits
@@ -123,13 +123,10 @@ def _rgb_of_yuv(
 
 
 @lru_cache(maxsize=8)
-def _levels(bits: int, full: bool) -> np.ndarray:
-    """The grey level of every stored luminance."""
-    stored = np.arange(1 << (8 if bits <= 8 else 16), dtype=float)
-    top = 2**bits - 1
-    if not full:
-        stored = (stored - (16 << (bits - 8))) * top / (219 << (bits - 8))
-    found = np.clip(np.rint(stored), 0, top)
+def _levels(bits: int) -> np.ndarray:
+    """The grey level of every stored luminance that leaves room beyond black and white."""
+    stored, top = np.arange(1 << (8 if bits <= 8 else 16)), 2**bits - 1
+    found = np.clip(np.rint((stored - (16 << (bits - 8))) * top / (219 << (bits - 8))), 0, top)
     return found.astype(np.uint8 if bits <= 8 else np.uint16)
 
 
