@@ -4,19 +4,25 @@ import os
 import struct
 import sys
 import tracemalloc
+import zipfile
 import zlib
 from contextlib import contextmanager
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import tifffile
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 from recordings import COLS, COUNT, EVEN, MOVING, ROWS, STILL, coded, decoded, stack, video
+from skimage.draw import polygon2mask
 
 from isochrome.errors import InputError
-from isochrome.frames import check_frames, decoding, open_frames
+from isochrome.frames import check_frames, decoding, open_frames, open_scene_frames
 from isochrome.output import write_tiff
+from isochrome.output.roi import _filled, read_roi_mask
 from isochrome.scene import parse_scene
 
 FFV1 = MOVING["FFV1 grey"].write
@@ -420,3 +426,59 @@ def test_a_list_of_frames_may_be_permuted(tmp_path):
 def test_ranges_that_are_none_are_refused(tmp_path, bad):
     with pytest.raises(InputError, match="0 <= start <= stop"):
         open_frames(STILL["plain pages"].write(tmp_path)).iterate(*bad)
+
+
+def test_files_that_were_cut_from_one_clock_keep_it(tmp_path):
+    """Twenty frames, and after a pause of two seconds twenty more, in a file that says so."""
+    late = tuple(3.0 + t for t in EVEN)
+    for name, times, numbers in (("p1", EVEN, range(20)), ("p2", late, range(20, 40))):
+        video(tmp_path / f"{name}.mkv", "ffv1", "gray", times=times, numbers=numbers)
+    wanted = [*EVEN[:20], *late[:20]]
+    reader = open_frames(tmp_path)
+    for frames in (list(reader), list(reader.iterate(0, COUNT)) if reader.count() else []):
+        assert [decoded(f.image) for f in frames] == list(range(COUNT))
+        assert [f.time_s for f in frames] == pytest.approx(wanted, abs=1e-3)
+    # by hand in another order there is no such clock: one file follows the other
+    turned = open_frames([tmp_path / "p2.mkv", tmp_path / "p1.mkv"])
+    assert [f.time_s for f in turned] == pytest.approx(EVEN, abs=1e-3)
+    assert [decoded(f.image) for f in turned] == [*range(20, 40), *range(20)]
+
+
+@pytest.mark.parametrize("cuts", [(0, COUNT), (0, 1, COUNT), (0, 13, 14, 25, COUNT)])
+def test_a_recording_gives_the_same_frames_however_it_is_split(tmp_path, cuts):
+    whole = list(open_frames(video(tmp_path / "whole.mkv", "ffv1", "gray")))
+    (tmp_path / "parts").mkdir()
+    for n, (a, b) in enumerate(pairwise(cuts)):
+        video(tmp_path / "parts" / f"p{n}.mkv", "ffv1", "gray", numbers=range(a, b))
+    parts = list(open_frames(tmp_path / "parts"))
+    assert [f.index for f in parts] == list(range(COUNT))
+    for a, b in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(a.image, b.image)
+        assert b.time_s == pytest.approx(a.time_s, abs=1e-3)  # a container's millisecond
+
+
+def test_roi_files_that_swell_are_refused_unswollen(tmp_path):
+    path = tmp_path / "r.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.roi", b"Iout" + bytes(40_000_000))
+    peak, reason = peak_of(lambda: read_roi_mask(path, (48, 64)))
+    assert "r.zip" in reason and "ROIs need less" in reason and peak < 5e6
+
+
+def test_a_mask_of_too_many_corners_is_refused(tmp_path):
+    """All pairs of sides are looked at: a hundred thousand corners would take 80 GB."""
+    turn = np.linspace(0, 6.28, 3000)
+    corners = [[float(48 + 40 * np.sin(t)), float(96 + 60 * np.cos(t))] for t in turn]
+    scene = parse_scene(f"[specimen]\n[frames]\npolygon_px = {corners}\n")
+    path = STILL["plain pages"].write(tmp_path)
+    with pytest.raises(InputError, match="3000 corners, and 2000 are allowed"):
+        open_scene_frames(path, scene)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_imagej_areas_hold_the_pixels_whose_centres_they_hold(seed):
+    """Against scikit-image's test of every pixel by itself; vertices at corners of pixels."""
+    rng = np.random.default_rng(seed)
+    shape = (int(rng.integers(1, 40)), int(rng.integers(1, 40)))
+    outline = rng.integers(-10, 50, (int(rng.integers(3, 12)), 2)) - 0.5
+    np.testing.assert_array_equal(_filled(outline, shape), polygon2mask(shape, outline[:, ::-1]))
