@@ -214,14 +214,13 @@ def test_a_frame_count_that_is_not_the_scenes(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("law", ["archard", "sarkar"])
-def test_pulls_of_wear_and_friction_over_seeds(law):
+def test_pulls_of_wear_and_friction_over_seeds():
     size = {"camera__pixel_mm": 0.0125, "camera__width_px": 320, "camera__height_px": 240}
-    truth = scene(**size, wear__law=law, friction__coefficient=RISING)
+    truth = scene(**size, wear__law="sarkar", friction__coefficient=RISING)
     sequence = make_sequence(truth, 6, (WEAR, LOAD), (FRICTION, *PLACE))
     true = np.array([2e-9, 44.0, *RISING["value"], *(-1.97,) * 6, *(0.004,) * 6])
     pulls = []
-    for seed in range(20):
+    for seed in range(15):
         frames = rendered(truth.with_values({"camera.seed": seed}))
         found = fit_together(frames, sequence, true, shape=(240, 320))
         assert found.chi == pytest.approx(1.0, abs=0.02)
@@ -229,7 +228,7 @@ def test_pulls_of_wear_and_friction_over_seeds(law):
         pulls.append((found.values - true) / found.standard_uncertainty)
     size = np.sqrt(np.mean(np.square(pulls)))
     inside = np.mean(np.abs(pulls) < 1.96)
-    # 20 seeds x 19 unknowns: 380 pulls, of which neighbours hang together; their RMS is known to
+    # 15 seeds x 19 unknowns: 285 pulls, of which neighbours hang together; their RMS is known to
     # 0.05, the share to 1.5 %
     assert 0.9 < size < 1.1 and 0.92 < inside < 0.98
 

@@ -242,4 +242,4 @@ def _starts(law: Law) -> list[Array]:
     """Where to begin: a law of several parameters may have several valleys."""
     if len(law.names) == 1:
         return [np.zeros(1)]
-    return [np.array([0.0, ratio, turn]) for ratio in (-0.7, 0.7) for turn in (-1.0, 0.0, 1.0)]
+    return [np.array([0.0, ratio, turn]) for ratio in (-0.7, 0.7) for turn in (-0.7, 0.7)]
