@@ -88,6 +88,24 @@ def test_two_sample_frames_are_read_to_a_hundredth_of_a_fringe(first_and_last, t
 
 
 @pytest.mark.long
+def test_an_unknown_gamma_is_found_with_the_model(captured, true_order, tmp_path):
+    # The sample camera stores light^(1/1.4).
+    path = tmp_path / "last.tif"
+    write_tiff(path, captured[5:])
+    scene = sample_scene(distances_m=(233.0,)).with_values({"frames.gamma": "unknown"})
+    single = scene.model_copy(
+        update={"friction": scene.friction.model_copy(update={"static_state_first": False})}
+    )
+    (item,) = process(path, single).frames
+    error = item.reading.order - true_order[5]
+    known = np.isfinite(error)
+    assert known.sum() >= 0.9 * np.isfinite(true_order[5]).sum()
+    assert np.sqrt(np.mean(error[known] ** 2)) <= 0.01 and np.abs(error[known]).max() < 0.25
+    gamma = dict(zip(item.fit.keys, item.fit.values, strict=True))["frames.gamma"]
+    assert gamma == pytest.approx(1.4, abs=0.01)
+
+
+@pytest.mark.long
 def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe(true_order):
     found = process(CONTACT / "captured.tif", CONTACT / "scene.toml")
     for item, true in zip(found.frames, true_order, strict=True):

@@ -10,6 +10,7 @@ from isochrome.errors import PhysicsError
 from isochrome.fit.explain import Explained, explain_frame
 from isochrome.fit.frame_data import FrameData, prepare_frame
 from isochrome.fit.frame_fit import FrameFit, fit_frame
+from isochrome.fit.local import GAMMA
 from isochrome.fit.smooth import smooth_frame_fit
 from isochrome.frames import Frame
 from isochrome.fringes.branch import OrderReading, read_order
@@ -34,9 +35,15 @@ def process_with_model(frame: Frame, scene: Scene, capture: Capture) -> Processe
     the scene's fringes are not in it.
     """
     data = prepare_frame(
-        frame, scene, bit_depth=capture.bit_depth, no_load=(capture.dark, capture.bright)
+        frame,
+        scene,
+        bit_depth=capture.bit_depth,
+        no_load=(capture.dark, capture.bright),
+        gamma_found=True,
     )
     fit, scene, notes = _fitted(data, scene, frame)
+    if fit.scene.frames.stated_gamma != data.gamma:
+        data = data.toned(fit.scene.frames.stated_gamma)
     if fit.plain:
         data = data.plain()
     seen = explain_frame(data, fit.scene)
@@ -51,7 +58,8 @@ def process_with_model(frame: Frame, scene: Scene, capture: Capture) -> Processe
     warnings = (*notes, *_warnings(fit, reading, lost))
     if lost:
         # the place that the lost fit ended at says nothing: the specimen is where it began
-        inside = explain_frame(data, scene).picture.material
+        begun = scene.with_values({GAMMA: data.gamma})
+        inside = explain_frame(data, begun).picture.material
         rest = process_image_only(frame, scene, capture, inside=inside)
         return replace(
             rest,

@@ -243,7 +243,7 @@ class Frames(Part):
     at whole numbers, say where the specimen is; where both are given, inside both. `no_load_steps`
     names a phase-stepped set of the unloaded specimen, one frame a [[polariscope.step]]: its
     residual stress is taken out. A `known_order` is that of the frame, residual stress included.
-    An unknown `gamma` is found from the fringes of a frame that is read without a model.
+    An unknown `gamma` is found from the fringes of single frames.
     `colour_table` names a CSV file of the channels' signals against order, in place of a spectrum.
     """
 
@@ -272,8 +272,8 @@ class Frames(Part):
         """The exponent, for those who cannot find it; InputError where it is unknown."""
         if isinstance(self.gamma, str):
             raise InputError(
-                "frames.gamma = 'unknown': only `process` finds it, from single frames in light of "
-                "one wavelength and without a model; give a number (2.2 for most photographs)"
+                "frames.gamma = 'unknown': `process` and `fit` find it from single frames in light "
+                "of one wavelength; here, give a number (2.2 for most photographs)"
             )
         return self.gamma
 
