@@ -482,3 +482,22 @@ def test_imagej_areas_hold_the_pixels_whose_centres_they_hold(seed):
     shape = (int(rng.integers(1, 40)), int(rng.integers(1, 40)))
     outline = rng.uniform(-10, 50, (int(rng.integers(3, 12)), 2))
     np.testing.assert_array_equal(_filled(outline, shape), polygon2mask(shape, outline[:, ::-1]))
+
+
+@pytest.mark.parametrize("size", ["999999999", "41"])
+def test_ome_notes_of_more_frames_than_there_are_are_refused(tmp_path, size):
+    path = STILL["OME in disorder"].write(tmp_path)
+    with tifffile.TiffFile(path, mode="r+b") as tif:
+        notes = tif.pages[0].tags["ImageDescription"]
+        notes.overwrite(notes.value.replace(f'SizeT="{COUNT}"', f'SizeT="{size}"'))
+    peak, reason = peak_of(lambda: open_frames(path))
+    assert f"tell of {size} frames and {COUNT} are in it" in reason and peak < 50e6
+
+
+def test_entities_in_ome_notes_are_refused(tmp_path):
+    path = STILL["OME in disorder"].write(tmp_path)
+    with tifffile.TiffFile(path, mode="r+b") as tif:
+        notes = tif.pages[0].tags["ImageDescription"]
+        notes.overwrite(notes.value.replace("<OME", '<!DOCTYPE a [<!ENTITY b "c">]><OME'))
+    with pytest.raises(InputError, match="entities"):
+        open_frames(path)

@@ -130,7 +130,9 @@ def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
         if factor is None or not math.isfinite(value):
             return None
         found[index] = value * factor
-    return [found[i] for i in range(planes)] if set(found) == set(range(planes)) else None
+    if len(found) != planes or set(found) != set(range(planes)):
+        return None
+    return [found[i] for i in range(planes)]
 
 
 def _from_first(times: list[float]) -> tuple[float | None, ...]:

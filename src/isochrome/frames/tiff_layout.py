@@ -181,17 +181,15 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> Layout:
     """The frames in the order that the OME notes give them, whatever that of the pages."""
     ome: Ome = read_ome(tif.ome_metadata or "", path)
     _check_axes(path, ome.channels, ome.slices, ome.times)
+    if ome.count > len(tif.pages):  # before a list of that length is made
+        raise _incomplete(path, ome.count, len(tif.pages))
     if len(tif.series) != 1:
         raise InputError(
             f"{path}: holds {len(tif.series)} image series; save the one wanted by itself"
         )
     pages: list[Any] = list(tif.series[0].pages)
     if None in pages or len(pages) != ome.count:
-        there = sum(page is not None for page in pages)
-        raise InputError(
-            f"{path}: its OME notes tell of {ome.count} frames and {there} are in it; is it one "
-            "of several files, or truncated? copy it again, or save it as one file"
-        )
+        raise _incomplete(path, ome.count, sum(page is not None for page in pages))
     if _chain_breaks(tif):
         raise InputError(f"{path}: breaks off, it is truncated; copy it again from its source")
     return Layout(
@@ -202,4 +200,11 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> Layout:
         start_s=ome.start_s,
         pixel_mm=ome.pixel_mm or pixel_mm_of(tif),
         significant_bits=ome.significant_bits,
+    )
+
+
+def _incomplete(path: Path, told: int, there: int) -> InputError:
+    return InputError(
+        f"{path}: its OME notes tell of {told} frames and {there} are in it; is it one of several "
+        "files, or truncated? copy it again, or save it as one file"
     )
