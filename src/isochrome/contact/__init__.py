@@ -9,6 +9,7 @@ from isochrome.contact.state import SurfaceState
 from isochrome.contact.states import contact_states, iter_contact_states
 from isochrome.contact.surface import Surface, displacement, make_surface
 from isochrome.contact.wear import WornState, wear_history
+from isochrome.contact.worn import state_on_scar
 
 __all__ = [
     "ContactState",
@@ -30,6 +31,7 @@ __all__ = [
     "scar_history",
     "scar_on_nodes",
     "solve_pressure",
+    "state_on_scar",
     "wear_course",
     "wear_history",
     "wear_rate",

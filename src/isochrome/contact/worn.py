@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.contact.course import Course, Stop, same_drive
+from isochrome.contact.course import Course, Stop, same_drive, wear_course
 from isochrome.contact.gap import undeformed_gap
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.profile import Grid, elastic_constants
@@ -77,6 +77,16 @@ def worn_states(site: Site, course: Course, stops: list[Stop]) -> Iterator[Surfa
         )
         for stop, worn in zip(rest, history, strict=True):
             yield _state(site, stop, worn.contact, worn.depth_mm)
+
+
+def state_on_scar(scene: Scene, grid: Grid, depth_mm: Floats) -> SurfaceState:
+    """The contact of a scene of one state on a scar that is known, whatever wore it.
+
+    Parameters: `scene`, for its load and friction; `grid`; `depth_mm` (n,), worn at its nodes.
+    Returns a SurfaceState. Raises PhysicsError where the contact does not converge.
+    """
+    _, (stop,) = wear_course(scene)
+    return _elastic_state(make_site(scene, grid), depth_mm, stop)
 
 
 def _elastic_state(site: Site, depth: Floats, stop: Stop) -> SurfaceState:

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.contact import elastic_constants, wear_rate
+from isochrome.contact import (
+    SurfaceState,
+    contact_states,
+    elastic_constants,
+    state_on_scar,
+    wear_rate,
+)
 from isochrome.errors import InputError
 from isochrome.fit.history import local_values
 from isochrome.fit.one_state import scene_at
 from isochrome.fit.sequence import COURSE, FRICTION, WEAR
-from isochrome.scene import Scene
+from isochrome.scene import Numerics, Scene
+from isochrome.simulate import SceneState, scene_states
 
 Array = NDArray[Any]
+Point = tuple[float, float, float]
+"""Dose (mm/MPa), load (N) and friction of a frame that has passed."""
 
 LOAD, LEFT, TOP = COURSE[0], "camera.left_mm", "camera.top_mm"
 WORN = "worn area (mm²)"
@@ -23,11 +33,8 @@ WORN = "worn area (mm²)"
 TRACKED = (LOAD, "load.tangential_n", "load.bulk_mpa", FRICTION, WEAR, LEFT, TOP)
 """Keys that can be tracked: what the mechanics follow smoothly, and the place."""
 
-_SUDDEN = 1e-6
-_BESIDE = 1e-5
-"""A history's load and friction differ from a frame's by this at least: they are then always
-solved as two, and the field has no jump where they would meet."""
-
+_PAST, _CLOSE = 24, 1e-3
+"""Points of the history that are kept; share of the dose that two of them are apart at least."""
 _NO_WEAR = 1e-9
 """Worn area, over what the elasticity takes up, that is none: below any rounding of a gap."""
 
@@ -52,14 +59,14 @@ class TrackCourse:
             axes += [key for key in (LOAD, FRICTION) if key not in keys and _table(scene, key)]
             axes += [] if WEAR in keys else [WORN]
         self.axes = tuple(axes)
-        self._worn, self._slid, self._last = 0.0, 0.0, (0.0, 0.0)
-        self._mean = np.zeros(2)
-        self._begun = False
+        self._past: list[Point] = []
+        self._worn, self._slid, self._dose, self._area = 0.0, 0.0, 0.0, 0.0
+        self._last = (0.0, 0.0)
 
     def start(self, distance_m: float | None) -> Array:
         """The scene's own values (axes,) at a distance (m), and so its history's."""
-        self._slid = distance_m or 0.0
-        self._mean = np.array([self._own(key, distance_m) for key in (LOAD, FRICTION)])
+        s = distance_m or 0.0
+        self._slid, self._last = s, (self._own(LOAD, s), self._own(FRICTION, s))
         return np.array([self._own(axis, distance_m) for axis in self.axes])
 
     def carried(self, values: Array, distance_m: float | None) -> Array:
@@ -77,22 +84,79 @@ class TrackCourse:
         if self.scene.wear is None:
             return
         s = distance_m or 0.0
-        drive = np.array([self._value(LOAD, values, s), self._value(FRICTION, values, s)])
-        if not self._begun or s <= 0.0:
-            self._mean = drive
-        else:
-            share = max(0.0, s - self._slid) / s
-            self._mean = (1.0 - share) * self._mean + share * drive
-        self._worn, self._slid, self._begun = self._value(WORN, values, s), s, True
-        self._last = (float(drive[0]), self._rate(drive[1], s))
+        load, friction = (self._value(key, values, s) for key in (LOAD, FRICTION))
+        dose, area = self._step(load, friction, s)
+        self._dose, self._area = self._dose + dose, self._area + area
+        self._worn, self._slid = self._value(WORN, values, s), s
+        self._last = (load, friction)
+        self._past.append((self._dose, load, friction))
+        if len(self._past) > _PAST:
+            # neighbours become their mean, the last one stays: it is where the next begins
+            *rest, last = self._past
+            pairs = zip(rest[::2], rest[1::2], strict=False)
+            self._past = [_middle(one, other) for one, other in pairs] + [last]
 
-    def reported(self, distance_m: float | None) -> Array:
-        """Factors (tracked,) from the axes to the keys: a worn area to the wear coefficient."""
+    def reported(self) -> Array:
+        """Factors (tracked,) from the last frame's axes to the keys: area to wear coefficient."""
         factors = np.ones(self.count)
         if WEAR in self.keys:
-            dose = self._line_load(float(self._mean[0])) * 1e3 * (distance_m or 0.0)
-            factors[self.keys.index(WEAR)] = 1.0 / dose if dose > 0.0 else np.nan
+            k = float(self.scene.wear_coefficient_at(self._slid))
+            factors[self.keys.index(WEAR)] = k / self._area if self._area > 0.0 else np.nan
         return factors
+
+    def _step(self, load: float, friction: float, s: float) -> tuple[float, float]:
+        """Dose (mm/MPa) and area (mm²) worn since the last frame, by the scene's law."""
+        if not self._past:
+            area = self._own(WORN, s)
+            return area / self._line_load(load), area
+        ends = ((*self._last, self._slid), (load, friction, s))
+        rates = np.array([self._rate(mu, at) for _, mu, at in ends])
+        lines = np.array([self._line_load(p) for p, _, _ in ends])
+        slid = max(0.0, s - self._slid)
+        return float(rates.mean() * slid), float((rates * lines).mean() * slid)
+
+    def _history(self, worn: float) -> Scene:
+        """The run that has worn an area (mm²): what was tracked, and the last drive beyond it.
+
+        Its distance is the share of the dose, so that Archard's law stands for any.
+        """
+        past = [row for row in self._past if row[0] > 0.0] or [(1.0, *self._last)]
+        dose, load, friction = (np.array([0.0, *column]) for column in zip(*past, strict=True))
+        load[0], friction[0] = load[1], friction[1]
+        area = np.cumsum(np.diff(dose, prepend=0.0) * self._line_load(1.0) * _between(load))
+        if self._worn > 0.0:
+            scale = self._worn / area[-1]
+            dose, area = dose * scale, area * scale
+        if worn > area[-1]:
+            dose[-1] += (worn - area[-1]) / self._line_load(load[-1])
+        else:
+            last = int(np.searchsorted(area, worn))
+            dose, load, friction = dose[: last + 1], load[: last + 1], friction[: last + 1]
+            dose[-1] -= (area[last] - worn) / self._line_load(load[-1])
+        apart = np.diff(dose, append=np.inf) > _CLOSE * dose[-1]
+        share = (dose / dose[-1])[apart].tolist()
+        given: dict[str, Any] = {LOAD: {"distance_m": share, "value": load[apart].tolist()}}
+        if self.scene.friction:
+            given[FRICTION] = {"distance_m": share, "value": friction[apart].tolist()}
+        return self.scene.with_values(given | _archard(1e-3 * dose[-1], 1.0))
+
+    def solver(self, numerics: Numerics) -> Callable[[Scene], SceneState]:
+        """What solves a scene of `field_scene`: its own load and friction on the history's scar."""
+        scars: dict[float, SurfaceState] = {}
+
+        def solve(scene: Scene) -> SceneState:
+            if scene.wear is None:
+                return scene_states(scene)[-1]
+            worn = 1e3 * scene.get(WEAR) * self._line_load(scene.load_at(1.0))
+            key = float(f"{worn:.9g}")
+            if key not in scars:
+                history = self._history(worn).model_copy(update={"numerics": numerics})
+                scars[key] = contact_states(history)[-1]
+            scar = scars[key]
+            surface = state_on_scar(scene, scar.grid, scar.wear_depth_mm)
+            return SceneState("", surface.distance_m, surface)
+
+        return solve
 
     def moved(self, values: Array, step: Array) -> Array:
         """Values (axes,) after a step (count,) of the tracked ones; no worn area below zero."""
@@ -104,39 +168,24 @@ class TrackCourse:
         return found
 
     def field_scene(self, values: Array) -> Scene:
-        """The scene of some values (axes,): its load and friction on a scar of the history's."""
-        given = dict(zip(self.axes, values.tolist(), strict=True))
-        worn = given.pop(WORN, None)
-        if worn is None:
-            return self._base.with_values(given)
-        now = [self._value(key, values, self._slid) for key in (LOAD, FRICTION)]
-        if worn <= _NO_WEAR * self._elastic_area(now[0]):
-            return self._without_wear(given, now)
-        before = [float(v) * (1.0 + _BESIDE) for v in self._mean]
-        for key, old, new in zip((LOAD, FRICTION), before, now, strict=True):
-            if key == LOAD or self.scene.friction:
-                given[key] = {"distance_m": [0.0, 1.5, 2.0], "value": [old, old, new]}
-        scene = self._worn_scene(given, worn, before[0], 2.0)
-        even = scene.get(WEAR)  # nothing wears while load and friction change to the frame's own
-        stops = {"distance_m": [0.0, 1.0, 1.0 + _SUDDEN, 2.0], "value": [even, even, 0.0, 0.0]}
-        return scene.with_values({WEAR: stops})
+        """The one-state scene of some values (axes,), worn as if under its own load all the time.
 
-    def even_scene(self, values: Array) -> Scene:
-        """As `field_scene`, as if all had been worn under the frame's own load: all numbers."""
+        `solver` puts it on the scar of its history.
+        """
         given = dict(zip(self.axes, values.tolist(), strict=True))
         worn = given.pop(WORN, None)
         if worn is None:
             return self._base.with_values(given)
-        now = [self._value(key, values, self._slid) for key in (LOAD, FRICTION)]
-        if worn <= _NO_WEAR * self._elastic_area(now[0]):
-            return self._without_wear(given, now)
-        given[LOAD] = now[0]
+        load, friction = (self._value(key, values, self._slid) for key in (LOAD, FRICTION))
+        given[LOAD] = load
         if self.scene.friction:
-            given[FRICTION] = now[1]
-        return self._worn_scene(given, worn, now[0], 1.0)
+            given[FRICTION] = friction
+        if worn <= _NO_WEAR * self._elastic_area(load):
+            return self.scene.model_copy(update={"wear": None}).with_values(given)
+        return self.scene.with_values(given | _archard(worn / (1e3 * self._line_load(load)), 1.0))
 
-    def from_even(self, scene: Scene, values: Array) -> Array:
-        """The values (axes,) of a fitted `even_scene`; what it does not hold is taken over."""
+    def from_scene(self, scene: Scene, values: Array) -> Array:
+        """The values (axes,) of a fitted `field_scene`; what it does not hold is taken over."""
         found = values.copy()
         for j, axis in enumerate(self.axes):
             if axis != WORN:
@@ -204,24 +253,23 @@ class TrackCourse:
 
     def _worn_at(self, values: Array, s: float) -> float:
         """Worn area at a distance, by the loads and frictions that were tracked."""
-        if not self._begun:
-            return self._own(WORN, s)
         load, friction = (self._value(key, values, s) for key in (LOAD, FRICTION))
-        old = self._line_load(self._last[0]) * self._last[1]
-        new = self._line_load(load) * self._rate(friction, s)
-        return self._worn + 0.5 * (old + new) * max(0.0, s - self._slid)
+        return self._worn + self._step(load, friction, s)[1]
 
-    def _without_wear(self, given: dict[str, Any], now: list[float]) -> Scene:
-        scene = self.scene.model_copy(update={"wear": None})
-        given[LOAD] = now[0]
-        if scene.friction:
-            given[FRICTION] = now[1]
-        return scene.with_values(given)
 
-    def _worn_scene(self, given: dict[str, Any], worn: float, load: float, s: float) -> Scene:
-        given[WEAR] = worn / (1e3 * self._line_load(load))
-        given["wear.law"], given["wear.distances_m"] = "archard", [s]
-        return self.scene.with_values(given)
+def _between(values: Array) -> Array:
+    """Means of neighbours (m,), the first with itself."""
+    return np.asarray(0.5 * (values + np.concatenate((values[:1], values[:-1]))))
+
+
+def _middle(one: Point, other: Point) -> Point:
+    dose, load, friction = (0.5 * (a + b) for a, b in zip(one, other, strict=True))
+    return dose, load, friction
+
+
+def _archard(coefficient: Any, distance_m: float) -> dict[str, Any]:
+    """Wear by Archard's law with a coefficient over what stands for the distance."""
+    return {WEAR: coefficient, "wear.law": "archard", "wear.distances_m": [distance_m]}
 
 
 def _table(scene: Scene, key: str) -> bool:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 Render = Callable[[Array], tuple[Array, Array]]
 
-_CORNER = round(0.5**0.5, 12)
+CORNER = round(0.5**0.5, 12)
 """Where the corners of a pair of values lie, in half-widths of the box: as one of the places along
 each of them, so that what costs most, the mechanics, is solved once for both."""
 
@@ -88,7 +88,7 @@ def _places(degrees: tuple[int, ...]) -> tuple[Array, Array]:
         places += [round(t, 12) * unit[axis] for t in ends if abs(t) > 1e-9]
         powers += [m * unit[axis].astype(int) for m in range(1, degree + 1)]
     for i, j in combinations(range(size), 2):
-        for one, other in product((-_CORNER, _CORNER), repeat=2):
+        for one, other in product((-CORNER, CORNER), repeat=2):
             places.append(one * unit[i] + other * unit[j])
         powers += [(m * unit[i] + n * unit[j]).astype(int) for m, n in product((1, 2), repeat=2)]
     # those that differ only in values of low degree follow each other: they share the mechanics

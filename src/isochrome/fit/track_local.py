@@ -14,7 +14,7 @@ from isochrome.fit.one_state import with_own_numerics
 from isochrome.fit.renderer import SceneRenderer
 from isochrome.fit.tone import Toned, solve_toned
 from isochrome.fit.track_course import TrackCourse
-from isochrome.fit.track_field import FieldBox, make_field_box
+from isochrome.fit.track_field import CORNER, FieldBox, make_field_box
 from isochrome.fit.track_pixels import Look, Thinned
 from isochrome.optics import fringe_order, make_chain, polariscope_signal
 from isochrome.stress import principal_direction
@@ -104,7 +104,11 @@ class TrackModel:
         widest = with_own_numerics(self.course.field_scene(high))
         numerics = widest.numerics
         renderer = SceneRenderer(
-            widest, self.shape, stride=thinned.stride, hidden_px=HIDDEN_PX - _ROOM_PX
+            widest,
+            self.shape,
+            stride=thinned.stride,
+            solve=self.course.solver(numerics),
+            hidden_px=HIDDEN_PX - _ROOM_PX,
         )
 
         def render(values: Array) -> tuple[Array, Array]:
@@ -125,7 +129,7 @@ class TrackModel:
         assert local is not None and look is not None
         worst = 0.0
         for sign in (-1.0, 1.0):
-            corner = self._box.middle + sign * 0.7 * self._box.half
+            corner = self._box.middle + sign * CORNER * self._box.half
             exact, near = self._signal(*render(corner)), self._signal(*self._box.at(corner))
             change = (exact - near)[look.clear] * toned.part.amplitude
             step = local.step(change)

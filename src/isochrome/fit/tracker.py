@@ -118,13 +118,13 @@ class Tracker:
             self._reference = max(1.0, found.chi)
         self._values = found.values
         self.course.passed(found.values, distance_m)
-        return self._told(found, distance_m, searched=lost)
+        return self._told(found, searched=lost)
 
     def _nothing(self, found: _Found | None) -> Tracked:
         nan = np.full(len(self.keys), np.nan)
         return Tracked(nan, nan, nan, found.chi if found else np.nan, True, False)
 
-    def _told(self, found: _Found, distance_m: float | None, *, searched: bool) -> Tracked:
+    def _told(self, found: _Found, *, searched: bool) -> Tracked:
         """What a frame says in its keys' own units.
 
         The covariance is White's (1980, Econometrica 48, 817), N⁻¹ (Σ r² j jᵀ) N⁻¹ n/(n - k),
@@ -138,7 +138,7 @@ class Tracker:
         wider *= max(1.0, block_correlation(found.look.keep, residual))
         spread = np.sqrt(np.maximum(np.diag(local.inverse @ middle @ local.inverse), 0.0) * wider)
         spread[~local.determined] = np.inf
-        factors = self.course.reported(distance_m)
+        factors = self.course.reported()
         values = found.values[: self.course.count] * factors
         return Tracked(
             values, spread * factors, local.bound * factors, found.chi, searched, positive=True
@@ -151,7 +151,7 @@ class Tracker:
             "wear.coefficient_mm2_per_n" if axis == WORN else axis
             for axis in self.course.axes[: self.course.count]
         )
-        even = self.course.even_scene(start)
+        even = self.course.field_scene(start)
         keys = free if even.wear is not None else tuple(k for k in free if "wear." not in k)
         try:
             fit = fit_frame(data, even, keys)
@@ -160,7 +160,7 @@ class Tracker:
         if not fit.positive:
             return None
         self._model = self._prepare(frame, data)
-        return self._follow(frame, self._model, self.course.from_even(fit.scene, start))
+        return self._follow(frame, self._model, self.course.from_scene(fit.scene, start))
 
     def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:
         """What all frames have in common, from one that is whole."""
