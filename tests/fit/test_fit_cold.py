@@ -215,9 +215,9 @@ def flagged_or_right(case: Case) -> FrameFit:
     return fit
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
-    ("seed", "factors"),
-    [(1, (0.03, 0.04)), *(pytest.param(s, (9.0, 20.0), marks=pytest.mark.long) for s in range(5))],
+    ("seed", "factors"), [(1, (0.03, 0.04)), *((seed, (9.0, 20.0)) for seed in range(5))]
 )
 def test_a_load_outside_the_search_is_flagged_by_chi(seed, factors):
     flagged_or_right(random_case("held", seed, factors=factors))

@@ -25,7 +25,7 @@ def fit_alone(
     follow: bool = False,
     told: Callable[[], None],
 ) -> list[FrameFit]:
-    """Each frame on its own, from several starts, for all the keys that act in it.
+    """Each frame on its own, from a cold start, for all the keys that act in it.
 
     Parameters: `frames`; `sequence`; `follow`, whether a frame starts where the last one ended,
     and from there alone; `told`, called with each frame done. Returns a FrameFit of each.
