@@ -68,7 +68,7 @@ def keep(bench: Bench, index: int, results: Results) -> Kept:
     for layer in bench.layout.layers:
         values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
         assert values.shape == (stop - start, *bench.layout.shape.values()), layer.name
-        data = memoryview(values).cast("B")
+        data = values.data.cast("B")
         rest = int(np.prod(bench.layout.chunk_shape)) - values.size
         padding = np.full(rest, np.nan, dtype="<f4").tobytes()
         write_through(bench.chunk_file(layer.name, index), data, padding)

@@ -28,7 +28,7 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
     peak = item.components.peak if item.components else ShearPeak(shear, *place)
     surface = item.state.surface
     nothing = float("nan")
-    row = {
+    found: dict[str, Any] = {
         "state": index,
         "label": item.state.label,
         "distance_m": item.state.distance_m,
@@ -46,8 +46,9 @@ def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]
         "shear_max_z_mm": peak.z_mm,
         "residual": surface.residual if surface else nothing,
     }
-    # how far a half-plane would be off
-    return row if item.block_order is None else row | {"block_order_max": item.block_order}
+    if item.block_order is not None:  # how far a half-plane would be off
+        found["block_order_max"] = item.block_order
+    return found
 
 
 def profile_rows(index: int, surface: SurfaceState) -> dict[str, Any]:
