@@ -180,6 +180,12 @@ def fit(
             "--track", help="Follow the --per-frame keys through a video, frame by frame."
         ),
     ] = False,
+    tractions: Annotated[
+        bool,
+        typer.Option(
+            "--tractions", help="Also the pressure and shear on the surface, without a model."
+        ),
+    ] = False,
     out: Out = Path("isochrome-fit"),
     as_json: Json = False,
 ) -> None:
@@ -191,13 +197,15 @@ def fit(
         return
     with progress_bar("fitting") as progress:
         result = run(
-            frames, scene, free or [], per_frame=per_frame or [], follow=follow, out=out,
-            progress=progress,
+            frames, scene, free or [], per_frame=per_frame or [], follow=follow,
+            tractions=tractions, out=out, progress=progress,
         )  # fmt: skip
     if as_json:
         print_json({"out": str(out), **result.to_json()})
         return
     print_fit(result)
+    for i, one in enumerate(result.tractions):
+        typer.echo(f"frame {i}, without a model: {one.sentence()}")
     print_warnings(list(result.warnings))
     typer.echo(f"results: {out}")
 

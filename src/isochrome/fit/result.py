@@ -12,6 +12,7 @@ from isochrome.fit.joint import JointFit
 from isochrome.fit.one_state import frame_scene
 from isochrome.fit.sequence import over_distance
 from isochrome.fit.told import WearLaws
+from isochrome.fit.tractions import Tractions
 from isochrome.scene import Scene
 
 Found = dict[str, dict[str, float]]
@@ -31,7 +32,8 @@ class Fit:
     `frames`, the same for each frame's own; `distance_m` and `frame_chi`, of each frame; `chi`,
     residual over noise over all frames; `scene`, with the fitted values; `other_minima`, of each
     frame on its own: other values that fit nearly as well; `wear_laws`, compared, where several
-    frames tell what was worn between them; `warnings` in plain words.
+    frames tell what was worn between them; `warnings` in plain words; `tractions` of each frame,
+    where they were asked for.
     """
 
     shared: Found
@@ -43,6 +45,7 @@ class Fit:
     other_minima: list[list[dict[str, float]]]
     wear_laws: WearLaws | None
     warnings: tuple[str, ...]
+    tractions: tuple[Tractions, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The result as `--json` prints it; a single frame's own unknowns stand at the top too."""
@@ -62,6 +65,9 @@ class Fit:
                 "wear_laws": self.wear_laws.to_json(),
                 "wear_between_frames": list(self.wear_laws.between),
             }
+        if self.tractions:
+            found = [{"frame": i, **one.to_json()} for i, one in enumerate(self.tractions)]
+            top["tractions"] = found
         return top
 
     def table(self) -> dict[str, list[Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from isochrome.fit.figure import fit_figure
 from isochrome.fit.frame_fit import FrameFit, placed
 from isochrome.fit.frame_set import FrameSet
+from isochrome.fit.history import alone_scene
 from isochrome.fit.joint import JointFit, fit_of_one, fit_together
 from isochrome.fit.joint_start import fit_alone, starting_values
 from isochrome.fit.laws import WEAR, compare_laws, mean_coefficients, segment_ends, segments
@@ -19,6 +21,8 @@ from isochrome.fit.result import Fit, fitted_scene, make_result
 from isochrome.fit.sequence import make_sequence
 from isochrome.fit.smooth import ASKED_CHI, with_smooth_stress
 from isochrome.fit.told import WearLaws
+from isochrome.fit.tractions import refuse_without_contact
+from isochrome.fit.tractions_run import asked_for, with_tractions, write_tractions
 from isochrome.output import provenance, staged, write_csv, write_figure, write_json, write_text
 from isochrome.progress import Progress
 from isochrome.scene import Scene, dump_scene, load_scene
@@ -36,6 +40,7 @@ def fit(
     *,
     per_frame: list[str] | tuple[str, ...] = (),
     follow: bool = False,
+    tractions: bool = False,
     out: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Fit:
@@ -46,14 +51,19 @@ def fit(
     Parameters: `frames`, one a state; `scene`, where the fit starts; `free`, keys that all frames
     share, such as 'load.normal_n' (an unknown frames.gamma is one of them); `per_frame`, keys with
     a value a frame; `follow`, whether a frame is looked for where the last one was, and there
-    alone; `out`, a folder for fit.csv, scene.toml (fitted), fit.json, provenance.json, fit.png, and
-    of several frames fit_over_distance.png and wear_laws.csv; `progress`, called with (done, all).
+    alone; `tractions`, whether each frame's pressure and shear are found without a contact model
+    too; `out`, a folder for fit.csv, scene.toml (fitted), fit.json, provenance.json, fit.png, of
+    several frames fit_over_distance.png and wear_laws.csv, and with `tractions` tractions.csv,
+    tractions.png, sigma_1_mpa.tif, sigma_2_mpa.tif and fringe_order.tif; `progress`, called with
+    (done, all).
     Returns a Fit. Raises InputError for unknown keys and those that cannot be told apart,
     PhysicsError where the frames do not hold the scene's fringes.
     """
     scene = load_scene(scene)
     shared, own = tuple(free), tuple(per_frame)
     refuse_keys(scene, shared, own)
+    if tractions:
+        refuse_without_contact(scene)
     if scene.frames.gamma == "unknown":
         scene = scene.with_values({GAMMA: scene.frames.first_gamma})
         shared += () if GAMMA in own + shared else (GAMMA,)
@@ -63,6 +73,12 @@ def fit(
     joint, laws, notes = _explained(data, joint, steps)
     refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance)
     result = make_result(joint, alone, laws, notes)
+    if tractions:
+        given = [placed(alone_scene(data.scene, i), data.shape) for i in range(len(data))]
+        free_top = "camera.top_mm" in shared + own
+        result = with_tractions(result, data, joint, given, free_top=free_top, told=steps.one)
+    else:
+        result = replace(result, warnings=(*result.warnings, *asked_for(result)))
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "fit.csv", result.table())
@@ -72,6 +88,8 @@ def fit(
             write_json(folder / "fit.json", result.to_json())
             write_json(folder / "provenance.json", provenance(dump_scene(scene), [Path(frames)]))
             write_figure(folder / "fit.png", fit_figure(scene.name, data, joint.scenes))
+            if tractions:
+                write_tractions(folder, data, joint, result)
             over_distance = over_distance_figure(scene.name, result)
             if over_distance is not None:
                 write_figure(folder / "fit_over_distance.png", over_distance)

@@ -1,0 +1,124 @@
+"""A frame's pixels averaged in squares: few numbers, and nearly all that the frame tells.
+
+Below a surface a stress field is smooth over a fraction of the depth, so that deep pixels may be
+averaged by four or sixteen, where no fringe is lost by it, and only those near the surface stand
+for themselves. What averaging takes from the fringes' contrast is known: see `bin_contrast`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.fit.frame_data import FrameData
+
+Array = NDArray[Any]
+
+_LARGEST = 4
+_DEEP = 8.0
+"""Depth over a bin's side from which a bin may be that large."""
+_FLAT = 0.2
+"""Largest slope of the order, fringes a bin."""
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Squares of `side` pixels with their centres at `row`, `col` (pixels), sorted by side.
+
+    `light`, its noise `sigma`, and the bases `illumination` (ki, n) and `background` (kb, n), the
+    means over each square.
+    """
+
+    side: NDArray[np.int64]
+    row: Array
+    col: Array
+    light: Array
+    sigma: Array
+    illumination: Array
+    background: Array
+
+    def where(self, keep: NDArray[np.bool_]) -> Bins:
+        """Some of the bins, in the same order."""
+        return Bins(*(getattr(self, name)[..., keep] for name in self.__dataclass_fields__))
+
+    def sides(self) -> list[tuple[int, slice]]:
+        """The sides that occur, each with the bins that have it."""
+        found, first = np.unique(self.side, return_index=True)
+        ends = [*first[1:], len(self.side)]
+        return [(int(b), slice(i, j)) for b, i, j in zip(found, first, ends, strict=True)]
+
+
+def make_bins(data: FrameData, depth_px: Array, slope: Array, *, from_px: float) -> Bins:
+    """Average a frame's valid pixels in squares of 1, 2 or 4 pixels.
+
+    Parameters: `data`; `depth_px` (rows,), of the pixels' centres below the surface; `slope`
+    (rows, cols), fringes a pixel; `from_px`, depth of the first row that is used. Returns Bins;
+    pixels at the right and lower rim that fill no square of the largest side are left out.
+    """
+    valid = data.valid & (depth_px >= from_px)[:, None]
+    rows, cols = (n // _LARGEST * _LARGEST for n in valid.shape)
+    side = np.ones((rows, cols), int)
+    for b in (2, 4):
+        steep = _squares(slope[:rows, :cols], b).max((-3, -1))
+        deep = depth_px[:rows:b] >= _DEEP * b
+        whole = np.asarray((steep * b < _FLAT) & deep[:, None])
+        if b < _LARGEST:  # squares of one side fill whole squares of the largest
+            whole = np.asarray(_squares(whole, _LARGEST // b).all((-3, -1)))
+            whole = _repeat(whole, _LARGEST // b)
+        side[_repeat(whole, b)] = b
+    return _join([_averaged(data, valid, side, b) for b in (1, 2, 4)])
+
+
+def _averaged(data: FrameData, valid: Array, side: Array, b: int) -> Bins:
+    rows, cols = side.shape
+
+    def mean(image: Array) -> Array:
+        return _squares(image[..., :rows, :cols], b).mean((-3, -1))
+
+    keep = (side[::b, ::b] == b) & _squares(valid[:rows, :cols], b).all((-3, -1))
+    row, col = np.nonzero(keep)
+    return Bins(
+        np.full(len(row), b),
+        (row + 0.5) * b - 0.5,
+        (col + 0.5) * b - 0.5,
+        mean(data.light)[keep],
+        np.sqrt(mean(np.square(data.sigma))[keep]) / b,
+        mean(data.illumination)[:, keep],
+        mean(data.background)[:, keep],
+    )
+
+
+def _squares(image: Array, b: int) -> Array:
+    """A view (..., rows/b, b, cols/b, b)."""
+    *rest, rows, cols = image.shape
+    return image.reshape(*rest, rows // b, b, cols // b, b)
+
+
+def _repeat(image: Array, b: int) -> Array:
+    return np.repeat(np.repeat(image, b, 0), b, 1)
+
+
+def _join(parts: list[Bins]) -> Bins:
+    return Bins(
+        *(
+            np.concatenate([getattr(part, name) for part in parts], axis=-1)
+            for name in Bins.__dataclass_fields__
+        )
+    )
+
+
+def bin_contrast(order: Array, bins: Bins, blur_px: float = 0.0) -> Array:
+    """What a bin's area, and the camera's blur, leave of the fringes' contrast.
+
+    Equation: sinc(b g_x) sinc(b g_z) exp(-2 (pi s)² (g_x² + g_z²)), the mean of cos 2 pi N over a
+    square of side b and a Gaussian of width s, in which N has the slopes g.
+    Parameters: `order` N (rows, cols) at every pixel; `bins`; `blur_px` s. Returns V (n,).
+    """
+    row, col = bins.row.astype(int), bins.col.astype(int)
+    down, across = (slope[row, col] for slope in np.gradient(order))
+    area = np.sinc(bins.side * down) * np.sinc(bins.side * across)
+    blur = np.exp(-2.0 * (np.pi * blur_px) ** 2 * (down**2 + across**2))
+    return np.asarray(area * blur)

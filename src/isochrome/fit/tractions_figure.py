@@ -1,0 +1,133 @@
+"""The picture of tractions: what presses and rubs, the residual, the principal stresses apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.figures import (
+    DIFFERENCE_MAP,
+    LINE_COLOURS,
+    centred_limit,
+    new_figure,
+    show_image,
+    style_axes,
+)
+from isochrome.fit.frame_data import FrameData
+from isochrome.fit.linear import evaluate
+from isochrome.fit.tractions import Tractions
+from isochrome.optics import fringe_order, make_chain, pixel_visibility, polariscope_signal
+from isochrome.scene import Scene
+from isochrome.simulate import scene_states
+from isochrome.stress import StressComponents, principal_direction
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[Any]
+
+_SHOWN = 4
+_WIDE = 1.96
+
+
+def tractions_figure(
+    name: str,
+    frames: Iterable[FrameData],
+    scenes: tuple[Scene, ...],
+    found: tuple[Tractions, ...],
+) -> Figure:
+    """Tractions with their 95 % bands, residual, and both principal stresses, for four frames.
+
+    Parameters: `name` of the scene; `frames`; `scenes`, one state each, whose model is drawn
+    beside; `found`, their tractions. Returns a Figure.
+    """
+    count = min(_SHOWN, len(found))
+    shown = np.unique(np.linspace(0, len(found) - 1, count).round().astype(int))
+    figure = new_figure(15.0, 6.6 * len(shown) + 0.4)
+    parts: Any = figure.subfigures(len(shown), 1, squeeze=False)
+    wanted = {i: data for i, data in enumerate(frames) if i in shown}
+    for part, i in zip(parts[:, 0], shown, strict=True):
+        axes: Any = part.subplots(2, 2)
+        one, scene = found[i], scenes[i]
+        stress = one.components()
+        _draw_tractions(axes[0, 0], one, scene, f"frame {i}: tractions on the specimen")
+        _draw_residual(axes[0, 1], wanted[i], one, scene, stress)
+        _draw_principal(axes[1], one, stress)
+    figure.suptitle(f"{name}: pressure and shear without a contact model", fontsize=11)
+    return figure
+
+
+def _draw_tractions(ax: Axes, one: Tractions, scene: Scene, title: str) -> None:
+    pixels = one.pixels
+    surface = scene_states(scene)[-1].surface
+    assert surface is not None
+    for label, values, spread, model, colour in (
+        ("pressure p", one.pressure_mpa, one.pressure_standard_uncertainty_mpa,
+         surface.pressure_mpa, LINE_COLOURS[0]),
+        ("shear q", one.shear_mpa, one.shear_standard_uncertainty_mpa,
+         surface.shear_mpa, LINE_COLOURS[1]),
+    ):  # fmt: skip
+        ax.plot(surface.grid.x_mm, model, color=colour, lw=1.0, ls="--", label=f"{label}, model")
+        for run in _runs(one.x_mm):
+            x, p, u = one.x_mm[run], values[run], _WIDE * spread[run]
+            ax.fill_between(x, p - u, p + u, color=colour, alpha=0.25, lw=0)
+            ax.plot(x, p, color=colour, lw=1.4, label=label if run.start == 0 else None)
+    ax.axhline(0.0, color="black", lw=0.6)
+    ax.set_xlim(pixels.left_mm, pixels.left_mm + pixels.cols * pixels.pixel_mm)
+    style_axes(ax, x_label="x (mm)", z_label="traction (MPa)", title=title)
+    ax.legend(fontsize=8.5, frameon=False)
+
+
+def _runs(x: Array) -> list[slice]:
+    """Runs of nodes a step apart."""
+    step = np.diff(x)
+    ends = [0, *(np.flatnonzero(step > 1.5 * step.min()) + 1).tolist(), len(x)]
+    return [slice(i, j) for i, j in pairwise(ends)]
+
+
+def _draw_residual(
+    ax: Axes, data: FrameData, one: Tractions, scene: Scene, stress: StressComponents
+) -> None:
+    specimen, pixels = scene.specimen, one.pixels
+    assert specimen.thickness_mm and specimen.fringe_value_n_per_mm
+    if scene.frames.stated_gamma != data.gamma:
+        data = data.toned(scene.frames.stated_gamma)
+    difference = stress.difference
+    order = fringe_order(
+        difference,
+        thickness_mm=specimen.thickness_mm,
+        fringe_value_n_per_mm=specimen.fringe_value_n_per_mm,
+    ).astype(float)
+    chain = make_chain(scene.polariscope)
+    direction = None if chain.ideal else principal_direction(difference)
+    visibility = pixel_visibility(order)[0]
+    signal = polariscope_signal(order, chain, direction=direction, visibility=visibility)
+    mask = data.valid & (pixels.z_mm >= 0.5 * pixels.pixel_mm)[:, None]
+    bases: dict[str, Any] = {"illumination": data.illumination, "background": data.background}
+    light = evaluate(data.light, signal, mask=mask, sigma=data.sigma, **bases)
+    model = np.tensordot(light.illumination_coefficients, data.illumination, 1) * signal
+    model += np.tensordot(light.background_coefficients, data.background, 1)
+    left = np.where(mask, (data.light - model) / data.sigma, np.nan)
+    show_image(
+        ax, left, pixel_mm=pixels.pixel_mm, left_mm=pixels.left_mm, top_mm=pixels.top_mm,
+        cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, title=f"residual, chi = {one.chi:.2f}",
+        colour_label="(captured - fitted) / noise",
+    )  # fmt: skip
+
+
+def _draw_principal(axes: Any, one: Tractions, stress: StressComponents) -> None:
+    pixels = one.pixels
+    material = (pixels.z_mm >= 0.5 * pixels.pixel_mm)[:, None]
+    for ax, image, name in zip(axes, stress.principal, ("σ₁", "σ₂"), strict=True):
+        shown = np.where(material, image, np.nan)
+        limit = centred_limit(shown, percentile=99.8)
+        show_image(
+            ax, shown, pixel_mm=pixels.pixel_mm, left_mm=pixels.left_mm, top_mm=pixels.top_mm,
+            cmap=DIFFERENCE_MAP, vmin=-limit, vmax=limit, title=f"principal stress {name}",
+            colour_label=f"{name} (MPa), tension positive",
+        )  # fmt: skip
