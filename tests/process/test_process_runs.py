@@ -101,6 +101,7 @@ def test_a_run_is_one_dataset_with_named_axes_and_units(tmp_path):
                 assert dataset[name].values.tolist() == values, name
 
 
+@pytest.mark.long
 def test_a_complete_run_gives_its_table_again(place):
     first = process(place / "film.tif", place / "scene.toml", place / "out")
     before = files(place / "out")

@@ -274,6 +274,7 @@ except InputError as error:
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size there")
 def test_a_full_disk_is_said_and_what_is_finished_is_kept(notes, tmp_path):
     """The system itself refuses to let a file grow, as it does where the disk is full."""
