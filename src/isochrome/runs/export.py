@@ -41,8 +41,8 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
             return [_to_csv(dataset, folder / "run.csv")]
         return [
             _to_tiff(dataset, str(name), folder / "imagej")
-            for name, variable in dataset.data_vars.items()
-            if _is_picture(variable)
+            for name in sorted(dataset.data_vars, key=str)
+            if _is_picture(dataset[name])
         ]
 
 
@@ -72,10 +72,10 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
         file.dimensions = dict(dataset.sizes)
         for name, value in dataset.attrs.items():
             file.attrs[str(name)] = value
-        for name, variable in dataset.variables.items():
+        for name in sorted(dataset.variables, key=str):
             array = dataset[name]
-            text = variable.dtype.kind not in "iuf"
-            kind = h5py.string_dtype() if text else variable.dtype
+            text = array.dtype.kind not in "iuf"
+            kind = h5py.string_dtype() if text else array.dtype
             chunks = (*(1 for _ in array.dims[:-2]), *array.shape[-2:])
             made = file.create_variable(
                 str(name), array.dims, kind, chunks=chunks if _is_picture(array) else None
@@ -86,7 +86,7 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
             if name not in dataset.coords:
                 beside_axes = [
                     str(c)
-                    for c in dataset.coords
+                    for c in sorted(dataset.coords, key=str)
                     if c not in dataset.sizes and set(dataset[c].dims) <= set(array.dims)
                 ]
                 made.attrs["coordinates"] = " ".join(beside_axes)
@@ -96,7 +96,8 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
 
 
 def _to_csv(dataset: xarray.Dataset, path: Path) -> Path:
-    flat = [name for name, v in dataset.variables.items() if not set(_PICTURE) & set(v.dims)]
+    names = [*sorted(dataset.coords, key=str), *sorted(dataset.data_vars, key=str)]
+    flat = [name for name in names if not set(_PICTURE) & set(dataset[name].dims)]
     axes = [axis for axis in dataset.sizes if axis not in _PICTURE]
     shape = tuple(dataset.sizes[axis] for axis in axes)
     columns: dict[str, Any] = {}
