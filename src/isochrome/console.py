@@ -115,6 +115,8 @@ def print_fit(result: Any) -> None:
     typer.echo(f"chi = {result.chi:.3f}")
     if result.wear_laws is not None:
         typer.echo(f"wear law: {result.wear_laws.sentence()}")
+    for i, one in enumerate(result.tractions):
+        typer.echo(f"frame {i}, without a contact model: {one.sentence()}")
 
 
 def _to_last_digit(value: float, spread: float) -> str:

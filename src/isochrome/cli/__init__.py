@@ -19,6 +19,7 @@ from isochrome.cli.options import (
     Out,
     Restart,
     SceneOption,
+    Tractions,
     Workers,
 )
 from isochrome.console import (
@@ -180,12 +181,7 @@ def fit(
             "--track", help="Follow the --per-frame keys through a video, frame by frame."
         ),
     ] = False,
-    tractions: Annotated[
-        bool,
-        typer.Option(
-            "--tractions", help="Also the pressure and shear on the surface, without a model."
-        ),
-    ] = False,
+    tractions: Tractions = False,
     out: Out = Path("isochrome-fit"),
     as_json: Json = False,
 ) -> None:
@@ -204,8 +200,6 @@ def fit(
         print_json({"out": str(out), **result.to_json()})
         return
     print_fit(result)
-    for i, one in enumerate(result.tractions):
-        typer.echo(f"frame {i}, without a model: {one.sentence()}")
     print_warnings(list(result.warnings))
     typer.echo(f"results: {out}")
 

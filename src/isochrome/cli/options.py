@@ -27,3 +27,7 @@ Cluster = Annotated[
 Restart = Annotated[
     bool, typer.Option("--restart", help="Begin anew, whatever an earlier run has left.")
 ]
+Tractions = Annotated[
+    bool,
+    typer.Option("--tractions", help="Also the pressure and shear on the surface, model-free."),
+]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import PhysicsError
-from isochrome.fit.tractions_basis import COARSEST, lattice_px, make_basis, picture_unit
+from isochrome.fit.tractions_basis import lattice_px, make_basis, picture_unit
 from isochrome.fit.tractions_smooth import discrepancy_strength, smoothness
 from isochrome.fit.tractions_solve import Problem, solve_tractions
 from isochrome.fit.tractions_stage import Setup, Stage, State, solve_stage, state_bins
@@ -23,16 +23,18 @@ from isochrome.fit.tractions_start import search_resultants
 
 Array = NDArray[Any]
 
-_COARSE = ((64, 16), (32, 8), (16, 4), (8, 4))
+_COARSE = ((128, 32), (64, 16), (32, 8), (16, 4), (8, 4))
 _FINE = ((4, 4), (2, 2))
 """Depth of the shallowest pixels and spacing of the nodes, in units of `picture_unit`."""
 
-_FIRST_DEPTH = 128
+_DEEP_SHARE = 0.3
+"""Share of the depth in view at which the course begins at the deepest."""
+
 _BEGINNINGS = 3
 _SEEN = 4.0
 """Load of a patch over its standard uncertainty below which noise alone explains it."""
 
-_MOVES_FROM = 16
+_MOVES, _MOVES_FROM = 4, 16
 _STILL_PX = 0.02
 _FAR_PX = 1.0
 _PASSES = 3
@@ -74,13 +76,13 @@ def _moved(state: State, place: State) -> State:
 
 def _begin(setup: Setup, start: State) -> list[Stage]:
     """The first stage, from each of the likeliest resultants, by rising chi."""
-    unit = picture_unit(start.pixels)
-    spacing, pixels = COARSEST * unit, start.pixels
+    depth_px, spacing = _coarse(start)[0]
+    pixels = start.pixels
     lattice = lattice_px(pixels)
     nodes = lattice[::spacing]
     bins = state_bins(setup, start)
     depth = start.top_px + bins.row + 0.5
-    some = bins.where(depth >= min(_FIRST_DEPTH * unit, np.median(depth)))
+    some = bins.where(depth >= depth_px)
     basis = make_basis(some, pixels, nodes, spacing, limit=setup.limit, degree=setup.degree)
     problem = Problem(some, pixels, setup.optics)
     pressure, shear = (
@@ -96,25 +98,36 @@ def _begin(setup: Setup, start: State) -> list[Stage]:
     return sorted(stages, key=lambda stage: stage.solution.chi)
 
 
+def _coarse(state: State) -> list[tuple[int, int]]:
+    """Depths and spacings (pixels) of the coarse stages that the depth in view allows for."""
+    unit, deepest = picture_unit(state.pixels), state.top_px + state.pixels.rows
+    sized = [(depth * unit, spacing * unit) for depth, spacing in _COARSE]
+    return [s for s in sized if s[0] <= _DEEP_SHARE * deepest] or sized[-1:]
+
+
 def _course(setup: Setup, state: State) -> Stage:
     """All stages after the first."""
-    unit = picture_unit(state.pixels)
-    support, stage = None, None
-    for depth, spacing in _COARSE + _FINE:
-        if stage is not None and spacing * unit < 0.5 * state.top_px:
+    unit, lattice = picture_unit(state.pixels), lattice_px(state.pixels)
+    fine = [(depth * unit, spacing * unit) for depth, spacing in _FINE]
+    support, stage = np.ones(len(lattice), bool), None
+    for depth, spacing in _coarse(state)[1:] + fine:
+        if stage is not None and spacing < 0.5 * state.top_px:
             break  # hats much narrower than their distance to the first row cannot be told apart
-        nodes = lattice_px(state.pixels)[:: spacing * unit]
-        if stage is not None and (depth, spacing) == _FINE[0]:
+        if stage is not None and (depth, spacing) == fine[0]:
             support = _supported(stage)
-        if support is not None:
-            nodes = nodes[support[nodes - lattice_px(state.pixels)[0]]]
-        for _ in range(4):
+        nodes = lattice[::spacing]
+        nodes = nodes[support[nodes - lattice[0]]]
+        for _ in range(_MOVES):
             stage = solve_stage(
-                setup, state, nodes, depth_px=depth * unit, spacing_px=spacing * unit,
-                free_top=setup.free_top and depth <= _MOVES_FROM,
-            )  # fmt: skip
+                setup,
+                state,
+                nodes,
+                depth_px=depth,
+                spacing_px=spacing,
+                free_top=setup.free_top and depth <= _MOVES_FROM * unit,
+            )
             state = stage.state()
-            if abs(stage.moved_px) < (_STILL_PX if depth == _FINE[-1][0] else 10 * _STILL_PX):
+            if abs(stage.moved_px) < (_STILL_PX if depth == fine[-1][0] else 10 * _STILL_PX):
                 break
     assert stage is not None
     return stage

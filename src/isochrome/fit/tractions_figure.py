@@ -48,7 +48,9 @@ def tractions_figure(
     """
     count = min(_SHOWN, len(found))
     shown = np.unique(np.linspace(0, len(found) - 1, count).round().astype(int))
-    figure = new_figure(15.0, 6.6 * len(shown) + 0.4)
+    pixels = found[0].pixels
+    height = 2.0 * (4.6 * min(pixels.rows / pixels.cols, 1.6) + 0.75)
+    figure = new_figure(12.5, height * len(shown) + 0.4)
     parts: Any = figure.subfigures(len(shown), 1, squeeze=False)
     wanted = {i: data for i, data in enumerate(frames) if i in shown}
     for part, i in zip(parts[:, 0], shown, strict=True):

@@ -1,0 +1,119 @@
+"""The parts of the inversion for tractions: bins, fields, signs, smoothness."""
+
+import numpy as np
+import pytest
+from pressed import CONTACT, Pressed
+
+from isochrome.fit.tractions_basis import lattice_px, make_basis
+from isochrome.fit.tractions_bins import Bins, bin_contrast, make_bins
+from isochrome.fit.tractions_smooth import discrepancy_strength, smoothness
+from isochrome.fit.tractions_solve import Solution, with_signs
+from isochrome.stress import PixelGrid
+from isochrome.stress.direct import difference_and_trace
+
+PIXELS = PixelGrid(rows=200, cols=300, left_mm=-1.5, top_mm=0.0, pixel_mm=0.01)
+
+
+def bins_at(row, col, side):
+    row, col = np.asarray(row, float), np.asarray(col, float)
+    one = np.ones(len(row))
+    return Bins(np.full(len(row), side), row, col, one, one, one[None], one[None])
+
+
+@pytest.mark.parametrize("side", [1, 2, 4])
+@pytest.mark.parametrize("spacing", [1, 2, 4])
+def test_fields_of_hats_add_up_to_the_closed_form(side, spacing):
+    rng = np.random.default_rng(0)
+    col = (rng.integers(0, 300 // side, 60) + 0.5) * side - 0.5
+    row = (rng.integers(30 // side, 200 // side, 60) + 0.5) * side - 0.5
+    nodes = lattice_px(PIXELS)[::spacing]
+    basis = make_basis(bins_at(row, col, side), PIXELS, nodes, spacing, limit=0.7, degree=1)
+    view = Pressed((CONTACT,), lambda x, z: 0.5 + 0.25 * z - 0.1 * x + 0.2j * z)
+    pressure = view.pressure(PIXELS.left_mm + PIXELS.pixel_mm * nodes)
+    half = 1.5  # mm: half the longer side, at which a mode is 1 MPa
+    c = basis.unknowns(pressure, 0.25 * pressure, np.array([0.5, -0.1 * half, 0.25 * half]))
+    x, z = (PIXELS.pixel_mm * (place + 0.5) for place in (col, row))
+    true = view.difference(PIXELS.left_mm + x, z)
+    # trapezia under a root miss zeta(-1/2) sqrt(2) (h/a)^1.5 p0 a of its load at each edge, 0.37 of
+    # (h/a)^1.5 in all, and with it at most that share of a stress from below the edges
+    allowed = 0.37 * (spacing * PIXELS.pixel_mm / CONTACT.half_width) ** 1.5
+    found = basis.columns @ c
+    assert np.abs(found - true).max() < allowed * np.abs(true).max()
+    # the same lines, summed place by place in double precision: what is left is single's rounding
+    places = PIXELS.left_mm + PIXELS.pixel_mm * nodes
+    lines, _ = difference_and_trace(PIXELS.left_mm + x, z, places, pressure, 0.25 * pressure)
+    besides = view.besides(PIXELS.left_mm + x, z)
+    assert np.abs(found - lines - besides).max() < 1e-6 * CONTACT.peak * 3
+    p, q = basis.tractions(c)
+    assert p == pytest.approx(pressure) and q == pytest.approx(0.25 * pressure)
+
+
+def test_bins_are_means_of_whole_valid_squares():
+    data = Pressed((CONTACT,), cols=64, rows=48, pixel=0.06).data()
+    data.valid[20, 30] = False
+    bins = make_bins(data, np.arange(48) + 0.5, np.zeros((48, 64)), from_px=2.0)
+    assert [side for side, _ in bins.sides()] == [1, 2, 4]
+    assert bins.row[bins.side == 1].min() == 2.0
+    for side, part in bins.sides():
+        k = part.start + 3
+        row, col = (round(v - 0.5 * (side - 1)) for v in (bins.row[k], bins.col[k]))
+        square = (slice(row, row + side), slice(col, col + side))
+        assert bins.light[k] == pytest.approx(data.light[square].mean(), rel=1e-6)
+        expected = np.sqrt(np.mean(data.sigma[square] ** 2)) / side
+        assert bins.sigma[k] == pytest.approx(expected, rel=1e-6)
+        # no square holds the pixel that is not trusted
+        inside = np.abs(bins.row[part] - 20) < side / 2
+        assert not np.any(inside & (np.abs(bins.col[part] - 30) < side / 2))
+
+
+def test_contrast_of_a_bin_is_that_of_the_mean_of_its_light():
+    rows, cols = np.mgrid[:40, :40]
+    order = 0.05 * cols + 0.03 * rows
+    bins = bins_at([18.0, 18.5, 19.5], [18.0, 18.5, 19.5], 1)
+    bins = Bins(np.array([1, 2, 4]), *(getattr(bins, n) for n in list(vars(bins))[1:]))
+    fine = (np.arange(400) + 0.5) / 400 - 0.5
+    for k, side in enumerate((1, 2, 4)):
+        x, z = np.meshgrid(side * fine, side * fine)
+        mean = np.cos(2 * np.pi * (0.05 * x + 0.03 * z)).mean()
+        assert bin_contrast(order, bins)[k] == pytest.approx(mean, abs=1e-5)
+
+
+def test_least_squares_with_signs_meets_its_conditions():
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(40, 12))
+    matrix, right = root.T @ root, rng.normal(size=12)
+    c = with_signs(matrix, right, 9)
+    slope = matrix @ c - right
+    assert c[:9].min() >= 0.0 and (c[:9] == 0.0).any() and (c[:9] > 0.0).any()
+    # Karush, Kuhn and Tucker: no slope where free, none that lowers where at the bound
+    free = np.r_[c[:9] > 0.0, np.ones(3, bool)]
+    assert np.abs(slope[free]).max() < 1e-7
+    assert slope[~free].min() > 0.0
+
+
+def test_smoothness_is_the_integral_of_the_squared_second_derivatives():
+    nodes = lattice_px(PIXELS)[::2]
+    nodes = nodes[(nodes >= 100) & (nodes <= 200)]
+    basis = make_basis(bins_at([50.0], [50.0], 1), PIXELS, nodes, 2, limit=0.5, degree=1)
+    x = 0.01 * (nodes - 150.0)
+    c = basis.unknowns(3.0 + 2.0 * x**2, 0.3 * x**2, np.zeros(3))
+    # p'' = 4, q'' = 0.6 over the nodes that have two neighbours
+    expected = (4.0**2 + 0.6**2) * 0.02 * (len(nodes) - 2)
+    assert c @ smoothness(basis, 0.01) @ c == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_discrepancy_principle_raises_the_misfit_by_one_for_each_unknown():
+    n = 60
+    nodes = lattice_px(PIXELS)[:n]
+    basis = make_basis(bins_at([50.0], [50.0], 1), PIXELS, nodes, 1, limit=1.0, degree=0)
+    rng = np.random.default_rng(2)
+    c = np.r_[20.0 + 2.0 * rng.normal(size=2 * n), 0.0]
+    smooth = smoothness(basis, 0.01)
+    weak = Solution(
+        c, 1000.0, 1e-12 * smooth, np.eye(2 * n + 1), np.zeros(2 * n + 1), np.ones(1000), c[:1],
+        1, True,
+    )  # fmt: skip
+    strength = discrepancy_strength(weak, smooth, 2 * n)
+    # all is positive, so that ridge regression's closed form holds
+    moved = np.linalg.solve(np.eye(2 * n + 1) + strength * smooth, c) - c
+    assert moved @ moved == pytest.approx(2 * n + 1, rel=1e-3)
