@@ -174,9 +174,13 @@ class DirectionMaps:
         if self.course:
             self._steps.setdefault(WEAR, self._step(WEAR))
             self._local = local_values(self.whole, sequence.distances_m)
-            self._along = {
-                key: local_values(self._moved_whole(key), sequence.distances_m) - self._local
+            self._moved = {
+                key: moved(self.whole, key, self._steps[key])
                 for key in dict.fromkeys((*self.course, WEAR))
+            }
+            self._along = {
+                key: local_values(there, sequence.distances_m) - self._local
+                for key, there in self._moved.items()
             }
             self._by_unknown = self._differences()
 
@@ -193,7 +197,7 @@ class DirectionMaps:
     def scene(self, key: str, index: int, whole: Scene) -> Scene:
         """A frame's scene moved by one step along a key."""
         if key in self.course or (self.course and key == WEAR):
-            return self.sequence.frame(self._moved_whole(key), self.values, index)
+            return self.sequence.frame(self._moved[key], self.values, index)
         here = self.sequence.frame(whole, self.values, index)
         return moved(here, key, self._steps[key])
 
@@ -217,9 +221,6 @@ class DirectionMaps:
         value = self.whole.get(key)
         number = value.value[0] if isinstance(value, DistanceTable) else value
         return STEP * float(scales(self.whole.with_values({key: number}), (key,))[0])
-
-    def _moved_whole(self, key: str) -> Scene:
-        return moved(self.whole, key, self._steps[key])
 
     def _differences(self) -> Array:
         """Change of the local values by one unit of each unknown, (p, frames, 3)."""
