@@ -52,8 +52,10 @@ def check_whole(path: Path) -> Container:
                 return "asf"
             if head[:4] in (b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3") or _is_stream(head, file):
                 return "mpeg"
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); check its name and rights") from error
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); check its name and rights"
+        ) from error
     raise InputError(
         f"{path}: is no AVI, MP4, MOV, Matroska, WebM, WMV or MPEG file, whatever its name says; "
         "save it as one, or as a TIFF stack"
