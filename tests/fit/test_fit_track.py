@@ -76,7 +76,10 @@ def pulls(result, courses):
 
 @pytest.mark.parametrize(
     ("count", "keys"),
-    [(16, (LOAD, LEFT)), pytest.param(40, (LOAD, FRICTION, LEFT), marks=pytest.mark.long)],
+    [
+        pytest.param(16, (LOAD, LEFT), marks=pytest.mark.long),
+        pytest.param(40, (LOAD, FRICTION, LEFT), marks=pytest.mark.long),
+    ],
 )
 def test_a_drifting_and_swinging_contact_is_followed_with_its_uncertainty(tmp_path, count, keys):
     courses = {key: values for key, values in drifting(count).items() if key in keys}
@@ -117,8 +120,8 @@ def test_a_frame_without_fringes_has_no_values_and_the_next_are_found(tmp_path):
     frames[1] = np.clip(rng.normal(120.0, 3.0, SHAPE), 0, 255).astype(np.uint8)
     save(tmp_path, frames)
     result = track(tmp_path / "film.tif", contact(), (LOAD,))
-    assert np.isnan(result.values[1, 0]) or result.chi[1] > 1.3
-    assert result.warnings
+    assert np.isnan(result.values[1]).all() and np.isnan(result.standard_uncertainty[1]).all()
+    assert any("frame 1: the scene's fringes are not in it" in text for text in result.warnings)
     assert np.all(np.abs(result.values[[0, 2], 0] / 44.0 - 1.0) < 2e-3)
 
 
@@ -144,7 +147,7 @@ def test_a_wearing_contact_is_followed_on_the_scar_of_its_own_history(tmp_path):
 
 
 def test_a_field_box_is_exact_for_the_terms_that_it_has():
-    def render(v):
+    def render(v, _seen):
         x, y = v
         smooth = np.array([1 + x + x**4 + 2 * x * y, x**2 * y**2 - 3 * y**2 + 1j * y], complex)
         return smooth, np.array([1.0 - 0.1 * x, 1.0 + 0.2 * y])
@@ -152,10 +155,10 @@ def test_a_field_box_is_exact_for_the_terms_that_it_has():
     box = make_field_box(render, np.array([-1.0, 0.5]), np.array([1.0, 1.5]), (4, 2))
     at = np.array([0.3, 1.2])
     field, seen = box.at(at)
-    truth, clear = render(at)
+    truth, clear = render(at, True)
     assert field == pytest.approx(truth, abs=3e-6)  # single precision
     assert seen == pytest.approx(clear, abs=3e-6)
-    ahead, behind = render(at + np.array([0, 1e-6])), render(at - np.array([0, 1e-6]))
+    ahead, behind = render(at + np.array([0, 1e-6]), False), render(at - np.array([0, 1e-6]), False)
     assert box.slope(at, 1)[0] == pytest.approx((ahead[0] - behind[0]) / 2e-6, abs=1e-4)
 
 

@@ -101,7 +101,7 @@ class SceneRenderer:
         if visibility is None:
             field, visibility = self.order_field(scene)
         else:
-            field = self._field_alone(scene)
+            field = self.field_alone(scene)
         if scene.model != "contact":
             field = np.nan_to_num(field)
         order = _order(scene, field)
@@ -135,8 +135,11 @@ class SceneRenderer:
     def _pixels(self, scene: Scene) -> PixelGrid:
         return pixel_grid(scene, self.shape).every(self.stride)
 
-    def _field_alone(self, scene: Scene) -> Array:
-        """The field without its visibility; the last one if only the optics have changed."""
+    def field_alone(self, scene: Scene) -> Array:
+        """The field without its visibility; the last one if only the optics have changed.
+
+        Raises PhysicsError where the scene's values cannot be solved.
+        """
         state, last = self._state(scene), self._last
         if last is not None and last.state is state and last.key[:-1] == _standing(scene):
             return last.field

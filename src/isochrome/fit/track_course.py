@@ -194,6 +194,11 @@ class TrackCourse:
                 found[j] = 1e3 * scene.get(WEAR) * self._line_load(scene.load_at(1.0))
         return found
 
+    @property
+    def places(self) -> tuple[int, ...]:
+        """The axes that only move the contact in the picture."""
+        return tuple(j for j, axis in enumerate(self.axes) if axis in (LEFT, TOP))
+
     def box(self, values: Array, size: float) -> tuple[Array, Array, tuple[int, ...]]:
         """Low and high ends (axes,) of a box of values, and the degrees of its polynomial.
 
@@ -204,7 +209,7 @@ class TrackCourse:
         low, high, degrees = values.copy(), values.copy(), []
         for j, axis in enumerate(self.axes):
             place = axis in (LEFT, TOP)
-            degrees.append(2 if place or axis == "load.bulk_mpa" else 4)
+            degrees.append(2 if axis == "load.bulk_mpa" else 4)
             if axis == WORN:
                 half = size * _OF_WEAR * (values[j] + self._elastic_area(load))
                 low[j] = max(0.0, values[j] - _BEHIND * half)

@@ -1,9 +1,10 @@
 """A stress difference as a polynomial of a scene's values: rendered a few times, then only added.
 
 Between a few places of its values a contact's field is smooth: at a fixed pixel it is interpolated
-by the terms t_i^m and t_i^m t_j^n (m, n <= 2 in the mixed ones) of the values in units of a box,
+by the terms t_i^m, t_i^m t_j^n (m, n <= 2) and t_i t_j t_k of the values in units of a box,
 -1 <= t <= 1, through fields rendered at Chebyshev's places along each value and at the corners of
-each pair: a sparse grid (Smolyak 1963, Dokl. Akad. Nauk SSSR 148, 1042).
+each pair and triple: a sparse grid (Smolyak 1963, Dokl. Akad. Nauk SSSR 148, 1042). Triples have
+more corners than terms: least squares there.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
-Render = Callable[[Array], tuple[Array, Array]]
+Render = Callable[[Array, bool], tuple[Array, Array | None]]
+"""Values (p,), and whether the visibility is wanted, to field and visibility (n,)."""
 
 CORNER = round(0.5**0.5, 12)
 """Where the corners of a pair of values lie, in half-widths of the box: as one of the places along
@@ -59,26 +61,36 @@ class FieldBox:
         )
 
 
-def make_field_box(render: Render, low: Array, high: Array, degrees: tuple[int, ...]) -> FieldBox:
+def make_field_box(
+    render: Render,
+    low: Array,
+    high: Array,
+    degrees: tuple[int, ...],
+    cheap: tuple[int, ...] = (),
+) -> FieldBox:
     """Interpolate a field over a box of values.
 
     Parameters: `render`, values (p,) to stress difference and visibility (n,); `low`, `high` (p,),
-    the box; `degrees`, the highest power of each value, even. Returns a FieldBox. Raises what
-    `render` raises.
+    the box; `degrees`, the highest power of each value, even; `cheap`, the values that move no
+    mechanics: terms of three values are only those with one of these. Returns a FieldBox. Raises
+    what `render` raises.
     """
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    places, powers = _places(degrees)
-    made = [render(middle + half * t) for t in places]
-    weights = np.linalg.inv(np.array([_terms(t, powers) for t in places]))
+    places, powers = _places(degrees, cheap)
+    # the visibility's slopes need the middle and the ends only
+    ends = [np.abs(t).sum() == np.abs(t).max() in (0.0, 1.0) for t in places]
+    made = [render(middle + half * t, end) for t, end in zip(places, ends, strict=True)]
+    weights = np.linalg.pinv(np.array([_terms(t, powers) for t in places]))
     fields = np.stack([field.astype(np.complex64, copy=False) for field, _ in made])
-    seen = np.stack([np.broadcast_to(v, fields.shape[1:]).astype(np.float32) for _, v in made])
-    slopes = np.linalg.pinv(np.column_stack((np.ones(len(places)), places)))
+    told = [v for (_, v), end in zip(made, ends, strict=True) if end and v is not None]
+    seen = np.stack([np.broadcast_to(v, fields.shape[1:]).astype(np.float32) for v in told])
+    slopes = np.linalg.pinv(np.column_stack((np.ones(len(told)), places[ends])))
     return FieldBox(
         middle, half, powers, _product(weights, fields), slopes.astype(np.float32) @ seen
     )
 
 
-def _places(degrees: tuple[int, ...]) -> tuple[Array, Array]:
+def _places(degrees: tuple[int, ...], cheap: tuple[int, ...]) -> tuple[Array, Array]:
     """Where to render, (terms, p) in units of the box, and the exponents that this allows."""
     size = len(degrees)
     places, powers = [np.zeros(size)], [np.zeros(size, int)]
@@ -87,12 +99,15 @@ def _places(degrees: tuple[int, ...]) -> tuple[Array, Array]:
         ends = np.cos(np.pi * np.arange(degree + 1) / degree)
         places += [round(t, 12) * unit[axis] for t in ends if abs(t) > 1e-9]
         powers += [m * unit[axis].astype(int) for m in range(1, degree + 1)]
-    for i, j in combinations(range(size), 2):
-        for one, other in product((-CORNER, CORNER), repeat=2):
-            places.append(one * unit[i] + other * unit[j])
-        powers += [(m * unit[i] + n * unit[j]).astype(int) for m, n in product((1, 2), repeat=2)]
-    # those that differ only in values of low degree follow each other: they share the mechanics
-    order = np.lexsort([np.array(places)[:, j] for j in np.argsort(degrees, kind="stable")])
+    triples = [some for some in combinations(range(size), 3) if set(some) & set(cheap)]
+    for some in [*combinations(range(size), 2), *triples]:
+        axes = unit[list(some)]
+        places += [np.array(t) @ axes for t in product((-CORNER, CORNER), repeat=len(some))]
+        high = (1, 2) if len(some) == 2 else (1,)
+        powers += [(np.array(m) @ axes).astype(int) for m in product(high, repeat=len(some))]
+    # those that differ only in cheap values follow each other: they share the mechanics
+    ranks = sorted(range(size), key=lambda j: (j not in cheap, degrees[j]))
+    order = np.lexsort([np.array(places)[:, j] for j in ranks])
     return np.array(places)[order], np.array(powers)
 
 

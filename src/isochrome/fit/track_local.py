@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,21 +13,24 @@ from isochrome.fit.one_state import with_own_numerics
 from isochrome.fit.renderer import SceneRenderer
 from isochrome.fit.tone import Toned, solve_toned
 from isochrome.fit.track_course import TrackCourse
-from isochrome.fit.track_field import CORNER, FieldBox, make_field_box
+from isochrome.fit.track_field import FieldBox, Render, make_field_box
 from isochrome.fit.track_pixels import Look, Thinned
 from isochrome.optics import fringe_order, make_chain, polariscope_signal
 from isochrome.stress import principal_direction
 
 Array = NDArray[Any]
-Render = Callable[[Array], tuple[Array, Array]]
 
 HIDDEN_PX, _ROOM_PX = 8.0, 4.0
 _BEYOND = 1.1
 """Half-widths of its box up to which a polynomial is used."""
-_KEPT = 4
+_KEPT = 12
+"""Polynomials that are kept, some 6 MB each: a load that swings comes back to them."""
 _FIELD_ERROR = 0.3
 """What a polynomial may do to a value near its box's corners, in standard uncertainties."""
-_SMALLER, _SMALLEST = 0.6, 0.1
+_CHECKED = 0.85
+"""Where that is looked at, in half-widths: beyond all corners that were rendered."""
+_LARGEST, _SMALLEST, _SMALLER, _ORDER = 1.2, 0.1, 0.6, 4
+"""Sizes of a box; how much smaller the next try is at least; power of the size in the error."""
 _SLOPE = 1e-3
 """Difference step of the signal's derivatives, in half-widths of the box."""
 
@@ -46,7 +48,7 @@ class TrackModel:
         self._chain = make_chain(polariscope, 0 if polariscope.step else None)
         self._boxes: list[FieldBox] = []
         self._box: FieldBox | None = None
-        self._size = 1.0
+        self._size = _LARGEST
         self.local: LocalModel | None = None
         self.look: Look | None = None
 
@@ -56,7 +58,11 @@ class TrackModel:
 
     def holds(self, values: Array) -> bool:
         """Whether the polynomial is good at some values (axes,)."""
-        return self._box is not None and bool(np.abs(self._box.place(values)).max() <= _BEYOND)
+        return self.reach(values) <= _BEYOND
+
+    def reach(self, values: Array) -> float:
+        """How far some values (axes,) are from the polynomial's middle, in half-widths."""
+        return np.inf if self._box is None else float(np.abs(self._box.place(values)).max())
 
     def move(self, values: Array, levels: Array) -> bool:
         """Take a polynomial that holds some values, or make it; False where that is impossible.
@@ -84,19 +90,20 @@ class TrackModel:
             low, high, degrees = self.course.box(values, self._size)
             try:
                 render = self._renderer(values, high)
-                self._box = make_field_box(render, low, high, degrees)
+                self._box = make_field_box(render, low, high, degrees, self.course.places)
                 self.local = self.look = None
                 error = self._field_error(render, values, levels)
             except PhysicsError:
                 error = np.inf
-            smallest = self._size * _SMALLER < _SMALLEST
+            smallest = self._size <= _SMALLEST
             if error <= _FIELD_ERROR or (smallest and np.isfinite(error)):
                 assert self._box is not None
                 self._boxes = [self._box, *self._boxes[: _KEPT - 1]]
                 return True
             if smallest:
                 return False
-            self._size *= _SMALLER
+            fit = (0.5 * _FIELD_ERROR / error) ** (1.0 / _ORDER)
+            self._size = max(_SMALLEST, self._size * min(_SMALLER, fit))
 
     def _renderer(self, values: Array, high: Array) -> Render:
         """Values to the field and the visibility at the pixels, by the mechanics."""
@@ -111,8 +118,10 @@ class TrackModel:
             hidden_px=HIDDEN_PX - _ROOM_PX,
         )
 
-        def render(values: Array) -> tuple[Array, Array]:
+        def render(values: Array, seen: bool) -> tuple[Array, Array | None]:
             scene = self.course.field_scene(values).model_copy(update={"numerics": numerics})
+            if not seen:
+                return renderer.field_alone(scene)[thinned.keep], None
             field, visibility = renderer.order_field(scene)
             return field[thinned.keep], np.broadcast_to(visibility, field.shape)[thinned.keep]
 
@@ -128,9 +137,12 @@ class TrackModel:
         local, look = self.local, self.look
         assert local is not None and look is not None
         worst = 0.0
-        for sign in (-1.0, 1.0):
-            corner = self._box.middle + sign * CORNER * self._box.half
-            exact, near = self._signal(*render(corner)), self._signal(*self._box.at(corner))
+        other = np.resize([1.0, -1.0], len(values))
+        for signs in (np.ones(len(values)), other):
+            corner = self._box.middle + _CHECKED * signs * self._box.half
+            field, seen = render(corner, True)
+            assert seen is not None
+            exact, near = self._signal(field, seen), self.signal(corner)
             change = (exact - near)[look.clear] * toned.part.amplitude
             step = local.step(change)
             worst = max(worst, step_size(local, step))

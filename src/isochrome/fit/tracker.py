@@ -30,9 +30,10 @@ from isochrome.scene import Scene
 Array = NDArray[Any]
 
 _PIXELS = 20_000
-_NEAR, _FROZEN, _STEPS, _BOXES = 0.05, 0.3, 12, 3
+_NEAR, _FROZEN, _STEPS, _BOXES, _FAR = 0.05, 0.3, 12, 2, 1.5
 """Last step in standard uncertainties; share of the last step below which the derivatives are
-kept; exact residuals, and polynomials, of one frame at most."""
+kept; exact residuals, and polynomials, of one frame at most; how far beyond its polynomial, in
+half-widths, a step is believed."""
 _LOST = 1.1
 """Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
 _NOISE_EVERY = 250
@@ -93,6 +94,7 @@ class Tracker:
         self.course = TrackCourse(scene, keys)
         self._bit_depth, self._no_load = bit_depth, no_load
         self._values: Array | None = None
+        self._pace = np.zeros(len(keys))
         self._model: TrackModel | None = None
         self._reference, self._since_noise = 1.0, 0
 
@@ -104,7 +106,8 @@ class Tracker:
         if self._values is None:
             start = self.course.start(distance_m)
         else:
-            start = self.course.carried(self._values, distance_m)
+            last = self.course.moved(self._values, self._pace)
+            start = self.course.carried(last, distance_m)
         found = None
         if self._model is not None:
             self._check_noise(frame, self._model)
@@ -113,9 +116,14 @@ class Tracker:
         if lost:
             found = self._search(frame, start)
         if found is None or not found.toned.part.positive:
+            self._pace = np.zeros(len(self.keys))
             return self._nothing(found)
         if lost:
             self._reference = max(1.0, found.chi)
+        self._pace = np.zeros(len(self.keys))
+        if self._values is not None and not lost:
+            # as it went, so it goes on: a step less for a value that swings
+            self._pace = (found.values - self._values)[: len(self.keys)]
         self._values = found.values
         self.course.passed(found.values, distance_m)
         return self._told(found, searched=lost)
@@ -190,7 +198,8 @@ class Tracker:
         values, last, boxes = start.copy(), np.inf, 0
         for _ in range(_STEPS):
             if not model.holds(values):
-                if boxes == _BOXES or not model.move(values, levels):
+                far = np.isfinite(last) and model.reach(values) > _FAR
+                if far or boxes == _BOXES or not model.move(values, levels):
                     return None
                 boxes, last = boxes + 1, np.inf
             toned = model.at(values, levels)
