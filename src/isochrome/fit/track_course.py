@@ -46,7 +46,8 @@ class TrackCourse:
     """One-state scenes of a contact along a run, by the values of `axes`.
 
     Attributes: `axes`, what moves the field: the tracked keys (of the wear, the worn area), then
-    what the scene knows to change; `count`, how many of them are tracked.
+    what the scene knows to change; `count`, how many of them are tracked; `places`, those that only
+    move the contact in the picture.
     """
 
     def __init__(self, scene: Scene, keys: tuple[str, ...]) -> None:
@@ -59,6 +60,7 @@ class TrackCourse:
             axes += [key for key in (LOAD, FRICTION) if key not in keys and _table(scene, key)]
             axes += [] if WEAR in keys else [WORN]
         self.axes = tuple(axes)
+        self.places = tuple(j for j, axis in enumerate(axes) if axis in (LEFT, TOP))
         self._past: list[Point] = []
         self._worn, self._slid, self._dose, self._area = 0.0, 0.0, 0.0, 0.0
         self._last = (0.0, 0.0)
@@ -193,11 +195,6 @@ class TrackCourse:
             elif scene.wear is not None:
                 found[j] = 1e3 * scene.get(WEAR) * self._line_load(scene.load_at(1.0))
         return found
-
-    @property
-    def places(self) -> tuple[int, ...]:
-        """The axes that only move the contact in the picture."""
-        return tuple(j for j, axis in enumerate(self.axes) if axis in (LEFT, TOP))
 
     def box(self, values: Array, size: float) -> tuple[Array, Array, tuple[int, ...]]:
         """Low and high ends (axes,) of a box of values, and the degrees of its polynomial.
