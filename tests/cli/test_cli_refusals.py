@@ -317,7 +317,7 @@ def test_a_free_key_that_is_no_number(refuses, key):
 
 @pytest.mark.parametrize(
     "key",
-    ["camera.seed", "camera.vignette", "camera.pixel_mm", "frames.gamma", "numerics.tolerance"],
+    ["camera.seed", "camera.vignette", "camera.brightness", "numerics.tolerance"],
 )
 def test_a_free_key_that_the_fit_cannot_follow(refuses, key):
     refuses(2, [key, "cannot be fitted"], *fit(key))

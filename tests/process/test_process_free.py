@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.errors import InputError
 from isochrome.process import process
 
 SCENE = """\
@@ -125,34 +124,6 @@ def test_a_wrong_gamma_is_told_with_what_to_set_and_costs_its_pixels(captured):
     for item, true in zip(wrong.frames, truth, strict=True):
         # what is left may be off by the largest uncertainty that is let through, 0.03, as an RMS
         assert np.sqrt(np.nanmean((item.reading.order - true) ** 2)) < 0.03
-
-
-MODEL = """\
-[specimen]
-shape = "disc"
-diameter_mm = 2.0
-thickness_mm = 6.0
-fringe_value_n_per_mm = 14.6
-
-[load]
-normal_n = 100.0
-
-[polariscope]
-wavelength_nm = 587.0
-
-[camera]
-pixel_mm = 0.00607
-bit_depth = 8
-
-[frames]
-gamma = "unknown"
-"""
-
-
-def test_where_gamma_cannot_be_found_unknown_is_refused(captured):
-    folder, _ = captured
-    with pytest.raises(InputError, match=r"frames\.gamma = 'unknown'"):
-        processed(folder, MODEL)
 
 
 @pytest.mark.parametrize(

@@ -179,3 +179,11 @@ def test_the_same_frame_over_and_over_is_refused(worn, tmp_path):
     write_tiff(tmp_path / "set.tif", np.repeat(frames[:1], 20, axis=0))
     with pytest.raises(InputError, match="the same light in every step"):
         process(tmp_path / "set.tif", scene)
+
+
+def test_an_unknown_gamma_is_refused_for_steps(tmp_path):
+    # Steps are compared as light: they do not tell the curve from the angles.
+    scene = image_only(stepped()).with_values({"frames.gamma": "unknown"})
+    write_tiff(tmp_path / "set.tif", np.tile(np.arange(40, dtype=np.uint8), (len(STEPS), 40, 1)))
+    with pytest.raises(InputError, match=r"frames\.gamma = 'unknown'"):
+        process(tmp_path / "set.tif", scene)
