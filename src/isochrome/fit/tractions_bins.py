@@ -22,6 +22,9 @@ _DEEP = 8.0
 """Depth over a bin's side from which a bin may be that large."""
 _FLAT = 0.2
 """Largest slope of the order, fringes a bin."""
+_NOISE = 0.012
+"""Noise over the brightest light for which these are made; less of it shows less of a bin's own
+curvature, which grows with the square of its side."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +63,13 @@ def make_bins(data: FrameData, depth_px: Array, slope: Array, *, from_px: float)
     """
     valid = data.valid & (depth_px >= from_px)[:, None]
     rows, cols = (n // _LARGEST * _LARGEST for n in valid.shape)
+    noise = np.median(data.sigma[valid]) / np.percentile(data.light[valid], 99.0)
+    finer = min(1.0, float(np.sqrt(noise / _NOISE)))
     side = np.ones((rows, cols), int)
     for b in (2, 4):
         steep = _squares(slope[:rows, :cols], b).max((-3, -1))
-        deep = depth_px[:rows:b] >= _DEEP * b
-        whole = np.asarray((steep * b < _FLAT) & deep[:, None])
+        deep = depth_px[:rows:b] >= _DEEP / finer * b
+        whole = np.asarray((steep * b < _FLAT * finer) & deep[:, None])
         if b < _LARGEST:  # squares of one side fill whole squares of the largest
             whole = np.asarray(_squares(whole, _LARGEST // b).all((-3, -1)))
             whole = _repeat(whole, _LARGEST // b)

@@ -18,7 +18,7 @@ from isochrome.errors import PhysicsError
 from isochrome.fit.tractions_basis import lattice_px, make_basis, picture_unit
 from isochrome.fit.tractions_smooth import discrepancy_strength, smoothness
 from isochrome.fit.tractions_solve import Problem, solve_tractions
-from isochrome.fit.tractions_stage import Setup, Stage, State, solve_stage, state_bins
+from isochrome.fit.tractions_stage import EDGE_PX, Setup, Stage, State, solve_stage, state_bins
 from isochrome.fit.tractions_start import search_resultants
 
 Array = NDArray[Any]
@@ -26,6 +26,8 @@ Array = NDArray[Any]
 _COARSE = ((128, 32), (64, 16), (32, 8), (16, 4), (8, 4))
 _FINE = ((4, 4), (2, 2))
 """Depth of the shallowest pixels and spacing of the nodes, in units of `picture_unit`."""
+_FINEST_PX = (2, 1)
+"""The same where hats of two pixels do not describe a frame of little noise."""
 
 _DEEP_SHARE = 0.3
 """Share of the depth in view at which the course begins at the deepest."""
@@ -67,6 +69,11 @@ def invert(setup: Setup, starts: list[State]) -> tuple[Stage, list[Stage]]:
             break
     assert best is not None
     stage, begun = best
+    if not stage.shows_fringes():
+        raise PhysicsError(
+            "the frame shows no fringes of tractions on a surface: no light follows them; is it "
+            "loaded, and is the field (dark or bright) the scene's?"
+        )
     return _regularised(setup, stage), begun
 
 
@@ -108,13 +115,15 @@ def _coarse(state: State) -> list[tuple[int, int]]:
 def _course(setup: Setup, state: State) -> Stage:
     """All stages after the first."""
     unit, lattice = picture_unit(state.pixels), lattice_px(state.pixels)
-    fine = [(depth * unit, spacing * unit) for depth, spacing in _FINE]
+    fine = [*((depth * unit, spacing * unit) for depth, spacing in _FINE), _FINEST_PX]
     support, stage = np.ones(len(lattice), bool), None
     for depth, spacing in _coarse(state)[1:] + fine:
         if stage is not None and spacing < 0.5 * state.top_px:
             break  # hats much narrower than their distance to the first row cannot be told apart
-        if stage is not None and (depth, spacing) == fine[0]:
+        if stage is not None and (depth, spacing) in fine:
             support = _supported(stage)
+        if stage is not None and (depth, spacing) == fine[-1] and stage.solution.chi < GOOD_CHI:
+            break
         nodes = lattice[::spacing]
         nodes = nodes[support[nodes - lattice[0]]]
         for _ in range(_MOVES):
@@ -127,7 +136,7 @@ def _course(setup: Setup, state: State) -> Stage:
                 free_top=setup.free_top and depth <= _MOVES_FROM * unit,
             )
             state = stage.state()
-            if abs(stage.moved_px) < (_STILL_PX if depth == fine[-1][0] else 10 * _STILL_PX):
+            if abs(stage.moved_px) < (_STILL_PX if depth <= EDGE_PX * unit else 10 * _STILL_PX):
                 break
     assert stage is not None
     return stage
@@ -165,8 +174,8 @@ def _supported(stage: Stage) -> Array:
             found |= (places >= ends[0]) & (places <= ends[1])
     if not found.any():
         raise PhysicsError(
-            "the frame shows no pressure on the surface that its noise alone would not; is it "
-            "loaded, and is the field (dark or bright) the scene's?"
+            "the frame shows no fringes of a pressure on the surface that its noise alone would "
+            "not; is it loaded, and is the field (dark or bright) the scene's?"
         )
     return found
 

@@ -20,6 +20,9 @@ Array = NDArray[Any]
 EDGE_PX = 2.0
 """Rows nearer to the surface than this are not used: the camera's edge, and what a rim reflects."""
 
+_MOSTLY = 0.95
+"""Share of the bins in which a field's fringes are brighter than the noise of a pixel."""
+
 _TOP_STEP_PX = 0.25
 _TOP_PRIOR_PX = 2.0
 """How far the surface's place is let go in one stage."""
@@ -80,6 +83,13 @@ class Stage:
         pressure, shear = basis.on_lattice(c, pixels)
         place = replace(pixels, top_mm=pixels.top_mm + self.moved_px * pixels.pixel_mm)
         return State(place, pressure, shear, c[first : first + len(basis.modes)])
+
+    def shows_fringes(self) -> bool:
+        """Whether the light that follows the tractions is positive, and more than the noise."""
+        bins, light = self.problem.bins, self.solution.light
+        amplitude = light[: len(bins.illumination)] @ bins.illumination
+        seen = amplitude > bins.sigma * bins.side
+        return float(np.mean(seen)) > _MOSTLY
 
     def covariance(self, *, smooth: bool = True, bound: bool = True) -> Array:
         """Covariance (m, m) of the unknowns, widened by chi.
