@@ -146,6 +146,11 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
             f"chi = {worst:.2f}{where}: the model does not describe these frames within their "
             "noise; the uncertainties are widened by it, but a bias may remain"
         )
+        if not any(unknown.key.startswith("camera.") for unknown in joint.unknowns):
+            found.append(
+                "the contact's place in the picture was held at the scene's; let it be found with "
+                "--per-frame camera.left_mm --per-frame camera.top_mm"
+            )
     for i in joint.lost:
         found.append(f"frame {i}: the scene's fringes are not in it")
     for i, fit in enumerate(alone):
