@@ -1,6 +1,6 @@
 """Fuzzing for as long as wanted; what is found is kept as files, with its traceback.
 
-    python tests/fuzz/run.py --seconds 1800 --out /tmp/findings [--target tiff --target mkv]
+    python tests/fuzz/run.py --seconds 1800 --out findings [--target tiff --target mkv]
 
 Each target runs in processes of its own, at low priority, with 2 GB for what it takes: guided by
 coverage where atheris is installed, else by chance. A crash, more than 10 s or 1 GB for a file, or
