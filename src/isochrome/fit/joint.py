@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import PhysicsError
 from isochrome.fit.frame_data import FrameData
-from isochrome.fit.frame_fit import EDGE_PX, FrameFit, placed, thinning
+from isochrome.fit.frame_fit import FrameFit, placed, thinning
 from isochrome.fit.intensity import UNDETERMINED
 from isochrome.fit.linear import scaled_inverse
 from isochrome.fit.normal import Normal, add_up, clear_region, make_renderer
@@ -25,10 +25,15 @@ Told = Callable[[], None]
 
 _COARSE_PIXELS = 30_000
 _ITERATIONS = 20
+_EDGE_PX = 2.0
+"""Depth above which no pixel is fitted. The contrast that a pixel's area leaves is told from its
+neighbours; above 1.5 pixels one of them leaves the material as the place moves, and chi jumps."""
 _LOOSE, _TIGHT = 0.3, 0.03
 """Last predicted step, in standard uncertainties, of the thinned frames and of the whole ones."""
 _UNSOUND = 1e-6
 """Share of a misfit beyond the noise that the approximate derivatives do not resolve."""
+_ALIKE = 1e-6
+"""Relative difference of two costs that is none: they are sums in single precision."""
 
 
 def _nobody() -> None:
@@ -174,7 +179,7 @@ class Together:
             if gain < tolerance**2 * max(1.0, normal.cost / normal.freedom) + _UNSOUND * beyond:
                 return values + step, normal, True
             trial = at(values + step)
-            if trial is not None and trial.cost < normal.cost:
+            if trial is not None and trial.cost <= normal.cost * (1.0 + _ALIKE):
                 ratio = (normal.cost - trial.cost) / gain
                 values, normal = values + step, trial
                 damping, growth = damping * max(1e-2, 1.0 - (2.0 * ratio - 1.0) ** 3), 2.0
@@ -198,7 +203,7 @@ class Together:
         if stride == 1 and self._clear:
             bits = np.unpackbits(self._clear[index], count=self.shape[0] * self.shape[1])
             return bits.reshape(self.shape).astype(bool)
-        return fit_region(self.first[index], self.shape, stride, EDGE_PX)
+        return fit_region(self.first[index], self.shape, stride, _EDGE_PX)
 
     def result(self, values: Array, normal: Normal, converged: bool) -> JointFit:
         """The fit's statistics, with the scene's own numerics back in it."""

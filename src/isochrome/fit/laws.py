@@ -32,6 +32,8 @@ CLEAR = 5.0
 very strong evidence)."""
 
 _SEGMENTS = 12
+_FAR = 4.0
+"""Logarithms from its start that a running-in is looked for: beyond, its table has no meaning."""
 
 
 @dataclass(frozen=True)
@@ -163,17 +165,17 @@ def _laws(sequence: Sequence, values: Array) -> list[Law]:
 
 def _running_in(ends: Array, own: Array) -> Law:
     """Archard's law with a coefficient that is linear in the distance until it stays."""
-    turn = float(np.exp(np.mean(np.log(ends))))
+    start = np.log([own[-1], 1.0, float(np.exp(np.mean(np.log(ends))))])
 
     def wear(t: Array) -> dict[str, Any]:
-        last, ratio, distance = np.exp(t).tolist()
+        last, ratio, distance = np.exp(np.clip(t, start - _FAR, start + _FAR)).tolist()
         table = {"distance_m": [0.0, distance], "value": [last * ratio, last]}
         return {"wear.law": "archard", WEAR: table}
 
     return Law(
         "running_in",
         (WEAR, "first_over_last", "running_in_distance_m"),
-        np.log([own[-1], 1.0, turn]),
+        start,
         np.array([np.inf, 1.0, 1.0]),
         wear,
     )
