@@ -5,7 +5,7 @@ import pytest
 from pressed import CONTACT, Pressed
 
 from isochrome.fit.tractions_basis import lattice_px, make_basis
-from isochrome.fit.tractions_bins import Bins, bin_contrast, make_bins
+from isochrome.fit.tractions_bins import Bins, bin_averaging, make_bins
 from isochrome.fit.tractions_smooth import discrepancy_strength, smoothness
 from isochrome.fit.tractions_solve import Solution, with_signs
 from isochrome.stress import PixelGrid
@@ -75,7 +75,29 @@ def test_contrast_of_a_bin_is_that_of_the_mean_of_its_light():
     for k, side in enumerate((1, 2, 4)):
         x, z = np.meshgrid(side * fine, side * fine)
         mean = np.cos(2 * np.pi * (0.05 * x + 0.03 * z)).mean()
-        assert bin_contrast(order, bins)[k] == pytest.approx(mean, abs=1e-5)
+        assert bin_averaging(order, bins).contrast[k] == pytest.approx(mean, abs=1e-5)
+
+
+@pytest.mark.parametrize("blur", [0.0, 1.5])
+def test_a_bent_field_shifts_the_order_of_the_mean_light(blur):
+    def field(row, col):
+        return 0.2 + 0.01 * (col - 18.5) - 0.01 * (row - 18.5) + 8e-4 * (col - 18.5) ** 2
+
+    order = field(*np.mgrid[:40, :40].astype(float))
+    bins = bins_at([18.5], [18.5], 1)
+    bins = Bins(np.array([4]), *(getattr(bins, n) for n in list(vars(bins))[1:]))
+    across = 18.5 + 4.0 * ((np.arange(400) + 0.5) / 400 - 0.5)
+    reach = np.linspace(-8.0, 8.0, 161)
+    weight = np.exp(-0.5 * (reach / max(blur, 1e-3)) ** 2)
+    col, offset = np.meshgrid(across, reach)
+    row = 18.5 + 4.0 * ((np.arange(40) + 0.5) / 40 - 0.5)
+    light = [
+        np.sum(weight[:, None] * np.exp(2j * np.pi * field(one, col + offset))) for one in row
+    ]
+    mean = np.angle(np.sum(light)) / (2.0 * np.pi)
+    shift = bin_averaging(order, bins, blur).shift[0]
+    # the next order is (2 pi g s)² of the shift, one or two per cent
+    assert shift == pytest.approx(mean - 0.2, rel=0.03)
 
 
 def test_least_squares_with_signs_meets_its_conditions():

@@ -2,7 +2,7 @@
 
 Below a surface a stress field is smooth over a fraction of the depth, so that deep pixels may be
 averaged by four or sixteen, where no fringe is lost by it, and only those near the surface stand
-for themselves. What averaging takes from the fringes' contrast is known: see `bin_contrast`.
+for themselves. What averaging makes of the fringes is known: see `bin_averaging`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ _DEEP = 8.0
 """Depth over a bin's side from which a bin may be that large."""
 _FLAT = 0.2
 """Largest slope of the order, fringes a bin."""
+_LARGEST_SHIFT = 0.02
+"""Largest shift of the order that is believed, fringes: at N = 0 its Laplacian has a pole."""
 _NOISE = 0.012
 """Noise over the brightest light for which these are made; less of it shows less of a bin's own
 curvature, which grows with the square of its side."""
@@ -115,15 +117,27 @@ def _join(parts: list[Bins]) -> Bins:
     )
 
 
-def bin_contrast(order: Array, bins: Bins, blur_px: float = 0.0) -> Array:
-    """What a bin's area, and the camera's blur, leave of the fringes' contrast.
+@dataclass(frozen=True)
+class Averaging:
+    """What is left of the fringes in a bin's mean light: `contrast`, and `shift` of the order."""
 
-    Equation: sinc(b g_x) sinc(b g_z) exp(-2 (pi s)² (g_x² + g_z²)), the mean of cos 2 pi N over a
-    square of side b and a Gaussian of width s, in which N has the slopes g.
-    Parameters: `order` N (rows, cols) at every pixel; `bins`; `blur_px` s. Returns V (n,).
+    contrast: Array
+    shift: Array
+
+
+def bin_averaging(order: Array, bins: Bins, blur_px: float = 0.0) -> Averaging:
+    """What a bin's area, and the camera's blur, make of the fringes.
+
+    Equation: the mean of cos 2 pi N over a square of side b and a Gaussian of width s, in which N
+    has slopes g and the Laplacian L, is that of N + (b²/24 + s²/2) L, times
+    sinc(b g_x) sinc(b g_z) exp(-2 (pi s)² (g_x² + g_z²)).
+    Parameters: `order` N (rows, cols) at every pixel; `bins`; `blur_px` s. Returns an Averaging.
     """
     row, col = bins.row.astype(int), bins.col.astype(int)
-    down, across = (slope[row, col] for slope in np.gradient(order))
+    slopes = np.gradient(order)
+    down, across = (slope[row, col] for slope in slopes)
     area = np.sinc(bins.side * down) * np.sinc(bins.side * across)
     blur = np.exp(-2.0 * (np.pi * blur_px) ** 2 * (down**2 + across**2))
-    return np.asarray(area * blur)
+    bent = sum(np.gradient(slope, axis=k)[row, col] for k, slope in enumerate(slopes))
+    shift = (np.square(bins.side) / 24.0 + 0.5 * blur_px**2) * bent
+    return Averaging(area * blur, np.clip(shift, -_LARGEST_SHIFT, _LARGEST_SHIFT))

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.fit.tractions_basis import Basis, lattice_px
-from isochrome.fit.tractions_bins import Bins, bin_contrast
+from isochrome.fit.tractions_bins import Averaging, Bins, bin_averaging
 from isochrome.optics import Chain, polariscope_signal
 from isochrome.stress import (
     FieldGrid,
@@ -118,10 +118,11 @@ def solve_tractions(
     Returns a Solution.
     """
     c, damping = start, 1e-3
-    contrast = _contrast(problem, basis, c) if fine else np.ones(len(problem.bins.light))
-    here = _evaluate(problem, basis, c, contrast)
+    nothing = np.zeros(len(problem.bins.light))
+    averaging = _averaging(problem, basis, c) if fine else Averaging(nothing + 1.0, nothing)
+    here = _evaluate(problem, basis, c, averaging)
     done, converged = 0, False
-    gram, slope = linearise(problem, basis, here, contrast)
+    gram, slope = linearise(problem, basis, here, averaging)
     if weak:
         smooth = smooth * (_WEAK * np.trace(gram) / max(np.trace(smooth), 1e-300))
     smooth = smooth.copy()
@@ -129,11 +130,13 @@ def solve_tractions(
     while done < steps and not converged:
         done += 1
         value = here.misfit + float(c @ smooth @ c)
-        c, gain, damping = _step(problem, basis, smooth, c, value, (gram, slope), contrast, damping)
+        c, gain, damping = _step(
+            problem, basis, smooth, c, value, (gram, slope), averaging, damping
+        )
         converged = bool(gain < (0.5 if precise else 1e-3 * value))
-        contrast = _contrast(problem, basis, c) if fine else contrast
-        here = _evaluate(problem, basis, c, contrast)
-        gram, slope = linearise(problem, basis, here, contrast)
+        averaging = _averaging(problem, basis, c) if fine else averaging
+        here = _evaluate(problem, basis, c, averaging)
+        gram, slope = linearise(problem, basis, here, averaging)
     return Solution(c, here.misfit, smooth, gram, slope, here.residual, here.light, done, converged)
 
 
@@ -144,7 +147,7 @@ def _step(
     c: Array,
     value: float,
     linear: tuple[Array, Array],
-    contrast: Array,
+    averaging: Averaging,
     damping: float,
 ) -> tuple[Array, float, float]:
     """One step, damped until it does not rise: new unknowns, what they gain, the next damping."""
@@ -154,7 +157,7 @@ def _step(
         extra = damping * np.diag(matrix)
         right = gram @ c + slope + extra * c
         new = with_signs(matrix + np.diag(extra), right, basis.signed)
-        there = _evaluate(problem, basis, new, contrast).misfit + float(new @ smooth @ new)
+        there = _evaluate(problem, basis, new, averaging).misfit + float(new @ smooth @ new)
         if there <= value * (1.0 + 1e-12):
             return new, value - there, 0.2 * damping
         damping *= 8.0
@@ -182,13 +185,15 @@ def with_signs(matrix: Array, right: Array, signed: int) -> Array:
     return np.r_[bound, back[:, -1] - back[:, :-1] @ bound]
 
 
-def linearise(problem: Problem, basis: Basis, here: _Point, contrast: Array) -> tuple[Array, Array]:
+def linearise(
+    problem: Problem, basis: Basis, here: _Point, averaging: Averaging
+) -> tuple[Array, Array]:
     """J^T J and J^T r at a point, the light's coefficients eliminated."""
     bins = problem.bins
     along = _amplitude(problem, here.light) / bins.sigma
     real, imag = (
         (along * d).astype(np.float32)[:, None]
-        for d in _signal_slopes(problem, here.field, contrast)
+        for d in _signal_slopes(problem, here.field, averaging)
     )
     m = basis.columns.shape[1]
     gram, slope, mixed = np.zeros((m, m)), np.zeros(m), np.zeros((len(here.columns), m))
@@ -203,10 +208,10 @@ def linearise(problem: Problem, basis: Basis, here: _Point, contrast: Array) -> 
     return gram, slope
 
 
-def _evaluate(problem: Problem, basis: Basis, c: Array, contrast: Array) -> _Point:
+def _evaluate(problem: Problem, basis: Basis, c: Array, averaging: Averaging) -> _Point:
     field = basis.columns @ c.astype(np.complex64)
     bins = problem.bins
-    signal = _signal(problem, field, contrast)
+    signal = _signal(problem, field, averaging)
     columns = np.concatenate([bins.illumination * signal, bins.background]) / bins.sigma
     data = bins.light / bins.sigma
     light = np.linalg.solve(columns @ columns.T, columns @ data)
@@ -219,20 +224,20 @@ def _amplitude(problem: Problem, light: Array) -> Array:
     return light[: len(bins.illumination)] @ bins.illumination
 
 
-def _signal(problem: Problem, field: Array, contrast: Array) -> Array:
+def _signal(problem: Problem, field: Array, averaging: Averaging) -> Array:
     """The polariscope's signal S of a stress difference."""
-    order = np.abs(field).astype(float) * problem.optics.order_per_mpa
+    order = np.abs(field).astype(float) * problem.optics.order_per_mpa + averaging.shift
     chain = problem.optics.chain
     direction = None if chain.ideal else principal_direction(field)
-    return polariscope_signal(order, chain, direction=direction, visibility=contrast)
+    return polariscope_signal(order, chain, direction=direction, visibility=averaging.contrast)
 
 
-def _signal_slopes(problem: Problem, field: Array, contrast: Array) -> tuple[Array, Array]:
+def _signal_slopes(problem: Problem, field: Array, averaging: Averaging) -> tuple[Array, Array]:
     """dS/d(Re D) and dS/d(Im D), by central differences of a thousandth of a fringe."""
     small = 1e-3 / problem.optics.order_per_mpa
     field = field.astype(complex)
     pairs = (
-        (_signal(problem, field + step, contrast), _signal(problem, field - step, contrast))
+        (_signal(problem, field + step, averaging), _signal(problem, field - step, averaging))
         for step in (small, 1j * small)
     )
     real, imag = ((ahead - behind) / (2.0 * small) for ahead, behind in pairs)
@@ -254,6 +259,6 @@ def field_grid(pixels: PixelGrid) -> FieldGrid:
     return make_field_grid(pixels, left_mm=left, spacing_mm=pixels.pixel_mm, nodes=len(places))
 
 
-def _contrast(problem: Problem, basis: Basis, c: Array) -> Array:
+def _averaging(problem: Problem, basis: Basis, c: Array) -> Averaging:
     order = np.abs(pixel_field(problem.pixels, basis, c)) * problem.optics.order_per_mpa
-    return bin_contrast(order, problem.bins, problem.optics.blur_px)
+    return bin_averaging(order, problem.bins, problem.optics.blur_px)
