@@ -87,6 +87,7 @@ def keep(bench: Bench, index: int, results: Results) -> Kept:
         "failed": kept.failed,
         "rows": [_plain(row) for row in results.rows],
         "more": [_plain(more) for more in results.more],
+        "left": results.left,
     }
     text = json.dumps(body).encode()
     write_through(bench.record_file(index), b"%08x\n" % zlib.crc32(text), text)

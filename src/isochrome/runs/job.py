@@ -34,8 +34,9 @@ class Layout:
     """What a run leaves: `axes` over its items and `shape` of each, both by the name of the axis.
 
     `layers`, the pictures; `chunk`, how many items are computed and kept together (1 where there
-    are several axes); `pixel_mm`, the scale of the TIFF stacks, None where it is not known. It
-    depends on the input alone, not on the machine: so do the files.
+    are several axes); `pixel_mm`, the scale of the TIFF stacks, None where it is not known;
+    `store`, whether run.zarr is left (it is where there are layers); `part_bytes`, of the parts of
+    files that an item gives. It depends on the input alone, not on the machine: so do the files.
     """
 
     axes: Mapping[str, int]
@@ -43,6 +44,8 @@ class Layout:
     layers: tuple[Layer, ...]
     chunk: int
     pixel_mm: float | None = None
+    store: bool = True
+    part_bytes: int = 0
 
     @property
     def count(self) -> int:
@@ -77,26 +80,35 @@ class Results:
 
     `arrays`, by layer, (items, ...); `rows`, a row of the run's table for each item; `more`, what
     else is known of each item, among it its `status`: 'ok', 'flagged' (it has warnings) or 'failed'
-    (nothing was found in it); `parts`, the chunk's part of files that all chunks make together.
+    (nothing was found in it); `parts`, the chunk's part of files that all chunks make together;
+    `left`, what the next chunk begins with where they are computed in turn, for JSON.
     """
 
     arrays: Mapping[str, NDArray[Any]]
     rows: list[dict[str, Any]]
     more: list[dict[str, Any]]
     parts: Mapping[str, bytes] = field(default_factory=dict)
+    left: Mapping[str, Any] | None = None
 
 
 Work = Callable[[int, int], Results]
 """Compute items [start, stop): the same results wherever and whenever it is called; picklable."""
 
+InTurn = Callable[[int, int, Any], Results]
+"""The same from what the chunk before has left, None for the first."""
+
 
 @dataclass(frozen=True)
 class Job:
-    """A long run: `work`, what it leaves (`layout`), and `identity`, what it is a result of."""
+    """A long run: `work`, what it leaves (`layout`), and `identity`, what it is a result of.
 
-    work: Work
+    `in_turn`, whether each chunk needs what the one before has left: then one process computes all.
+    """
+
+    work: Work | InTurn
     layout: Layout
     identity: Mapping[str, Any]
+    in_turn: bool = False
 
 
 def chunk_size(count: int, item_bytes: int) -> int:

@@ -14,6 +14,7 @@ from isochrome.errors import InputError, IsochromeError
 from isochrome.output import write_json
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs.chunks import Bench, Kept, check_chunk
+from isochrome.runs.in_turn import one_by_one
 from isochrome.runs.job import Job
 from isochrome.runs.lock import locked
 from isochrome.runs.workers import (
@@ -86,10 +87,15 @@ def run_job(
     means = means or Means()
     if means.workers is not None and means.workers < 1:
         raise InputError(f"--workers {means.workers}: give 1 or more")
+    if job.in_turn and (means.cluster is not None or (means.workers or 1) > 1):
+        raise InputError(
+            "--workers, --cluster: each frame is looked for from the one before, which only one "
+            "process can do; leave them out"
+        )
     target = Path(out).resolve()
     root = working_folder(Path(out))
     with locked(root):
-        if not means.restart and is_complete(target, job.identity):
+        if not means.restart and is_complete(target, job):
             wipe(root)
             return None
         with _saying(root, job) as state:
@@ -198,21 +204,22 @@ def _finished(job: Job, bench: Bench, todo: list[int], means: Means) -> Generato
     """The chunks as they are finished, by whoever computes them."""
     if not todo:
         return
+    work = one_by_one(job, bench)
     if means.cluster is not None:
-        yield from by_cluster(job.work, bench, todo, means.cluster)
+        yield from by_cluster(work, bench, todo, means.cluster)
         return
-    workers = means.workers
+    workers = 1 if job.in_turn else means.workers
     if workers is None:
         start = time.perf_counter()
-        yield from alone(job.work, bench, todo[:1])
+        yield from alone(work, bench, todo[:1])
         todo = todo[1:]
         left = (time.perf_counter() - start) * len(todo)
         workers = processors() if left > _WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
-        yield from by_processes(job.work, bench, todo, workers)
+        yield from by_processes(work, bench, todo, workers)
     else:
-        yield from alone(job.work, bench, todo)
+        yield from alone(work, bench, todo)
 
 
 def _leave_record(bench: Bench, job: Job) -> None:

@@ -12,7 +12,6 @@ import os
 import secrets
 import shutil
 import zlib
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -43,17 +42,17 @@ def working_folder(out: Path) -> Path:
     return target.with_name(f"{target.name}.partial")
 
 
-def is_complete(target: Path, identity: Mapping[str, Any]) -> bool:
-    """Whether a folder holds all results of a run of this identity, as its record names them."""
+def is_complete(target: Path, job: Job) -> bool:
+    """Whether a folder holds all results of a job, as its record names them."""
     try:
         record = json.loads((target / PROVENANCE).read_text("utf-8"))
         outputs = record.get("outputs")
-        if not outputs or difference(record, identity) is not None:
+        if not outputs or difference(record, job.identity) is not None:
             return False
         sizes = [(target / name).stat().st_size == size for name, size in outputs.items()]
     except (OSError, ValueError, AttributeError):
         return False
-    return all(sizes) and (target / STORE / "zarr.json").is_file()
+    return all(sizes) and (not job.layout.store or (target / STORE / "zarr.json").is_file())
 
 
 def open_bench(root: Path, job: Job, *, restart: bool) -> Bench:
@@ -119,11 +118,13 @@ def _new(root: Path, job: Job) -> Bench:
     check_room(root, layout, layout.count)
     results.mkdir()
     (root / _RECORDS).mkdir()
-    create_store(results / STORE, layout)
-    shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
-    shape = _stack_shape(layout)
+    if layout.store:
+        create_store(results / STORE, layout)
+        shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
     stacks = {
-        layer.name: make_canvas(results / f"{layer.name}.tif", shape, layout.pixel_mm)
+        layer.name: make_canvas(
+            results / f"{layer.name}.tif", _stack_shape(layout), layout.pixel_mm
+        )
         for layer in layout.layers
         if layer.stack
     }
@@ -135,9 +136,8 @@ def _new(root: Path, job: Job) -> Bench:
 
 
 def _reopened(root: Path, results: Path, layout: Layout) -> Bench:
-    shape = _stack_shape(layout)
     stacks = {
-        layer.name: open_canvas(results / f"{layer.name}.tif", shape)
+        layer.name: open_canvas(results / f"{layer.name}.tif", _stack_shape(layout))
         for layer in layout.layers
         if layer.stack
     }
@@ -156,7 +156,8 @@ def clear_up(bench: Bench) -> None:
     layers = {layer.name for layer in bench.layout.layers}
     store = bench.results / STORE
     keep = {STORE} | {f"{name}.tif" for name in bench.stacks}
-    for entry in [*bench.results.iterdir(), *store.iterdir()]:
+    inside = store.iterdir() if bench.layout.store else ()
+    for entry in [*bench.results.iterdir(), *inside]:
         known = layers | {"zarr.json"} if entry.parent == store else keep
         if entry.name in known:
             continue
@@ -167,7 +168,8 @@ def clear_up(bench: Bench) -> None:
     for folder in (*(store / name for name in layers), bench.records):
         for file in folder.rglob(".*.part"):
             file.unlink()
-    shutil.copyfile(bench.records.parent / _GROUP, store / "zarr.json")
+    if bench.layout.store:
+        shutil.copyfile(bench.records.parent / _GROUP, store / "zarr.json")
 
 
 def check_room(root: Path, layout: Layout, items: int) -> None:
@@ -177,6 +179,7 @@ def check_room(root: Path, layout: Layout, items: int) -> None:
     """
     copies = sum(2 if layer.stack else 1 for layer in layout.layers)
     needed = 4 * items * copies * math.prod(layout.shape.values())
+    needed += (items + layout.count) * layout.part_bytes  # as parts, and put together
     free = shutil.disk_usage(root).free
     if needed > free:
         raise InputError(
