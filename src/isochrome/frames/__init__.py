@@ -18,6 +18,7 @@ from isochrome.frames.opening import (
     with_file_scale,
 )
 from isochrome.frames.reader import CHANNELS, Channel, Frame, FrameReader, FramesPath
+from isochrome.frames.recordings import one_recording, recordings_of
 
 __all__ = [
     "CHANNELS",
@@ -39,9 +40,11 @@ __all__ = [
     "load_mask",
     "load_no_load",
     "normalise",
+    "one_recording",
     "open_frames",
     "open_no_load_steps",
     "open_scene_frames",
+    "recordings_of",
     "to_linear",
     "with_file_scale",
 ]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,6 +43,20 @@ def open_tiff(path: Path) -> Source:
         pixel_mm=layout.pixel_mm,
         start_s=layout.start_s,
     )
+
+
+def holds_several(path: Path) -> bool:
+    """Whether a TIFF holds more than one frame; its pages are not counted for it.
+
+    Parameters: `path`. Raises InputError where it does not tell.
+    """
+    Stamp.of(path)
+    with refusing(path, "not a readable TIFF"), _opened(path) as tif:
+        with suppress(IndexError):
+            second: Any = tif.pages[1]
+            if not second.is_reduced:  # a thumbnail
+                return True
+        return layout_of(tif, path).count > 1
 
 
 def read_single(path: Path, *, inverted_too: bool = False) -> np.ndarray:

@@ -28,6 +28,10 @@ class WorkersLost(InputError):
     """Worker processes died under their work: what they have finished is kept."""
 
 
+class NoCluster(InputError):
+    """The Dask cluster cannot be had, whatever is to be computed on it."""
+
+
 def alone(work: Work, bench: Bench, chunks: Sequence[int]) -> Generator[Finished]:
     """Compute chunk after chunk here, while the one before is written to the disk.
 
@@ -58,18 +62,33 @@ def by_processes(
     does. Parameters: as `alone`; `workers`, how many. Yields in the order of completion. Raises
     WorkersLost where a worker was killed.
     """
+    # the task once for each worker: it may know the places of all frames
+    with worker_pool(workers, _take_task, (work, bench)) as pool:
+        yield from in_flight(
+            lambda index: pool.submit(_alone_in_worker, index), chunks, 2 * workers
+        )
+
+
+@contextmanager
+def worker_pool(
+    workers: int, begin: Callable[..., None], arguments: tuple[Any, ...]
+) -> Iterator[futures.ProcessPoolExecutor]:
+    """Worker processes, spawned, that ignore the keyboard and end when this process does.
+
+    Left by an exception, the block ends them at once, whatever they are at. Parameters: `workers`,
+    how many; `begin`, called with `arguments` in each before its first work. Yields the executor.
+    Raises WorkersLost where one of them was killed.
+    """
     before = set(multiprocessing.active_children())
     pool = futures.ProcessPoolExecutor(
         workers,
         multiprocessing.get_context("spawn"),
         initializer=_start_worker,
-        initargs=(work, bench),  # once for each worker: it may know the places of all frames
+        initargs=(begin, arguments),
     )
     finished = False
     try:
-        yield from _in_flight(
-            lambda index: pool.submit(_alone_in_worker, index), chunks, 2 * workers
-        )
+        yield pool
         finished = True
     except futures.process.BrokenProcessPool as error:
         raise WorkersLost(
@@ -98,7 +117,7 @@ def by_cluster(
         everywhere = client.scatter(work, broadcast=True)
         ahead = 2 * max(1, sum(client.nthreads().values()))
         expected = environment()
-        sent = _in_flight(
+        sent = in_flight(
             lambda index: executor.submit(
                 _elsewhere, everywhere, bench.layout.span(index), expected
             ),
@@ -119,12 +138,16 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
-def _in_flight(
-    submit: Callable[[int], futures.Future[T]], chunks: Sequence[int], ahead: int
+def in_flight(
+    submit: Callable[[int], futures.Future[T]], items: Sequence[int], ahead: int
 ) -> Iterator[tuple[int, T]]:
-    """Keep `ahead` chunks submitted, so that memory does not grow with their number."""
+    """Keep `ahead` of the items submitted, so that memory does not grow with their number.
+
+    Parameters: `submit` of one; `items`, their indices; `ahead`. Yields each index with its result
+    in the order of completion.
+    """
     waiting: dict[futures.Future[T], int] = {}
-    todo = iter(chunks)
+    todo = iter(items)
     while True:
         for index in todo:
             waiting[submit(index)] = index
@@ -141,10 +164,14 @@ _TASK: list[tuple[Work, Bench]] = []
 """What a worker process was started for."""
 
 
-def _start_worker(work: Work, bench: Bench) -> None:
-    _TASK[:] = [(work, bench)]
+def _start_worker(begin: Callable[..., None], arguments: tuple[Any, ...]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    begin(*arguments)
+
+
+def _take_task(work: Work, bench: Bench) -> None:
+    _TASK[:] = [(work, bench)]
 
 
 def _end_with_parent() -> None:
@@ -176,21 +203,21 @@ def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> R
 
 @contextmanager
 def _client(address: str) -> Iterator[Any]:
-    """A Dask client. Raises InputError where it is not installed, or nobody answers."""
+    """A Dask client. Raises NoCluster where it is not installed, or nobody answers."""
     try:
         from distributed import Client
     except ImportError as error:
-        raise InputError(
+        raise NoCluster(
             "--cluster needs the package distributed, which is not installed; run "
             "'pip install isochrome[cluster]'"
         ) from error
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(
+        raise NoCluster(
             f"--cluster {address}: no Dask scheduler answers there ({error}); see that it runs"
         ) from error
     with client:
         if not client.nthreads():
-            raise InputError(f"--cluster {address}: the cluster has no worker; start some")
+            raise NoCluster(f"--cluster {address}: the cluster has no worker; start some")
         yield client
