@@ -30,7 +30,8 @@ def truth(item):
 class Count:
     """Work: it notes each call in a folder; it fails at an item, or waits, where it is told to.
 
-    `seconds` of each item; `fail_at`, an item at which `failure` is raised while `switch` is there.
+    `seconds` of each item; `fail_at`, an item at which `failure` is raised while `switch` is there;
+    `every`, of how many items the first has a picture.
     """
 
     notes: Path
@@ -38,6 +39,7 @@ class Count:
     fail_at: int | None = None
     failure: type[BaseException] = KeyboardInterrupt
     switch: Path | None = None
+    every: int = 1
 
     def __call__(self, start, stop):
         with open(self.notes / f"{os.getpid()}.txt", "a", encoding="utf-8") as file:
@@ -50,7 +52,7 @@ class Count:
                 raise self.failure(f"item {item} is bad")
         items = range(start, stop)
         return Results(
-            {"order": np.stack([truth(i) for i in items])},
+            {"order": np.stack([truth(i) for i in items if i % self.every == 0])},
             [{"frame": i, "third": i / 3, "even": None if i % 2 else i} for i in items],
             [{"status": "flagged" if i % 10 == 3 else "ok"} for i in items],
             {"lines.txt": "".join(f"{i}\n" for i in items if i % 2).encode()},
@@ -60,9 +62,9 @@ class Count:
 def job(work, count=10, chunk=3, identity=IDENTITY):
     """A job of `count` items."""
     layers = (Layer("order", "1", "fringe order"),)
-    return Job(
-        work, Layout({"frame": count}, {"row": ROWS, "col": COLS}, layers, chunk, 0.01), identity
-    )
+    shape = {"row": ROWS, "col": COLS}
+    layout = Layout({"frame": count}, shape, layers, chunk, 0.01, every=work.every)
+    return Job(work, layout, identity)
 
 
 def finish(bench):

@@ -59,6 +59,38 @@ def test_results_are_those_of_the_items_in_order(count, tmp_path):
     assert not (tmp_path / "out.partial").exists()
 
 
+@pytest.mark.parametrize(("count_of", "chunk"), [(10, 4), (9, 2), (3, 8)])
+def test_pictures_of_some_items_have_an_axis_of_their_own(notes, tmp_path, count_of, chunk):
+    found = run_job(job(Count(notes, every=2), count_of, chunk), tmp_path / "out", finish)
+    assert [row["frame"] for row in found] == list(range(count_of))
+    pictures = np.stack([truth(i) for i in range(0, count_of, 2)])
+    with open_run(tmp_path / "out") as dataset:
+        assert dataset.order.dims == ("key_frame", "row", "col")
+        np.testing.assert_array_equal(dataset.order.values, pictures)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "out" / "order.tif"), pictures)
+
+
+def test_pictures_of_some_items_are_looked_at_when_a_run_goes_on(notes, tmp_path):
+    whole = job(Count(notes, every=2), 10, 4)
+    run_job(whole, tmp_path / "whole", finish)
+    switch = tmp_path / "switch"
+    switch.touch()
+    work = Count(notes, every=2, fail_at=9, switch=switch)
+    with pytest.raises(Stopped, match="8 of 10"):
+        run_job(job(work, 10, 4), tmp_path / "out", finish)
+    switch.unlink()
+    (stack,) = (tmp_path / "out.partial").glob("results-*/order.tif")
+    data = bytearray(stack.read_bytes())
+    at = data.find(truth(6).tobytes())  # the second picture of the second chunk
+    data[at] ^= 1
+    stack.write_bytes(data)
+    for note in notes.iterdir():
+        note.unlink()
+    run_job(job(Count(notes, every=2), 10, 4), tmp_path / "out", finish)
+    assert calls(notes) == [4, 8]
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
 def test_a_stopped_run_goes_on_and_ends_with_the_same_bytes(undisturbed, count, tmp_path):
     stopped(tmp_path, count)
     assert not (tmp_path / "out").exists()

@@ -64,16 +64,17 @@ def keep(bench: Bench, index: int, results: Results) -> Kept:
     Raises OSError; then the chunk is not finished.
     """
     start, stop = bench.layout.span(index)
+    first, end = bench.layout.pictures(start, stop)
     sums: dict[str, list[int]] = {}
     for layer in bench.layout.layers:
         values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
-        assert values.shape == (stop - start, *bench.layout.shape.values()), layer.name
+        assert values.shape == (end - first, *bench.layout.shape.values()), layer.name
         data = values.data.cast("B")
         rest = int(np.prod(bench.layout.chunk_shape)) - values.size
         padding = np.full(rest, np.nan, dtype="<f4").tobytes()
         write_through(bench.chunk_file(layer.name, index), data, padding)
         if layer.name in bench.stacks:
-            bench.stacks[layer.name].write(start, data)
+            bench.stacks[layer.name].write(first, data)
         sums[layer.name] = [zlib.crc32(data)]
         sums[layer.name].append(zlib.crc32(padding, sums[layer.name][0]))
     for name, part in results.parts.items():
@@ -116,12 +117,13 @@ def check_chunk(bench: Bench, index: int) -> Kept | None:
     if record is None:
         return None
     start, stop = bench.layout.span(index)
+    first, end = bench.layout.pictures(start, stop)
     try:
         for name, (short, long) in record["layers"].items():
             if zlib.crc32(bench.chunk_file(name, index).read_bytes()) != long:
                 return None
             stack = bench.stacks.get(name)
-            if stack is not None and zlib.crc32(stack.read(start, stop - start)) != short:
+            if stack is not None and zlib.crc32(stack.read(first, end - first)) != short:
                 return None
         for name, checksum in record["parts"].items():
             if zlib.crc32(bench.part_file(name, index).read_bytes()) != checksum:
@@ -148,11 +150,13 @@ def parts(bench: Bench, name: str) -> Iterator[bytes]:
 
 
 def picture(bench: Bench, layer: str, item: int) -> np.ndarray:
-    """A layer's picture of one item, from the store's chunk."""
+    """A layer's picture of one item that has one, from the store's chunk."""
     index, inside = divmod(item, bench.layout.chunk)
+    each, rest = divmod(inside, bench.layout.every)
+    assert rest == 0, f"item {item} has no picture"
     flat = np.memmap(bench.chunk_file(layer, index), dtype="<f4", mode="r")
-    shape = (bench.layout.chunk, *bench.layout.shape.values())
-    return np.array(flat.reshape(shape)[inside])
+    shape = (bench.layout.chunk // bench.layout.every, *bench.layout.shape.values())
+    return np.array(flat.reshape(shape)[each])
 
 
 def write_through(path: Path, *data: bytes | memoryview) -> None:

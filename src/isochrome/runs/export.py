@@ -98,7 +98,10 @@ def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
 def _to_csv(dataset: xarray.Dataset, path: Path) -> Path:
     names = [*sorted(dataset.coords, key=str), *sorted(dataset.data_vars, key=str)]
     flat = [name for name in names if not set(_PICTURE) & set(dataset[name].dims)]
-    axes = [axis for axis in dataset.sizes if axis not in _PICTURE]
+    # of a tracked video the pictures have an axis of their own, which says nothing of its frames
+    own_axes = set().union(*(dataset[name].dims for name in flat if name in dataset.data_vars))
+    axes = [axis for axis in dataset.sizes if axis in own_axes]
+    flat = [name for name in flat if set(dataset[name].dims) <= own_axes]
     shape = tuple(dataset.sizes[axis] for axis in axes)
     columns: dict[str, Any] = {}
     for name in [*axes, *(name for name in flat if name not in axes)]:
@@ -126,7 +129,8 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
     keys: dict[str, Any] = {"photometric": "minisblack", "metadata": None}
     scale = _scale(dataset)
     if imagej:
-        keys["metadata"] = {"axes": "TYX", "Labels": _labels(dataset, array), **_interval(dataset)}
+        keys["metadata"] = {"axes": "TYX", "Labels": _labels(dataset, array)}
+        keys["metadata"] |= _interval(dataset, array)
         keys["metadata"] |= {"unit": "mm"} if scale else {}
     if scale:
         per_unit = 1 / scale if imagej else 10 / scale
@@ -155,8 +159,9 @@ def _scale(dataset: xarray.Dataset) -> float | None:
 
 def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
     """What ImageJ shows above each slice."""
-    if "label" in dataset.coords and array.dims[:-2] == dataset.label.dims:
-        return [str(text) for text in dataset.label.values]
+    labels = _of_pictures(dataset, "label", array)
+    if labels is not None:
+        return [str(text) for text in labels]
     axes = array.dims[:-2]
     values = [dataset[axis].values if axis in dataset.coords else None for axis in axes]
     places = product(*(range(size) for size in array.shape[:-2]))
@@ -169,11 +174,23 @@ def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
     ]
 
 
-def _interval(dataset: xarray.Dataset) -> dict[str, Any]:
-    """The time between frames, where it is known and even to a thousandth."""
-    if "time_s" not in dataset.coords or dataset.time_s.size < 2:
+def _of_pictures(dataset: xarray.Dataset, name: str, array: xarray.DataArray) -> Any:
+    """A coordinate's values, one for each picture of an array; None where it has none of them."""
+    if name not in dataset.coords or dataset[name].ndim != 1 or array.ndim != 3:
+        return None
+    (own,), axis = dataset[name].dims, array.dims[0]
+    values = dataset[name].values
+    if axis == f"key_{own}":  # pictures of some of the frames
+        return values[dataset[axis].values]
+    return values if axis == own else None
+
+
+def _interval(dataset: xarray.Dataset, array: xarray.DataArray) -> dict[str, Any]:
+    """The time between pictures, where it is known and even to a thousandth."""
+    times = _of_pictures(dataset, "time_s", array)
+    if times is None or times.size < 2:
         return {}
-    steps = np.diff(dataset.time_s.values)
+    steps = np.diff(times)
     if not np.isfinite(steps).all() or np.ptp(steps) > 1e-3 * abs(steps.mean()):
         return {}
     return {"finterval": float(steps.mean()), "tunit": "s"}

@@ -36,7 +36,9 @@ class Layout:
     `layers`, the pictures; `chunk`, how many items are computed and kept together (1 where there
     are several axes); `pixel_mm`, the scale of the TIFF stacks, None where it is not known;
     `store`, whether run.zarr is left (it is where there are layers); `part_bytes`, of the parts of
-    files that an item gives. It depends on the input alone, not on the machine: so do the files.
+    files that an item gives; `every`: of so many items, only the first has pictures, which then lie
+    on an axis of their own (one axis over the items, `chunk` a multiple of `every`). It depends on
+    the input alone, not on the machine: so do the files.
     """
 
     axes: Mapping[str, int]
@@ -46,6 +48,7 @@ class Layout:
     pixel_mm: float | None = None
     store: bool = True
     part_bytes: int = 0
+    every: int = 1
 
     @property
     def count(self) -> int:
@@ -62,14 +65,26 @@ class Layout:
         return index * self.chunk, min((index + 1) * self.chunk, self.count)
 
     @property
+    def picture_axes(self) -> Mapping[str, int]:
+        """The axes over the pictures: those over the items, or `key_` and the one of them."""
+        if self.every == 1:
+            return self.axes
+        ((name, count),) = self.axes.items()
+        return {f"key_{name}": -(-count // self.every)}
+
+    def pictures(self, start: int, stop: int) -> tuple[int, int]:
+        """First picture of the items [start, stop), and the one after its last."""
+        return -(-start // self.every), -(-stop // self.every)
+
+    @property
     def chunk_shape(self) -> tuple[int, ...]:
-        """Shape of a layer's chunk, the axes over the items first."""
-        ahead = (1,) * (len(self.axes) - 1) + (self.chunk,)
+        """Shape of a layer's chunk, the axes over the pictures first."""
+        ahead = (1,) * (len(self.axes) - 1) + (self.chunk // self.every,)
         return (*ahead, *self.shape.values())
 
     def key(self, index: int) -> str:
         """Where the zarr format (version 3) puts a chunk, below the folder of its array."""
-        counts = tuple(self.axes.values())
+        counts = tuple(self.axes.values())  # of several axes, each item has its chunk
         place = (index,) if len(counts) == 1 else np.unravel_index(index, counts)
         return "/".join(["c", *(str(int(k)) for k in place), *("0" for _ in self.shape)])
 
@@ -78,9 +93,10 @@ class Layout:
 class Results:
     """What a chunk's computation gives.
 
-    `arrays`, by layer, (items, ...); `rows`, a row of the run's table for each item; `more`, what
-    else is known of each item, among it its `status`: 'ok', 'flagged' (it has warnings) or 'failed'
-    (nothing was found in it); `parts`, the chunk's part of files that all chunks make together;
+    `arrays`, by layer, (pictures, ...), a picture for each item but where the layout says `every`;
+    `rows`, a row of the run's table for each item; `more`, what else is known of each item, among
+    it its `status`: 'ok', 'flagged' (it has warnings) or 'failed' (nothing was found in it);
+    `parts`, the chunk's part of files that all chunks make together;
     `left`, what the next chunk begins with where they are computed in turn, for JSON.
     """
 

@@ -34,12 +34,12 @@ def create_store(path: Path, layout: Layout) -> None:
     for layer in layout.layers:
         group.create_array(
             layer.name,
-            shape=(*layout.axes.values(), *layout.shape.values()),
+            shape=(*layout.picture_axes.values(), *layout.shape.values()),
             chunks=layout.chunk_shape,
             dtype="float32",
             fill_value=np.nan,
             compressors=None,
-            dimension_names=(*layout.axes, *layout.shape),
+            dimension_names=(*layout.picture_axes, *layout.shape),
             attributes={"units": layer.units, "long_name": layer.what},
         )
 
@@ -113,7 +113,8 @@ def open_run(path: str | Path) -> xarray.Dataset:
     """The dataset that a run left, read from the disk as it is used.
 
     Parameters: `path`, the run's folder, or the run.zarr in it. Returns an xarray.Dataset: the
-    pictures over (frame, row, col), the columns of the table over frame, coordinates z_mm, x_mm,
+    pictures over (frame, row, col), those of a tracked video over (key_frame, row, col), the frame
+    numbers of its key frames; the columns of the table over frame, coordinates z_mm, x_mm,
     distance_m and time_s; as attributes the resolved scene, hashes of the inputs, version and seed.
     Raises InputError where no finished run is there.
     """

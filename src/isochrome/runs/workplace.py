@@ -148,7 +148,8 @@ def _reopened(root: Path, results: Path, layout: Layout) -> Bench:
 
 def _stack_shape(layout: Layout) -> tuple[int, int, int]:
     rows, cols = list(layout.shape.values())[-2:]
-    return layout.count, rows, cols
+    _, count = layout.pictures(0, layout.count)
+    return count, rows, cols
 
 
 def clear_up(bench: Bench) -> None:
@@ -178,7 +179,8 @@ def check_room(root: Path, layout: Layout, items: int) -> None:
     Parameters: `root`, the working folder; `layout`; `items` still to come. Raises InputError.
     """
     copies = sum(2 if layer.stack else 1 for layer in layout.layers)
-    needed = 4 * items * copies * math.prod(layout.shape.values())
+    pictures = -(-items // layout.every)
+    needed = 4 * pictures * copies * math.prod(layout.shape.values())
     needed += (items + layout.count) * layout.part_bytes  # as parts, and put together
     free = shutil.disk_usage(root).free
     if needed > free:
