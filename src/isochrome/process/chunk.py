@@ -14,6 +14,7 @@ from isochrome.output import csv_text
 from isochrome.output.roi import add_rois, roi_entries
 from isochrome.process.recipe import Recipe, opened
 from isochrome.process.result import ProcessedFrame
+from isochrome.process.tracked import NOTHING, WHOLE, FollowedFrame, tracked_states
 from isochrome.runs import Layer, Results
 from isochrome.scene import Scene
 
@@ -39,10 +40,13 @@ def process_chunk(recipe: Recipe, start: int, stop: int) -> Results:
 
     Parameters: `recipe`; `start`, `stop`. Returns Results. Raises InputError, PhysicsError.
     """
-    return gather(recipe, opened(recipe).states(start, stop))
+    source = opened(recipe)
+    if recipe.every is not None:
+        return gather(recipe, tracked_states(source, start, stop))
+    return gather(recipe, source.states(start, stop))
 
 
-def gather(recipe: Recipe, states: Iterable[ProcessedFrame]) -> Results:
+def gather(recipe: Recipe, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
     """Processed frames as Results; they are let go one by one."""
     layers = layers_of(recipe.scene)
     pictures: dict[str, list[np.ndarray]] = {layer.name: [] for layer in layers}
@@ -50,6 +54,10 @@ def gather(recipe: Recipe, states: Iterable[ProcessedFrame]) -> Results:
     tables: list[str] = []
     rois: list[tuple[str, bytes]] = []
     for item in states:
+        rows.append(row_of(item, recipe))
+        more.append(item.more() if isinstance(item, FollowedFrame) else _more(item, recipe.scene))
+        if isinstance(item, FollowedFrame):
+            continue
         maps = item.maps()
         for name, seen in pictures.items():
             # no order was read: none is known, and none can be relied upon
@@ -63,12 +71,20 @@ def gather(recipe: Recipe, states: Iterable[ProcessedFrame]) -> Results:
             tables.append(text if not tables else text.partition("\n")[2])
         if recipe.rois:
             rois += roi_entries(lines, frames=[item.index] * len(lines))
-        rows.append(item.row())
-        more.append(_more(item, recipe.scene))
     arrays = {name: np.stack(seen) for name, seen in pictures.items()}
     parts = {LINES: "".join(tables).encode()} if tables else {}
     parts |= {ROIS: _zipped(rois)} if recipe.rois else {}
     return Results(arrays, rows, more, parts)
+
+
+def row_of(item: ProcessedFrame | FollowedFrame, recipe: Recipe) -> dict[str, Any]:
+    """A frame's row of frames.csv; of a tracked video with its place in the stacks of pictures."""
+    row = item.row()
+    if recipe.every is None or isinstance(item, FollowedFrame):
+        return row
+    told = item.reading is not None and item.fit is not None
+    own = {"picture": item.index // recipe.every, "found_by": WHOLE if told else NOTHING}
+    return {name: row[name] for name in ("frame", "name", "label")} | own | row
 
 
 def _more(item: ProcessedFrame, scene: Scene) -> dict[str, Any]:

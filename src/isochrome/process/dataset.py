@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isochrome.process.processed import PICTURE
 from isochrome.runs.store import attributes, column
 from isochrome.scene import Scene
 
@@ -38,6 +39,9 @@ def columns_dataset(
     # all are there, whatever is known of them: a dataset's axes do not come and go
     columns = {name: column(values, "frame", name) for name, values in found.items()}
     axes = {name: columns.pop(name) for name in _COORDINATES} | _places(scene, table, shape)
+    if PICTURE in table:
+        whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
+        axes["key_frame"] = xarray.Variable("key_frame", np.array(whole))
     return xarray.Dataset(columns, axes, attributes(identity))
 
 

@@ -12,7 +12,7 @@ from isochrome.fringes.skeleton import Skeleton, order_contours
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 
 DIRECTION_MAP = "hsv"
@@ -49,13 +49,40 @@ def process_figure(scene: Scene, items: list[Shown]) -> Figure:
 
     Parameters: `scene`; `items`, up to six of the frames. Returns a Figure.
     """
+    turned = any(item.isoclinic is not None for item in items)
+    figure = new_figure(*frames_size(items))
+    note = draw_frames(figure, items)
+    what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
+    what += ", residual stress taken out" if scene.frames.no_load_steps else ""
+    figure.suptitle(f"{scene.name}: {what}; {note}", fontsize=11)
+    return figure
+
+
+def _across(items: list[Shown]) -> int:
+    """Pictures in a row."""
+    if any(item.order is not None for item in items):
+        return 2 + any(item.isoclinic is not None for item in items)
+    return min(3, len(items))
+
+
+def frames_size(items: list[Shown]) -> tuple[float, float]:
+    """Width and height (inches) that `draw_frames` takes for some frames."""
     read = any(item.order is not None for item in items)
     rows, cols = items[0].normalised.shape
-    turned = any(item.isoclinic is not None for item in items)
-    across = 2 + turned if read else min(3, len(items))
+    across = _across(items)
     down = len(items) if read else -(-len(items) // across)
     width = 4.6 if read else 4.0
-    figure = new_figure(width * across + 0.8, (width * min(rows / cols, 1.6) + 0.75) * down + 0.5)
+    return width * across + 0.8, (width * min(rows / cols, 1.6) + 0.75) * down + 0.5
+
+
+def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
+    """Draw frames with their fringes, and beside each its order, if known, on an empty figure.
+
+    Parameters: `figure`; `items`. Returns what the lines are, in words.
+    """
+    read = any(item.order is not None for item in items)
+    across = _across(items)
+    down = len(items) if read else -(-len(items) // across)
     axes: Any = figure.subplots(down, across, squeeze=False)
     largest = max((_largest(item) for item in items), default=1.0)
     for k, item in enumerate(items):
@@ -82,11 +109,7 @@ def process_figure(scene: Scene, items: list[Shown]) -> Figure:
     for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
         ax.set_visible(False)
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
-    note = f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
-    what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
-    what += ", residual stress taken out" if scene.frames.no_load_steps else ""
-    figure.suptitle(f"{scene.name}: {what}; {note}", fontsize=11)
-    return figure
+    return f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
 
 
 def _line_orders(largest: float) -> np.ndarray:

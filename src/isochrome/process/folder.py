@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +23,15 @@ from isochrome.process.chunk import (
 )
 from isochrome.process.dataset import columns_dataset
 from isochrome.process.figure import Shown, process_figure
-from isochrome.process.processed import Processed, collect, tabulate
+from isochrome.process.processed import PICTURE, Processed, collect, tabulate
 from isochrome.process.recipe import Recipe
+from isochrome.process.track_figure import tracked_figure
 from isochrome.runs import STORE, Bench, Job
 from isochrome.runs.chunks import parts, picture, rows
 from isochrome.runs.store import add_columns
 from isochrome.scene import dump_scene
 
-_SHOWN = 6
+_SHOWN, _KEY_FRAMES = 6, 3
 
 
 def finish_folder(
@@ -65,7 +67,8 @@ def finish_folder(
     if result.fitted is not None:
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
-    write_figure(folder / "process.png", process_figure(scene, _shown(bench, table, more)))
+    draw = process_figure if recipe.every is None else partial(tracked_figure, table=table)
+    write_figure(folder / "process.png", draw(scene, items=_shown(bench, table, more)))
     add_columns(folder / STORE, columns_dataset(scene, table, more, shape, job.identity))
     return result
 
@@ -84,9 +87,11 @@ def _join_lines(bench: Bench, recipe: Recipe) -> None:
 
 
 def _shown(bench: Bench, table: dict[str, list[Any]], more: dict[str, list[Any]]) -> list[Shown]:
-    """The first frames in which something was found, as they are drawn."""
+    """The first frames in which something was found, or some key frames, as they are drawn."""
     status = more["status"]
     good = [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
+    if PICTURE in table:
+        good = _spread([k for k, at in enumerate(table[PICTURE]) if at is not None], status)
     tables = (
         Path(file).read_bytes()
         for index in sorted({k // bench.layout.chunk for k in good})
@@ -101,7 +106,7 @@ def _shown(bench: Bench, table: dict[str, list[Any]], more: dict[str, list[Any]]
 
     return [
         Shown(
-            label=str(table["label"][k]),
+            label=f"frame {k}, {table['label'][k]}" if PICTURE in table else str(table["label"][k]),
             chi=float(table["chi"][k]),
             kept=more["kept"][k] if more["kept"][k] is not None else float("nan"),
             normalised=picture(bench, NORMALISED.name, k),
@@ -114,3 +119,10 @@ def _shown(bench: Bench, table: dict[str, list[Any]], more: dict[str, list[Any]]
         )
         for k in good
     ]
+
+
+def _spread(whole: list[int], status: list[str]) -> list[int]:
+    """A few of the key frames, from the first to the last."""
+    good = [k for k in whole if status[k] != "failed"] or whole[:1]
+    places = np.linspace(0, len(good) - 1, min(_KEY_FRAMES, len(good)))
+    return [good[round(place)] for place in places]

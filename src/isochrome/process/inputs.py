@@ -25,7 +25,8 @@ def identity_of(recipe: Recipe, files: Sequence[Path]) -> Mapping[str, Any]:
     scene = recipe.scene
     seed = scene.camera.seed if scene.camera else None
     record = provenance(dump_scene(scene), files, seed)
-    return record | environment() | {"options": {"rois": recipe.rois}}
+    tracked = {} if recipe.every is None else {"every": recipe.every}
+    return record | environment() | {"options": {"rois": recipe.rois} | tracked}
 
 
 def input_files(reader: FrameReader, scene: Scene) -> list[Path]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.fit.run import fitted_scene
+from isochrome.fit.sequence import FRICTION, over_distance
 from isochrome.fringes.residual import Residual
 from isochrome.output import read_csv
 from isochrome.process.result import SPREAD, ProcessedFrame
@@ -18,13 +19,17 @@ from isochrome.runs.store import values_of
 from isochrome.scene import Scene
 from isochrome.simulate import no_model_sentence
 
+PICTURE = "picture"
+"""Column of frames.csv of a tracked video: where a key frame lies in the stacks of pictures."""
+
 _NOTABLE = 0.02
 _SPANS = 8
 
 
 @dataclass(frozen=True)
 class Processed:
-    """Processed frames: `table`, the columns of frames.csv; `frames`, None where streamed.
+    """Processed frames: `table`, the columns of frames.csv; `frames`, None where streamed, of a
+    tracked video its key frames.
 
     `scene`, as given; `fitted`, with the frames' fitted values (means; friction over distance);
     `warnings` of the whole set; `model`, the scene's. Both are None where there is no model.
@@ -41,6 +46,30 @@ class Processed:
     residual: Residual | None = None
     already: bool = False
     failed: int = 0
+
+    @property
+    def tracked(self) -> bool:
+        """Whether most frames were followed from key frames."""
+        return PICTURE in self.table
+
+    def summary(self) -> dict[str, list[Any]]:
+        """For each key its mean, least and most value, and the median standard uncertainty."""
+        keys = [name for name in self.table if f"{name} {SPREAD}" in self.table]
+        columns = [_known(self.table[key]) for key in keys]
+        spreads = [_known(self.table[f"{key} {SPREAD}"]) for key in keys]
+        return {
+            "key": keys,
+            "mean": [float(c.mean()) if c.size else None for c in columns],
+            "least": [float(c.min()) if c.size else None for c in columns],
+            "most": [float(c.max()) if c.size else None for c in columns],
+            "standard_uncertainty": [float(np.median(u)) if u.size else None for u in spreads],
+        }
+
+
+def _known(values: list[Any]) -> np.ndarray:
+    """The finite values of a column."""
+    found = np.array([np.nan if value is None else value for value in values], dtype=float)
+    return found[np.isfinite(found)]
 
 
 def tabulate(rows: Iterable[dict[str, Any]]) -> dict[str, list[Any]]:
@@ -136,13 +165,23 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
     if not pixels:
         return None
     keys = [name for name in table if f"{name} {SPREAD}" in table]
+    # of a tracked video the key frames count, whose every pixel was fitted
+    whole = [at is not None for at in table.get(PICTURE, table["frame"])]
     own = [
-        {key: {"value": table[key][k]} for key in keys if table[key][k] is not None}
-        for k in range(len(table["frame"]))
+        {key: {"value": table[key][k]} for key in keys if whole[k] and table[key][k] is not None}
+        for k in range(len(whole))
     ]
     grid = {
         "camera.pixel_mm": pixels[0],  # a disc's may come from its rim
         "camera.height_px": shape[0],
         "camera.width_px": shape[1],
     }
-    return fitted_scene(scene.with_values(grid), {}, own)
+    found = fitted_scene(scene.with_values(grid), {}, own)
+    if scene.frames.sliding_speed_mm_per_s is None or not scene.wear or FRICTION not in keys:
+        return found
+    points = {
+        float(s): float(values[FRICTION]["value"])
+        for s, values in zip(table["distance_m"], own, strict=True)
+        if FRICTION in values and np.isfinite(values[FRICTION]["value"])
+    }
+    return found.with_values({FRICTION: over_distance(points)}) if len(points) > 1 else found

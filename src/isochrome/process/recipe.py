@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from isochrome.errors import InputError, IsochromeError
-from isochrome.fit.one_state import frame_scene, scene_at
+from isochrome.fit.one_state import frame_distance, frame_scene, scene_at
 from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load
 from isochrome.fringes.residual import Residual
 from isochrome.process.colour import ColourCapture, colour_capture, colour_frames, process_colour
@@ -26,7 +26,8 @@ class Recipe:
 
     `reader` of the frames, which has counted them and so knows their places; `key`, the same for
     the same recipe on the same content; `rois`, whether fringe lines are wanted of frames with a
-    fit too; `keep_going`, whether a frame that fails is left out.
+    fit too; `keep_going`, whether a frame that fails is left out; `every`, from one key frame of a
+    tracked video to the next, None where every frame is processed wholly.
     """
 
     frames: FramesPath
@@ -35,6 +36,7 @@ class Recipe:
     key: str
     rois: bool = False
     keep_going: bool = False
+    every: int | None = None
 
     @property
     def coloured(self) -> bool:
@@ -83,9 +85,14 @@ class OpenSet:
 
     def states(self, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """What is found in the states [start, stop). Raises InputError, PhysicsError."""
+        for index, frames in self.captured(start, stop):
+            yield self.processed(index, frames)
+
+    def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
+        """The frames of the states [start, stop), with the number of the state."""
         index = start
         for frames in self._cursor.take(start, stop):
-            yield self._processed(index, frames)
+            yield index, frames
             index += 1
         if index < stop:
             raise InputError(
@@ -93,7 +100,8 @@ class OpenSet:
                 "more when it was counted; is it still being written?"
             )
 
-    def _processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:
+    def processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:
+        """What is found in one state's frames. Raises InputError, PhysicsError."""
         first = replace(frames[0], index=index)
         try:
             found = self._read(first, frames)
@@ -151,6 +159,14 @@ def close_kept() -> None:
 
 def state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:
     """The one-state scene of a frame, its label and its distance (m). Raises InputError."""
+    label, distance = place_of(scene, frame)
+    if scene.frames.sliding_speed_mm_per_s is not None:
+        return scene_at(scene, distance), label, distance
+    return frame_scene(scene, frame.index), label, distance
+
+
+def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
+    """A frame's label and its distance (m). Raises InputError."""
     speed = scene.frames.sliding_speed_mm_per_s
     if speed is not None:
         if frame.time_s is None:
@@ -159,11 +175,12 @@ def state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:
                 "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
             )
         distance = 1e-3 * speed * frame.time_s
-        return scene_at(scene, distance), f"{distance:.4g} m", distance
-    own = frame_scene(scene, frame.index)
+        return f"{distance:.4g} m", distance
     if scene.model != "contact":
-        return own, frame.name, 0.0
-    if own.wear is not None:
-        distance = own.wear.distances_m[0]
-        return own, f"{distance:g} m", distance
-    return own, "initial sliding" if own.friction else "static", 0.0
+        return frame.name, 0.0
+    slid = frame_distance(scene, frame.index)
+    if slid and scene.wear is not None:
+        return f"{slid:g} m", slid
+    held = scene.load is not None and scene.load.tangential_n is not None
+    slides = scene.friction is not None and (slid is not None or held)
+    return "initial sliding" if slides else "static", 0.0

@@ -15,12 +15,14 @@ from isochrome.frames import FrameReader, FramesPath, open_scene_frames, with_fi
 from isochrome.fringes.steps import make_design
 from isochrome.optics import make_chain
 from isochrome.output.roi import load_roifile
-from isochrome.process.chunk import layers_of, process_chunk
+from isochrome.process.chunk import layers_of, process_chunk, row_of
 from isochrome.process.colour import check_colour
 from isochrome.process.folder import finish_folder
 from isochrome.process.inputs import identity_of, input_files, set_pixel
 from isochrome.process.processed import Processed, collect, restore, tabulate
 from isochrome.process.recipe import OpenSet, Recipe, close_kept, opened
+from isochrome.process.result import ProcessedFrame
+from isochrome.process.tracked import EVERY, check_tracked, tracked_states
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import Job, Layout, Means, chunk_size, run_job, single_threaded
 from isochrome.scene import Scene, load_scene
@@ -32,6 +34,8 @@ def process(
     out: str | Path | None = None,
     *,
     rois: bool = False,
+    track: bool = False,
+    every: int | None = None,
     workers: int | None = 1,
     cluster: str | None = None,
     restart: bool = False,
@@ -53,7 +57,9 @@ def process(
     and residual_isoclinic.tif (of the no-load steps), fitted_scene.toml (to simulate what was
     found), scene.toml, provenance.json, process.png and run.zarr, which has all of it with named
     axes (`isochrome.open_run`); `rois`, whether skeleton.csv and skeleton.zip, the lines as ImageJ
-    ROIs that lie on these maps, are wanted of every frame.
+    ROIs that lie on these maps, are wanted of every frame; `track`, to process only each `every`-th
+    frame of a contact's video wholly, and follow load, friction, wear and place through the others:
+    all have their row of frames.csv, and the maps are those of the key frames.
     What is finished is kept in OUT.partial until all is: the same call after a crash goes on there.
     `workers`, processes on this machine, None: as many as there are processors, where that pays (a
     script that asks for more than one needs the usual `if __name__ == "__main__":`); `cluster`, the
@@ -64,7 +70,9 @@ def process(
     PhysicsError.
     """
     scene = load_scene(scene)
-    _check_scene(scene)
+    check_scene(scene)
+    if every is not None and not track:
+        raise InputError(f"--every {every}: is for --track; add that, or leave it out")
     if rois:
         load_roifile()  # missing, it is to be said before hours of work
     if out is None and (cluster is not None or workers != 1):
@@ -79,7 +87,10 @@ def process(
                 reader = open_scene_frames(frames, scene)
             count = reader.count()
             _check_set(scene, reader, count)
-            recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going)
+            every = (every or EVERY) if track else None
+            if every is not None:
+                check_tracked(scene, reader.shape, every)
+            recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going, every)
             source = opened(recipe)
             if out is None:
                 return _in_memory(source, count // recipe.steps, progress)
@@ -93,26 +104,32 @@ def process(
 
 def _in_memory(source: OpenSet, count: int, progress: RunProgress | None) -> Processed:
     """All states, kept in memory."""
-    kept, flagged = [], 0
-    for item in source.states(0, count):
-        kept.append(item)
+    recipe, flagged = source.recipe, 0
+    rows, status, kept = [], [], list[ProcessedFrame]()
+    found = source.states if recipe.every is None else partial(tracked_states, source)
+    for item in found(0, count):
+        rows.append(row_of(item, recipe))
+        status.append(item.status)
+        if isinstance(item, ProcessedFrame):
+            kept.append(item)
         flagged += item.status != "ok"
         if progress is not None:
-            progress(Tally(len(kept), count, 0, flagged))
-    table = tabulate(item.row() for item in kept)
-    status = [item.status for item in kept]
-    return collect(source.recipe.scene, table, status, kept, source.reader.shape, source.residual)
+            progress(Tally(len(rows), count, 0, flagged))
+    table = tabulate(rows)
+    return collect(recipe.scene, table, status, kept, source.reader.shape, source.residual)
 
 
 def _layout(source: OpenSet, count: int) -> Layout:
     """What a set's run leaves: its maps over frame, row and column."""
     rows, cols = source.reader.shape
+    every = source.recipe.every
     return Layout(
         {"frame": count},
         {"row": rows, "col": cols},
         layers_of(source.recipe.scene),
-        chunk_size(count, 4 * rows * cols),
+        every or chunk_size(count, 4 * rows * cols),
         set_pixel(source),
+        every=every or 1,
     )
 
 
@@ -150,8 +167,8 @@ def _absolute(frames: FramesPath, scene: Scene) -> tuple[FramesPath, Scene]:
     return frames, scene.model_copy(update={"folder": folder})
 
 
-def _check_scene(scene: Scene) -> None:
-    """Refuse a scene whose frames cannot be read, before they are opened."""
+def check_scene(scene: Scene) -> None:
+    """Refuse a scene whose frames cannot be read, before they are opened. Raises InputError."""
     steps = len(scene.polariscope.step)
     if scene.polariscope.several_wavelengths:
         check_colour(scene)
