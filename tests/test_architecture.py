@@ -34,6 +34,7 @@ ORDER = (
     "fringes",
     "calibrate",
     "process",
+    "campaign",  # many recordings, each by `process`
     "compare",
 )
 """From left to right; a room imports only from rooms to its left."""

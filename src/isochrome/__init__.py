@@ -26,6 +26,7 @@ _HOMES = {
     "open_frames": "isochrome.frames",
     "open_run": "isochrome.runs",
     "process": "isochrome.process.run",
+    "process_campaign": "isochrome.campaign",
     "simulate": "isochrome.simulate.run",
     "sweep": "isochrome.sweep.run",
     "write_into_scene": "isochrome.calibrate",

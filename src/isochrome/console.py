@@ -30,10 +30,46 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
 def run_bar(what: str, items: str = "frames") -> Iterator[Callable[[Tally], None]]:
     """Items done, a second, flagged, and the time left, on standard error; nothing in a pipe."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress
 
     console = Console(stderr=True)
-    columns = (
+    with Progress(
+        *_run_columns(), console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        yield _shower(progress, what, items)
+
+
+@contextmanager
+def campaign_bar() -> Iterator[Callable[[Tally, Tally | None], None]]:
+    """Two bars: the recordings, and the frames of the one in work; nothing in a pipe."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(
+        *_run_columns(), console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        recordings = _shower(progress, "recordings", "recordings")
+        within: list[Callable[[Tally | None], None]] = []
+
+        def show(tally: Tally, frames: Tally | None) -> None:
+            recordings(tally)
+            if frames is None:
+                for one in within:
+                    one(None)
+                within.clear()
+                return
+            if not within:
+                within.append(_shower(progress, "frames", "frames"))
+            within[0](frames)
+
+        yield show
+
+
+def _run_columns() -> tuple[Any, ...]:
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+
+    return (
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.completed:.0f}/{task.total:.0f}"),
@@ -41,24 +77,28 @@ def run_bar(what: str, items: str = "frames") -> Iterator[Callable[[Tally], None
         TimeRemainingColumn(),
         TextColumn("{task.fields[flagged]} flagged"),
     )
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        task = progress.add_task(what, total=0, rate="", flagged=0)
-        began = monotonic()
 
-        def show(tally: Tally) -> None:
-            own, seconds = tally.done - tally.before, monotonic() - began
-            rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
-            progress.update(
-                task,
-                completed=tally.done,
-                total=tally.count,
-                rate=rate,
-                flagged=tally.flagged,
-            )
 
-        yield show
+def _shower(progress: Any, what: str, items: str) -> Callable[[Tally | None], None]:
+    """A bar of its own, that shows a Tally, and goes at None."""
+    task = progress.add_task(what, total=0, rate="", flagged=0)
+    began = monotonic()
+
+    def show(tally: Tally | None) -> None:
+        if tally is None:
+            progress.remove_task(task)
+            return
+        own, seconds = tally.done - tally.before, monotonic() - began
+        rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
+        progress.update(
+            task,
+            completed=tally.done,
+            total=tally.count,
+            rate=rate,
+            flagged=tally.flagged,
+        )
+
+    return show
 
 
 @contextmanager

@@ -6,18 +6,22 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from isochrome.cli.calibrate import calibrate_app
 from isochrome.cli.long import export, sweep
 from isochrome.cli.options import (
+    Cluster,
     FramesArgument,
+    Join,
     Json,
     Out,
+    Restart,
     SceneOption,
     Tractions,
+    Workers,
 )
 from isochrome.cli.process import process
 from isochrome.console import (
@@ -27,9 +31,13 @@ from isochrome.console import (
     print_rows,
     print_warnings,
     progress_bar,
+    run_bar,
     steps,
 )
 from isochrome.errors import IsochromeError
+
+if TYPE_CHECKING:
+    from isochrome.frames import FramesPath
 
 app = typer.Typer(
     name="isochrome",
@@ -111,6 +119,7 @@ def compare(
 def fit(
     frames: FramesArgument,
     scene: SceneOption,
+    join: Join = False,
     free: Annotated[
         list[str] | None, typer.Option("--free", help="Key that all frames share; repeatable.")
     ] = None,
@@ -128,29 +137,44 @@ def fit(
     ] = False,
     tractions: Tractions = False,
     out: Out = Path("isochrome-fit"),
+    workers: Workers = None,
+    cluster: Cluster = None,
+    restart: Restart = False,
     as_json: Json = False,
 ) -> None:
-    """Fit unknowns of the scene, such as load.normal_n, to the frames."""
+    """Fit unknowns of the scene, such as load.normal_n; killed, the same command goes on."""
     from isochrome.fit.run import fit as run
+    from isochrome.frames import one_recording
 
+    recording = one_recording(frames, join=join)
     if track:
-        _track(frames, scene, tuple(free or ()), tuple(per_frame or ()), out, as_json)
+        _track(recording, scene, tuple(free or ()), tuple(per_frame or ()), out, as_json)
         return
-    with progress_bar("fitting") as progress:
+    with run_bar("fitting") as progress:
         result = run(
-            frames, scene, free or [], per_frame=per_frame or [], follow=follow,
-            tractions=tractions, out=out, progress=progress,
+            recording, scene, free or [], per_frame=per_frame or [], follow=follow,
+            tractions=tractions, out=out, workers=workers, cluster=cluster, restart=restart,
+            progress=progress,
         )  # fmt: skip
     if as_json:
         print_json({"out": str(out), **result.to_json()})
         return
     print_fit(result)
     print_warnings(list(result.warnings))
-    typer.echo(f"results: {out}")
+    typer.echo(f"results: {out}{_already(result.already)}")
+
+
+def _already(complete: bool) -> str:
+    return " (complete already; --restart computes them anew)" if complete else ""
 
 
 def _track(
-    frames: str, scene: str, free: tuple[str, ...], keys: tuple[str, ...], out: Path, as_json: bool
+    frames: FramesPath,
+    scene: str,
+    free: tuple[str, ...],
+    keys: tuple[str, ...],
+    out: Path,
+    as_json: bool,
 ) -> None:
     """`fit --track`."""
     from isochrome.fit.track_run import refuse_shared, track
@@ -167,21 +191,34 @@ def _track(
 
 
 @app.command()
-def check(frames: FramesArgument, scene: SceneOption, as_json: Json = False) -> None:
-    """Say in plain words what is wrong with a set of frames, before a long run."""
-    from isochrome.frames import check_frames
+def check(
+    frames: FramesArgument, scene: SceneOption, join: Join = False, as_json: Json = False
+) -> None:
+    """Say in plain words what is wrong with frames, before a long run."""
+    from isochrome.frames import check_frames, recordings_of
     from isochrome.scene import load_scene
 
-    result = check_frames(frames, load_scene(scene))
-    if as_json:
+    described, recordings = load_scene(scene), recordings_of(frames, join=join)
+    told = []
+    for recording in recordings:
+        result = check_frames(recording, described)
         findings = [{"level": f.level, "frame": f.frame, "text": f.text} for f in result.findings]
-        print_json({"ok": result.ok, "frames": result.count, "findings": findings})
-    else:
+        told.append({"ok": result.ok, "frames": result.count, "findings": findings})
+        if as_json:
+            continue
+        if len(recordings) > 1:
+            typer.echo(f"{recording}:")
         for finding in result.findings:
             typer.echo(f"{finding.level}: {finding.text}")
         verdict = "no error found" if result.ok else "errors found; see above"
         typer.echo(f"{result.count} frames read: {verdict}")
-    if not result.ok:
+    ok = all(one["ok"] for one in told)
+    if as_json and len(told) == 1:
+        print_json(told[0])
+    elif as_json:
+        named = [{"recording": str(r)} | one for r, one in zip(recordings, told, strict=True)]
+        print_json({"ok": ok, "recordings": named})
+    if not ok:
         raise typer.Exit(2)
 
 

@@ -14,7 +14,13 @@ SceneOption = Annotated[
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
 FramesArgument = Annotated[
-    str, typer.Argument(help="TIFF stack, image, folder of images, or video.")
+    list[str],
+    typer.Argument(
+        metavar="FRAMES...", help="Video, TIFF stack, images, or a folder or glob of them."
+    ),
+]
+Join = Annotated[
+    bool, typer.Option("--join", help="The files named are the parts of one recording.")
 ]
 SetArgument = Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")]
 Workers = Annotated[

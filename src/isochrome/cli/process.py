@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from isochrome.cli.options import (
     Cluster,
     FramesArgument,
+    Join,
     Json,
     Out,
     Restart,
     SceneOption,
     Workers,
 )
-from isochrome.console import print_columns, print_json, print_warnings, run_bar
+from isochrome.console import (
+    campaign_bar,
+    print_columns,
+    print_json,
+    print_warnings,
+    run_bar,
+)
+
+if TYPE_CHECKING:
+    from isochrome.frames import FramesPath
 
 
 def process(
     frames: FramesArgument,
     scene: SceneOption,
     out: Out = Path("isochrome-process"),
+    join: Join = False,
     rois: Annotated[
         bool, typer.Option("--rois", help="Also the fringe lines as ImageJ ROIs, skeleton.zip.")
     ] = False,
@@ -35,21 +46,28 @@ def process(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Find the fringe order of every captured frame; killed, the same command goes on."""
+    """Find the fringe order of every captured frame; killed, the same command goes on.
+
+    Several videos or TIFF stacks are a campaign: each is a recording with a folder of its own in
+    --out, beside a summary of all; images, one to a file, are a recording together.
+    """
+    from isochrome.frames import recordings_of
+
+    found = recordings_of(frames, join=join)
+    options: dict[str, Any] = {
+        "rois": rois,
+        "workers": workers,
+        "cluster": cluster,
+        "restart": restart,
+        "keep_going": keep_going,
+    }
+    if len(found) > 1:
+        _process_campaign(found, scene, out, options, as_json)
+        return
     from isochrome.process import process as run
 
     with run_bar("processing") as progress:
-        result = run(
-            frames,
-            scene,
-            out,
-            rois=rois,
-            workers=workers,
-            cluster=cluster,
-            restart=restart,
-            keep_going=keep_going,
-            progress=progress,
-        )
+        result = run(found[0], scene, out, progress=progress, **options)
     warnings = list(result.warnings)
     if as_json:
         print_json(
@@ -64,8 +82,44 @@ def process(
         typer.echo(f"results: {out}{done}")
     if result.failed:
         typer.echo(
-            f"isochrome: {frames}: {result.failed} of {len(result.table['frame'])} frames could "
+            f"isochrome: {frames[0]}: {result.failed} of {len(result.table['frame'])} frames could "
             f"not be processed, as their warnings say; the others are in {out}",
             err=True,
         )
         raise typer.Exit(2)
+
+
+def _process_campaign(
+    recordings: tuple[FramesPath, ...],
+    scene: str,
+    out: Path,
+    options: dict[str, Any],
+    as_json: bool,
+) -> None:
+    """Many recordings, each into a folder of its own."""
+    from isochrome.campaign import process_campaign
+
+    with campaign_bar() as progress:
+        result = process_campaign(recordings, scene, out, progress=progress, **options)
+    table = result.table
+    if as_json:
+        print_json({"out": str(out), **result.to_json()})
+    else:
+        names = [n for n in ("recording", "status", "frames", "failed_frames", "flagged_frames",
+                 "chi_median", "load.normal_n mean", "friction.coefficient mean", "kept_share")
+                 if n in table]  # fmt: skip
+        print_columns(table, names)
+        for name, error in zip(table["recording"], table["error"], strict=True):
+            if error:
+                named = error if error.startswith(name) else f"{name}: {error}"
+                typer.echo(f"failed: {named}", err=True)
+        typer.echo(f"results: {out}; table of all: {out / 'summary.csv'}")
+    if result.exit_code:
+        some = ", ".join(result.failed[:5])
+        more = f" and {len(result.failed) - 5} more" if len(result.failed) > 5 else ""
+        typer.echo(
+            f"isochrome: {len(result.failed)} of {len(recordings)} recordings could not be wholly "
+            f"processed ({some}{more}), as {out / 'summary.csv'} says; the others are in {out}",
+            err=True,
+        )
+        raise typer.Exit(result.exit_code)

@@ -18,7 +18,7 @@ from isochrome.fit.one_state import frame_distance
 from isochrome.fit.refuse import refuse_keys
 from isochrome.fit.track_figure import track_figure
 from isochrome.fit.tracker import Tracked, Tracker
-from isochrome.frames import Frame, FrameReader, load_no_load, open_scene_frames
+from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load, open_scene_frames
 from isochrome.output import TableWriter, provenance, staged, write_figure, write_json, write_text
 from isochrome.progress import Progress
 from isochrome.scene import Scene, dump_scene, load_scene
@@ -97,7 +97,7 @@ def refuse_shared(keys: tuple[str, ...]) -> None:
 
 
 def track(
-    frames: str | Path,
+    frames: FramesPath,
     scene: str | Path | Scene,
     keys: list[str] | tuple[str, ...],
     *,
@@ -140,7 +140,7 @@ def track(
         result = rows.result(scene, frames)
         write_text(folder / "scene.toml", dump_scene(result.scene))
         write_json(folder / "fit.json", result.to_json())
-        write_json(folder / "provenance.json", provenance(dump_scene(scene), [Path(frames)]))
+        write_json(folder / "provenance.json", provenance(dump_scene(scene), reader.files))
         write_figure(folder / "fit.png", track_figure(scene.name, result))
     return result
 
@@ -219,7 +219,7 @@ class _Rows:
         self.chi.append(row.chi)
         self.distance.append(np.nan if distance is None else distance)
 
-    def result(self, scene: Scene, frames: str | Path) -> Track:
+    def result(self, scene: Scene, frames: FramesPath) -> Track:
         """All frames. Raises InputError where there were none."""
         if not self.chi:
             raise InputError(f"{frames}: holds no frame; check the file")

@@ -39,7 +39,7 @@ from isochrome.runs.workplace import (
 
 T = TypeVar("T")
 
-_WORTH_WORKERS_S = 20.0
+WORTH_WORKERS_S = 20.0
 """Seconds still to compute from which worker processes are started, each of which takes a few."""
 
 
@@ -214,7 +214,7 @@ def _finished(job: Job, bench: Bench, todo: list[int], means: Means) -> Generato
         yield from alone(work, bench, todo[:1])
         todo = todo[1:]
         left = (time.perf_counter() - start) * len(todo)
-        workers = processors() if left > _WORTH_WORKERS_S else 1
+        workers = processors() if left > WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
         yield from by_processes(work, bench, todo, workers)

@@ -1,0 +1,65 @@
+"""The summary of a campaign: a table of all its recordings, with what it came from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from isochrome.campaign.figure import summary_figure
+from isochrome.campaign.names import SUMMARIES
+from isochrome.campaign.outcome import Outcome
+from isochrome.errors import InputError
+from isochrome.output import output_folder, write_csv, write_figure, write_json
+from isochrome.runs import environment
+from isochrome.scene import Scene, dump_scene
+
+_LAST = ("kept_share", "warnings", "error")
+
+
+def tabulate(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
+    """The columns of summary.csv: what all recordings have, the keys of any, and what is said.
+
+    Parameters: `rows`, one a recording. Returns column name to values, None where a row has none.
+    """
+    names = dict.fromkeys(name for row in rows for name in row)
+    ordered = [*(name for name in names if name not in _LAST), *_LAST]
+    return {name: [row.get(name) for row in rows] for name in ordered}
+
+
+def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """What summary.json holds: version, scene, and each recording's row with its files' hashes.
+
+    Parameters: `scene`; `outcomes`, one a recording. Returns a dictionary for `write_json`.
+    """
+    text = dump_scene(scene)
+    return {
+        **environment(),
+        "scene": text,
+        "scene_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "recordings": [item.row | {"inputs_sha256": item.inputs} for item in outcomes],
+    }
+
+
+def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome]) -> None:
+    """Leave summary.csv, summary.json and, where a key was fitted that has one, summary.png.
+
+    Parameters: `out`, the campaign's folder; `scene`; `outcomes`. Raises InputError where they
+    cannot be written.
+    """
+    folder = output_folder(out)
+    table, told, picture = (folder / name for name in SUMMARIES)
+    figure = summary_figure(scene.name, outcomes)
+    try:
+        write_csv(table, tabulate([item.row for item in outcomes]))
+        write_json(told, summary_of(scene, outcomes))
+        if figure is None:
+            picture.unlink(missing_ok=True)  # that of an earlier campaign
+        else:
+            write_figure(picture, figure)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: the summary cannot be written ({error.strerror or error}); all recordings "
+            "are finished and kept there: make room, and the same command goes on"
+        ) from error
