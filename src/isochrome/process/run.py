@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,8 @@ from isochrome.process.result import ProcessedFrame
 from isochrome.process.tracked import EVERY, check_tracked, tracked_states
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import Job, Layout, Means, chunk_size, run_job, single_threaded
+from isochrome.runs.store import STORE
+from isochrome.runs.workplace import PROVENANCE, holds_results, working_folder
 from isochrome.scene import Scene, load_scene
 
 
@@ -85,12 +87,14 @@ def process(
             if cluster is not None:
                 frames, scene = _absolute(frames, scene)
                 reader = open_scene_frames(frames, scene)
+            every = (every or EVERY) if track else None
+            recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going, every)
+            if out is not None and not restart and _is_done(Path(out), recipe, files):
+                return restore(scene, Path(out), reader.shape, opened(recipe).residual)
             count = reader.count()
             _check_set(scene, reader, count)
-            every = (every or EVERY) if track else None
             if every is not None:
                 check_tracked(scene, reader.shape, every)
-            recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going, every)
             source = opened(recipe)
             if out is None:
                 return _in_memory(source, count // recipe.steps, progress)
@@ -100,6 +104,14 @@ def process(
             return _to_folder(source, identity, layout, Path(out), means, progress)
     finally:
         close_kept()
+
+
+def _is_done(out: Path, recipe: Recipe, files: Sequence[Path]) -> bool:
+    """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
+    there = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
+    if not there or working_folder(out).exists():  # an unfinished run, or one that is at work
+        return False
+    return holds_results(out.resolve(), identity_of(recipe, files))
 
 
 def _in_memory(source: OpenSet, count: int, progress: RunProgress | None) -> Processed:

@@ -12,6 +12,7 @@ import os
 import secrets
 import shutil
 import zlib
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -44,15 +45,24 @@ def working_folder(out: Path) -> Path:
 
 def is_complete(target: Path, job: Job) -> bool:
     """Whether a folder holds all results of a job, as its record names them."""
+    stored = not job.layout.store or (target / STORE / "zarr.json").is_file()
+    return stored and holds_results(target, job.identity)
+
+
+def holds_results(target: Path, identity: Mapping[str, Any]) -> bool:
+    """Whether a folder holds the files of a finished run of an identity, as its record names them.
+
+    Parameters: `target`, the folder; `identity`, as in a Job.
+    """
     try:
         record = json.loads((target / PROVENANCE).read_text("utf-8"))
         outputs = record.get("outputs")
-        if not outputs or difference(record, job.identity) is not None:
+        if not outputs or difference(record, identity) is not None:
             return False
         sizes = [(target / name).stat().st_size == size for name, size in outputs.items()]
     except (OSError, ValueError, AttributeError):
         return False
-    return all(sizes) and (not job.layout.store or (target / STORE / "zarr.json").is_file())
+    return all(sizes)
 
 
 def open_bench(root: Path, job: Job, *, restart: bool) -> Bench:
