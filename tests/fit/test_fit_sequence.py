@@ -180,7 +180,7 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     told = []
     found = fit(
         write(tmp_path, truth), scene(**values), [WEAR], per_frame=[LOAD, FRICTION],
-        follow=True, progress=lambda done, all_: told.append((done, all_)),
+        follow=True, progress=told.append,
     )  # fmt: skip
     within(found.shared[WEAR], 2e-9)
     for own, true in zip(found.frames, (42.0, *load["value"]), strict=True):
@@ -189,7 +189,7 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
         within(own[FRICTION], true)
     assert FRICTION not in found.frames[0] and found.distance_m == [None, 0.0, 77.0, 155.0]
     assert found.chi == pytest.approx(1.0, abs=0.03)
-    assert all(a <= b for a, b in told) and told[-1][0] == told[-1][1]
+    assert all(tally.done <= tally.count for tally in told) and told[-1].done == told[-1].count
 
     # the fitted scene is the run, with its tables
     assert found.scene.wear.law == "sarkar" and found.scene.wear.distances_m == (0.0, 77.0, 155.0)

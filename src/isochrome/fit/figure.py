@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isochrome.figures import DIFFERENCE_MAP, FRAME_MAP, new_figure, show_image
 from isochrome.fit.explain import explain_frame
-from isochrome.fit.frame_data import FrameData
+from isochrome.fit.frame_set import FrameSet
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
@@ -18,13 +17,13 @@ if TYPE_CHECKING:
 _SHOWN = 6
 
 
-def fit_figure(name: str, frames: Iterable[FrameData], scenes: tuple[Scene, ...]) -> Figure:
+def fit_figure(name: str, frames: FrameSet, scenes: tuple[Scene, ...]) -> Figure:
     """Captured light, fitted light, and their difference over the noise, for up to six frames.
 
     Parameters: `name` of the scene; `frames`; their fitted one-state `scenes`. Returns a Figure.
     """
     shown = np.unique(np.linspace(0, len(scenes) - 1, min(_SHOWN, len(scenes))).round().astype(int))
-    wanted = {i: data for i, data in enumerate(frames) if i in shown}
+    wanted = {i: frames[i] for i in shown.tolist()}
     rows, cols = wanted[0].light.shape
     figure = new_figure(13.0, (3.9 * min(rows / cols, 1.6) + 0.75) * len(shown) + 0.5)
     axes: Any = figure.subplots(len(shown), 3, squeeze=False)

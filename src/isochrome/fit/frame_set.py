@@ -2,60 +2,102 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
-from pathlib import Path
+from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.fit.frame_data import FrameData, prepare_frame
-from isochrome.frames import load_no_load, open_scene_frames, with_file_scale
+from isochrome.frames import Frame, FramesPath, load_no_load, open_scene_frames, with_file_scale
 from isochrome.scene import Scene
 from isochrome.simulate import state_count
 
 _KEPT = 8
 """Frames that are kept in memory once prepared; of longer sets each pass reads them again."""
+_FAR = 300
+"""Frames that are sooner passed over than left out by opening their file anew."""
 
 
 class FrameSet:
     """Prepared frames of a path, in order; every iteration starts at the first.
 
-    Attributes: `scene`, with the frames' own distances where their times tell them; `shape` (rows,
+    It may be handed to other processes. Attributes: `reader`; `given`, the scene, with the frames'
+    scale; `scene`, with the frames' own distances too where their times tell them; `shape` (rows,
     cols); `plain`, indices of frames that get one amplitude for all their light.
     """
 
-    def __init__(self, path: str | Path, scene: Scene) -> None:
+    def __init__(self, path: FramesPath, scene: Scene) -> None:
         """Raises InputError where the frames cannot be this scene's states."""
-        self._reader = open_scene_frames(path, scene)
-        self._no_load = load_no_load(scene, full_shape=self._reader.full_shape)
-        self._kept: list[FrameData] = []
-        self._count = self._reader.count()
+        self.reader = open_scene_frames(path, scene)
+        self._no_load = load_no_load(scene, full_shape=self.reader.full_shape)
+        self._kept: dict[int, FrameData] = {}
+        self._open = threading.local()
+        self._count = self.reader.count()
         self.plain: set[int] = set()
-        self.shape = self._reader.shape
+        self.shape = self.reader.shape
         if self._count == 0:
             raise InputError(f"{path}: holds no frame; check the file")
-        self.scene = self._with_distances(with_file_scale(scene, self._reader))
+        self.given = with_file_scale(scene, self.reader)
+        self.scene = self._with_distances(self.given)
         self._check(path)
 
     def __len__(self) -> int:
         return self._count
 
     def __iter__(self) -> Iterator[FrameData]:
-        for i, data in enumerate(self._kept if self._kept else self._read()):
+        return self.some(0, self._count)
+
+    def __getitem__(self, index: int) -> FrameData:
+        (found,) = self.some(index, index + 1)
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        own = ("_kept", "_open")
+        return {k: v for k, v in self.__dict__.items() if k not in own}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _kept={}, _open=threading.local())
+
+    def some(self, start: int, stop: int) -> Iterator[FrameData]:
+        """Prepared frames [start, stop). Raises InputError on a bad one."""
+        there = all(i in self._kept for i in range(start, stop))
+        kept = (self._kept[i] for i in range(start, stop))
+        for i, data in enumerate(kept if there else self._read(start, stop), start):
             yield data.plain() if i in self.plain else data
 
-    def _read(self) -> Iterator[FrameData]:
-        kept = []
-        for frame in self._reader:
+    def close(self) -> None:
+        """Close the file."""
+        self.reader.close()
+        self._open = threading.local()
+
+    def _read(self, start: int, stop: int) -> Iterator[FrameData]:
+        for i in range(start, stop):
             data = prepare_frame(
-                frame,
+                self._frame(i),
                 self.scene,
-                bit_depth=self._reader.bit_depth,
+                bit_depth=self.reader.bit_depth,
                 no_load=self._no_load,
                 gamma_found=True,
             )
             if self._count <= _KEPT:
-                kept.append(data)
+                self._kept[i] = data
             yield data
-        self._kept = kept
+
+    def _frame(self, index: int) -> Frame:
+        """A frame, from the file as it is open if that is before it."""
+        frames: Iterator[Frame] | None = getattr(self._open, "frames", None)
+        at: int = getattr(self._open, "at", 0)
+        if frames is None or not at <= index <= at + _FAR:
+            frames, at = self.reader.iterate(index), index
+        for frame in frames:
+            at += 1
+            if frame.index == index:
+                self._open.frames, self._open.at = frames, at
+                return frame
+        raise InputError(
+            f"{self.reader.path}: breaks off after {at} frames, and had more when it was counted; "
+            "is it still being written?"
+        )
 
     def _with_distances(self, scene: Scene) -> Scene:
         """The scene with a distance a frame, from the frames' times where a speed is given."""
@@ -63,7 +105,7 @@ class FrameSet:
         if speed is None or scene.wear is None:
             return scene
         distances = []
-        for frame in self._reader:
+        for frame in self.reader:
             if frame.time_s is None:
                 raise InputError(
                     f"frame {frame.index} ({frame.name}) has no time, which "
@@ -75,7 +117,7 @@ class FrameSet:
             return moving
         return moving.with_values({"friction.static_state_first": False})
 
-    def _check(self, path: str | Path) -> None:
+    def _check(self, path: FramesPath) -> None:
         states = state_count(self.scene)
         if self._count > 1 and self.scene.model == "contact" and states not in (1, self._count):
             raise InputError(

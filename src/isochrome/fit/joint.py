@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import PhysicsError
 from isochrome.fit.frame_data import FrameData
-from isochrome.fit.frame_fit import FrameFit, placed, thinning
+from isochrome.fit.frame_fit import placed, thinning
 from isochrome.fit.intensity import UNDETERMINED
 from isochrome.fit.linear import scaled_inverse
 from isochrome.fit.normal import Normal, add_up, clear_region, make_renderer
@@ -47,15 +47,16 @@ class JointFit:
     `values`, `standard_uncertainty`, `cramer_rao_bound` (p,); `covariance` (p, p); `information`
     (p, p), J^T J over the noise variance; `chi`, residual over noise over all frames, `frame_chi`
     of each; `cost`, the sum of squares, and its `freedom`; `scene`, with tables over distance;
-    `scenes`, of each frame; `converged`; `lost`, frames whose illumination came out negative.
+    `scenes`, of each frame; `converged`; `lost`, frames whose illumination came out negative. The
+    matrices are None where nothing ties the frames together.
     """
 
     sequence: Sequence
     values: Array
     standard_uncertainty: Array
     cramer_rao_bound: Array
-    covariance: Array
-    information: Array
+    covariance: Array | None
+    information: Array | None
     chi: float
     frame_chi: tuple[float, ...]
     cost: float
@@ -90,42 +91,6 @@ def fit_together(
     problem.keep_clear(values)
     values, normal, converged = problem.solve(values, 1, _TIGHT)
     return problem.result(values, normal, converged)
-
-
-def fit_of_one(sequence: Sequence, alone: FrameFit) -> JointFit | None:
-    """The fit of a single frame as one of a sequence.
-
-    Parameters: `sequence` of one frame; `alone`, the frame's own fit for its keys. Returns a
-    JointFit; None where the frame shows a state that other distances led to, which its own fit
-    does not follow.
-    """
-    scene = sequence.scene
-    course = (
-        scene.load and scene.load.normal_n,
-        scene.friction and scene.friction.coefficient,
-        scene.wear and scene.wear.coefficient_mm2_per_n,
-    )
-    if sequence.count != 1 or any(isinstance(value, DistanceTable) for value in course):
-        return None
-    order = [alone.keys.index(unknown.key) for unknown in sequence.unknowns]
-    values, pairs = alone.values[order], np.ix_(order, order)
-    whole = sequence.whole(values)
-    return JointFit(
-        sequence,
-        values,
-        alone.standard_uncertainty[order],
-        alone.cramer_rao_bound[order],
-        alone.covariance[pairs],
-        alone.information[pairs],
-        alone.chi,
-        (alone.chi,),
-        alone.chi**2 * alone.freedom,
-        alone.freedom,
-        whole,
-        (alone.scene,),
-        alone.converged,
-        () if alone.positive else (0,),
-    )
 
 
 class Together:

@@ -2,45 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import PhysicsError
-from isochrome.fit.frame_data import FrameData
-from isochrome.fit.frame_fit import FrameFit, fit_frame
-from isochrome.fit.history import alone_scene, local_values
+from isochrome.fit.frame_fit import FrameFit
+from isochrome.fit.history import local_values
 from isochrome.fit.sequence import WEAR, Sequence
 from isochrome.scene import DistanceTable, Scene
 
 Array = NDArray[Any]
-
-
-def fit_alone(
-    frames: Iterable[FrameData],
-    sequence: Sequence,
-    *,
-    follow: bool = False,
-    told: Callable[[], None],
-) -> list[FrameFit]:
-    """Each frame on its own, from a cold start, for all the keys that act in it.
-
-    Parameters: `frames`; `sequence`; `follow`, whether a frame starts where the last one ended,
-    and from there alone; `told`, called with each frame done. Returns a FrameFit of each.
-    """
-    found: list[FrameFit] = []
-    for i, data in enumerate(frames):
-        scene, keys = alone_scene(sequence.scene, i), sequence.acting(i)
-        cold = True
-        if follow and found and found[-1].positive:
-            last = dict(zip(found[-1].keys, found[-1].values.tolist(), strict=True))
-            scene = scene.with_values({key: last[key] for key in keys if key in last})
-            cold = False
-        found.append(fit_frame(data, scene, keys, cold=cold))
-        told()
-    return found
 
 
 def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
@@ -48,20 +22,25 @@ def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
 
     A frame's own value is its own; a shared one, the mean weighted by the uncertainties. The wear
     coefficient is found from the areas that the frames say were worn, under their own friction.
-    Raises PhysicsError for a key that no frame tells.
+    Raises PhysicsError for an unknown that no frame tells.
     """
     for unknown in sequence.unknowns:
-        if not any(np.isfinite(_spread(alone[i], unknown.key)) for i in unknown.frames):
-            raise PhysicsError(
-                f"{unknown.key} does not change the fringes of these frames, so that they cannot "
-                "tell it; leave it out"
-            )
+        refuse_untold(unknown.key, [alone[i] for i in unknown.frames])
     values = np.array([_mean([alone[i] for i in u.frames], u.key) for u in sequence.unknowns])
     worn = [k for k, u in enumerate(sequence.unknowns) if u.key == WEAR]
     if worn:
         values[worn] = _scene_wear(sequence.scene)
         values[worn] *= _wear_factors(sequence, values, alone, worn)
     return values
+
+
+def refuse_untold(key: str, fits: Iterable[FrameFit]) -> None:
+    """Raise PhysicsError where none of some frames' own fits tells a key."""
+    if not any(np.isfinite(_spread(fit, key)) for fit in fits):
+        raise PhysicsError(
+            f"{key} does not change the fringes of these frames, so that they cannot tell it; "
+            "leave it out"
+        )
 
 
 def _wear_factors(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,9 @@ Found = dict[str, dict[str, float]]
 POOR_CHI = 1.3
 """Residual over noise beyond which the model does not describe a frame within its noise."""
 
+_NAMED = 12
+"""Frames whose numbers a sentence names."""
+
 _NEARLY = 1.05
 """Other minima are told up to this chi over the fit's own."""
 
@@ -33,7 +37,7 @@ class Fit:
     residual over noise over all frames; `scene`, with the fitted values; `other_minima`, of each
     frame on its own: other values that fit nearly as well; `wear_laws`, compared, where several
     frames tell what was worn between them; `warnings` in plain words; `tractions` of each frame,
-    where they were asked for.
+    where they were asked for; `already`, whether an earlier run had left it all.
     """
 
     shared: Found
@@ -46,6 +50,7 @@ class Fit:
     wear_laws: WearLaws | None
     warnings: tuple[str, ...]
     tractions: tuple[Tractions, ...] = ()
+    already: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """The result as `--json` prints it; a single frame's own unknowns stand at the top too."""
@@ -64,6 +69,7 @@ class Fit:
                 "wear_law": self.wear_laws.sentence(),
                 "wear_laws": self.wear_laws.to_json(),
                 "wear_between_frames": list(self.wear_laws.between),
+                "wear_chi": self.wear_laws.chi,
             }
         if self.tractions:
             found = [{"frame": i, **one.to_json()} for i, one in enumerate(self.tractions)]
@@ -140,7 +146,7 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
     found = []
     poor = [i for i, chi in enumerate(joint.frame_chi) if chi > POOR_CHI]
     if poor:
-        where = "" if len(joint.scenes) == 1 else f" (frames {', '.join(map(str, poor))})"
+        where = "" if len(joint.scenes) == 1 else f" ({named_frames(poor)})"
         worst = max(joint.frame_chi)
         found.append(
             f"chi = {worst:.2f}{where}: the model does not describe these frames within their "
@@ -151,22 +157,44 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
                 "the contact's place in the picture was held at the scene's; let it be found with "
                 "--per-frame camera.left_mm --per-frame camera.top_mm"
             )
-    for i in joint.lost:
-        found.append(f"frame {i}: the scene's fringes are not in it")
-    for i, fit in enumerate(alone):
-        if fit.plain and i not in joint.lost:
-            found.append(
-                f"frame {i}: no smooth illumination fits with this model, so that one amplitude "
-                "stands for all the frame; give no-load frames"
-            )
-        if _others(fit):
-            found.append(
-                f"frame {i}: {len(_others(fit))} other solution(s) fit nearly as well; give the "
-                "load more closely"
-            )
+    lost = set(joint.lost)
+    said = [(i, "the scene's fringes are not in it") for i in joint.lost]
+    said += [
+        (
+            i,
+            "no smooth illumination fits with this model, so that one amplitude stands for all "
+            "the frame; give no-load frames",
+        )
+        for i, fit in enumerate(alone)
+        if fit.plain and i not in lost
+    ]
+    said += [
+        (i, f"{len(_others(fit))} other solution(s) fit nearly as well; give the load more closely")
+        for i, fit in enumerate(alone)
+        if _others(fit)
+    ]
+    found += said_of_frames(said)
     if not joint.converged:
         found.append("the fit did not converge fully")
     return found
+
+
+def said_of_frames(said: Iterable[tuple[int, str]], *, single: bool = False) -> list[str]:
+    """What is said of frames, each sentence once, with the frames that it is said of.
+
+    Parameters: `said`, frames' numbers and sentences; `single`, whether there is but one frame,
+    which needs no number.
+    """
+    frames: dict[str, list[int]] = {}
+    for i, text in said:
+        frames.setdefault(text, []).append(i)
+    return [text if single else f"{named_frames(own)}: {text}" for text, own in frames.items()]
+
+
+def named_frames(frames: list[int]) -> str:
+    """Frames by their numbers, after a dozen how many more."""
+    more = f" and {len(frames) - _NAMED} more" if len(frames) > _NAMED else ""
+    return f"frame{'s' * (len(frames) > 1)} {', '.join(map(str, frames[:_NAMED]))}{more}"
 
 
 def _of_law(scene: Scene, laws: WearLaws | None) -> list[str]:

@@ -81,6 +81,7 @@ def with_smooth_stress(
     start = np.r_[joint.values, [float(scene.get(unknown.key)) for unknown in added]]
     try:
         smooth = fit_together(frames, wider, start, shape=shape, told=told)
+        assert smooth.covariance is not None
         refuse_alike(tuple(u.key for u in smooth.unknowns), smooth.covariance)
     except PhysicsError:
         return joint, ()  # the frames cannot tell it from the other unknowns: chi stays and is told

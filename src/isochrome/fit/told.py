@@ -77,6 +77,7 @@ class WearLaws:
                 "log_evidence": law.log_evidence,
                 "misfit": law.misfit,
                 "degrees_of_freedom": law.freedom,
+                "between": list(law.between),
                 **{name.removeprefix("wear."): found for name, found in law.parameters.items()},
             }
             for law in self.laws

@@ -5,6 +5,7 @@ Pixel coordinates are (row, col), colour is RGB; what OpenCV thinks of both stay
 
 from isochrome.frames.check import Check, check_frames
 from isochrome.frames.findings import Finding
+from isochrome.frames.inputs import absolute, input_files
 from isochrome.frames.linear import Linear, find_outliers, to_linear
 from isochrome.frames.mask import load_mask
 from isochrome.frames.no_load import load_no_load, open_no_load_steps
@@ -31,12 +32,14 @@ __all__ = [
     "Linear",
     "NoiseModel",
     "Normalised",
+    "absolute",
     "channel_for",
     "check_frames",
     "check_scale",
     "estimate_noise",
     "find_outliers",
     "full_scale",
+    "input_files",
     "load_mask",
     "load_no_load",
     "normalise",
