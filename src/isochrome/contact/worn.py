@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.contact.course import Course, Stop, same_drive, wear_course
+from isochrome.contact.course import Course, Stop, same_drive
 from isochrome.contact.gap import undeformed_gap
 from isochrome.contact.pressure import ContactState, solve_pressure
 from isochrome.contact.profile import Grid, elastic_constants
@@ -53,7 +53,7 @@ def worn_states(site: Site, course: Course, stops: list[Stop]) -> Iterator[Surfa
     done = sum(stop.dose_mm_per_mpa <= nothing for stop in stops)
     start = WornStart(0.0, np.zeros(site.grid.nodes))
     for stop in stops[:done]:
-        yield _elastic_state(site, start.depth_mm, stop)
+        yield elastic_state(site, start.depth_mm, stop)
     indenter = site.scene.indenter
     assert indenter is not None
     if indenter.shape == "cylinder" and indenter.profile is None and done < len(stops):
@@ -79,26 +79,23 @@ def worn_states(site: Site, course: Course, stops: list[Stop]) -> Iterator[Surfa
             yield _state(site, stop, worn.contact, worn.depth_mm)
 
 
-def state_on_scar(scene: Scene, grid: Grid, depth_mm: Floats) -> SurfaceState:
-    """The contact of a scene of one state on a scar that is known, whatever wore it.
+def elastic_state(
+    site: Site, depth_mm: Floats, stop: Stop, *, start: Floats | None = None
+) -> SurfaceState:
+    """The contact on a surface of known depth, under a stop's own load and friction.
 
-    Parameters: `scene`, for its load and friction; `grid`; `depth_mm` (n,), worn at its nodes.
-    Returns a SurfaceState. Raises PhysicsError where the contact does not converge.
+    Parameters: `site`; `depth_mm` (n,), worn at its nodes; `stop`; `start` (n,), a pressure near
+    by, MPa. Returns a SurfaceState. Raises PhysicsError where the contact does not converge.
     """
-    _, (stop,) = wear_course(scene)
-    return _elastic_state(make_site(scene, grid), depth_mm, stop)
-
-
-def _elastic_state(site: Site, depth: Floats, stop: Stop) -> SurfaceState:
-    """The contact on a surface of known depth, under a stop's own load and friction."""
     contact = solve_pressure(
         site.surface,
-        site.gap_mm + depth,
+        site.gap_mm + depth_mm,
         stop.line_load_n_per_mm,
         friction=stop.friction,
+        start=start,
         tolerance=1e-9,
     )
-    return _state(site, stop, contact, depth)
+    return _state(site, stop, contact, depth_mm)
 
 
 def _scar_state(site: Site, course: Course, scar: Scar) -> SurfaceState:
@@ -107,7 +104,7 @@ def _scar_state(site: Site, course: Course, scar: Scar) -> SurfaceState:
     pressure, depth = scar_on_nodes(scar, x)
     drive = stop.line_load_n_per_mm, stop.friction
     if not same_drive(drive, course.at(stop.dose_mm_per_mpa)):
-        return _elastic_state(site, depth, stop)
+        return elastic_state(site, depth, stop)
     u = displacement(site.surface, pressure, friction=stop.friction)
     gap = site.gap_mm + depth + u
     residual = 0.5 * float(np.ptp(gap[(x > scar.x_mm[0]) & (x < scar.x_mm[-1])]) / np.ptp(u))

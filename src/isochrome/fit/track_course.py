@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.contact import (
-    SurfaceState,
-    contact_states,
-    elastic_constants,
-    state_on_scar,
-    wear_rate,
-)
+from isochrome.contact import elastic_constants, wear_rate
 from isochrome.errors import InputError
 from isochrome.fit.history import local_values
 from isochrome.fit.one_state import scene_at
 from isochrome.fit.sequence import COURSE, FRICTION, WEAR
-from isochrome.scene import Numerics, Scene
+from isochrome.fit.track_field import CHECKED, CORNER
+from isochrome.fit.track_past import TrackPast
+from isochrome.fit.track_scar import Drive
+from isochrome.scene import Scene
 from isochrome.simulate import SceneState, scene_states
 
 Array = NDArray[Any]
-Point = tuple[float, float, float]
-"""Dose (mm/MPa), load (N) and friction of a frame that has passed."""
 
 LOAD, LEFT, TOP = COURSE[0], "camera.left_mm", "camera.top_mm"
 WORN = "worn area (mm²)"
@@ -33,13 +27,13 @@ WORN = "worn area (mm²)"
 TRACKED = (LOAD, "load.tangential_n", "load.bulk_mpa", FRICTION, WEAR, LEFT, TOP)
 """Keys that can be tracked: what the mechanics follow smoothly, and the place."""
 
-_PAST, _CLOSE = 24, 1e-3
-"""Points of the history that are kept; share of the dose that two of them are apart at least."""
+_PLACES = (-1.0, -CHECKED, -CORNER, 0.0, CORNER, CHECKED, 1.0)
+"""Where along the worn area a polynomial is made and checked, in half-widths."""
 _NO_WEAR = 1e-9
 """Worn area, over what the elasticity takes up, that is none: below any rounding of a gap."""
 
 _BOX = {FRICTION: 0.05, "load.bulk_mpa": 0.3}
-_OF_LOAD, _OF_WEAR, _PLACE_PX, _BEHIND = 0.06, 0.1, 2.0, 0.3
+_OF_LOAD, _OF_WEAR, _PLACE_PX, _BEHIND, _ROUNDING = 0.06, 0.1, 2.0, 0.3, 0.02
 
 
 class TrackCourse:
@@ -61,25 +55,26 @@ class TrackCourse:
             axes += [] if WEAR in keys else [WORN]
         self.axes = tuple(axes)
         self.places = tuple(j for j, axis in enumerate(axes) if axis in (LEFT, TOP))
-        self._past: list[Point] = []
-        self._worn, self._slid, self._dose, self._area = 0.0, 0.0, 0.0, 0.0
-        self._last = (0.0, 0.0)
+        self._past = TrackPast()
+        self._worn, self._area, self._slid, self._now = 0.0, 0.0, 0.0, 0.0
+        self._last: tuple[float, float] | None = None
 
     def start(self, distance_m: float | None) -> Array:
         """The scene's own values (axes,) at a distance (m), and so its history's."""
-        s = distance_m or 0.0
-        self._slid, self._last = s, (self._own(LOAD, s), self._own(FRICTION, s))
+        self._now = distance_m or 0.0
         return np.array([self._own(axis, distance_m) for axis in self.axes])
 
     def carried(self, values: Array, distance_m: float | None) -> Array:
         """The last frame's tracked values with what is known of the next frame's distance (m)."""
+        self._now = distance_m or 0.0
         found = values.copy()
         for j in range(self.count, len(self.axes)):
             if self.axes[j] != WORN:
                 found[j] = self._own(self.axes[j], distance_m)
-        if WORN in self.axes[self.count :]:
-            found[-1] = self._worn_at(found, distance_m or 0.0)
-        return found
+        if WORN in self.axes:
+            grown = self._area_at(found) / self._area if self._area > 0.0 else 1.0
+            found[self.axes.index(WORN)] = self._worn * grown
+        return self.moved(found, np.zeros(self.count))
 
     def passed(self, values: Array, distance_m: float | None) -> None:
         """Take a frame's values into the history of those that follow."""
@@ -87,16 +82,10 @@ class TrackCourse:
             return
         s = distance_m or 0.0
         load, friction = (self._value(key, values, s) for key in (LOAD, FRICTION))
-        dose, area = self._step(load, friction, s)
-        self._dose, self._area = self._dose + dose, self._area + area
+        self._area = self._area_at(values)
+        self._past.passed(self._area, self._line_load(load), friction)
         self._worn, self._slid = self._value(WORN, values, s), s
         self._last = (load, friction)
-        self._past.append((self._dose, load, friction))
-        if len(self._past) > _PAST:
-            # neighbours become their mean, the last one stays: it is where the next begins
-            *rest, last = self._past
-            pairs = zip(rest[::2], rest[1::2], strict=False)
-            self._past = [_middle(one, other) for one, other in pairs] + [last]
 
     def reported(self) -> Array:
         """Factors (tracked,) from the last frame's axes to the keys: area to wear coefficient."""
@@ -106,67 +95,81 @@ class TrackCourse:
             factors[self.keys.index(WEAR)] = k / self._area if self._area > 0.0 else np.nan
         return factors
 
-    def _step(self, load: float, friction: float, s: float) -> tuple[float, float]:
-        """Dose (mm/MPa) and area (mm²) worn since the last frame, by the scene's law."""
-        if not self._past:
-            area = self._own(WORN, s)
-            return area / self._line_load(load), area
-        ends = ((*self._last, self._slid), (load, friction, s))
-        rates = np.array([self._rate(mu, at) for _, mu, at in ends])
-        lines = np.array([self._line_load(p) for p, _, _ in ends])
-        slid = max(0.0, s - self._slid)
-        return float(rates.mean() * slid), float((rates * lines).mean() * slid)
+    def _area_at(self, values: Array) -> float:
+        """Area (mm²) worn by the scene's law until now, by the loads and frictions so far."""
+        load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
+        if self._last is None:
+            area = self._own(WORN, self._now)
+            return area if _table(self.scene, LOAD) else area * load / self._own(LOAD, self._now)
+        ends = ((*self._last, self._slid), (load, friction, self._now))
+        rates = [self._rate(mu, at) * self._line_load(p) for p, mu, at in ends]
+        return self._area + max(0.0, self._now - self._slid) * 0.5 * sum(rates)
 
-    def _history(self, worn: float) -> Scene:
-        """The run that has worn an area (mm²): what was tracked, and the last drive beyond it.
+    def _before(self, load: float, friction: float) -> Drive:
+        """What wore the contact until the first frame: the scene's tables, or the first values."""
+        loads, mu = _table(self.scene, LOAD), _table(self.scene, FRICTION)
+        s = np.array([0.0, self._now])
+        for key, table in ((LOAD, loads), (FRICTION, mu)):
+            if table:
+                s = np.concatenate((s, self.scene.get(key).distance_m))
+        s = np.unique(s[s <= self._now])
+        worn = local_values(self.scene, tuple(s.tolist()))[:, 2]
+        line = self._line_load(1.0)
+        return Drive(
+            worn,
+            line * (np.array(self.scene.load_at(s)) if loads else np.full(len(s), load)),
+            np.array(self.scene.friction_at(s)) if mu else np.full(len(s), friction),
+        )
 
-        Its distance is the share of the dose, so that Archard's law stands for any.
+    def grown(self, values: Array, others: Array) -> tuple[float, float]:
+        """Growth of the scar since other values (axes,) and since the last frame.
+
+        Over what is worn and elastic; 0 where nothing wears.
         """
-        past = [row for row in self._past if row[0] > 0.0] or [(1.0, *self._last)]
-        dose, load, friction = (np.array([0.0, *column]) for column in zip(*past, strict=True))
-        load[0], friction[0] = load[1], friction[1]
-        area = np.cumsum(np.diff(dose, prepend=0.0) * self._line_load(1.0) * _between(load))
-        if self._worn > 0.0:
-            scale = self._worn / area[-1]
-            dose, area = dose * scale, area * scale
-        if worn > area[-1]:
-            dose[-1] += (worn - area[-1]) / self._line_load(load[-1])
-        else:
-            last = int(np.searchsorted(area, worn))
-            dose, load, friction = dose[: last + 1], load[: last + 1], friction[: last + 1]
-            dose[-1] -= (area[last] - worn) / self._line_load(load[-1])
-        apart = np.diff(dose, append=np.inf) > _CLOSE * dose[-1]
-        share = (dose / dose[-1])[apart].tolist()
-        given: dict[str, Any] = {LOAD: {"distance_m": share, "value": load[apart].tolist()}}
-        if self.scene.friction:
-            given[FRICTION] = {"distance_m": share, "value": friction[apart].tolist()}
-        return self.scene.with_values(given | _archard(1e-3 * dose[-1], 1.0))
+        if WORN not in self.axes:
+            return 0.0, 0.0
+        at = self.axes.index(WORN)
+        whole = values[at] + self._elastic_area(self._value(LOAD, values, self._now))
+        return abs(values[at] - others[at]) / whole, abs(values[at] - self._worn) / whole
 
-    def solver(self, numerics: Numerics) -> Callable[[Scene], SceneState]:
-        """What solves a scene of `field_scene`: its own load and friction on the history's scar."""
-        scars: dict[float, SurfaceState] = {}
+    def use(self, scene: Scene) -> None:
+        """Solve on the grid of the widest scene so far, with its own numerics, from now on."""
+        if self.scene.wear is not None:
+            self._past.use(scene)
 
-        def solve(scene: Scene) -> SceneState:
-            if scene.wear is None:
-                return scene_states(scene)[-1]
-            worn = 1e3 * scene.get(WEAR) * self._line_load(scene.load_at(1.0))
-            key = float(f"{worn:.9g}")
-            if key not in scars:
-                history = self._history(worn).model_copy(update={"numerics": numerics})
-                scars[key] = contact_states(history)[-1]
-            scar = scars[key]
-            surface = state_on_scar(scene, scar.grid, scar.wear_depth_mm)
-            return SceneState("", surface.distance_m, surface)
+    def wear(self, values: Array, low: Array, high: Array) -> None:
+        """Wear the scars of a box for `solve`, or, where its ends are the values, theirs alone.
 
-        return solve
+        Parameters: `values` (axes,) of the frame in hand; `low`, `high` (axes,), the box's ends.
+        """
+        if self.scene.wear is None:
+            return
+        at, area = self.axes.index(WORN), self._area_at(values)
+        load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
+        if self._last is None:
+            self._past.begin(self._before(load, friction))
+        middle, half = 0.5 * (low[at] + high[at]), 0.5 * (high[at] - low[at])
+        self._past.wear(
+            sorted({float(middle + t * half) for t in _PLACES}),
+            (area, self._line_load(load), friction),
+            scale=float(values[at] / area) if area > 0.0 else 1.0,
+            elastic_mm2=self._elastic_area(load),
+        )
+
+    def solve(self, scene: Scene) -> SceneState:
+        """The contact of a `field_scene` on the scar that its history has worn."""
+        return scene_states(scene)[-1] if self.scene.wear is None else self._past.solve(scene)
 
     def moved(self, values: Array, step: Array) -> Array:
-        """Values (axes,) after a step (count,) of the tracked ones; no worn area below zero."""
+        """Values (axes,) after a step (count,) of the tracked ones; no worn area below zero.
+
+        A worn area that is not tracked is what the frame's load and friction wear until it.
+        """
         found = values.copy()
         found[: self.count] += step
         if WORN in self.axes:
             at = self.axes.index(WORN)
-            found[at] = max(0.0, found[at])
+            found[at] = max(0.0, found[at]) if at < self.count else self._area_at(found)
         return found
 
     def field_scene(self, values: Array) -> Scene:
@@ -178,7 +181,7 @@ class TrackCourse:
         worn = given.pop(WORN, None)
         if worn is None:
             return self._base.with_values(given)
-        load, friction = (self._value(key, values, self._slid) for key in (LOAD, FRICTION))
+        load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
         given[LOAD] = load
         if self.scene.friction:
             given[FRICTION] = friction
@@ -202,14 +205,15 @@ class TrackCourse:
         `size`, of the box, over the usual one.
         """
         assert self.scene.camera is not None and self.scene.camera.pixel_mm is not None
-        load = self._value(LOAD, values, self._slid)
+        load = self._value(LOAD, values, self._now)
         low, high, degrees = values.copy(), values.copy(), []
         for j, axis in enumerate(self.axes):
             place = axis in (LEFT, TOP)
             degrees.append(2 if axis == "load.bulk_mpa" else 4)
             if axis == WORN:
                 half = size * _OF_WEAR * (values[j] + self._elastic_area(load))
-                low[j] = max(0.0, values[j] - _BEHIND * half)
+                behind = _BEHIND if j < self.count else _ROUNDING
+                low[j] = max(0.0, values[j] - behind * half)
                 high[j] = low[j] + 2.0 * half  # a scar only grows
                 continue
             pixels = _PLACE_PX * self.scene.camera.pixel_mm
@@ -252,21 +256,6 @@ class TrackCourse:
         assert self.scene.wear is not None
         k = float(self.scene.wear_coefficient_at(s))
         return 1e3 * float(wear_rate(self.scene.wear.law, k, friction))
-
-    def _worn_at(self, values: Array, s: float) -> float:
-        """Worn area at a distance, by the loads and frictions that were tracked."""
-        load, friction = (self._value(key, values, s) for key in (LOAD, FRICTION))
-        return self._worn + self._step(load, friction, s)[1]
-
-
-def _between(values: Array) -> Array:
-    """Means of neighbours (m,), the first with itself."""
-    return np.asarray(0.5 * (values + np.concatenate((values[:1], values[:-1]))))
-
-
-def _middle(one: Point, other: Point) -> Point:
-    dose, load, friction = (0.5 * (a + b) for a, b in zip(one, other, strict=True))
-    return dose, load, friction
 
 
 def _archard(coefficient: Any, distance_m: float) -> dict[str, Any]:

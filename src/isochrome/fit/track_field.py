@@ -24,6 +24,8 @@ Render = Callable[[Array, bool], tuple[Array, Array | None]]
 CORNER = round(0.5**0.5, 12)
 """Where the corners of a pair of values lie, in half-widths of the box: as one of the places along
 each of them, so that what costs most, the mechanics, is solved once for both."""
+CHECKED = 0.85
+"""Where a polynomial is checked, in half-widths: beyond all corners that were rendered."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,10 @@ class FieldBox:
         """Stress difference (n,), MPa, complex64, and visibility (n,) at some values (p,)."""
         t = self.place(values)
         return _sum(_terms(t, self.powers), self.field), _sum([1.0, *t], self.visibility)
+
+    def shift(self, field: Array) -> None:
+        """Add a field (n,), MPa, everywhere."""
+        self.field[np.flatnonzero(~self.powers.any(axis=1))[0]] += field
 
     def slope(self, values: Array, axis: int) -> tuple[Array, Array]:
         """Derivatives of both by one value, per its own unit."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,10 @@ from isochrome.fit.one_state import with_own_numerics
 from isochrome.fit.renderer import SceneRenderer
 from isochrome.fit.tone import Toned, solve_toned
 from isochrome.fit.track_course import TrackCourse
-from isochrome.fit.track_field import FieldBox, Render, make_field_box
+from isochrome.fit.track_field import CHECKED, FieldBox, make_field_box
 from isochrome.fit.track_pixels import Look, Thinned
 from isochrome.optics import fringe_order, make_chain, polariscope_signal
+from isochrome.scene import Numerics
 from isochrome.stress import principal_direction
 
 Array = NDArray[Any]
@@ -27,12 +29,24 @@ _KEPT = 12
 """Polynomials that are kept, some 6 MB each: a load that swings comes back to them."""
 _FIELD_ERROR = 0.3
 """What a polynomial may do to a value near its box's corners, in standard uncertainties."""
-_CHECKED = 0.85
-"""Where that is looked at, in half-widths: beyond all corners that were rendered."""
 _LARGEST, _SMALLEST, _SMALLER, _ORDER = 1.2, 0.1, 0.6, 4
 """Sizes of a box; how much smaller the next try is at least; power of the size in the error."""
 _SLOPE = 1e-3
 """Difference step of the signal's derivatives, in half-widths of the box."""
+_DUE, _DUE_LEAST, _DUE_MOST = 0.003, 0.001, 0.02
+"""Growth of a scar after which a polynomial is held to the exact one, at first, least and most."""
+_CLOSE, _OFF = 0.1, 0.25
+"""What was then found wrong, in standard uncertainties, that puts the next time off, or near."""
+
+
+@dataclass
+class _Kept:
+    """A polynomial; the values (axes,) at which it was last held to the exact scar; growth until
+    the next time."""
+
+    box: FieldBox
+    exact: Array
+    due: float
 
 
 class TrackModel:
@@ -46,8 +60,10 @@ class TrackModel:
         self.course, self.shape, self.thinned = course, shape, thinned
         polariscope = course.scene.polariscope
         self._chain = make_chain(polariscope, 0 if polariscope.step else None)
-        self._boxes: list[FieldBox] = []
-        self._box: FieldBox | None = None
+        self._boxes: list[_Kept] = []
+        self._now: _Kept | None = None
+        self._renderer: SceneRenderer | None = None
+        self._numerics: Numerics | None = None
         self._size = _LARGEST
         self.local: LocalModel | None = None
         self.look: Look | None = None
@@ -62,7 +78,7 @@ class TrackModel:
 
     def reach(self, values: Array) -> float:
         """How far some values (axes,) are from the polynomial's middle, in half-widths."""
-        return np.inf if self._box is None else float(np.abs(self._box.place(values)).max())
+        return np.inf if self._now is None else float(np.abs(self._box.place(values)).max())
 
     def move(self, values: Array, levels: Array) -> bool:
         """Take a polynomial that holds some values, or make it; False where that is impossible.
@@ -71,16 +87,54 @@ class TrackModel:
         """
         return self._again(values) or self._centre(values, levels)
 
+    @property
+    def _box(self) -> FieldBox:
+        assert self._now is not None
+        return self._now.box
+
+    def stale(self, values: Array) -> bool:
+        """Whether the scar has grown, or another load has worn it, since it was exact."""
+        kept = self._now
+        if kept is None:
+            return False
+        far = np.abs(kept.box.place(values) - kept.box.place(kept.exact)).max()
+        grown, last = self.course.grown(values, kept.exact)
+        return bool(grown + last * far > kept.due)
+
+    def refresh(self, values: Array, levels: Array) -> bool:
+        """Hold the polynomial to the scar that was worn until now; False where there is none.
+
+        The exact field less the polynomial's at some values (axes,) is added to it.
+        """
+        kept = self._now
+        assert kept is not None
+        try:
+            self.course.wear(values, values, values)
+            field, _ = self._render(values, False)
+        except PhysicsError:
+            return False
+        near, seen = kept.box.at(values)
+        toned = self.at(values, levels)
+        if toned is not None and self.local is not None and self.look is not None:
+            change = (self._signal(field, seen) - self._signal(near, seen))[self.look.clear]
+            wrong = step_size(self.local, self.local.step(change * toned.part.amplitude))
+            if wrong < _CLOSE:
+                kept.due = min(_DUE_MOST, 1.5 * kept.due)
+            elif wrong > _OFF:
+                kept.due = max(_DUE_LEAST, kept.due * max(0.3, _OFF / wrong))
+        kept.box.shift(field - near)
+        kept.exact = values.copy()
+        return True
+
     def signal(self, values: Array) -> Array:
         """The polariscope's signal at the pixels (n,)."""
-        assert self._box is not None
         return self._signal(*self._box.at(values))
 
     def _again(self, values: Array) -> bool:
         """Take up a polynomial that was made before, where one holds these values."""
-        for box in self._boxes:
-            if np.abs(box.place(values)).max() <= 1.0:
-                self._box, self.local, self.look = box, None, None
+        for kept in self._boxes:
+            if np.abs(kept.box.place(values)).max() <= 1.0:
+                self._now, self.local, self.look = kept, None, None
                 return True
         return False
 
@@ -89,47 +143,56 @@ class TrackModel:
         while True:
             low, high, degrees = self.course.box(values, self._size)
             try:
-                render = self._renderer(values, high)
-                self._box = make_field_box(render, low, high, degrees, self.course.places)
+                self._widen(high)
+                self.course.wear(values, low, high)
+                box = make_field_box(self._render, low, high, degrees, self.course.places)
+                self._now = _Kept(box, values.copy(), _DUE)
                 self.local = self.look = None
-                error = self._field_error(render, values, levels)
+                error = self._field_error(values, levels)
             except PhysicsError:
                 error = np.inf
             smallest = self._size <= _SMALLEST
             if error <= _FIELD_ERROR or (smallest and np.isfinite(error)):
-                assert self._box is not None
-                self._boxes = [self._box, *self._boxes[: _KEPT - 1]]
+                assert self._now is not None
+                self._boxes = [self._now, *self._boxes[: _KEPT - 1]]
                 return True
             if smallest:
                 return False
             fit = (0.5 * _FIELD_ERROR / error) ** (1.0 / _ORDER)
             self._size = max(_SMALLEST, self._size * min(_SMALLER, fit))
 
-    def _renderer(self, values: Array, high: Array) -> Render:
+    def _render(self, values: Array, seen: bool) -> tuple[Array, Array | None]:
         """Values to the field and the visibility at the pixels, by the mechanics."""
-        thinned = self.thinned
-        widest = with_own_numerics(self.course.field_scene(high))
-        numerics = widest.numerics
-        renderer = SceneRenderer(
-            widest,
+        assert self._renderer is not None
+        scene = self.course.field_scene(values).model_copy(update={"numerics": self._numerics})
+        keep = self.thinned.keep
+        if not seen:
+            return self._renderer.field_alone(scene)[keep], None
+        field, visibility = self._renderer.order_field(scene)
+        return field[keep], np.broadcast_to(visibility, field.shape)[keep]
+
+    def _widen(self, high: Array) -> None:
+        """Make the grid, and what renders on it, hold the widest contact so far."""
+        scene = self.course.field_scene(high)
+        needed = with_own_numerics(scene, room=1.0).numerics.window_mm or np.inf
+        if self._numerics is not None and (self._numerics.window_mm or 0.0) >= needed:
+            return
+        wide = with_own_numerics(scene)
+        if self._numerics is not None:
+            fixed = {"spacing_mm": self._numerics.spacing_mm}
+            wide = wide.model_copy(update={"numerics": wide.numerics.model_copy(update=fixed)})
+        self.course.use(wide)
+        self._numerics = wide.numerics
+        self._renderer = SceneRenderer(
+            wide,
             self.shape,
-            stride=thinned.stride,
-            solve=self.course.solver(numerics),
+            stride=self.thinned.stride,
+            solve=self.course.solve,
             hidden_px=HIDDEN_PX - _ROOM_PX,
         )
 
-        def render(values: Array, seen: bool) -> tuple[Array, Array | None]:
-            scene = self.course.field_scene(values).model_copy(update={"numerics": numerics})
-            if not seen:
-                return renderer.field_alone(scene)[thinned.keep], None
-            field, visibility = renderer.order_field(scene)
-            return field[thinned.keep], np.broadcast_to(visibility, field.shape)[thinned.keep]
-
-        return render
-
-    def _field_error(self, render: Render, values: Array, levels: Array) -> float:
+    def _field_error(self, values: Array, levels: Array) -> float:
         """What the polynomial does to the values near two corners, in standard uncertainties."""
-        assert self._box is not None
         toned = self.at(values, levels)
         if toned is None:
             return float("inf")
@@ -139,8 +202,8 @@ class TrackModel:
         worst = 0.0
         other = np.resize([1.0, -1.0], len(values))
         for signs in (np.ones(len(values)), other):
-            corner = self._box.middle + _CHECKED * signs * self._box.half
-            field, seen = render(corner, True)
+            corner = self._box.middle + CHECKED * signs * self._box.half
+            field, seen = self._render(corner, True)
             assert seen is not None
             exact, near = self._signal(field, seen), self.signal(corner)
             change = (exact - near)[look.clear] * toned.part.amplitude
@@ -165,7 +228,6 @@ class TrackModel:
 
     def at(self, values: Array, levels: Array) -> Toned | None:
         """Illumination and background of a frame at some values."""
-        assert self._box is not None
         signal = self._signal(*self._box.at(values))
         if self.look is None:
             self.look = self.thinned.look(np.maximum(levels, 0.0) ** self.thinned.gamma)
@@ -177,7 +239,6 @@ class TrackModel:
 
     def linearise(self, values: Array, levels: Array, toned: Toned) -> Toned:
         """Derivatives at some values, and which pixels to use there; the solution with these."""
-        assert self._box is not None
         field, visibility = self._box.at(values)
         signal = self._signal(field, visibility)
         self.look = self.thinned.look(self.thinned.light_of(toned, signal))

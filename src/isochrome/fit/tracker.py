@@ -202,6 +202,8 @@ class Tracker:
                 if far or boxes == _BOXES or not model.move(values, levels):
                     return None
                 boxes, last = boxes + 1, np.inf
+            if model.stale(values) and not model.refresh(values, levels):
+                return None
             toned = model.at(values, levels)
             if toned is None:
                 return None
@@ -213,7 +215,7 @@ class Tracker:
             step = local.step(toned.residual)
             size = step_size(local, step) / _noise(toned)
             values = self.course.moved(values, step)
-            if size < _NEAR:
+            if size < _NEAR and not model.stale(values):
                 return _Found(values, local, toned, model.look)
             last = size
         return None

@@ -1,0 +1,103 @@
+"""What was tracked so far: the drive that wore a contact, and the scars kept on the way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.contact import Site, Stop, contact_grid, elastic_state, make_site, wear_course
+from isochrome.fit.sequence import WEAR
+from isochrome.fit.track_scar import TOLERANCE, Drive, WornScar, grow
+from isochrome.scene import Scene
+from isochrome.simulate import SceneState
+
+Array = NDArray[Any]
+
+_SCARS = 4
+"""Scars that are kept: a worn area that is tracked falls back behind the last by its noise."""
+
+
+class TrackPast:
+    """The course of a worn contact up to the frame that is being tracked, and what it has worn."""
+
+    def __init__(self) -> None:
+        self._before: Drive | None = None
+        self._frames: list[tuple[float, float, float]] = []
+        self._kept: list[WornScar] = []
+        self._scars: list[WornScar] = []
+        self._site: Site | None = None
+        self._pressure: Array | None = None
+
+    def begin(self, before: Drive) -> None:
+        """What wore the contact before the first frame, over the area by the scene's law."""
+        self._before = before
+
+    def passed(self, worn_mm2: float, line_load_n_per_mm: float, friction: float) -> None:
+        """One frame more: its area by the scene's law, its line load and friction."""
+        self._frames.append((worn_mm2, line_load_n_per_mm, friction))
+
+    def use(self, scene: Scene) -> None:
+        """Solve on the grid of a scene with its own numerics from now on."""
+        numerics = scene.numerics.model_copy(update={"tolerance": TOLERANCE})
+        scene = scene.model_copy(update={"numerics": numerics})
+        course, _ = wear_course(scene)
+        grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))
+        self._site, self._pressure = make_site(scene, grid), None
+        self._kept = [scar.on(grid.nodes) for scar in self._kept]
+
+    def wear(
+        self,
+        areas: list[float],
+        now: tuple[float, float, float],
+        *,
+        scale: float,
+        elastic_mm2: float,
+    ) -> None:
+        """Wear scars of some areas (mm², rising), on which `solve` puts its contacts.
+
+        Beyond the first of them the contact wears on by the mean drive of as much before it.
+        Parameters: `areas`; `now`, of the frame in hand: area by the law (mm²), line load (N/mm),
+        friction; `scale`, areas over the law's; `elastic_mm2`, see `grow`.
+        """
+        assert self._site is not None
+        drive = self._drive(now, scale)
+        low, high = areas[0], areas[-1]
+        if high > low:
+            drive = drive.then(low, *drive.mean(max(0.0, 2.0 * low - high), low))
+        start = WornScar(0.0, np.zeros(self._site.grid.nodes))
+        last = 0.0
+        if self._frames:
+            # what the last frame left is certain, and where the next scars begin
+            last = min(low, scale * self._frames[-1][0])
+            start = next((s for s in reversed(self._kept) if s.worn_mm2 <= last), start)
+        there = sorted({area for area in (last, *areas) if area > start.worn_mm2})
+        grown = grow(self._site, start, drive, there, elastic_mm2)
+        if last > start.worn_mm2:
+            self._kept = [*self._kept, grown[0]][-_SCARS:]
+        self._scars = [start, *grown]
+
+    def solve(self, scene: Scene) -> SceneState:
+        """The contact of a one-state scene under its own load on the scar of its own area."""
+        assert self._site is not None and scene.load is not None
+        assert scene.specimen.thickness_mm is not None
+        line = scene.load_at(1.0) / scene.specimen.thickness_mm
+        worn = 1e3 * scene.get(WEAR) * line if scene.wear else 0.0
+        scar = min(self._scars, key=lambda one: abs(one.worn_mm2 - worn))
+        mu = float(scene.friction_at(1.0)) if scene.friction else 0.0
+        stop = Stop(1.0, 0.0, line, mu)
+        surface = elastic_state(self._site, scar.depth_mm, stop, start=self._pressure)
+        self._pressure = surface.pressure_mpa
+        return SceneState("", surface.distance_m, surface)
+
+    def _drive(self, now: tuple[float, float, float], scale: float) -> Drive:
+        """All that wore the contact until now, over the area worn: `scale` times the law's."""
+        before = self._before
+        assert before is not None
+        first = self._frames[0][0] if self._frames else now[0]
+        columns = (before.worn_mm2, before.line_load_n_per_mm, before.friction)
+        earlier = before.worn_mm2 < first
+        rows = [*zip(*(part[earlier] for part in columns), strict=True), *self._frames, now]
+        worn, load, friction = (np.array(column) for column in zip(*rows, strict=True))
+        return Drive(scale * worn, load, friction)
