@@ -265,6 +265,7 @@ def test_many_frames_that_share_nothing_take_memory_in_proportion(tmp_path):
     assert peaks[1] < 2.2 * peaks[0]
 
 
+@pytest.mark.long
 def test_the_table_has_a_row_for_each_key_of_each_frame(tmp_path):
     place = make_set(tmp_path, 2)
     found = fitted(place, tmp_path / "out")

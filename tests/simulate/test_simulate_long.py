@@ -15,7 +15,7 @@ from isochrome.output import read_csv
 from isochrome.scene import parse_scene
 from isochrome.simulate import scene_states, simulate
 
-RUN = import_module("isochrome.simulate.run")
+WORK = import_module("isochrome.simulate.work")
 
 
 @pytest.mark.long
@@ -33,13 +33,11 @@ def test_a_state_is_let_go_once_it_is_written(tmp_path, monkeypatch, components)
             seen.append(weakref.ref(copy))
             yield copy
 
-    monkeypatch.setattr(RUN, "iter_scene_states", copies)
+    monkeypatch.setattr(WORK, "iter_scene_states", copies)
     done = []
-    out = simulate(
-        scene, tmp_path, components=components, progress=lambda k, count: done.append((k, count))
-    )
+    out = simulate(scene, tmp_path, components=components, progress=done.append)
     assert max(most) <= 6 + 2
-    assert done == [(k, 20) for k in range(1, 21)]
+    assert [(tally.done, tally.count) for tally in done] == [(0, 20), (8, 20), (16, 20), (20, 20)]
     assert out.states == [] and out.history["label"] == [f"copy {k}" for k in range(20)]
     assert read_csv(tmp_path / "history.csv")["label"] == out.history["label"]
     assert tifffile.imread(tmp_path / "frames.tif").shape == (20, 48, 64)

@@ -294,7 +294,7 @@ def test_a_beams_edge_rows_are_as_sharp_as_the_rest():
 def test_simulate_leaves_its_files_whole(tmp_path):
     out = tmp_path / "here" / "out"
     steps = []
-    result = simulate(SMALL, out, progress=lambda done, total: steps.append((done, total)))
+    result = simulate(SMALL, out, progress=steps.append)
     assert result.frames is None and result.orders is None
     assert sorted(p.name for p in out.iterdir()) == [
         "frames.tif",
@@ -305,8 +305,9 @@ def test_simulate_leaves_its_files_whole(tmp_path):
         "scene.toml",
         "simulation.png",
     ]
-    assert steps == [(k, 4) for k in range(1, 5)]
-    memory = simulate(SMALL)
+    assert [(step.done, step.count) for step in steps] == [(0, 4), (4, 4)]
+    memory = simulate(SMALL, progress=steps.append)
+    assert [(step.done, step.count) for step in steps[2:]] == [(k, 4) for k in range(1, 5)]
     np.testing.assert_array_equal(tifffile.imread(out / "frames.tif"), memory.frames)
     np.testing.assert_array_equal(tifffile.imread(out / "fringe_order.tif"), memory.orders)
     # tags hold rationals of 32 bits
@@ -425,8 +426,10 @@ def test_a_later_states_refusal_leaves_nothing_of_the_earlier_ones(tmp_path):
     done = []
     scene = SMALL.with_values({"camera.width_px": 45})  # 1.09 mm: too narrow for the last scar
     with pytest.raises(PhysicsError, match="wider than the picture"):
-        simulate(scene, tmp_path / "out", progress=lambda k, _: done.append(k))
-    assert done == [1, 2, 3]
+        simulate(scene, progress=done.append)
+    assert [tally.done for tally in done] == [1, 2, 3]
+    with pytest.raises(PhysicsError, match="wider than the picture"):
+        simulate(scene, tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -76,13 +76,19 @@ def simulate(
     components: Annotated[
         bool, typer.Option("--components", help="Also the principal stresses, apart, in MPa.")
     ] = False,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    restart: Restart = False,
     as_json: Json = False,
 ) -> None:
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
     from isochrome.simulate import simulate as run
 
-    with progress_bar("simulating") as progress:
-        result = run(scene, out, components=components, progress=progress)
+    with run_bar("simulating", "states") as progress:
+        result = run(
+            scene, out, components=components, workers=workers, cluster=cluster, restart=restart,
+            progress=progress,
+        )  # fmt: skip
     if as_json:
         print_json({"out": str(out), "history": result.history})
         return
@@ -90,7 +96,7 @@ def simulate(
              "n_max_z_mm"]  # fmt: skip
     names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
     print_columns(result.history, names)
-    typer.echo(f"results: {out}")
+    typer.echo(f"results: {out}{_already(result.already)}")
 
 
 @app.command()

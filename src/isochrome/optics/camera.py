@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,12 +39,19 @@ def expose(
     return _digitised(stored, camera.bit_depth, camera.noise_grey, rng)
 
 
+def stored_type(bit_depth: int | None) -> np.dtype[Any]:
+    """The type that holds a sensor's grey levels; float32 where it has no bit depth."""
+    if bit_depth is None:
+        return np.dtype(np.float32)
+    return np.dtype(np.uint8 if bit_depth <= 8 else np.uint16)
+
+
 def _digitised(
     stored: Array, bit_depth: int, noise_grey: float, rng: np.random.Generator
 ) -> NDArray[np.generic]:
     """Grey levels of stored light, with read noise, rounded and clipped, some rows at a time."""
     full = 2.0**bit_depth - 1.0
-    frame = np.empty(stored.shape, np.uint8 if bit_depth <= 8 else np.uint16)
+    frame = np.empty(stored.shape, stored_type(bit_depth))
     for start in range(0, len(stored), _ROWS):
         grey = stored[start : start + _ROWS] * full
         if noise_grey > 0.0:

@@ -95,12 +95,16 @@ class TiffWriter:
                 if self.count == 0:
                     raise InputError(f"{self.path}: no frame to write; append at least one")
                 shape = (self.count, *self._shape)
-                _write(self.path, self._frames(), shape, self._dtype, self._options())
+                write_frames(self.path, self._frames(), shape, self._dtype, **self._options())
         finally:
             os.unlink(self._spool_path)
 
-    def _options(self) -> tuple[float | None, str | None, Photometric]:
-        return self.pixel_mm, self.description, self.photometric
+    def _options(self) -> dict[str, Any]:
+        return {
+            "pixel_mm": self.pixel_mm,
+            "description": self.description,
+            "photometric": self.photometric,
+        }
 
 
 def write_tiff(
@@ -124,7 +128,15 @@ def write_tiff(
             "add the frame axis"
         )
     _check_frame(path, data[0], photometric)
-    _write(Path(path), iter(data), data.shape, data.dtype, (pixel_mm, description, photometric))
+    write_frames(
+        Path(path),
+        iter(data),
+        data.shape,
+        data.dtype,
+        pixel_mm=pixel_mm,
+        description=description,
+        photometric=photometric,
+    )
 
 
 def _check_frame(path: str | Path, image: np.ndarray, photometric: Photometric) -> None:
@@ -139,16 +151,23 @@ def _check_frame(path: str | Path, image: np.ndarray, photometric: Photometric) 
         )
 
 
-def _write(
+def write_frames(
     path: Path,
     frames: Iterator[np.ndarray],
     shape: tuple[int, ...],
     dtype: np.dtype,
-    options: tuple[float | None, str | None, Photometric],
+    *,
+    pixel_mm: float | None = None,
+    description: str | None = None,
+    photometric: Photometric = "minisblack",
 ) -> None:
+    """Write a stack as `write_tiff` does, from frames that are there one at a time.
+
+    Parameters: `frames`, of the `dtype`, in order; `shape` of all of them; the rest as in
+    `write_tiff`. Raises InputError.
+    """
     import tifffile
 
-    pixel_mm, description, photometric = options
     size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
     imagej = size < IMAGEJ_LIMIT and min(shape[1:3]) > 1  # tifffile turns single columns over
     imagej &= photometric != "rgb" or dtype == np.uint8

@@ -40,19 +40,25 @@ class Rendered:
 
 
 def render(
-    scene: Scene, states: Iterable[SceneState], pixels: PixelGrid, *, components: bool = False
+    scene: Scene,
+    states: Iterable[SceneState],
+    pixels: PixelGrid,
+    *,
+    components: bool = False,
+    first: int = 0,
 ) -> Iterator[Rendered]:
     """Render state after state; one is in memory at a time.
 
     Noise of state i comes from the generator seeded with (camera.seed, i), so that a frame does
     not depend on those before it.
     Parameters: `scene`, with [camera]; `states`, any iterable of them; `pixels`; `components`,
-    whether the principal stresses are wanted apart. Yields a Rendered each. Raises PhysicsError
-    where a contact is wider than the picture, or fringes are too fine for the pixels.
+    whether the principal stresses are wanted apart; `first`, the first state's number. Yields a
+    Rendered each. Raises PhysicsError where a contact is wider than the picture, or fringes are too
+    fine for the pixels.
     """
     assert scene.camera is not None
     steps: list[int | None] = list(range(len(scene.polariscope.step)))
-    for index, state in enumerate(states):
+    for index, state in enumerate(states, first):
         if state.surface is not None:
             _refuse_too_wide(scene, state.surface, pixels)
         picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
