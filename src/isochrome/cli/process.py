@@ -27,6 +27,7 @@ from isochrome.console import (
 
 if TYPE_CHECKING:
     from isochrome.frames import FramesPath
+    from isochrome.process import Processed
 
 
 def process(
@@ -37,6 +38,18 @@ def process(
     rois: Annotated[
         bool, typer.Option("--rois", help="Also the fringe lines as ImageJ ROIs, skeleton.zip.")
     ] = False,
+    track: Annotated[
+        bool,
+        typer.Option(
+            "--track",
+            help="For a contact's video: the orders of key frames only, and load, friction, wear "
+            "and place followed through the others; their orders come without --track.",
+        ),
+    ] = False,
+    every: Annotated[
+        int | None,
+        typer.Option("--every", help="With --track: frames from key frame to key frame, 200."),
+    ] = None,
     workers: Workers = None,
     cluster: Cluster = None,
     restart: Restart = False,
@@ -56,6 +69,8 @@ def process(
     found = recordings_of(frames, join=join)
     options: dict[str, Any] = {
         "rois": rois,
+        "track": track,
+        "every": every,
         "workers": workers,
         "cluster": cluster,
         "restart": restart,
@@ -70,13 +85,16 @@ def process(
         result = run(found[0], scene, out, progress=progress, **options)
     warnings = list(result.warnings)
     if as_json:
-        print_json(
-            {"out": str(out), "model": result.model, "frames": result.table, "warnings": warnings}
-        )
+        said = {"out": str(out), "model": result.model, "frames": result.table}
+        said |= {"summary": result.summary()} if result.tracked else {}
+        print_json(said | {"warnings": warnings})
     else:
         names = [n for n in ("frame", "label", "chi", "kept_share", "n_max", "load.normal_n",
                  "friction.coefficient", "fringe_lines") if n in result.table]  # fmt: skip
-        print_columns(result.table, names)
+        if result.tracked:
+            _print_summary(result)
+        else:
+            print_columns(result.table, names)
         print_warnings(warnings)
         done = " (complete already; --restart computes them anew)" if result.already else ""
         typer.echo(f"results: {out}{done}")
@@ -87,6 +105,13 @@ def process(
             err=True,
         )
         raise typer.Exit(2)
+
+
+def _print_summary(result: Processed) -> None:
+    """What the thousands of frames of a tracked video come to."""
+    whole = sum(at is not None for at in result.table["picture"])
+    typer.echo(f"{len(result.table['frame'])} frames, {whole} of them key frames")
+    print_columns(result.summary(), ("key", "mean", "least", "most", "standard_uncertainty"))
 
 
 def _process_campaign(

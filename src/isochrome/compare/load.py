@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -137,8 +138,14 @@ def _one_channel(stack: NDArray, scene: dict[str, Any]) -> NDArray:
 
 
 def _read_table(path: Path, count: int) -> dict[str, list[Any]]:
-    """Read a result table with one row a frame; no columns when it is not there."""
+    """Read a result table with one row a picture; no columns when it is not there.
+
+    Of a tracked video, only the key frames have one.
+    """
     table = read_csv(path) if path.exists() else {}
+    if "picture" in table:
+        shown = np.isfinite(table["picture"])
+        table = {name: list(compress(values, shown)) for name, values in table.items()}
     length = len(next(iter(table.values()), []))
     if table and length != count:
         raise InputError(

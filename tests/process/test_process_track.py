@@ -1,0 +1,349 @@
+"""A tracked video: key frames as ever, a row for every frame, the same bytes by whomever."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+import isochrome
+import isochrome.fit.tracker
+from isochrome import open_run
+from isochrome.compare.load import load_frame_set
+from isochrome.errors import InputError
+from isochrome.optics import expose
+from isochrome.output import read_csv
+from isochrome.process import process
+from isochrome.runs.export import export
+from isochrome.scene import dump_scene, load_scene
+from isochrome.simulate import scene_states, state_difference
+from isochrome.simulate.model import make_picture, picture_signal
+from isochrome.stress import pixel_grid
+
+LOAD, LEFT, TOP = "load.normal_n", "camera.left_mm", "camera.top_mm"
+SHAPE = (160, 240)
+EVERY = 5
+MAPS = ("normalised", "fringe_order", "confidence")
+
+
+def contact():
+    """The paper's contact at rest, at 0.4 of its resolution, as a camera with noise sees it."""
+    scene = load_scene("line-contact-wear")
+    return scene.model_copy(update={"wear": None, "friction": None}).with_values(
+        {
+            LOAD: 44.0,
+            "camera.width_px": SHAPE[1],
+            "camera.height_px": SHAPE[0],
+            "camera.pixel_mm": 0.0155,
+            LEFT: -1.9,
+            TOP: 0.0,
+            "camera.vignette": 0.3,
+            "camera.brightness": 0.85,
+            "camera.background": 0.05,
+            "camera.noise_grey": 3.0,
+        }
+    )
+
+
+def picture(scene, rng):
+    state = scene_states(scene)[-1]
+    pixels = pixel_grid(scene, SHAPE)
+    made = make_picture(scene, state_difference(scene, state, pixels), pixels)
+    return expose(picture_signal(scene, made), scene.camera, rng=rng)
+
+
+def course(count):
+    """A load that swings by 3 %, and a contact that creeps along."""
+    i = np.arange(count)
+    return {LOAD: 44.0 * (1.0 + 0.03 * np.sin(i / 4)), LEFT: -1.9 + 0.004 * np.sin(i / 9)}
+
+
+def film(values, seed):
+    """A frame for each set of values of some keys."""
+    rng = np.random.default_rng(seed)
+    return np.stack(
+        [
+            picture(contact().with_values(dict(zip(values, map(float, own), strict=True))), rng)
+            for own in zip(*values.values(), strict=True)
+        ]
+    )
+
+
+def save(folder, frames, scene=None):
+    folder.mkdir(exist_ok=True)
+    tifffile.imwrite(folder / "film.tif", frames, photometric="minisblack")
+    (folder / "scene.toml").write_text(dump_scene(scene or contact()), "utf-8")
+    return folder
+
+
+def files(folder):
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()
+    }
+
+
+def numbers(values):
+    return np.array([np.nan if v in (None, "") else v for v in values], dtype=float)
+
+
+def run(place, out="out", **more):
+    return process(place / "film.tif", place / "scene.toml", place / out, track=True,
+                   every=EVERY, **more)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory):
+    """Eight frames, of which 0 and 5 are key frames; the last chunk is a short one."""
+    place = save(tmp_path_factory.mktemp("tracked"), film(course(8), 1))
+    found = run(place)
+    return place, found
+
+
+def test_every_frame_has_its_values_with_their_uncertainty(tracked):
+    place, found = tracked
+    assert not found.warnings and found.frames is None and found.tracked
+    table = read_csv(place / "out" / "frames.csv")
+    assert table["frame"] == list(range(8))
+    assert [k for k, at in enumerate(found.table["picture"]) if at is not None] == [0, 5]
+    assert found.table["found_by"] == ["whole frame" if k % EVERY == 0 else "track"
+                                       for k in range(8)]  # fmt: skip
+    truth = course(8) | {TOP: np.zeros(8)}
+    pulls = [
+        (numbers(table[key]) - truth[key]) / numbers(table[f"{key} standard_uncertainty"])
+        for key in truth
+    ]
+    # the RMS of n pulls scatters by 1/sqrt(2n)
+    assert abs(np.sqrt(np.mean(np.square(pulls))) - 1.0) < 3.5 / np.sqrt(2 * 3 * 8)
+    chi = numbers(table["chi"])
+    # chi of 9600 pixels scatters by 0.007
+    assert np.all(np.abs(chi - 1.0) < 0.04)
+    # a key frame has four times the pixels of a followed one
+    spread = numbers(table[f"{LOAD} standard_uncertainty"])
+    assert spread[[0, 5]].max() < 0.7 * np.delete(spread, [0, 5]).min()
+    summary = found.summary()
+    assert summary["key"][0] == LOAD
+    assert summary["mean"][0] == pytest.approx(numbers(table[LOAD]).mean(), rel=1e-8)
+
+
+def test_key_frames_are_processed_as_without_tracking(tracked, tmp_path):
+    place, found = tracked
+    alone = save(tmp_path / "alone", tifffile.imread(place / "film.tif")[[0, 5]])
+    process(alone / "film.tif", alone / "scene.toml", alone / "out")
+    for name in MAPS:
+        pictures = tifffile.imread(place / "out" / f"{name}.tif")
+        np.testing.assert_array_equal(pictures, tifffile.imread(alone / "out" / f"{name}.tif"))
+    theirs = read_csv(alone / "out" / "frames.csv")
+    for key in (LOAD, LEFT, "chi", "n_max", "kept_share", "noise"):
+        own = [found.table[key][k] for k in (0, 5)]
+        assert own == pytest.approx(theirs[key], rel=1e-8)  # nine digits are written
+
+
+def test_the_dataset_has_pictures_of_key_frames_and_columns_of_all(tracked, tmp_path):
+    place, found = tracked
+    with open_run(place / "out") as dataset:
+        assert dict(dataset.sizes) == {"frame": 8, "key_frame": 2, "row": 160, "col": 240}
+        assert dataset.key_frame.values.tolist() == [0, 5]
+        assert dataset.fringe_order.dims == ("key_frame", "row", "col")
+        stack = tifffile.imread(place / "out" / "fringe_order.tif")
+        np.testing.assert_array_equal(dataset.fringe_order.sel(key_frame=5).values, stack[1])
+        assert dataset[LOAD].values.tolist() == found.table[LOAD]
+        assert dataset.left_mm.values == pytest.approx(course(8)[LEFT], abs=2e-3)
+    (table,) = export(place / "out", "csv", tmp_path)
+    columns = read_csv(table)
+    assert columns["frame"] == list(range(8)) and "key_frame" not in columns
+    maps = export(place / "out", "tiff", tmp_path)
+    with tifffile.TiffFile(maps[0]) as tif:
+        assert tif.series[0].shape == (2, *SHAPE)
+        assert tif.imagej_metadata["Labels"] == ["static"] * 2
+    pytest.importorskip("h5netcdf")
+    (run,) = export(place / "out", "netcdf", tmp_path)
+    assert run.stat().st_size > 3 * 2 * 4 * SHAPE[0] * SHAPE[1]
+
+
+def test_a_comparison_takes_the_key_frames(tracked):
+    place, _ = tracked
+    found = load_frame_set(place / "out")
+    assert found.signal.shape == (2, *SHAPE) and found.order.shape == (2, *SHAPE)
+    assert found.labels == ("static",) * 2
+    assert found.noise.shape == (2,) and np.isfinite(found.noise).all()
+
+
+def test_a_complete_run_gives_its_table_again(tracked):
+    place, found = tracked
+    again = run(place)
+    assert again.already and again.warnings == found.warnings
+    assert list(again.table) == list(found.table)
+    for name, values in found.table.items():
+        if name in ("name", "label", "found_by", "warnings", "picture"):
+            assert again.table[name] == values
+        else:
+            np.testing.assert_array_equal(numbers(again.table[name]), numbers(values), name)
+
+
+@pytest.mark.long
+def test_two_workers_leave_the_same_files(tracked):
+    place, _ = tracked
+    run(place, "two", workers=2)
+    assert files(place / "two") == files(place / "out")
+
+
+@pytest.mark.long
+def test_other_key_frames_are_another_run(tracked):
+    place, _ = tracked
+    found = process(
+        place / "film.tif", place / "scene.toml", place / "other", track=True, every=EVERY
+    )
+    assert not found.already
+    again = process(place / "film.tif", place / "scene.toml", place / "other", track=True, every=7)
+    assert not again.already
+    assert [k for k, at in enumerate(again.table["picture"]) if at is not None] == [0, 7]
+    stack = tifffile.imread(place / "other" / "fringe_order.tif")
+    assert stack.shape == (2, *SHAPE)
+
+
+AGAIN = """
+import sys
+if __name__ == "__main__":
+    from isochrome import process
+    process("film.tif", "scene.toml", sys.argv[1], track=True, every=3, workers=int(sys.argv[2]))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, workers):
+    place = save(tmp_path / "film", film(course(14), 5))
+    # of a copy of the package, which nobody edits in the middle of a run
+    code = tmp_path / "code"
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(isochrome.__file__).parent, code / "isochrome", ignore=ignore)
+    environment = os.environ | {"PYTHONPATH": str(code)}
+
+    def start(out):
+        return subprocess.Popen(
+            [sys.executable, "-c", AGAIN, out, workers], cwd=place, env=environment,
+            start_new_session=True,
+        )  # fmt: skip
+
+    began = time.monotonic()
+    assert start("whole").wait() == 0
+    length = time.monotonic() - began
+    whole = files(place / "whole")
+    rng = random.Random(int(workers))
+    for k in range(2):
+        going = start(f"out{k}")
+        time.sleep(rng.uniform(0.2, 1.0) * length)
+        os.killpg(going.pid, signal.SIGKILL)
+        going.wait()
+        assert start(f"out{k}").wait() == 0
+        assert files(place / f"out{k}") == whole
+        assert not (place / f"out{k}.partial").exists()
+
+
+@pytest.mark.long
+def test_in_memory_it_is_the_same(tracked):
+    place, found = tracked
+    kept = process(place / "film.tif", place / "scene.toml", track=True, every=EVERY)
+    assert [item.index for item in kept.frames] == [0, 5]
+    assert kept.table[LOAD] == found.table[LOAD]
+
+
+def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
+    """A load that jumps is found again; frames without fringes have no values."""
+    frames = film({LOAD: [44.0, 44.0, 70.0, 70.0, 44.0, 44.0, 44.0, 44.0]}, 2)
+    rng = np.random.default_rng(3)
+    for k in (4, 5, 6):
+        frames[k] = np.clip(rng.normal(120.0, 3.0, SHAPE), 0, 255).astype(np.uint8)
+    place = save(tmp_path / "film", frames)
+    searched = []
+    search = isochrome.fit.tracker.fit_frame
+
+    def noted(data, *more):
+        searched.append(data.name)
+        return search(data, *more)
+
+    monkeypatch.setattr(isochrome.fit.tracker, "fit_frame", noted)
+    found = process(place / "film.tif", place / "scene.toml", place / "out", track=True, every=8)
+    assert found.table["found_by"] == [
+        "whole frame", "track", "search", "track", "nothing", "nothing", "nothing", "search",
+    ]  # fmt: skip
+    load = numbers(found.table[LOAD])
+    assert np.isnan(load[4:7]).all()
+    # a few standard uncertainties of 0.007 N
+    assert load[[0, 1, 2, 3, 7]] == pytest.approx([44.0, 44.0, 70.0, 70.0, 44.0], abs=0.03)
+    assert set(found.warnings) == {
+        "frames 2, 7: the track was lost, and found again by a full search",
+        "frames 4-6: the scene's fringes are not in this frame",
+    }
+    # a frame that shows what was searched in vain is not searched anew
+    assert [name[-3:] for name in searched] == ["[0]", "[2]", "[4]", "[7]"]
+    with open_run(place / "out") as dataset:
+        status = dataset.status.values.tolist()
+    assert [s == "flagged" for s in status] == [k in (2, 4, 5, 6, 7) for k in range(8)]
+
+
+@pytest.mark.long
+def test_a_bad_frame_ends_the_run_or_is_left_out(tmp_path):
+    frames = film({LOAD: [44.0] * 4}, 4)
+    frames[[1, 2]] = 0
+    place = save(tmp_path / "film", frames)
+    arguments = (place / "film.tif", place / "scene.toml", place / "out")
+    with pytest.raises(InputError, match=r"film\.tif\[1\]"):
+        process(*arguments, track=True, every=2)
+    assert not (place / "out").exists() and not (place / "out.partial").exists()
+    found = process(*arguments, track=True, every=2, keep_going=True)
+    assert found.failed == 2
+    assert found.table["found_by"] == ["whole frame", "nothing", "nothing", "search"]
+    assert np.isfinite(numbers(found.table[LOAD])).tolist() == [True, False, False, True]
+    assert found.fitted.load.normal_n == pytest.approx(44.0, abs=0.03)
+
+
+SLIDING = "[friction]\ncoefficient = 0.2\nstatic_state_first = true\n"
+
+
+@pytest.mark.parametrize(
+    ("change", "every", "said"),
+    [
+        ({}, 1, "--every 1: give 2 or more"),
+        ({"more": SLIDING}, 5, "static_state_first = true"),
+        ({"specimen.shape": "beam"}, 5, "a beam cannot be tracked"),
+    ],
+)
+def test_what_cannot_be_tracked_is_refused(tmp_path, change, every, said):
+    if "specimen.shape" in change:
+        text = """
+[specimen]
+shape = "beam"
+thickness_mm = 6.0
+height_mm = 2.0
+fringe_value_n_per_mm = 14.6
+[load]
+normal_n = 20.0
+inner_span_mm = 4.0
+outer_span_mm = 10.0
+[camera]
+pixel_mm = 0.0155
+"""
+    else:
+        text = dump_scene(contact()) + change.get("more", "")
+    place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
+    (place / "scene.toml").write_text(text, "utf-8")
+    with pytest.raises(InputError, match=said):
+        process(place / "film.tif", place / "scene.toml", place / "out", track=True, every=every)
+    assert not (place / "out").exists() and not (place / "out.partial").exists()
+
+
+def test_every_is_for_tracking(tmp_path):
+    place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
+    with pytest.raises(InputError, match="--every 5: is for --track"):
+        process(place / "film.tif", place / "scene.toml", place / "out", every=5)
