@@ -12,7 +12,7 @@ from typing import Any
 from isochrome.campaign.names import folder_names
 from isochrome.campaign.outcome import Outcome, Task, outcome_of
 from isochrome.campaign.side_by_side import side_by_side
-from isochrome.campaign.summary import summary_of, tabulate, write_summary
+from isochrome.campaign.summary import check_summary, summary_of, tabulate, write_summary
 from isochrome.errors import InputError
 from isochrome.frames import FramesPath, recordings_of
 from isochrome.output.roi import load_roifile
@@ -22,7 +22,7 @@ from isochrome.runs import Stopped
 from isochrome.runs.lock import locked
 from isochrome.runs.run import WORTH_WORKERS_S
 from isochrome.runs.workers import processors
-from isochrome.runs.workplace import PROVENANCE, has_run, working_folder
+from isochrome.runs.workplace import PROVENANCE, has_run, wipe, working_folder
 from isochrome.scene import Scene, load_scene
 
 CampaignProgress = Callable[[Tally, Tally | None], None]
@@ -100,13 +100,15 @@ def process_campaign(
     root, made = working_folder(target), not target.exists()
     with locked(root):
         _check_place(target, root, tasks)
+        wipe(root)
         try:
             outcomes = _all(tasks, scene, options, workers, progress)
         finally:
             if made:
                 with suppress(OSError):  # not empty: the results are there
                     target.rmdir()
-        write_summary(target, scene, outcomes)
+        write_summary(target, scene, outcomes, root)
+        wipe(root)
     return Campaign(target, scene, tuple(outcomes))
 
 
@@ -119,6 +121,7 @@ def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
             f"{target}: holds the results of one recording, or an unfinished run of it, and these "
             f"are {len(tasks)}; name another --out folder"
         )
+    check_summary(target)
     for task in tasks:
         own = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
         if task.folder.exists() and task.folder.resolve() == Path(own).resolve():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -42,24 +44,45 @@ def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome]) -> None:
+def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: Path) -> None:
     """Leave summary.csv, summary.json and, where a key was fitted that has one, summary.png.
 
-    Parameters: `out`, the campaign's folder; `scene`; `outcomes`. Raises InputError where they
-    cannot be written.
+    Parameters: `out`, the campaign's folder; `scene`; `outcomes`; `beside`, a folder on the same
+    drive, where they are made. Raises InputError where they cannot be written.
     """
     folder = output_folder(out)
-    table, told, picture = (folder / name for name in SUMMARIES)
+    table, told, picture = SUMMARIES
     figure = summary_figure(scene.name, outcomes)
     try:
-        write_csv(table, tabulate([item.row for item in outcomes]))
-        write_json(told, summary_of(scene, outcomes))
-        if figure is None:
-            picture.unlink(missing_ok=True)  # that of an earlier campaign
-        else:
-            write_figure(picture, figure)
+        write_csv(beside / table, tabulate([item.row for item in outcomes]))
+        write_json(beside / told, summary_of(scene, outcomes))
+        if figure is not None:
+            write_figure(beside / picture, figure)
+        for name in (told, table, picture):  # first what says whose they are
+            if (beside / name).exists():
+                os.replace(beside / name, folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)  # that of an earlier campaign
     except OSError as error:
         raise InputError(
             f"{folder}: the summary cannot be written ({error.strerror or error}); all recordings "
             "are finished and kept there: make room, and the same command goes on"
         ) from error
+
+
+def check_summary(out: Path) -> None:
+    """Refuse to replace files of the summary's names that no campaign has left.
+
+    Parameters: `out`, the campaign's folder. Raises InputError.
+    """
+    there = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
+    try:
+        told = json.loads((out / SUMMARIES[1]).read_text("utf-8"))
+        own = isinstance(told, dict) and "recordings" in told
+    except (OSError, ValueError):
+        own = False
+    if there and not own:
+        raise InputError(
+            f"{there[0]}: would be replaced by the campaign's summary, and no campaign has left "
+            "it; move it away, or name another --out folder"
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,11 +18,13 @@ if TYPE_CHECKING:
 def write_figure(path: str | Path, figure: Figure, *, dpi: float = 150.0) -> None:
     """Write a matplotlib Figure as PNG by the Agg back-end, without pyplot and its state.
 
-    Parameters: `figure`, a `matplotlib.figure.Figure`; `dpi`, dots per inch. Raises InputError.
+    Letters of a file's name that the font does not have are drawn as boxes. Parameters: `figure`, a
+    `matplotlib.figure.Figure`; `dpi`, dots per inch. Raises InputError.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with replacing(path) as beside:
+    with replacing(path) as beside, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph .* missing from font")
         FigureCanvasAgg(figure).print_figure(beside, format="png", dpi=dpi)
 
 
