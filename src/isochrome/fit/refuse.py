@@ -88,3 +88,24 @@ def refuse_alike(keys: tuple[str, ...], covariance: Array) -> None:
             f"{keys[i]} and {keys[j]} cannot be told apart in these frames (correlation "
             f"{correlation[i, j]:.4f}); fix one of them"
         )
+
+
+def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]) -> None:
+    """Refuse what cannot be tracked through a video.
+
+    Parameters: `scene`; `keys` to track; `known`, those that can be. Raises InputError that names
+    the key and what to do.
+    """
+    if scene.model != "contact":
+        raise InputError(f"a {scene.model} cannot be tracked, only contacts can; leave --track out")
+    for key in keys:
+        if key not in known:
+            raise InputError(
+                f"{key} cannot be tracked; of a video's frames {', '.join(known)} can: fit {key} "
+                "on a few frames first, put it into the scene, and leave it out"
+            )
+    if scene.friction and scene.friction.static_state_first:
+        raise InputError(
+            "friction.static_state_first = true: tracked frames are all of one kind; set it to "
+            "false for a video that slides"
+        )

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.contact import elastic_constants, wear_rate
-from isochrome.errors import InputError
 from isochrome.fit.history import local_values
 from isochrome.fit.one_state import scene_at
+from isochrome.fit.refuse import refuse_untracked
 from isochrome.fit.sequence import COURSE, FRICTION, WEAR
 from isochrome.fit.track_field import CHECKED, CORNER
 from isochrome.fit.track_past import TrackPast
 from isochrome.fit.track_scar import Drive
-from isochrome.scene import Scene
+from isochrome.scene import Numerics, Scene
 from isochrome.simulate import SceneState, scene_states
 
 Array = NDArray[Any]
@@ -41,12 +41,12 @@ class TrackCourse:
 
     Attributes: `axes`, what moves the field: the tracked keys (of the wear, the worn area), then
     what the scene knows to change; `count`, how many of them are tracked; `places`, those that only
-    move the contact in the picture.
+    move the contact in the picture; `numerics`, of the grid in use, None before there is one.
     """
 
     def __init__(self, scene: Scene, keys: tuple[str, ...]) -> None:
         """`scene`, placed in its picture. Raises InputError for what cannot be tracked."""
-        _refuse(scene, keys)
+        refuse_untracked(scene, keys, TRACKED)
         self.scene, self.keys, self.count = scene, keys, len(keys)
         axes = [WORN if key == WEAR else key for key in keys]
         self._base = scene if scene.wear else scene_at(scene, 0.0)
@@ -58,6 +58,21 @@ class TrackCourse:
         self._past = TrackPast()
         self._worn, self._area, self._slid, self._now = 0.0, 0.0, 0.0, 0.0
         self._last: tuple[float, float] | None = None
+        self.numerics: Numerics | None = None
+
+    def state(self) -> dict[str, Any]:
+        """The history up to the last frame, as plain numbers for `resume`."""
+        grid = None if self.numerics is None else self.numerics.model_dump()
+        course = [self._worn, self._area, self._slid, self._now]
+        return {"course": course, "last": self._last, "grid": grid, "past": self._past.state()}
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on from a `state`."""
+        self._worn, self._area, self._slid, self._now = state["course"]
+        last, grid = state["last"], state["grid"]
+        self._last = None if last is None else (last[0], last[1])
+        self.numerics = None if grid is None else Numerics(**grid)
+        self._past.resume(state["past"])
 
     def start(self, distance_m: float | None) -> Array:
         """The scene's own values (axes,) at a distance (m), and so its history's."""
@@ -134,6 +149,7 @@ class TrackCourse:
 
     def use(self, scene: Scene) -> None:
         """Solve on the grid of the widest scene so far, with its own numerics, from now on."""
+        self.numerics = scene.numerics
         if self.scene.wear is not None:
             self._past.use(scene)
 
@@ -269,19 +285,3 @@ def _table(scene: Scene, key: str) -> bool:
 
 def _has(scene: Scene, key: str) -> bool:
     return key == LOAD or scene.friction is not None
-
-
-def _refuse(scene: Scene, keys: tuple[str, ...]) -> None:
-    if scene.model != "contact":
-        raise InputError(f"a {scene.model} cannot be tracked, only contacts can; leave --track out")
-    for key in keys:
-        if key not in TRACKED:
-            raise InputError(
-                f"{key} cannot be tracked; of a video's frames {', '.join(TRACKED)} can: fit {key} "
-                "on a few frames first, put it into the scene, and leave it out"
-            )
-    if scene.friction and scene.friction.static_state_first:
-        raise InputError(
-            "friction.static_state_first = true: tracked frames are all of one kind; set it to "
-            "false for a video that slides"
-        )

@@ -17,7 +17,6 @@ from isochrome.fit.track_course import TrackCourse
 from isochrome.fit.track_field import CHECKED, FieldBox, make_field_box
 from isochrome.fit.track_pixels import Look, Thinned
 from isochrome.optics import fringe_order, make_chain, polariscope_signal
-from isochrome.scene import Numerics
 from isochrome.stress import principal_direction
 
 Array = NDArray[Any]
@@ -63,7 +62,6 @@ class TrackModel:
         self._boxes: list[_Kept] = []
         self._now: _Kept | None = None
         self._renderer: SceneRenderer | None = None
-        self._numerics: Numerics | None = None
         self._size = _LARGEST
         self.local: LocalModel | None = None
         self.look: Look | None = None
@@ -164,7 +162,9 @@ class TrackModel:
     def _render(self, values: Array, seen: bool) -> tuple[Array, Array | None]:
         """Values to the field and the visibility at the pixels, by the mechanics."""
         assert self._renderer is not None
-        scene = self.course.field_scene(values).model_copy(update={"numerics": self._numerics})
+        scene = self.course.field_scene(values).model_copy(
+            update={"numerics": self.course.numerics}
+        )
         keep = self.thinned.keep
         if not seen:
             return self._renderer.field_alone(scene)[keep], None
@@ -175,14 +175,16 @@ class TrackModel:
         """Make the grid, and what renders on it, hold the widest contact so far."""
         scene = self.course.field_scene(high)
         needed = with_own_numerics(scene, room=1.0).numerics.window_mm or np.inf
-        if self._numerics is not None and (self._numerics.window_mm or 0.0) >= needed:
+        before = self.course.numerics
+        wide_enough = before is not None and (before.window_mm or 0.0) >= needed
+        if wide_enough and self._renderer is not None:
             return
         wide = with_own_numerics(scene)
-        if self._numerics is not None:
-            fixed = {"spacing_mm": self._numerics.spacing_mm}
+        if before is not None:  # scars lie on its nodes
+            fixed = {"spacing_mm": before.spacing_mm}
+            fixed |= {"window_mm": before.window_mm} if wide_enough else {}
             wide = wide.model_copy(update={"numerics": wide.numerics.model_copy(update=fixed)})
         self.course.use(wide)
-        self._numerics = wide.numerics
         self._renderer = SceneRenderer(
             wide,
             self.shape,

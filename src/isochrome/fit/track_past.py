@@ -15,6 +15,8 @@ from isochrome.simulate import SceneState
 
 Array = NDArray[Any]
 
+_NEW, _OLD = 250, 500
+"""Frames of the past that a state holds one by one, and points that stand for all before."""
 _SCARS = 4
 """Scars that are kept: a worn area that is tracked falls back behind the last by its noise."""
 
@@ -29,6 +31,29 @@ class TrackPast:
         self._scars: list[WornScar] = []
         self._site: Site | None = None
         self._pressure: Array | None = None
+
+    def state(self) -> dict[str, Any]:
+        """What wore the contact, and its scars, as plain numbers for `resume`.
+
+        Frames long past become means of neighbours: hours of video are as few numbers as minutes.
+        """
+        before, (first, rest) = self._before, (self._frames[:1], self._frames[1:])
+        old, new = rest[:-_NEW], rest[-_NEW:]
+        if len(old) > _OLD:
+            groups = np.array_split(np.array(old), _OLD)
+            old = [(float(w), float(p), float(mu)) for w, p, mu in (g.mean(axis=0) for g in groups)]
+        return {
+            "before": None if before is None else [part.tolist() for part in before.columns],
+            "frames": [*first, *old, *new],
+            "scars": [[scar.worn_mm2, scar.depth_mm.tolist()] for scar in self._kept],
+        }
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on from a `state`."""
+        before = state["before"]
+        self._before = None if before is None else Drive(*(np.array(part) for part in before))
+        self._frames = [(row[0], row[1], row[2]) for row in state["frames"]]
+        self._kept = [WornScar(worn, np.array(depth)) for worn, depth in state["scars"]]
 
     def begin(self, before: Drive) -> None:
         """What wore the contact before the first frame, over the area by the scene's law."""
@@ -96,8 +121,8 @@ class TrackPast:
         before = self._before
         assert before is not None
         first = self._frames[0][0] if self._frames else now[0]
-        columns = (before.worn_mm2, before.line_load_n_per_mm, before.friction)
         earlier = before.worn_mm2 < first
-        rows = [*zip(*(part[earlier] for part in columns), strict=True), *self._frames, now]
+        parts = (part[earlier] for part in before.columns)
+        rows = [*zip(*parts, strict=True), *self._frames, now]
         worn, load, friction = (np.array(column) for column in zip(*rows, strict=True))
         return Drive(scale * worn, load, friction)

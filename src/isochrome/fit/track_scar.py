@@ -43,6 +43,11 @@ class Drive:
     line_load_n_per_mm: Array
     friction: Array
 
+    @property
+    def columns(self) -> tuple[Array, Array, Array]:
+        """All three."""
+        return self.worn_mm2, self.line_load_n_per_mm, self.friction
+
     def mean(self, low: float, high: float) -> tuple[float, float]:
         """Mean line load (N/mm) and mu while the worn area grows from `low` to `high` (mm²)."""
         inside = (self.worn_mm2 > low) & (self.worn_mm2 < high)

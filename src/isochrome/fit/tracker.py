@@ -98,6 +98,23 @@ class Tracker:
         self._model: TrackModel | None = None
         self._reference, self._since_noise = 1.0, 0
 
+    def state(self) -> dict[str, Any]:
+        """What the next frame needs of those before it, as plain numbers for `resume`."""
+        return {
+            "values": None if self._values is None else self._values.tolist(),
+            "pace": self._pace.tolist(),
+            "reference": self._reference,
+            "course": self.course.state(),
+        }
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on from a `state`, with polynomials and pixels made anew from the next frame."""
+        values = state["values"]
+        self._values = None if values is None else np.array(values)
+        self._pace, self._reference = np.array(state["pace"]), float(state["reference"])
+        self.course.resume(state["course"])
+        self._model = None
+
     def track(self, frame: Frame, distance_m: float | None) -> Tracked:
         """The tracked values of the next frame. Raises InputError on a blank frame.
 
@@ -108,6 +125,8 @@ class Tracker:
         else:
             last = self.course.moved(self._values, self._pace)
             start = self.course.carried(last, distance_m)
+            if self._model is None:
+                self._model = self._prepare(frame, self._data(frame))
         found = None
         if self._model is not None:
             self._check_noise(frame, self._model)
@@ -154,7 +173,7 @@ class Tracker:
 
     def _search(self, frame: Frame, start: Array) -> _Found | None:
         """A frame found as if it were alone; None where the scene's fringes are not in it."""
-        data = prepare_frame(frame, self.scene, bit_depth=self._bit_depth, no_load=self._no_load)
+        data = self._data(frame)
         free = tuple(
             "wear.coefficient_mm2_per_n" if axis == WORN else axis
             for axis in self.course.axes[: self.course.count]
@@ -169,6 +188,9 @@ class Tracker:
             return None
         self._model = self._prepare(frame, data)
         return self._follow(frame, self._model, self.course.from_scene(fit.scene, start))
+
+    def _data(self, frame: Frame) -> FrameData:
+        return prepare_frame(frame, self.scene, bit_depth=self._bit_depth, no_load=self._no_load)
 
     def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:
         """What all frames have in common, from one that is whole."""
