@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import isochrome.bench as module
-from isochrome.bench import FringeRow, Row, bench, load_benchmarks
+from isochrome.bench import FitRow, FringeRow, Row, bench, load_benchmarks
 from isochrome.contact import make_surface, solve_pressure
 from isochrome.errors import InputError
 from isochrome.reference import (
@@ -222,5 +222,29 @@ def test_a_reading_that_is_off_is_counted_as_such():
 
 
 def test_an_unknown_suite_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="speed, fringes"):
+    with pytest.raises(InputError, match="speed, fringes, fit"):
         bench(suite="colour")
+
+
+def test_fit_suite_holds_a_fit_to_the_truth_and_writes_a_table_and_a_picture(monkeypatch, tmp_path):
+    case, cases = load_benchmarks("case_fit"), load_benchmarks("cases")
+    few = {case.ONE: case.one_frame}
+    suite = replace(cases.SUITES["fit"], cases=lambda: few)
+    monkeypatch.setitem(cases.SUITES, "fit", suite)
+    got = bench(tmp_path / "out", suite="fit", quick=True)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["fit.csv", "fit.png"]
+    load, order = (FitRow(**row) for row in got.rows)
+    assert load.error <= load.bar and order.error <= order.bar
+    # four values of one contact: their pulls' RMS is 1 to a half or so
+    assert 0.1 < load.pull < 2.5 and math.isnan(order.pull)
+    assert load.cpu_ms > 0.0 and load.evaluations > 1.0
+    assert max(map(len, got.text.splitlines())) <= 150
+
+
+def test_a_share_of_a_bar_is_one_where_it_is_just_met():
+    share = load_benchmarks("report_fit").share
+    row = FitRow("a", "b", "c", 0.02, 0.02, "%", math.nan, 1.0, 1.0)
+    assert share(row) == 1.0 and share(replace(row, error=0.01)) == 0.5
+    assert share(replace(row, error=10.0, bar=5.0, more=True)) == 0.5
+    assert share(replace(row, error=0.0, bar=0.0)) == 0.0
+    assert share(replace(row, bar=0.0)) == share(replace(row, error=0.0, more=True)) == math.inf

@@ -1,6 +1,7 @@
 """`bench`: speed against error, this project beside the paper's own procedure, in one run.
 
-A second suite, `fringes`, holds every way to the fringe order against frames whose order is known.
+A second suite, `fringes`, holds every way to the fringe order against frames whose order is known;
+a third, `fit`, what a fit finds in frames, and what that costs, against the truth.
 
 The cases live with the tests, in `tests/benchmarks` of the repository, so that the rival's code is
 there to be read and no part of the installed package. Ratios within one run are the claim, times
@@ -62,6 +63,28 @@ class FringeRow:
 
 
 @dataclass(frozen=True)
+class FitRow:
+    """One quantity that a fit found, against the truth.
+
+    `problem`, `case`, `quantity`; its `error`, and the `bar` that it is to stay below (`more`:
+    above), both in `unit`; `pull`, error over standard uncertainty, root mean square (NaN: has
+    none); `cpu_ms`, processor time of one such fit, and the `evaluations` of the renderer at all
+    pixels that would take as long.
+    """
+
+    problem: str
+    case: str
+    quantity: str
+    error: float
+    bar: float
+    unit: str
+    pull: float
+    cpu_ms: float
+    evaluations: float
+    more: bool = False
+
+
+@dataclass(frozen=True)
 class Bench:
     """What a run gave: `rows`, each a Row's fields by name, and `text`, the table to be read."""
 
@@ -76,12 +99,12 @@ def bench(
     quick: bool = False,
     progress: Progress | None = None,
 ) -> Bench:
-    """Run every case of a suite: the speed beside the paper's own procedure, or the fringe order.
+    """Run every case of a suite: speed beside the paper's own procedure, fringe orders, or fits.
 
     Parameters: `out`, a folder for the table and the figure, bench.csv and bench.png, of the other
-    suite fringes.csv and fringes.png (None: nothing is written); `suite`, 'speed' or 'fringes';
-    `quick`, tiny cases that only show that everything runs; `progress`, called with the name of
-    each case as it begins.
+    suites fringes.csv and fringes.png, fit.csv and fit.png (None: nothing is written); `suite`,
+    'speed', 'fringes' or 'fit'; `quick`, tiny cases that only show that everything runs;
+    `progress`, called with the name of each case as it begins.
     Returns a Bench. Raises InputError where the benchmarks are not there, or have no such suite.
     """
     suites = load_benchmarks("cases").SUITES

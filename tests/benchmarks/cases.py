@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from . import (
+    case_fit,
     case_frames,
     case_fringes,
     case_memory,
@@ -14,6 +15,7 @@ from . import (
     case_stress,
     case_wear,
     report,
+    report_fit,
     report_fringes,
 )
 
@@ -41,4 +43,5 @@ class Suite:
 SUITES = {
     "speed": Suite(lambda: CASES, "bench", report.table, report.figure),
     "fringes": Suite(case_fringes.cases, "fringes", report_fringes.table, report_fringes.figure),
+    "fit": Suite(case_fit.cases, "fit", report_fit.table, report_fit.figure),
 }

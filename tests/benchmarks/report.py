@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from isochrome.bench import Row
@@ -20,16 +21,24 @@ def table(rows: list[Row]) -> str:
     """The rows as a table in plain text, with a line on how it was measured."""
     head = ("case", "method", "setting", "error", "time", "ratio")
     cells = [(r.case, r.method, r.setting, _error(r), _time(r), _ratio(r)) for r in rows]
+    return "\n".join([*lines_of(head, cells, texts=3), "", _FOOT, machine()])
+
+
+def lines_of(head: tuple[str, ...], cells: Sequence[tuple[str, ...]], *, texts: int) -> list[str]:
+    """A table's lines, an empty one where the first column changes.
+
+    Parameters: `head`; `cells`, a tuple a row; `texts`, how many columns stand to the left.
+    """
     widths = [max(len(row[k]) for row in (head, *cells)) for k in range(len(head))]
     lines, last = [], ""
     for row in (head, *cells):
         if row[0] != last:
             lines += [""] if last else []
             last = row[0]
-        words = [f"{text:<{w}}" for text, w in zip(row[:3], widths[:3], strict=True)]
-        words += [f"{text:>{w}}" for text, w in zip(row[3:], widths[3:], strict=True)]
+        words = [f"{text:<{w}}" for text, w in zip(row[:texts], widths[:texts], strict=True)]
+        words += [f"{text:>{w}}" for text, w in zip(row[texts:], widths[texts:], strict=True)]
         lines.append("  ".join(words).rstrip())
-    return "\n".join([*lines, "", _FOOT, machine()])
+    return lines
 
 
 _FOOT = """\

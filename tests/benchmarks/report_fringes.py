@@ -10,7 +10,7 @@ from isochrome.bench import FringeRow
 from isochrome.figures import LINE_COLOURS
 
 from .case_fringes import ALL, ARCSINE, BLIND, COLOUR, FREE, METHODS, MODEL, STEPS
-from .report import machine
+from .report import lines_of, machine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,16 +56,7 @@ def over_all(rows: list[FringeRow]) -> list[FringeRow]:
 def table(rows: list[FringeRow]) -> str:
     """The rows as a table in plain text, the specimens together at its end."""
     cells = [_cells(r) for r in (*rows, *over_all(rows))]
-    widths = [max(len(row[k]) for row in (HEAD, *cells)) for k in range(len(HEAD))]
-    lines, last = [], ""
-    for row in (HEAD, *cells):
-        if row[0] != last:
-            lines += [""] if last else []
-            last = row[0]
-        words = [f"{text:<{w}}" for text, w in zip(row[:2], widths[:2], strict=True)]
-        words += [f"{text:>{w}}" for text, w in zip(row[2:], widths[2:], strict=True)]
-        lines.append("  ".join(words).rstrip())
-    return "\n".join([*lines, "", _FOOT, machine()])
+    return "\n".join([*lines_of(HEAD, cells, texts=2), "", _FOOT, machine()])
 
 
 _FOOT = """\

@@ -231,7 +231,7 @@ def check(
 @app.command()
 def bench(
     suite: Annotated[
-        str, typer.Argument(help="speed, or fringes: every way to the fringe order.")
+        str, typer.Argument(help="speed; fringes, every way to the fringe order; or fit.")
     ] = "speed",
     out: Out = Path("isochrome-bench"),
     as_json: Json = False,

@@ -1,0 +1,308 @@
+"""What a fit finds in rendered frames whose truth is known: errors, pulls, and what it costs.
+
+Frames of 659 x 494, 8 bits, noise of 3 grey levels and a vignette; seeded, so that errors are the
+same in each run. They are made by the modules of the tests. Costs are processor time of one
+thread, and that over one evaluation of the fit's own renderer: the ratio is the claim.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+from contextlib import contextmanager
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from isochrome.bench import FitRow, benchmarks_folder
+
+ONE, COLD, SEQUENCE, LAW = "one frame", "cold start", "sequence of six", "another law"
+TRACTIONS, BLOCK, TONE = "tractions", "finite block", "gamma, plates, blur"
+LOAD, FRICTION = "load.normal_n", "friction.coefficient"
+WEAR = "wear.coefficient_mm2_per_n"
+PLACE = ("camera.left_mm", "camera.top_mm")
+SEED = 20
+
+
+@contextmanager
+def _tests():
+    """The folders of the tests on the path, whose modules make the frames."""
+    root = benchmarks_folder().parent
+    own = [str(root), str(root / "fit")]
+    sys.path[:0] = own
+    try:
+        yield
+    finally:
+        for name in own:
+            sys.path.remove(name)
+
+
+@lru_cache(maxsize=8)
+def made_by(name):
+    """A module of the tests that makes frames, such as 'engine_frames'."""
+    with _tests():
+        return importlib.import_module(name)
+
+
+def timed(work):
+    """What some work gives, and its processor time in seconds, on one thread."""
+    from isochrome.runs import single_threaded
+
+    with single_threaded():
+        start = time.process_time()
+        found = work()
+        return found, time.process_time() - start
+
+
+@lru_cache(maxsize=1)
+def evaluation_s():
+    """Processor time (s) of one evaluation of a sliding contact's light at every pixel."""
+    from isochrome.fit.one_state import with_own_numerics
+    from isochrome.fit.renderer import SceneRenderer
+
+    frames = made_by("engine_frames")
+    scene, _ = frames.random_contact(np.random.default_rng(SEED), "slide")
+    scene = with_own_numerics(scene)
+    renderer = SceneRenderer(scene, (494, 659))
+    renderer.signal(scene)
+    loads = [scene.get(LOAD) * (1.0 + 1e-4 * k) for k in range(1, 8)]
+    moved = [scene.with_values({LOAD: load}) for load in loads]
+    return float(np.median([timed(lambda s=s: renderer.signal(s))[1] for s in moved]))
+
+
+class Rows:
+    """The rows of one problem, which carry the same cost."""
+
+    def __init__(self, problem, case, seconds):
+        self.problem, self.case, self.seconds, self.found = problem, case, seconds, []
+
+    def add(self, quantity, error, bar, unit, *, pull=float("nan"), more=False):
+        """An error in some unit beside its bar; `pull`, of all keys, as a root mean square."""
+        ratio = self.seconds / evaluation_s()
+        self.found.append(
+            FitRow(
+                self.problem, self.case, quantity, float(error), bar, unit, float(pull),
+                1e3 * self.seconds, ratio, more,
+            )
+        )  # fmt: skip
+
+
+def rms(values):
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def one_frame(quick=False):
+    """Load, place and friction of sliding contacts, from 10 % and ten pixels off."""
+    frames = made_by("engine_frames")
+    errors, orders, pulls, seconds = [], [], [], []
+    count = 1 if quick else 8
+    for seed in range(count):
+        scene, true = frames.random_contact(np.random.default_rng([SEED, seed]), "slide")
+        scene = scene.with_values(frames.HALF_SIZE) if quick else scene
+        rng = np.random.default_rng([SEED, seed, 1])
+        start = frames.begun(rng, scene, true, share=0.1, place_px=10.0)
+        frame = frames.captured(scene, seed)
+        fit, cost = timed(lambda f=frame, s=start, t=true: frames.fitted(f, s, t))
+        off = dict(zip(fit.keys, fit.values, strict=True))[LOAD] / true[LOAD] - 1.0
+        errors.append(off)
+        orders.append(rms(_known(frames.orders(fit.scene) - frames.orders(scene))))
+        pulls.append(frames.pulls(fit, true))
+        seconds.append(cost)
+    rows = Rows(ONE, f"{count} contacts, start within 10 %", float(np.median(seconds)))
+    rows.add("load, worst", 100.0 * np.abs(errors).max(), 0.02, "%", pull=rms(pulls))
+    rows.add("fringe order, worst RMS", max(orders), 3e-4, "fringe")
+    return rows.found
+
+
+def _known(values):
+    return values[np.isfinite(values)]
+
+
+def cold_start(quick=False):
+    """Held contacts in partial slip, with bulk stress, from a load up to four times off."""
+    from isochrome.fit.frame_fit import fit_frame
+
+    frames = made_by("cold_frames")
+    load, shear, pulls, seconds, wrong, silent = [], [], [], [], 0, 0
+    count = 1 if quick else 10
+    for seed in range(count):
+        case = frames.random_case("held", 1000 * SEED + seed)
+        fit, cost = timed(lambda c=case: fit_frame(c.data, c.begun, c.keys))
+        seconds.append(cost)
+        if not frames.is_right(case, fit):
+            wrong += 1
+            silent += fit.chi <= frames.RIGHT_CHI
+            continue
+        off = case.errors(fit)
+        load.append(abs(off[0]) / case.true.load.normal_n)
+        shear.append(abs(off[case.keys.index("load.tangential_n")] / case.true.load.tangential_n))
+        pulls.append(off / fit.standard_uncertainty)
+    rows = Rows(COLD, f"{count} contacts, load off by up to 4", float(np.median(seconds)))
+    rows.add("wrong", 100.0 * wrong / count, 2.0, "%")
+    rows.add("wrong, and chi near 1", 100.0 * silent / count, 0.0, "%")
+    if load:
+        rows.add("load, worst", 100.0 * max(load), 0.03, "%", pull=rms(pulls))
+        rows.add("tangential force, worst", 100.0 * max(shear), 0.15, "%")
+    return rows.found
+
+
+DISTANCES = (0.0, 31.0, 77.0, 155.0, 233.0)
+RISING = {"distance_m": DISTANCES, "value": (0.12, 0.18, 0.24, 0.28, 0.30)}
+
+
+def _worn(law="archard", *, quick):
+    """The paper's case with a friction that rises: the truth, and a start that is off."""
+    from isochrome.scene import parse_scene
+
+    frames = made_by("engine_frames")
+    text = made_by("scene_texts").PAPER_CONTACT + frames.CAMERA
+    text += "\n[friction]\ncoefficient = 0.2\nstatic_state_first = true\n\n[wear]\n"
+    text += f"coefficient_mm2_per_n = 2.3e-9\ndistances_m = {list(DISTANCES)}\n"
+    begun = parse_scene(text).with_values(frames.HALF_SIZE if quick else {})
+    k = {"archard": 2e-9, "dissipated_energy": 8e-9}[law]
+    return begun.with_values({"wear.law": law, WEAR: k, FRICTION: RISING}), begun
+
+
+def _fitted(truth, begun, shared, own, folder):
+    from isochrome.fit.run import fit
+    from isochrome.output import write_tiff
+    from isochrome.simulate import simulate
+
+    path = Path(folder) / "frames.tif"
+    write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
+    return timed(lambda: fit(path, begun, shared, per_frame=own))
+
+
+def sequence(quick=False):
+    """Six frames of one run: constant wear, rising friction, one load."""
+    truth, begun = _worn(quick=quick)
+    with TemporaryDirectory() as folder:
+        found, seconds = _fitted(truth, begun, [WEAR, LOAD], [FRICTION], folder)
+    k = found.shared[WEAR]
+    sliding = zip(found.frames[1:], RISING["value"], strict=True)
+    told = [(own[FRICTION], true) for own, true in sliding]
+    errors = [own["value"] - true for own, true in told]
+    pulls = [(own["value"] - true) / own["standard_uncertainty"] for own, true in told]
+    rows = Rows(SEQUENCE, "Archard's law, friction 0.12 to 0.30", seconds)
+    pull = (k["value"] - 2e-9) / k["standard_uncertainty"]
+    rows.add("wear coefficient", 100.0 * abs(k["value"] / 2e-9 - 1.0), 0.5, "%", pull=abs(pull))
+    rows.add("friction, worst", np.abs(errors).max(), 0.003, "", pull=rms(pulls))
+    return rows.found
+
+
+def another_law(quick=False):
+    """A run worn by the dissipated energy, fitted by Archard's law: is the right one preferred?"""
+    from isochrome.fit.laws import CLEAR
+
+    truth, begun = _worn("dissipated_energy", quick=quick)
+    begun = begun.with_values({WEAR: 1.5e-9})
+    with TemporaryDirectory() as folder:
+        found, seconds = _fitted(truth, begun, [WEAR, LOAD], [FRICTION], folder)
+    laws = {law.law: law.log_evidence for law in found.wear_laws.laws}
+    others = max(value for law, value in laws.items() if law != "dissipated_energy")
+    rows = Rows(LAW, "worn by dissipated energy", seconds)
+    margin = laws["dissipated_energy"] - others
+    rows.add("margin in ln Z (more is better)", margin, CLEAR, "", more=True)
+    return rows.found
+
+
+def tractions(quick=False):
+    """A lobe of pressure beside the contact, which no contact model has."""
+    from isochrome.fit.tractions import invert_tractions
+
+    frames = made_by("pressed")
+    size = {"cols": 220, "rows": 164, "pixel": 0.01821} if quick else {}
+    view = frames.Pressed((frames.CONTACT, frames.LOBE), **size)
+    data, scene = view.data(), view.scene(42.0)
+    found, seconds = timed(lambda: invert_tractions(data, scene))
+    order = frames.ORDER_PER_MPA * np.abs(found.components().difference)
+    rows_seen = (found.pixels.z_mm > 0.5 * view.pixel) & (np.arange(view.rows) >= 2)
+    load, shear = found.load_n, found.tangential_n
+    rows = Rows(TRACTIONS, "a lobe beside the contact", seconds)
+    pull = (load.value - view.load) / load.standard_uncertainty
+    rows.add("load", 100.0 * abs(load.value / view.load - 1.0), 0.05, "%", pull=abs(pull))
+    pull = (shear.value - view.tangential) / shear.standard_uncertainty
+    off = 100.0 * abs(shear.value / view.tangential - 1.0)
+    rows.add("tangential force", off, 3.0, "%", pull=abs(pull))
+    rows.add("fringe order, RMS", rms((order - view.order)[rows_seen]), 0.003, "fringe")
+    return rows.found
+
+
+def block(quick=False):
+    """A block of finite size by finite elements, fitted as a half-plane with a smooth stress."""
+    from isochrome.fit.run import fit
+    from isochrome.simulate import make_picture, scene_states, state_difference
+    from isochrome.stress import pixel_grid
+
+    if find_spec("skfem") is None:
+        return []
+    frames = made_by("block_frames")
+    solid = made_by("finite_block").Solid(spacing_mm=0.04)
+    camera = frames.SMALL if quick else frames.WHOLE
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "frame.tif"
+        truth = frames.photographed(solid, camera, path)
+        begun = frames.scene_of(solid, camera).with_values({LOAD: 1.08 * frames.LOAD})
+        found, seconds = timed(lambda: fit(path, begun, frames.FREE))
+    pixels = pixel_grid(found.scene)
+    stress = state_difference(found.scene, scene_states(found.scene)[-1], pixels)
+    error = _known(make_picture(found.scene, stress, pixels).order - truth)
+    load = found.shared[LOAD]
+    rows = Rows(BLOCK, "60 x 40 mm, finite elements", seconds)
+    rows.add("load", 100.0 * abs(load["value"] / frames.LOAD - 1.0), 0.5, "%")
+    rows.add("fringe order, RMS", rms(error), 0.02, "fringe")
+    rows.add("wrong branch", 100.0 * float(np.mean(np.abs(error) > 0.25)), 0.2, "%")
+    return rows.found
+
+
+PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")
+HARD = {
+    "camera.gamma 2.2": ({"camera.gamma": 2.2}, {"frames.gamma": (1.0, 2.2)}),
+    "plates 5 degrees off": (
+        dict.fromkeys(PLATES, 5.0), dict.fromkeys(PLATES, (0.0, 5.0)),
+    ),
+    "blur 2 px, vignette 0.6": (
+        {"camera.blur_px": 2.0, "camera.vignette": 0.6}, {"camera.blur_px": (1.0, 2.0)},
+    ),
+}  # fmt: skip
+
+
+def tone(quick=False):
+    """Cameras and plates that are not ideal, and are found beside the load."""
+    frames = made_by("engine_frames")
+    found = []
+    for name, (truth, free) in list(HARD.items())[: 1 if quick else None]:
+        rng = np.random.default_rng([SEED, 7])
+        scene, true = frames.random_contact(rng, "slide")
+        seen = scene.with_values(truth | (frames.HALF_SIZE if quick else {}))
+        start = frames.begun(rng, seen, true, share=0.05)
+        start = start.with_values({key: begun for key, (begun, _) in free.items()})
+        frame, wanted = frames.captured(seen, 7), true | {k: v for k, (_, v) in free.items()}
+        fit, seconds = timed(lambda f=frame, s=start, w=wanted: frames.fitted(f, s, w))
+        load = dict(zip(fit.keys, fit.values, strict=True))[LOAD]
+        rows = Rows(TONE, name, seconds)
+        off, pull = 100.0 * abs(load / true[LOAD] - 1.0), rms(frames.pulls(fit, wanted))
+        rows.add("load", off, 0.05, "%", pull=pull)
+        found += rows.found
+    return found
+
+
+CASES = {
+    ONE: one_frame,
+    COLD: cold_start,
+    SEQUENCE: sequence,
+    LAW: another_law,
+    TRACTIONS: tractions,
+    BLOCK: block,
+    TONE: tone,
+}
+
+
+def cases():
+    """Each problem's case by its name."""
+    return CASES
