@@ -33,7 +33,7 @@ def found(*names, join=False):
 
 
 @pytest.mark.parametrize(
-    "names, recordings",
+    ("names", "recordings"),
     [
         (["run*.avi"], ["run1.avi", "run2.avi", "run10.avi"]),
         (["run1.avi", "run10.avi", "run2.avi"], ["run1.avi", "run2.avi", "run10.avi"]),
@@ -71,7 +71,7 @@ def test_a_stack_that_does_not_tell_goes_with_the_rest(place):
 
 
 @pytest.mark.parametrize(
-    "names, said",
+    ("names", "said"),
     [
         (["img1.tif", "stack1.tif"], "img1.tif: is a single image and stack1.tif a whole"),
         (["*.tif"], "is a single image"),

@@ -171,19 +171,20 @@ def _outcomes(
     most = 1 if options.get("cluster") else workers or processors()
     began = time.perf_counter()
     for number, task in enumerate(tasks):
-        each_s = (time.perf_counter() - began) / max(number, 1)
-        if number and _pays(each_s, len(tasks) - number, most, asked=workers is not None):
+        each_s = (time.perf_counter() - began) / number if number else None
+        if _pays(each_s, len(tasks) - number, most, asked=workers is not None):
             left = dict(enumerate(tasks[number:], number))
             yield from side_by_side(left, scene, options, most)
             return
         yield number, outcome_of(task, scene, {**options, "workers": workers}, tell)
 
 
-def _pays(each_s: float, left: int, workers: int, *, asked: bool) -> bool:
+def _pays(each_s: float | None, left: int, workers: int, *, asked: bool) -> bool:
     """Whether the recordings left are sooner done side by side, with `each_s` for each so far.
 
-    So it is with many, and with few where each is too short for workers of its own; where nobody
-    `asked` for workers, only if all of them are worth the workers' start.
+    So it is with many, and with few where each is known to be too short for workers of its own;
+    where nobody `asked` for workers, only if all of them are worth the workers' start.
     """
-    few = 2 if each_s < WORTH_WORKERS_S else 2 * workers
-    return workers > 1 and left >= few and (asked or each_s * left > WORTH_WORKERS_S)
+    short = each_s is not None and each_s < WORTH_WORKERS_S
+    worth = asked or (each_s is not None and each_s * left > WORTH_WORKERS_S)
+    return workers > 1 and worth and left >= (2 if short else 2 * workers)

@@ -1,0 +1,154 @@
+"""Campaigns that are killed, shared out to workers, or fitted to a model."""
+
+import csv
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import isochrome
+from campaign.conftest import film, tree
+from isochrome import simulate
+from isochrome.campaign import process_campaign
+from isochrome.output import read_csv, write_tiff
+from isochrome.process import process
+from scene_texts import PAPER_CONTACT
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture(scope="module")
+def code(tmp_path_factory):
+    """A copy of the package, which nobody edits in the middle of a campaign."""
+    home = tmp_path_factory.mktemp("code")
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(isochrome.__file__).parent, home / "isochrome", ignore=ignore)
+    return home
+
+
+def start(code, out, *more):
+    command = ["process", "runs/*.tif", "--scene", "scene.toml", "--out", out, *more]
+    return subprocess.Popen(
+        [sys.executable, "-m", "isochrome", *command],
+        env=os.environ | {"PYTHONPATH": str(code)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait(run):
+    said = run.communicate(timeout=300)[1]
+    assert run.returncode == 0, said
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_killed_in_the_second_recording_it_ends_with_the_same_bytes(place, code, workers):
+    for i in range(1, 5):
+        write_tiff(place / f"runs/run{i}.tif", film(120, i))
+    wait(start(code, "whole"))
+    run = start(code, "out", "--workers", workers)
+    deadline = time.monotonic() + 120
+    second = place / "out" / "run2.partial" / "chunks"
+    while not (place / "out" / "run1").exists() or not list(second.glob("*.json")):
+        assert time.monotonic() < deadline and run.poll() is None
+        time.sleep(0.01)
+    run.kill()  # its workers are left to end by themselves
+    run.communicate(timeout=60)
+    assert (place / "out" / "run2.partial").exists() and not (place / "out" / "run2").exists()
+    kept = {p: p.stat().st_mtime_ns for p in (place / "out" / "run1").glob("*")}
+    time.sleep(1.0)  # workers end within a moment of their parent
+    wait(start(code, "out", "--workers", workers))
+    assert tree(place / "out") == tree(place / "whole")
+    assert {p: p.stat().st_mtime_ns for p in kept} == kept  # what was complete was not touched
+    assert not (place / "out.partial").exists()
+
+
+def test_recordings_side_by_side_are_the_same_as_one_after_the_other(drawn_stacks, place):
+    (place / drawn_stacks[2]).write_bytes(b"no TIFF")
+    one = process_campaign(drawn_stacks, "scene.toml", "one")
+    told = []
+    two = process_campaign(
+        drawn_stacks, "scene.toml", "two", workers=2, progress=lambda *both: told.append(both)
+    )
+    for result in (one, two):
+        assert result.exit_code == 2 and result.failed == (drawn_stacks[2],)
+    assert tree(place / "two") == tree(place / "one")
+    assert told[-1][0].done == 4
+
+
+class Deadly(str):
+    """A recording whose arrival kills the process that is to work on it."""
+
+    __slots__ = ()
+
+    def __reduce__(self):
+        return os._exit, (9,)
+
+
+def test_a_recording_that_kills_its_worker_harms_no_other(stacks, place):
+    named = [stacks[0], Deadly(stacks[1]), *stacks[2:]]
+    found = process_campaign(named, "scene.toml", "out", workers=2)
+    assert found.failed == (stacks[1],) and found.exit_code == 2
+    assert "was killed" in found.table["error"][1]
+    for name in ("run1", "run3", "run4"):
+        assert (place / "out" / name / "frames.csv").exists()
+
+
+CONTACT = (
+    PAPER_CONTACT
+    + """
+[friction]
+coefficient = 0.25
+
+[wear]
+coefficient_mm2_per_n = 2e-9
+distances_m = [0.0, 77.0]
+
+[polariscope]
+wavelength_nm = 587.0
+
+[camera]
+width_px = 160
+height_px = 120
+left_mm = -2.0
+top_mm = 0.0
+pixel_mm = 0.025
+bit_depth = 8
+brightness = 0.85
+background = 0.05
+noise_grey = 2.0
+"""
+)
+
+
+def test_fitted_values_are_summed_up_and_drawn(place):
+    (place / "contact.toml").write_text(CONTACT, "utf-8")
+    truth = {"first": (44.0, 0.25), "second": (40.0, 0.3)}
+    for seed, (name, (load, friction)) in enumerate(truth.items()):
+        values = {"load.normal_n": load, "friction.coefficient": friction, "camera.seed": seed}
+        scene = isochrome.load_scene("contact.toml").with_values(values)
+        simulate(scene, place / name)
+        shutil.copy(place / name / "frames.tif", place / "runs" / f"{name}.tif")
+    found = process_campaign("runs/*.tif", "contact.toml", "all")
+    assert found.exit_code == 0
+    with open(place / "all" / "summary.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row, (name, (load, friction)) in zip(rows, truth.items(), strict=True):
+        assert row["folder"] == name and row["status"] == "ok"
+        for key, value in (("load.normal_n", load), ("friction.coefficient", friction)):
+            spread = float(row[f"{key} median_standard_uncertainty"])
+            # the mean of two frames: five times its uncertainty is missed once in a million
+            assert abs(float(row[f"{key} mean"]) - value) < 5 * spread / np.sqrt(2)
+            table = read_csv(place / "all" / name / "frames.csv")
+            assert float(row[f"{key} mean"]) == pytest.approx(np.mean(table[key]), rel=1e-8)
+        process(f"runs/{name}.tif", "contact.toml", place / "alone" / name)
+        assert tree(place / "all" / name) == tree(place / "alone" / name)  # pictures and all
+    assert (place / "all" / "summary.png").read_bytes().startswith(b"\x89PNG")
