@@ -25,6 +25,9 @@ from isochrome.frames.source import (
 )
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".dib", ".pgm", ".ppm", ".pnm", ".webp")
+FORMATS = ("PNG", "JPEG", "BMP", "DIB", "PPM", "WEBP")
+"""Pillow's names of what is read, whatever a file is called."""
+
 WIDE = {"I": 4, "F": 4}
 """Bytes of a channel in Pillow's wide modes."""
 
@@ -71,7 +74,14 @@ def read_image(path: Path) -> np.ndarray:
         from PIL import Image, UnidentifiedImageError
 
         try:
-            with Image.open(io.BytesIO(data)) as file:
+            with Image.open(io.BytesIO(data), formats=FORMATS) as file:
+                # a telephone's JPEG with copies behind it, MPO, is read as the picture itself
+                count = 1 if file.format == "MPO" else getattr(file, "n_frames", 1)
+                if count != 1:
+                    raise InputError(
+                        f"{path}: holds {count} pictures, and one a file is wanted; save them as "
+                        "single images or as a TIFF stack"
+                    )
                 # Pillow makes 16-bit colour 8 bits and stretches PGM values: OpenCV does neither.
                 deep = file.format == "PNG" and data[24:25] == b"\x10"
                 channel = 2 if deep or "16" in file.mode else WIDE.get(file.mode, 1)

@@ -126,11 +126,11 @@ def _source(path: FramesPath) -> Source:
         return _of_files(files, "list")
     place = Path(path)
     try:
-        if place.is_dir():
-            return _of_files(_files_in(place), "folder")
-        there = os.path.lexists(place)
+        folder, there = place.is_dir(), os.path.lexists(place)
     except (OSError, ValueError) as error:  # a name that no file can have
         raise InputError(f"{path}: cannot be read ({error}); check its name") from error
+    if folder:
+        return _of_files(_files_in(place), "folder")
     if not there:
         found = sorted(glob.glob(os.fspath(path)), key=natural_key)
         if not found:

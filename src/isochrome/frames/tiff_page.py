@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.frames.quiet import quiet
 from isochrome.frames.source import MAX_BYTES, check_dtype, check_size
 from isochrome.frames.tiff_layout import Layout
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     import tifffile
 
 MINISWHITE, PALETTE, SEPARATED = 0, 3, 5
+SEPARATE = 2
+"""Each colour's values by themselves, as the head says it (tag 284)."""
 NONE, DEFLATE = 1, (8, 32946)
 DEFLATE_RATIO = 1032
 """The most bytes that deflate makes of one (RFC 1951: 258 bytes from two bits)."""
@@ -66,7 +69,28 @@ class PageDecoder:
                 f"{self._path}: frame {index} ends at byte {end} and the file at "
                 f"{self._tif.filehandle.size}: it is truncated; copy it again from its source"
             )
+        self._check_parts(page, index)
         return page
+
+    def _check_parts(self, page: Any, index: int) -> None:
+        """Refuse a page whose strips or tiles are not all there: holes would be read as black."""
+        rows, cols, planes = page.imagelength, page.imagewidth, 1
+        if page.planarconfig == SEPARATE:
+            planes = max(page.samplesperpixel, 1)
+        if page.is_tiled:
+            wanted = -(-rows // page.tilelength) * -(-cols // page.tilewidth) * planes
+        else:
+            wanted = -(-rows // max(page.rowsperstrip or rows, 1)) * planes
+        held = sum(page.databytecounts)
+        bits = int(np.ravel(page.bitspersample)[0]) * max(page.samplesperpixel, 1)
+        needed = rows * -(-cols * bits // 8) if page.compression == NONE else wanted
+        there = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
+        if there < wanted or held < needed:
+            raise InputError(
+                f"{self._path}: frame {index} has {there} of {wanted} strips or tiles, {held} "
+                f"bytes in all where at least {needed} are needed; its head is wrong or the file "
+                "damaged: save it again"
+            )
 
     def _hidden(self, page: Any, index: int) -> np.ndarray:
         """A frame without a head, behind the first."""
@@ -177,8 +201,9 @@ class PageDecoder:
 
         if self._pillow is None:
             self._pillow = Image.open(os.fspath(self._path))
-        self._pillow.seek(place)
-        raw = np.asarray(self._pillow)
+        with quiet():
+            self._pillow.seek(place)
+            raw = np.asarray(self._pillow)
         if raw.dtype.itemsize != page.dtype.itemsize or raw.shape != page.shape:
             raise InputError(
                 f"{self._path}: frame {index} is compressed by {page.compression.name}, which is "
