@@ -10,7 +10,6 @@ from isochrome.frames.findings import Finding, of_depth, of_light, of_no_load
 from isochrome.frames.opening import check_scale, open_scene_frames
 from isochrome.frames.reader import FrameReader, FramesPath
 from isochrome.frames.survey import Survey, survey
-from isochrome.frames.video import has_pyav
 from isochrome.scene import Scene
 
 
@@ -101,12 +100,6 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         text = (
             "JPEG and video are compressed with loss, which hides camera noise; chi will look "
             "better than it is: TIFF or PNG keep it"
-        )
-        yield Finding("note", None, text)
-    if reader.kind == "video" and not has_pyav():
-        text = (
-            "without PyAV, OpenCV reads this video: it scales a frame of another size in "
-            "mid-recording, and hides some damage; run 'pip install isochrome[video]'"
         )
         yield Finding("note", None, text)
     if scene.frames.gamma == 1 and (lossy or reader.channel is not None):

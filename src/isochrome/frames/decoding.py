@@ -13,6 +13,7 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.frames.containers import Container
+from isochrome.frames.ffv1 import is_whole
 from isochrome.frames.pixel_formats import plane_of
 from isochrome.frames.source import MAX_PIXELS, check_size, refusing
 
@@ -47,15 +48,22 @@ def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> 
     """
     with opened(path) as (container, stream):
         if key is not None:
-            container.seek(key[1], stream=stream, backward=True, any_frame=False)
+            with refusing(path, f"frame {key[0]} cannot be found again"):
+                container.seek(key[1], stream=stream, backward=True, any_frame=False)
         clock = _Clock(stream, by_packet=kind == "avi")
         count = 0 if key is None else key[0]
+        context = stream.codec_context
+        in_slices = context.name == "ffv1" and bool(context.extradata)
         packets = container.demux(stream)
         while True:
             with refusing(path, f"frame {count} cannot be decoded"):
                 packet = next(packets, None)
                 if packet is None:
                     return
+                if in_slices and packet.size and not is_whole(bytes(packet)):
+                    raise InputError(
+                        f"{path}: frame {count} is damaged; copy the file again from its source"
+                    )
                 frames = _decode(packet, clock, path, count)
             for frame in frames:
                 yield Decoded(frame, *clock.of(frame))
@@ -129,6 +137,11 @@ def _check_stream(stream: Any, path: Path) -> None:
         raise InputError(
             f"{path}: its codec is not known; save it as FFV1, MJPG or uncompressed, or as a TIFF "
             "stack"
+        )
+    if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size that it will not decode
+        raise InputError(
+            f"{path}: names no frame size that can be read, up to {MAX_PIXELS} pixels; is the file "
+            "damaged? crop it or save it again"
         )
     check_size(path, context.height, context.width, PIXEL_BYTES)
     aspect = stream.sample_aspect_ratio

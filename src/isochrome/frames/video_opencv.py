@@ -1,8 +1,10 @@
 """Frames from a video by OpenCV, where PyAV is not installed: read in order, never by seeking.
 
 OpenCV says neither why it stops nor what it has guessed: only what it reads right is read, and
-where it is in doubt whether it did, the video is refused. One thing it hides: a frame whose size
-changes in mid-recording is scaled. Its BGR and (x, y) stay in this module.
+where it is in doubt whether it did, the video is refused. It scales a frame whose size changes in
+mid-recording, and hands out what FFmpeg has made up for a damaged one: so only codecs are read
+whose frames have no size of their own, and nothing is made up. Its BGR and (x, y) stay in this
+module.
 """
 
 from __future__ import annotations
@@ -32,6 +34,10 @@ GREY16, GREY8 = b"Y1\x00\x10", b"Y800"
 KNOWN = (GREY16, GREY8, b"I420", b"444P", b"422P", b"BGR\x00", b"BGR\x18", b"RGB\x18",
          b"G3\x00\x08", b"YUY2", b"UYVY", b"NV12")  # fmt: skip
 """FFmpeg's codes of the pixels that OpenCV hands out without loss of bits."""
+
+PLAIN = (b"\0\0\0\0", b"HFYU", b"FFVH", b"ULRG", b"ULRA", b"ULY0", b"ULY2", b"ULY4", b"ULH0",
+         b"ULH2", b"ULH4", b"DIB ", b"Y800", b"GREY", b"Y8  ", b"I420", b"YUY2", b"UYVY")  # fmt: skip
+"""Codes of uncompressed video, HuffYUV and Ut Video."""
 
 INSTALL = "run 'pip install isochrome[video]' (PyAV), which reads it right"
 
@@ -155,6 +161,12 @@ def _opened(path: Path) -> tuple[Any, bytes]:
     rows, cols = capture.get(cv2.CAP_PROP_FRAME_HEIGHT), capture.get(cv2.CAP_PROP_FRAME_WIDTH)
     check_size(path, int(rows), int(cols), 6)
     code = (int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xFFFFFFFF).to_bytes(4, "little")
+    codec = (int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF).to_bytes(4, "little")
+    if codec not in PLAIN:
+        raise InputError(
+            f"{path}: is compressed by {codec.decode('ascii', 'replace')}, of which OpenCV hides "
+            f"damaged frames and changes of size; {INSTALL}, or says what is wrong"
+        )
     if code not in KNOWN:
         raise InputError(
             f"{path}: holds pixels of the kind {code!r}, which OpenCV may cut to 8 bits; {INSTALL}"
