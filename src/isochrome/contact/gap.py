@@ -10,6 +10,7 @@ import numpy as np
 
 from isochrome.contact.surface import Floats
 from isochrome.errors import InputError
+from isochrome.output import check_given_table
 from isochrome.scene import Scene
 
 FAR_MM = 1e3
@@ -45,6 +46,7 @@ def read_profile(path: Path) -> tuple[Floats, Floats]:
     Returns x (m,) rising and the gap (m,), mm. Raises InputError that names the file and the fix.
     """
     try:
+        check_given_table(path, "the profile")
         stat = path.stat()
     except OSError as error:
         raise InputError(f"{path}: the profile cannot be read ({error}); check its name") from error

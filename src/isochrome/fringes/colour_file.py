@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.frames import CHANNELS
 from isochrome.fringes.colour_table import LARGEST_ORDER, STEP, ColourTable
-from isochrome.output import read_csv
+from isochrome.output import check_given_table, read_csv
 
 SPREADS = tuple(f"{name}_spread" for name in CHANNELS)
 
@@ -19,7 +19,6 @@ LARGEST_SIGNAL = 3.0
 """Of full light: a camera that corrects its colours passes 1 where a channel is purest, and where
 full light would saturate the frames, 1 stands for less of it."""
 
-_MAX_BYTES = 10_000_000
 _COARSEST = 0.05
 _MOST_SPREAD = 0.3
 
@@ -42,8 +41,8 @@ def read_table(path: Path) -> ColourTable:
     Returns a ColourTable. Raises InputError that names the file, what is wrong and the fix.
     """
     fix = "make it with 'isochrome calibrate colour'"
-    if path.is_file() and path.stat().st_size > _MAX_BYTES:
-        raise InputError(f"{path}: larger than {_MAX_BYTES} bytes; is it a colour table? {fix}")
+    if path.exists():
+        check_given_table(path, "the colour table")
     found = read_csv(path)
     missing = [name for name in ("fringe_order", *CHANNELS) if name not in found]
     if missing:

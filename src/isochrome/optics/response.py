@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.output import check_given_table
 from isochrome.scene import Camera
 
 Array = NDArray[np.floating]
@@ -21,8 +22,6 @@ GENERIC_PEAK_NM = (600.0, 540.0, 460.0)
 GENERIC_WIDTH_NM = (35.0, 33.0, 30.0)
 """Peaks and standard deviations of three Gaussians: of the kind of a colour sensor behind an
 infrared filter, and of no sensor in particular. Who wants colours to compare measures theirs."""
-
-_MAX_BYTES = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -67,8 +66,7 @@ def read_response(path: Path, names: tuple[str, ...]) -> Response:
     Parameters: `path`; `names` of the channels' columns. Returns a Response. Raises InputError.
     """
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path}: larger than {_MAX_BYTES} bytes; is it a response table?")
+        check_given_table(path, "the camera's response")
         with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = list(csv.DictReader(stream))
     except (OSError, UnicodeDecodeError, csv.Error) as error:

@@ -6,6 +6,7 @@ the functions that need them.
 """
 
 from isochrome.output.files import (
+    check_link,
     output_folder,
     plain,
     replacing,
@@ -15,13 +16,15 @@ from isochrome.output.files import (
 )
 from isochrome.output.record import provenance, sha256, write_figure
 from isochrome.output.scale import pixel_mm_of, read_pixel_mm
-from isochrome.output.tables import TableWriter, csv_text, read_csv, write_csv
+from isochrome.output.tables import TableWriter, check_given_table, csv_text, read_csv, write_csv
 from isochrome.output.tiff import Photometric, TiffWriter, write_tiff
 
 __all__ = [
     "Photometric",
     "TableWriter",
     "TiffWriter",
+    "check_given_table",
+    "check_link",
     "csv_text",
     "output_folder",
     "pixel_mm_of",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -15,6 +16,9 @@ from typing import Any
 
 from isochrome.errors import InputError
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
+"""What the system says of a full, lost or protected disk."""
+
 
 def output_folder(path: str | Path) -> Path:
     """Make a folder for results, with its parents, and see that it can be written to.
@@ -24,6 +28,7 @@ def output_folder(path: str | Path) -> Path:
     """
     folder = Path(path)
     try:
+        check_link(folder)
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
@@ -36,28 +41,79 @@ def output_folder(path: str | Path) -> Path:
     return folder
 
 
+def check_link(folder: Path) -> None:
+    """Refuse a folder that is a symbolic link to nowhere, as when its drive is not there.
+
+    To make what it points to would put results where nobody looks for them. Raises InputError,
+    OSError.
+    """
+    if folder.is_symlink() and not os.path.exists(folder):
+        raise InputError(
+            f"{folder}: is a symbolic link to {os.readlink(folder)}, which is not there; see that "
+            "its drive is, or name another --out folder"
+        )
+
+
 @contextmanager
 def staged(out_dir: str | Path) -> Iterator[Path]:
     """A hidden folder beside the results; its files move to `out_dir` when all went well.
 
     Parameters: `out_dir`, the folder for the results. Yields a folder to write all results to.
-    On an exception nothing of them is left, nor `out_dir` when it was made here.
+    On an exception nothing of them is left, nor `out_dir` when it was made here, and what was
+    there before is there again. Raises InputError where they cannot be written.
     """
     target = Path(out_dir)
-    made = not target.exists()
+    made = not os.path.exists(target)
     target = output_folder(target)
-    stage = Path(tempfile.mkdtemp(prefix=".isochrome-", dir=target))
+    stage = None
     try:
-        yield stage
-        for file in sorted(p for p in stage.rglob("*") if p.is_file()):
-            place = target / file.relative_to(stage)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(file, place)
+        with _writing(target):
+            stage = Path(tempfile.mkdtemp(prefix=".isochrome-", dir=target))
+            yield stage
+            _move_all(stage, target)
     finally:
-        shutil.rmtree(stage, ignore_errors=True)
+        if stage is not None:
+            shutil.rmtree(stage, ignore_errors=True)
         if made:
             with suppress(OSError):  # not empty: the results are there
                 target.rmdir()
+
+
+def _move_all(stage: Path, target: Path) -> None:
+    """Give all files their places, or none: on an error what was there is put back."""
+    old = Path(tempfile.mkdtemp(prefix=".isochrome-", dir=target))
+    undo: list[tuple[Path, Path | None]] = []
+    try:
+        for number, file in enumerate(sorted(p for p in stage.rglob("*") if p.is_file())):
+            place = target / file.relative_to(stage)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            kept = old / str(number) if os.path.lexists(place) else None
+            if kept is not None:
+                os.rename(place, kept)
+            undo.append((place, kept))
+            os.rename(file, place)
+    except BaseException:
+        for place, kept in reversed(undo):
+            with suppress(OSError):
+                place.unlink(missing_ok=True)
+            if kept is not None:
+                os.rename(kept, place)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+@contextmanager
+def _writing(place: Path) -> Iterator[None]:
+    """Turn what the system says when nothing more can be written into an InputError."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise InputError(
+            f"{place}: cannot be written ({error.strerror}); make room, or name another --out"
+        ) from error
 
 
 @contextmanager
@@ -78,8 +134,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
             f"{target}: cannot be written ({error.strerror}); make its folder, or name another"
         ) from error
     try:
-        yield beside
-        os.replace(beside, target)
+        with _writing(target):
+            yield beside
+            os.replace(beside, target)
     finally:
         beside.unlink(missing_ok=True)
 

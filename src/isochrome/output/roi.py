@@ -22,6 +22,9 @@ from isochrome.output.files import replacing
 
 Mask = NDArray[np.bool_]
 SUFFIXES = (".roi", ".zip")
+MOST_AREAS = 1000
+"""In one file: each is filled on the whole frame."""
+
 MAX_BYTES = 20_000_000
 """An area needs less; a file that claims more is damaged or hostile."""
 
@@ -161,16 +164,24 @@ def _check_size(path: Path) -> None:
     """Refuse a file that is none, or that would swell beyond what areas need. Raises InputError."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; check its name")
+    count = 1
     try:
         size = path.stat().st_size
         if path.suffix.lower() == ".zip":
             with zipfile.ZipFile(path) as archive:
-                size = max(size, sum(entry.file_size for entry in archive.infolist()))
+                entries = archive.infolist()
+                size = max(size, sum(entry.file_size for entry in entries))
+                count = len(entries)
     except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: not a readable ImageJ ROI ({error}); save it again") from error
     if size > MAX_BYTES:
         raise InputError(
             f"{path}: holds {size} bytes, and ROIs need less than {MAX_BYTES}; save the areas again"
+        )
+    if count > MOST_AREAS:
+        raise InputError(
+            f"{path}: holds {count} ROIs, and {MOST_AREAS} are allowed; join the areas in ImageJ "
+            "(More > OR), or give a mask image"
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import stat
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,6 +19,8 @@ from isochrome.output.files import plain, replacing
 
 DIGITS = 9
 """Significant digits of a number in a table."""
+MOST_GIVEN = 10_000_000
+"""Bytes of a table that somebody gives, such as a profile."""
 _AT_ONCE = 4096
 """Rows of a long table that are text in memory at a time."""
 
@@ -138,6 +141,21 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
                 "correct that line"
             )
     return {name: _numbers([row[i] for row in body]) for i, name in enumerate(header)}
+
+
+def check_given_table(path: Path, what: str) -> None:
+    """Refuse what is no table that somebody gives: no plain file, or one of over 10 MB.
+
+    Parameters: `path`; `what` it is to be, in words. Raises InputError; OSError where it is missing
+    or may not be looked at.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(f"{path}: is not a file; name {what} itself, a CSV file")
+    if found.st_size > MOST_GIVEN:
+        raise InputError(
+            f"{path}: larger than {MOST_GIVEN} bytes; is it {what}? name that, a CSV file"
+        )
 
 
 def _numbers(cells: list[str]) -> list[Any]:
