@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from isochrome.errors import InputError
+from isochrome.scene.mistakes import check_reach
 from isochrome.scene.parts import Camera, Frames, NonNegative, Part, Polariscope, Positive
 from isochrome.scene.toml import parse_toml, read_text, validate
 
@@ -114,6 +115,7 @@ def load_set(source: str | Path | CalibrationSet, *, specimen: str | None = None
         path = Path(source)
         data = parse_toml(read_text(path), str(path))
         found = validate(CalibrationSet, data, str(path), reserved=("folder", "name"))
+        check_reach(found.model_dump(exclude_unset=True), str(path))
         found = found.model_copy(update={"folder": path.parent, "name": str(path)})
     if specimen is not None and getattr(found, specimen) is None:
         other = "disc" if specimen == "beam" else "beam"

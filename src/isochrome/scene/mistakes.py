@@ -11,6 +11,9 @@ from pydantic import BaseModel, ValidationError
 from isochrome.errors import InputError
 from isochrome.scene.tables import NUMBER, TABLE
 
+LARGEST = 1e30
+"""In any unit, what is beyond is a slip."""
+
 M = typing.TypeVar("M", bound=BaseModel)
 
 
@@ -25,6 +28,25 @@ def validate(
         return model.model_validate(data)
     except ValidationError as error:
         raise InputError(f"{label}: {_sentence(model, error)}") from error
+
+
+def check_reach(data: Any, label: str, key: str = "") -> None:
+    """Refuse numbers of a settings file whose powers would be beyond all numbers.
+
+    Parameters: `data`, the file's tables, lists and values; `label` of the file; `key` of `data` in
+    it. Raises InputError.
+    """
+    if isinstance(data, dict):
+        for name, value in data.items():
+            check_reach(value, label, f"{key}.{name}" if key else str(name))
+    elif isinstance(data, list | tuple):
+        for number, value in enumerate(data, start=1):
+            check_reach(value, label, f"{key}[{number}]")
+    elif isinstance(data, float) and data and not 1 / LARGEST <= abs(data) <= LARGEST:
+        raise InputError(
+            f"{label}: {key} = {data:g} is not allowed: its size should lie between "
+            f"{1 / LARGEST:g} and {LARGEST:g}; correct it"
+        )
 
 
 def _sentence(model: type[BaseModel], error: ValidationError) -> str:

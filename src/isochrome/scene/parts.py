@@ -33,6 +33,7 @@ Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Wavelength = Annotated[float, Field(ge=200, le=3000)]
 Pixels = Annotated[int, Field(ge=1, le=100_000)]
 Exponent = Annotated[float, Field(ge=0.1, le=10)]
+FileName = Annotated[str, Field(min_length=1)]
 Rows = Annotated[int, Field(ge=0, le=100_000)]
 
 
@@ -42,7 +43,7 @@ class Indenter(Part):
     shape: Literal["cylinder", "flat"] = "cylinder"
     radius_mm: Positive | None = None
     half_width_mm: Positive | None = None
-    profile: str | None = None
+    profile: FileName | None = None
     young_gpa: Positive
     poisson: Poisson
 
@@ -214,7 +215,7 @@ class Camera(Part):
     noise_grey: Annotated[float, Field(ge=0, le=65535)] = 0.0
     full_well_electrons: Positive | None = None
     colour: bool = False
-    response: str | None = None
+    response: FileName | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 
 
@@ -248,17 +249,17 @@ class Frames(Part):
     """
 
     roi: Roi | None = None
-    mask: Annotated[str, Field(min_length=1)] | None = None
+    mask: FileName | None = None
     polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None
-    no_load_dark: str | None = None
-    no_load_bright: str | None = None
-    no_load_steps: Annotated[str, Field(min_length=1)] | None = None
+    no_load_dark: FileName | None = None
+    no_load_bright: FileName | None = None
+    no_load_steps: FileName | None = None
     gamma: Annotated[
         Annotated[Exponent, Tag(NUMBER)] | Annotated[Literal["unknown"], Tag("unknown")],
         Discriminator(lambda value: value if value == "unknown" else NUMBER),
     ] = 1.0
     channel: Literal["red", "green", "blue", "mean"] | None = None
-    colour_table: Annotated[str, Field(min_length=1)] | None = None
+    colour_table: FileName | None = None
     sliding_speed_mm_per_s: Positive | None = None
     known_order: tuple[KnownOrder, ...] = ()
 

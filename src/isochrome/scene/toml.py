@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.scene.mistakes import nearest, validate
+from isochrome.scene.mistakes import check_reach, nearest, validate
 from isochrome.scene.scene import Scene
 
 __all__ = ["dump_scene", "load_scene", "parse_scene", "parse_toml", "read_text", "validate"]
@@ -35,7 +35,9 @@ def load_scene(scene: str | Path | Scene) -> Scene:
         near = nearest(str(scene), scene_names())
         hint = f"did you mean '{near}'?" if near else "scenes by name: " + ", ".join(scene_names())
         raise InputError(f"{scene}: no such scene file; {hint}")
-    return parse_scene(read_text(path), name=path.stem, folder=path.parent, label=str(path))
+    found = parse_scene(read_text(path), name=path.stem, folder=path.parent, label=str(path))
+    check_reach(found.model_dump(exclude_unset=True), str(path))
+    return found
 
 
 def parse_scene(
@@ -78,5 +80,5 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
     """TOML text as a dictionary; InputError with the line where it is not TOML."""
     try:
         return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits
         raise InputError(f"{label}: not valid TOML: {error}; correct that line") from error
