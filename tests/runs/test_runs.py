@@ -14,6 +14,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_pixel_mm
 from isochrome.runs import Means, Stopped, open_run, run_job
 from isochrome.runs import run as run_module
+from isochrome.runs.publish import publish
 from runs.counting import IDENTITY, Count, calls, contents, finish, job, truth
 
 
@@ -169,7 +170,6 @@ def test_killed_while_results_take_their_place_it_goes_on(
         (out / "run.zarr" / "old").write_text("old", "utf-8")
         (out / "provenance.json").write_text('{"outputs": {"old.csv": 3}}', "utf-8")
         (out / "old.csv").write_text("old", "utf-8")
-    from isochrome.runs import workplace
 
     left = [at]
     names = ("rename", "replace")
@@ -184,12 +184,12 @@ def test_killed_while_results_take_their_place_it_goes_on(
 
         return act
 
-    publish = workplace.publish
+    finish_off = publish
 
     def dying(bench, target):
         for name in names:
             monkeypatch.setattr(os, name, killing(name))
-        publish(bench, target)
+        finish_off(bench, target)
 
     monkeypatch.setattr(run_module, "publish", dying)
     try:
@@ -199,7 +199,7 @@ def test_killed_while_results_take_their_place_it_goes_on(
         survived = False
     for name in names:
         monkeypatch.setattr(os, name, real[name])
-    monkeypatch.setattr(run_module, "publish", publish)
+    monkeypatch.setattr(run_module, "publish", finish_off)
     assert survived == (at >= (6 if existing else 2))
     run_job(job(count), out, finish)
     assert calls(count.notes) == [0, 3, 6, 9]  # nothing is computed twice

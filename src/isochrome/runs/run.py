@@ -15,8 +15,11 @@ from isochrome.output import write_json
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs.chunks import Bench, Kept, check_chunk
 from isochrome.runs.in_turn import one_by_one
+from isochrome.runs.inputs import check_apart, check_unchanged, stamps_of
 from isochrome.runs.job import Job
 from isochrome.runs.lock import locked
+from isochrome.runs.publish import check_own, publish
+from isochrome.runs.store import STORE
 from isochrome.runs.workers import (
     Finished,
     WorkersLost,
@@ -32,7 +35,6 @@ from isochrome.runs.workplace import (
     is_complete,
     is_finished,
     open_bench,
-    publish,
     wipe,
     working_folder,
 )
@@ -92,12 +94,15 @@ def run_job(
             "--workers, --cluster: each frame is looked for from the one before, which only one "
             "process can do; leave them out"
         )
-    target = Path(out).resolve()
     root = working_folder(Path(out))
+    target, stamps = Path(out).resolve(), stamps_of(job.identity)
+    check_apart(stamps, target)
     with locked(root):
         if not means.restart and is_complete(target, job):
             wipe(root)
             return None
+        if not has_run(root):
+            check_own(target, (STORE, *(f"{layer.name}.tif" for layer in job.layout.layers)))
         with _saying(root, job) as state:
             state.own = means.restart or not has_run(root)
             bench = open_bench(root, job, restart=means.restart)
@@ -108,6 +113,7 @@ def run_job(
                 state.kept = _kept(bench, means)
                 _compute(job, bench, state.kept, means, progress)
                 found = finish(bench)
+                check_unchanged(stamps)
                 _leave_record(bench, job)
                 state.finished = True
             publish(bench, target)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
+from isochrome.output import check_link
 from isochrome.output.canvas import make_canvas, open_canvas
 from isochrome.runs.chunks import Bench, sync_folder, write_through
 from isochrome.runs.identity import difference
@@ -26,15 +27,26 @@ from isochrome.runs.lock import LOCK, OWNER
 from isochrome.runs.store import STORE, create_store
 
 PROVENANCE = "provenance.json"
-_MANIFEST, _RECORDS, _GROUP, _FINISHED = "manifest.json", "chunks", "group.json", "finished"
+FINISHED = "finished"
+_MANIFEST, _RECORDS, _GROUP = "manifest.json", "chunks", "group.json"
 
 
 def working_folder(out: Path) -> Path:
     """Where a run keeps what it has of its output. Raises InputError where `out` is no place."""
-    target = out.resolve()
-    if target.exists() and not target.is_dir():
+    try:
+        check_link(out)
+        target = out.resolve()
+        there = target.exists()
+    except InputError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:  # a link to itself, or no possible name
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"{out}: results cannot be written there ({reason}); name another --out folder"
+        ) from error
+    if there and not target.is_dir():
         raise InputError(f"{out}: is a file, not a folder; name another --out folder")
-    if target.parent == target or (target.exists() and os.path.ismount(target)):
+    if target.parent == target or (there and os.path.ismount(target)):
         raise InputError(f"{out}: is the top of a drive; name a folder in it")
     if target.is_dir() and not os.access(target, os.W_OK):
         raise InputError(
@@ -82,7 +94,7 @@ def open_bench(root: Path, job: Job, *, restart: bool) -> Bench:
                 "that to go on with it, add --restart to begin anew, or name another --out folder"
             )
         results = root / manifest["token"]
-        if (root / _FINISHED).exists():
+        if (root / FINISHED).exists():
             return Bench(results, root / _RECORDS, job.layout, {})
         if results.is_dir():
             return _reopened(root, results, job.layout)
@@ -200,63 +212,9 @@ def check_room(root: Path, layout: Layout, items: int) -> None:
         )
 
 
-def publish(bench: Bench, target: Path) -> None:
-    """Give finished results their place: by one rename, or file by file into an existing folder.
-
-    Killed in between, the next run goes on with it. Parameters: `bench`; `target`, the output
-    folder. Raises OSError.
-    """
-    root = bench.records.parent
-    if not is_finished(bench):
-        sync_tree(bench.results)
-        write_through(root / _FINISHED, b"")
-    if not bench.results.exists():
-        pass  # all has its place
-    elif target.exists():
-        _clear_old(bench.results, target)
-        last = PROVENANCE  # what says that all is there
-        for entry in sorted(bench.results.iterdir(), key=lambda e: (e.name == last, e.name)):
-            _replace(entry, target / entry.name, root)
-        bench.results.rmdir()
-    else:
-        os.rename(bench.results, target)
-    sync_folder(target)
-    sync_folder(target.parent)
-
-
-def _clear_old(results: Path, target: Path) -> None:
-    """Remove an older run's record from its folder, and those of its files that have no successor.
-
-    Else they would pass for results of the new one.
-    """
-    record = target / PROVENANCE
-    try:
-        outputs = list(json.loads(record.read_text("utf-8")).get("outputs", ()))
-    except (OSError, ValueError, AttributeError):
-        outputs = []
-    record.unlink(missing_ok=True)
-    for name in outputs:
-        old = target / name
-        if Path(name).name == name and not (results / name).exists() and not old.is_dir():
-            old.unlink(missing_ok=True)
-
-
 def is_finished(bench: Bench) -> bool:
     """Whether all results are made, and only have to be given their place."""
-    return (bench.records.parent / _FINISHED).exists()
-
-
-def _replace(source: Path, place: Path, root: Path) -> None:
-    """Put a file or folder in the place of another, which a folder has to leave first."""
-    if place.is_dir() and not place.is_symlink():
-        old = root / f"old-{place.name}"
-        if old.exists():
-            shutil.rmtree(old)
-        os.rename(place, old)
-        shutil.rmtree(old)
-    elif place.is_symlink():
-        place.unlink()  # the link, never what it points to
-    os.replace(source, place)
+    return (bench.records.parent / FINISHED).exists()
 
 
 def sync_tree(folder: Path) -> None:

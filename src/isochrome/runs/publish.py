@@ -1,0 +1,103 @@
+"""The end of a run: its results take their place, and what was there before goes, or stays."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.runs.chunks import Bench, sync_folder, write_through
+from isochrome.runs.store import STORE
+from isochrome.runs.workplace import FINISHED, PROVENANCE, is_finished, sync_tree
+
+
+def publish(bench: Bench, target: Path) -> None:
+    """Give finished results their place: by one rename, or file by file into an existing folder.
+
+    Killed in between, the next run goes on with it. Parameters: `bench`; `target`, the output
+    folder. Raises OSError.
+    """
+    root = bench.records.parent
+    if not is_finished(bench):
+        check_own(target, (entry.name for entry in bench.results.iterdir()))
+        sync_tree(bench.results)
+        write_through(root / FINISHED, b"")
+    if not bench.results.exists():
+        pass  # all has its place
+    elif target.exists():
+        _clear_old(bench.results, target)
+        last = PROVENANCE  # what says that all is there
+        for entry in sorted(bench.results.iterdir(), key=lambda e: (e.name == last, e.name)):
+            _replace(entry, target / entry.name, root)
+        bench.results.rmdir()
+    else:
+        os.rename(bench.results, target)
+    sync_folder(target)
+    sync_folder(target.parent)
+
+
+def check_own(target: Path, names: Iterable[str]) -> None:
+    """Refuse to replace files that no run has left, such as a scene that somebody wrote.
+
+    Parameters: `target`, the output folder; `names` of the results. Raises InputError.
+    """
+    outputs = _outputs(_record(target))
+    known = {*outputs, PROVENANCE} | ({STORE} if outputs else set())
+    for name in names:
+        place = target / name
+        if name not in known and place.exists() and not place.is_symlink():
+            raise InputError(
+                f"{place}: would be replaced, and no {PROVENANCE} there says that a run has made "
+                "it; move it away, or name another --out folder"
+            )
+
+
+def _record(target: Path) -> dict[str, Any]:
+    """What an earlier run has left to say of itself; nothing where it cannot be read."""
+    try:
+        found = json.loads((target / PROVENANCE).read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _outputs(record: dict[str, Any]) -> list[str]:
+    """The files of an earlier run, by its record."""
+    outputs = record.get("outputs")
+    return list(outputs) if isinstance(outputs, dict) else []
+
+
+def _clear_old(results: Path, target: Path) -> None:
+    """Take from a folder what an older run says of it, and its files that have no successor.
+
+    Else they would pass for results of the new one. What is left of the record are the names of
+    all files that runs have made there: should this one be killed here, the next knows them.
+    """
+    record = _record(target)
+    outputs = _outputs(record)
+    names = sorted({*outputs, *(entry.name for entry in results.iterdir() if entry.is_file())})
+    left = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
+    write_through(target / PROVENANCE, json.dumps(left).encode())
+    if record.get("placing") == results.name:  # it was killed here: what is there are its own
+        return
+    for name in outputs:
+        old = target / name
+        if Path(name).name == name and not (results / name).exists() and not old.is_dir():
+            old.unlink(missing_ok=True)
+
+
+def _replace(source: Path, place: Path, root: Path) -> None:
+    """Put a file or folder in the place of another, which a folder has to leave first."""
+    if place.is_dir() and not place.is_symlink():
+        old = root / f"old-{place.name}"
+        if old.exists():
+            shutil.rmtree(old)
+        os.rename(place, old)
+        shutil.rmtree(old)
+    elif place.is_symlink():
+        place.unlink()  # the link, never what it points to
+    os.replace(source, place)
