@@ -219,6 +219,12 @@ def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
             f"{reader.path}: {count} frames are not a multiple of the polariscope's {steps} steps; "
             "give one frame for each [[polariscope.step]]"
         )
+    for i, known in enumerate(scene.frames.known_order, start=1):
+        if known.row_px >= rows or known.col_px >= cols:
+            raise InputError(
+                f"{scene.name}: frames.known_order[{i}] at row {known.row_px}, column "
+                f"{known.col_px} lies outside {rows} x {cols} pixels; move it"
+            )
     wanted = (camera.height_px or rows, camera.width_px or cols) if camera else (rows, cols)
     if wanted != (rows, cols):
         raise InputError(
