@@ -15,18 +15,6 @@ from isochrome.progress import Tally
 
 
 @contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on standard error; nothing in a pipe."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(what, total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
-
-
-@contextmanager
 def run_bar(what: str, items: str = "frames") -> Iterator[Callable[[Tally], None]]:
     """Items done, a second, flagged, and the time left, on standard error; nothing in a pipe."""
     from rich.console import Console

@@ -6,7 +6,7 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -30,7 +30,6 @@ from isochrome.console import (
     print_json,
     print_rows,
     print_warnings,
-    progress_bar,
     run_bar,
     steps,
 )
@@ -153,14 +152,14 @@ def fit(
     from isochrome.frames import one_recording
 
     recording = one_recording(frames, join=join)
+    means: dict[str, Any] = {"workers": workers, "cluster": cluster, "restart": restart}
     if track:
-        _track(recording, scene, tuple(free or ()), tuple(per_frame or ()), out, as_json)
+        _track(recording, scene, tuple(free or ()), tuple(per_frame or ()), out, means, as_json)
         return
     with run_bar("fitting") as progress:
         result = run(
             recording, scene, free or [], per_frame=per_frame or [], follow=follow,
-            tractions=tractions, out=out, workers=workers, cluster=cluster, restart=restart,
-            progress=progress,
+            tractions=tractions, out=out, progress=progress, **means,
         )  # fmt: skip
     if as_json:
         print_json({"out": str(out), **result.to_json()})
@@ -180,20 +179,21 @@ def _track(
     free: tuple[str, ...],
     keys: tuple[str, ...],
     out: Path,
+    means: dict[str, Any],
     as_json: bool,
 ) -> None:
     """`fit --track`."""
     from isochrome.fit.track_run import refuse_shared, track
 
     refuse_shared(free)
-    with progress_bar("tracking") as progress:
-        result = track(frames, scene, keys, out=out, progress=progress)
+    with run_bar("tracking") as progress:
+        result = track(frames, scene, keys, out=out, progress=progress, **means)
     if as_json:
         print_json({"out": str(out), **result.to_json()})
         return
     print_columns(result.summary(), ("key", "mean", "least", "most", "standard_uncertainty"))
     print_warnings(list(result.warnings))
-    typer.echo(f"results: {out}")
+    typer.echo(f"results: {out}{_already(result.already)}")
 
 
 @app.command()

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.fit.frame_data import FrameData, prepare_frame
-from isochrome.frames import Frame, FramesPath, load_no_load, open_scene_frames, with_file_scale
+from isochrome.frames import FramesPath, load_no_load, open_scene_frames, with_file_scale
+from isochrome.frames.onward import Onward
 from isochrome.scene import Scene
 from isochrome.simulate import state_count
 
 _KEPT = 8
 """Frames that are kept in memory once prepared; of longer sets each pass reads them again."""
-_FAR = 300
-"""Frames that are sooner passed over than left out by opening their file anew."""
 
 
 class FrameSet:
@@ -31,7 +29,7 @@ class FrameSet:
         self.reader = open_scene_frames(path, scene)
         self._no_load = load_no_load(scene, full_shape=self.reader.full_shape)
         self._kept: dict[int, FrameData] = {}
-        self._open = threading.local()
+        self._frames = Onward(self.reader)
         self._count = self.reader.count()
         self.plain: set[int] = set()
         self.shape = self.reader.shape
@@ -52,11 +50,10 @@ class FrameSet:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        own = ("_kept", "_open")
-        return {k: v for k, v in self.__dict__.items() if k not in own}
+        return {k: v for k, v in self.__dict__.items() if k != "_kept"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _kept={}, _open=threading.local())
+        self.__dict__.update(state, _kept={})
 
     def some(self, start: int, stop: int) -> Iterator[FrameData]:
         """Prepared frames [start, stop). Raises InputError on a bad one."""
@@ -67,13 +64,12 @@ class FrameSet:
 
     def close(self) -> None:
         """Close the file."""
-        self.reader.close()
-        self._open = threading.local()
+        self._frames.close()
 
     def _read(self, start: int, stop: int) -> Iterator[FrameData]:
         for i in range(start, stop):
             data = prepare_frame(
-                self._frame(i),
+                self._frames.frame(i),
                 self.scene,
                 bit_depth=self.reader.bit_depth,
                 no_load=self._no_load,
@@ -82,22 +78,6 @@ class FrameSet:
             if self._count <= _KEPT:
                 self._kept[i] = data
             yield data
-
-    def _frame(self, index: int) -> Frame:
-        """A frame, from the file as it is open if that is before it."""
-        frames: Iterator[Frame] | None = getattr(self._open, "frames", None)
-        at: int = getattr(self._open, "at", 0)
-        if frames is None or not at <= index <= at + _FAR:
-            frames, at = self.reader.iterate(index), index
-        for frame in frames:
-            at += 1
-            if frame.index == index:
-                self._open.frames, self._open.at = frames, at
-                return frame
-        raise InputError(
-            f"{self.reader.path}: breaks off after {at} frames, and had more when it was counted; "
-            "is it still being written?"
-        )
 
     def _with_distances(self, scene: Scene) -> Scene:
         """The scene with a distance a frame, from the frames' times where a speed is given."""

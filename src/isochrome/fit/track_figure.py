@@ -12,7 +12,7 @@ from isochrome.fit.over_distance import BAND
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from isochrome.fit.track_run import Track
+    from isochrome.fit.track_result import Track
 
 _POINTS = 4000
 """Frames that are drawn: more than a figure has pixels across."""

@@ -1,0 +1,142 @@
+"""`fit --track` as a long run: killed and stopped, on fresh and on worn contacts."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from fit.test_fit_track import FRICTION, LOAD, contact, film, frame_of, save
+from isochrome import open_run
+from isochrome.errors import InputError
+from isochrome.fit import track_run
+from isochrome.fit.track_run import track
+from isochrome.runs import Stopped
+from isochrome.scene import dump_scene, load_scene
+from isochrome.simulate import scene_states
+from process.test_process_runs import code, files
+
+__all__ = ["code"]
+
+
+def load_of(count):
+    return 44.0 * (1.0 + 0.04 * np.sin(np.arange(count) / 3.0))
+
+
+@pytest.fixture
+def short_chunks(monkeypatch):
+    monkeypatch.setattr(track_run, "CHUNK", 4)
+
+
+def stopped(folder, monkeypatch, scene, keys, at):
+    """A track that is stopped at the keyboard at a frame, in its third chunk of four."""
+    told = track_run._distance
+
+    def stop(frame, own):
+        if frame.index == at:
+            raise KeyboardInterrupt
+        return told(frame, own)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(track_run, "_distance", stop)
+        with pytest.raises(Stopped, match="8 of 10 are finished and kept"):
+            track(folder / "film.tif", scene, keys, out=folder / "out")
+
+
+def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, monkeypatch, short_chunks):
+    load = load_of(10)
+    save(tmp_path, film(contact(), {LOAD: load}, np.random.default_rng(1)))
+    path, scene = tmp_path / "film.tif", contact()
+    whole = track(path, scene, (LOAD,), out=tmp_path / "whole")
+    assert whole.searched == (0,)  # a new chunk looks near the last frame, as any other frame
+    pulls = (whole.values[:, 0] - load) / whole.standard_uncertainty[:, 0]
+    assert np.abs(pulls).max() < 4.0
+    stopped(tmp_path, monkeypatch, scene, (LOAD,), 9)
+    told = []
+    track(path, scene, (LOAD,), out=tmp_path / "out", progress=told.append)
+    assert told[0].before == 8
+    assert files(tmp_path / "out") == files(tmp_path / "whole")
+    assert not (tmp_path / "out.partial").exists()
+
+    # in memory, and from the folder again, it is the same
+    kept = track(path, scene, (LOAD,))
+    np.testing.assert_array_equal(kept.values, whole.values)
+    again = track(path, scene, (LOAD,), out=tmp_path / "out")
+    assert again.already and again.to_json() == whole.to_json() and again.scene == whole.scene
+    with open_run(tmp_path / "out") as dataset:
+        np.testing.assert_array_equal(dataset[LOAD].values, whole.values[:, 0])
+        assert dataset[LOAD].dims == ("frame",) and dataset[LOAD].attrs["units"] == "N"
+        assert dataset.searched.values.tolist() == [1] + [0] * 9
+
+
+def test_a_track_is_one_processs_work(tmp_path):
+    save(tmp_path, film(contact(), {LOAD: [44.0]}, np.random.default_rng(1)))
+    for means in ({"workers": 2}, {"cluster": "tcp://nowhere:1"}):
+        with pytest.raises(InputError, match="only one process can do; leave them out"):
+            track(tmp_path / "film.tif", contact(), (LOAD,), out=tmp_path / "out", **means)
+
+
+@pytest.mark.long
+def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(
+    tmp_path, monkeypatch, short_chunks
+):
+    count = 10
+    distance = 40.0 + 0.5 * np.arange(count)
+    table = {"distance_m": distance.tolist(), "value": load_of(count).tolist()}
+    base = load_scene("line-contact-wear")
+    begun = contact().model_copy(update={"wear": base.wear})
+    begun = begun.with_values({"wear.distances_m": distance.tolist()})
+    truth, rng = begun.with_values({LOAD: table}), np.random.default_rng(4)
+    save(tmp_path, np.stack([frame_of(truth, state, rng) for state in scene_states(truth)]))
+    keys = (LOAD, FRICTION)
+    whole = track(tmp_path / "film.tif", begun, keys, out=tmp_path / "whole")
+    assert whole.searched == (0,)
+    pulls = (whole.values[:, 0] - load_of(count)) / whole.standard_uncertainty[:, 0]
+    assert np.abs(pulls).max() < 4.0
+    stopped(tmp_path, monkeypatch, begun, keys, 9)
+    track(tmp_path / "film.tif", begun, keys, out=tmp_path / "out")
+    assert files(tmp_path / "out") == files(tmp_path / "whole")
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code):
+    frames = film(contact(), {LOAD: load_of(25)}, np.random.default_rng(1))
+    save(tmp_path, np.concatenate([frames] * 30))
+    (tmp_path / "scene.toml").write_text(dump_scene(contact()), "utf-8")
+
+    def start(out):
+        return subprocess.Popen(
+            [
+                sys.executable, "-m", "isochrome", "fit", "film.tif", "--scene", "scene.toml",
+                "--track", "--per-frame", LOAD, "--out", out,
+            ],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(code)},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )  # fmt: skip
+
+    began = time.monotonic()
+    run = start("whole")
+    assert run.wait() == 0, run.stderr.read()
+    run.stderr.close()
+    length = time.monotonic() - began
+    whole, rng, kept = files(tmp_path / "whole"), random.Random(1), 0
+    for k in range(3):
+        run = start(f"out{k}")
+        time.sleep(rng.uniform(0.3, 1.0) * length)
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+        run.stderr.close()
+        kept += len(list((tmp_path / f"out{k}.partial" / "chunks").glob("*.json")))
+        again = start(f"out{k}")
+        assert again.wait() == 0, again.stderr.read()
+        again.stderr.close()
+        assert files(tmp_path / f"out{k}") == whole
+    assert kept > 0  # else nothing was told of going on
