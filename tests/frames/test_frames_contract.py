@@ -1,11 +1,12 @@
 """One contract for all readers: the right frame, its time and its bit depth, or a refusal."""
 
+import importlib
 import pickle
 import sys
 
 import numpy as np
 import pytest
-from recordings import COLS, COUNT, MOVING, ROWS, STILL, coded, decoded
+from recordings import COLS, COUNT, MOVING, ROWS, STILL, coded, decoded, video
 
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
@@ -58,11 +59,13 @@ def check_contract(recording, path):
                 assert abs(float(f.image[inner].mean()) - wanted[inner].mean()) < 0.03 * full
         if recording.pixel_mm is not None:
             assert reader.pixel_mm == pytest.approx(recording.pixel_mm, rel=1e-5)
-        # any part of it, by a reader that has not counted, by one that has, and by its copy
+        # any part of it, by a reader that has not counted, by those that have, and by a copy
         assert all(same(a, b) for a, b in zip(reader, frames, strict=True)), "reads again"
-        fresh = pickle.loads(pickle.dumps(reader))
-        assert reader.count() == COUNT
-        for one in (fresh, reader, pickle.loads(pickle.dumps(reader))):
+        fresh, listed = (pickle.loads(pickle.dumps(reader)) for _ in range(2))
+        assert reader.count() == COUNT and listed.count(decode=False) == COUNT
+        assert all(same(a, b) for a, b in zip(listed, frames, strict=True)), "as listed"
+        for one in (fresh, reader, listed, pickle.loads(pickle.dumps(reader))):
+            assert all(0 <= one.first_decoded(start) <= start for start, _ in RANGES)
             for start, stop in RANGES:
                 part = list(one.iterate(start, stop))
                 assert len(part) == stop - start
@@ -81,6 +84,42 @@ def test_videos_keep_the_contract_by_pyav(name, tmp_path):
     path = MOVING[name].write(tmp_path)
     pytest.importorskip("av")
     check_contract(MOVING[name], path)
+
+
+LISTED = {
+    "rawvideo": "avi", "ffv1": "mkv", "mjpeg": "avi", "png": "mov", "huffyuv": "avi",
+    "ffvhuff": "mkv", "utvideo": "avi",
+}  # fmt: skip
+PIXELS = {"rawvideo": "gray", "ffv1": "gray16le", "mjpeg": "yuvj420p", "huffyuv": "yuv422p",
+          "utvideo": "gbrp"}  # fmt: skip
+
+
+@pytest.mark.parametrize("codec", LISTED)
+def test_packets_that_are_frames_are_counted_without_decoding(codec, tmp_path, monkeypatch):
+    pytest.importorskip("av")
+    path = video(tmp_path / f"v.{LISTED[codec]}", codec, PIXELS.get(codec, "rgb24"))
+    module = importlib.import_module("isochrome.frames.video_pyav")
+    with open_frames(path) as reader, monkeypatch.context() as patch:
+        patch.setattr(module, "decoded", None)
+        assert reader.count(decode=False) == COUNT
+        # the codecs but for FFV1 have no frame that needs another; here each eighth of FFV1's
+        assert reader.first_decoded(21) == (16 if codec == "ffv1" else 21)
+
+
+def test_a_packet_that_is_no_frame_shows_when_it_is_read(tmp_path):
+    pytest.importorskip("av")
+    path = video(tmp_path / "v.avi", "mjpeg", "yuvj420p")
+    data, at = bytearray(path.read_bytes()), -1
+    for _ in range(6):
+        at = data.index(b"\xff\xd8\xff", at + 1)  # the head of the sixth picture
+    data[at : at + 800] = bytes(800)
+    path.write_bytes(data)
+    with open_frames(path) as reader:
+        assert reader.count(decode=False) == COUNT
+        with pytest.raises(InputError, match=r"v\.avi: .*frame 5"):
+            list(reader)
+        with pytest.raises(InputError, match=r"v\.avi: .*frame 5"):
+            list(reader.iterate(5, 7))
 
 
 def refusal(path):

@@ -55,6 +55,25 @@ class Parts:
             self._sources[number] = found
         return self._sources[number]
 
+    def listed(self) -> Extent:
+        """All parts' frames, by their packets where that can be done."""
+        for number in range(len(self.files)):
+            listed = self.source(number).listed
+            if listed is not None:
+                listed()
+        return self.extent()
+
+    def begins(self, start: int) -> int:
+        """The frame that decoding begins with to come to frame `start`, once all are counted."""
+        before = 0
+        for number in range(len(self.files)):
+            source = self.source(number)
+            count = source.extent().count
+            if start < before + count:
+                return before + source.first_decoded(start - before)
+            before += count
+        return start
+
     def extent(self) -> Extent:
         """All parts' frames, counted as surely as each of them is."""
         count, begin_s = 0, 0.0
@@ -108,5 +127,12 @@ def open_parts(files: tuple[Path, ...], opener: Callable[[Path], Source]) -> Sou
     first = opener(files[0])
     parts = Parts(files, opener, first)
     return replace(
-        first, frames=parts.frames, extent=parts.extent, files=files, claimed=None, names=()
+        first,
+        frames=parts.frames,
+        extent=parts.extent,
+        files=files,
+        claimed=None,
+        names=(),
+        listed=parts.listed,
+        begins=parts.begins,
     )

@@ -130,9 +130,19 @@ class FrameReader:
         _check_range(image, self.bit_depth, f"frame {index} ({raw.name})")
         return np.ascontiguousarray(image)
 
-    def count(self) -> int:
-        """Number of frames; a video is decoded to its end for it, its head is not believed."""
-        return self._source.extent().count
+    def count(self, *, decode: bool = True) -> int:
+        """Number of frames; a video is decoded to its end for it, its head is not believed.
+
+        `decode`, False to count a video's packets where each of them is a frame (FFV1, MJPG,
+        uncompressed and the like): a damaged one then shows when it is read, and so does one that
+        is no frame, or two. Raises InputError.
+        """
+        listed = None if decode else self._source.listed
+        return (listed or self._source.extent)().count
+
+    def first_decoded(self, start: int) -> int:
+        """The frame that decoding begins with to come to frame `start`, as far as it is known."""
+        return self._source.first_decoded(start)
 
     def __enter__(self) -> FrameReader:
         return self

@@ -93,8 +93,11 @@ class Source:
     `form` of the full frames; `sensor_bits` as the file names them; `frames(start)` yields the
     frames from number `start` to the last, in order, and opens the file anew, so that no two
     readers share an open one; `extent()` is certain: it decodes where heads are not to be trusted;
-    `files`, all that are read; `names`, of each frame where each has a file; `claimed`, what an
-    untrustworthy head says; `start_s`, the first frame's own time stamp, from which times count.
+    `listed()`, the same by packets in place of frames, which are held against it when they are read
+    (None: they cannot be); `begins(start)`, the frame that decoding begins with to come to `start`
+    (None: a video's first, else `start` itself); `files`, all that are read; `names`, of each frame
+    where each has a file; `claimed`, what an untrustworthy head says; `start_s`, the first frame's
+    own time stamp, from which times count.
     """
 
     kind: Kind
@@ -107,6 +110,14 @@ class Source:
     pixel_mm: float | None = None
     claimed: int | None = None
     start_s: float | None = None
+    listed: Callable[[], Extent] | None = None
+    begins: Callable[[int], int] | None = None
+
+    def first_decoded(self, start: int) -> int:
+        """The frame that decoding begins with to come to frame `start`."""
+        if self.begins is not None:
+            return self.begins(start)
+        return 0 if self.kind == "video" else start
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +17,22 @@ from isochrome.frames.decoding import Decoded, checksum, decoded, opened
 from isochrome.frames.pixel_formats import to_image
 from isochrome.frames.source import Extent, Form, RawFrame, Source, Stamp, next_time, refusing
 
+FRAME_BY_PACKET = ("rawvideo", "ffv1", "mjpeg", "png", "huffyuv", "ffvhuff", "utvideo")
+"""Codecs whose every packet is one frame, in the order of display."""
+
 
 @dataclass(frozen=True)
 class Places:
     """What decoding a video to its end has told of each frame, in their order.
 
     `times_s` from the first (NaN: unknown), `stamps`, the file's own ticks, `sums`, checksums of
-    the decoded first plane, `keys`, where decoding can begin: (frame, tick), and `end_s`.
+    the decoded first plane, `keys`, where decoding can begin: (frame, tick), and `end_s`. Where the
+    packets alone have told it, `sums` is None, and the stamps are what frames are held against.
     """
 
     times_s: np.ndarray
     stamps: np.ndarray
-    sums: np.ndarray
+    sums: np.ndarray | None
     keys: np.ndarray
     end_s: float | None
 
@@ -47,6 +52,19 @@ class Video:
             self.places = self._survey()
         return Extent(len(self.places.times_s), self.places.end_s)
 
+    def listed(self) -> Extent:
+        """The same by the packets, without decoding, where each of them is a frame by itself."""
+        if self.places is None:
+            self.places = self._packets()
+        return self.extent()
+
+    def begins(self, start: int) -> int:
+        """The frame that decoding begins with to come to frame `start`."""
+        if self.places is None:
+            return 0
+        keys = self.places.keys[:, 0]
+        return int(keys[keys <= start].max(initial=0))
+
     def frames(self, start: int) -> Iterator[RawFrame]:
         """The frames from number `start` on; those before are decoded, but not converted."""
         first, running = 0, None
@@ -54,6 +72,8 @@ class Video:
             first, running = self._from_key(start)
         if running is None:
             first, running = 0, self.decoded()
+        if self.places is not None and self.places.sums is None:
+            running = self._as_listed(first, running)
         for index, item in enumerate(running, first):
             if index < start:
                 continue
@@ -89,6 +109,58 @@ class Video:
             np.array(keys, np.int64).reshape(-1, 2), end,
         )  # fmt: skip
 
+    def _packets(self) -> Places | None:
+        """What the packets tell; None where they may be other than a frame each."""
+        ticks: list[int] = []
+        keys: list[tuple[int, int]] = []
+        with opened(self.path) as (container, stream):
+            if stream.codec_context.name not in FRAME_BY_PACKET:
+                return None
+            base, packets = stream.time_base, container.demux(stream)
+            while True:
+                try:
+                    with refusing(self.path):
+                        packet = next(packets, None)
+                except InputError:  # decoding says it better
+                    return None
+                tick = None if packet is None else self._tick(packet)
+                if packet is None or (packet.size == 0 and tick is None):  # the end
+                    break
+                if packet.size == 0 or packet.is_corrupt or tick is None:
+                    return None
+                if packet.is_keyframe:
+                    keys.append((len(ticks), tick))
+                ticks.append(tick)
+        stamps = np.array(ticks, np.int64)
+        self.stamp.check(self.path)
+        if len(stamps) < 2 or not (np.diff(stamps) > 0).all():
+            return None
+        times = np.array([float((tick - ticks[0]) * base) for tick in ticks])
+        end = next_time(float(times[-2]), float(times[-1]))
+        return Places(times, stamps, None, np.array(keys, np.int64).reshape(-1, 2), end)
+
+    def _tick(self, packet: Any) -> int | None:
+        """The tick of the frame in a packet, as `decoded` tells it."""
+        tick: int | None = packet.dts if self.container == "avi" else packet.pts
+        return tick
+
+    def _as_listed(self, first: int, running: Iterator[Decoded]) -> Iterator[Decoded]:
+        """The frames from `first` on, each of which has to be the one that its packet said."""
+        assert self.places is not None
+        stamps, index = self.places.stamps, first - 1
+        for index, item in enumerate(running, first):
+            if index >= len(stamps) or item.tick != stamps[index]:
+                raise InputError(
+                    f"{self.path}: frame {index} is not the one that its packet announces; save it "
+                    "again ('ffmpeg -i FILE -c:v ffv1 NEW.mkv')"
+                )
+            yield item
+        if index + 1 != len(stamps):
+            raise InputError(
+                f"{self.path}: gives {index + 1} frames of {len(stamps)} packets; copy it again "
+                "from its source"
+            )
+
     def _time(self, index: int) -> float | None:
         assert self.places is not None
         time = float(self.places.times_s[index]) if index < len(self.places.times_s) else np.nan
@@ -111,7 +183,11 @@ class Video:
             item = next((d for d in running if d.tick is not None and d.tick >= tick), None)
         except InputError:
             return 0, None
-        if item is None or item.tick != tick or checksum(item.frame) != self.places.sums[first]:
+        if item is None or item.tick != tick:
+            return 0, None
+        if self.places.sums is None:
+            return first, chain((item,), running)
+        if checksum(item.frame) != self.places.sums[first]:
             return 0, None
         return first, self._checked(first, item, running)
 
@@ -120,7 +196,7 @@ class Video:
 
         Where one is not, as after a key frame that is none, all are decoded from the first.
         """
-        assert self.places is not None
+        assert self.places is not None and self.places.sums is not None
         index, sums = first, self.places.sums
         yield item
         with suppress(InputError):
@@ -163,6 +239,8 @@ def open_video(path: Path, stamp: Stamp, container: Container) -> Source:
         sensor_bits=bits,
         frames=video.frames,
         extent=video.extent,
+        listed=video.listed,
+        begins=video.begins,
         files=(path,),
         claimed=claimed or None,
         start_s=None if item.tick is None else float(item.tick * base),

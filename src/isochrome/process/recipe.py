@@ -49,8 +49,8 @@ class Recipe:
         return max(1, len(self.scene.polariscope.step))
 
 
-_FAR = 300
-"""Frames of a video that are sooner passed over than left out by a new start at a key frame."""
+_OPENING = 20
+"""Frames that a video is decoded for in the time that it takes to open it and find a place."""
 
 
 class OpenSet:
@@ -70,8 +70,14 @@ class OpenSet:
         else:
             dark, bright = load_no_load(scene, full_shape=self.reader.full_shape)
             self.capture = Capture(self.reader.bit_depth, dark, bright)
-        far = _FAR // recipe.steps if self.reader.kind == "video" else 0
-        self._cursor = Cursor[list[Frame]](self._begin, far)
+        self._cursor = Cursor[list[Frame]](self._begin, self._anew)
+
+    def _anew(self, start: int) -> int:
+        """As how many states it takes to open the set at a state."""
+        if self.reader.kind != "video":
+            return 0
+        frame = start * self.recipe.steps
+        return (frame - self.reader.first_decoded(frame) + _OPENING) // self.recipe.steps
 
     def _begin(self, start: int) -> Iterator[list[Frame]]:
         """The frames of one state after another, from state `start` on."""

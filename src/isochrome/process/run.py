@@ -91,7 +91,7 @@ def process(
             recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going, every)
             if out is not None and not restart and _is_done(Path(out), recipe, files):
                 return restore(scene, Path(out), reader.shape, opened(recipe).residual)
-            count = reader.count()
+            count = reader.count(decode=every is None)
             _check_set(scene, reader, count)
             if every is not None:
                 check_tracked(scene, reader.shape, every)

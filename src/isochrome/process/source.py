@@ -44,21 +44,24 @@ class Ahead(Generic[T]):
 class Cursor(Generic[T]):
     """A source that is read in order, from any item on: forward by passing over, back anew."""
 
-    def __init__(self, begin: Callable[[int], Iterator[T]], far: int) -> None:
+    def __init__(self, begin: Callable[[int], Iterator[T]], anew: Callable[[int], int]) -> None:
         """Prepare to read; `begin(start)` opens the source and gives its items from `start` on.
 
-        To go on over more than `far` items, it is opened anew, as it is to go back.
+        `anew(start)`, as how many items this takes. To go on over more than so many, it is opened
+        anew, as it is to go back.
         """
         self._begin = begin
-        self._far = far
+        self._anew = anew
         self._items: Ahead[T] | None = None
         self._at = 0
 
     def take(self, start: int, stop: int) -> Iterator[T]:
         """Items [start, stop), fewer where the source ends before. Raises what reading raises."""
-        if self._items is None or not self._at <= start <= self._at + self._far:
+        on = self._items is not None and self._at <= start
+        if not on or start > self._at + self._anew(start):
             self.close()
             self._items, self._at = Ahead(self._begin(start)), start
+        assert self._items is not None
         for item in self._items:
             self._at += 1
             if self._at > start:
