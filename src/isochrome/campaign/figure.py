@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.campaign.outcome import Outcome
-from isochrome.figures import LINE_COLOURS, TICK_PT, VALUE_MAP, new_figure, style_axes
+from isochrome.figures import LINE_COLOURS, VALUE_MAP, new_figure, style_axes
 from isochrome.process.result import SPREAD
 
 if TYPE_CHECKING:
@@ -21,10 +21,13 @@ DRAWN = {"load.normal_n": "normal load (N)", "friction.coefficient": "friction c
 BAND = 2.0
 """Half-width of a band, in standard uncertainties."""
 
-_NAMED = 30
-"""Recordings whose names have room below an axis; of more, some are named."""
+_BANDED = 12
+"""Recordings whose bands can be told apart; of more, lines alone are drawn."""
 
-_LONGEST = 24
+_NAMED = 30
+"""Recordings whose names have room below an axis; more are counted."""
+
+_LONGEST = 22
 """Letters of a name that are shown."""
 
 
@@ -50,7 +53,8 @@ def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
         style_axes(left, z_label=DRAWN[key])
         style_axes(right)
     axes[0, 0].set_title("mean, and scatter over the frames (standard deviation)", fontsize=9.5)
-    axes[0, 1].set_title(f"each frame, band ± {BAND:g} standard uncertainties", fontsize=9.5)
+    band = f", band ± {BAND:g} standard uncertainties" if len(outcomes) <= _BANDED else ""
+    axes[0, 1].set_title(f"each frame{band}", fontsize=9.5)
     _name(axes[-1, 0], outcomes)
     style_axes(axes[-1, 1], x_label="sliding distance (m)" if slid else "frame")
     failed = sum(item.row["status"] == "failed" for item in outcomes)
@@ -93,21 +97,34 @@ def _within(
     axes: Axes, key: str, outcomes: Sequence[Outcome], colours: Sequence[Any], across: str
 ) -> None:
     """A key's course in each recording."""
+    few = len(outcomes) <= _BANDED
     for item, colour in zip(outcomes, colours, strict=True):
         if key not in item.curves:
             continue
         x, y = item.curves[across], item.curves[key]
-        band = BAND * item.curves[f"{key} {SPREAD}"]
-        axes.fill_between(x, y - band, y + band, color=colour, alpha=0.25, lw=0)
-        axes.plot(x, y, color=colour, lw=0.9, marker="o" if len(x) < 15 else None, ms=3)
+        if few:
+            band = BAND * item.curves[f"{key} {SPREAD}"]
+            axes.fill_between(x, y - band, y + band, color=colour, alpha=0.25, lw=0)
+        look: dict[str, Any] = {"lw": 0.9} if few else {"lw": 0.6, "alpha": 0.7}
+        axes.plot(x, y, color=colour, marker="o" if len(x) < 15 else None, ms=3, **look)
 
 
 def _name(axes: Axes, outcomes: Sequence[Outcome]) -> None:
-    """The recordings' names below the axis, of many every so many."""
-    step = -(-len(outcomes) // _NAMED)
-    places = range(0, len(outcomes), step)
-    names = [str(outcomes[place].row["folder"]) for place in places]
-    short = [name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in names]
-    axes.set_xticks(list(places), short, rotation=90 if len(names) > 4 else 20, fontsize=TICK_PT)
+    """The recordings' names below the axis, or their rows in the summary."""
     axes.set_xlim(-0.6, len(outcomes) - 0.4)
+    if len(outcomes) > _NAMED:
+        axes.xaxis.set_major_formatter(lambda place, _: f"{place + 1:g}")
+        axes.set_xticks(range(0, len(outcomes), -(-len(outcomes) // 8)))
+        style_axes(axes, x_label="recording, as counted in summary.csv (cross: nothing was found)")
+        return
+    names = [_short(str(item.row["folder"])) for item in outcomes]
+    axes.set_xticks(range(len(names)), names, rotation=90 if len(names) > 4 else 20)
     style_axes(axes, x_label="recording (cross: nothing was found)")
+
+
+def _short(name: str) -> str:
+    """A name that fits, with its beginning and its end, which tell it from others."""
+    if len(name) <= _LONGEST:
+        return name
+    half = _LONGEST // 2
+    return f"{name[: half - 1]}…{name[-half:]}"
