@@ -441,6 +441,9 @@ def test_a_misspelt_command_or_option_is_a_usage_error_without_a_traceback(isoch
     done = isochrome(*arguments)
     assert (done.code, done.out) == (2, "")
     assert "Usage" in done.err and "Traceback" not in done.err
+    done = isochrome(*arguments, "--json")
+    assert done.code == 2 and "Usage" in done.err
+    assert set(done.json()) == {"error", "exit_code"} and done.json()["exit_code"] == 2
 
 
 def test_the_two_json_shapes_cannot_be_mixed_up(isochrome):

@@ -255,9 +255,15 @@ def main() -> None:
     except IsochromeError as error:
         _fail(str(error), error.exit_code)
     except SystemExit as end:
-        if end.code != STOPPED:
-            raise
-        _fail(_stopped(end), STOPPED)
+        if end.code == STOPPED:
+            _fail(_stopped(end), STOPPED)
+        usage = getattr(end.__context__, "format_message", None)  # a usage error, shown already
+        if usage is not None and "--json" in sys.argv:
+            typer.echo(json.dumps({"error": usage(), "exit_code": end.code}))
+        raise
+    except OSError as error:  # a drive that is gone, or full, where nobody else has said it
+        what = error.filename or "a file"
+        _fail(f"{what}: cannot be read or written ({error.strerror or error}); see its drive", 2)
     except MemoryError:
         _fail("not enough memory; use a smaller region of interest or fewer frames", 3)
 

@@ -36,7 +36,7 @@ KNOWN = (GREY16, GREY8, b"I420", b"444P", b"422P", b"BGR\x00", b"BGR\x18", b"RGB
 """FFmpeg's codes of the pixels that OpenCV hands out without loss of bits."""
 
 PLAIN = (b"\0\0\0\0", b"HFYU", b"FFVH", b"ULRG", b"ULRA", b"ULY0", b"ULY2", b"ULY4", b"ULH0",
-         b"ULH2", b"ULH4", b"DIB ", b"Y800", b"GREY", b"Y8  ", b"I420", b"YUY2", b"UYVY")  # fmt: skip
+         b"ULH2", b"ULH4", b"DIB ", b"Y800", b"GREY", b"I420", b"YUY2", b"UYVY")  # fmt: skip
 """Codes of uncompressed video, HuffYUV and Ut Video."""
 
 INSTALL = "run 'pip install isochrome[video]' (PyAV), which reads it right"
