@@ -79,6 +79,8 @@ def process(
         load_roifile()  # missing, it is to be said before hours of work
     if out is None and (cluster is not None or workers != 1):
         raise InputError("workers and a cluster write to a folder: give out")
+    if out is not None:
+        working_folder(Path(out))  # no place for results: to be said before anything is read
     frames = frames if isinstance(frames, str | Path) else tuple(frames)
     try:
         with single_threaded(), open_scene_frames(frames, scene) as reader:
