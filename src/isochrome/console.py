@@ -13,6 +13,9 @@ import typer
 
 from isochrome.progress import Tally
 
+_SHOWN = 60
+"""Rows of a fit's table that are shown."""
+
 
 @contextmanager
 def run_bar(what: str, items: str = "frames") -> Iterator[Callable[[Tally], None]]:
@@ -139,6 +142,8 @@ def print_fit(result: Any) -> None:
         (frame, key, f"{_to_last_digit(value, spread)} ± {spread:.2g}", f"{bound:.2g}")
         for frame, key, value, spread, bound in zip(*(table[n] for n in names), strict=True)
     ]
+    more = len(rows) - _SHOWN
+    rows = rows[:_SHOWN] + ([(f"and {more} more in fit.csv", "", "", "")] if more > 0 else [])
     print_rows(("frame", "key", "value ± standard uncertainty", "Cramér-Rao bound"), rows)
     typer.echo(f"chi = {result.chi:.3f}")
     if result.wear_laws is not None:

@@ -87,6 +87,13 @@ def test_another_cylinder_than_the_scenes_is_flagged_by_chi(seed):
     assert fit.chi > 1.3, fit.chi
 
 
+def test_other_minima_have_a_value_for_each_key():
+    """An unknown that nothing is scanned in has the scene's."""
+    case = random_case("held", 1)
+    fit = fit_frame(case.data, case.begun, ("frames.gamma", *case.keys))
+    assert fit.others and all(len(m.values) == len(fit.keys) for m in fit.others)
+
+
 def test_scene_values_that_lead_to_the_noise_are_taken_at_their_word():
     case = random_case("held", 1)
     near = case.true.with_values({"load.normal_n": 1.03 * case.true.load.normal_n})

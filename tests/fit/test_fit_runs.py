@@ -103,6 +103,7 @@ def test_a_frames_fit_does_not_depend_on_those_beside_it(tmp_path):
     assert fitted(place, None).frames == both.frames[1:]
 
 
+@pytest.mark.long
 def test_a_complete_fit_is_given_again(tmp_path):
     place = make_set(tmp_path, 2)
     first = fitted(place, tmp_path / "out", free=(LOAD,), per_frame=(LEFT,))

@@ -180,13 +180,15 @@ def _searched(
     """The scene that a search leads to, and the other minima by rising chi."""
     scanned = tuple(key for key in keys if key not in _SENSOR)
     minima = search_frame(data, scene, scanned).minima
+    first = _with(scene, scanned, minima[0].values)
+    minima = tuple(Minimum(values_of(_with(scene, scanned, m.values), keys), m.chi) for m in minima)
     rivals = [m for m in minima if m.chi <= _RIVAL * minima[0].chi][:_RIVALS]
     if len(rivals) == 1:
-        return _with(scene, scanned, minima[0].values), minima[1:]
-    refined = [_coarse(data, _with(scene, scanned, m.values), keys) for m in rivals]
+        return first, minima[1:]
+    refined = [_coarse(data, _with(scene, keys, m.values), keys) for m in rivals]
     found = sorted((r for r in refined if r is not None), key=lambda r: r.chi)
     if not found:
-        return _with(scene, scanned, minima[0].values), minima[1:]
+        return first, minima[1:]
     others = [Minimum(r.values, r.chi) for r in found[1:]]
     others += [m for m in minima if m.chi > _RIVAL * minima[0].chi]
     return found[0].scene, tuple(others)

@@ -8,34 +8,25 @@ from typing import Any
 
 from isochrome.errors import IsochromeError
 from isochrome.fit.frame_data import prepare_frame
-from isochrome.frames import FrameReader
 from isochrome.output import provenance
 from isochrome.process.place import placed_disc
 from isochrome.process.recipe import OpenSet, Recipe
 from isochrome.process.result import Capture
 from isochrome.runs import environment
-from isochrome.scene import Scene, dump_scene
+from isochrome.scene import dump_scene
 
 
 def identity_of(recipe: Recipe, files: Sequence[Path]) -> Mapping[str, Any]:
     """What a run on a set is a result of, as provenance.json keeps it.
 
-    Parameters: `recipe`; `files`, see `input_files`. Raises InputError where one cannot be read.
+    Parameters: `recipe`; `files`, see `frames.input_files`. Raises InputError where one is not
+    readable.
     """
     scene = recipe.scene
     seed = scene.camera.seed if scene.camera else None
     record = provenance(dump_scene(scene), files, seed)
     tracked = {} if recipe.every is None else {"every": recipe.every}
     return record | environment() | {"options": {"rois": recipe.rois} | tracked}
-
-
-def input_files(reader: FrameReader, scene: Scene) -> list[Path]:
-    """The captured files, and those that the scene names, in order."""
-    own = scene.frames
-    named = [own.no_load_dark, own.no_load_bright, own.no_load_steps, own.mask, own.colour_table]
-    named += [scene.camera.response if scene.camera else None]
-    named += [scene.indenter.profile if scene.indenter else None]
-    return [*reader.files, *(scene.path(name) for name in named if name is not None)]
 
 
 def set_pixel(source: OpenSet) -> float | None:

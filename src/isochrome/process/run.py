@@ -11,14 +11,21 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.frames import FrameReader, FramesPath, open_scene_frames, with_file_scale
+from isochrome.frames import (
+    FrameReader,
+    FramesPath,
+    absolute,
+    input_files,
+    open_scene_frames,
+    with_file_scale,
+)
 from isochrome.fringes.steps import make_design
 from isochrome.optics import make_chain
 from isochrome.output.roi import load_roifile
 from isochrome.process.chunk import layers_of, process_chunk, row_of
 from isochrome.process.colour import check_colour
 from isochrome.process.folder import finish_folder
-from isochrome.process.inputs import identity_of, input_files, set_pixel
+from isochrome.process.inputs import identity_of, set_pixel
 from isochrome.process.processed import Processed, collect, restore, tabulate
 from isochrome.process.recipe import OpenSet, Recipe, close_kept, opened
 from isochrome.process.result import ProcessedFrame
@@ -87,7 +94,7 @@ def process(
             scene = with_file_scale(scene, reader)
             files = input_files(reader, scene)
             if cluster is not None:
-                frames, scene = _absolute(frames, scene)
+                frames, scene = absolute(frames, scene)
                 reader = open_scene_frames(frames, scene)
             every = (every or EVERY) if track else None
             recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going, every)
@@ -169,16 +176,6 @@ def _to_folder(
         progress=progress,
     )
     return found or restore(scene, out, shape, residual)
-
-
-def _absolute(frames: FramesPath, scene: Scene) -> tuple[FramesPath, Scene]:
-    """Frames and scene found from any folder, as another machine stands in another."""
-    if isinstance(frames, str | Path):
-        frames = str(Path(frames).absolute())
-    else:
-        frames = tuple(str(Path(path).absolute()) for path in frames)
-    folder = (scene.folder or Path()).absolute()
-    return frames, scene.model_copy(update={"folder": folder})
 
 
 def check_scene(scene: Scene) -> None:
