@@ -15,6 +15,7 @@ import isochrome
 from campaign.conftest import film, tree, write_video
 from isochrome.campaign import Campaign, process_campaign
 from isochrome.campaign import outcome as outcome_module
+from isochrome.campaign import run as run_module
 from isochrome.campaign.outcome import Outcome
 from isochrome.cli import main
 from isochrome.errors import InputError, PhysicsError
@@ -202,6 +203,30 @@ def test_bad_options_are_refused_before_anything_is_done(stacks, place, command)
         assert tree(place) == before
     with pytest.raises(InputError, match="no recordings are named"):
         process_campaign([], "scene.toml", "out")
+
+
+def test_many_recordings_go_side_by_side_once_it_pays(stacks, monkeypatch):
+    given = []
+
+    def instead(tasks, scene, options, workers):
+        given.append((sorted(tasks), workers))
+        for number, task in tasks.items():
+            yield number, Outcome({"recording": task.name, "status": "ok"}, {})
+
+    monkeypatch.setattr(run_module, "side_by_side", instead)
+    monkeypatch.setattr(run_module, "processors", lambda: 2)
+    monkeypatch.setattr(run_module, "WORTH_WORKERS_S", 1e9)  # as if all were short
+    process_campaign(stacks, "scene.toml", "short", workers=None)
+    assert given == []
+    process_campaign(stacks, "scene.toml", "asked", workers=2)
+    assert given.pop() == ([0, 1, 2, 3], 2)
+    process_campaign(stacks[:3], "scene.toml", "asked for three", workers=2)
+    assert given.pop() == ([1, 2], 2)  # known to be short after the first
+    monkeypatch.setattr(run_module, "WORTH_WORKERS_S", 0.0)  # as if each took hours
+    process_campaign(stacks[:3], "scene.toml", "few long ones", workers=None)
+    assert given == []
+    process_campaign([*stacks, "runs/run5.tif"], "scene.toml", "long", workers=None)
+    assert given.pop() == ([1, 2, 3, 4], 2)
 
 
 @pytest.mark.skipif(not hasattr(os, "symlink"), reason="no symbolic links there")
