@@ -117,6 +117,11 @@ class SceneRenderer:
             signal = gaussian_filter(signal, camera.blur_px, mode="nearest")
         return signal
 
+    def forget(self) -> None:
+        """Solve every scene anew: what `solve` puts it on has changed."""
+        self._states.clear()
+        self._last = None
+
     def _state(self, scene: Scene) -> SceneState:
         """The solved mechanics: place, optics and bulk stress do not change them."""
         load = scene.load

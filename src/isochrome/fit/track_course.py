@@ -13,8 +13,7 @@ from isochrome.fit.one_state import scene_at
 from isochrome.fit.refuse import refuse_untracked
 from isochrome.fit.sequence import COURSE, FRICTION, WEAR
 from isochrome.fit.track_field import CHECKED, CORNER
-from isochrome.fit.track_past import TrackPast
-from isochrome.fit.track_scar import Drive
+from isochrome.fit.track_past import TrackPast, drive_before
 from isochrome.scene import Numerics, Scene
 from isochrome.simulate import SceneState, scene_states
 
@@ -33,7 +32,7 @@ _NO_WEAR = 1e-9
 """Worn area, over what the elasticity takes up, that is none: below any rounding of a gap."""
 
 _BOX = {FRICTION: 0.05, "load.bulk_mpa": 0.3}
-_OF_LOAD, _OF_WEAR, _PLACE_PX, _BEHIND, _ROUNDING = 0.06, 0.1, 2.0, 0.3, 0.02
+_OF_LOAD, _OF_WEAR, _PLACE_PX, _BEHIND, _ROUNDING = 0.06, 0.05, 2.0, 0.3, 0.02
 
 
 class TrackCourse:
@@ -57,18 +56,19 @@ class TrackCourse:
         self.places = tuple(j for j, axis in enumerate(axes) if axis in (LEFT, TOP))
         self._past = TrackPast()
         self._worn, self._area, self._slid, self._now = 0.0, 0.0, 0.0, 0.0
+        self._moment = 0.0
         self._last: tuple[float, float] | None = None
         self.numerics: Numerics | None = None
 
     def state(self) -> dict[str, Any]:
         """The history up to the last frame, as plain numbers for `resume`."""
         grid = None if self.numerics is None else self.numerics.model_dump()
-        course = [self._worn, self._area, self._slid, self._now]
+        course = [self._worn, self._area, self._slid, self._now, self._moment]
         return {"course": course, "last": self._last, "grid": grid, "past": self._past.state()}
 
     def resume(self, state: dict[str, Any]) -> None:
         """Go on from a `state`."""
-        self._worn, self._area, self._slid, self._now = state["course"]
+        self._worn, self._area, self._slid, self._now, self._moment = state["course"]
         last, grid = state["last"], state["grid"]
         self._last = None if last is None else (last[0], last[1])
         self.numerics = None if grid is None else Numerics(**grid)
@@ -97,7 +97,7 @@ class TrackCourse:
             return
         s = distance_m or 0.0
         load, friction = (self._value(key, values, s) for key in (LOAD, FRICTION))
-        self._area = self._area_at(values)
+        self._area, self._moment = self.mark(values)
         self._past.passed(self._area, self._line_load(load), friction)
         self._worn, self._slid = self._value(WORN, values, s), s
         self._last = (load, friction)
@@ -120,22 +120,6 @@ class TrackCourse:
         rates = [self._rate(mu, at) * self._line_load(p) for p, mu, at in ends]
         return self._area + max(0.0, self._now - self._slid) * 0.5 * sum(rates)
 
-    def _before(self, load: float, friction: float) -> Drive:
-        """What wore the contact until the first frame: the scene's tables, or the first values."""
-        loads, mu = _table(self.scene, LOAD), _table(self.scene, FRICTION)
-        s = np.array([0.0, self._now])
-        for key, table in ((LOAD, loads), (FRICTION, mu)):
-            if table:
-                s = np.concatenate((s, self.scene.get(key).distance_m))
-        s = np.unique(s[s <= self._now])
-        worn = local_values(self.scene, tuple(s.tolist()))[:, 2]
-        line = self._line_load(1.0)
-        return Drive(
-            worn,
-            line * (np.array(self.scene.load_at(s)) if loads else np.full(len(s), load)),
-            np.array(self.scene.friction_at(s)) if mu else np.full(len(s), friction),
-        )
-
     def grown(self, values: Array, others: Array) -> tuple[float, float]:
         """Growth of the scar since other values (axes,) and since the last frame.
 
@@ -146,6 +130,15 @@ class TrackCourse:
         at = self.axes.index(WORN)
         whole = values[at] + self._elastic_area(self._value(LOAD, values, self._now))
         return abs(values[at] - others[at]) / whole, abs(values[at] - self._worn) / whole
+
+    def exact(self, values: Array, low: Array) -> Array:
+        """Where a box made for some values (axes,), from `low` on, is on the scar of its history:
+        beyond its lower end the contact wears on by a mean."""
+        found = values.copy()
+        if WORN in self.axes:
+            at = self.axes.index(WORN)
+            found[at] = low[at]
+        return found
 
     def use(self, scene: Scene) -> None:
         """Solve on the grid of the widest scene so far, with its own numerics, from now on."""
@@ -163,7 +156,7 @@ class TrackCourse:
         at, area = self.axes.index(WORN), self._area_at(values)
         load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
         if self._last is None:
-            self._past.begin(self._before(load, friction))
+            self._past.begin(drive_before(self.scene, self._now, load, friction))
         middle, half = 0.5 * (low[at] + high[at]), 0.5 * (high[at] - low[at])
         self._past.wear(
             sorted({float(middle + t * half) for t in _PLACES}),
@@ -171,6 +164,20 @@ class TrackCourse:
             scale=float(values[at] / area) if area > 0.0 else 1.0,
             elastic_mm2=self._elastic_area(load),
         )
+
+    def mark(self, values: Array) -> tuple[float, float]:
+        """Area A (mm²) worn by the scene's law until now, and ∫P' dA since the first frame."""
+        if self.scene.wear is None:
+            return 0.0, 0.0
+        area = self._area_at(values)
+        if self._last is None:
+            return area, 0.0
+        line = self._line_load(self._last[0] + self._value(LOAD, values, self._now))
+        return area, self._moment + 0.5 * line * (area - self._area)
+
+    def lean(self, share: float, values: Array) -> tuple[float, float]:
+        """See `TrackPast.lean`."""
+        return self._past.lean(share, self._elastic_area(self._value(LOAD, values, self._now)))
 
     def solve(self, scene: Scene) -> SceneState:
         """The contact of a `field_scene` on the scar that its history has worn."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,18 +9,16 @@ from numpy.typing import NDArray
 
 from isochrome.errors import PhysicsError
 from isochrome.fit.local import LocalModel, project
-from isochrome.fit.one_state import with_own_numerics
-from isochrome.fit.renderer import SceneRenderer
 from isochrome.fit.tone import Toned, solve_toned
+from isochrome.fit.track_boxes import FieldMaker, Kept
 from isochrome.fit.track_course import TrackCourse
-from isochrome.fit.track_field import CHECKED, FieldBox, make_field_box
+from isochrome.fit.track_field import CHECKED, FieldBox
 from isochrome.fit.track_pixels import Look, Thinned
 from isochrome.optics import fringe_order, make_chain, polariscope_signal
 from isochrome.stress import principal_direction
 
 Array = NDArray[Any]
 
-HIDDEN_PX, _ROOM_PX = 8.0, 4.0
 _BEYOND = 1.1
 """Half-widths of its box up to which a polynomial is used."""
 _KEPT = 12
@@ -34,18 +31,9 @@ _SLOPE = 1e-3
 """Difference step of the signal's derivatives, in half-widths of the box."""
 _DUE, _DUE_LEAST, _DUE_MOST = 0.003, 0.001, 0.02
 """Growth of a scar after which a polynomial is held to the exact one, at first, least and most."""
-_CLOSE, _OFF = 0.1, 0.25
-"""What was then found wrong, in standard uncertainties, that puts the next time off, or near."""
-
-
-@dataclass
-class _Kept:
-    """A polynomial; the values (axes,) at which it was last held to the exact scar; growth until
-    the next time."""
-
-    box: FieldBox
-    exact: Array
-    due: float
+_CLOSE, _OFF, _MORE = 0.2, 0.5, 1.5
+"""What was then found wrong, in standard uncertainties, that puts the next time off, or near,
+and by how much."""
 
 
 class TrackModel:
@@ -59,10 +47,10 @@ class TrackModel:
         self.course, self.shape, self.thinned = course, shape, thinned
         polariscope = course.scene.polariscope
         self._chain = make_chain(polariscope, 0 if polariscope.step else None)
-        self._boxes: list[_Kept] = []
-        self._now: _Kept | None = None
-        self._renderer: SceneRenderer | None = None
-        self._size = _LARGEST
+        self._boxes: list[Kept] = []
+        self._now: Kept | None = None
+        self._fields = FieldMaker(course, shape, thinned)
+        self._size, self._due = _LARGEST, _DUE
         self.local: LocalModel | None = None
         self.look: Look | None = None
 
@@ -90,6 +78,17 @@ class TrackModel:
         assert self._now is not None
         return self._now.box
 
+    def _field(self, values: Array) -> tuple[Array, Array]:
+        """Field and visibility at the pixels, by the polynomial and by the loads since."""
+        kept = self._now
+        assert kept is not None
+        field, seen = kept.box.at(values)
+        if kept.lean is not None:
+            area, moment = self.course.mark(values)
+            more = moment - kept.mark[1] - kept.load * (area - kept.mark[0])
+            field = field + np.float32(more) * kept.lean
+        return field, seen
+
     def stale(self, values: Array) -> bool:
         """Whether the scar has grown, or another load has worn it, since it was exact."""
         kept = self._now
@@ -97,7 +96,7 @@ class TrackModel:
             return False
         far = np.abs(kept.box.place(values) - kept.box.place(kept.exact)).max()
         grown, last = self.course.grown(values, kept.exact)
-        return bool(grown + last * far > kept.due)
+        return bool(grown + last * far > self._due)
 
     def refresh(self, values: Array, levels: Array) -> bool:
         """Hold the polynomial to the scar that was worn until now; False where there is none.
@@ -107,26 +106,26 @@ class TrackModel:
         kept = self._now
         assert kept is not None
         try:
-            self.course.wear(values, values, values)
-            field, _ = self._render(values, False)
+            field = self._fields.exact(values)
         except PhysicsError:
             return False
-        near, seen = kept.box.at(values)
+        near, seen = self._field(values)
         toned = self.at(values, levels)
-        if toned is not None and self.local is not None and self.look is not None:
-            change = (self._signal(field, seen) - self._signal(near, seen))[self.look.clear]
-            wrong = step_size(self.local, self.local.step(change * toned.part.amplitude))
-            if wrong < _CLOSE:
-                kept.due = min(_DUE_MOST, 1.5 * kept.due)
-            elif wrong > _OFF:
-                kept.due = max(_DUE_LEAST, kept.due * max(0.3, _OFF / wrong))
-        kept.box.shift(field - near)
-        kept.exact = values.copy()
+        if toned is None:
+            return False
+        if self.local is None:
+            toned = self.linearise(values, levels, toned)
+        local, look = self.local, self.look
+        assert local is not None and look is not None
+        change = (self._signal(field, seen) - self._signal(near, seen))[look.clear]
+        wrong = step_size(local, local.step(change * toned.part.amplitude))
+        if wrong < _CLOSE:
+            self._due = min(_DUE_MOST, _MORE * self._due)
+        elif wrong > _OFF:
+            self._due = max(_DUE_LEAST, self._due / _MORE)
+        kept.box.shift(field - kept.box.at(values)[0])
+        kept.exact, kept.mark = values.copy(), self.course.mark(values)
         return True
-
-    def signal(self, values: Array) -> Array:
-        """The polariscope's signal at the pixels (n,)."""
-        return self._signal(*self._box.at(values))
 
     def _again(self, values: Array) -> bool:
         """Take up a polynomial that was made before, where one holds these values."""
@@ -141,10 +140,7 @@ class TrackModel:
         while True:
             low, high, degrees = self.course.box(values, self._size)
             try:
-                self._widen(high)
-                self.course.wear(values, low, high)
-                box = make_field_box(self._render, low, high, degrees, self.course.places)
-                self._now = _Kept(box, values.copy(), _DUE)
+                self._now = self._fields.make(values, low, high, degrees)
                 self.local = self.look = None
                 error = self._field_error(values, levels)
             except PhysicsError:
@@ -152,46 +148,13 @@ class TrackModel:
             smallest = self._size <= _SMALLEST
             if error <= _FIELD_ERROR or (smallest and np.isfinite(error)):
                 assert self._now is not None
+                self._fields.lean(self._now)
                 self._boxes = [self._now, *self._boxes[: _KEPT - 1]]
                 return True
             if smallest:
                 return False
             fit = (0.5 * _FIELD_ERROR / error) ** (1.0 / _ORDER)
             self._size = max(_SMALLEST, self._size * min(_SMALLER, fit))
-
-    def _render(self, values: Array, seen: bool) -> tuple[Array, Array | None]:
-        """Values to the field and the visibility at the pixels, by the mechanics."""
-        assert self._renderer is not None
-        scene = self.course.field_scene(values).model_copy(
-            update={"numerics": self.course.numerics}
-        )
-        keep = self.thinned.keep
-        if not seen:
-            return self._renderer.field_alone(scene)[keep], None
-        field, visibility = self._renderer.order_field(scene)
-        return field[keep], np.broadcast_to(visibility, field.shape)[keep]
-
-    def _widen(self, high: Array) -> None:
-        """Make the grid, and what renders on it, hold the widest contact so far."""
-        scene = self.course.field_scene(high)
-        needed = with_own_numerics(scene, room=1.0).numerics.window_mm or np.inf
-        before = self.course.numerics
-        wide_enough = before is not None and (before.window_mm or 0.0) >= needed
-        if wide_enough and self._renderer is not None:
-            return
-        wide = with_own_numerics(scene)
-        if before is not None:  # scars lie on its nodes
-            fixed = {"spacing_mm": before.spacing_mm}
-            fixed |= {"window_mm": before.window_mm} if wide_enough else {}
-            wide = wide.model_copy(update={"numerics": wide.numerics.model_copy(update=fixed)})
-        self.course.use(wide)
-        self._renderer = SceneRenderer(
-            wide,
-            self.shape,
-            stride=self.thinned.stride,
-            solve=self.course.solve,
-            hidden_px=HIDDEN_PX - _ROOM_PX,
-        )
 
     def _field_error(self, values: Array, levels: Array) -> float:
         """What the polynomial does to the values near two corners, in standard uncertainties."""
@@ -205,9 +168,9 @@ class TrackModel:
         other = np.resize([1.0, -1.0], len(values))
         for signs in (np.ones(len(values)), other):
             corner = self._box.middle + CHECKED * signs * self._box.half
-            field, seen = self._render(corner, True)
+            field, seen = self._fields.render(corner, True)
             assert seen is not None
-            exact, near = self._signal(field, seen), self.signal(corner)
+            exact, near = self._signal(field, seen), self._signal(*self._box.at(corner))
             change = (exact - near)[look.clear] * toned.part.amplitude
             step = local.step(change)
             worst = max(worst, step_size(local, step))
@@ -230,7 +193,7 @@ class TrackModel:
 
     def at(self, values: Array, levels: Array) -> Toned | None:
         """Illumination and background of a frame at some values."""
-        signal = self._signal(*self._box.at(values))
+        signal = self._signal(*self._field(values))
         if self.look is None:
             self.look = self.thinned.look(np.maximum(levels, 0.0) ** self.thinned.gamma)
         return self._solved(signal, levels)
@@ -241,7 +204,7 @@ class TrackModel:
 
     def linearise(self, values: Array, levels: Array, toned: Toned) -> Toned:
         """Derivatives at some values, and which pixels to use there; the solution with these."""
-        field, visibility = self._box.at(values)
+        field, visibility = self._field(values)
         signal = self._signal(field, visibility)
         self.look = self.thinned.look(self.thinned.light_of(toned, signal))
         again = self._solved(signal, levels)

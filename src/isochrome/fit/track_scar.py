@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 TOLERANCE = 1e-5
 """Of the wear from the unworn contact on: at 1e-4 a scar's own error is a load's uncertainty."""
-_STEP, _SMALL = 0.0075, 5e-4
+STEP, SMALL = 0.0075, 5e-4
 """Largest growth in a step, over the worn and the elastic area; below the second no halves are
 needed."""
 _EQUATIONS = 1e-8
@@ -78,15 +78,21 @@ class Drive:
 
 @dataclass(frozen=True)
 class WornScar:
-    """A scar on a contact's grid: its area `worn_mm2`, and `depth_mm` (n,) at the nodes."""
+    """A scar on a contact's grid: its area `worn_mm2`, and `depth_mm` (n,) at the nodes.
+
+    `pressure_mpa` (n,), under which it was worn last, None where that is not known.
+    """
 
     worn_mm2: float
     depth_mm: Array
+    pressure_mpa: Array | None = None
 
     def on(self, nodes: int) -> WornScar:
         """The same on a grid of another width about the same middle."""
         room = (nodes - len(self.depth_mm)) // 2
-        if room >= 0:
+        if room == 0:
+            return self
+        if room > 0:
             return WornScar(self.worn_mm2, np.pad(self.depth_mm, room))
         if self.depth_mm[:-room].any() or self.depth_mm[room:].any():
             raise PhysicsError("the scar is wider than the grid; raise numerics.window_mm")
@@ -106,13 +112,16 @@ def grow(
     if scar.worn_mm2 <= 0.0:
         course, stops = _course(drive, areas)
         states = list(worn_states(site, course, stops))
-        found = [WornScar(a, state.wear_depth_mm) for a, state in zip(areas, states, strict=True)]
+        found = [
+            WornScar(area, state.wear_depth_mm, state.pressure_mpa)
+            for area, state in zip(areas, states, strict=True)
+        ]
     else:
-        found, pressure = [], None
+        found = []
         for area in areas:
-            count = math.ceil((area - scar.worn_mm2) / (_STEP * (area + elastic_mm2)) - 1e-6)
+            count = math.ceil((area - scar.worn_mm2) / (STEP * (area + elastic_mm2)) - 1e-6)
             for worn in np.linspace(scar.worn_mm2, area, max(1, count) + 1)[1:].tolist():
-                scar, pressure = _stepped(site, scar, drive, worn, elastic_mm2, pressure)
+                scar = _stepped(site, scar, drive, worn, elastic_mm2)
             found.append(scar)
     if any(one.depth_mm[[0, -1]].any() for one in found):
         raise PhysicsError(
@@ -122,31 +131,24 @@ def grow(
     return found
 
 
-def _stepped(
-    site: Site,
-    scar: WornScar,
-    drive: Drive,
-    worn: float,
-    elastic: float,
-    pressure: Array | None,
-) -> tuple[WornScar, Array | None]:
-    """A scar grown to an area in one step, and the pressure at its end."""
+def _stepped(site: Site, scar: WornScar, drive: Drive, worn: float, elastic: float) -> WornScar:
+    """A scar grown to an area in one step."""
     if worn <= scar.worn_mm2:
-        return scar, pressure
-    whole, pressure = _implicit(site, scar, drive, worn, pressure)
-    if worn - scar.worn_mm2 < _SMALL * (worn + elastic):
-        return whole, pressure
-    half, pressure = _implicit(site, scar, drive, 0.5 * (scar.worn_mm2 + worn), pressure)
-    both, pressure = _implicit(site, half, drive, worn, pressure)
+        return scar
+    whole = _implicit(site, scar, drive, worn, scar.pressure_mpa)
+    if worn - scar.worn_mm2 < SMALL * (worn + elastic):
+        return whole
+    half = _implicit(site, scar, drive, 0.5 * (scar.worn_mm2 + worn), whole.pressure_mpa)
+    both = _implicit(site, half, drive, worn, whole.pressure_mpa)
     # nothing heals where the edge has just come by
     depth = np.maximum(2.0 * both.depth_mm - whole.depth_mm, scar.depth_mm)
-    return WornScar(worn, depth), pressure
+    return WornScar(worn, depth, both.pressure_mpa)
 
 
 def _implicit(
-    site: Site, scar: WornScar, drive: Drive, worn: float, pressure: Array | None
-) -> tuple[WornScar, Array]:
-    """One implicit step under the mean load on its way."""
+    site: Site, scar: WornScar, drive: Drive, worn: float, start: Array | None
+) -> WornScar:
+    """One implicit step under the mean load on its way; `start`, a pressure near by."""
     load, friction = drive.mean(scar.worn_mm2, worn)
     dose = (worn - scar.worn_mm2) / load
     contact = solve_pressure(
@@ -155,10 +157,10 @@ def _implicit(
         load,
         friction=friction,
         wear_mm_per_mpa=dose,
-        start=pressure,
+        start=start,
         tolerance=_EQUATIONS,
     )
-    return WornScar(worn, scar.depth_mm + dose * contact.pressure), contact.pressure
+    return WornScar(worn, scar.depth_mm + dose * contact.pressure, contact.pressure)
 
 
 def _course(drive: Drive, areas: list[float]) -> tuple[Course, list[Stop]]:

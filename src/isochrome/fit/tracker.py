@@ -19,8 +19,9 @@ from isochrome.fit.frame_fit import fit_frame, thinning
 from isochrome.fit.local import LocalModel
 from isochrome.fit.polish import block_correlation
 from isochrome.fit.tone import Toned
+from isochrome.fit.track_boxes import HIDDEN_PX
 from isochrome.fit.track_course import WORN, TrackCourse
-from isochrome.fit.track_local import HIDDEN_PX, TrackModel, step_size
+from isochrome.fit.track_local import TrackModel, step_size
 from isochrome.fit.track_pixels import Look, thin_frame
 from isochrome.fit.unknowns import fit_region
 from isochrome.frames import Frame, Linear, estimate_noise
@@ -234,9 +235,9 @@ class Tracker:
                 toned, last = model.linearise(values, levels, toned), np.inf
                 local = model.local
             assert local is not None and model.look is not None
-            step = local.step(toned.residual)
-            size = step_size(local, step) / _noise(toned)
-            values = self.course.moved(values, step)
+            moved = self.course.moved(values, local.step(toned.residual))
+            step = (moved - values)[: len(self.keys)]  # less what would heal a scar
+            size, values = step_size(local, step) / _noise(toned), moved
             if size < _NEAR and not model.stale(values):
                 return _Found(values, local, toned, model.look)
             last = size
