@@ -53,7 +53,12 @@ class FieldMaker:
         self.course.wear(values, low, high)
         self._anew()
         box = make_field_box(self.render, low, high, degrees, self.course.places)
-        return Kept(box, self.course.exact(values, low), self.course.mark(values))
+        exact = values.copy()
+        if WORN in self.course.axes:
+            # beyond the lower end the contact wears on by a mean, not as it did
+            at = self.course.axes.index(WORN)
+            exact[at] = low[at]
+        return Kept(box, exact, self.course.mark(values))
 
     def exact(self, values: Array) -> Array:
         """The field (n,) of some values on the scar that they and those before have worn."""

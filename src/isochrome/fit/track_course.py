@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.contact import elastic_constants, wear_rate
+from isochrome.contact import wear_rate
 from isochrome.fit.history import local_values
 from isochrome.fit.one_state import scene_at
 from isochrome.fit.refuse import refuse_untracked
 from isochrome.fit.sequence import COURSE, FRICTION, WEAR
 from isochrome.fit.track_field import CHECKED, CORNER
 from isochrome.fit.track_past import TrackPast, drive_before
-from isochrome.scene import Numerics, Scene
+from isochrome.fit.track_scar import elastic_area
+from isochrome.scene import DistanceTable, Numerics, Scene
 from isochrome.simulate import SceneState, scene_states
 
 Array = NDArray[Any]
@@ -40,7 +41,8 @@ class TrackCourse:
 
     Attributes: `axes`, what moves the field: the tracked keys (of the wear, the worn area), then
     what the scene knows to change; `count`, how many of them are tracked; `places`, those that only
-    move the contact in the picture; `numerics`, of the grid in use, None before there is one.
+    move the contact in the picture; `numerics`, of the grid in use, None before there is one;
+    `nominal`, whether the load before the first frame was the scene's, or that frame's own.
     """
 
     def __init__(self, scene: Scene, keys: tuple[str, ...]) -> None:
@@ -59,6 +61,17 @@ class TrackCourse:
         self._moment = 0.0
         self._last: tuple[float, float] | None = None
         self.numerics: Numerics | None = None
+        self.nominal = False
+
+    @property
+    def unsure(self) -> bool:
+        """Whether two loads may have worn the contact before the first frame, see `nominal`."""
+        worn = self.scene.wear is not None and self._now > 0.0 and self._last is None
+        return worn and LOAD in self.keys and not _table(self.scene, LOAD)
+
+    def _earlier(self, load: float) -> float:
+        """The load (N) before the first frame."""
+        return self._own(LOAD, self._now) if self.nominal else load
 
     def state(self) -> dict[str, Any]:
         """The history up to the last frame, as plain numbers for `resume`."""
@@ -79,6 +92,14 @@ class TrackCourse:
         self._now = distance_m or 0.0
         return np.array([self._own(axis, distance_m) for axis in self.axes])
 
+    def with_past(self, values: Array) -> Array:
+        """The values (axes,) of a first frame if the scene's load wore it, not its own."""
+        found = self.moved(values, np.zeros(self.count))
+        if WEAR in self.keys:
+            at = self.axes.index(WORN)
+            found[at] *= self._own(LOAD, self._now) / self._value(LOAD, values, self._now)
+        return found
+
     def carried(self, values: Array, distance_m: float | None) -> Array:
         """The last frame's tracked values with what is known of the next frame's distance (m)."""
         self._now = distance_m or 0.0
@@ -97,6 +118,8 @@ class TrackCourse:
             return
         s = distance_m or 0.0
         load, friction = (self._value(key, values, s) for key in (LOAD, FRICTION))
+        if self._last is None:
+            self._past.begin(drive_before(self.scene, s, self._earlier(load), friction))
         self._area, self._moment = self.mark(values)
         self._past.passed(self._area, self._line_load(load), friction)
         self._worn, self._slid = self._value(WORN, values, s), s
@@ -114,8 +137,8 @@ class TrackCourse:
         """Area (mm²) worn by the scene's law until now, by the loads and frictions so far."""
         load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
         if self._last is None:
-            area = self._own(WORN, self._now)
-            return area if _table(self.scene, LOAD) else area * load / self._own(LOAD, self._now)
+            area, own = self._own(WORN, self._now), self._own(LOAD, self._now)
+            return area if self.nominal or _table(self.scene, LOAD) else area * load / own
         ends = ((*self._last, self._slid), (load, friction, self._now))
         rates = [self._rate(mu, at) * self._line_load(p) for p, mu, at in ends]
         return self._area + max(0.0, self._now - self._slid) * 0.5 * sum(rates)
@@ -130,15 +153,6 @@ class TrackCourse:
         at = self.axes.index(WORN)
         whole = values[at] + self._elastic_area(self._value(LOAD, values, self._now))
         return abs(values[at] - others[at]) / whole, abs(values[at] - self._worn) / whole
-
-    def exact(self, values: Array, low: Array) -> Array:
-        """Where a box made for some values (axes,), from `low` on, is on the scar of its history:
-        beyond its lower end the contact wears on by a mean."""
-        found = values.copy()
-        if WORN in self.axes:
-            at = self.axes.index(WORN)
-            found[at] = low[at]
-        return found
 
     def use(self, scene: Scene) -> None:
         """Solve on the grid of the widest scene so far, with its own numerics, from now on."""
@@ -156,7 +170,7 @@ class TrackCourse:
         at, area = self.axes.index(WORN), self._area_at(values)
         load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
         if self._last is None:
-            self._past.begin(drive_before(self.scene, self._now, load, friction))
+            self._past.begin(drive_before(self.scene, self._now, self._earlier(load), friction))
         middle, half = 0.5 * (low[at] + high[at]), 0.5 * (high[at] - low[at])
         self._past.wear(
             sorted({float(middle + t * half) for t in _PLACES}),
@@ -245,15 +259,7 @@ class TrackCourse:
         return low, high, tuple(degrees)
 
     def _elastic_area(self, load: float) -> float:
-        """Area that the indenter would cut off were it not for the elasticity, P' a / E* (mm²)."""
-        modulus, _ = elastic_constants(self.scene)
-        indenter = self.scene.indenter
-        assert indenter is not None
-        line = self._line_load(load)
-        width = indenter.half_width_mm
-        if width is None:
-            width = 2.0 * np.sqrt(line * (indenter.radius_mm or 1.0) / (np.pi * modulus))
-        return float(line * width / modulus)
+        return elastic_area(self.scene, self._line_load(load))
 
     def _line_load(self, load: float) -> float:
         assert self.scene.specimen.thickness_mm is not None
@@ -287,8 +293,5 @@ def _archard(coefficient: Any, distance_m: float) -> dict[str, Any]:
 
 
 def _table(scene: Scene, key: str) -> bool:
-    return not isinstance(scene.get(key), int | float) if _has(scene, key) else False
-
-
-def _has(scene: Scene, key: str) -> bool:
-    return key == LOAD or scene.friction is not None
+    there = key == LOAD or scene.friction is not None
+    return there and isinstance(scene.get(key), DistanceTable)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from isochrome.contact import Site, Stop, contact_grid, elastic_state, make_site, wear_course
 from isochrome.fit.history import local_values
 from isochrome.fit.sequence import COURSE, FRICTION, WEAR
-from isochrome.fit.track_scar import SMALL, STEP, TOLERANCE, Drive, WornScar, grow
+from isochrome.fit.track_scar import JUMP, SMALL, STEP, TOLERANCE, Drive, WornScar, grow
 from isochrome.scene import DistanceTable, Scene
 from isochrome.simulate import SceneState
 
@@ -154,10 +154,12 @@ class TrackPast:
         before = self._before
         assert before is not None
         first = self._frames[0][0] if self._frames else now[0]
-        earlier = before.worn_mm2 < first
+        earlier = before.worn_mm2 <= first
         parts = (part[earlier] for part in before.columns)
         rows = [*zip(*parts, strict=True), *self._frames, now]
         worn, load, friction = (np.array(column) for column in zip(*rows, strict=True))
+        still = np.flatnonzero(np.diff(worn) <= 0.0) + 1  # loads that change at one place
+        worn[still] = worn[still - 1] * (1.0 + JUMP)
         return Drive(scale * worn, load, friction)
 
 

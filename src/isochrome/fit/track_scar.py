@@ -17,8 +17,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.contact import Course, Site, Stop, solve_pressure, worn_states
+from isochrome.contact import (
+    Course,
+    Site,
+    Stop,
+    elastic_constants,
+    solve_pressure,
+    worn_states,
+)
 from isochrome.errors import PhysicsError
+from isochrome.scene import Scene
 
 Array = NDArray[Any]
 
@@ -27,6 +35,8 @@ TOLERANCE = 1e-5
 STEP, SMALL = 0.0075, 5e-4
 """Largest growth in a step, over the worn and the elastic area; below the second no halves are
 needed."""
+JUMP = 1e-9
+"""Share of the worn area over which a load jumps: one value on arriving, another on leaving."""
 _EQUATIONS = 1e-8
 """Tolerance of a step's contact."""
 
@@ -62,7 +72,7 @@ class Drive:
     def then(self, worn_mm2: float, line_load_n_per_mm: float, friction: float) -> Drive:
         """This up to a worn area (mm²), and from there on something else, constant."""
         kept = self.worn_mm2 < worn_mm2
-        ends = np.array([worn_mm2, worn_mm2])
+        ends = np.array([worn_mm2, worn_mm2 * (1.0 + JUMP)])
         load, mu = (
             np.concatenate((row[kept], self._at(ends[:1], row), [new]))
             for row, new in (
@@ -176,9 +186,26 @@ def _course(drive: Drive, areas: list[float]) -> tuple[Course, list[Stop]]:
     )
     order = np.argsort(there, kind="stable")
     there, load, friction = there[order], load[order], friction[order]
-    dose = np.concatenate(([0.0], np.cumsum(2.0 * np.diff(there) / (load[1:] + load[:-1]))))
+    grown = np.where(np.diff(there) > 2.0 * JUMP * there[1:], np.diff(there), 0.0)
+    dose = np.concatenate(([0.0], np.cumsum(2.0 * grown / (load[1:] + load[:-1]))))
     jumps = np.unique(dose[1:][(np.diff(dose) <= 0.0) & (np.diff(load) != 0.0)])
     breaks = tuple(float(k) for k in jumps if 0.0 < k < dose[-1])
     course = Course(dose, dose, load, friction, breaks)
     at = dose[np.searchsorted(there, areas)].tolist()
     return course, [Stop(0.0, k, *course.at(k)) for k in at]
+
+
+def elastic_area(scene: Scene, line_load_n_per_mm: float) -> float:
+    """Area (mm²) that the indenter would cut off were it not for the elasticity, P' a / E*.
+
+    Parameters: `scene`; `line_load_n_per_mm` P'. Source: Johnson (1985), Contact Mechanics,
+    section 4.2, for the half-width a under a cylinder; that of a flat is its own.
+    """
+    modulus, _ = elastic_constants(scene)
+    indenter = scene.indenter
+    assert indenter is not None
+    width = indenter.half_width_mm
+    if width is None:
+        radius = indenter.radius_mm or 1.0
+        width = 2.0 * math.sqrt(line_load_n_per_mm * radius / (math.pi * modulus))
+    return line_load_n_per_mm * width / modulus

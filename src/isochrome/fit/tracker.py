@@ -188,7 +188,25 @@ class Tracker:
         if not fit.positive:
             return None
         self._model = self._prepare(frame, data)
-        return self._follow(frame, self._model, self.course.from_scene(fit.scene, start))
+        begun = self.course.from_scene(fit.scene, start)
+        found = self._follow(frame, self._model, begun)
+        return self._other_past(frame, data, begun, found) if self.course.unsure else found
+
+    def _other_past(
+        self, frame: Frame, data: FrameData, begun: Array, found: _Found | None
+    ) -> _Found | None:
+        """The first frame of a worn contact on what its own load, or the scene's, has worn.
+
+        A load that swings shows one of its values; which load wore the scar until then, the frame
+        itself tells.
+        """
+        own, self._model = self._model, self._prepare(frame, data)
+        self.course.nominal = True
+        other = self._follow(frame, self._model, self.course.with_past(begun))
+        if other is not None and (found is None or other.toned.cost < found.toned.cost):
+            return other
+        self.course.nominal, self._model = False, own
+        return found
 
     def _data(self, frame: Frame) -> FrameData:
         return prepare_frame(frame, self.scene, bit_depth=self._bit_depth, no_load=self._no_load)
