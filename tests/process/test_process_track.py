@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from tracked_films import FRICTION, LEFT, LOAD, TOP, contact, film, light_of, write_video
 
 import isochrome
 import isochrome.fit.tracker
@@ -24,58 +25,18 @@ from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.process import process
 from isochrome.runs.export import export
-from isochrome.scene import dump_scene, load_scene
-from isochrome.simulate import scene_states, state_difference
-from isochrome.simulate.model import make_picture, picture_signal
-from isochrome.stress import pixel_grid
+from isochrome.scene import dump_scene
+from isochrome.simulate import scene_states
 
-LOAD, LEFT, TOP = "load.normal_n", "camera.left_mm", "camera.top_mm"
 SHAPE = (160, 240)
 EVERY = 5
 MAPS = ("normalised", "fringe_order", "confidence")
-
-
-def contact():
-    """The paper's contact at rest, at 0.4 of its resolution, as a camera with noise sees it."""
-    scene = load_scene("line-contact-wear")
-    return scene.model_copy(update={"wear": None, "friction": None}).with_values(
-        {
-            LOAD: 44.0,
-            "camera.width_px": SHAPE[1],
-            "camera.height_px": SHAPE[0],
-            "camera.pixel_mm": 0.0155,
-            LEFT: -1.9,
-            TOP: 0.0,
-            "camera.vignette": 0.3,
-            "camera.brightness": 0.85,
-            "camera.background": 0.05,
-            "camera.noise_grey": 3.0,
-        }
-    )
-
-
-def picture(scene, rng):
-    state = scene_states(scene)[-1]
-    pixels = pixel_grid(scene, SHAPE)
-    made = make_picture(scene, state_difference(scene, state, pixels), pixels)
-    return expose(picture_signal(scene, made), scene.camera, rng=rng)
 
 
 def course(count):
     """A load that swings by 3 %, and a contact that creeps along."""
     i = np.arange(count)
     return {LOAD: 44.0 * (1.0 + 0.03 * np.sin(i / 4)), LEFT: -1.9 + 0.004 * np.sin(i / 9)}
-
-
-def film(values, seed):
-    """A frame for each set of values of some keys."""
-    rng = np.random.default_rng(seed)
-    return np.stack(
-        [
-            picture(contact().with_values(dict(zip(values, map(float, own), strict=True))), rng)
-            for own in zip(*values.values(), strict=True)
-        ]
-    )
 
 
 def save(folder, frames, scene=None):
@@ -103,7 +64,7 @@ def run(place, out="out", **more):
 @pytest.fixture(scope="module")
 def tracked(tmp_path_factory):
     """Eight frames, of which 0 and 5 are key frames; the last chunk is a short one."""
-    place = save(tmp_path_factory.mktemp("tracked"), film(course(8), 1))
+    place = save(tmp_path_factory.mktemp("tracked"), film(contact(), course(8), 1))
     found = run(place)
     return place, found
 
@@ -222,7 +183,7 @@ if __name__ == "__main__":
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, workers):
-    place = save(tmp_path / "film", film(course(14), 5))
+    place = save(tmp_path / "film", film(contact(), course(14), 5))
     # of a copy of the package, which nobody edits in the middle of a run
     code = tmp_path / "code"
     ignore = shutil.ignore_patterns("__pycache__")
@@ -260,7 +221,7 @@ def test_in_memory_it_is_the_same(tracked):
 
 def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
     """A load that jumps is found again; frames without fringes have no values."""
-    frames = film({LOAD: [44.0, 44.0, 70.0, 70.0, 44.0, 44.0, 44.0, 44.0]}, 2)
+    frames = film(contact(), {LOAD: [44.0, 44.0, 70.0, 70.0, 44.0, 44.0, 44.0, 44.0]}, 2)
     rng = np.random.default_rng(3)
     for k in (4, 5, 6):
         frames[k] = np.clip(rng.normal(120.0, 3.0, SHAPE), 0, 255).astype(np.uint8)
@@ -285,8 +246,8 @@ def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
         "frames 2, 7: the track was lost, and found again by a full search",
         "frames 4-6: the scene's fringes are not in this frame",
     }
-    # a frame that shows what was searched in vain is not searched anew
-    assert [name[-3:] for name in searched] == ["[0]", "[2]", "[4]", "[7]"]
+    # neither a key frame, nor a frame that shows what was searched in vain, is searched anew
+    assert [name[-3:] for name in searched] == ["[2]", "[4]", "[7]"]
     with open_run(place / "out") as dataset:
         status = dataset.status.values.tolist()
     assert [s == "flagged" for s in status] == [k in (2, 4, 5, 6, 7) for k in range(8)]
@@ -294,7 +255,7 @@ def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_a_bad_frame_ends_the_run_or_is_left_out(tmp_path):
-    frames = film({LOAD: [44.0] * 4}, 4)
+    frames = film(contact(), {LOAD: [44.0] * 4}, 4)
     frames[[1, 2]] = 0
     place = save(tmp_path / "film", frames)
     arguments = (place / "film.tif", place / "scene.toml", place / "out")
@@ -347,3 +308,31 @@ def test_every_is_for_tracking(tmp_path):
     place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
     with pytest.raises(InputError, match="--every 5: is for --track"):
         process(place / "film.tif", place / "scene.toml", place / "out", every=5)
+
+
+@pytest.mark.long
+def test_a_worn_contact_is_followed_by_its_frames_times(tmp_path):
+    """A sliding speed of 100 m/s in jest: 2 m from frame to frame, and the scar grows as by law."""
+    pytest.importorskip("av")
+    distances = 2.0 * np.arange(12)
+    scene = contact(wearing=True)
+    whole = scene.with_values({"wear.distances_m": distances.tolist()})
+    rng = np.random.default_rng(6)
+    frames = [
+        expose(light_of(whole, state), scene.camera, rng=rng) for state in scene_states(whole)
+    ]
+    write_video(tmp_path / "film.mkv", frames, "ffv1", "gray")
+    timed = scene.with_values({"frames.sliding_speed_mm_per_s": 1e5, LOAD: 45.0})
+    found = process(tmp_path / "film.mkv", timed, tmp_path / "out", track=True, every=6)
+    assert found.table["distance_m"] == pytest.approx(distances)
+    assert found.table["label"][3] == "6 m"
+    assert found.table["found_by"] == ["whole frame", *["track"] * 5] * 2
+    load, friction = (numbers(found.table[key]) for key in (LOAD, FRICTION))
+    # some 5 standard uncertainties of 0.01 N and 4e-4
+    assert np.all(np.abs(load - 44.0) < 0.05)
+    assert np.all(np.abs(friction - 0.2) < 2e-3)
+    wear = numbers(found.table["wear.coefficient_mm2_per_n"])
+    spread = numbers(found.table["wear.coefficient_mm2_per_n standard_uncertainty"])
+    assert np.isnan(wear[0])  # nothing is worn yet
+    assert np.all(np.abs(wear - 2e-9)[1:] < 5.0 * spread[1:])
+    assert found.fitted.friction.coefficient.distance_m == (0.0, 12.0)

@@ -138,7 +138,7 @@ def tracked_states(
             key = source.processed(index, frames)
             course = _Course(source, key)
             if not key.failed:
-                course.begin(frame)
+                course.begin(frame, key)
             yield key
         else:
             assert course is not None
@@ -165,10 +165,29 @@ class _Course:
         )
         self._empty: tuple[Array, float, Tracked] | None = None
 
-    def begin(self, frame: Frame) -> None:
-        """Start the track in the key frame itself."""
+    def begin(self, frame: Frame, key: ProcessedFrame) -> None:
+        """Start the track in the key frame itself: where its fit ended, if it told anything.
+
+        A worn contact is searched for there once more, as the track begins with the scar.
+        """
         _, distance = place_of(self.recipe.scene, frame)
+        fit = key.fit
+        if fit is not None and np.isfinite(fit.values).all() and self.scene.wear is None:
+            course = self.tracker.course
+            values = course.from_scene(fit.scene, course.start(None))
+            self.tracker.resume(
+                {
+                    "values": values.tolist(),
+                    "pace": [0.0] * len(self.keys),
+                    "reference": max(1.0, fit.chi),
+                    "course": course.state(),
+                }
+            )
         self._track(frame, distance)
+
+    def _slid(self, distance_m: float) -> float | None:
+        """The distance as the tracker takes it: none where nothing wears."""
+        return distance_m if self.scene.wear else None
 
     def follow(self, frame: Frame) -> FollowedFrame:
         """One frame more. Raises InputError."""
@@ -202,7 +221,7 @@ class _Course:
             change = float(np.sqrt(np.nanmean(np.square(thin - picture))))
             if change <= _SAME * np.sqrt(2.0) * noise:
                 return nothing
-        found = self.tracker.track(frame, distance_m if self.scene.wear else None)
+        found = self.tracker.track(frame, self._slid(distance_m))
         self._empty = None
         if not found.positive:
             model = estimate_noise(frame.image, frame.mask, bit_depth=self.capture.bit_depth)
