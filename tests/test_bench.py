@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import isochrome.bench as module
-from isochrome.bench import FitRow, FringeRow, Row, bench, load_benchmarks
+from isochrome.bench import FitRow, FringeRow, Row, TrackRow, bench, load_benchmarks
 from isochrome.contact import make_surface, solve_pressure
 from isochrome.errors import InputError
 from isochrome.reference import (
@@ -222,7 +222,7 @@ def test_a_reading_that_is_off_is_counted_as_such():
 
 
 def test_an_unknown_suite_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="speed, fringes, fit"):
+    with pytest.raises(InputError, match="speed, fringes, fit, track"):
         bench(suite="colour")
 
 
@@ -239,6 +239,21 @@ def test_fit_suite_holds_a_fit_to_the_truth_and_writes_a_table_and_a_picture(mon
     assert 0.1 < load.pull < 2.5 and math.isnan(order.pull)
     assert load.cpu_ms > 0.0 and load.evaluations > 1.0
     assert max(map(len, got.text.splitlines())) <= 150
+
+
+@pytest.mark.long
+def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path):
+    case, cases = load_benchmarks("case_track"), load_benchmarks("cases")
+    few = {"TIFF stack": case.cases()["TIFF stack"]}
+    monkeypatch.setitem(cases.SUITES, "track", replace(cases.SUITES["track"], cases=lambda: few))
+    got = bench(tmp_path / "out", suite="track", quick=True)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["track.csv", "track.png"]
+    (row,) = (TrackRow(**row) for row in got.rows)
+    assert (row.frames, row.workers) == (9, 1) and row.cpu_ms > 0.0 and row.frames_per_s > 0.0
+    assert 0.0 < row.reading < 0.5 and 0.0 < row.writing < 0.5
+    # nine pulls' root mean square is 1 to a quarter or so; 5 times fewer pixels than the paper's
+    assert 0.3 < row.pull < 2.0 and row.load_error < 1e-3
+    assert max(map(len, got.text.splitlines())) <= 110
 
 
 def test_a_share_of_a_bar_is_one_where_it_is_just_met():

@@ -1,7 +1,8 @@
 """`bench`: speed against error, this project beside the paper's own procedure, in one run.
 
 A second suite, `fringes`, holds every way to the fringe order against frames whose order is known;
-a third, `fit`, what a fit finds in frames, and what that costs, against the truth.
+a third, `fit`, what a fit finds in frames, and what that costs, against the truth; a fourth,
+`track`, how many frames a second of a video `process --track` does.
 
 The cases live with the tests, in `tests/benchmarks` of the repository, so that the rival's code is
 there to be read and no part of the installed package. Ratios within one run are the claim, times
@@ -82,6 +83,27 @@ class FitRow:
     cpu_ms: float
     evaluations: float
     more: bool = False
+
+
+@dataclass(frozen=True)
+class TrackRow:
+    """One run of `process --track`.
+
+    `film`, its kind of file; `workers`; `frames`, and how many a second by the clock; `cpu_ms`,
+    processor time of a frame, and the shares of it that `reading` and `writing` took (NaN: spent in
+    other processes); `load_error`, relative, and `pull`, error over standard uncertainty, both root
+    mean square.
+    """
+
+    film: str
+    workers: int
+    frames: int
+    frames_per_s: float
+    cpu_ms: float
+    reading: float
+    writing: float
+    load_error: float
+    pull: float
 
 
 @dataclass(frozen=True)

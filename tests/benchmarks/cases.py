@@ -13,10 +13,12 @@ from . import (
     case_peers,
     case_pressure,
     case_stress,
+    case_track,
     case_wear,
     report,
     report_fit,
     report_fringes,
+    report_track,
 )
 
 CASES = {
@@ -44,4 +46,5 @@ SUITES = {
     "speed": Suite(lambda: CASES, "bench", report.table, report.figure),
     "fringes": Suite(case_fringes.cases, "fringes", report_fringes.table, report_fringes.figure),
     "fit": Suite(case_fit.cases, "fit", report_fit.table, report_fit.figure),
+    "track": Suite(case_track.cases, "track", report_track.table, report_track.figure),
 }

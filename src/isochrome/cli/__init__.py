@@ -231,7 +231,7 @@ def check(
 @app.command()
 def bench(
     suite: Annotated[
-        str, typer.Argument(help="speed; fringes, every way to the fringe order; or fit.")
+        str, typer.Argument(help="speed; fringes, every way to the order; fit; or track.")
     ] = "speed",
     out: Out = Path("isochrome-bench"),
     as_json: Json = False,

@@ -1,0 +1,87 @@
+"""What a run of `isochrome bench track` shows: the table in plain text, and the figure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from isochrome.bench import TrackRow
+from isochrome.figures import LINE_COLOURS
+
+from .report import lines_of, machine
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+HEAD = ("film", "workers", "frames", "frames/s", "CPU a frame", "reading", "writing", "load error",
+        "pull")  # fmt: skip
+RATE, SHARE = 60.0, 0.15
+"""Frames a second of two workers at least, and the share of reading and writing at most."""
+
+
+def table(rows: list[TrackRow]) -> str:
+    """The rows as a table in plain text, with what they mean."""
+    cells = [_cells(row) for row in rows]
+    return "\n".join([*lines_of(HEAD, cells, texts=1), "", *_speed_up(rows), _FOOT, machine()])
+
+
+_FOOT = f"""\
+frames/s: by the clock, with all that the machine did besides; CPU a frame: processor time of all
+processes, start and figure included: two free cores do 2 / (CPU a frame). Reading (counting, hash,
+decoding) and writing: shares of the processor time. Load error: relative, root mean square; pull:
+error over standard uncertainty. To be seen: {RATE:g} frames/s on two cores; reading and writing
+under {100 * SHARE:.0f} % together. A codec's own decoding is part of reading."""
+
+
+def _cells(row: TrackRow) -> tuple[str, ...]:
+    return (
+        row.film,
+        str(row.workers),
+        str(row.frames),
+        f"{row.frames_per_s:.1f}",
+        f"{row.cpu_ms:.1f} ms",
+        _share(row.reading),
+        _share(row.writing),
+        f"{100 * row.load_error:.4f} %",
+        f"{row.pull:.2f}",
+    )
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.1f} %" if value == value else "-"
+
+
+def _speed_up(rows: list[TrackRow]) -> list[str]:
+    """What the second worker brings, where both were run."""
+    by = {(row.film, row.workers): row for row in rows}
+    return [
+        f"{film}: two workers do {by[film, 2].frames_per_s / row.frames_per_s:.2f} times the frames"
+        " a second of one"
+        for (film, workers), row in by.items()
+        if workers == 1 and (film, 2) in by
+    ]
+
+
+def figure(rows: list[TrackRow]) -> Figure:
+    """Processor time of a frame by its parts, a bar for each film that one worker took."""
+    from isochrome.figures import new_figure, style_axes
+
+    alone = [row for row in rows if row.workers == 1]
+    picture = new_figure(9.0, 0.55 * len(alone) + 1.6)
+    axes = picture.subplots()
+    ends = [0.0] * len(alone)
+    parts = (
+        ("reading", [row.cpu_ms * row.reading for row in alone]),
+        ("writing", [row.cpu_ms * row.writing for row in alone]),
+        ("work", [row.cpu_ms * (1.0 - row.reading - row.writing) for row in alone]),
+    )
+    for (name, widths), colour in zip(parts, LINE_COLOURS[1:], strict=False):
+        axes.barh(range(len(alone)), widths, left=ends, color=colour, label=name)
+        ends = [end + width for end, width in zip(ends, widths, strict=True)]
+    limit = 2e3 / RATE
+    axes.axvline(limit, color="black", lw=1.0, ls="--", label=f"{RATE:g} frames/s on two cores")
+    axes.set_yticks(range(len(alone)), [row.film for row in alone])
+    axes.invert_yaxis()
+    axes.set_xlim(0.0, 1.1 * max(limit, *ends))
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    style_axes(axes, x_label="processor time of a frame (ms)", title="process --track")
+    return picture
