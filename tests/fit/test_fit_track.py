@@ -125,27 +125,6 @@ def test_a_frame_without_fringes_has_no_values_and_the_next_are_found(tmp_path):
     assert np.all(np.abs(result.values[[0, 2], 0] / 44.0 - 1.0) < 2e-3)
 
 
-@pytest.mark.long
-def test_a_wearing_contact_is_followed_on_the_scar_of_its_own_history(tmp_path):
-    i = np.arange(60)
-    distance = 4.0 * i
-    friction = 0.1 + 0.15 * np.minimum(i / 36.0, 1.0)
-    base = load_scene("line-contact-wear")
-    scene = contact().model_copy(update={"wear": base.wear})
-    start = scene.with_values({"wear.distances_m": distance.tolist(), FRICTION: 0.1})
-    whole = start.with_values(
-        {FRICTION: {"distance_m": distance.tolist(), "value": friction.tolist()}}
-    )
-    rng = np.random.default_rng(4)
-    frames = np.stack([frame_of(whole, state, rng) for state in scene_states(whole)])
-    save(tmp_path, frames)
-    result = track(tmp_path / "film.tif", start, (LOAD, FRICTION))
-    assert result.searched == (0,)
-    assert result.distance_m == pytest.approx(distance)
-    assert np.all(np.abs(result.values[:, 0] / 44.0 - 1.0) < 2e-3)
-    assert np.all(np.abs(result.values[:, 1] - friction) < 0.003)  # the bar of a wear sequence
-
-
 def test_a_field_box_is_exact_for_the_terms_that_it_has():
     def render(v, _seen):
         x, y = v

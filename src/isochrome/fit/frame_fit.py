@@ -237,8 +237,17 @@ def _with(scene: Scene, keys: tuple[str, ...], values: Array) -> Scene:
 
 
 def placed(scene: Scene, shape: tuple[int, ...]) -> Scene:
-    """The scene with its picture's place written out."""
+    """The scene with its picture's place written out; `shape` (rows, cols) of a frame.
+
+    Raises InputError where the scene's camera has other pixels.
+    """
     grid = pixel_grid(scene, (shape[0], shape[1]))
+    if (grid.rows, grid.cols) != (shape[0], shape[1]):
+        raise InputError(
+            f"{scene.name}: the frames, or their frames.roi, are {shape[0]} x {shape[1]} pixels, "
+            f"and the scene's camera {grid.rows} x {grid.cols}; correct camera.height_px and "
+            "width_px, or frames.roi"
+        )
     return scene.with_values({"camera.left_mm": grid.left_mm, "camera.top_mm": grid.top_mm})
 
 
