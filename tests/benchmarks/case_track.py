@@ -21,7 +21,7 @@ import numpy as np
 
 from isochrome.bench import TrackRow, benchmarks_folder
 
-SHAPE, COUNT, LONG, LOOP = (494, 659), 400, 1200, 120
+SHAPE, COUNT, LONG, LOOP = (494, 659), 800, 1200, 120
 SMALL = (120, 180)
 LOAD = "load.normal_n"
 
