@@ -108,20 +108,9 @@ def scaled(image: NDArray, bit_depth: int | None = None) -> NDArray[np.floating]
 
 def _read_stack(path: Path) -> NDArray:
     """Read a TIFF as (frame, row, col) or, in colour, (frame, row, col, 3), in its own type."""
-    import tifffile
+    from isochrome.frames.tiff import open_tiff
 
-    try:
-        with tifffile.TiffFile(path) as tif:
-            stack = np.asarray(tif.asarray())
-            axes = tif.series[0].axes
-    except (tifffile.TiffFileError, OSError, ValueError, IndexError) as error:
-        raise InputError(f"{path} cannot be read as a TIFF ({error}): make it again") from error
-    frame = 3 if axes.endswith("YXS") else 2
-    if stack.ndim not in (frame, frame + 1) or (frame == 3 and stack.shape[-1] != 3):
-        raise InputError(
-            f"{path} has shape {stack.shape}, axes {axes}: give (frame, row, col), grey or RGB"
-        )
-    return stack[None] if stack.ndim == frame else stack
+    return np.stack([raw.image for raw in open_tiff(path).frames(0)])
 
 
 def _one_channel(stack: NDArray, scene: dict[str, Any]) -> NDArray:
@@ -160,7 +149,7 @@ def _scene(path: Path) -> dict[str, Any]:
         return {}
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError, OSError) as error:
         raise InputError(f"{path} is not valid TOML ({error}): make the results again") from error
 
 

@@ -53,6 +53,8 @@ def provenance(
 def sha256(path: str | Path) -> str:
     """SHA-256 of a file as hexadecimal text. Raises InputError where it cannot be read."""
     try:
+        if Path(path).exists() and not Path(path).is_file():  # a pipe would never end
+            raise InputError(f"{path}: is not a file; name the file itself")
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:

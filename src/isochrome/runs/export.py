@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.output import output_folder, replacing, write_csv
+from isochrome.output import replacing, staged, write_csv
 from isochrome.output.tiff import IMAGEJ_LIMIT
-from isochrome.runs.store import open_run
+from isochrome.runs.store import STORE, open_run
 
 if TYPE_CHECKING:
     import xarray
@@ -33,17 +33,31 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
     if to not in FORMATS:
         raise InputError(f"--to {to}: is no format known here; give {', '.join(FORMATS)}")
     place = Path(run)
-    with open_run(place) as dataset:
-        folder = output_folder(out if out is not None else place)
-        if to == "netcdf":
-            return [_to_netcdf(dataset, folder / "run.nc")]
-        if to == "csv":
-            return [_to_csv(dataset, folder / "run.csv")]
-        return [
-            _to_tiff(dataset, str(name), folder / "imagej")
-            for name in sorted(dataset.data_vars, key=str)
-            if _is_picture(dataset[name])
-        ]
+    target = Path(out) if out is not None else place
+    with open_run(place) as dataset, staged(target) as folder:
+        try:
+            files = _write(dataset, to, folder)
+        except (ValueError, KeyError, TypeError, IndexError, RuntimeError) as error:
+            if isinstance(error, InputError):
+                raise
+            reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
+            raise InputError(
+                f"{place / STORE}: cannot be read ({reason}); run the command again"
+            ) from error
+        return [target / file.relative_to(folder) for file in files]
+
+
+def _write(dataset: xarray.Dataset, to: str, folder: Path) -> list[Path]:
+    """The dataset's files of a format."""
+    if to == "netcdf":
+        return [_to_netcdf(dataset, folder / "run.nc")]
+    if to == "csv":
+        return [_to_csv(dataset, folder / "run.csv")]
+    return [
+        _to_tiff(dataset, str(name), folder / "imagej")
+        for name in sorted(dataset.data_vars, key=str)
+        if _is_picture(dataset[name])
+    ]
 
 
 def _is_picture(variable: xarray.DataArray) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import secrets
 import shutil
 import zlib
@@ -125,8 +126,13 @@ def _manifest(root: Path) -> dict[str, Any] | None:
         return None
     if head != b"%08x" % zlib.crc32(body):
         return None  # it breaks off: so may all that was written after it
-    found: dict[str, Any] = json.loads(body)
-    return found
+    try:
+        found = json.loads(body)
+        known = isinstance(found["identity"], dict) and isinstance(found["layout"], dict)
+        inside = re.fullmatch(r"results-[0-9a-f]+", found["token"]) is not None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None  # no manifest of ours
+    return found if known and inside else None
 
 
 def _described(layout: Layout) -> dict[str, Any]:
