@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.errors import InputError
 from isochrome.fringes.blocks import block_means
 
 Array = NDArray[np.floating]
@@ -100,8 +101,15 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     """Cut a normalised frame into patches.
 
     Parameters: `wave` c = cos 2 pi N (rows, cols); `sigma`, its noise (rows, cols); `valid`, True =
-    trusted. Returns a PatchLight that covers the frame from border to border.
+    trusted. Returns a PatchLight that covers the frame from border to border. Raises InputError
+    where the frame is smaller than a patch.
     """
+    side = 2 * HALF + 1
+    if min(wave.shape) < side:
+        raise InputError(
+            f"fringes can be followed in {side} x {side} pixels at least, not in {wave.shape}; take "
+            "a larger region, or smaller pixels"
+        )
     dy, dx, window = offsets()
     rows, cols = middles(wave.shape[0]), middles(wave.shape[1])
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))

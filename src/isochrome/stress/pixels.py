@@ -14,6 +14,9 @@ Floats = NDArray[np.floating]
 
 MAX_PIXELS = 100_000_000
 
+MAX_REACH_MM = 1e6
+"""A kilometre: no picture of a specimen, and its pixels' places are still told to a nanometre."""
+
 
 @dataclass(frozen=True)
 class PixelGrid:
@@ -81,4 +84,11 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
         height = scene.specimen.diameter_mm if scene.model == "disc" else None
         height = scene.specimen.height_mm if scene.model == "beam" else height
         top = 0.0 if height is None else 0.5 * (height - rows * camera.pixel_mm)
+    reach = max(abs(left), abs(top)) + max(rows, cols) * camera.pixel_mm
+    if reach > MAX_REACH_MM:
+        raise InputError(
+            f"{scene.name}: the picture reaches {reach:.3g} mm from the contact (camera.pixel_mm = "
+            f"{camera.pixel_mm:g}, camera.left_mm = {left:g}, camera.top_mm = {top:g}), and "
+            f"{MAX_REACH_MM:g} mm are allowed; give them in mm"
+        )
     return PixelGrid(rows, cols, left, top, camera.pixel_mm)
