@@ -1,0 +1,169 @@
+"""A hostile case, and the command line run on it in a process with bounds.
+
+Each run is a new process without any rights beyond its user's, even where the user is root, with
+bounds on its memory, its time and, where wanted, the size of the files that it writes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import re
+import resource
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+MEMORY = 2_000_000_000
+"""Bytes that a run may take."""
+
+CPU_S, WALL_S = 20, 120
+"""Seconds that a run may compute, and after which one that does not compute is taken as hung."""
+
+SERVER = multiprocessing.get_context("forkserver")
+SERVER.set_forkserver_preload(
+    ["__main__", "isochrome.cli", "isochrome.process", "isochrome.fit.run", "isochrome.simulate",
+     "isochrome.calibrate", "isochrome.compare.run", "isochrome.runs.export", "isochrome.sweep",
+     "matplotlib.figure", "xarray", "zarr", "cv2", "tifffile", "PIL.Image", "roifile", "av",
+     "rich.progress", "numpy.ma"]
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hostile input: `make(place)` writes it into a folder and returns the command's arguments.
+
+    `says`, words that the refusal must hold: what is wrong where, and what to do; `code`, the exit
+    code; `file_bytes`, the largest file that may be written; `inside`, called in the process before
+    the command; `kept`, whether finished work may stay in OUT.partial; `slow`, for the long run.
+    """
+
+    make: Callable[[Path], list[str]]
+    says: tuple[str, ...]
+    code: int = 2
+    file_bytes: int | None = None
+    inside: Callable[[], None] | None = None
+    kept: bool = False
+    slow: bool = False
+    label: str = ""
+    touches: bool = False
+
+    @property
+    def name(self) -> str:
+        """The case in words."""
+        return self.label or self.make.__name__.replace("_", " ")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended: exit code (None: it hung), what it said, and its peak memory (bytes)."""
+
+    code: int | None
+    out: str
+    err: str
+    peak: int
+
+
+def hostile(cases: list[Case], *says: str, **how: object) -> Callable[[Callable], Callable]:
+    """Put a function down as a case in a list."""
+
+    def add(make: Callable[[Path], list[str]]) -> Callable[[Path], list[str]]:
+        cases.append(Case(make, says, **how))  # type: ignore[arg-type]
+        return make
+
+    return add
+
+
+def snapshot(place: Path) -> dict[str, object]:
+    """All names below a folder, hidden ones too, with bytes, or where a link points."""
+    found: dict[str, object] = {}
+    for folder, names, files in os.walk(place):
+        for name in (*names, *files):
+            path = Path(folder, name)
+            key = os.fsencode(path.relative_to(place)).hex(" ")
+            if path.is_symlink():
+                found[key] = os.readlink(path)
+            elif path.is_file() and os.access(path, os.R_OK):
+                state = path.stat()
+                small = state.st_size < 10**8
+                found[key] = path.read_bytes() if small else (state.st_size, state.st_mtime_ns)
+            else:
+                found[key] = path.lstat().st_mode
+    return found
+
+
+def run(
+    place: Path,
+    arguments: list[str],
+    *,
+    file_bytes: int | None = None,
+    inside: Callable[[], None] | None = None,
+) -> Ended:
+    """Run the command line in a folder, in a process of its own."""
+    pipes = [SERVER.Pipe(duplex=False) for _ in range(3)]  # what is said, and the peak
+    process = SERVER.Process(
+        target=_in_process,
+        args=(arguments, place, file_bytes, inside, [theirs for _, theirs in pipes]),
+    )
+    process.start()
+    for _, theirs in pipes:
+        theirs.close()
+    process.join(WALL_S)
+    code = process.exitcode
+    if code is None:
+        process.kill()
+        process.join()
+    out, err, peak = (_all_of(mine.fileno()) for mine, _ in pipes)
+    return Ended(code, out, err, int(peak or 0))
+
+
+def _all_of(handle: int) -> str:
+    """What was put into a pipe, all of whose writers have ended."""
+    found = b""
+    while more := os.read(handle, 65536):
+        found += more
+    return found.decode("utf-8", "backslashreplace")
+
+
+def _in_process(
+    arguments: list[str],
+    place: Path,
+    file_bytes: int | None,
+    inside: Callable[[], None] | None,
+    pipes: list[Connection],
+) -> None:
+    for number, pipe in enumerate(pipes[:2], start=1):
+        os.dup2(pipe.fileno(), number)
+    os.chdir(place)
+    _give_up_rights()
+    taken = int(re.search(r"VmSize:\s*(\d+)", Path("/proc/self/status").read_text())[1]) * 1024
+    for kind, most in (
+        (resource.RLIMIT_AS, taken + MEMORY),
+        (resource.RLIMIT_CPU, CPU_S),
+        (resource.RLIMIT_FSIZE, file_bytes),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        if most is not None:
+            resource.setrlimit(kind, (most, most))
+    sys.argv = ["isochrome", *arguments]
+    from isochrome.cli import main
+
+    if inside is not None:
+        inside()
+    try:
+        main()
+    finally:
+        sys.stdout.flush()
+        peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        os.write(pipes[2].fileno(), str(peak).encode())
+
+
+def _give_up_rights() -> None:
+    """Without its capabilities root may read and write what a file's mode allows, and no more."""
+    head, none = (ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)()
+    assert ctypes.CDLL(None, use_errno=True).capset(head, none) == 0, os.strerror(
+        ctypes.get_errno()
+    )

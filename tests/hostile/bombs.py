@@ -1,0 +1,194 @@
+"""Files that swell: a few bytes that claim, or become, gigabytes."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+import tifffile
+
+from hostile.attack import Case, hostile
+from hostile.given import (
+    changed,
+    contact_with,
+    grey_tags,
+    pictures,
+    png,
+    process,
+    roi,
+    simulate,
+    stack,
+    tiff,
+    video,
+    write_scene,
+    zeros,
+)
+
+BOMBS: list[Case] = []
+HUGE = 100_000
+
+
+@hostile(BOMBS, "b.tif", "100000 x 100000", "crop it or save it again")
+def tiff_page_of_ten_gigapixels_by_deflate(place: Path) -> list[str]:
+    data = zeros(50)
+    tiff(place / "b.tif", grey_tags(HUGE, HUGE, size=len(data), compression=8).values(), data)
+    return process("b.tif")
+
+
+@hostile(BOMBS, "b.tif", "100000 x 100000", "crop it or save it again")
+def tiff_page_of_ten_gigapixels_by_lzw(place: Path) -> list[str]:
+    data = bytes.fromhex("8000") * 500
+    tiff(place / "b.tif", grey_tags(HUGE, HUGE, size=len(data), compression=5).values(), data)
+    return process("b.tif")
+
+
+@hostile(BOMBS, "b.tif", "100000 x 100000", "crop it or save it again")
+def tiff_page_of_ten_gigapixels_by_zstd(place: Path) -> list[str]:
+    data = bytes.fromhex("28b52ffd") + bytes(500)
+    tiff(place / "b.tif", grey_tags(HUGE, HUGE, size=len(data), compression=50000).values(), data)
+    return process("b.tif")
+
+
+@hostile(BOMBS, "b.tif", "not a readable TIFF", "save it again")
+def tiff_strip_of_zstd_that_is_garbage(place: Path) -> list[str]:
+    data = bytes.fromhex("28b52ffd") + bytes(500)
+    tiff(place / "b.tif", grey_tags(48, 64, size=len(data), compression=50000).values(), data)
+    return process("b.tif")
+
+
+@hostile(BOMBS, "b.tif", "swells", "save it again")
+def tiff_strip_that_swells_beyond_its_page(place: Path) -> list[str]:
+    data = zeros(3000)
+    tiff(place / "b.tif", grey_tags(48, 64, size=len(data), compression=8).values(), data)
+    return process("b.tif")
+
+
+@hostile(BOMBS, "b.tif", "not a readable TIFF", "save it again")
+def tiff_strip_of_lzw_that_is_garbage(place: Path) -> list[str]:
+    data = bytes.fromhex("80ffff55aa00ff13") * 50
+    tiff(place / "b.tif", grey_tags(48, 64, size=len(data), compression=5).values(), data)
+    return process("b.tif")
+
+
+@hostile(BOMBS, "b.png", "10000000000 pixels", "save it again")
+def png_of_ten_gigapixels(place: Path) -> list[str]:
+    png(place / "b.png", HUGE, HUGE, zeros(50))
+    return process("b.png")
+
+
+@hostile(BOMBS, "b.png", "check the file, or save it again")
+def png_that_swells_beyond_its_head(place: Path) -> list[str]:
+    data = zeros(3000)
+    png(place / "b.png", 48, 64, data)
+    text = b"k\0\0" + data  # a compressed note, three gigabytes of it
+    part = struct.pack(">I", len(text)) + b"zTXt" + text
+    part += struct.pack(">I", zlib.crc32(b"zTXt" + text))
+    whole = (place / "b.png").read_bytes()
+    (place / "b.png").write_bytes(whole[:33] + part + whole[33:])
+    return process("b.png")
+
+
+@hostile(BOMBS, "b.avi", "size", "save it again")
+def avi_whose_head_says_thirty_thousand_pixels_square(place: Path) -> list[str]:
+    path = video(place / "b.avi", "rawvideo", "gray")
+    changed(path, b"strf", 12, "<ii", 30_000, 30_000)
+    return process("b.avi")
+
+
+@hostile(BOMBS, "b.mkv", "size", "save it again")
+def mkv_whose_head_says_thirty_thousand_pixels_square(place: Path) -> list[str]:
+    path = video(place / "b.mkv", cols=264, rows=258)
+    data = path.read_bytes()
+    wide, high = b"\xb0\x82\x01\x08", b"\xba\x82\x01\x02"
+    assert data.count(wide) == data.count(high) == 1
+    data = data.replace(wide, b"\xb0\x82" + struct.pack(">H", 30_000))
+    path.write_bytes(data.replace(high, b"\xba\x82" + struct.pack(">H", 30_000)))
+    return process("b.mkv")
+
+
+@hostile(BOMBS, "b.zip", "ROIs need less", "save the areas again")
+def zipped_roi_of_forty_megabytes(place: Path) -> list[str]:
+    with zipfile.ZipFile(place / "b.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.roi", b"Iout" + bytes(40_000_000))
+    return with_mask(place, "b.zip")
+
+
+@hostile(BOMBS, "b.zip", "CRC", "save it again")
+def zipped_roi_whose_directory_lies_about_its_size(place: Path) -> list[str]:
+    with zipfile.ZipFile(place / "b.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.roi", b"Iout" + bytes(50_000_000))
+    data = bytearray((place / "b.zip").read_bytes())
+    for mark, skip in ((b"PK\3\4", 22), (b"PK\1\2", 24)):
+        struct.pack_into("<I", data, data.find(mark) + skip, 100)
+    (place / "b.zip").write_bytes(data)
+    return with_mask(place, "b.zip")
+
+
+@hostile(BOMBS, "b.zip", "not a readable ImageJ ROI", "save it again")
+def zip_in_a_zip_in_a_zip(place: Path) -> list[str]:
+    inner = bytes(10_000_000)
+    for _ in range(5):
+        held = io.BytesIO()
+        with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
+            for copy in range(10):
+                archive.writestr(f"{copy}.zip", inner)
+        inner = held.getvalue()
+    (place / "b.zip").write_bytes(inner)
+    return with_mask(place, "b.zip")
+
+
+@hostile(BOMBS, "b.zip", "2000 ROIs", "are allowed")
+def zip_of_two_thousand_rois(place: Path) -> list[str]:
+    with zipfile.ZipFile(place / "b.zip", "w") as archive:
+        for k in range(2000):
+            archive.writestr(f"{k}.roi", roi())
+    return with_mask(place, "b.zip")
+
+
+@hostile(BOMBS, "b.tif", "entities", "save it again")
+def ome_notes_with_entities_in_entities(place: Path) -> list[str]:
+    tifffile.imwrite(place / "b.tif", pictures(), ome=True, metadata={"axes": "TYX"})
+    entities = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 12))
+    with tifffile.TiffFile(place / "b.tif", mode="r+b") as tif:
+        notes = tif.pages[0].tags["ImageDescription"]
+        bomb = f'<!DOCTYPE a [<!ENTITY e0 "x">{entities}]><OME'
+        notes.overwrite(notes.value.replace("<OME", bomb, 1))
+    return process("b.tif")
+
+
+@hostile(BOMBS, "b.tif", "tell of 999999999 frames and 4 are in it", "copy it again")
+def ome_notes_of_a_thousand_million_frames(place: Path) -> list[str]:
+    tifffile.imwrite(place / "b.tif", pictures(), ome=True, metadata={"axes": "TYX"})
+    with tifffile.TiffFile(place / "b.tif", mode="r+b") as tif:
+        notes = tif.pages[0].tags["ImageDescription"]
+        notes.overwrite(notes.value.replace('SizeT="4"', 'SizeT="999999999"'))
+    return process("b.tif")
+
+
+@hostile(BOMBS, "b.csv", "bytes", "profile")
+def profile_of_a_gigabyte(place: Path) -> list[str]:
+    with open(place / "b.csv", "wb") as file:
+        file.truncate(1_000_000_000)  # a hole: it takes no room
+    contact_with(place, "radius_mm = 24.61", "profile = 'b.csv'")
+    return simulate()
+
+
+@hostile(BOMBS, "b.csv", "bytes")
+def colour_table_of_a_gigabyte(place: Path) -> list[str]:
+    with open(place / "b.csv", "wb") as file:
+        file.truncate(1_000_000_000)
+    tifffile.imwrite(place / "f.tif", np.stack([pictures()] * 3, axis=-1), photometric="rgb")
+    light = "[polariscope]\nlight = 'white'\nwavelength_nm = 550.0\n[camera]\ncolour = true\n"
+    write_scene(place, f"[specimen]\n{light}[frames]\ncolour_table = 'b.csv'\n")
+    return process("f.tif", "wrong.toml")
+
+
+def with_mask(place: Path, name: str) -> list[str]:
+    """Good frames, and a mask of that name."""
+    stack(place / "f.tif")
+    write_scene(place, f"[specimen]\n[frames]\nmask = '{name}'\n")
+    return process("f.tif", "wrong.toml")

@@ -1,0 +1,214 @@
+"""Frames that are files well made, and no recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import tifffile
+
+from hostile.attack import Case, hostile
+from hostile.given import (
+    PLAIN,
+    image,
+    picture,
+    pictures,
+    process,
+    stack,
+    video,
+    without_pyav,
+    write_scene,
+)
+
+PIXELS: list[Case] = []
+
+
+def floats(place: Path, change: slice | tuple, value: float) -> list[str]:
+    """Float frames, fractions of full scale, with some pixels replaced."""
+    frames = pictures().astype(np.float32) / 255
+    frames[change] = value
+    stack(place / "f.tif", frames)
+    return process("f.tif")
+
+
+@hostile(PIXELS, "f.tif[0]", "NaN", "check")
+def every_pixel_nan(place: Path) -> list[str]:
+    return floats(place, np.s_[:], np.nan)
+
+
+@hostile(PIXELS, "f.tif[0]", "check")
+def every_pixel_infinite(place: Path) -> list[str]:
+    return floats(place, np.s_[:], np.inf)
+
+
+@hostile(PIXELS, "f.tif[1]", "NaN", "check")
+def one_frame_of_nan(place: Path) -> list[str]:
+    return floats(place, np.s_[1], np.nan)
+
+
+@hostile(PIXELS, "f.tif[1]", "check")
+def one_frame_of_minus_infinity(place: Path) -> list[str]:
+    return floats(place, np.s_[1], -np.inf)
+
+
+@hostile(PIXELS, "f.tif[0]", "check")
+def every_pixel_negative(place: Path) -> list[str]:
+    return floats(place, np.s_[:], -0.5)
+
+
+@hostile(PIXELS, "f.tif[0]", "bit_depth")
+def fractions_beyond_every_scale(place: Path) -> list[str]:
+    return floats(place, np.s_[:, 3, 4], 1e38)
+
+
+@hostile(PIXELS, "f.tif")
+def pixels_of_complex_numbers(place: Path) -> list[str]:
+    tifffile.imwrite(place / "f.tif", pictures().astype(np.complex64), photometric="minisblack")
+    return process("f.tif")
+
+
+@hostile(PIXELS, "f.tif", "int16", "save them as")
+def pixels_with_a_sign(place: Path) -> list[str]:
+    stack(place / "f.tif", pictures().astype(np.int16) - 200)
+    return process("f.tif")
+
+
+@hostile(PIXELS, "f.tif[0]", "constant", "check")
+def constant_frames(place: Path) -> list[str]:
+    stack(place / "f.tif", np.full((3, 48, 64), 90, np.uint8))
+    return process("f.tif")
+
+
+@hostile(PIXELS, "f.tif", "check")
+def frame_of_one_pixel(place: Path) -> list[str]:
+    stack(place / "f.tif", picture()[None, :1, :1])
+    return process("f.tif")
+
+
+@hostile(PIXELS, "frame 1", "20 x 64", "remove or crop the odd one")
+def pages_of_two_sizes(place: Path) -> list[str]:
+    with tifffile.TiffWriter(place / "f.tif") as tif:
+        for rows in (48, 20):
+            tif.write(picture(rows=rows), metadata=None)
+    return process("f.tif")
+
+
+@hostile(PIXELS, "frame 1", "colour", "save all frames alike")
+def colour_page_among_grey_ones(place: Path) -> list[str]:
+    with tifffile.TiffWriter(place / "f.tif") as tif:
+        tif.write(picture(), metadata=None)
+        tif.write(np.dstack([picture()] * 3), photometric="rgb", metadata=None)
+    return process("f.tif")
+
+
+@hostile(PIXELS, "frame 1", "uint16", "save all frames alike")
+def deep_page_among_shallow_ones(place: Path) -> list[str]:
+    with tifffile.TiffWriter(place / "f.tif") as tif:
+        tif.write(picture(), metadata=None)
+        tif.write(picture().astype(np.uint16) * 257, metadata=None)
+    return process("f.tif")
+
+
+def folder(place: Path, odd: np.ndarray, suffix: str = ".png") -> list[str]:
+    """A folder of three images, the last another one."""
+    (place / "d").mkdir()
+    for k, frame in enumerate((picture(0), odd)):
+        image(place / "d" / f"{k}{suffix}", frame)
+    return process("d")
+
+
+@hostile(PIXELS, "1.png", "20 x 64", "remove or crop the odd one")
+def image_of_another_size_in_a_folder(place: Path) -> list[str]:
+    return folder(place, picture(rows=20))
+
+
+@hostile(PIXELS, "1.png", "colour", "save all frames alike")
+def colour_image_among_grey_ones(place: Path) -> list[str]:
+    return folder(place, np.dstack([picture()] * 3))
+
+
+@hostile(PIXELS, "1.png", "uint16", "save all frames alike")
+def deep_image_among_shallow_ones(place: Path) -> list[str]:
+    return folder(place, picture().astype(np.uint16) * 257)
+
+
+@hostile(PIXELS, "holds no image", "name a folder with frames")
+def folder_without_an_image(place: Path) -> list[str]:
+    (place / "d").mkdir()
+    (place / "d" / "notes.txt").write_text("no image")
+    return process("d")
+
+
+def two_sizes(
+    place: Path,
+    name: str,
+    codec: str,
+    pixels: str,
+) -> list[str]:
+    """A video of which the last frames have another size, as by joining two without decoding."""
+    import av
+
+    big = video(place / f"big{name}", codec, pixels, count=1)
+    small = video(place / f"small{name}", codec, pixels, count=2, rows=32, cols=48)
+    with av.open(str(place / name), "w") as out:
+        made, tick = None, 0
+        for part in (big, small):
+            with av.open(str(part)) as given:
+                source = given.streams.video[0]
+                made = made or out.add_stream_from_template(source)
+                for packet in given.demux(source):
+                    if packet.size:
+                        packet.stream, packet.time_base = made, source.time_base
+                        step = round(1 / (10 * float(source.time_base)))
+                        packet.pts = packet.dts = tick * step
+                        tick += 1
+                        out.mux(packet)
+    big.unlink()
+    small.unlink()
+    return process(name)
+
+
+@hostile(PIXELS, "v.avi", "frame 1 is 32 x 48", "remove or crop the odd one")
+def mjpeg_whose_frames_change_size(place: Path) -> list[str]:
+    return two_sizes(place, "v.avi", "mjpeg", "yuvj420p")
+
+
+@hostile(PIXELS, "v.mkv", "frame 1", "remove or crop")
+def mkv_of_two_joined_recordings(place: Path) -> list[str]:
+    return two_sizes(place, "v.mkv", "mjpeg", "yuvj420p")
+
+
+@hostile(PIXELS, "v.avi", "isochrome[video]", inside=without_pyav)
+def mjpeg_whose_frames_change_size_without_pyav(place: Path) -> list[str]:
+    return two_sizes(place, "v.avi", "mjpeg", "yuvj420p")
+
+
+@hostile(PIXELS, "2.mkv", "must be alike")
+def recording_in_files_of_two_sizes(place: Path) -> list[str]:
+    (place / "d").mkdir()
+    video(place / "d" / "1.mkv", count=2)
+    video(place / "d" / "2.mkv", count=2, rows=32)
+    return process("d")
+
+
+@hostile(PIXELS, "v.mkv", "has no time", "sliding_speed", slow=True)
+def time_stamps_that_go_backwards_where_distances_are_wanted(place: Path) -> list[str]:
+    from hostile.given import CONTACT
+
+    path = video(place / "v.mkv", rows=48, cols=64)
+    data = bytearray(path.read_bytes())
+    mark = b"\x81" + (300).to_bytes(2, "big")
+    assert data.count(mark) == 1
+    data[data.find(mark) + 1 : data.find(mark) + 3] = (150).to_bytes(2, "big")
+    path.write_bytes(data)
+    write_scene(place, CONTACT + "[frames]\nsliding_speed_mm_per_s = 257.7\n")
+    return process("v.mkv", "wrong.toml")
+
+
+@hostile(PIXELS, "f.tif", "is a video", "name the ones wanted")
+def recording_of_a_video_and_an_image(place: Path) -> list[str]:
+    (place / "d").mkdir()
+    video(place / "d" / "1.mkv", count=2)
+    image(place / "d" / "f.tif")
+    write_scene(place, PLAIN)
+    return process("d")

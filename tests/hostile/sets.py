@@ -1,0 +1,211 @@
+"""Calibration sets, regions and what earlier runs have left, damaged or forged."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from hostile.attack import Case, hostile
+from hostile.bombs import with_mask
+from hostile.given import (
+    BENDING,
+    CONTACT,
+    image,
+    picture,
+    process,
+    roi,
+    simulate,
+    stack,
+    write_scene,
+)
+
+SETS: list[Case] = []
+
+
+def calibrate(place: Path, old: str, new: str) -> list[str]:
+    """A calibration set of a beam with a line changed, and its image."""
+    assert BENDING.count(old) == 1, old
+    image(place / "a.png")
+    write_scene(place, BENDING.replace(old, new), "set.toml")
+    return ["calibrate", "bending", "set.toml", "--out", "out"]
+
+
+def wrong_set(name: str, old: str, new: str, *says: str, code: int = 2) -> None:
+    SETS.append(Case(lambda place: calibrate(place, old, new), says, code=code, label=name))
+
+
+wrong_set("set whose image is missing", "a.png", "gone.png", "gone.png", "no such file")
+wrong_set("set whose image is a device", "a.png", "/dev/zero", "/dev/zero", "cannot be read")
+wrong_set("set of an image of no name", "a.png", "", "file", "correct it")
+wrong_set("set of an infinite load", "load_n = 150.0", "load_n = inf", "load_n", "correct it")
+wrong_set("set of a load of 1e308", "load_n = 150.0", "load_n = 1e308", "load_n", "correct it")
+wrong_set("set of spans swapped", "inner_span_mm = 40.0", "inner_span_mm = 140.0", "swapped")
+wrong_set("set of a height of 1e-300", "height_mm = 20.0", "height_mm = 1e-300", "height_mm")
+wrong_set("set of a height of 1e300", "height_mm = 20.0", "height_mm = 1e300", "height_mm")
+wrong_set("set of 5000 digits", "load_n = 150.0", f"load_n = {'9' * 5000}", "set.toml")
+wrong_set("set that is no beam", "[beam]", "[beem]", "beem", "beam")
+wrong_set("set of a pixel as large as the beam", "= 0.5", "= 50.0", "a.png", "mm", code=3)
+
+
+@hostile(SETS, "a.png", "constant")
+def set_whose_image_is_constant(place: Path) -> list[str]:
+    arguments = calibrate(place, "a.png", "a.png")
+    image(place / "a.png", np.full((48, 64), 90, np.uint8))
+    return arguments
+
+
+@hostile(SETS, "set.toml", "larger than", "settings file")
+def set_of_a_hundred_megabytes(place: Path) -> list[str]:
+    with open(place / "set.toml", "wb") as file:
+        file.truncate(100_000_001)
+    return ["calibrate", "disc", "set.toml", "--out", "out"]
+
+
+@hostile(SETS, "m.roi", "not a readable ImageJ ROI", "save it again")
+def region_file_of_garbage(place: Path) -> list[str]:
+    (place / "m.roi").write_bytes(os.urandom(500))
+    return with_mask(place, "m.roi")
+
+
+@hostile(SETS, "m.roi", "save it again")
+def region_file_that_claims_more_corners_than_it_has(place: Path) -> list[str]:
+    data = bytearray(roi())
+    data[16:18] = (60_000).to_bytes(2, "big")
+    (place / "m.roi").write_bytes(data)
+    return with_mask(place, "m.roi")
+
+
+@hostile(SETS, "m.zip", "not a readable ImageJ ROI", "save it again")
+def region_archive_cut_in_half(place: Path) -> list[str]:
+    with zipfile.ZipFile(place / "m.zip", "w") as archive:
+        archive.writestr("a.roi", roi())
+    data = (place / "m.zip").read_bytes()
+    (place / "m.zip").write_bytes(data[: len(data) // 2])
+    return with_mask(place, "m.zip")
+
+
+@hostile(SETS, "m.zip", "holds no ROI", "ROI manager")
+def region_archive_of_nothing(place: Path) -> list[str]:
+    zipfile.ZipFile(place / "m.zip", "w").close()
+    return with_mask(place, "m.zip")
+
+
+@hostile(SETS, "m.zip", "no such file", "check its name")
+def region_archive_that_is_a_pipe(place: Path) -> list[str]:
+    os.mkfifo(place / "m.zip")
+    return with_mask(place, "m.zip")
+
+
+@hostile(SETS, "m.png", "no pixel that is 0", "remove the key")
+def mask_of_the_whole_frame(place: Path) -> list[str]:
+    image(place / "m.png", np.full((48, 64), 255, np.uint8))
+    return with_mask(place, "m.png")
+
+
+@hostile(SETS, "m.png", "make the mask of one of these sizes")
+def mask_of_another_size(place: Path) -> list[str]:
+    image(place / "m.png", (picture(rows=20) > 128).astype(np.uint8))
+    return with_mask(place, "m.png")
+
+
+def profile(name: str, text: str, *says: str) -> None:
+    def make(place: Path) -> list[str]:
+        (place / "p.csv").write_text(text, "utf-8")
+        write_scene(place, CONTACT.replace("radius_mm = 24.61", "profile = 'p.csv'"))
+        return simulate()
+
+    SETS.append(Case(make, says, label=name))
+
+
+profile("profile of no rows", "x_mm,gap_mm\n", "p.csv", "three rows or more")
+profile("profile of NaN", "x_mm,gap_mm\n0,nan\n1,0\n2,1\n", "p.csv", "finite")
+profile("profile of text", "x_mm,gap_mm\n0,a\n1,b\n2,c\n", "p.csv", "numbers in all rows")
+profile("profile that goes back", "x_mm,gap_mm\n0,1\n2,0\n1,1\n", "p.csv", "rising x_mm")
+profile("profile of NULs", "\0" * 500, "p.csv", "x_mm")
+
+
+@hostile(SETS, "p.csv", "is not a file", "itself")
+def profile_that_is_a_pipe(place: Path) -> list[str]:
+    os.mkfifo(place / "p.csv")
+    write_scene(place, CONTACT.replace("radius_mm = 24.61", "profile = 'p.csv'"))
+    return simulate()
+
+
+def finished(place: Path) -> Path:
+    """What a run of `process` has left in `old`, and a scene and frames for another."""
+    from hostile.attack import run
+
+    stack(place / "f.tif", picture(rows=16, cols=16)[None])
+    ended = run(place, [*process("f.tif")[:-1], "old"])
+    assert ended.code == 0, ended.err
+    return place / "old"
+
+
+def compare(place: Path) -> list[str]:
+    return ["compare", "old", "old", "--out", "out"]
+
+
+def export(place: Path) -> list[str]:
+    return ["export", "old", "--to", "csv", "--out", "out"]
+
+
+@hostile(SETS, "old", "run.zarr", "name a folder that", slow=True)
+def export_of_a_run_without_its_store(place: Path) -> list[str]:
+    shutil.rmtree(finished(place) / "run.zarr")
+    return export(place)
+
+
+@hostile(SETS, "run.zarr", "run the command again")
+def export_of_a_run_whose_store_is_garbage(place: Path) -> list[str]:
+    (finished(place) / "run.zarr" / "zarr.json").write_bytes(b"\xff{garbage")
+    return export(place)
+
+
+@hostile(SETS, "run.zarr", "run the command again", slow=True)
+def export_of_a_run_one_of_whose_columns_is_garbage(place: Path) -> list[str]:
+    (finished(place) / "run.zarr" / "chi" / "zarr.json").write_bytes(b"[]")
+    return export(place)
+
+
+@hostile(SETS, "run.zarr", "run the command again", slow=True)
+def export_of_a_run_one_of_whose_chunks_is_cut(place: Path) -> list[str]:
+    file = finished(place) / "run.zarr" / "normalised" / "c" / "0" / "0" / "0"
+    file.write_bytes(file.read_bytes()[:50])
+    return ["export", "old", "--to", "tiff", "--out", "out"]
+
+
+@hostile(SETS, "run.zarr", "run the command again", slow=True)
+def export_of_a_run_that_claims_a_thousand_million_frames(place: Path) -> list[str]:
+    store = finished(place) / "run.zarr"
+    for name in ("normalised", "chi", "frame"):
+        file = store / name / "zarr.json"
+        found = json.loads(file.read_text("utf-8"))
+        found["shape"][0] = 10**9
+        file.write_text(json.dumps(found), "utf-8")
+    return ["export", "old", "--to", "csv", "--out", "out"]
+
+
+@hostile(SETS, "normalised.tif", "not a readable TIFF", "copy it again", slow=True)
+def comparison_with_a_run_whose_maps_are_garbage(place: Path) -> list[str]:
+    for file in finished(place).glob("*.tif"):
+        file.write_bytes(b"II*\0garbage")
+    return compare(place)
+
+
+@hostile(SETS, "old/", "no provenance.json", "move it away")
+def results_over_a_run_whose_record_is_garbage(place: Path) -> list[str]:
+    (finished(place) / "provenance.json").write_bytes(b"\xff[")
+    write_scene(place, "[specimen]\nthickness_mm = 4.0\n")
+    return [*process("f.tif", "wrong.toml")[:-1], "old"]
+
+
+@hostile(SETS, "old/", "no provenance.json", "move it away", slow=True)
+def results_over_a_run_whose_record_names_no_files(place: Path) -> list[str]:
+    (finished(place) / "provenance.json").write_text('{"outputs": [1, {"a": 2}]}')
+    write_scene(place, "[specimen]\nthickness_mm = 4.0\n")
+    return [*process("f.tif", "wrong.toml")[:-1], "old"]
