@@ -118,7 +118,8 @@ def print_json(values: Any) -> None:
 def print_warnings(warnings: list[str]) -> None:
     """Warnings on standard error, a line each."""
     for warning in warnings:
-        typer.echo(f"warning: {warning}", err=True)
+        line = " ".join(warning.splitlines())  # names of files may hold a new line
+        typer.echo(f"warning: {line}", err=True)
 
 
 def print_calibration(result: Any) -> None:

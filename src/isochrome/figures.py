@@ -32,6 +32,8 @@ LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"
 """Okabe and Ito's colours, told apart by colour-blind readers too."""
 
 TEXT_PT, TITLE_PT, TICK_PT = 9.5, 10.5, 8.5
+LONGEST_NAME = 48
+"""Letters of a file's name in a title."""
 _HATCH_COLOUR = "#c4c4c4"
 
 
@@ -64,6 +66,17 @@ def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str =
         axes.set_title(title, fontsize=TITLE_PT, loc="left")
     for spine in axes.spines.values():
         spine.set_linewidth(0.7)
+
+
+def plain_name(name: str, longest: int = LONGEST_NAME) -> str:
+    """A file's name as a title may hold it: in one line, not too long, and no formula.
+
+    Parameters: `name`; `longest`, letters that there is room for. Returns it, too long without its
+    middle.
+    """
+    line, half = " ".join(name.splitlines()), (longest - 1) // 2
+    short = line if len(line) <= longest else f"{line[:half]}…{line[-half:]}"
+    return short.replace("$", r"\$")
 
 
 def show_image(

@@ -115,7 +115,4 @@ def foot_text(lines: bool, shown: int, count: int, pixel_mm: float | None) -> st
 
 def short(label: str) -> str:
     """Cut a long label in its middle."""
-    if len(label) <= _LABEL_LENGTH:
-        return label
-    half = (_LABEL_LENGTH - 1) // 2
-    return f"{label[:half]}…{label[-half:]}"
+    return figures.plain_name(label, _LABEL_LENGTH)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome.figures import DIFFERENCE_MAP, FRAME_MAP, new_figure, show_image
+from isochrome.figures import DIFFERENCE_MAP, FRAME_MAP, new_figure, plain_name, show_image
 from isochrome.fit.explain import explain_frame
 from isochrome.fit.frame_set import FrameSet
 from isochrome.scene import Scene
@@ -47,5 +47,5 @@ def fit_figure(name: str, frames: FrameSet, scenes: tuple[Scene, ...]) -> Figure
             row[2], left, cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, title=f"chi = {seen.chi:.2f}",
             colour_label="(captured - fitted) / noise", **place,
         )  # fmt: skip
-    figure.suptitle(f"{name}: fit to the intensity", fontsize=11)
+    figure.suptitle(f"{plain_name(name)}: fit to the intensity", fontsize=11)
     return figure

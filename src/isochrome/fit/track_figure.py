@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome.figures import LINE_COLOURS, new_figure, style_axes
+from isochrome.figures import LINE_COLOURS, new_figure, plain_name, style_axes
 from isochrome.fit.over_distance import BAND
 
 if TYPE_CHECKING:
@@ -47,5 +47,5 @@ def track_figure(name: str, result: Track) -> Figure:
     axes[-1].plot(x[again], result.chi[again], "o", mfc="none", color=LINE_COLOURS[1], ms=5)
     across = "sliding distance (m)" if slid else "frame"
     style_axes(axes[-1], x_label=across, z_label="chi", title="circles: found by a full search")
-    figure.suptitle(f"{name}: tracked values, band ± {BAND:g} standard uncertainties")
+    figure.suptitle(f"{plain_name(name)}: tracked values, band ± {BAND:g} standard uncertainties")
     return figure

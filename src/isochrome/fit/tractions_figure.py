@@ -14,6 +14,7 @@ from isochrome.figures import (
     LINE_COLOURS,
     centred_limit,
     new_figure,
+    plain_name,
     show_image,
     style_axes,
 )
@@ -60,7 +61,7 @@ def tractions_figure(
         _draw_tractions(axes[0, 0], one, scene, f"frame {i}: tractions on the specimen")
         _draw_residual(axes[0, 1], wanted[i], one, scene, stress)
         _draw_principal(axes[1], one, stress)
-    figure.suptitle(f"{name}: pressure and shear without a contact model", fontsize=11)
+    figure.suptitle(f"{plain_name(name)}: pressure and shear without a contact model", fontsize=11)
     return figure
 
 

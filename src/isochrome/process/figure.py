@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome.figures import FRAME_MAP, LINE_COLOURS, VALUE_MAP, new_figure, show_image
+from isochrome.figures import (
+    FRAME_MAP,
+    LINE_COLOURS,
+    VALUE_MAP,
+    new_figure,
+    plain_name,
+    show_image,
+)
 from isochrome.fringes.skeleton import Skeleton, order_contours
 from isochrome.scene import Scene
 
@@ -54,7 +61,7 @@ def process_figure(scene: Scene, items: list[Shown]) -> Figure:
     note = draw_frames(figure, items)
     what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
     what += ", residual stress taken out" if scene.frames.no_load_steps else ""
-    figure.suptitle(f"{scene.name}: {what}; {note}", fontsize=11)
+    figure.suptitle(f"{plain_name(scene.name)}: {what}; {note}", fontsize=11)
     return figure
 
 
@@ -89,7 +96,8 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
         place = _place(item)
         ax = axes[k, 0] if read else axes.flat[k]
         judged = item.order is not None and np.isfinite(item.chi)  # no model, no chi
-        title = f"{item.label}: chi = {item.chi:.2f}" if judged else item.label
+        name = plain_name(item.label)
+        title = f"{name}: chi = {item.chi:.2f}" if judged else name
         show_image(
             ax, np.clip(item.normalised, -0.05, 1.05), cmap=FRAME_MAP, vmin=0, vmax=1,
             title=title, **place,

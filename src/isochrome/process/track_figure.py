@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.figures import LINE_COLOURS, new_figure, style_axes
+from isochrome.figures import LINE_COLOURS, new_figure, plain_name, style_axes
 from isochrome.fit.over_distance import BAND
 from isochrome.process.figure import Shown, draw_frames, frames_size
 from isochrome.process.processed import PICTURE
@@ -57,7 +57,9 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
         fontsize=10,
     )
     right.suptitle(f"key frames, normalised; {draw_frames(right, items)}", fontsize=10)
-    figure.suptitle(f"{scene.name}: {len(x)} frames, {int(whole.sum())} of them key frames")
+    figure.suptitle(
+        f"{plain_name(scene.name)}: {len(x)} frames, {int(whole.sum())} of them key frames"
+    )
     return figure
 
 

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome.figures import FRAME_MAP, LINE_COLOURS, new_figure, show_image, style_axes
+from isochrome.figures import (
+    FRAME_MAP,
+    LINE_COLOURS,
+    new_figure,
+    plain_name,
+    show_image,
+    style_axes,
+)
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid
 
@@ -60,7 +67,7 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
             lower.legend(handles, labels, fontsize=8, frameon=False, loc="outside right center")
     steps = len(scene.polariscope.step)
     which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
-    upper.suptitle(f"{scene.name}, simulated ({which})", fontsize=11)
+    upper.suptitle(f"{plain_name(scene.name)}, simulated ({which})", fontsize=11)
     return figure
 
 

@@ -11,6 +11,7 @@ from isochrome.figures import (
     add_colour_bar,
     centred_limit,
     new_figure,
+    plain_name,
     show_image,
 )
 from isochrome.scene import Scene
@@ -65,7 +66,9 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
         bar = add_colour_bar(drawn, label, axes=list(axes[: len(items)]), extend=extend)
         bar.ax.set_ylim(max(low, -limit), min(high, limit))
     marks = "× largest shear" + (", ▼ edges of contact" if scene.model == "contact" else "")
-    figure.suptitle(f"{scene.name}, simulated: principal stresses\n{marks}", fontsize=11)
+    figure.suptitle(
+        f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}", fontsize=11
+    )
     return figure
 
 
