@@ -243,7 +243,7 @@ def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
     # a few standard uncertainties of 0.007 N
     assert load[[0, 1, 2, 3, 7]] == pytest.approx([44.0, 44.0, 70.0, 70.0, 44.0], abs=0.03)
     assert set(found.warnings) == {
-        "frames 2, 7: the track was lost, and found again by a full search",
+        "frames 2, 7: there was no track to follow: found by a full search",
         "frames 4-6: the scene's fringes are not in this frame",
     }
     # neither a key frame, nor a frame that shows what was searched in vain, is searched anew
@@ -251,6 +251,25 @@ def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
     with open_run(place / "out") as dataset:
         status = dataset.status.values.tolist()
     assert [s == "flagged" for s in status] == [k in (2, 4, 5, 6, 7) for k in range(8)]
+
+
+@pytest.mark.long
+def test_a_recording_that_begins_without_a_load_has_values_from_where_it_shows_one(tmp_path):
+    frames = film(contact(), {LOAD: [44.0] * 8}, 7)
+    light = contact().camera.background * 255
+    rng = np.random.default_rng(8)
+    frames[:4] = np.clip(rng.normal(light, 3.0, (4, *SHAPE)), 0, 255).astype(np.uint8)
+    place = save(tmp_path / "film", frames)
+    found = process(place / "film.tif", place / "scene.toml", place / "out", track=True, every=3)
+    load = numbers(found.table[LOAD])
+    assert np.isnan(load[:4]).all()
+    assert load[4:] == pytest.approx([44.0] * 4, abs=0.03)  # a few standard uncertainties
+    assert found.table["found_by"] == [
+        "nothing", "nothing", "nothing", "nothing", "search", "track", "whole frame", "track",
+    ]  # fmt: skip
+    assert found.fitted.load.normal_n == pytest.approx(44.0, abs=0.03)
+    order = tifffile.imread(place / "out" / "fringe_order.tif")
+    assert np.isnan(order[:2]).all() and np.isfinite(order[2]).mean() > 0.9
 
 
 @pytest.mark.long

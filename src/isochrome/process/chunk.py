@@ -12,9 +12,11 @@ import numpy as np
 from isochrome.fringes.skeleton import Skeleton, skeleton_table
 from isochrome.output import csv_text
 from isochrome.output.roi import add_rois, roi_entries
+from isochrome.process.course import is_told
+from isochrome.process.followed import NOTHING, WHOLE, FollowedFrame
 from isochrome.process.recipe import Recipe, opened
 from isochrome.process.result import ProcessedFrame
-from isochrome.process.tracked import NOTHING, WHOLE, FollowedFrame, tracked_states
+from isochrome.process.tracked import tracked_states
 from isochrome.runs import Layer, Results
 from isochrome.scene import Scene
 
@@ -82,8 +84,8 @@ def row_of(item: ProcessedFrame | FollowedFrame, recipe: Recipe) -> dict[str, An
     row = item.row()
     if recipe.every is None or isinstance(item, FollowedFrame):
         return row
-    told = item.reading is not None and item.fit is not None
-    own = {"picture": item.index // recipe.every, "found_by": WHOLE if told else NOTHING}
+    found_by = WHOLE if is_told(item) else NOTHING
+    own = {"picture": item.index // recipe.every, "found_by": found_by}
     return {name: row[name] for name in ("frame", "name", "label")} | own | row
 
 

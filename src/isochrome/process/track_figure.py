@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from isochrome.figures import LINE_COLOURS, new_figure, plain_name, style_axes
 from isochrome.fit.over_distance import BAND
 from isochrome.process.figure import Shown, draw_frames, frames_size
+from isochrome.process.followed import SEARCHED
 from isochrome.process.processed import PICTURE
 from isochrome.process.result import SPREAD
-from isochrome.process.tracked import SEARCHED
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
