@@ -46,7 +46,7 @@ def one_frame_of_nan(place: Path) -> list[str]:
     return floats(place, np.s_[1], np.nan)
 
 
-@hostile(PIXELS, "f.tif[1]", "check")
+@hostile(PIXELS, "f.tif[1]", "check", slow=True)
 def one_frame_of_minus_infinity(place: Path) -> list[str]:
     return floats(place, np.s_[1], -np.inf)
 
@@ -101,7 +101,7 @@ def colour_page_among_grey_ones(place: Path) -> list[str]:
     return process("f.tif")
 
 
-@hostile(PIXELS, "frame 1", "uint16", "save all frames alike")
+@hostile(PIXELS, "frame 1", "uint16", "save all frames alike", slow=True)
 def deep_page_among_shallow_ones(place: Path) -> list[str]:
     with tifffile.TiffWriter(place / "f.tif") as tif:
         tif.write(picture(), metadata=None)
@@ -122,12 +122,12 @@ def image_of_another_size_in_a_folder(place: Path) -> list[str]:
     return folder(place, picture(rows=20))
 
 
-@hostile(PIXELS, "1.png", "colour", "save all frames alike")
+@hostile(PIXELS, "1.png", "colour", "save all frames alike", slow=True)
 def colour_image_among_grey_ones(place: Path) -> list[str]:
     return folder(place, np.dstack([picture()] * 3))
 
 
-@hostile(PIXELS, "1.png", "uint16", "save all frames alike")
+@hostile(PIXELS, "1.png", "uint16", "save all frames alike", slow=True)
 def deep_image_among_shallow_ones(place: Path) -> list[str]:
     return folder(place, picture().astype(np.uint16) * 257)
 
@@ -173,7 +173,7 @@ def mjpeg_whose_frames_change_size(place: Path) -> list[str]:
     return two_sizes(place, "v.avi", "mjpeg", "yuvj420p")
 
 
-@hostile(PIXELS, "v.mkv", "frame 1", "remove or crop")
+@hostile(PIXELS, "v.mkv", "frame 1", "remove or crop", slow=True)
 def mkv_of_two_joined_recordings(place: Path) -> list[str]:
     return two_sizes(place, "v.mkv", "mjpeg", "yuvj420p")
 

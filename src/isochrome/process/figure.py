@@ -61,7 +61,7 @@ def process_figure(scene: Scene, items: list[Shown]) -> Figure:
     note = draw_frames(figure, items)
     what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
     what += ", residual stress taken out" if scene.frames.no_load_steps else ""
-    figure.suptitle(f"{plain_name(scene.name)}: {what}; {note}", fontsize=11)
+    figure.suptitle(f"{plain_name(scene.name, 24)}: {what}; {note}", fontsize=11)
     return figure
 
 
