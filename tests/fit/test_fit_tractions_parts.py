@@ -91,9 +91,7 @@ def test_a_bent_field_shifts_the_order_of_the_mean_light(blur):
     weight = np.exp(-0.5 * (reach / max(blur, 1e-3)) ** 2)
     col, offset = np.meshgrid(across, reach)
     row = 18.5 + 4.0 * ((np.arange(40) + 0.5) / 40 - 0.5)
-    light = [
-        np.sum(weight[:, None] * np.exp(2j * np.pi * field(one, col + offset))) for one in row
-    ]
+    light = [np.sum(weight[:, None] * np.exp(2j * np.pi * field(one, col + offset))) for one in row]
     mean = np.angle(np.sum(light)) / (2.0 * np.pi)
     shift = bin_averaging(order, bins, blur).shift[0]
     # the next order is (2 pi g s)² of the shift, one or two per cent

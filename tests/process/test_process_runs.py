@@ -17,6 +17,7 @@ import tifffile
 import isochrome
 from isochrome import open_run
 from isochrome.errors import InputError
+from isochrome.frames import FrameReader
 from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
 
@@ -43,6 +44,22 @@ def order_of(index):
     """The order drawn in frame `index`: 0 in the left column, rising to the right."""
     col = np.arange(COLS) + np.zeros((ROWS, 1))
     return 2.2 * (col / COLS) ** 2 * (1 + 0.2 * np.sin(index))
+
+
+def test_a_bad_frame_is_said_while_the_next_one_is_still_read(tmp_path, monkeypatch):
+    make_set(tmp_path, 3)
+    film = tifffile.imread(tmp_path / "film.tif")
+    film[0] = 255
+    write_tiff(tmp_path / "film.tif", film)
+    prepare = FrameReader._prepare
+
+    def slowly(reader, raw, index):
+        time.sleep(0.3 * index)
+        return prepare(reader, raw, index)
+
+    monkeypatch.setattr(FrameReader, "_prepare", slowly)
+    with pytest.raises(InputError, match="all white"):
+        process(tmp_path / "film.tif", tmp_path / "scene.toml", tmp_path / "out")
 
 
 def make_set(folder, count, *, known=False):

@@ -107,8 +107,8 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     side = 2 * HALF + 1
     if min(wave.shape) < side:
         raise InputError(
-            f"fringes can be followed in {side} x {side} pixels at least, not in {wave.shape}; take "
-            "a larger region, or smaller pixels"
+            f"fringes can be followed in {side} x {side} pixels at least, not in {wave.shape}; "
+            "take a larger region, or smaller pixels"
         )
     dy, dx, window = offsets()
     rows, cols = middles(wave.shape[0]), middles(wave.shape[1])

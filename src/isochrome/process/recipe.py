@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -161,6 +162,15 @@ def close_kept() -> None:
     if kept is not None:
         kept.close()
         _KEPT.set = None
+
+
+@contextmanager
+def keeping_none() -> Iterator[None]:
+    """Close what was opened in the block, before the reader that it reads from is closed."""
+    try:
+        yield
+    finally:
+        close_kept()
 
 
 def state_of(scene: Scene, frame: Frame) -> tuple[Scene, str, float]:

@@ -27,7 +27,7 @@ from isochrome.process.colour import check_colour
 from isochrome.process.folder import finish_folder
 from isochrome.process.inputs import identity_of, set_pixel
 from isochrome.process.processed import Processed, collect, restore, tabulate
-from isochrome.process.recipe import OpenSet, Recipe, close_kept, opened
+from isochrome.process.recipe import OpenSet, Recipe, keeping_none, opened
 from isochrome.process.result import ProcessedFrame
 from isochrome.process.tracked import EVERY, check_tracked, tracked_states
 from isochrome.progress import RunProgress, Tally
@@ -89,30 +89,27 @@ def process(
     if out is not None:
         working_folder(Path(out))  # no place for results: to be said before anything is read
     frames = frames if isinstance(frames, str | Path) else tuple(frames)
-    try:
-        with single_threaded(), open_scene_frames(frames, scene) as reader:
-            scene = with_file_scale(scene, reader)
-            files = input_files(reader, scene)
-            if cluster is not None:
-                frames, scene = absolute(frames, scene)
-                reader = open_scene_frames(frames, scene)
-            every = (every or EVERY) if track else None
-            recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going, every)
-            if out is not None and not restart and _is_done(Path(out), recipe, files):
-                return restore(scene, Path(out), reader.shape, opened(recipe).residual)
-            count = reader.count(decode=every is None)
-            _check_set(scene, reader, count)
-            if every is not None:
-                check_tracked(scene, reader.shape, every)
-            source = opened(recipe)
-            if out is None:
-                return _in_memory(source, count // recipe.steps, progress)
-            means = Means(workers, cluster, restart, keep_going)
-            identity = identity_of(recipe, files)
-            layout = _layout(source, count // recipe.steps)
-            return _to_folder(source, identity, layout, Path(out), means, progress)
-    finally:
-        close_kept()
+    with single_threaded(), open_scene_frames(frames, scene) as reader, keeping_none():
+        scene = with_file_scale(scene, reader)
+        files = input_files(reader, scene)
+        if cluster is not None:
+            frames, scene = absolute(frames, scene)
+            reader = open_scene_frames(frames, scene)
+        every = (every or EVERY) if track else None
+        recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going, every)
+        if out is not None and not restart and _is_done(Path(out), recipe, files):
+            return restore(scene, Path(out), reader.shape, opened(recipe).residual)
+        count = reader.count(decode=every is None)
+        _check_set(scene, reader, count)
+        if every is not None:
+            check_tracked(scene, reader.shape, every)
+        source = opened(recipe)
+        if out is None:
+            return _in_memory(source, count // recipe.steps, progress)
+        means = Means(workers, cluster, restart, keep_going)
+        identity = identity_of(recipe, files)
+        layout = _layout(source, count // recipe.steps)
+        return _to_folder(source, identity, layout, Path(out), means, progress)
 
 
 def _is_done(out: Path, recipe: Recipe, files: Sequence[Path]) -> bool:
