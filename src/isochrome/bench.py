@@ -92,7 +92,8 @@ class TrackRow:
     `film`, its kind of file; `workers`; `frames`, and how many a second by the clock; `cpu_ms`,
     processor time of a frame, and the shares of it that `reading` and `writing` took (NaN: spent in
     other processes); `load_error`, relative, and `pull`, error over standard uncertainty, both root
-    mean square.
+    mean square; `apart_per_s`, frames a second of as many runs of one worker each at the same time,
+    which share nothing but the machine (NaN: not measured).
     """
 
     film: str
@@ -104,6 +105,7 @@ class TrackRow:
     writing: float
     load_error: float
     pull: float
+    apart_per_s: float = float("nan")
 
 
 @dataclass(frozen=True)
