@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -161,8 +162,9 @@ def _to_last_digit(value: float, spread: float) -> str:
     return f"{value:#.{min(max(digits, 2), 15)}g}"
 
 
-def print_columns(table: dict[str, list[Any]], names: Any) -> None:
-    """Some columns of a table, a row a frame."""
+def print_columns(table: dict[str, list[Any]], names: Any = None) -> None:
+    """Some columns of a table, a row a frame; all of them where none are named."""
+    names = list(table) if names is None else names
     rows = list(zip(*(table[name] for name in names), strict=True))
     print_rows(tuple(names), [tuple(_cell(value) for value in row) for row in rows])
 
@@ -171,6 +173,12 @@ def _cell(value: Any) -> str:
     if value is None or value != value:
         return "-"
     return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def print_place(out: Path, *, already: bool) -> None:
+    """Where the results are; `already`, that an earlier run had left them all."""
+    done = " (complete already; --restart computes them anew)" if already else ""
+    typer.echo(f"results: {out}{done}")
 
 
 def print_rows(names: tuple[str, ...], rows: list[Any]) -> None:

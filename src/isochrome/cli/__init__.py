@@ -28,6 +28,7 @@ from isochrome.console import (
     print_columns,
     print_fit,
     print_json,
+    print_place,
     print_rows,
     print_warnings,
     run_bar,
@@ -95,7 +96,7 @@ def simulate(
              "n_max_z_mm"]  # fmt: skip
     names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
     print_columns(result.history, names)
-    typer.echo(f"results: {out}{_already(result.already)}")
+    print_place(out, already=result.already)
 
 
 @app.command()
@@ -166,11 +167,7 @@ def fit(
         return
     print_fit(result)
     print_warnings(list(result.warnings))
-    typer.echo(f"results: {out}{_already(result.already)}")
-
-
-def _already(complete: bool) -> str:
-    return " (complete already; --restart computes them anew)" if complete else ""
+    print_place(out, already=result.already)
 
 
 def _track(
@@ -191,9 +188,9 @@ def _track(
     if as_json:
         print_json({"out": str(out), **result.to_json()})
         return
-    print_columns(result.summary(), ("key", "mean", "least", "most", "standard_uncertainty"))
+    print_columns(result.summary())
     print_warnings(list(result.warnings))
-    typer.echo(f"results: {out}{_already(result.already)}")
+    print_place(out, already=result.already)
 
 
 @app.command()

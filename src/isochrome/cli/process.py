@@ -21,6 +21,7 @@ from isochrome.console import (
     campaign_bar,
     print_columns,
     print_json,
+    print_place,
     print_warnings,
     run_bar,
 )
@@ -83,21 +84,12 @@ def process(
 
     with run_bar("processing") as progress:
         result = run(found[0], scene, out, progress=progress, **options)
-    warnings = list(result.warnings)
     if as_json:
         said = {"out": str(out), "model": result.model, "frames": result.table}
         said |= {"summary": result.summary()} if result.tracked else {}
-        print_json(said | {"warnings": warnings})
+        print_json(said | {"warnings": list(result.warnings)})
     else:
-        names = [n for n in ("frame", "label", "chi", "kept_share", "n_max", "load.normal_n",
-                 "friction.coefficient", "fringe_lines") if n in result.table]  # fmt: skip
-        if result.tracked:
-            _print_summary(result)
-        else:
-            print_columns(result.table, names)
-        print_warnings(warnings)
-        done = " (complete already; --restart computes them anew)" if result.already else ""
-        typer.echo(f"results: {out}{done}")
+        _print_processed(result, out)
     if result.failed:
         typer.echo(
             f"isochrome: {frames[0]}: {result.failed} of {len(result.table['frame'])} frames could "
@@ -107,11 +99,23 @@ def process(
         raise typer.Exit(2)
 
 
+def _print_processed(result: Processed, out: Path) -> None:
+    """What was found in each frame, or what the thousands of a tracked video come to."""
+    if result.tracked:
+        _print_summary(result)
+    else:
+        names = [n for n in ("frame", "label", "chi", "kept_share", "n_max", "load.normal_n",
+                 "friction.coefficient", "fringe_lines") if n in result.table]  # fmt: skip
+        print_columns(result.table, names)
+    print_warnings(list(result.warnings))
+    print_place(out, already=result.already)
+
+
 def _print_summary(result: Processed) -> None:
-    """What the thousands of frames of a tracked video come to."""
+    """How many frames there are, and what each key comes to over them."""
     whole = sum(at is not None for at in result.table["picture"])
     typer.echo(f"{len(result.table['frame'])} frames, {whole} of them key frames")
-    print_columns(result.summary(), ("key", "mean", "least", "most", "standard_uncertainty"))
+    print_columns(result.summary())
 
 
 def _process_campaign(
