@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.campaign.outcome import Outcome
-from isochrome.figures import LINE_COLOURS, VALUE_MAP, new_figure, style_axes
+from isochrome.figures import LINE_COLOURS, VALUE_MAP, new_figure, plain_name, style_axes
+from isochrome.fit.over_distance import BAND
 from isochrome.process.result import SPREAD
 
 if TYPE_CHECKING:
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
 
 DRAWN = {"load.normal_n": "normal load (N)", "friction.coefficient": "friction coefficient"}
 """Fitted keys that are drawn, and what stands at their axes."""
-
-BAND = 2.0
-"""Half-width of a band, in standard uncertainties."""
 
 _BANDED = 12
 """Recordings whose bands can be told apart; of more, lines alone are drawn."""
@@ -58,7 +56,9 @@ def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
     _name(axes[-1, 0], outcomes)
     style_axes(axes[-1, 1], x_label="sliding distance (m)" if slid else "frame")
     failed = sum(item.row["status"] == "failed" for item in outcomes)
-    said = f"{name}: {len(outcomes)} recordings" + (f", {failed} of them failed" if failed else "")
+    said = f"{plain_name(name)}: {len(outcomes)} recordings" + (
+        f", {failed} of them failed" if failed else ""
+    )
     figure.suptitle(said, fontsize=11)
     return figure
 
@@ -117,14 +117,6 @@ def _name(axes: Axes, outcomes: Sequence[Outcome]) -> None:
         axes.set_xticks(range(0, len(outcomes), -(-len(outcomes) // 8)))
         style_axes(axes, x_label="recording, as counted in summary.csv (cross: nothing was found)")
         return
-    names = [_short(str(item.row["folder"])) for item in outcomes]
+    names = [plain_name(str(item.row["folder"]), _LONGEST) for item in outcomes]
     axes.set_xticks(range(len(names)), names, rotation=90 if len(names) > 4 else 20)
     style_axes(axes, x_label="recording (cross: nothing was found)")
-
-
-def _short(name: str) -> str:
-    """A name that fits, with its beginning and its end, which tell it from others."""
-    if len(name) <= _LONGEST:
-        return name
-    half = _LONGEST // 2
-    return f"{name[: half - 1]}…{name[-half:]}"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from isochrome.campaign.names import label_of
 from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.frames import FramesPath
-from isochrome.output import sha256
+from isochrome.output import numbers, sha256
 from isochrome.process.processed import Processed
 from isochrome.process.result import SPREAD
 from isochrome.process.run import process
@@ -147,20 +147,15 @@ def _read(task: Task, found: Processed) -> Outcome:
         row["error"] = f"{found.failed} of {count} frames could not be processed"
     record = json.loads((task.folder / PROVENANCE).read_text("utf-8"))
     curves = {
-        name: _column(table, name)[:: -(-count // _POINTS)]
+        name: numbers(table[name])[:: -(-count // _POINTS)]
         for name in ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
     }
     code = InputError.exit_code if found.failed else 0
     return Outcome(row, record["inputs_sha256"], code, found.already, curves)
 
 
-def _column(table: Mapping[str, Sequence[Any]], name: str) -> Array:
-    """A column of numbers, NaN = not known."""
-    return np.array([np.nan if v is None else v for v in table[name]], dtype=np.float64)
-
-
 def _known(table: Mapping[str, Sequence[Any]], name: str) -> Array:
-    values = _column(table, name) if name in table else np.empty(0)
+    values = numbers(table[name]) if name in table else np.empty(0)
     return values[np.isfinite(values)]
 
 

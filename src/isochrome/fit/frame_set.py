@@ -7,6 +7,7 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.fit.frame_data import FrameData, prepare_frame
+from isochrome.fit.one_state import timed_distance
 from isochrome.frames import FramesPath, load_no_load, open_scene_frames, with_file_scale
 from isochrome.frames.onward import Onward
 from isochrome.scene import Scene
@@ -84,14 +85,7 @@ class FrameSet:
         speed = scene.frames.sliding_speed_mm_per_s
         if speed is None or scene.wear is None:
             return scene
-        distances = []
-        for frame in self.reader:
-            if frame.time_s is None:
-                raise InputError(
-                    f"frame {frame.index} ({frame.name}) has no time, which "
-                    "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
-                )
-            distances.append(1e-3 * speed * frame.time_s)
+        distances = [timed_distance(frame, speed) for frame in self.reader]
         moving = scene.with_values({"wear.distances_m": distances})
         if moving.friction is None:
             return moving

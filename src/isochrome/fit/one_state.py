@@ -8,6 +8,7 @@ import numpy as np
 
 from isochrome.contact import contact_grid, wear_course
 from isochrome.errors import InputError
+from isochrome.frames import Frame
 from isochrome.scene import DistanceTable, Scene, Wear
 
 
@@ -37,6 +38,19 @@ def frame_distance(scene: Scene, state: int) -> float | None:
         return None
     distances = scene.wear.distances_m if scene.wear else (0.0,)
     return distances[min(state - static_first, len(distances) - 1)]
+
+
+def timed_distance(frame: Frame, speed_mm_per_s: float) -> float:
+    """Sliding distance of a video's frame (m): s = v t.
+
+    Parameters: `frame`; `speed_mm_per_s`, v. Raises InputError where the frame has no time.
+    """
+    if frame.time_s is None:
+        raise InputError(
+            f"frame {frame.index} ({frame.name}) has no time, which "
+            "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
+        )
+    return 1e-3 * speed_mm_per_s * frame.time_s
 
 
 def state_scene(scene: Scene, state: int) -> Scene:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome.figures import LINE_COLOURS, new_figure, style_axes
+from isochrome.figures import LINE_COLOURS, new_figure, plain_name, style_axes
 from isochrome.fit.result import Fit
 
 if TYPE_CHECKING:
@@ -45,7 +45,9 @@ def over_distance_figure(name: str, result: Fit) -> Figure | None:
         _wear(axes[len(keys)], result)
     for axis in axes[count:]:
         axis.set_axis_off()
-    figure.suptitle(f"{name}: values of each frame, band ± {BAND:g} standard uncertainties")
+    figure.suptitle(
+        f"{plain_name(name)}: values of each frame, band ± {BAND:g} standard uncertainties"
+    )
     return figure
 
 

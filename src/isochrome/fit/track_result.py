@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from isochrome.fit.result import POOR_CHI, named_frames
 from isochrome.fit.tracker import Tracked
+from isochrome.output import numbers
 from isochrome.scene import Scene
 
 Array = NDArray[Any]
@@ -58,16 +59,27 @@ class Track:
         }
 
     def summary(self) -> dict[str, list[Any]]:
-        """For each key its mean, least and most value, and the median standard uncertainty."""
-        columns = [c[np.isfinite(c)] for c in self.values.T]
-        spread = [u[np.isfinite(u)] for u in self.standard_uncertainty.T]
-        return {
-            "key": list(self.keys),
-            "mean": [float(c.mean()) if c.size else None for c in columns],
-            "least": [float(c.min()) if c.size else None for c in columns],
-            "most": [float(c.max()) if c.size else None for c in columns],
-            "standard_uncertainty": [float(np.median(u)) if u.size else None for u in spread],
-        }
+        """What the frames come to, see `summarise`."""
+        return summarise(self.keys, self.values.T, self.standard_uncertainty.T)
+
+
+def summarise(
+    keys: Iterable[str], values: Iterable[Array], spreads: Iterable[Array]
+) -> dict[str, list[Any]]:
+    """For each key its mean, least and most value, and the median standard uncertainty.
+
+    Parameters: `keys`; `values` and `spreads`, of each key over the frames (n,), NaN = not known.
+    Returns column name to values, None where none is known.
+    """
+    columns = [c[np.isfinite(c)] for c in values]
+    known = [u[np.isfinite(u)] for u in spreads]
+    return {
+        "key": list(keys),
+        "mean": [float(c.mean()) if c.size else None for c in columns],
+        "least": [float(c.min()) if c.size else None for c in columns],
+        "most": [float(c.max()) if c.size else None for c in columns],
+        "standard_uncertainty": [float(np.median(u)) if u.size else None for u in known],
+    }
 
 
 def row_of(index: int, distance_m: float | None, found: Tracked) -> dict[str, Any]:
@@ -129,7 +141,8 @@ class TrackRows:
         )
 
     def _warnings(self) -> Iterator[str]:
-        again = [i for i in self.searched if i > 0 and i not in set(self.empty)]
+        empty = set(self.empty)
+        again = [i for i in self.searched if i > 0 and i not in empty]
         if again:
             yield f"{named_frames(again)}: the track was lost, and found again by a full search"
         if self.empty:
@@ -159,10 +172,6 @@ def columns_of(keys: tuple[str, ...], rows: Sequence[Mapping[str, Any]]) -> dict
 
 def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> Track:
     """A Track from its JSON; `keys`, and the `scene` with the means."""
-
-    def numbers(values: list[float | None]) -> Array:
-        return np.array([np.nan if value is None else value for value in values])
-
     values, spread, bound = (
         np.stack([numbers(found[key][part]) for key in keys], axis=1)
         for part in ("value", "standard_uncertainty", "cramer_rao_bound")

@@ -10,7 +10,7 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.fit.frame_fit import placed
-from isochrome.fit.one_state import frame_distance
+from isochrome.fit.one_state import frame_distance, timed_distance
 from isochrome.fit.refuse import refuse_keys
 from isochrome.fit.track_figure import track_figure
 from isochrome.fit.track_result import Track, TrackRows, columns_of, is_good, restored, row_of
@@ -209,12 +209,7 @@ def _distance(frame: Frame, scene: Scene) -> float | None:
     speed = scene.frames.sliding_speed_mm_per_s
     if speed is None:
         return frame_distance(scene, frame.index)
-    if frame.time_s is None:
-        raise InputError(
-            f"frame {frame.index} ({frame.name}) has no time, which "
-            "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
-        )
-    return 1e-3 * speed * frame.time_s
+    return timed_distance(frame, speed)
 
 
 def _counted(reader: FrameReader, scene: Scene) -> int:

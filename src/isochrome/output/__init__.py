@@ -16,7 +16,14 @@ from isochrome.output.files import (
 )
 from isochrome.output.record import provenance, sha256, write_figure
 from isochrome.output.scale import pixel_mm_of, read_pixel_mm
-from isochrome.output.tables import TableWriter, check_given_table, csv_text, read_csv, write_csv
+from isochrome.output.tables import (
+    TableWriter,
+    check_given_table,
+    csv_text,
+    numbers,
+    read_csv,
+    write_csv,
+)
 from isochrome.output.tiff import Photometric, TiffWriter, write_tiff
 
 __all__ = [
@@ -26,6 +33,7 @@ __all__ = [
     "check_given_table",
     "check_link",
     "csv_text",
+    "numbers",
     "output_folder",
     "pixel_mm_of",
     "plain",

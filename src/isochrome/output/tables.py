@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from isochrome.errors import InputError
 from isochrome.output.files import plain, replacing
@@ -141,6 +142,11 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
                 "correct that line"
             )
     return {name: _numbers([row[i] for row in body]) for i, name in enumerate(header)}
+
+
+def numbers(values: Iterable[float | None]) -> npt.NDArray[np.float64]:
+    """A column of numbers (n,), NaN where one is not known (None)."""
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def check_given_table(path: Path, what: str) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 
 from isochrome.fit.run import fitted_scene
 from isochrome.fit.sequence import FRICTION, over_distance
+from isochrome.fit.track_result import summarise
 from isochrome.fringes.residual import Residual
-from isochrome.output import read_csv
+from isochrome.output import numbers, read_csv
 from isochrome.process.result import SPREAD, ProcessedFrame
 from isochrome.runs import open_run
 from isochrome.runs.store import values_of
@@ -53,23 +54,12 @@ class Processed:
         return PICTURE in self.table
 
     def summary(self) -> dict[str, list[Any]]:
-        """For each key its mean, least and most value, and the median standard uncertainty."""
+        """What the frames come to, see `isochrome.fit.track_result.summarise`."""
         keys = [name for name in self.table if f"{name} {SPREAD}" in self.table]
-        columns = [_known(self.table[key]) for key in keys]
-        spreads = [_known(self.table[f"{key} {SPREAD}"]) for key in keys]
-        return {
-            "key": keys,
-            "mean": [float(c.mean()) if c.size else None for c in columns],
-            "least": [float(c.min()) if c.size else None for c in columns],
-            "most": [float(c.max()) if c.size else None for c in columns],
-            "standard_uncertainty": [float(np.median(u)) if u.size else None for u in spreads],
-        }
-
-
-def _known(values: list[Any]) -> np.ndarray:
-    """The finite values of a column."""
-    found = np.array([np.nan if value is None else value for value in values], dtype=float)
-    return found[np.isfinite(found)]
+        columns, spreads = (
+            [numbers(self.table[f"{key}{ending}"]) for key in keys] for ending in ("", f" {SPREAD}")
+        )
+        return summarise(keys, columns, spreads)
 
 
 def tabulate(rows: Iterable[dict[str, Any]]) -> dict[str, list[Any]]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from isochrome.errors import InputError, IsochromeError
-from isochrome.fit.one_state import frame_distance, frame_scene, scene_at
+from isochrome.fit.one_state import frame_distance, frame_scene, scene_at, timed_distance
 from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load
 from isochrome.fringes.residual import Residual
 from isochrome.process.colour import ColourCapture, colour_capture, colour_frames, process_colour
@@ -185,12 +185,7 @@ def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
     """A frame's label and its distance (m). Raises InputError."""
     speed = scene.frames.sliding_speed_mm_per_s
     if speed is not None:
-        if frame.time_s is None:
-            raise InputError(
-                f"frame {frame.index} ({frame.name}) has no time, which "
-                "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
-            )
-        distance = 1e-3 * speed * frame.time_s
+        distance = timed_distance(frame, speed)
         return f"{distance:.4g} m", distance
     if scene.model != "contact":
         return frame.name, 0.0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from isochrome.figures import LINE_COLOURS, new_figure, plain_name, style_axes
 from isochrome.fit.over_distance import BAND
+from isochrome.output import numbers
 from isochrome.process.figure import Shown, draw_frames, frames_size
 from isochrome.process.followed import SEARCHED
 from isochrome.process.processed import PICTURE
@@ -36,18 +37,18 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
     parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
     left, right = parts
     axes: list[Any] = list(left.subplots(len(keys) + 1, 1, sharex=True, squeeze=False).flat)
-    distance = _numbers(table["distance_m"])
+    distance = numbers(table["distance_m"])
     slid = bool(np.isfinite(distance).all() and np.ptp(distance) > 0.0)
     x = distance if slid else np.arange(len(distance), dtype=float)
     whole = np.array([at is not None for at in table[PICTURE]])
     again = np.array([found == SEARCHED for found in table["found_by"]])
     for axis, key in zip(axes, keys, strict=False):
-        values, spread = _numbers(table[key]), _numbers(table[f"{key} {SPREAD}"])
+        values, spread = numbers(table[key]), numbers(table[f"{key} {SPREAD}"])
         _draw(axis, x, values, spread, whole, again)
         told = spread[np.isfinite(spread) & ~whole]
         said = f"median u = {np.median(told):.2g}" if told.size else ""
         style_axes(axis, z_label=key, title=said)
-    chi = _numbers(table["chi"])
+    chi = numbers(table["chi"])
     _draw(axes[-1], x, chi, np.zeros_like(chi), whole, again)
     across = "sliding distance (m)" if slid else "frame"
     style_axes(axes[-1], x_label=across, z_label="chi")
@@ -80,7 +81,3 @@ def _draw(
     axis.plot(x[whole], values[whole], ".", color="black", ms=4)
     axis.plot(x[again], values[again], "o", mfc="none", color=LINE_COLOURS[1], ms=5)
     axis.ticklabel_format(axis="y", useOffset=False)
-
-
-def _numbers(values: list[Any]) -> NDArray[Any]:
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
