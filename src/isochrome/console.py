@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -111,9 +110,11 @@ def steps(quiet: bool) -> Iterator[Callable[[str], None]]:
 
 def print_json(values: Any) -> None:
     """One JSON object on standard output; NaN as null."""
-    from isochrome.output import plain
+    from isochrome.output import json_pieces
 
-    typer.echo(json.dumps(plain(values), allow_nan=False))
+    for piece in json_pieces(values):
+        typer.echo(piece, nl=False)
+    typer.echo()
 
 
 def print_warnings(warnings: list[str]) -> None:

@@ -101,13 +101,15 @@ def show_image(
     finite range), `colour_label` (with its unit) adds a colour bar. Returns the drawn image.
     Raises InputError when the image is neither.
     """
-    values = np.asarray(image, dtype=float)
+    values = np.asarray(image)
+    if values.dtype != np.float32:  # as maps are, of which a picture shows many
+        values = values.astype(float)
     if values.ndim != 2 and values.shape[2:] != (3,):
         raise InputError(
             f"an image of shape {values.shape} to draw: give one 2-D image, or one in colour"
         )
     rows, cols = values.shape[:2]
-    pixels = np.ma.masked_invalid(values) if values.ndim == 2 else _opaque(values, vmin, vmax)
+    pixels = values if values.ndim == 2 else _opaque(values, vmin, vmax)
     drawn = axes.imshow(
         pixels,
         cmap=cmap,

@@ -157,7 +157,7 @@ PLACES = {
     "write": (
         ("isochrome.runs.workers", "keep"),
         ("isochrome.process.folder", "write_csv"),
-        ("isochrome.process.folder", "add_columns"),
+        ("isochrome.process.folder", "write_columns"),
     ),
 }
 """What reads and writes: functions that no other of them calls."""

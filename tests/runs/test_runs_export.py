@@ -12,7 +12,7 @@ from isochrome.output import read_csv, read_pixel_mm
 from isochrome.runs import open_run
 from isochrome.runs.export import export
 from isochrome.runs.job import Layer, Layout
-from isochrome.runs.store import add_columns, column, create_store
+from isochrome.runs.store import Column, add_columns, column, create_store
 from runs.counting import COLS, ROWS, truth
 
 NAMES = ["erstes Bild ü", "second", "", "fourth"]
@@ -32,16 +32,14 @@ def run(tmp_path):
     }
     axes = {"time_s": [0.0, 0.1, 0.2, 0.3], "label": NAMES, "frame": [0, 1, 2, 3]}
     places = {
-        "x_mm": xarray.Variable("col", 0.02 * (np.arange(COLS) + 0.5), {"units": "mm"}),
-        "z_mm": xarray.Variable("row", 0.02 * (np.arange(ROWS) + 0.5), {"units": "mm"}),
+        "x_mm": Column(("col",), 0.02 * (np.arange(COLS) + 0.5), {"units": "mm"}),
+        "z_mm": Column(("row",), 0.02 * (np.arange(ROWS) + 0.5), {"units": "mm"}),
     }
     add_columns(
         folder / "run.zarr",
-        xarray.Dataset(
-            {name: column(values, "frame", name) for name, values in columns.items()},
-            {name: column(values, "frame", name) for name, values in axes.items()} | places,
-            {"scene": "[specimen]\nthickness_mm = 4.0\n", "seed": 3},
-        ),
+        {name: column(values, "frame", name) for name, values in columns.items()},
+        {name: column(values, "frame", name) for name, values in axes.items()} | places,
+        {"scene": "[specimen]\nthickness_mm = 4.0\n", "seed": 3},
     )
     import zarr
 

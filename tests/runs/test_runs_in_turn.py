@@ -9,7 +9,7 @@ import pytest
 from isochrome.errors import InputError
 from isochrome.runs import Job, Layout, Means, Results, Stopped, run_job
 from isochrome.runs.chunks import rows
-from isochrome.runs.store import add_columns
+from isochrome.runs.store import add_columns, column
 from runs.counting import IDENTITY, contents
 
 
@@ -36,10 +36,7 @@ def finish(bench):
     values = [row["value"] for row, _ in rows(bench)]
     (bench.results / "values.json").write_text(json.dumps(values), "utf-8")
     if bench.layout.store:
-        import xarray
-
-        columns = xarray.Dataset({"value": ("item", values)})
-        add_columns(bench.results / "run.zarr", columns)
+        add_columns(bench.results / "run.zarr", {"value": column(values, "item", "value")}, {}, {})
     return values
 
 

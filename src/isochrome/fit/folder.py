@@ -18,7 +18,7 @@ from isochrome.fit.told import WearLaws
 from isochrome.fit.tractions_run import write_tractions
 from isochrome.output import write_csv, write_figure, write_json, write_text
 from isochrome.runs import STORE, Bench, Job
-from isochrome.runs.store import add_columns, attributes, column, units_of
+from isochrome.runs.store import Column, add_columns, attributes, column, named_units
 from isochrome.scene import Scene, dump_scene, parse_scene
 
 _PARTS = ("value", "standard_uncertainty", "cramer_rao_bound")
@@ -49,8 +49,6 @@ def write_fit(
 
 def _add(store: Path, result: Fit, job: Job) -> None:
     """Values of each frame over frame, shared ones as single numbers, with their uncertainties."""
-    import xarray
-
     good = [chi <= POOR_CHI for chi in result.frame_chi]
     columns: dict[str, Any] = {
         "chi": column(result.frame_chi, "frame", "chi"),
@@ -62,15 +60,14 @@ def _add(store: Path, result: Fit, job: Job) -> None:
             values = [own[key][part] if key in own else None for own in result.frames]
             columns[name] = column(values, "frame", key)
     for key, found in result.shared.items():
-        units = units_of(key)
         for part in _PARTS:
             name = key if part == "value" else f"{key} {part}"
-            columns[name] = xarray.Variable((), found[part], {"units": units} if units else {})
+            columns[name] = Column((), np.array(found[part], float), named_units(key))
     axes = {
         "frame": column(list(range(len(good))), "frame", "frame"),
         "distance_m": column(result.distance_m, "frame", "distance_m"),
     }
-    add_columns(store, xarray.Dataset(columns, axes, attributes(job.identity)))
+    add_columns(store, columns, axes, attributes(job.identity))
 
 
 def restore_fit(out: Path, scene: Scene) -> Fit:

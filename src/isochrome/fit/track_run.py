@@ -173,8 +173,6 @@ def _finish(bench: Bench, job: Job, work: _TrackWork) -> Track:
 
 def _add(store: Path, job: Job, result: Track, status: list[str]) -> None:
     """Values over frame, with their uncertainties."""
-    import xarray
-
     searched = set(result.searched)
     columns = {
         "chi": column(result.chi.tolist(), "frame", "chi"),
@@ -192,7 +190,7 @@ def _add(store: Path, job: Job, result: Track, status: list[str]) -> None:
         "frame": column(list(range(len(status))), "frame", "frame"),
         "distance_m": column(result.distance_m.tolist(), "frame", "distance_m"),
     }
-    add_columns(store, xarray.Dataset(columns, axes, attributes(job.identity)))
+    add_columns(store, columns, axes, attributes(job.identity))
 
 
 def _restored(out: Path, scene: Scene, keys: tuple[str, ...]) -> Track:

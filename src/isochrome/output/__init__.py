@@ -7,6 +7,7 @@ the functions that need them.
 
 from isochrome.output.files import (
     check_link,
+    json_pieces,
     output_folder,
     plain,
     replacing,
@@ -33,6 +34,7 @@ __all__ = [
     "check_given_table",
     "check_link",
     "csv_text",
+    "json_pieces",
     "numbers",
     "output_folder",
     "pixel_mm_of",

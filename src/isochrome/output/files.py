@@ -18,6 +18,8 @@ from isochrome.errors import InputError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS)
 """What the system says of a full, lost or protected disk."""
+_AT_ONCE = 4096
+"""Values of a long list that are text in memory at a time."""
 
 
 def output_folder(path: str | Path) -> Path:
@@ -150,6 +152,25 @@ def write_text(path: str | Path, text: str) -> None:
 def write_json(path: str | Path, obj: Any) -> None:
     """Write an object as JSON; numpy values become plain, NaN and infinity become null."""
     write_text(path, json.dumps(plain(obj), indent=2, allow_nan=False) + "\n")
+
+
+def json_pieces(obj: Any) -> Iterator[str]:
+    """An object's JSON text in one line, piece by piece: the whole of a long table is never text.
+
+    Parameters: `obj`, see `plain`. Yields what, joined, is `json.dumps(plain(obj))`.
+    """
+    if isinstance(obj, Mapping):
+        for number, (key, value) in enumerate(obj.items()):
+            yield f"{', ' if number else '{'}{json.dumps(str(key))}: "
+            yield from json_pieces(value)
+        yield "}" if obj else "{}"
+    elif isinstance(obj, list | tuple) and len(obj) > _AT_ONCE:
+        for start in range(0, len(obj), _AT_ONCE):
+            piece = json.dumps(plain(obj[start : start + _AT_ONCE]), allow_nan=False)
+            yield f"{', ' if start else '['}{piece[1:-1]}"
+        yield "]"
+    else:
+        yield json.dumps(plain(obj), allow_nan=False)
 
 
 def plain(obj: Any) -> Any:

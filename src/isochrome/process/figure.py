@@ -11,6 +11,7 @@ from isochrome.figures import (
     FRAME_MAP,
     LINE_COLOURS,
     VALUE_MAP,
+    add_colour_bar,
     new_figure,
     plain_name,
     show_image,
@@ -27,6 +28,10 @@ DIRECTION_MAP = "hsv"
 
 _MOST_LINES = 12
 """Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""
+
+
+_BESIDE = 0.7
+"""Inches that an axis' numbers and label take beside a picture."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,8 @@ def frames_size(items: list[Shown]) -> tuple[float, float]:
     across = _across(items)
     down = len(items) if read else -(-len(items) // across)
     width = 4.6 if read else 4.0
-    return width * across + 0.8, (width * min(rows / cols, 1.6) + 0.75) * down + 0.5
+    picture = width - _BESIDE
+    return width * across + 0.8, (picture * min(rows / cols, 1.6) + 0.75) * down + 0.5
 
 
 def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
@@ -92,6 +98,7 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
     down = len(items) if read else -(-len(items) // across)
     axes: Any = figure.subplots(down, across, squeeze=False)
     largest = max((_largest(item) for item in items), default=1.0)
+    orders, directions = list[Any](), list[Any]()
     for k, item in enumerate(items):
         place = _place(item)
         ax = axes[k, 0] if read else axes.flat[k]
@@ -105,15 +112,15 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
         lines = item.lines
         if item.order is not None:
             lines = order_contours(item.order, _line_orders(largest))
-            shown = show_image(
+            orders.append(show_image(
                 axes[k, 1], item.order, cmap=VALUE_MAP, vmin=0, vmax=largest,
-                title=f"fringe order, {100 * item.kept:.1f} % known",
-                colour_label="fringe order N (fringes)", **place,
-            )  # fmt: skip
-            shown.set_interpolation("nearest")
+                title=f"fringe order, {100 * item.kept:.1f} % known", **place,
+            ))  # fmt: skip
         if item.isoclinic is not None:
-            _show_isoclinic(axes[k, 2], item.isoclinic, place)
+            directions.append(_show_isoclinic(axes[k, 2], item.isoclinic, place))
         _draw(ax, lines, place)
+    _share_bar(orders, "fringe order N (fringes)")
+    _share_bar(directions, "counter-clockwise from x (degrees)")
     for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
         ax.set_visible(False)
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
@@ -126,15 +133,29 @@ def _line_orders(largest: float) -> np.ndarray:
     return np.arange(step, largest + step, step)
 
 
-def _show_isoclinic(axes: Any, isoclinic: np.ndarray, place: dict[str, Any]) -> None:
+def _show_isoclinic(axes: Any, isoclinic: np.ndarray, place: dict[str, Any]) -> Any:
     """Direction of sigma_1, in colours that close on themselves."""
     known = 100.0 * float(np.isfinite(isoclinic).mean())
-    shown = show_image(
+    return show_image(
         axes, isoclinic, cmap=DIRECTION_MAP, vmin=-90.0, vmax=90.0,
-        title=f"direction of sigma_1, known in {known:.1f} %",
-        colour_label="counter-clockwise from x (degrees)", **place,
+        title=f"direction of sigma_1, known in {known:.1f} %", **place,
     )  # fmt: skip
-    shown.set_interpolation("nearest")
+
+
+def _share_bar(images: list[Any], label: str) -> None:
+    """One colour bar for a column of maps, which have the same colours."""
+    if not images:
+        return
+    for shown in images:
+        shown.set_interpolation("nearest")
+    above = any(shown.get_array().max() > shown.get_clim()[1] for shown in images)
+    add_colour_bar(
+        images[0],
+        label,
+        axes=[shown.axes for shown in images],
+        extend="max" if above else "neither",
+        length=1.0 if len(images) == 1 else 0.6,
+    )
 
 
 def _largest(item: Shown) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +20,18 @@ from isochrome.process.chunk import (
     joined_tables,
     lines_of,
 )
-from isochrome.process.dataset import columns_dataset
+from isochrome.process.dataset import write_columns
 from isochrome.process.figure import Shown, process_figure
 from isochrome.process.processed import PICTURE, Processed, collect, tabulate
 from isochrome.process.recipe import Recipe
 from isochrome.process.track_figure import tracked_figure
 from isochrome.runs import STORE, Bench, Job
 from isochrome.runs.chunks import parts, picture, rows
-from isochrome.runs.store import add_columns
 from isochrome.scene import dump_scene
 
 _SHOWN, _KEY_FRAMES = 6, 3
+_TRACKED_DPI = 110.0
+"""Of a picture as wide as a screen."""
 
 
 def finish_folder(
@@ -67,9 +67,12 @@ def finish_folder(
     if result.fitted is not None:
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
-    draw = process_figure if recipe.every is None else partial(tracked_figure, table=table)
-    write_figure(folder / "process.png", draw(scene, items=_shown(bench, table, more)))
-    add_columns(folder / STORE, columns_dataset(scene, table, more, shape, job.identity))
+    shown = _shown(bench, table, more)
+    if recipe.every is None:
+        write_figure(folder / "process.png", process_figure(scene, shown))
+    else:
+        write_figure(folder / "process.png", tracked_figure(scene, table, shown), dpi=_TRACKED_DPI)
+    write_columns(folder / STORE, scene, table, more, shape, job.identity)
     return result
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.output import numbers
 from isochrome.runs.job import Layout
 
 if TYPE_CHECKING:
@@ -44,36 +47,74 @@ def create_store(path: Path, layout: Layout) -> None:
         )
 
 
-def add_columns(path: Path, columns: xarray.Dataset) -> None:
-    """Add coordinates, columns and attributes to a run's store.
+@dataclass(frozen=True)
+class Column:
+    """What is known along some axes of a dataset: `axes`, their names; `values`; `attributes`."""
 
-    Parameters: `path` of the store; `columns`, small enough for memory. Raises OSError.
+    axes: tuple[str, ...]
+    values: NDArray[Any]
+    attributes: Mapping[str, Any]
+
+
+def add_columns(
+    path: Path,
+    columns: Mapping[str, Column],
+    coordinates: Mapping[str, Column],
+    attributes: Mapping[str, Any],
+) -> None:
+    """Add columns, coordinates and attributes to a run's store.
+
+    As xarray would, which is not asked, for it takes longer to start than all columns to write.
+    Parameters: `path` of the store; `columns` and `coordinates`, by name; `attributes` of all.
+    Raises OSError.
     """
-    columns.to_zarr(path, mode="a", zarr_format=3, consolidated=False)
+    import zarr
+
+    group = zarr.open_group(path, mode="r+", zarr_format=3)
+    for name, column in {**coordinates, **columns}.items():
+        group.create_array(
+            name,
+            data=column.values,
+            chunks=tuple(max(1, size) for size in column.values.shape),
+            fill_value="" if column.values.dtype.kind == "T" else np.nan if _real(column) else 0,
+            dimension_names=column.axes,
+            attributes=dict(column.attributes),
+        )
+    # an axis' own coordinate is known by its name, the others have to be named
+    beside = " ".join(name for name, own in coordinates.items() if own.axes != (name,))
+    group.attrs.update({**attributes, **({"coordinates": beside} if beside else {})})
 
 
-def column(values: list[Any], axis: str, name: str) -> Any:
-    """A table's column as an xarray variable: numbers as float64 or int64, all else as text.
+def _real(column: Column) -> bool:
+    return column.values.dtype.kind == "f"
+
+
+def column(values: list[Any], axis: str, name: str) -> Column:
+    """A table's column: numbers as float64 or int64, all else as text.
 
     What is not known is NaN, or empty text. Parameters: `values`; `axis` that they lie on; `name`,
     in which the unit stands.
     """
-    import xarray
-
     known = [value for value in values if value is not None]
-    attributes: dict[str, Any] = {}
-    units = units_of(name)
-    if units is not None:
-        attributes["units"] = units
+    attributes = named_units(name)
     if all(isinstance(value, bool | int) for value in known) and known:
         if len(known) == len(values):
-            return xarray.Variable(axis, np.array(values, dtype=np.int64), attributes)
+            return Column((axis,), np.array(values, dtype=np.int64), attributes)
         attributes[WHOLE] = 1
     if all(isinstance(value, bool | int | float) for value in known):
-        data = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
-        return xarray.Variable(axis, data, attributes)
-    texts = np.array(["" if v is None else str(v) for v in values], dtype=object)
-    return xarray.Variable(axis, texts, attributes)
+        return Column((axis,), numbers(values), attributes)
+    return Column((axis,), texts(values), attributes)
+
+
+def texts(values: Iterable[Any]) -> NDArray[Any]:
+    """A column of texts (n,), empty where one is not known (None)."""
+    return np.array(["" if v is None else str(v) for v in values], dtype=np.dtypes.StringDType())
+
+
+def named_units(name: str) -> dict[str, Any]:
+    """The unit that stands in a name as attributes of its column; none where none does."""
+    units = units_of(name)
+    return {} if units is None else {"units": units}
 
 
 def units_of(name: str) -> str | None:

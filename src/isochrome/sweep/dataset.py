@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.output import write_csv, write_text
+from isochrome.output import numbers, write_csv, write_text
 from isochrome.runs import STORE, Bench, Job
 from isochrome.runs.chunks import rows
-from isochrome.runs.store import add_columns, attributes, units_of
+from isochrome.runs.store import Column, add_columns, attributes, named_units, texts
 from isochrome.scene import dump_scene
 from isochrome.stress import pixel_grid
 from isochrome.sweep.grid import Grid
@@ -52,31 +52,21 @@ def _table(bench: Bench, grid: Grid) -> dict[str, list[Any]]:
 
 def _add(bench: Bench, job: Job, grid: Grid, table: dict[str, list[Any]]) -> None:
     """The table's columns over the varied keys and state, and the axes' coordinates."""
-    import xarray
-
     shape = (*grid.counts.values(), bench.layout.shape["state"])
-    variables: dict[str, Any] = {}
+    columns: dict[str, Column] = {}
     for name, values in table.items():
         if name in (*grid.values, "state"):
             continue
         text = any(isinstance(value, str) for value in values)
-        empty: Any = "" if text else np.nan
-        data = np.array([empty if v is None else v for v in values], object if text else float)
-        variables[name] = _variable((*grid.values, "state"), name, data.reshape(shape))
-    for name in ("status", "reason"):  # of the point, whatever its states
-        variables[name] = variables[name].isel(state=0)
-    axes = {key: _variable((key,), key, np.array(own)) for key, own in grid.values.items()}
-    axes["state"] = _variable(("state",), "state", np.arange(shape[-1]))
+        data = (texts(values) if text else numbers(values)).reshape(shape)
+        axes: tuple[str, ...] = (*grid.values, "state")
+        if name in ("status", "reason"):  # of the point, whatever its states
+            data, axes = data[..., 0], axes[:-1]
+        columns[name] = Column(axes, data, named_units(name))
+    places = {name: ((name,), np.array(own)) for name, own in grid.values.items()}
+    places["state"] = (("state",), np.arange(shape[-1]))
     if not any(key.startswith("camera.") for key in grid.values):
         pixels = pixel_grid(grid.scene_at(0))
-        axes["z_mm"] = _variable(("row",), "z_mm", pixels.z_mm)
-        axes["x_mm"] = _variable(("col",), "x_mm", pixels.x_mm)
-    columns = xarray.Dataset(variables, axes, attributes(job.identity))
-    add_columns(bench.results / STORE, columns)
-
-
-def _variable(axes: tuple[str, ...], name: str, values: Any) -> Any:
-    import xarray
-
-    units = units_of(name)
-    return xarray.Variable(axes, values, {} if units is None else {"units": units})
+        places |= {"z_mm": (("row",), pixels.z_mm), "x_mm": (("col",), pixels.x_mm)}
+    coordinates = {name: Column(*place, named_units(name)) for name, place in places.items()}
+    add_columns(bench.results / STORE, columns, coordinates, attributes(job.identity))
