@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from isochrome.process.tracked import EVERY, check_tracked, tracked_states
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import Job, Layout, Means, chunk_size, run_job, single_threaded
 from isochrome.runs.store import STORE
+from isochrome.runs.workers import waiting_workers
 from isochrome.runs.workplace import PROVENANCE, holds_results, working_folder
 from isochrome.scene import Scene, load_scene
 
@@ -99,17 +101,32 @@ def process(
         recipe = Recipe(frames, scene, reader, "not yet known", rois, keep_going, every)
         if out is not None and not restart and _is_done(Path(out), recipe, files):
             return restore(scene, Path(out), reader.shape, opened(recipe).residual)
-        count = reader.count(decode=every is None)
-        _check_set(scene, reader, count)
-        if every is not None:
-            check_tracked(scene, reader.shape, every)
-        source = opened(recipe)
-        if out is None:
-            return _in_memory(source, count // recipe.steps, progress)
-        means = Means(workers, cluster, restart, keep_going)
-        identity = identity_of(recipe, files)
-        layout = _layout(source, count // recipe.steps)
-        return _to_folder(source, identity, layout, Path(out), means, progress)
+        several = (workers or 1) > 1 and cluster is None
+        early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
+        with early as waiting:
+            means = Means(workers, cluster, restart, keep_going, waiting)
+            return _processed(recipe, files, out, means, progress)
+
+
+def _processed(
+    recipe: Recipe,
+    files: Sequence[Path],
+    out: str | Path | None,
+    means: Means,
+    progress: RunProgress | None,
+) -> Processed:
+    """All states of a set, in memory or into a folder."""
+    reader, every = recipe.reader, recipe.every
+    count = reader.count(decode=every is None)
+    _check_set(recipe.scene, reader, count)
+    if every is not None:
+        check_tracked(recipe.scene, reader.shape, every)
+    source = opened(recipe)
+    if out is None:
+        return _in_memory(source, count // recipe.steps, progress)
+    identity = identity_of(recipe, files)
+    layout = _layout(source, count // recipe.steps)
+    return _to_folder(source, identity, layout, Path(out), means, progress)
 
 
 def _is_done(out: Path, recipe: Recipe, files: Sequence[Path]) -> bool:

@@ -22,6 +22,7 @@ from isochrome.runs.publish import check_own, publish
 from isochrome.runs.store import STORE
 from isochrome.runs.workers import (
     Finished,
+    Waiting,
     WorkersLost,
     alone,
     by_cluster,
@@ -60,13 +61,14 @@ class Means:
     `workers`, processes on this machine, None: as many as there are processors where it is worth
     starting them; `cluster`, the address of a Dask scheduler instead; `restart`, to throw away what
     an earlier run left; `keep_going`, to leave out items that fail instead of ending with the
-    first.
+    first; `waiting`, workers that were started before.
     """
 
     workers: int | None = 1
     cluster: str | None = None
     restart: bool = False
     keep_going: bool = False
+    waiting: Waiting | None = None
 
 
 def run_job(
@@ -223,7 +225,7 @@ def _finished(job: Job, bench: Bench, todo: list[int], means: Means) -> Generato
         workers = processors() if left > WORTH_WORKERS_S else 1
     workers = min(workers, len(todo))
     if workers > 1:
-        yield from by_processes(work, bench, todo, workers)
+        yield from by_processes(work, bench, todo, workers, means.waiting)
     else:
         yield from alone(work, bench, todo)
 

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import concurrent.futures as futures
 import multiprocessing
+import multiprocessing.queues
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
@@ -49,23 +52,57 @@ def alone(work: Work, bench: Bench, chunks: Sequence[int]) -> Generator[Finished
             if writing is not None:
                 yield writing[0], writing[1].result()
             writing = index, writer.submit(keep, bench, index, results)
+            del results  # written, it is let go, while the next is computed
         if writing is not None:
             yield writing[0], writing[1].result()
 
 
+@dataclass(frozen=True)
+class Waiting:
+    """Worker processes that wait for their task: `workers`, how many; `pool`; `tasks`, to each."""
+
+    workers: int
+    pool: futures.ProcessPoolExecutor
+    tasks: multiprocessing.queues.Queue[bytes]
+
+    def begin(self, *task: Any) -> None:
+        """Give all of them their task: it may know the places of all frames, so it goes once."""
+        text = pickle.dumps(task)  # here, where it can be said that it fails
+        for _ in range(self.workers):
+            self.tasks.put(text)
+
+
+@contextmanager
+def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]:
+    """Worker processes that import what `work` needs, while this one still prepares their task.
+
+    Parameters: `workers`, how many; `work`, a function that can be imported. Yields Waiting. Raises
+    as `worker_pool`.
+    """
+    tasks = multiprocessing.get_context("spawn").Queue()
+    tasks.cancel_join_thread()  # what nobody has taken keeps nobody here
+    with worker_pool(workers, _wait_for_task, (work, tasks)) as pool:
+        for _ in range(workers):
+            pool.submit(_nothing)  # a pool starts no process before it has work for it
+        waiting = Waiting(workers, pool, tasks)
+        yield waiting
+        waiting.begin()  # to those that still wait: there is nothing to do
+
+
 def by_processes(
-    work: Work, bench: Bench, chunks: Sequence[int], workers: int
+    work: Work, bench: Bench, chunks: Sequence[int], workers: int, waiting: Waiting | None = None
 ) -> Generator[Finished]:
     """Compute chunks in worker processes, each of which writes its own to the disk.
 
     They are spawned, not forked, ignore the keyboard, and end when this process does, however it
-    does. Parameters: as `alone`; `workers`, how many. Yields in the order of completion. Raises
-    WorkersLost where a worker was killed.
+    does. Parameters: as `alone`; `workers`, how many, or those that are `waiting`. Yields in the
+    order of completion. Raises WorkersLost where a worker was killed.
     """
-    # the task once for each worker: it may know the places of all frames
-    with worker_pool(workers, _take_task, (work, bench)) as pool:
+    with ExitStack() as here, _saying_who_is_lost():
+        ready = waiting or here.enter_context(waiting_workers(workers, _nothing))
+        ready.begin(work, bench)
         yield from in_flight(
-            lambda index: pool.submit(_alone_in_worker, index), chunks, 2 * workers
+            lambda index: ready.pool.submit(_alone_in_worker, index), chunks, 2 * ready.workers
         )
 
 
@@ -88,18 +125,26 @@ def worker_pool(
     )
     finished = False
     try:
-        yield pool
+        with _saying_who_is_lost():
+            yield pool
         finished = True
-    except futures.process.BrokenProcessPool as error:
-        raise WorkersLost(
-            "a worker process was killed, as the system does when memory runs out; the same "
-            "command goes on: give it fewer --workers"
-        ) from error
     finally:
         if not finished:  # whoever waits at the keyboard does not wait for a chunk
             for child in set(multiprocessing.active_children()) - before:
                 child.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _saying_who_is_lost() -> Iterator[None]:
+    """Turn the end of a pool whose process was killed into WorkersLost."""
+    try:
+        yield
+    except futures.process.BrokenProcessPool as error:
+        raise WorkersLost(
+            "a worker process was killed, as the system does when memory runs out; the same "
+            "command goes on: give it fewer --workers"
+        ) from error
 
 
 def by_cluster(
@@ -160,7 +205,7 @@ def in_flight(
             yield waiting.pop(future), future.result()
 
 
-_TASK: list[tuple[Work, Bench]] = []
+_TASK: list[Any] = []
 """What a worker process was started for."""
 
 
@@ -170,8 +215,13 @@ def _start_worker(begin: Callable[..., None], arguments: tuple[Any, ...]) -> Non
     begin(*arguments)
 
 
-def _take_task(work: Work, bench: Bench) -> None:
-    _TASK[:] = [(work, bench)]
+def _wait_for_task(_work: Callable[..., Any], tasks: multiprocessing.queues.Queue[bytes]) -> None:
+    """Take the task; to have got `_work` here, its module was imported."""
+    _TASK[:] = [pickle.loads(tasks.get())]
+
+
+def _nothing() -> None:
+    """What starts a worker, and needs no module."""
 
 
 def _end_with_parent() -> None:
@@ -183,7 +233,7 @@ def _end_with_parent() -> None:
 
 
 def _alone_in_worker(index: int) -> Kept:
-    ((work, bench),) = _TASK
+    work, bench = _TASK[0]
     with single_threaded():
         return work_and_keep(work, bench, index)
 
