@@ -10,12 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from isochrome.frames import FramesPath
+from isochrome.runs import WORKING
 
 SUMMARIES = ("summary.csv", "summary.json", "summary.png")
 """Files of the campaign itself, in the folder that holds those of its recordings."""
-
-_WORKING = ".partial"
-"""What follows a folder's name in that of its working folder."""
 
 _LONGEST = 200
 """Bytes of a name; file systems take 255, and the working folder's is longer."""
@@ -68,8 +66,8 @@ def _plain(name: str) -> str:
     """A name that is a folder's on every system, and none of the campaign's own files'."""
     text = re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f\ud800-\udfff]', "_", name)
     text = text.encode()[:_LONGEST].decode(errors="ignore").strip(" .")
-    if text.casefold().endswith(_WORKING):
-        text = f"{text[: -len(_WORKING)]}_{_WORKING[1:]}"
+    if text.casefold().endswith(WORKING):
+        text = f"{text[: -len(WORKING)]}_{WORKING[1:]}"
     if _DEVICE.fullmatch(text) or text.casefold() in SUMMARIES:
         text = f"_{text}"
     return text or "recording"

@@ -8,11 +8,12 @@ from isochrome.runs.chunks import Bench
 from isochrome.runs.identity import environment
 from isochrome.runs.job import Job, Layer, Layout, Results, chunk_size
 from isochrome.runs.run import Means, Stopped, run_job
-from isochrome.runs.store import STORE, open_run
+from isochrome.runs.store import STORE, WORKING, open_run
 from isochrome.runs.threads import single_threaded
 
 __all__ = [
     "STORE",
+    "WORKING",
     "Bench",
     "Job",
     "Layer",

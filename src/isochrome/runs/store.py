@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     import xarray
 
 STORE = "run.zarr"
+WORKING = ".partial"
+"""What follows the name of a run's folder in that of its working folder, beside it."""
+
 WHOLE = "whole_number"
 """Attribute of a column of whole numbers, which is stored as floats where some are not known."""
 
@@ -162,7 +165,7 @@ def open_run(path: str | Path) -> xarray.Dataset:
     place = Path(path)
     store = place if place.suffix == ".zarr" else place / STORE
     if not (store / "zarr.json").is_file():
-        unfinished = place.with_name(f"{place.name}.partial").is_dir()
+        unfinished = place.with_name(place.name + WORKING).is_dir()
         hint = (
             "the run is not finished: the command that began it goes on with it"
             if unfinished

@@ -25,7 +25,7 @@ from isochrome.runs.chunks import Bench, sync_folder, write_through
 from isochrome.runs.identity import difference
 from isochrome.runs.job import Job, Layout
 from isochrome.runs.lock import LOCK, OWNER
-from isochrome.runs.store import STORE, create_store
+from isochrome.runs.store import STORE, WORKING, create_store
 
 PROVENANCE = "provenance.json"
 FINISHED = "finished"
@@ -53,7 +53,7 @@ def working_folder(out: Path) -> Path:
         raise InputError(
             f"{out}: results cannot be written there (Permission denied); name another folder"
         )
-    return target.with_name(f"{target.name}.partial")
+    return target.with_name(target.name + WORKING)
 
 
 def is_complete(target: Path, job: Job) -> bool:
