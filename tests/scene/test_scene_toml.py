@@ -280,6 +280,37 @@ def test_paths_in_a_scene_are_relative_to_its_own_file(tmp_path):
     assert parse_scene(dump_scene(scene)).path("x.csv") == Path("x.csv")
 
 
+def test_every_file_that_a_scene_names_is_listed():
+    text = """
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[indenter]
+profile = "profile.csv"
+young_gpa = 210.0
+poisson = 0.3
+[load]
+normal_n = 44.0
+[camera]
+response = "response.csv"
+[frames]
+no_load_dark = "dark.tif"
+no_load_bright = "bright.tif"
+no_load_steps = "steps.tif"
+mask = "mask.png"
+colour_table = "colours.csv"
+"""
+    scene = parse_scene(text, folder=Path("here"))
+    of_model = {Path("here", name) for name in ("profile.csv", "response.csv")}
+    of_frames = ("dark.tif", "bright.tif", "steps.tif", "mask.png", "colours.csv")
+    assert set(scene.files(of_frames=False)) == of_model
+    assert set(scene.files(of_frames=True)) == of_model | {Path("here", n) for n in of_frames}
+    assert len(scene.files(of_frames=True)) == text.count('= "')  # and each once
+    assert load_scene("line-contact-wear").files(of_frames=True) == []
+
+
 def test_a_scene_cannot_be_changed_in_place():
     scene = load_scene("line-contact-wear")
     with pytest.raises(ValueError, match="frozen"):

@@ -7,10 +7,11 @@ from isochrome import open_run
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_csv
 from isochrome.runs.export import export
-from isochrome.scene import parse_scene
+from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulate import simulate
 from isochrome.sweep import sweep
 from isochrome.sweep.grid import make_grid
+from runs.counting import contents
 from scene_texts import PAPER_CONTACT
 
 DISC = parse_scene(
@@ -137,12 +138,27 @@ def test_whole_numbers_stay_whole():
 def test_workers_and_a_second_run_change_nothing(grid, tmp_path):
     vary = ["load.normal_n=100:500:3", "specimen.thickness_mm=4,5"]
     sweep(DISC, vary, tmp_path / "out", workers=2)
-    own = {p.relative_to(grid): p.read_bytes() for p in grid.rglob("*") if p.is_file()}
     again = tmp_path / "out"
-    assert own == {p.relative_to(again): p.read_bytes() for p in again.rglob("*") if p.is_file()}
+    assert contents(again) == contents(grid)
     told = []
     sweep(DISC, vary, again, progress=told.append)
     assert told == []  # complete already
+
+
+def test_a_changed_response_of_the_camera_is_noticed(tmp_path):
+    text = dump_scene(DISC).replace("[camera]", '[camera]\nresponse = "sensor.csv"')
+    scene = parse_scene(
+        text + '[polariscope]\nwavelength_nm = 587.0\nlight = "white"\n', folder=tmp_path
+    )
+    computed = []
+    for values in ((0.2, 1.0, 0.3), (0.2, 1.0, 0.3), (0.3, 1.0, 0.2)):
+        rows = zip((300, 550, 1100), values, strict=True)
+        table = "wavelength_nm,grey\n" + "".join(f"{nm},{value}\n" for nm, value in rows)
+        (tmp_path / "sensor.csv").write_text(table, "utf-8")
+        told = []
+        sweep(scene, ["load.normal_n=300"], tmp_path / "out", progress=told.append)
+        computed.append(bool(told))
+    assert computed == [True, False, True]
 
 
 def test_a_grid_is_exported_with_its_axes(grid, tmp_path):

@@ -10,11 +10,7 @@ from isochrome.scene import Scene
 
 def input_files(reader: FrameReader, scene: Scene) -> list[Path]:
     """The captured files, and those that the scene names, in order."""
-    own = scene.frames
-    named = [own.no_load_dark, own.no_load_bright, own.no_load_steps, own.mask, own.colour_table]
-    named += [scene.camera.response if scene.camera else None]
-    named += [scene.indenter.profile if scene.indenter else None]
-    return [*reader.files, *(scene.path(name) for name in named if name is not None)]
+    return [*reader.files, *scene.files(of_frames=True)]
 
 
 def absolute(frames: FramesPath, scene: Scene) -> tuple[FramesPath, Scene]:

@@ -170,6 +170,22 @@ class Scene(Part):
         """A path named in the scene, relative to the scene's own file."""
         return (self.folder or Path()) / name
 
+    def files(self, *, of_frames: bool) -> list[Path]:
+        """The files that the scene names, on which results depend.
+
+        Parameters: `of_frames`, whether those of [frames] are among them, which a simulation does
+        not read.
+        """
+        named = [
+            self.camera.response if self.camera else None,
+            self.indenter.profile if self.indenter else None,
+        ]
+        if of_frames:
+            own = self.frames
+            named += [own.no_load_dark, own.no_load_bright, own.no_load_steps]
+            named += [own.mask, own.colour_table]
+        return [self.path(name) for name in named if name is not None]
+
     def get(self, key: str) -> Any:
         """The value of a dotted key such as 'load.normal_n'; InputError on an unknown one."""
         part, _, name = key.partition(".")

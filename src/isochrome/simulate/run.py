@@ -108,16 +108,9 @@ def _to_folder(
     progress: RunProgress | None,
 ) -> Simulation:
     """The simulation by whoever computes it, into a folder."""
-    files = [
-        scene.path(name)
-        for name in (
-            scene.indenter.profile if scene.indenter else None,
-            scene.camera.response if scene.camera else None,
-        )
-        if name is not None
-    ]
     seed = scene.camera.seed if scene.camera else None
     options = {"options": {"components": components}}
+    files = scene.files(of_frames=False)
     identity = provenance(dump_scene(scene), files, seed) | environment() | options
     if means.cluster is not None:  # another machine stands in another folder
         scene = scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})

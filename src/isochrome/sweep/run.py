@@ -101,9 +101,7 @@ def sweep(
     layout = _layout(grid)
     seed = scene.camera.seed if scene.camera else None
     axes = {key: list(values) for key, values in grid.values.items()}
-    files = (
-        [scene.path(scene.indenter.profile)] if scene.indenter and scene.indenter.profile else []
-    )
+    files = scene.files(of_frames=False)
     identity = provenance(dump_scene(scene), files, seed) | environment() | {"options": axes}
     states, rows_, cols = layout.shape.values()
     job = Job(_Work(grid, layout.layers, (states, rows_, cols)), layout, identity)
