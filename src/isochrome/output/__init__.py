@@ -18,6 +18,7 @@ from isochrome.output.files import (
 from isochrome.output.record import provenance, sha256, write_figure
 from isochrome.output.scale import pixel_mm_of, read_pixel_mm
 from isochrome.output.tables import (
+    Floats,
     TableWriter,
     check_given_table,
     csv_text,
@@ -28,6 +29,7 @@ from isochrome.output.tables import (
 from isochrome.output.tiff import Photometric, TiffWriter, write_tiff
 
 __all__ = [
+    "Floats",
     "Photometric",
     "TableWriter",
     "TiffWriter",

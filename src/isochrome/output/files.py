@@ -9,6 +9,7 @@ import os
 import secrets
 import shutil
 import tempfile
+from array import array
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -164,7 +165,7 @@ def json_pieces(obj: Any) -> Iterator[str]:
             yield f"{', ' if number else '{'}{json.dumps(str(key))}: "
             yield from json_pieces(value)
         yield "}" if obj else "{}"
-    elif isinstance(obj, list | tuple) and len(obj) > _AT_ONCE:
+    elif isinstance(obj, list | tuple | array) and len(obj) > _AT_ONCE:
         for start in range(0, len(obj), _AT_ONCE):
             piece = json.dumps(plain(obj[start : start + _AT_ONCE]), allow_nan=False)
             yield f"{', ' if start else '['}{piece[1:-1]}"

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import stat
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -24,6 +25,21 @@ MOST_GIVEN = 10_000_000
 """Bytes of a table that somebody gives, such as a profile."""
 _AT_ONCE = 4096
 """Rows of a long table that are text in memory at a time."""
+
+
+class Floats(array):
+    """A column of numbers, `Floats("d", values)`, NaN where one is not known.
+
+    In eight bytes each, a quarter of what a list of them takes, which it is like in all else.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        """As a list of the same numbers."""
+        return self.tolist() == list(other) if isinstance(other, Sequence) else NotImplemented
+
+    def __repr__(self) -> str:
+        """As a list's."""
+        return repr(self.tolist())
 
 
 class TableWriter:

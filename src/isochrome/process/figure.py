@@ -105,10 +105,7 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
         judged = item.order is not None and np.isfinite(item.chi)  # no model, no chi
         name = plain_name(item.label)
         title = f"{name}: chi = {item.chi:.2f}" if judged else name
-        show_image(
-            ax, np.clip(item.normalised, -0.05, 1.05), cmap=FRAME_MAP, vmin=0, vmax=1,
-            title=title, **place,
-        )  # fmt: skip
+        show_image(ax, item.normalised, cmap=FRAME_MAP, vmin=0, vmax=1, title=title, **place)
         lines = item.lines
         if item.order is not None:
             lines = order_contours(item.order, _line_orders(largest))

@@ -47,15 +47,8 @@ def finish_folder(
     `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError.
     """
     folder, scene = bench.results, recipe.scene
-    more: dict[str, list[Any]] = {}
-
-    def rows_alone() -> Any:
-        for row, rest in rows(bench):
-            for name, value in rest.items():
-                more.setdefault(name, []).append(value)
-            yield row
-
-    table = tabulate(rows_alone())
+    table = tabulate(row for row, _ in rows(bench))
+    more = tabulate(more for _, more in rows(bench))
     result = collect(scene, table, more["status"], None, shape, residual)
     write_csv(folder / "frames.csv", table)
     _join_lines(bench, recipe)
@@ -67,12 +60,13 @@ def finish_folder(
     if result.fitted is not None:
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
-    shown = _shown(bench, table, more)
-    if recipe.every is None:
-        write_figure(folder / "process.png", process_figure(scene, shown))
-    else:
-        write_figure(folder / "process.png", tracked_figure(scene, table, shown), dpi=_TRACKED_DPI)
     write_columns(folder / STORE, scene, table, more, shape, job.identity)
+    if recipe.every is None:
+        figure = process_figure(scene, _shown(bench, table, more))
+        write_figure(folder / "process.png", figure)
+    else:
+        figure = tracked_figure(scene, table, _shown(bench, table, more))
+        write_figure(folder / "process.png", figure, dpi=_TRACKED_DPI)
     return result
 
 

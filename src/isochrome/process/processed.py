@@ -13,7 +13,7 @@ from isochrome.fit.run import fitted_scene
 from isochrome.fit.sequence import FRICTION, over_distance
 from isochrome.fit.track_result import summarise
 from isochrome.fringes.residual import Residual
-from isochrome.output import numbers, read_csv
+from isochrome.output import Floats, numbers, read_csv
 from isochrome.process.result import SPREAD, ProcessedFrame
 from isochrome.runs import open_run
 from isochrome.runs.store import values_of
@@ -62,18 +62,26 @@ class Processed:
         return summarise(keys, columns, spreads)
 
 
-def tabulate(rows: Iterable[dict[str, Any]]) -> dict[str, list[Any]]:
+def tabulate(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
     """Rows as columns, in order of first appearance, the warnings last; None where a row has none.
 
+    An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
+    the one before it takes no room of its own.
     Parameters: `rows`, of frames.csv, one a frame. Returns column name to values.
     """
-    table: dict[str, list[Any]] = {}
+    table: dict[str, Any] = {}
     for number, row in enumerate(rows):
-        for name in row:
+        for name, value in row.items():
             if name not in table:
-                table[name] = [None] * number
+                table[name] = (
+                    Floats("d") if not number and type(value) is float else [None] * number
+                )
         for name, values in table.items():
-            values.append(row.get(name))
+            value = row.get(name)
+            if isinstance(values, Floats) and type(value) is not float:
+                values = table[name] = values.tolist()
+            again = number and isinstance(value, str) and values[-1] == value
+            values.append(values[-1] if again else value)
     return dict(sorted(table.items(), key=lambda item: item[0] == "warnings"))
 
 

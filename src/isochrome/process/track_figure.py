@@ -20,8 +20,8 @@ from isochrome.scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_POINTS = 4000
-"""Frames that are drawn: more than a figure has pixels across."""
+_POINTS = 1600
+"""Frames that are drawn: twice as many as a panel has pixels across."""
 _WIDTH, _PANEL = 7.4, 1.9
 
 

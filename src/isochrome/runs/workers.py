@@ -21,6 +21,7 @@ from isochrome.errors import InputError
 from isochrome.runs.chunks import Bench, Kept, keep, work_and_keep
 from isochrome.runs.identity import environment
 from isochrome.runs.job import Results, Work
+from isochrome.runs.memory import give_back
 from isochrome.runs.threads import single_threaded
 
 T = TypeVar("T")
@@ -53,6 +54,7 @@ def alone(work: Work, bench: Bench, chunks: Sequence[int]) -> Generator[Finished
                 yield writing[0], writing[1].result()
             writing = index, writer.submit(keep, bench, index, results)
             del results  # written, it is let go, while the next is computed
+            give_back()
         if writing is not None:
             yield writing[0], writing[1].result()
 
@@ -235,7 +237,9 @@ def _end_with_parent() -> None:
 def _alone_in_worker(index: int) -> Kept:
     work, bench = _TASK[0]
     with single_threaded():
-        return work_and_keep(work, bench, index)
+        kept = work_and_keep(work, bench, index)
+    give_back()
+    return kept
 
 
 def _elsewhere(work: Work, span: tuple[int, int], expected: dict[str, Any]) -> Results:

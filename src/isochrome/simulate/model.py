@@ -153,11 +153,11 @@ def regular_stress(scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> Re
     return block + RegularStress((complex(load.bulk_mpa or 0.0), slope))
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=1)
 def surface_field_grid(pixels: PixelGrid, grid: Grid, tolerance: float) -> FieldGrid:
     """The kernels from a contact's nodes to the pixels, as precise as the scene's tolerance asks.
 
-    The last two are kept.
+    The last one is kept: the states of a scene share it, and it takes as much as ten pictures.
     """
     return make_field_grid(
         pixels,
