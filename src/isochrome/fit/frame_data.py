@@ -50,8 +50,8 @@ class FrameData:
             self,
             light=np.maximum(self.raw, 0.0) ** np.float32(gamma),
             sigma=(gamma * level ** (gamma - 1.0) * self.raw_sigma).astype(np.float32),
-            illumination=_smooth(shape, 2),
-            background=_smooth(shape, 0),
+            illumination=light_basis(shape, 2),
+            background=light_basis(shape, 0),
             gamma=gamma,
         )
 
@@ -129,17 +129,20 @@ def _bases(
 ) -> tuple[Array, Array]:
     """Bases of illumination and background from what no-load frames there are."""
     if dark is not None and bright is not None:
-        light = _smooth(shape, 1) * (bright.image - dark.image)
-        return light, np.concatenate((dark.image[None], _smooth(shape, 0)))
+        light = light_basis(shape, 1) * (bright.image - dark.image)
+        return light, np.concatenate((dark.image[None], light_basis(shape, 0)))
     if bright is not None:
-        return _smooth(shape, 1) * bright.image, _smooth(shape, 1)
-    one = _smooth(shape, 0)
-    return _smooth(shape, 2), one if dark is None else np.concatenate((dark.image[None], one))
+        return light_basis(shape, 1) * bright.image, light_basis(shape, 1)
+    one = light_basis(shape, 0)
+    return light_basis(shape, 2), one if dark is None else np.concatenate((dark.image[None], one))
 
 
 @lru_cache(maxsize=8)
-def _smooth(shape: tuple[int, int], degree: int) -> Array:
-    """Polynomials of a frame's light in single precision, the same for all frames of a size."""
+def light_basis(shape: tuple[int, int], degree: int) -> Array:
+    """Polynomials of a frame's light in single precision, the same for all frames of a size.
+
+    The last ones are kept. See `polynomial_basis`.
+    """
     basis = polynomial_basis(shape, degree, dtype=np.float32)
     basis.flags.writeable = False
     return basis

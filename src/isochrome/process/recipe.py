@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 from isochrome.errors import InputError, IsochromeError
+from isochrome.fit.frame_data import light_basis
 from isochrome.fit.one_state import frame_distance, frame_scene, scene_at, timed_distance
 from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load
 from isochrome.fringes.residual import Residual
@@ -18,7 +19,9 @@ from isochrome.process.result import Capture, ProcessedFrame, failed_frame
 from isochrome.process.source import Cursor
 from isochrome.process.stepped import load_residual, process_stepped
 from isochrome.process.with_model import process_with_model
+from isochrome.runs.memory import give_back
 from isochrome.scene import Scene
+from isochrome.simulate.model import surface_field_grid
 
 
 @dataclass(frozen=True)
@@ -162,6 +165,14 @@ def close_kept() -> None:
     if kept is not None:
         kept.close()
         _KEPT.set = None
+
+
+def let_go() -> None:
+    """Close what this process has open, and free what its frames shared: all of them are done."""
+    close_kept()
+    light_basis.cache_clear()
+    surface_field_grid.cache_clear()
+    give_back()
 
 
 @contextmanager

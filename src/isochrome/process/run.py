@@ -28,11 +28,11 @@ from isochrome.process.colour import check_colour
 from isochrome.process.folder import finish_folder
 from isochrome.process.inputs import identity_of, set_pixel
 from isochrome.process.processed import Processed, collect, restore, tabulate
-from isochrome.process.recipe import OpenSet, Recipe, keeping_none, opened
+from isochrome.process.recipe import OpenSet, Recipe, keeping_none, let_go, opened
 from isochrome.process.result import ProcessedFrame
 from isochrome.process.tracked import EVERY, check_tracked, tracked_states
 from isochrome.progress import RunProgress, Tally
-from isochrome.runs import Job, Layout, Means, chunk_size, run_job, single_threaded
+from isochrome.runs import Bench, Job, Layout, Means, chunk_size, run_job, single_threaded
 from isochrome.runs.store import STORE
 from isochrome.runs.workers import waiting_workers
 from isochrome.runs.workplace import PROVENANCE, holds_results, working_folder
@@ -182,13 +182,12 @@ def _to_folder(
     recipe = replace(source.recipe, key=digest)
     source.recipe = recipe  # opened under this name, it need not be opened again
     job = Job(partial(process_chunk, recipe), layout, identity)
-    found = run_job(
-        job,
-        out,
-        lambda bench: finish_folder(bench, job, recipe, shape, residual),
-        means=means,
-        progress=progress,
-    )
+
+    def finish(bench: Bench) -> Processed:
+        let_go()
+        return finish_folder(bench, job, recipe, shape, residual)
+
+    found = run_job(job, out, finish, means=means, progress=progress)
     return found or restore(scene, out, shape, residual)
 
 

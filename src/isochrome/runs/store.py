@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.output import numbers
+from isochrome.output import Floats, numbers
 from isochrome.runs.job import Layout
 
 if TYPE_CHECKING:
@@ -92,14 +92,16 @@ def _real(column: Column) -> bool:
     return column.values.dtype.kind == "f"
 
 
-def column(values: list[Any], axis: str, name: str) -> Column:
+def column(values: Sequence[Any], axis: str, name: str) -> Column:
     """A table's column: numbers as float64 or int64, all else as text.
 
     What is not known is NaN, or empty text. Parameters: `values`; `axis` that they lie on; `name`,
     in which the unit stands.
     """
-    known = [value for value in values if value is not None]
     attributes = named_units(name)
+    if isinstance(values, Floats):
+        return Column((axis,), np.asarray(values), attributes)
+    known = [value for value in values if value is not None]
     if all(isinstance(value, bool | int) for value in known) and known:
         if len(known) == len(values):
             return Column((axis,), np.array(values, dtype=np.int64), attributes)
