@@ -109,6 +109,20 @@ class TrackRow:
 
 
 @dataclass(frozen=True)
+class MemoryRow:
+    """Peak memory of a run in a process of its own.
+
+    `command`; what its `items` are and their `count`; `peak_mb`; `seconds`, by the clock.
+    """
+
+    command: str
+    items: str
+    count: int
+    peak_mb: float
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Bench:
     """What a run gave: `rows`, each a Row's fields by name, and `text`, the table to be read."""
 
@@ -123,11 +137,11 @@ def bench(
     quick: bool = False,
     progress: Progress | None = None,
 ) -> Bench:
-    """Run every case of a suite: speed beside the paper's own procedure, fringe orders, or fits.
+    """Run every case of a suite: speed beside the paper's own procedure, fringe orders, fits, runs.
 
     Parameters: `out`, a folder for the table and the figure, bench.csv and bench.png, of the other
-    suites fringes.csv and fringes.png, fit.csv and fit.png (None: nothing is written); `suite`,
-    'speed', 'fringes' or 'fit'; `quick`, tiny cases that only show that everything runs;
+    suites by their own name, as fit.csv and fit.png (None: nothing is written); `suite`, 'speed',
+    'fringes', 'fit', 'track' or 'memory'; `quick`, tiny cases that only show that everything runs;
     `progress`, called with the name of each case as it begins.
     Returns a Bench. Raises InputError where the benchmarks are not there, or have no such suite.
     """

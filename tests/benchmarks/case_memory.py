@@ -1,30 +1,33 @@
-"""Peak memory of `simulate`, each run in a process of its own."""
+"""Peak memory of long runs beside short ones, each in a process of its own."""
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from isochrome.bench import Row
+from isochrome.bench import MemoryRow
 from isochrome.scene import dump_scene, load_scene
 
-from .common import OURS
+from .case_track import LOOP, SHAPE, SMALL, loop, there_and_back
 
-CASE = "peak memory of simulate"
-LENGTHS = (200, 2000)
-"""States of the short and the long history."""
+STATES, FRAMES = (200, 2000), (200, 20_000)
+"""Of a short and a long run."""
 
 _RUN = """
-import sys, time
-import isochrome.simulate.figure, matplotlib.figure
+import json, sys, time
+from isochrome.console import print_json
+from isochrome.process import process
 from isochrome.simulate import simulate
 start = time.perf_counter()
-if len(sys.argv) > 1:
-    simulate(sys.argv[1], sys.argv[2])
-print(time.perf_counter() - start if len(sys.argv) > 1 else "nan")
+if sys.argv[1] == "simulate":
+    simulate(sys.argv[2], sys.argv[4])
+else:
+    print_json({"frames": process(sys.argv[3], sys.argv[2], sys.argv[4], track=True).table})
+print(time.perf_counter() - start)
 """
 
 _WATCH = """
@@ -32,25 +35,62 @@ import resource, subprocess, sys
 done = subprocess.run([sys.executable, "-c", *sys.argv[1:]], stdout=subprocess.PIPE, text=True)
 if done.returncode:
     sys.exit(done.returncode)
-print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, done.stdout)
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, done.stdout.split()[-1])
 """
 
 
-def memory(quick):
-    """Rows of peak memory: nothing but the imports, the paper's case, and long histories."""
-    if find_spec("resource") is None:
-        return [Row(CASE, OURS, "not measured on this system")]
-    lengths = (3,) if quick else LENGTHS
+def cases():
+    """Those that this system can measure."""
+    found = {"simulate": simulated, "process --track": tracked}
+    return found if find_spec("resource") is not None else {}
+
+
+def simulated(quick):
+    """Rows of `simulate`: histories of many states with a small camera and a coarse contact."""
+    rows = []
     with TemporaryDirectory() as place:
-        folder = Path(place)
-        runs = {"imports alone": ()}
-        if not quick:
-            runs["line-contact-wear, 6 states"] = ("line-contact-wear", str(folder / "paper"))
-        for count in lengths:
-            scene = folder / f"{count}.toml"
+        for count in (3,) if quick else STATES:
+            scene = Path(place) / f"{count}.toml"
             scene.write_text(long_history(count), encoding="utf-8")
-            runs[f"{count} states on 64 x 48"] = (str(scene), str(folder / str(count)))
-        return [_row(name, peak_memory(*arguments)) for name, arguments in runs.items()]
+            peak = peak_memory("simulate", scene, "", Path(place) / "out")
+            rows.append(MemoryRow("simulate", "states of 64 x 48", count, *peak))
+    return rows
+
+
+def tracked(quick):
+    """Rows of `process --track`, its table printed as JSON: some frames that come again."""
+    shape = SMALL if quick else SHAPE
+    frames, scene, _ = loop(shape, 5 if quick else LOOP)
+    rows = []
+    with TemporaryDirectory() as place:
+        known = Path(place) / "scene.toml"
+        known.write_text(dump_scene(scene), encoding="utf-8")
+        for count in (7,) if quick else FRAMES:
+            film = Path(place) / f"{count}.tif"
+            repeated_stack(film, frames, there_and_back(len(frames), count))
+            peak = peak_memory("process", known, film, Path(place) / str(count))
+            name = f"frames of {shape[1]} x {shape[0]}"
+            rows.append(MemoryRow("process --track", name, count, *peak))
+    return rows
+
+
+def repeated_stack(path, frames, order):
+    """Write a TIFF stack whose pages share their pixels where they show the same frame.
+
+    Parameters: `path`; `frames` (n, rows, cols), 8 bits; `order`, of each page its frame.
+    """
+    rows, cols = frames.shape[1:]
+    pixels, first = rows * cols, 8 + frames.size
+    tags = {256: cols, 257: rows, 258: 8, 259: 1, 262: 1, 277: 1, 278: rows, 279: pixels}
+    length = 2 + 12 * (len(tags) + 1) + 4
+    with open(path, "wb") as file:
+        file.write(struct.pack("<2sHI", b"II", 42, first))
+        file.write(frames.tobytes())
+        for number, k in enumerate(order, start=1):
+            file.write(struct.pack("<H", len(tags) + 1))
+            for tag, value in sorted({**tags, 273: 8 + int(k) * pixels}.items()):
+                file.write(struct.pack("<HHII", tag, 4, 1, value))
+            file.write(struct.pack("<I", first + number * length if number < len(order) else 0))
 
 
 def long_history(count):
@@ -71,25 +111,20 @@ def long_history(count):
     return dump_scene(scene)
 
 
-def peak_memory(*arguments):
-    """Peak memory (MB) and seconds of `simulate SCENE OUT` in a process of its own.
+def peak_memory(command, scene, frames, out):
+    """Peak memory (MB) and seconds of a command in a process of its own.
 
     A small process starts the run and asks for the peak of its children, since that of a process
     counts from its fork: this one's own size would be in it.
     """
     done = subprocess.run(
-        [sys.executable, "-c", _WATCH, _RUN, *arguments],
+        [sys.executable, "-c", _WATCH, _RUN, command, str(scene), str(frames), str(out)],
         capture_output=True,
         text=True,
         check=False,
     )
     if done.returncode:
-        raise RuntimeError(f"simulate {arguments} failed: {done.stderr}")
+        raise RuntimeError(f"{command} {scene} failed: {done.stderr}")
     size, seconds = done.stdout.split()
     unit = 1.0 if sys.platform == "darwin" else 1024.0  # bytes there, KiB elsewhere
     return 1e-6 * unit * float(size), float(seconds)
-
-
-def _row(name, measured):
-    size, seconds = measured
-    return Row(CASE, OURS, f"{name}: {size:.0f} MB", seconds=seconds)

@@ -71,6 +71,12 @@ def loop(shape, count):
     return make.film(scene, values, 1), scene, values[LOAD]
 
 
+def there_and_back(length, count):
+    """Numbers (count,) of frames of a loop that runs to its end, and back, and so on."""
+    once = np.r_[np.arange(length), np.arange(length)[::-1]]
+    return once[np.arange(count) % len(once)]
+
+
 def run_case(name, *, both, quick):
     """Rows of one kind of film."""
     from isochrome.process import process
@@ -78,8 +84,7 @@ def run_case(name, *, both, quick):
     count = 9 if quick else LONG if both else COUNT
     every = 4 if quick else None
     frames, scene, loads = loop(SMALL if quick else SHAPE, 5 if quick else LOOP)
-    there_and_back = np.r_[np.arange(len(frames)), np.arange(len(frames))[::-1]]
-    order = there_and_back[np.arange(count) % len(there_and_back)]
+    order = there_and_back(len(frames), count)
     suffix, codec, pixels, options = FILMS[name]
     rows = []
     with TemporaryDirectory() as place:

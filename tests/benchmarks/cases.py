@@ -18,6 +18,7 @@ from . import (
     report,
     report_fit,
     report_fringes,
+    report_memory,
     report_track,
 )
 
@@ -28,7 +29,6 @@ CASES = {
     "wear": case_wear.wear,
     "stress": case_stress.stress,
     "frames": case_frames.frames,
-    "memory": case_memory.memory,
 }
 
 
@@ -46,5 +46,6 @@ SUITES = {
     "speed": Suite(lambda: CASES, "bench", report.table, report.figure),
     "fringes": Suite(case_fringes.cases, "fringes", report_fringes.table, report_fringes.figure),
     "fit": Suite(case_fit.cases, "fit", report_fit.table, report_fit.figure),
+    "memory": Suite(case_memory.cases, "memory", report_memory.table, report_memory.figure),
     "track": Suite(case_track.cases, "track", report_track.table, report_track.figure),
 }

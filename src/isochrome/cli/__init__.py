@@ -228,7 +228,7 @@ def check(
 @app.command()
 def bench(
     suite: Annotated[
-        str, typer.Argument(help="speed; fringes, every way to the order; fit; or track.")
+        str, typer.Argument(help="speed; fringes, every way to the order; fit; track; or memory.")
     ] = "speed",
     out: Out = Path("isochrome-bench"),
     as_json: Json = False,
