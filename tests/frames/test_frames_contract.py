@@ -3,6 +3,7 @@
 import importlib
 import pickle
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -88,10 +89,10 @@ def test_videos_keep_the_contract_by_pyav(name, tmp_path):
 
 LISTED = {
     "rawvideo": "avi", "ffv1": "mkv", "mjpeg": "avi", "png": "mov", "huffyuv": "avi",
-    "ffvhuff": "mkv", "utvideo": "avi",
+    "ffvhuff": "avi", "utvideo": "avi", "libx264": "mp4",
 }  # fmt: skip
 PIXELS = {"rawvideo": "gray", "ffv1": "gray16le", "mjpeg": "yuvj420p", "huffyuv": "yuv422p",
-          "utvideo": "gbrp"}  # fmt: skip
+          "utvideo": "gbrp", "libx264": "yuv420p"}  # fmt: skip
 
 
 @pytest.mark.parametrize("codec", LISTED)
@@ -102,8 +103,52 @@ def test_packets_that_are_frames_are_counted_without_decoding(codec, tmp_path, m
     with open_frames(path) as reader, monkeypatch.context() as patch:
         patch.setattr(module, "decoded", None)
         assert reader.count(decode=False) == COUNT
-        # the codecs but for FFV1 have no frame that needs another; here each eighth of FFV1's
-        assert reader.first_decoded(21) == (16 if codec == "ffv1" else 21)
+        # the others have no frame that needs another; here each eighth of these
+        assert reader.first_decoded(21) == (16 if codec in ("ffv1", "libx264") else 21)
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"), [("v.mkv", "ffv1"), ("v.avi", "rawvideo"), ("v.mkv", "libx265")]
+)
+def test_what_is_done_to_a_frame_does_not_come_back_in_another(name, codec, tmp_path):
+    """The decoder goes on from the pictures that it has given out."""
+    path = video(tmp_path / name, codec, "gray", options={"x265-params": "log-level=none"})
+    wanted = [frame.image.copy() for frame in open_frames(path)]
+    for frame, whole in zip(open_frames(path), wanted, strict=True):
+        np.testing.assert_array_equal(frame.image, whole)
+        frame.image[...] = 0
+
+
+@pytest.mark.parametrize(("pixels", "bits"), [("yuv420p", 8), ("yuv422p10le", 10)])
+def test_levels_between_black_and_white_are_spread_over_all(pixels, bits, tmp_path):
+    """Black at 16 and white at 235 of 255: ITU-R BT.601-7."""
+    pytest.importorskip("av")
+    stored = np.arange(COLS * ROWS) * 7919 % 2**bits
+    spread = [Fraction(int(y) - (16 << bits - 8), 219 << bits - 8) for y in range(2**bits)]
+    wanted = np.array([round(min(max(s, 0), 1) * (2**bits - 1)) for s in spread])
+    path = tmp_path / "v.mkv"
+    write_luminance(path, stored.reshape(ROWS, COLS), pixels, bits)
+    (frame,) = open_frames(path)
+    np.testing.assert_array_equal(frame.image, wanted[stored].reshape(ROWS, COLS))
+
+
+def write_luminance(path, luminance, pixels, bits):
+    """One frame of FFV1 without colour, its luminance as given."""
+    import av
+
+    dtype = np.uint8 if bits == 8 else np.uint16
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("ffv1", rate=10)
+        stream.width, stream.height, stream.pix_fmt = COLS, ROWS, pixels
+        frame = av.VideoFrame(COLS, ROWS, pixels)
+        for plane, values in zip(
+            frame.planes, (luminance, 1 << bits - 1, 1 << bits - 1), strict=True
+        ):
+            rows = np.zeros((plane.height, plane.line_size // np.dtype(dtype).itemsize), dtype)
+            rows[:, : plane.width] = values
+            plane.update(rows.tobytes())
+        out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
 
 
 def test_a_packet_that_is_no_frame_shows_when_it_is_read(tmp_path):

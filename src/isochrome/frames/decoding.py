@@ -11,6 +11,8 @@ from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from isochrome.errors import InputError
 from isochrome.frames.containers import Container
 from isochrome.frames.ffv1 import is_whole
@@ -23,6 +25,9 @@ OPEN = {"protocol_whitelist": "file", "format_whitelist": "avi,mov,mp4,m4a,3gp,3
 
 DECODE = {"err_detect": "crccheck+explode", "max_pixels": str(MAX_PIXELS)}
 """A damaged frame is an error, and not something like a frame."""
+
+PATIENCE = {"strict": "1"}
+"""H.264 need not say how far its frames are out of order; those that come late are not lost."""
 
 COVER = 0x400
 """FFmpeg's mark of a picture on the cover."""
@@ -118,8 +123,9 @@ def opened(path: Path) -> Iterator[tuple[Any, Any]]:
                 )
             stream = streams[0]
             _check_stream(stream, path)
-            stream.codec_context.options = DECODE
-            stream.codec_context.thread_count = 1
+            context = stream.codec_context
+            context.options = DECODE | (PATIENCE if context.name == "h264" else {})
+            context.thread_count = 1
         yield container, stream
     finally:
         container.close()
@@ -168,4 +174,4 @@ def _decode(packet: Any, clock: _Clock, path: Path, count: int) -> list[Any]:
 
 def checksum(frame: Any) -> int:
     """A checksum of the first plane's pixels (grey, luminance, green, or all of packed colours)."""
-    return zlib.crc32(plane_of(frame, 0).data)
+    return zlib.crc32(np.ascontiguousarray(plane_of(frame, 0)).data)

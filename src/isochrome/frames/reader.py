@@ -134,8 +134,8 @@ class FrameReader:
         """Number of frames; a video is decoded to its end for it, its head is not believed.
 
         `decode`, False to count a video's packets where each of them is a frame (FFV1, MJPG,
-        uncompressed and the like): a damaged one then shows when it is read, and so does one that
-        is no frame, or two. Raises InputError.
+        uncompressed and the like; H.264 without fields in MP4 or Matroska): a damaged one then
+        shows when it is read, and so does one that is no frame, or two. Raises InputError.
         """
         listed = None if decode else self._source.listed
         return (listed or self._source.extent)().count

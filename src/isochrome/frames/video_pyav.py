@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -15,26 +14,8 @@ from isochrome.errors import InputError
 from isochrome.frames.containers import Container
 from isochrome.frames.decoding import Decoded, checksum, decoded, opened
 from isochrome.frames.pixel_formats import to_image
+from isochrome.frames.places import Places, by_packets
 from isochrome.frames.source import Extent, Form, RawFrame, Source, Stamp, next_time, refusing
-
-FRAME_BY_PACKET = ("rawvideo", "ffv1", "mjpeg", "png", "huffyuv", "ffvhuff", "utvideo")
-"""Codecs whose every packet is one frame, in the order of display."""
-
-
-@dataclass(frozen=True)
-class Places:
-    """What decoding a video to its end has told of each frame, in their order.
-
-    `times_s` from the first (NaN: unknown), `stamps`, the file's own ticks, `sums`, checksums of
-    the decoded first plane, `keys`, where decoding can begin: (frame, tick), and `end_s`. Where the
-    packets alone have told it, `sums` is None, and the stamps are what frames are held against.
-    """
-
-    times_s: np.ndarray
-    stamps: np.ndarray
-    sums: np.ndarray | None
-    keys: np.ndarray
-    end_s: float | None
 
 
 class Video:
@@ -55,7 +36,8 @@ class Video:
     def listed(self) -> Extent:
         """The same by the packets, without decoding, where each of them is a frame by itself."""
         if self.places is None:
-            self.places = self._packets()
+            self.places = by_packets(self.path, self.container)
+            self.stamp.check(self.path)
         return self.extent()
 
     def begins(self, start: int) -> int:
@@ -108,41 +90,6 @@ class Video:
             np.array(times), np.array(ticks, np.int64), np.array(sums, np.uint32),
             np.array(keys, np.int64).reshape(-1, 2), end,
         )  # fmt: skip
-
-    def _packets(self) -> Places | None:
-        """What the packets tell; None where they may be other than a frame each."""
-        ticks: list[int] = []
-        keys: list[tuple[int, int]] = []
-        with opened(self.path) as (container, stream):
-            if stream.codec_context.name not in FRAME_BY_PACKET:
-                return None
-            base, packets = stream.time_base, container.demux(stream)
-            while True:
-                try:
-                    with refusing(self.path):
-                        packet = next(packets, None)
-                except InputError:  # decoding says it better
-                    return None
-                tick = None if packet is None else self._tick(packet)
-                if packet is None or (packet.size == 0 and tick is None):  # the end
-                    break
-                if packet.size == 0 or packet.is_corrupt or tick is None:
-                    return None
-                if packet.is_keyframe:
-                    keys.append((len(ticks), tick))
-                ticks.append(tick)
-        stamps = np.array(ticks, np.int64)
-        self.stamp.check(self.path)
-        if len(stamps) < 2 or not (np.diff(stamps) > 0).all():
-            return None
-        times = np.array([float((tick - ticks[0]) * base) for tick in ticks])
-        end = next_time(float(times[-2]), float(times[-1]))
-        return Places(times, stamps, None, np.array(keys, np.int64).reshape(-1, 2), end)
-
-    def _tick(self, packet: Any) -> int | None:
-        """The tick of the frame in a packet, as `decoded` tells it."""
-        tick: int | None = packet.dts if self.container == "avi" else packet.pts
-        return tick
 
     def _as_listed(self, first: int, running: Iterator[Decoded]) -> Iterator[Decoded]:
         """The frames from `first` on, each of which has to be the one that its packet said."""
