@@ -10,6 +10,7 @@ import tifffile
 
 from isochrome.calibrate import Beam, Uncertainty, bending_from_images, calibrate_bending, load_set
 from isochrome.errors import InputError, PhysicsError
+from scene_texts import BENDING_BEAM
 
 from .conftest import F_SIGMA, HEIGHT, INNER, OUTER, PIXEL, bending_load
 
@@ -199,16 +200,7 @@ def test_hostile_images_are_refused(beam_frame):
         bending_from_images(odd, [*loads, bending_load(3.0), bending_load(5.5)], BEAM, PIXEL)
 
 
-SET = """
-[beam]
-thickness_mm = 6.0
-height_mm = 20.0
-inner_span_mm = 40.0
-outer_span_mm = 100.0
-[camera]
-pixel_mm = 0.07
-bit_depth = 8
-"""
+SET = BENDING_BEAM + "[camera]\npixel_mm = 0.07\nbit_depth = 8\n"
 
 
 def write_set(folder, frame, text=SET, edges=(2.0, 3.0, 4.0), extra="", **options):

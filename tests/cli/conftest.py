@@ -9,34 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from scene_texts import PAPER_CONTACT
+from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
-SMALL_SCENE = (
-    PAPER_CONTACT
-    + """
-[friction]
-coefficient = 0.25
-
-[wear]
-coefficient_mm2_per_n = 2e-9
-distances_m = [0.0, 77.0]
-
-[polariscope]
-wavelength_nm = 587.0
-
-[camera]
-width_px = 160
-height_px = 120
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = 0.025
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-noise_grey = 2.0
-seed = 3
-"""
-)
+SMALL_SCENE = WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\nseed = 3\n"
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 import tifffile
 
-BENDING_SET = """\
-[beam]
-thickness_mm = 6.0
-height_mm = 20.0
-inner_span_mm = 40.0
-outer_span_mm = 100.0
+from runs.counting import contents
+from scene_texts import BENDING_BEAM
 
+BENDING_SET = (
+    BENDING_BEAM
+    + """
 [camera]
 pixel_mm = 0.05
 bit_depth = 8
@@ -25,20 +24,15 @@ bit_depth = 8
 file = "gone.png"
 load_n = 60.0
 """
+)
 
 
 @pytest.fixture
 def refuses(place, quick_isochrome):
     """Run a command, see that it refuses in one line with all words, and leaves all as it was."""
 
-    def snapshot():
-        return {
-            p.relative_to(place).as_posix(): p.read_bytes() if p.is_file() else None
-            for p in place.rglob("*")
-        }
-
     def run(code, words, *arguments):
-        before = snapshot()
+        before = contents(place)
         done = quick_isochrome(*arguments)
         assert done.code == code, done.err
         assert done.out == ""
@@ -46,7 +40,7 @@ def refuses(place, quick_isochrome):
         assert "Traceback" not in done.err
         for word in words:
             assert word in done.err, f"{word!r} is not said: {done.err}"
-        assert snapshot() == before
+        assert contents(place) == before
 
     return run
 

@@ -19,24 +19,9 @@ from isochrome.simulate import (
     state_difference,
 )
 from isochrome.stress import pixel_grid
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
-STATIC = (
-    PAPER_CONTACT
-    + """
-[camera]
-width_px = 160
-height_px = 120
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = 0.025
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-noise_grey = 3.0
-seed = 11
-"""
-)
+STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 3.0\nseed = 11\n"
 SLIDING = STATIC + "\n[friction]\ncoefficient = 0.25\n"
 WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0, 155.0]\n"
 PLACE = {"camera.left_mm": -1.957, "camera.top_mm": 0.018}

@@ -13,35 +13,15 @@ import numpy as np
 import tifffile
 from PIL import Image
 
+from scene_texts import BENDING_BEAM, WORN_CONTACT
+
 ROWS, COLS = 48, 64
 
 PLAIN = "[specimen]\n"
 
-CONTACT = """\
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-
-[indenter]
-radius_mm = 24.61
-young_gpa = 210.0
-poisson = 0.3
-
-[load]
-normal_n = 44.0
-
-[friction]
-coefficient = 0.25
-
-[wear]
-coefficient_mm2_per_n = 2e-9
-distances_m = [0.0, 77.0]
-
-[polariscope]
-wavelength_nm = 587.0
-
+CONTACT = (
+    WORN_CONTACT
+    + """
 [camera]
 width_px = 64
 height_px = 48
@@ -50,14 +30,11 @@ top_mm = 0.0
 pixel_mm = 0.05
 bit_depth = 8
 """
+)
 
-BENDING = """\
-[beam]
-thickness_mm = 6.0
-height_mm = 20.0
-inner_span_mm = 40.0
-outer_span_mm = 100.0
-
+BENDING = (
+    BENDING_BEAM
+    + """
 [camera]
 pixel_mm = 0.5
 bit_depth = 8
@@ -66,6 +43,7 @@ bit_depth = 8
 file = "a.png"
 load_n = 150.0
 """
+)
 
 
 def process(frames: str, scene: str = "plain.toml", *more: str) -> list[str]:

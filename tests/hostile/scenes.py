@@ -12,7 +12,6 @@ from hostile.given import (
     contact_with,
     image,
     picture,
-    pictures,
     process,
     simulate,
     stack,
@@ -246,6 +245,3 @@ def mask_that_is_a_pipe(place: Path) -> list[str]:
 
     os.mkfifo(place / "m.png")
     return with_frames(place, "[frames]\nmask = 'm.png'\n")
-
-
-del pictures

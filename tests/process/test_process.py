@@ -15,31 +15,14 @@ from isochrome.process import process
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulate import simulate
-from scene_texts import PAPER_CONTACT
+from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
 CONTACT = samples_path() / "line-contact-wear"
 DISC = samples_path() / "disc"
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
 needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
 
-SMALL = (
-    PAPER_CONTACT
-    + """
-[friction]
-coefficient = 0.25
-
-[camera]
-width_px = 160
-height_px = 120
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = 0.025
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-noise_grey = 2.0
-"""
-)
+SMALL = PAPER_CONTACT + "\n[friction]\ncoefficient = 0.25\n" + SMALL_CAMERA + "noise_grey = 2.0\n"
 WEAR = "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [0.0, 40.0, 80.0]\n"
 
 

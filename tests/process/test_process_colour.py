@@ -12,20 +12,11 @@ from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
 from isochrome.scene import parse_scene
 from isochrome.simulate import simulate
-from scene_texts import PAPER_CONTACT
+from scene_texts import WORN_CONTACT
 
 SCENE = (
-    PAPER_CONTACT
-    + """
-[friction]
-coefficient = 0.25
-
-[wear]
-coefficient_mm2_per_n = 2e-9
-distances_m = [0.0, 77.0]
-
-[polariscope]
-wavelength_nm = 587.0
+    WORN_CONTACT
+    + """\
 light = "white"
 
 [camera]
