@@ -1,11 +1,25 @@
-"""What all tests share: hypothesis without deadlines, and the same examples in every CI run."""
+"""What all tests share: hypothesis without deadlines, and code that nobody edits meanwhile."""
 
 import os
+import shutil
+from pathlib import Path
 
+import pytest
 from hypothesis import settings
+
+import isochrome
 
 # No deadline: a slow machine is no failure. In CI the examples are the same each time, so that a
 # change is judged by itself; at a desk they are new ones, which is how property tests find things.
 settings.register_profile("desk", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
+
+
+@pytest.fixture(scope="session")
+def code(tmp_path_factory):
+    """A copy of the package, which nobody edits in the middle of a run."""
+    home = tmp_path_factory.mktemp("code")
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(isochrome.__file__).parent, home / "isochrome", ignore=ignore)
+    return home

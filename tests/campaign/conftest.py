@@ -88,11 +88,3 @@ def drawn_stacks(place):
 def stacks(drawn_stacks, no_pictures):
     """The same, of which this process leaves no pictures."""
     return drawn_stacks
-
-
-def tree(folder):
-    """All files below a folder with their bytes, and all folders."""
-    return {
-        p.relative_to(folder).as_posix(): p.read_bytes() if p.is_file() else None
-        for p in folder.rglob("*")
-    }

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import isochrome
-from campaign.conftest import film, tree, write_video
+from campaign.conftest import film, write_video
 from isochrome.campaign import Campaign, process_campaign
 from isochrome.campaign import outcome as outcome_module
 from isochrome.campaign import run as run_module
@@ -23,6 +23,7 @@ from isochrome.output import write_tiff
 from isochrome.process import process
 from isochrome.runs import Stopped
 from isochrome.runs.lock import locked
+from runs.counting import contents
 
 
 def summary(folder):
@@ -72,7 +73,7 @@ def test_each_recording_is_what_it_is_alone_and_a_broken_one_harms_no_other(
     assert left == {*names[:3], "summary.csv", "summary.json"}  # nothing fitted: no picture
     for row in rows[1:3]:
         process(row["recording"], "scene.toml", place / "alone" / row["folder"])
-        assert tree(place / "all" / row["folder"]) == tree(place / "alone" / row["folder"])
+        assert contents(place / "all" / row["folder"]) == contents(place / "alone" / row["folder"])
     told = json.loads(out)
     assert told.pop("out") == "all"
     assert told == json.loads((place / "all" / "summary.json").read_text("utf-8"))
@@ -86,12 +87,12 @@ def test_each_recording_is_what_it_is_alone_and_a_broken_one_harms_no_other(
 def test_what_is_complete_is_not_done_again(stacks, place):
     first = process_campaign(stacks[:3], "scene.toml", "out")
     assert not any(item.already for item in first.outcomes) and first.exit_code == 0
-    before = tree(place / "out")
+    before = contents(place / "out")
     stamps = {p: p.stat().st_mtime_ns for p in (place / "out").glob("*/*")}
     shutil.rmtree(place / "out" / "run2")
     again = process_campaign("runs/run[1-3].tif", "scene.toml", "out")
     assert [item.already for item in again.outcomes] == [True, False, True]
-    assert tree(place / "out") == before
+    assert contents(place / "out") == before
     for path, stamp in stamps.items():
         assert path.parent.name == "run2" or path.stat().st_mtime_ns == stamp
 
@@ -107,7 +108,7 @@ def test_stopped_it_says_what_is_kept_and_goes_on(stacks, place):
         process_campaign(stacks[:2], "scene.toml", "out", progress=stop)
     assert not (place / "out" / "summary.csv").exists()
     process_campaign(stacks[:2], "scene.toml", "out")
-    assert tree(place / "out") == tree(place / "whole")
+    assert contents(place / "out") == contents(place / "whole")
     assert not (place / "out.partial").exists()
 
 
@@ -189,19 +190,19 @@ def test_a_folder_of_something_else_is_refused_and_left_as_it_was(stacks, place,
         ([stacks[0], "more/runs"], "more", "would be put among its images"),
     ]
     for recordings, out, said in cases:
-        before = tree(place)
+        before = contents(place)
         code, _, err = command("process", *recordings, "--scene", "scene.toml", "--out", out)
         assert code == 2 and said in err and err.count("\n") == 1
-        assert tree(place) == before
+        assert contents(place) == before
 
 
 def test_bad_options_are_refused_before_anything_is_done(stacks, place, command):
     for more, said in ((["--workers", "0"], "give 1 or more"), (["--scene", "no.toml"], "no.toml")):
-        before = tree(place)
+        before = contents(place)
         options = more if "--scene" in more else ["--scene", "scene.toml", *more]
         code, _, err = command("process", *stacks, "--out", "out", *options)
         assert code == 2 and said in err and err.count("\n") == 1
-        assert tree(place) == before
+        assert contents(place) == before
     with pytest.raises(InputError, match="no recordings are named"):
         process_campaign([], "scene.toml", "out")
 

@@ -3,72 +3,48 @@
 import csv
 import os
 import shutil
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import isochrome
-from campaign.conftest import film, tree
+from campaign.conftest import film
 from isochrome import simulate
 from isochrome.campaign import process_campaign
 from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
-from scene_texts import PAPER_CONTACT
+from runs.counting import contents
+from runs.killing import finished, finished_chunks, kill, needs_sigkill, start, wait_until
+from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 pytestmark = pytest.mark.long
 
 
-@pytest.fixture(scope="module")
-def code(tmp_path_factory):
-    """A copy of the package, which nobody edits in the middle of a campaign."""
-    home = tmp_path_factory.mktemp("code")
-    ignore = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(Path(isochrome.__file__).parent, home / "isochrome", ignore=ignore)
-    return home
-
-
-def start(code, out, *more):
-    """Start a campaign as a user does; what it says goes to said.txt."""
-    command = ["process", "runs/*.tif", "--scene", "scene.toml", "--out", out, *more]
-    with open("said.txt", "w", encoding="utf-8") as said:
-        return subprocess.Popen(
-            [sys.executable, "-m", "isochrome", *command],
-            env=os.environ | {"PYTHONPATH": str(code)},
-            stdout=subprocess.DEVNULL,
-            stderr=said,
-            start_new_session=True,
-        )
-
-
-def wait(run):
-    assert run.wait(timeout=300) == 0, Path("said.txt").read_text("utf-8")
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_in_the_second_recording_it_ends_with_the_same_bytes(place, code, workers):
     for i in range(1, 5):
         write_tiff(place / f"runs/run{i}.tif", film(120, i))
-    wait(start(code, "whole"))
-    run = start(code, "out", "--workers", workers)
-    deadline = time.monotonic() + 120
-    second = place / "out" / "run2.partial" / "chunks"
-    while not list(second.glob("*.json")):
-        assert time.monotonic() < deadline and run.poll() is None
-        time.sleep(0.01)
-    run.kill()  # its workers are left to end by themselves
-    run.wait()
-    time.sleep(2.0)  # which they do within a moment
-    assert (place / "out" / "run2.partial").exists() and not (place / "out" / "run2").exists()
+
+    def begin(out, *more):
+        return start(
+            place, code, "-m", "isochrome", "process", "runs/*.tif", "--scene", "scene.toml",
+            "--out", out, *more,
+        )  # fmt: skip
+
+    finished(begin("whole"))
+    run = begin("out", "--workers", workers)
+    second = place / "out" / "run2"
+    wait_until(lambda: finished_chunks(second), "it finished no chunk of run2", run=run)
+    kill(run, with_workers=False)
+    time.sleep(2.0)  # its workers end by themselves, within a moment
+    assert (place / "out" / "run2.partial").exists() and not second.exists()
     assert not (place / "out" / "summary.csv").exists()
     kept = {p: p.stat().st_mtime_ns for p in (place / "out" / "run1").glob("*")}
     assert kept or workers == "2"  # two are in work at a time
-    wait(start(code, "out", "--workers", workers))
-    assert tree(place / "out") == tree(place / "whole")
+    finished(begin("out", "--workers", workers))
+    assert contents(place / "out") == contents(place / "whole")
     assert {p: p.stat().st_mtime_ns for p in kept} == kept  # what was complete was not touched
     assert not (place / "out.partial").exists()
 
@@ -82,7 +58,7 @@ def test_recordings_side_by_side_are_the_same_as_one_after_the_other(drawn_stack
     )
     for result in (one, two):
         assert result.exit_code == 2 and result.failed == (drawn_stacks[2],)
-    assert tree(place / "two") == tree(place / "one")
+    assert contents(place / "two") == contents(place / "one")
     assert told[-1][0].done == 4
 
 
@@ -104,31 +80,7 @@ def test_a_recording_that_kills_its_worker_harms_no_other(stacks, place):
         assert (place / "out" / name / "frames.csv").exists()
 
 
-CONTACT = (
-    PAPER_CONTACT
-    + """
-[friction]
-coefficient = 0.25
-
-[wear]
-coefficient_mm2_per_n = 2e-9
-distances_m = [0.0, 77.0]
-
-[polariscope]
-wavelength_nm = 587.0
-
-[camera]
-width_px = 160
-height_px = 120
-left_mm = -2.0
-top_mm = 0.0
-pixel_mm = 0.025
-bit_depth = 8
-brightness = 0.85
-background = 0.05
-noise_grey = 2.0
-"""
-)
+CONTACT = WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n"
 
 
 def test_fitted_values_are_summed_up_and_drawn(place):
@@ -152,5 +104,7 @@ def test_fitted_values_are_summed_up_and_drawn(place):
             table = read_csv(place / "all" / name / "frames.csv")
             assert float(row[f"{key} mean"]) == pytest.approx(np.mean(table[key]), rel=1e-8)
         process(f"runs/{name}.tif", "contact.toml", place / "alone" / name)
-        assert tree(place / "all" / name) == tree(place / "alone" / name)  # pictures and all
+        assert contents(place / "all" / name) == contents(
+            place / "alone" / name
+        )  # pictures and all
     assert (place / "all" / "summary.png").read_bytes().startswith(b"\x89PNG")

@@ -1,12 +1,6 @@
 """`fit` as a long run: killed, stopped, with workers; what nothing ties together stands alone."""
 
 import json
-import os
-import random
-import signal
-import subprocess
-import sys
-import time
 import tracemalloc
 
 import numpy as np
@@ -25,10 +19,9 @@ from isochrome.output import read_csv, write_tiff
 from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulate import simulate
-from process.test_process_runs import code, files, finished_chunks
+from runs.counting import contents
+from runs.killing import killed_and_begun_again, needs_sigkill, start
 from scene_texts import PAPER_CONTACT
-
-__all__ = ["code"]
 
 LOAD, LEFT = "load.normal_n", "camera.left_mm"
 SCENE = (
@@ -107,14 +100,14 @@ def test_a_frames_fit_does_not_depend_on_those_beside_it(tmp_path):
 def test_a_complete_fit_is_given_again(tmp_path):
     place = make_set(tmp_path, 2)
     first = fitted(place, tmp_path / "out", free=(LOAD,), per_frame=(LEFT,))
-    before = files(tmp_path / "out")
+    before = contents(tmp_path / "out")
     again = fitted(place, tmp_path / "out", free=(LOAD,), per_frame=(LEFT,))
     assert again.already and not first.already
     assert (again.to_json(), again.table()) == (first.to_json(), first.table())
     assert again.scene == first.scene
-    assert files(tmp_path / "out") == before
+    assert contents(tmp_path / "out") == before
     anew = fitted(place, tmp_path / "out", free=(LOAD,), per_frame=(LEFT,), restart=True)
-    assert not anew.already and files(tmp_path / "out") == before
+    assert not anew.already and contents(tmp_path / "out") == before
 
 
 def test_several_files_are_named_each_with_its_hash(tmp_path, monkeypatch):
@@ -160,7 +153,7 @@ def test_a_stopped_fit_goes_on_and_ends_with_the_same_bytes(place, monkeypatch, 
     told = []
     fitted(place, place / "out", progress=told.append, **options)
     assert told[0].before == 6
-    assert files(place / "out") == files(place / "whole")
+    assert contents(place / "out") == contents(place / "whole")
     assert not (place / "out.partial").exists()
 
 
@@ -187,7 +180,7 @@ def test_a_changed_scene_input_or_key_is_noticed(place, monkeypatch):
 def test_two_workers_leave_the_same_files(place, options):
     fitted(place, place / "one", **options)
     fitted(place, place / "two", workers=2, **options)
-    assert files(place / "two") == files(place / "one")
+    assert contents(place / "two") == contents(place / "one")
 
 
 @pytest.mark.long
@@ -201,48 +194,23 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
     ) as cluster:
         address = cluster.scheduler_address
         fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="two", cluster=address)
-    assert files(place / "two") == files(place / "one")
-
-
-def start(place, code, out, workers):
-    return subprocess.Popen(
-        [
-            sys.executable, "-m", "isochrome", "fit", "film.tif", "--scene", "scene.toml",
-            "--per-frame", LOAD, "--out", out, "--workers", workers,
-        ],
-        cwd=place,
-        env=os.environ | {"PYTHONPATH": str(code)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )  # fmt: skip
+    assert contents(place / "two") == contents(place / "one")
 
 
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
     place = make_set(tmp_path, 24)
-    began = time.monotonic()
-    run = start(place, code, "whole", workers)
-    assert run.wait() == 0, run.stderr.read()
-    run.stderr.close()
-    length = time.monotonic() - began
-    whole, rng, kept = files(place / "whole"), random.Random(int(workers)), 0
-    for k in range(4):
-        out = f"out{k}"
-        run = start(place, code, out, workers)
-        time.sleep(rng.uniform(0.3, 1.0) * length)
-        os.killpg(run.pid, signal.SIGKILL) if k % 2 else run.kill()
-        run.wait()
-        run.stderr.close()
-        kept += finished_chunks(place, out)
-        again = start(place, code, out, workers)
-        assert again.wait() == 0, again.stderr.read()
-        again.stderr.close()
-        assert files(place / out) == whole
-        assert not (place / f"{out}.partial").exists()
+
+    def begin(out):
+        return start(
+            place, code, "-m", "isochrome", "fit", "film.tif", "--scene", "scene.toml",
+            "--per-frame", LOAD, "--out", out, "--workers", workers,
+        )  # fmt: skip
+
+    alternately = [False, True] * 2
+    kept = killed_and_begun_again(begin, place, alternately, since=0.3, seed=int(workers))
     assert kept > 0  # else nothing was told of going on
 
 

@@ -1,12 +1,5 @@
 """`fit --track` as a long run: killed and stopped, on fresh and on worn contacts."""
 
-import os
-import random
-import signal
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
 
@@ -18,9 +11,8 @@ from isochrome.fit.track_run import track
 from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, load_scene
 from isochrome.simulate import scene_states
-from process.test_process_runs import code, files
-
-__all__ = ["code"]
+from runs.counting import contents
+from runs.killing import killed_and_begun_again, needs_sigkill, start
 
 
 def load_of(count):
@@ -59,7 +51,7 @@ def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, monkeypa
     told = []
     track(path, scene, (LOAD,), out=tmp_path / "out", progress=told.append)
     assert told[0].before == 8
-    assert files(tmp_path / "out") == files(tmp_path / "whole")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     assert not (tmp_path / "out.partial").exists()
 
     # in memory, and from the folder again, it is the same
@@ -99,44 +91,21 @@ def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(
     assert np.abs(pulls).max() < 4.0
     stopped(tmp_path, monkeypatch, begun, keys, 9)
     track(tmp_path / "film.tif", begun, keys, out=tmp_path / "out")
-    assert files(tmp_path / "out") == files(tmp_path / "whole")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@needs_sigkill
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code):
     frames = film(contact(), {LOAD: load_of(25)}, np.random.default_rng(1))
     save(tmp_path, np.concatenate([frames] * 30))
     (tmp_path / "scene.toml").write_text(dump_scene(contact()), "utf-8")
 
-    def start(out):
-        return subprocess.Popen(
-            [
-                sys.executable, "-m", "isochrome", "fit", "film.tif", "--scene", "scene.toml",
-                "--track", "--per-frame", LOAD, "--out", out,
-            ],
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(code)},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
+    def begin(out):
+        return start(
+            tmp_path, code, "-m", "isochrome", "fit", "film.tif", "--scene", "scene.toml",
+            "--track", "--per-frame", LOAD, "--out", out,
         )  # fmt: skip
 
-    began = time.monotonic()
-    run = start("whole")
-    assert run.wait() == 0, run.stderr.read()
-    run.stderr.close()
-    length = time.monotonic() - began
-    whole, rng, kept = files(tmp_path / "whole"), random.Random(1), 0
-    for k in range(3):
-        run = start(f"out{k}")
-        time.sleep(rng.uniform(0.3, 1.0) * length)
-        run.send_signal(signal.SIGKILL)
-        run.wait()
-        run.stderr.close()
-        kept += len(list((tmp_path / f"out{k}.partial" / "chunks").glob("*.json")))
-        again = start(f"out{k}")
-        assert again.wait() == 0, again.stderr.read()
-        again.stderr.close()
-        assert files(tmp_path / f"out{k}") == whole
+    kept = killed_and_begun_again(begin, tmp_path, [False] * 3, since=0.3, seed=1)
     assert kept > 0  # else nothing was told of going on

@@ -1,14 +1,9 @@
 """`process` as a long run: killed, stopped, with workers; one dataset of all that it found."""
 
-import os
-import random
 import shlex
-import shutil
 import signal
-import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +15,17 @@ from isochrome.errors import InputError
 from isochrome.frames import FrameReader
 from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
+from runs.counting import contents
+from runs.killing import (
+    ends_as,
+    finished,
+    finished_chunks,
+    killed,
+    needs_sigkill,
+    start,
+    undisturbed,
+    wait_until,
+)
 
 ROWS, COLS = 40, 56
 SCENE = """\
@@ -80,12 +86,6 @@ def place(tmp_path):
     return make_set(tmp_path, 12)
 
 
-def files(folder):
-    return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()
-    }
-
-
 def test_a_run_is_one_dataset_with_named_axes_and_units(tmp_path):
     place = make_set(tmp_path, 3, known=True)
     found = process(place / "film.tif", place / "scene.toml", place / "out")
@@ -121,14 +121,14 @@ def test_a_run_is_one_dataset_with_named_axes_and_units(tmp_path):
 @pytest.mark.long
 def test_a_complete_run_gives_its_table_again(place):
     first = process(place / "film.tif", place / "scene.toml", place / "out")
-    before = files(place / "out")
+    before = contents(place / "out")
     again = process(place / "film.tif", place / "scene.toml", place / "out")
     assert again.already and not first.already
     assert again.warnings == first.warnings
     assert list(again.table) == list(first.table)
     for name, values in first.table.items():
         np.testing.assert_array_equal(np.array(again.table[name]), np.array(values), name)
-    assert files(place / "out") == before
+    assert contents(place / "out") == before
 
 
 @pytest.mark.long
@@ -178,7 +178,7 @@ def test_a_frame_that_fails_ends_the_run_or_is_left_out(tmp_path):
 def test_two_workers_leave_the_same_files(place):
     process(place / "film.tif", place / "scene.toml", place / "one")
     process(place / "film.tif", place / "scene.toml", place / "two", workers=2)
-    assert files(place / "two") == files(place / "one")
+    assert contents(place / "two") == contents(place / "one")
 
 
 @pytest.mark.long
@@ -191,76 +191,38 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
         process("film.tif", "scene.toml", "two", cluster=cluster.scheduler_address)
-    assert files(place / "two") == files(place / "one")
+    assert contents(place / "two") == contents(place / "one")
 
 
-@pytest.fixture(scope="module")
-def code(tmp_path_factory):
-    """A copy of the package, which nobody edits in the middle of a run."""
-    home = tmp_path_factory.mktemp("code")
-    ignore = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(Path(isochrome.__file__).parent, home / "isochrome", ignore=ignore)
-    return home
-
-
-def command(out, *more):
+def command(out, workers):
     return [
-        sys.executable, "-m", "isochrome", "process", "film.tif", "--scene", "scene.toml", "--out",
-        out, *more,
+        "isochrome", "process", "film.tif", "--scene", "scene.toml", "--out", out,
+        "--workers", workers,
     ]  # fmt: skip
 
 
-def start(place, code, *arguments):
-    return subprocess.Popen(
-        command(*arguments),
-        cwd=place,
-        env=os.environ | {"PYTHONPATH": str(code)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
-def finished_chunks(place, out):
-    return len(list((place / f"{out}.partial" / "chunks").glob("*.json")))
-
-
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
     """Twenty runs in all, each killed once at a moment of its own, from its start to its end."""
     place = make_set(tmp_path, 160)
-    began = time.monotonic()
-    run = start(place, code, "whole", "--workers", workers)
-    assert run.wait() == 0, run.stderr.read()
-    run.stderr.close()
-    length = time.monotonic() - began
-    whole = files(place / "whole")
-    rng = random.Random(int(workers))
-    for k in range(10):
-        out = f"out{k}"
-        run = start(place, code, out, "--workers", workers)
-        time.sleep(rng.uniform(0.05, 1.0) * length)
-        os.killpg(run.pid, signal.SIGKILL) if k % 2 else run.kill()
-        run.wait()
-        run.stderr.close()
-        done = finished_chunks(place, out)
-        assert not (place / out).exists() or files(place / out) == whole
-        again = subprocess.run(
-            [sys.executable, "-c", AGAIN, out, workers], cwd=place, capture_output=True, text=True,
-            env=os.environ | {"PYTHONPATH": str(code)},
-        )  # fmt: skip
-        assert again.returncode == 0, again.stderr
-        if again.stdout:  # what was there when it went on: all that had been finished, in whole
-            begun = int(again.stdout)
+
+    def begin(out):
+        return start(place, code, "-m", *command(out, workers))
+
+    whole, length = undisturbed(begin, place)
+    alternately = [False, True] * 5
+    for out in killed(begin, length, alternately, since=0.05, seed=int(workers)):
+        done = finished_chunks(place / out)
+        assert not (place / out).exists() or contents(place / out) == whole
+        said = ends_as(whole, start(place, code, "-c", AGAIN, out, workers), place / out)
+        if said:  # what was there when it went on: all that had been finished, in whole
+            begun = int(said)
             assert begun % CHUNK == 0
             # workers may have finished their chunks in the moment after their run was killed
             late = int(workers) if workers != "1" else 0
             assert CHUNK * done <= begun <= CHUNK * (done + late)
-        assert files(place / out) == whole
-        assert not (place / f"{out}.partial").exists()
 
 
 CHUNK = 20
@@ -283,20 +245,15 @@ if __name__ == "__main__":
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to another process there")
 def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
     place = make_set(tmp_path, 400)
-    run = start(place, code, "out", "--workers", "1")
-    deadline = time.monotonic() + 120
-    while finished_chunks(place, "out") < 2:
-        assert time.monotonic() < deadline and run.poll() is None
-        time.sleep(0.02)
+    again = command("out", "1")
+    run = start(place, code, "-m", *again)
+    wait_until(lambda: finished_chunks(place / "out") >= 2, "it finished no chunks", run=run)
     run.send_signal(signal.SIGINT)
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
     assert said.count("\n") == 1 and said.startswith("isochrome: stopped; ")
     assert "of 400 are finished and kept in " in said
-    same = shlex.join(command("out", "--workers", "1")[3:])
-    assert said.rstrip().endswith(f"goes on: isochrome {same}")
+    assert said.rstrip().endswith(f"goes on: {shlex.join(again)}")
     assert not (place / "out").exists()
-    run = start(place, code, "out", "--workers", "1")
-    assert run.wait() == 0
-    run.stderr.close()
+    finished(start(place, code, "-m", *again))
     assert tifffile.imread(place / "out" / "normalised.tif").shape == (400, ROWS, COLS)

@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import random
-import shutil
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
-
 import numpy as np
 import pytest
 import tifffile
 from tracked_films import FRICTION, LEFT, LOAD, TOP, contact, film, light_of, write_video
 
-import isochrome
 import isochrome.fit.tracker
 from isochrome import open_run
 from isochrome.compare.load import load_frame_set
@@ -27,6 +17,8 @@ from isochrome.process import process
 from isochrome.runs.export import export
 from isochrome.scene import dump_scene
 from isochrome.simulate import scene_states
+from runs.counting import contents
+from runs.killing import killed_and_begun_again, needs_sigkill, start
 
 SHAPE = (160, 240)
 EVERY = 5
@@ -44,12 +36,6 @@ def save(folder, frames, scene=None):
     tifffile.imwrite(folder / "film.tif", frames, photometric="minisblack")
     (folder / "scene.toml").write_text(dump_scene(scene or contact()), "utf-8")
     return folder
-
-
-def files(folder):
-    return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()
-    }
 
 
 def numbers(values):
@@ -154,7 +140,7 @@ def test_a_complete_run_gives_its_table_again(tracked):
 def test_two_workers_leave_the_same_files(tracked):
     place, _ = tracked
     run(place, "two", workers=2)
-    assert files(place / "two") == files(place / "out")
+    assert contents(place / "two") == contents(place / "out")
 
 
 @pytest.mark.long
@@ -180,35 +166,16 @@ if __name__ == "__main__":
 
 
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, workers):
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
     place = save(tmp_path / "film", film(contact(), course(14), 5))
-    # of a copy of the package, which nobody edits in the middle of a run
-    code = tmp_path / "code"
-    ignore = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(Path(isochrome.__file__).parent, code / "isochrome", ignore=ignore)
-    environment = os.environ | {"PYTHONPATH": str(code)}
 
-    def start(out):
-        return subprocess.Popen(
-            [sys.executable, "-c", AGAIN, out, workers], cwd=place, env=environment,
-            start_new_session=True,
-        )  # fmt: skip
+    def begin(out):
+        return start(place, code, "-c", AGAIN, out, workers)
 
-    began = time.monotonic()
-    assert start("whole").wait() == 0
-    length = time.monotonic() - began
-    whole = files(place / "whole")
-    rng = random.Random(int(workers))
-    for k in range(2):
-        going = start(f"out{k}")
-        time.sleep(rng.uniform(0.2, 1.0) * length)
-        os.killpg(going.pid, signal.SIGKILL)
-        going.wait()
-        assert start(f"out{k}").wait() == 0
-        assert files(place / f"out{k}") == whole
-        assert not (place / f"out{k}.partial").exists()
+    kept = killed_and_begun_again(begin, place, [True] * 2, since=0.2, seed=int(workers))
+    assert kept > 0  # else nothing was told of going on
 
 
 @pytest.mark.long

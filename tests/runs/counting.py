@@ -80,8 +80,14 @@ def calls(notes):
     return sorted(int(line) for f in notes.glob("*.txt") for line in f.read_text("utf-8").split())
 
 
+def computed_again(notes, chunks):
+    """How many chunks were computed more than once, of so many in all."""
+    return len(calls(notes)) - chunks
+
+
 def contents(folder):
-    """All files below a folder with their bytes."""
+    """All files below a folder with their bytes, and all folders."""
     return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()
+        p.relative_to(folder).as_posix(): p.read_bytes() if p.is_file() else None
+        for p in folder.rglob("*")
     }

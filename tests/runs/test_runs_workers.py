@@ -3,8 +3,6 @@
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -16,7 +14,8 @@ from isochrome.errors import InputError
 from isochrome.runs import Means, run_job
 from isochrome.runs.threads import single_threaded
 from isochrome.runs.workers import WorkersLost
-from runs.counting import Count, calls, contents, finish, job, truth
+from runs.counting import Count, calls, computed_again, contents, finish, job, truth
+from runs.killing import ends_as, kill, start, wait_until
 
 TESTS = str(Path(__file__).parents[1])
 
@@ -76,19 +75,14 @@ def children(pid):
     return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def started(tmp_path, notes):
+def started(tmp_path, code, notes):
     """A run with two workers in another process, and its workers once each has begun a chunk."""
-    script = tmp_path / "run.py"
-    script.write_text(RUN, "utf-8")
-    run = subprocess.Popen(
-        [sys.executable, str(script), str(tmp_path / "out"), str(notes), TESTS],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    deadline = time.monotonic() + 60
-    while len(list(notes.iterdir())) < 2 or len(calls(notes)) < 4:
-        assert time.monotonic() < deadline and run.poll() is None
-        time.sleep(0.05)
+    run = start(tmp_path, code, "-c", RUN, "out", notes, TESTS)
+
+    def at_work():
+        return len(list(notes.iterdir())) >= 2 and len(calls(notes)) >= 4
+
+    wait_until(at_work, "no two workers are at work", run=run)
     return run, children(run.pid)
 
 
@@ -97,10 +91,7 @@ def gone(pid):
 
 
 def wait_for(workers):
-    deadline = time.monotonic() + 30
-    while not all(gone(pid) for pid in workers):
-        assert time.monotonic() < deadline, "workers outlive their run"
-        time.sleep(0.05)
+    wait_until(lambda: all(map(gone, workers)), "workers outlive their run", seconds=30)
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
@@ -108,30 +99,28 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="ne
 
 @pytest.mark.long
 @needs_proc
-def test_workers_end_with_a_killed_run_and_it_goes_on(notes, tmp_path):
-    run, workers = started(tmp_path, notes)
-    run.kill()
-    run.wait()
-    run.stdout.close()
+def test_workers_end_with_a_killed_run_and_it_goes_on(notes, tmp_path, code):
+    run, workers = started(tmp_path, code, notes)
+    kill(run, with_workers=False)
     wait_for(workers)
     before = calls(notes)
     run_job(job(Count(notes), count=60), tmp_path / "out", finish)
-    again = len(calls(notes)) - 20
-    assert 0 <= again <= 4, before  # two workers, each with one chunk in hand and one on its way
+    # two workers, each with one chunk in hand and one on its way
+    assert 0 <= computed_again(notes, 20) <= 4, before
     run_job(job(Count(notes), count=60), tmp_path / "other", finish)
     assert contents(tmp_path / "out") == contents(tmp_path / "other")
 
 
 @pytest.mark.long
 @needs_proc
-def test_a_run_with_workers_stops_at_the_keyboard_at_once(notes, tmp_path):
-    run, workers = started(tmp_path, notes)
+def test_a_run_with_workers_stops_at_the_keyboard_at_once(notes, tmp_path, code):
+    run, workers = started(tmp_path, code, notes)
     run.send_signal(signal.SIGINT)
     said, _ = run.communicate(timeout=30)
     assert said.startswith("stopped; ") and "the same command goes on" in said
     wait_for(workers)
     run_job(job(Count(notes), count=60), tmp_path / "out", finish)
-    assert len(calls(notes)) - 20 <= 4
+    assert computed_again(notes, 20) <= 4
 
 
 def test_libraries_compute_with_one_thread_and_get_theirs_back():
@@ -197,30 +186,23 @@ def test_workers_below_one_are_refused(count, tmp_path):
 @needs_proc
 @pytest.mark.parametrize("workers", [1, 2])
 def test_killed_at_random_moments_no_more_than_the_chunks_in_hand_are_lost(
-    notes, tmp_path, workers
+    notes, tmp_path, code, workers
 ):
     """Twenty kills in all; what is computed twice is what each worker had in hand."""
     rng = random.Random(workers)
     run_job(job(Count(notes), count=60), tmp_path / "whole", finish)
     whole = contents(tmp_path / "whole")
-    script = tmp_path / "run.py"
-    script.write_text(
-        RUN.replace("0.2", "0.02").replace("workers=2", f"workers={workers}"), "utf-8"
-    )
+    script = RUN.replace("0.2", "0.02").replace("workers=2", f"workers={workers}")
     for k in range(10):
         out, own = tmp_path / f"out{k}", tmp_path / f"notes{k}"
         own.mkdir()
-        command = [sys.executable, str(script), str(out), str(own), TESTS]
-        run = subprocess.Popen(command)
-        while not (tmp_path / f"out{k}.partial" / "manifest.json").exists():
-            time.sleep(0.01)
+        run = start(tmp_path, code, "-c", script, out, own, TESTS)
+        manifest = tmp_path / f"out{k}.partial" / "manifest.json"
+        wait_until(manifest.exists, "it did not begin", run=run)
         time.sleep(rng.uniform(0.0, 1.5))
-        run.kill()
-        run.wait()
-        started = len(calls(own))
-        assert subprocess.run(command).returncode == 0
-        assert contents(out) == whole
-        assert not (tmp_path / f"out{k}.partial").exists()
+        kill(run, with_workers=False)
+        begun = len(calls(own))
+        ends_as(whole, start(tmp_path, code, "-c", script, out, own, TESTS), out)
         # one process computes a chunk while it writes the one before
         in_hand = 2 if workers == 1 else workers
-        assert len(calls(own)) - 20 <= in_hand, (k, started)
+        assert computed_again(own, 20) <= in_hand, (k, begun)

@@ -1,12 +1,5 @@
 """`simulate` as a long run: killed, stopped, with workers; the same bytes whoever renders."""
 
-import os
-import random
-import signal
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
 import tifffile
@@ -17,9 +10,8 @@ from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, load_scene
 from isochrome.simulate import simulate
 from isochrome.simulate.work import RenderWork
-from process.test_process_runs import code, files, finished_chunks
-
-__all__ = ["code"]
+from runs.counting import contents
+from runs.killing import killed_and_begun_again, needs_sigkill, start
 
 
 def scene_of(count, **values):
@@ -77,7 +69,7 @@ def test_what_is_kept_in_memory_is_what_is_written(tmp_path, kind):
 def test_a_complete_simulation_is_not_rendered_again(tmp_path, monkeypatch):
     scene = scene_of(3)
     first = simulate(scene, tmp_path / "out")
-    before = files(tmp_path / "out")
+    before = contents(tmp_path / "out")
     with monkeypatch.context() as patch:
         patch.setattr(RenderWork, "__call__", None)
         again = simulate(scene, tmp_path / "out")
@@ -88,9 +80,9 @@ def test_a_complete_simulation_is_not_rendered_again(tmp_path, monkeypatch):
         else:  # nine digits in a table
             np.testing.assert_allclose(again.history[name], values, rtol=1e-8)
     assert not simulate(scene, tmp_path / "out", restart=True).already
-    assert files(tmp_path / "out") == before
+    assert contents(tmp_path / "out") == before
     other = simulate(scene.with_values({"camera.seed": 5}), tmp_path / "out")
-    assert not other.already and files(tmp_path / "out") != before
+    assert not other.already and contents(tmp_path / "out") != before
 
 
 @pytest.mark.long
@@ -133,7 +125,7 @@ def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, mon
     told = []
     simulate(SCENE, tmp_path / "out", progress=told.append)
     assert told[0].before == 8
-    assert files(tmp_path / "out") == files(tmp_path / "whole")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     assert not (tmp_path / "out.partial").exists()
 
 
@@ -142,7 +134,7 @@ def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, mon
 def test_two_workers_leave_the_same_files(tmp_path, components):
     simulate(SCENE, tmp_path / "one", components=components)
     simulate(SCENE, tmp_path / "two", components=components, workers=2)
-    assert files(tmp_path / "two") == files(tmp_path / "one")
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 
 @pytest.mark.long
@@ -154,46 +146,21 @@ def test_a_cluster_leaves_the_same_files(tmp_path):
         n_workers=2, threads_per_worker=2, processes=True, dashboard_address=None
     ) as cluster:
         simulate(SCENE, tmp_path / "two", cluster=cluster.scheduler_address)
-    assert files(tmp_path / "two") == files(tmp_path / "one")
-
-
-def start(place, code, out, workers):
-    return subprocess.Popen(
-        [
-            sys.executable, "-m", "isochrome", "simulate", "scene.toml", "--out", out,
-            "--workers", workers,
-        ],
-        cwd=place,
-        env=os.environ | {"PYTHONPATH": str(code)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )  # fmt: skip
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+@needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
     (tmp_path / "scene.toml").write_text(dump_scene(scene_of(300)), "utf-8")
-    began = time.monotonic()
-    run = start(tmp_path, code, "whole", workers)
-    assert run.wait() == 0, run.stderr.read()
-    run.stderr.close()
-    length = time.monotonic() - began
-    whole, rng, kept = files(tmp_path / "whole"), random.Random(int(workers)), 0
-    for k in range(4):
-        out = f"out{k}"
-        run = start(tmp_path, code, out, workers)
-        time.sleep(rng.uniform(0.3, 1.0) * length)
-        os.killpg(run.pid, signal.SIGKILL) if k % 2 else run.kill()
-        run.wait()
-        run.stderr.close()
-        kept += finished_chunks(tmp_path, out)
-        again = start(tmp_path, code, out, workers)
-        assert again.wait() == 0, again.stderr.read()
-        again.stderr.close()
-        assert files(tmp_path / out) == whole
-        assert not (tmp_path / f"{out}.partial").exists()
+
+    def begin(out):
+        return start(
+            tmp_path, code, "-m", "isochrome", "simulate", "scene.toml", "--out", out,
+            "--workers", workers,
+        )  # fmt: skip
+
+    alternately = [False, True] * 2
+    kept = killed_and_begun_again(begin, tmp_path, alternately, since=0.3, seed=int(workers))
     assert kept > 0  # else nothing was told of going on

@@ -1,0 +1,106 @@
+"""Runs in processes of their own, killed at some moment and begun again, to end with the same."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from runs.counting import contents
+
+needs_sigkill = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+
+
+def start(place, code, *arguments):
+    """Start Python in a folder, in a process group of its own, with a copy of the package."""
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        cwd=place,
+        env=os.environ | {"PYTHONPATH": str(code)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def finished(run):
+    """Wait until a run has ended as it should; what it said on standard output."""
+    out, err = run.communicate(timeout=600)  # or it hangs
+    assert run.returncode == 0, err
+    return out
+
+
+def kill(run, *, with_workers):
+    """Kill a run with its workers, or alone: they are left to end by themselves then."""
+    os.killpg(run.pid, signal.SIGKILL) if with_workers else run.kill()
+    run.wait()
+    run.stdout.close()
+    run.stderr.close()
+
+
+def wait_until(happened, otherwise, *, run=None, seconds=120):
+    """Wait for what a run does; fail in the words of `otherwise` where it ends before, or hangs."""
+    deadline = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < deadline and (run is None or run.poll() is None), otherwise
+        time.sleep(0.01)
+
+
+def finished_chunks(out):
+    """How many chunks a killed run has kept beside its output."""
+    return len(list(out.with_name(f"{out.name}.partial").joinpath("chunks").glob("*.json")))
+
+
+def undisturbed(begin, place):
+    """What a run that nothing happens to leaves, and how long it takes, in seconds."""
+    began = time.monotonic()
+    finished(begin("whole"))
+    length = time.monotonic() - began
+    return contents(place / "whole"), length
+
+
+def killed(begin, length, with_workers, *, since, seed):
+    """Kill runs, each at a random moment of its own; the names of their outputs, one by one.
+
+    `begin`, called with a name, starts a run; `length` of an undisturbed one, and `since`, the
+    share of it before which none is killed; `with_workers`, for each whether its workers are too.
+    """
+    rng = random.Random(seed)
+    for number, group in enumerate(with_workers):
+        out = f"out{number}"
+        run = begin(out)
+        time.sleep(rng.uniform(since, 1.0) * length)
+        kill(run, with_workers=group)
+        yield out
+
+
+def ends_as(whole, run, out):
+    """See that a run ends with the same bytes and clears up; what it said."""
+    said = finished(run)
+    other = {name for name, _ in whole.items() ^ contents(out).items()}
+    assert not other, f"{out}: not as undisturbed: {sorted(other)}"
+    assert not out.with_name(f"{out.name}.partial").exists(), f"{out}: its working folder is left"
+    return said
+
+
+def killed_and_begun_again(begin, place, with_workers, *, since, seed):
+    """Kill runs, see that the same command ends each with the same bytes; how many chunks kept.
+
+    Where none had kept any, for the machine's pace has changed, one more is killed once it has.
+    """
+    whole, length = undisturbed(begin, place)
+    kept = 0
+    for out in killed(begin, length, with_workers, since=since, seed=seed):
+        kept += finished_chunks(place / out)
+        ends_as(whole, begin(out), place / out)
+    if kept == 0:
+        run, out = begin("late"), place / "late"
+        wait_until(lambda: finished_chunks(out), "it finished no chunk", run=run)
+        kill(run, with_workers=True)
+        kept = finished_chunks(out)
+        ends_as(whole, begin("late"), out)
+    return kept
