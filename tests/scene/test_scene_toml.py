@@ -32,6 +32,7 @@ from isochrome.scene import (
     parse_scene,
     scene_names,
 )
+from scene_texts import PAPER_CONTACT
 
 positive = st.floats(1e-6, 1e6)
 finite = st.floats(-1e6, 1e6)
@@ -281,18 +282,10 @@ def test_paths_in_a_scene_are_relative_to_its_own_file(tmp_path):
 
 
 def test_every_file_that_a_scene_names_is_listed():
-    text = """
-[specimen]
-young_gpa = 2.1
-poisson = 0.4
-thickness_mm = 4.0
-fringe_value_n_per_mm = 14.6
-[indenter]
-profile = "profile.csv"
-young_gpa = 210.0
-poisson = 0.3
-[load]
-normal_n = 44.0
+    contact = PAPER_CONTACT.replace("radius_mm = 24.61", 'profile = "profile.csv"')
+    text = (
+        contact
+        + """
 [camera]
 response = "response.csv"
 [frames]
@@ -302,6 +295,7 @@ no_load_steps = "steps.tif"
 mask = "mask.png"
 colour_table = "colours.csv"
 """
+    )
     scene = parse_scene(text, folder=Path("here"))
     of_model = {Path("here", name) for name in ("profile.csv", "response.csv")}
     of_frames = ("dark.tif", "bright.tif", "steps.tif", "mask.png", "colours.csv")
