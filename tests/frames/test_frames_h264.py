@@ -181,6 +181,28 @@ def test_damage_shows_when_the_frame_is_read(tmp_path):
     assert numbers == list(range(len(numbers))) and 20 <= len(numbers) <= 24
 
 
+@pytest.mark.parametrize("decode", [True, False])
+def test_frames_that_ffmpeg_passes_over_in_silence_are_missed(tmp_path, decode):
+    """One bit of a slice's head, and it gives 34 frames of 40 and no word."""
+    av = pytest.importorskip("av")
+    path = video(tmp_path / "v.mp4", "libx264", "yuv420p", options={"x264-params": "bframes=0"})
+    with av.open(str(path)) as container:
+        place = [p.pos for p in container.demux(video=0) if p.size][9]
+    data = bytearray(path.read_bytes())
+    data[place + 5] ^= 1
+    path.write_bytes(data)
+    with av.open(str(path)) as container:
+        assert sum(1 for _ in container.decode(video=0)) < COUNT
+
+    def read():
+        with open_frames(path) as reader:
+            reader.count(decode=decode)
+            list(reader)
+
+    with pytest.raises(InputError, match=r"v\.mp4: .*packet"):
+        read()
+
+
 def test_a_recording_cut_by_its_edit_list_begins_where_that_says(tmp_path):
     """The frames from the key frame before are in the file, to be decoded and not shown."""
     av = pytest.importorskip("av")

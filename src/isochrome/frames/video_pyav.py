@@ -55,7 +55,7 @@ class Video:
         if running is None:
             first, running = 0, self.decoded()
         if self.places is not None and self.places.sums is None:
-            running = self._as_listed(first, running)
+            running = self._as_listed(self.places.stamps, first, running)
         for index, item in enumerate(running, first):
             if index < start:
                 continue
@@ -74,7 +74,11 @@ class Video:
 
     def _survey(self) -> Places:
         times, ticks, sums, keys = [], [], [], []
-        for index, item in enumerate(self.decoded()):
+        running: Iterator[Decoded] = self.decoded()
+        listed = by_packets(self.path, self.container)
+        if listed is not None:  # FFmpeg passes over damaged frames of H.264 in silence
+            running = self._as_listed(listed.stamps, 0, running)
+        for index, item in enumerate(running):
             if item.frame.key_frame and item.tick is not None:
                 keys.append((index, item.tick))
             times.append(np.nan if item.time_s is None else item.time_s)
@@ -91,10 +95,11 @@ class Video:
             np.array(keys, np.int64).reshape(-1, 2), end,
         )  # fmt: skip
 
-    def _as_listed(self, first: int, running: Iterator[Decoded]) -> Iterator[Decoded]:
+    def _as_listed(
+        self, stamps: np.ndarray, first: int, running: Iterator[Decoded]
+    ) -> Iterator[Decoded]:
         """The frames from `first` on, each of which has to be the one that its packet said."""
-        assert self.places is not None
-        stamps, index = self.places.stamps, first - 1
+        index = first - 1
         for index, item in enumerate(running, first):
             if index >= len(stamps) or item.tick != stamps[index]:
                 raise InputError(
