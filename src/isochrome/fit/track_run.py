@@ -212,7 +212,7 @@ def _distance(frame: Frame, scene: Scene) -> float | None:
 
 def _counted(reader: FrameReader, scene: Scene) -> int:
     """How many frames there are. Raises InputError where there are none, or other states."""
-    count = reader.count()
+    count = reader.count(decode=False)
     if count == 0:
         raise InputError(f"{reader.path}: holds no frame; check the file")
     states = state_count(scene)
