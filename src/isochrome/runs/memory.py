@@ -1,29 +1,41 @@
-"""Memory that is free again goes back to the system."""
+"""Memory that is free again goes back to the system, in a long run as in a short one.
+
+Of the GNU C library, which keeps what is freed: without this, what is left of one chunk lies
+between the pieces of the next, and a long run takes more than a short one. The memory of other
+systems' libraries shrinks by itself, or cannot be asked to. Source: mallopt(3), malloc_trim(3).
+"""
 
 from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Callable
 from functools import cache
+
+LARGE = 16 << 20
+"""Bytes of an array, as a stack of frames, that is given back as soon as it is freed."""
+
+_MMAP_THRESHOLD = -3
+
+
+def keep_steady() -> None:
+    """Fix from which size on arrays are given back at once, which else grows with the largest."""
+    library = _gnu()
+    if library is not None:
+        library.mallopt(_MMAP_THRESHOLD, LARGE)
 
 
 def give_back() -> None:
-    """Give the system back what the C library has kept of freed memory, where it can be asked to.
-
-    Between chunks: else what is left of one lies between the pieces of the next, and a long run
-    takes more than a short one. GNU's malloc_trim; the memory of other systems' libraries shrinks
-    by itself, or not at all.
-    """
-    trim = _trim()
-    if trim is not None:
-        trim(0)
+    """Give back what is free, between chunks."""
+    library = _gnu()
+    if library is not None:
+        library.malloc_trim(0)
 
 
 @cache
-def _trim() -> Callable[[int], int] | None:
-    """GNU's malloc_trim(3), None where there is none."""
+def _gnu() -> ctypes.CDLL | None:
+    """The GNU C library, None where there is another."""
     if not sys.platform.startswith("linux"):
         return None
-    found: Callable[[int], int] | None = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    return found
+    library = ctypes.CDLL(None)
+    known = hasattr(library, "mallopt") and hasattr(library, "malloc_trim")
+    return library if known else None

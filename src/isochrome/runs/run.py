@@ -18,6 +18,7 @@ from isochrome.runs.in_turn import one_by_one
 from isochrome.runs.inputs import check_apart, check_unchanged, stamps_of
 from isochrome.runs.job import Job
 from isochrome.runs.lock import locked
+from isochrome.runs.memory import keep_steady
 from isochrome.runs.publish import check_own, publish
 from isochrome.runs.store import STORE
 from isochrome.runs.workers import (
@@ -89,6 +90,7 @@ def run_job(
     what the job raises.
     """
     means = means or Means()
+    keep_steady()
     if means.workers is not None and means.workers < 1:
         raise InputError(f"--workers {means.workers}: give 1 or more")
     if job.in_turn and (means.cluster is not None or (means.workers or 1) > 1):

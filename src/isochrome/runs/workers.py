@@ -21,7 +21,7 @@ from isochrome.errors import InputError
 from isochrome.runs.chunks import Bench, Kept, keep, work_and_keep
 from isochrome.runs.identity import environment
 from isochrome.runs.job import Results, Work
-from isochrome.runs.memory import give_back
+from isochrome.runs.memory import give_back, keep_steady
 from isochrome.runs.threads import single_threaded
 
 T = TypeVar("T")
@@ -214,6 +214,7 @@ _TASK: list[Any] = []
 def _start_worker(begin: Callable[..., None], arguments: tuple[Any, ...]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    keep_steady()
     begin(*arguments)
 
 
