@@ -46,6 +46,6 @@ SUITES = {
     "speed": Suite(lambda: CASES, "bench", report.table, report.figure),
     "fringes": Suite(case_fringes.cases, "fringes", report_fringes.table, report_fringes.figure),
     "fit": Suite(case_fit.cases, "fit", report_fit.table, report_fit.figure),
-    "memory": Suite(case_memory.cases, "memory", report_memory.table, report_memory.figure),
     "track": Suite(case_track.cases, "track", report_track.table, report_track.figure),
+    "memory": Suite(case_memory.cases, "memory", report_memory.table, report_memory.figure),
 }
