@@ -1,8 +1,9 @@
-"""Frames a second of `process --track` on a contact's video, and what reading and writing take.
+"""Frames a second of `process` on a contact's video, and what reading and writing take.
 
-Frames of 659 x 494, 8 bits, noise of 3 grey levels, a vignette; the load swings by 5 %, friction
-and place drift. Shares are of processor time within one run of one worker: the reading thread, the
-count and the hash of the file; chunks, tables and dataset put down. The figure is counted as work.
+Frames of 659 x 494, of the film that is processed wholly 180 x 120; 8 bits, noise of 3 grey levels,
+a vignette; the load swings by 5 %, friction and place drift. Shares are of processor time within
+one run of one worker: the reading thread, the count and the hash of the file; chunks, tables and
+dataset put down. The figure is counted as work.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import os
 import sys
 import time
 from contextlib import contextmanager
-from dataclasses import replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,23 +29,38 @@ SHAPE, COUNT, LONG, LOOP = (494, 659), 800, 2000, 120
 SMALL = (120, 180)
 LOAD = "load.normal_n"
 
+
+@dataclass(frozen=True)
+class Film:
+    """A kind of file: `suffix`; `codec`, its `pixels` and `options`; none of a TIFF stack.
+
+    `track`, whether it is tracked, or every frame processed wholly; `both`, whether one worker is
+    compared with two.
+    """
+
+    suffix: str
+    codec: str = ""
+    pixels: str = ""
+    options: dict[str, str] = field(default_factory=dict)
+    track: bool = True
+    both: bool = False
+
+
+WHOLE = "TIFF, frames wholly"
 FILMS = {
-    "uncompressed AVI": ("avi", "rawvideo", "gray", {}),
-    "TIFF stack": ("tif", "", "", {}),
-    "MJPEG in AVI": ("avi", "mjpeg", "yuvj420p", {"qmin": "2", "qmax": "2"}),
-    "FFV1 in MKV": ("mkv", "ffv1", "gray", {}),
-    "H.264 in MP4": ("mp4", "libx264", "yuv420p", {"crf": "16"}),
+    "uncompressed AVI": Film("avi", "rawvideo", "gray", both=True),
+    "TIFF stack": Film("tif"),
+    "MJPEG in AVI": Film("avi", "mjpeg", "yuvj420p", {"qmin": "2", "qmax": "2"}),
+    "FFV1 in MKV": Film("mkv", "ffv1", "gray"),
+    "H.264 in MP4": Film("mp4", "libx264", "yuv420p", {"crf": "16"}),
+    WHOLE: Film("tif", track=False, both=True),
 }
 
 
 def cases():
-    """A case for each kind of film; the first is run by two workers too."""
-    able = {name: how for name, how in FILMS.items() if not how[1] or find_spec("av") is not None}
-    return {name: _case(name, k == 0) for k, name in enumerate(able)}
-
-
-def _case(name, both):
-    return lambda quick: run_case(name, both=both, quick=quick)
+    """A case for each kind of film that can be written here."""
+    able = find_spec("av") is not None
+    return {name: partial(run_case, name) for name, film in FILMS.items() if able or not film.codec}
 
 
 @lru_cache(maxsize=1)
@@ -77,49 +93,50 @@ def there_and_back(length, count):
     return once[np.arange(count) % len(once)]
 
 
-def run_case(name, *, both, quick):
+def run_case(name, *, quick):
     """Rows of one kind of film."""
     from isochrome.process import process
 
-    count = 9 if quick else LONG if both else COUNT
-    every = 4 if quick else None
-    frames, scene, loads = loop(SMALL if quick else SHAPE, 5 if quick else LOOP)
+    kind = FILMS[name]
+    count = 9 if quick else LONG if kind.both else COUNT
+    every = 4 if quick and kind.track else None
+    frames, scene, loads = loop(SMALL if quick or not kind.track else SHAPE, 5 if quick else LOOP)
     order = there_and_back(len(frames), count)
-    suffix, codec, pixels, options = FILMS[name]
     rows = []
     with TemporaryDirectory() as place:
-        film = Path(place) / f"film.{suffix}"
-        if codec:
-            films().write_video(film, (frames[k] for k in order), codec, pixels, options)
+        film = Path(place) / f"film.{kind.suffix}"
+        if kind.codec:
+            pictures = (frames[k] for k in order)
+            films().write_video(film, pictures, kind.codec, kind.pixels, kind.options)
         else:
             _write_stack(film, frames, order)
-        if pixels.startswith("yuv"):  # an even number of columns
+        if kind.pixels.startswith("yuv"):  # an even number of columns
             width = frames.shape[2] // 2 * 2
             scene = scene.with_values({"camera.width_px": width})
-        for workers in (1, 2) if both and not quick else (1,):
+        for workers in (1, 2) if kind.both and not quick else (1,):
             with watched() as spent:
                 before, start = os.times(), time.perf_counter()
                 found = process(
-                    film, scene, Path(place) / "out", track=True, every=every, workers=workers,
-                    restart=True,
+                    film, scene, Path(place) / "out", track=kind.track, every=every,
+                    workers=workers, restart=True,
                 )  # fmt: skip
                 wall, after = time.perf_counter() - start, os.times()
             cpu = sum(after[:4]) - sum(before[:4])
             rows.append(_row(name, workers, found, loads[order], wall, cpu, spent))
         if len(rows) == 2:
-            rows[1] = replace(rows[1], apart_per_s=2 * count / _apart(film, scene, 2))
+            rows[1] = replace(rows[1], apart_per_s=2 * count / _apart(film, scene, kind.track))
     return rows
 
 
-def _apart(film, scene, runs):
-    """Time (s) of separate runs of one worker each at once: what the machine's cores allow for."""
+def _apart(film, scene, track):
+    """Time (s) of two runs of one worker each at once: what the machine's cores allow for."""
     from isochrome.process import process
 
-    with futures.ProcessPoolExecutor(runs, multiprocessing.get_context("spawn")) as pool:
+    with futures.ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
         start = time.perf_counter()
         started = [
-            pool.submit(process, film, scene, film.with_name(f"apart-{k}"), track=True, workers=1)
-            for k in range(runs)
+            pool.submit(process, film, scene, film.with_name(f"apart-{k}"), track=track, workers=1)
+            for k in range(2)
         ]
         for run in started:
             run.result()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from isochrome.bench import TrackRow
 from isochrome.figures import LINE_COLOURS
 
+from .case_track import WHOLE
 from .report import lines_of, machine
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ _FOOT = f"""\
 frames/s: by the clock, with all that the machine did besides; CPU a frame: processor time of all
 processes, start and figure included: two free cores do 2 / (CPU a frame). Reading (counting, hash,
 decoding) and writing: shares of the processor time. Load error: relative, root mean square; pull:
-error over standard uncertainty. To be seen: {RATE:g} frames/s on two cores; reading and writing
-under {100 * SHARE:.0f} % together. A codec's own decoding is part of reading."""
+error over standard uncertainty. To be seen, where frames are tracked: {RATE:g} frames/s on two
+cores; reading and writing under {100 * SHARE:.0f} % together, a codec's own decoding included."""
 
 
 def _cells(row: TrackRow) -> tuple[str, ...]:
@@ -63,10 +64,10 @@ def _speed_up(rows: list[TrackRow]) -> list[str]:
 
 
 def figure(rows: list[TrackRow]) -> Figure:
-    """Processor time of a frame by its parts, a bar for each film that one worker took."""
+    """Processor time of a frame by its parts, a bar for each film that one worker tracked."""
     from isochrome.figures import new_figure, style_axes
 
-    alone = [row for row in rows if row.workers == 1]
+    alone = [row for row in rows if row.workers == 1 and row.film != WHOLE]
     picture = new_figure(9.0, 0.55 * len(alone) + 1.6)
     axes = picture.subplots()
     ends = [0.0] * len(alone)
