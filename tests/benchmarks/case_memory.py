@@ -18,14 +18,14 @@ STATES, FRAMES = (200, 2000), (200, 20_000)
 """Of a short and a long run."""
 
 _RUN = """
-import json, sys, time
-from isochrome.console import print_json
-from isochrome.process import process
-from isochrome.simulate import simulate
+import sys, time
 start = time.perf_counter()
 if sys.argv[1] == "simulate":
+    from isochrome.simulate import simulate
     simulate(sys.argv[2], sys.argv[4])
 else:
+    from isochrome.console import print_json
+    from isochrome.process import process
     print_json({"frames": process(sys.argv[3], sys.argv[2], sys.argv[4], track=True).table})
 print(time.perf_counter() - start)
 """

@@ -58,7 +58,7 @@ def test_peak_memory_of_ten_times_the_states_is_the_same(tmp_path):
     for count in (200, 2000):
         scene = tmp_path / f"{count}.toml"
         scene.write_text(memory.long_history(count), encoding="utf-8")
-        size, _ = memory.peak_memory(str(scene), str(tmp_path / str(count)))
+        size, _ = memory.peak_memory("simulate", scene, "", tmp_path / str(count))
         sizes.append(size)
         assert len(read_csv(tmp_path / str(count) / "history.csv")["state"]) == count
     assert sizes[1] < 1.05 * sizes[0]
