@@ -17,7 +17,7 @@ poisson = 0.3
 PAPER_CONTACT = PAPER_PAIR + "\n[load]\nnormal_n = 44.0\n"
 """The same under the paper's load."""
 
-WORN_CONTACT = (
+WEARING_CONTACT = (
     PAPER_CONTACT
     + """
 [friction]
@@ -25,6 +25,13 @@ coefficient = 0.25
 
 [wear]
 coefficient_mm2_per_n = 2e-9
+"""
+)
+"""The same sliding; `distances_m` is to follow."""
+
+WORN_CONTACT = (
+    WEARING_CONTACT
+    + """\
 distances_m = [0.0, 77.0]
 
 [polariscope]

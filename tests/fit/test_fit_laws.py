@@ -15,17 +15,12 @@ from isochrome.fit.told import WearLaws
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
 from isochrome.simulate import simulate
-from scene_texts import PAPER_CONTACT
+from scene_texts import WEARING_CONTACT
 
 ENDS = np.array([31.0, 77.0, 155.0, 233.0])
 WORN = (
-    PAPER_CONTACT
-    + """
-[friction]
-coefficient = 0.25
-
-[wear]
-coefficient_mm2_per_n = 2e-9
+    WEARING_CONTACT
+    + """\
 distances_m = [31.0, 77.0, 155.0, 233.0]
 
 [camera]

@@ -85,9 +85,7 @@ def process(
     with run_bar("processing") as progress:
         result = run(found[0], scene, out, progress=progress, **options)
     if as_json:
-        said = {"out": str(out), "model": result.model, "frames": result.table}
-        said |= {"summary": result.summary()} if result.tracked else {}
-        print_json(said | {"warnings": list(result.warnings)})
+        _print_as_json(result, out)
     else:
         _print_processed(result, out)
     if result.failed:
@@ -97,6 +95,13 @@ def process(
             err=True,
         )
         raise typer.Exit(2)
+
+
+def _print_as_json(result: Processed, out: Path) -> None:
+    """The table of all frames, of a tracked video with what they come to, as one JSON object."""
+    said = {"out": str(out), "model": result.model, "frames": result.table}
+    said |= {"summary": result.summary()} if result.tracked else {}
+    print_json(said | {"warnings": list(result.warnings)})
 
 
 def _print_processed(result: Processed, out: Path) -> None:

@@ -22,7 +22,7 @@ from isochrome.process.chunk import (
 )
 from isochrome.process.dataset import write_columns
 from isochrome.process.figure import Shown, process_figure
-from isochrome.process.processed import PICTURE, Processed, collect, tabulate
+from isochrome.process.processed import PICTURE, Processed, add_row, collect, warnings_last
 from isochrome.process.recipe import Recipe
 from isochrome.process.track_figure import tracked_figure
 from isochrome.runs import STORE, Bench, Job
@@ -47,8 +47,12 @@ def finish_folder(
     `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError.
     """
     folder, scene = bench.results, recipe.scene
-    table = tabulate(row for row, _ in rows(bench))
-    more = tabulate(more for _, more in rows(bench))
+    found: dict[str, Any] = {}
+    more: dict[str, Any] = {}
+    for number, (row, rest) in enumerate(rows(bench)):
+        add_row(found, number, row)
+        add_row(more, number, rest)
+    table = warnings_last(found)
     result = collect(scene, table, more["status"], None, shape, residual)
     write_csv(folder / "frames.csv", table)
     _join_lines(bench, recipe)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -65,23 +65,34 @@ class Processed:
 def tabulate(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
     """Rows as columns, in order of first appearance, the warnings last; None where a row has none.
 
-    An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
-    the one before it takes no room of its own.
     Parameters: `rows`, of frames.csv, one a frame. Returns column name to values.
     """
     table: dict[str, Any] = {}
     for number, row in enumerate(rows):
-        for name, value in row.items():
-            if name not in table:
-                table[name] = (
-                    Floats("d") if not number and type(value) is float else [None] * number
-                )
-        for name, values in table.items():
-            value = row.get(name)
-            if isinstance(values, Floats) and type(value) is not float:
-                values = table[name] = values.tolist()
-            again = number and isinstance(value, str) and values[-1] == value
-            values.append(values[-1] if again else value)
+        add_row(table, number, row)
+    return warnings_last(table)
+
+
+def add_row(table: dict[str, Any], number: int, row: Mapping[str, Any]) -> None:
+    """Add a row to columns, None where it has no value of one.
+
+    An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
+    the one before it takes no room of its own.
+    Parameters: `table`, column name to values, which grow; `number` of rows in it; `row`.
+    """
+    for name, value in row.items():
+        if name not in table:
+            table[name] = Floats("d") if not number and type(value) is float else [None] * number
+    for name, values in table.items():
+        value = row.get(name)
+        if isinstance(values, Floats) and type(value) is not float:
+            values = table[name] = values.tolist()
+        again = number and isinstance(value, str) and values[-1] == value
+        values.append(values[-1] if again else value)
+
+
+def warnings_last(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns in their order, the one of the longest texts last."""
     return dict(sorted(table.items(), key=lambda item: item[0] == "warnings"))
 
 

@@ -21,7 +21,7 @@ from isochrome.process.stepped import load_residual, process_stepped
 from isochrome.process.with_model import process_with_model
 from isochrome.runs.memory import give_back
 from isochrome.scene import Scene
-from isochrome.simulate.model import forget_kernels
+from isochrome.simulate.model import surface_field_grid
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def let_go() -> None:
     """Close what this process has open, and free what its frames shared: all of them are done."""
     close_kept()
     light_basis.cache_clear()
-    forget_kernels()
+    surface_field_grid.cache_clear()
     give_back()
 
 

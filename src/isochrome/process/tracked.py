@@ -14,7 +14,7 @@ from isochrome.process.followed import FollowedFrame
 from isochrome.process.recipe import OpenSet
 from isochrome.process.result import ProcessedFrame
 from isochrome.scene import Scene
-from isochrome.simulate.model import forget_kernels
+from isochrome.simulate.model import surface_field_grid
 
 EVERY = 200
 """Frames from one key frame to the next: a key frame costs as much as some 200 that are followed,
@@ -59,7 +59,7 @@ def tracked_states(
         frame = replace(frames[0], index=index)
         if index % every == 0:
             key = source.processed(index, frames)
-            forget_kernels()  # they are of its own place, and take as much as ten pictures
+            surface_field_grid.cache_clear()  # of its own place, as large as ten pictures
             course = Course(source)
             course.begin(frame, key)
             yield key

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,32 +153,19 @@ def regular_stress(scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> Re
     return block + RegularStress((complex(load.bulk_mpa or 0.0), slope))
 
 
-_KERNELS: dict[tuple[PixelGrid, Grid, float], FieldGrid] = {}
-"""The kernels that were made last: the states of a scene share them."""
-
-
+@lru_cache(maxsize=1)
 def surface_field_grid(pixels: PixelGrid, grid: Grid, tolerance: float) -> FieldGrid:
     """The kernels from a contact's nodes to the pixels, as precise as the scene's tolerance asks.
 
-    The last ones are kept; they take as much as ten pictures, and go before others are made.
+    The last ones are kept: the states of a scene share them. They take as much as ten pictures.
     """
-    key = pixels, grid, tolerance
-    found = _KERNELS.get(key)
-    if found is None:
-        forget_kernels()
-        found = _KERNELS[key] = make_field_grid(
-            pixels,
-            left_mm=grid.left_mm,
-            spacing_mm=grid.spacing_mm,
-            nodes=grid.nodes,
-            dtype=field_dtype(tolerance),
-        )
-    return found
-
-
-def forget_kernels() -> None:
-    """Free the kernels that were made last."""
-    _KERNELS.clear()
+    return make_field_grid(
+        pixels,
+        left_mm=grid.left_mm,
+        spacing_mm=grid.spacing_mm,
+        nodes=grid.nodes,
+        dtype=field_dtype(tolerance),
+    )
 
 
 def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) -> Picture:
