@@ -3,7 +3,6 @@
 import csv
 import os
 import shutil
-import time
 
 import numpy as np
 import pytest
@@ -15,13 +14,22 @@ from isochrome.campaign import process_campaign
 from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
 from runs.counting import contents
-from runs.killing import finished, finished_chunks, kill, needs_sigkill, start, wait_until
+from runs.killing import (
+    children,
+    finished,
+    finished_chunks,
+    kill,
+    needs_proc,
+    start,
+    wait_for_the_end_of,
+    wait_until,
+)
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 pytestmark = pytest.mark.long
 
 
-@needs_sigkill
+@needs_proc
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_in_the_second_recording_it_ends_with_the_same_bytes(place, code, workers):
     for i in range(1, 5):
@@ -37,8 +45,9 @@ def test_killed_in_the_second_recording_it_ends_with_the_same_bytes(place, code,
     run = begin("out", "--workers", workers)
     second = place / "out" / "run2"
     wait_until(lambda: finished_chunks(second), "it finished no chunk of run2", run=run)
+    workers_of_it = children(run.pid)
     kill(run, with_workers=False)
-    time.sleep(2.0)  # its workers end by themselves, within a moment
+    wait_for_the_end_of(workers_of_it)
     assert (place / "out" / "run2.partial").exists() and not second.exists()
     assert not (place / "out" / "summary.csv").exists()
     kept = {p: p.stat().st_mtime_ns for p in (place / "out" / "run1").glob("*")}

@@ -6,12 +6,22 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from runs.counting import contents
 
-needs_sigkill = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL there")
+needs_sigkill = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
+
+
+NO_END_S = 600
+"""What takes a run some seconds hangs after so many, on a loaded machine too."""
+
+
+def listen():
+    """Take signals from the keyboard, even where who runs the tests ignores them, as nohup does."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def start(place, code, *arguments):
@@ -24,12 +34,13 @@ def start(place, code, *arguments):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=None if sys.platform == "win32" else listen,
     )
 
 
 def finished(run):
     """Wait until a run has ended as it should; what it said on standard output."""
-    out, err = run.communicate(timeout=600)  # or it hangs
+    out, err = run.communicate(timeout=NO_END_S)
     assert run.returncode == 0, err
     return out
 
@@ -42,12 +53,34 @@ def kill(run, *, with_workers):
     run.stderr.close()
 
 
-def wait_until(happened, otherwise, *, run=None, seconds=120):
+def wait_until(happened, otherwise, *, run=None):
     """Wait for what a run does; fail in the words of `otherwise` where it ends before, or hangs."""
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + NO_END_S
     while not happened():
         assert time.monotonic() < deadline and (run is None or run.poll() is None), otherwise
         time.sleep(0.01)
+
+
+def children(pid):
+    """Processes whose parent is `pid`, by the kernel's own list."""
+    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def wait_for_the_end_of(workers):
+    """Wait until processes are gone."""
+    wait_until(lambda: all(map(_gone, workers)), "workers outlive their run")
+
+
+def _gone(pid):
+    try:
+        return ") Z " in Path(f"/proc/{pid}/stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
+needs_proc = pytest.mark.skipif(
+    not Path("/proc/self/task").is_dir(), reason="needs /proc to know a process's children"
+)
 
 
 def finished_chunks(out):

@@ -13,19 +13,15 @@ import tifffile
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_pixel_mm
 from isochrome.runs import Means, Stopped, open_run, run_job
-from isochrome.runs import run as run_module
-from isochrome.runs.publish import publish
 from runs.counting import IDENTITY, Count, calls, computed_again, contents, finish, job, truth
 
 
-@pytest.fixture
-def undisturbed(count, tmp_path):
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
     """The files of a run that nothing happened to."""
-    out = tmp_path / "undisturbed"
-    run_job(job(count), out, finish)
-    for note in count.notes.iterdir():
-        note.unlink()
-    return contents(out)
+    place = tmp_path_factory.mktemp("undisturbed")
+    run_job(job(Count(place)), place / "out", finish)
+    return contents(place / "out")
 
 
 def stopped(tmp_path, count, at=7, **keys):
@@ -116,16 +112,23 @@ def test_a_complete_run_is_not_computed_again(undisturbed, count, tmp_path):
     assert contents(out) == undisturbed
 
 
-@pytest.mark.parametrize("what", ["order/c/1/0/0", "order.tif", "00000001.json", "lines"])
-@pytest.mark.parametrize("how", ["flipped", "cut", "gone"])
+@pytest.mark.parametrize(
+    ("what", "how"),
+    [
+        ("order.tif", "flipped"),  # one file for all chunks: it is not cut for one of them
+        *(
+            (what, how)
+            for what in ("order/c/1/0/0", "00000001.json", "lines")
+            for how in ("flipped", "cut", "gone")
+        ),
+    ],
+)
 def test_a_damaged_chunk_is_computed_again_and_no_other(undisturbed, count, tmp_path, what, how):
     stopped(tmp_path, count)
     root = tmp_path / "out.partial"
     name = "00000001-lines.txt" if what == "lines" else what
     (file,) = [f for f in root.rglob("*") if f.as_posix().endswith(name)]
     data = bytearray(file.read_bytes())
-    if what == "order.tif" and how != "flipped":
-        pytest.skip("the stack is one file for all chunks")
     at = len(data) // 2 if what != "order.tif" else data.index(truth(4).tobytes())
     data[at] ^= 0x10
     if how == "gone":
@@ -156,12 +159,46 @@ def test_a_run_killed_before_its_manifest_begins_anew(undisturbed, count, tmp_pa
     assert contents(tmp_path / "out") == undisturbed
 
 
-@pytest.mark.parametrize("existing", [False, True])
-@pytest.mark.parametrize("at", range(6))
+def test_a_flipped_byte_in_the_manifest_is_noticed_when_a_run_goes_on(count, tmp_path):
+    """One bit makes it the manifest of a run of another scene, whose chunks these are not."""
+    stopped(tmp_path, count)
+    manifest = tmp_path / "out.partial" / "manifest.json"
+    flipped = manifest.read_bytes().replace(b"b = 2", b"b = 3")
+    assert flipped != manifest.read_bytes()
+    manifest.write_bytes(flipped)
+    other = job(count, identity=IDENTITY | {"scene": "a = 1\nb = 3\n"})
+    run_job(other, tmp_path / "out", finish)
+    assert calls(count.notes) == sorted([0, 3, 6, 0, 3, 6, 9])
+
+
+class Death:
+    """The end of a process at the rename to "finished", or at the one so many `after` it."""
+
+    def __init__(self, patch, after):
+        self.left = None  # renames until then, not known before "finished"
+        for name in ("rename", "replace"):
+            patch.setattr(os, name, self.counting(getattr(os, name), after))
+
+    def counting(self, rename, after):
+        def act(source, target):
+            if os.path.basename(target) == "finished":
+                self.left = after
+            if self.left == 0:
+                raise KeyboardInterrupt
+            rename(source, target)
+            if self.left is not None:
+                self.left -= 1
+
+        return act
+
+
+@pytest.mark.parametrize(
+    ("existing", "at"), [*((False, at) for at in range(3)), *((True, at) for at in range(9))]
+)
 def test_killed_while_results_take_their_place_it_goes_on(
     undisturbed, count, tmp_path, monkeypatch, existing, at
 ):
-    """Every rename of the publication in turn is the last thing that the first run does."""
+    """Every rename of the publication in turn is the first that is not done."""
     out = tmp_path / "out"
     if existing:
         out.mkdir()
@@ -170,37 +207,14 @@ def test_killed_while_results_take_their_place_it_goes_on(
         (out / "run.zarr" / "old").write_text("old", "utf-8")
         (out / "provenance.json").write_text('{"outputs": {"old.csv": 3}}', "utf-8")
         (out / "old.csv").write_text("old", "utf-8")
-
-    left = [at]
-    names = ("rename", "replace")
-    real = {name: getattr(os, name) for name in names}
-
-    def killing(name):
-        def act(source, target):
-            if left[0] == 0:
-                raise KeyboardInterrupt
-            left[0] -= 1
-            real[name](source, target)
-
-        return act
-
-    finish_off = publish
-
-    def dying(bench, target):
-        for name in names:
-            monkeypatch.setattr(os, name, killing(name))
-        finish_off(bench, target)
-
-    monkeypatch.setattr(run_module, "publish", dying)
-    try:
-        run_job(job(count), out, finish)
-        survived = True
-    except Stopped:
-        survived = False
-    for name in names:
-        monkeypatch.setattr(os, name, real[name])
-    monkeypatch.setattr(run_module, "publish", finish_off)
-    assert survived == (at >= (6 if existing else 2))
+    survived = True
+    with monkeypatch.context() as patch:
+        Death(patch, at)
+        try:
+            run_job(job(count), out, finish)
+        except Stopped:
+            survived = False
+    assert survived == (at == (8 if existing else 2))
     run_job(job(count), out, finish)
     assert calls(count.notes) == [0, 3, 6, 9]  # nothing is computed twice
     found = contents(out)
@@ -240,18 +254,20 @@ def test_the_same_files_in_another_folder_are_the_same_input(count, tmp_path):
 
 
 HOLD = """
-import sys, time
+import sys
 from isochrome.runs.lock import locked
 from pathlib import Path
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
-    time.sleep(60)
+    sys.stdin.read()
 """
 
 
 def test_two_runs_on_one_output_are_refused_until_the_first_is_dead(count, tmp_path):
     root = tmp_path / "out.partial"
-    other = subprocess.Popen([sys.executable, "-c", HOLD, str(root)], stdout=subprocess.PIPE)
+    other = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(root)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
     try:
         assert other.stdout.readline() == b"held\n"
         words = rf"out\.partial: another run is at work there \(process {other.pid} on "
@@ -260,6 +276,7 @@ def test_two_runs_on_one_output_are_refused_until_the_first_is_dead(count, tmp_p
     finally:
         other.kill()
         other.wait()
+        other.stdin.close()
         other.stdout.close()
     assert run_job(job(count), tmp_path / "out", finish) is not None
     assert not root.exists()
@@ -274,15 +291,26 @@ def test_a_refusal_early_in_a_run_leaves_nothing(notes, tmp_path, failure):
     assert {p.name for p in tmp_path.iterdir()} == {"notes", "switch"}
 
 
-def test_a_refusal_after_long_work_keeps_it_and_says_so(notes, tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "WORTH_KEEPING_S", 0.0)
+@pytest.mark.parametrize(("seconds", "kept"), [(57.0, False), (63.0, True)])
+def test_a_refusal_after_long_work_keeps_it_and_says_so(
+    notes, tmp_path, monkeypatch, seconds, kept
+):
+    """From a minute on, by a clock that the third chunk puts on."""
     (tmp_path / "switch").touch()
     work = Count(notes, fail_at=7, failure=InputError, switch=tmp_path / "switch")
-    with pytest.raises(InputError, match=r"^item 7 is bad \(6 of 10 are finished and kept in "):
-        run_job(job(work), tmp_path / "out", finish)
+    clock, ahead = time.perf_counter, [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: clock() + ahead[0])
+
+    def watch(tally):
+        ahead[0] = seconds * (tally.done >= 3)
+
+    said = r" \(6 of 10 are finished and kept in " if kept else "$"
+    with pytest.raises(InputError, match=rf"^item 7 is bad{said}"):
+        run_job(job(work), tmp_path / "out", finish, progress=watch)
+    assert (tmp_path / "out.partial").exists() == kept
     (tmp_path / "switch").unlink()
     run_job(job(work), tmp_path / "out", finish)
-    assert calls(notes) == [0, 3, 6, 6, 9]
+    assert calls(notes) == sorted([0, 3, 6, 6, 9] + [0, 3] * (not kept))
 
 
 FULL = """
@@ -306,6 +334,10 @@ except InputError as error:
 """
 
 
+NO_END_S = 600
+"""A run of a second that takes so long hangs, on a loaded machine too."""
+
+
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of a file's size there")
 def test_a_full_disk_is_said_and_what_is_finished_is_kept(notes, tmp_path):
@@ -315,14 +347,14 @@ def test_a_full_disk_is_said_and_what_is_finished_is_kept(notes, tmp_path):
     tests = str(Path(__file__).parents[1])
     out = tmp_path / "out"
     command = [sys.executable, "-c", FULL, str(out), str(notes), tests]
-    done = subprocess.run([*command, "4000"], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([*command, "4000"], capture_output=True, text=True, timeout=NO_END_S)
     assert done.stderr == ""
     assert "out.partial: cannot be written (" in done.stdout
     assert "of 60 are finished and kept there: make room" in done.stdout
     assert not out.exists()
     before = len(calls(notes))
     assert 10 <= before < 20
-    done = subprocess.run([*command, "-1"], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([*command, "-1"], capture_output=True, text=True, timeout=NO_END_S)
     assert (done.stdout, done.stderr) == ("", "")
     assert 1 <= computed_again(notes, 20) <= 2  # those that were being written
     np.testing.assert_array_equal(tifffile.imread(out / "order.tif")[59], truth(59))

@@ -4,6 +4,7 @@ import os
 import random
 import signal
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,17 @@ from isochrome.runs import Means, run_job
 from isochrome.runs.threads import single_threaded
 from isochrome.runs.workers import WorkersLost
 from runs.counting import Count, calls, computed_again, contents, finish, job, truth
-from runs.killing import ends_as, kill, start, wait_until
+from runs.killing import (
+    children,
+    ends_as,
+    finished,
+    finished_chunks,
+    kill,
+    needs_proc,
+    start,
+    wait_for_the_end_of,
+    wait_until,
+)
 
 TESTS = str(Path(__file__).parents[1])
 
@@ -70,11 +81,6 @@ if __name__ == "__main__":
 """
 
 
-def children(pid):
-    """Processes whose parent is `pid`, by the kernel's own list."""
-    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
 def started(tmp_path, code, notes):
     """A run with two workers in another process, and its workers once each has begun a chunk."""
     run = start(tmp_path, code, "-c", RUN, "out", notes, TESTS)
@@ -86,15 +92,18 @@ def started(tmp_path, code, notes):
     return run, children(run.pid)
 
 
-def gone(pid):
-    return not Path(f"/proc/{pid}").exists() or "Z" in Path(f"/proc/{pid}/stat").read_text()
+def goes_on_with_what_was_kept(notes, out):
+    """Let a run of 20 chunks that has ended go on: what it has kept is not computed again."""
+    kept, before = kept_chunks(out), Counter(calls(notes))
+    assert len(before) - len(kept) <= 4  # two workers, each with one in hand and one on its way
+    run_job(job(Count(notes), count=60), out, finish)
+    assert Counter(calls(notes)) - before == Counter(set(range(0, 60, 3)) - kept)
 
 
-def wait_for(workers):
-    wait_until(lambda: all(map(gone, workers)), "workers outlive their run", seconds=30)
-
-
-needs_proc = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+def kept_chunks(out):
+    """The starts of the chunks that a run has kept beside its output."""
+    records = out.with_name(f"{out.name}.partial").joinpath("chunks").glob("*.json")
+    return {3 * int(file.stem) for file in records}
 
 
 @pytest.mark.long
@@ -102,11 +111,8 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="ne
 def test_workers_end_with_a_killed_run_and_it_goes_on(notes, tmp_path, code):
     run, workers = started(tmp_path, code, notes)
     kill(run, with_workers=False)
-    wait_for(workers)
-    before = calls(notes)
-    run_job(job(Count(notes), count=60), tmp_path / "out", finish)
-    # two workers, each with one chunk in hand and one on its way
-    assert 0 <= computed_again(notes, 20) <= 4, before
+    wait_for_the_end_of(workers)
+    goes_on_with_what_was_kept(notes, tmp_path / "out")
     run_job(job(Count(notes), count=60), tmp_path / "other", finish)
     assert contents(tmp_path / "out") == contents(tmp_path / "other")
 
@@ -116,24 +122,30 @@ def test_workers_end_with_a_killed_run_and_it_goes_on(notes, tmp_path, code):
 def test_a_run_with_workers_stops_at_the_keyboard_at_once(notes, tmp_path, code):
     run, workers = started(tmp_path, code, notes)
     run.send_signal(signal.SIGINT)
-    said, _ = run.communicate(timeout=30)
+    said = finished(run)
     assert said.startswith("stopped; ") and "the same command goes on" in said
-    wait_for(workers)
-    run_job(job(Count(notes), count=60), tmp_path / "out", finish)
-    assert computed_again(notes, 20) <= 4
+    wait_for_the_end_of(workers)
+    goes_on_with_what_was_kept(notes, tmp_path / "out")
 
 
 def test_libraries_compute_with_one_thread_and_get_theirs_back():
+    """Two before, whatever the machine has and however it is set."""
     import cv2
-    from threadpoolctl import threadpool_info
+    from threadpoolctl import threadpool_info, threadpool_limits
 
     def threads():
-        return {pool["filepath"]: pool["num_threads"] for pool in threadpool_info()}
+        return {pool["num_threads"] for pool in threadpool_info()}
 
-    before = threads(), cv2.getNumThreads()
-    with single_threaded():
-        assert set(threads().values()) == {1} and cv2.getNumThreads() == 1
-    assert (threads(), cv2.getNumThreads()) == before
+    own = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(2)
+        with threadpool_limits(limits=2):
+            assert threads() == {2} and cv2.getNumThreads() == 2
+            with single_threaded():
+                assert threads() == {1} and cv2.getNumThreads() == 1
+            assert threads() == {2} and cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(own)
 
 
 @pytest.mark.long
@@ -188,21 +200,23 @@ def test_workers_below_one_are_refused(count, tmp_path):
 def test_killed_at_random_moments_no_more_than_the_chunks_in_hand_are_lost(
     notes, tmp_path, code, workers
 ):
-    """Twenty kills in all; what is computed twice is what each worker had in hand."""
+    """Twenty kills in all, each after so many chunks were begun, and some time."""
     rng = random.Random(workers)
     run_job(job(Count(notes), count=60), tmp_path / "whole", finish)
     whole = contents(tmp_path / "whole")
     script = RUN.replace("0.2", "0.02").replace("workers=2", f"workers={workers}")
+    kept = 0
     for k in range(10):
         out, own = tmp_path / f"out{k}", tmp_path / f"notes{k}"
         own.mkdir()
         run = start(tmp_path, code, "-c", script, out, own, TESTS)
-        manifest = tmp_path / f"out{k}.partial" / "manifest.json"
-        wait_until(manifest.exists, "it did not begin", run=run)
-        time.sleep(rng.uniform(0.0, 1.5))
+        begun = rng.randrange(1, 19)
+        wait_until(lambda own=own, n=begun: len(calls(own)) >= n, "it began too few", run=run)
+        time.sleep(rng.uniform(0.0, 0.06))  # a chunk takes so long
         kill(run, with_workers=False)
-        begun = len(calls(own))
+        kept += finished_chunks(out)
         ends_as(whole, start(tmp_path, code, "-c", script, out, own, TESTS), out)
         # one process computes a chunk while it writes the one before
         in_hand = 2 if workers == 1 else workers
         assert computed_again(own, 20) <= in_hand, (k, begun)
+    assert kept > 0  # else nothing was told of going on
