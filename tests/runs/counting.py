@@ -15,8 +15,11 @@ ROWS, COLS = 5, 7
 IDENTITY = {
     "isochrome": "1",
     "scene": "a = 1\nb = 2\n",
-    "inputs_sha256": {"film.avi": "00"},
+    "inputs_sha256": {"film.avi": "00", "dark.tif": "11"},
     "options": {"rois": False},
+    "seed": 1,
+    "code_sha256": 64 * "0",
+    "libraries": {"python": "3", "numpy": "2"},
 }
 
 
@@ -31,7 +34,7 @@ class Count:
     """Work: it notes each call in a folder; it fails at an item, or waits, where it is told to.
 
     `seconds` of each item; `fail_at`, an item at which `failure` is raised while `switch` is there;
-    `every`, of how many items the first has a picture.
+    `every`, of how many items the first has a picture; `failed`, an item in which it finds nothing.
     """
 
     notes: Path
@@ -40,6 +43,7 @@ class Count:
     failure: type[BaseException] = KeyboardInterrupt
     switch: Path | None = None
     every: int = 1
+    failed: int | None = None
 
     def __call__(self, start, stop):
         with open(self.notes / f"{os.getpid()}.txt", "a", encoding="utf-8") as file:
@@ -54,9 +58,14 @@ class Count:
         return Results(
             {"order": np.stack([truth(i) for i in items if i % self.every == 0])},
             [{"frame": i, "third": i / 3, "even": None if i % 2 else i} for i in items],
-            [{"status": "flagged" if i % 10 == 3 else "ok"} for i in items],
+            [{"status": self.status(i)} for i in items],
             {"lines.txt": "".join(f"{i}\n" for i in items if i % 2).encode()},
         )
+
+    def status(self, item):
+        if item == self.failed:
+            return "failed"
+        return "flagged" if item % 10 == 3 else "ok"
 
 
 def job(work, count=10, chunk=3, identity=IDENTITY):

@@ -15,6 +15,8 @@ from isochrome.output import read_pixel_mm
 from isochrome.runs import Means, Stopped, open_run, run_job
 from runs.counting import IDENTITY, Count, calls, computed_again, contents, finish, job, truth
 
+FILES = IDENTITY["inputs_sha256"]
+
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
@@ -229,10 +231,23 @@ def test_killed_while_results_take_their_place_it_goes_on(
     [
         ({"scene": "a = 1\nb = 3\n"}, r"the scene \('b = 2' is now 'b = 3'\) has changed"),
         ({"scene": "a = 1\n"}, r"the scene \('b = 2' is no longer there\)"),
-        ({"inputs_sha256": {"film.avi": "01"}}, r"the content of film\.avi has changed"),
-        ({"inputs_sha256": {"other.avi": "00"}}, r"the input files \(film\.avi, other\.avi\)"),
+        ({"inputs_sha256": FILES | {"film.avi": "01"}}, r"the content of film\.avi has changed"),
+        (
+            {"inputs_sha256": {"other.avi": "00", "dark.tif": "11"}},
+            r"the input files \(film\.avi, other\.avi\)",
+        ),
+        (
+            {"inputs_sha256": dict(reversed(FILES.items()))},
+            r"the input files \(their order\)",
+        ),
         ({"options": {"rois": True}}, r"the options \(rois: False, now True\)"),
         ({"isochrome": "2"}, r"Isochrome's version \(1, now 2\)"),
+        ({"seed": 2}, r"the seed \(1, now 2\)"),
+        ({"code_sha256": 64 * "1"}, r"Isochrome's own code \(its files\)"),
+        (
+            {"libraries": {"python": "3", "numpy": "2.1"}},
+            r"the version of Python or a library \(numpy: 2, now 2\.1\)",
+        ),
     ],
 )
 def test_an_unfinished_run_of_something_else_is_refused(count, tmp_path, change, words):
@@ -248,7 +263,8 @@ def test_an_unfinished_run_of_something_else_is_refused(count, tmp_path, change,
 
 def test_the_same_files_in_another_folder_are_the_same_input(count, tmp_path):
     stopped(tmp_path, count)
-    moved = IDENTITY | {"inputs_sha256": {"elsewhere/film.avi": "00"}}
+    elsewhere = {f"elsewhere/{name}": value for name, value in FILES.items()}
+    moved = IDENTITY | {"inputs_sha256": elsewhere}
     run_job(job(count, identity=moved), tmp_path / "out", finish)
     assert calls(count.notes) == [0, 3, 6, 6, 9]
 
