@@ -12,11 +12,12 @@ from targets import TARGETS, Target
 
 FILES = 150
 
+NO_END_S = 1800
+"""A run of some ten seconds that takes so long hangs, on a loaded machine too."""
+
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_valid_files_are_read(name, tmp_path):
-    if name in ("avi", "mp4", "mkv", "mpeg", "wmv"):
-        pytest.importorskip("av")
     target = TARGETS[name]
     seeds = target.seeds()
     assert seeds
@@ -27,8 +28,6 @@ def test_valid_files_are_read(name, tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("name", TARGETS)
 def test_changed_files_are_read_or_refused_in_a_sentence(name, tmp_path):
-    if name in ("avi", "mp4", "mkv", "mpeg", "wmv"):
-        pytest.importorskip("av")
     target, rng = TARGETS[name], np.random.default_rng(7)
     seeds, path, out = target.seeds(), tmp_path / f"f{target.suffix}", tmp_path / "out"
     out.mkdir()
@@ -54,8 +53,8 @@ def test_a_finding_is_kept_with_its_reason(tmp_path):
 @pytest.mark.parametrize("way", ["chance", "coverage"])
 def test_the_command_for_long_runs(way, tmp_path):
     if way == "coverage":
-        pytest.importorskip("atheris")
+        pytest.importorskip("atheris", reason="atheris is there for Linux on x86-64 alone")
     command = [sys.executable, str(Path(__file__).parent / "run.py"), "--seconds", "4", "--target",
                "pgm", "--way", way, "--out", str(tmp_path)]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=200)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=NO_END_S)
     assert done.returncode == 0 and "pgm: " in done.stdout, done.stdout + done.stderr

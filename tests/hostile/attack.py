@@ -20,8 +20,8 @@ from pathlib import Path
 MEMORY = 2_000_000_000
 """Bytes that a run may take."""
 
-CPU_S, WALL_S = 20, 120
-"""Seconds that a run may compute, and after which one that does not compute is taken as hung."""
+CPU_S, WALL_S = 20, 900
+"""Seconds that a run may compute, and after which one hangs, on a loaded machine too."""
 
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(

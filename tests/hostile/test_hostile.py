@@ -42,6 +42,7 @@ def place(tmp_path):
 
 def test_there_are_sixty():
     assert len(CASES) == len(ALL) >= 60  # no two of one name
+    assert all(case.says for case in ALL)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,9 @@
 """Exports are read by the readers of their formats: HDF5 and netCDF, ImageJ's tags, CSV."""
 
+import shutil
 import sys
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -12,39 +14,19 @@ from isochrome.output import read_csv, read_pixel_mm
 from isochrome.runs import open_run
 from isochrome.runs.export import export
 from isochrome.runs.job import Layer, Layout
-from isochrome.runs.store import Column, add_columns, column, create_store
+from isochrome.runs.store import Column, add_columns, column, create_store, values_of
 from runs.counting import COLS, ROWS, truth
 
 NAMES = ["erstes Bild ü", "second", "", "fourth"]
-
-
-@pytest.fixture
-def run(tmp_path):
-    """A dataset of four frames, a tenth of a second apart, pixels of 0.02 mm."""
-    folder = tmp_path / "Lauf 1"
-    layer = Layer("fringe_order", "1", "fringe order N")
-    create_store(folder / "run.zarr", Layout({"frame": 4}, {"row": ROWS, "col": COLS}, (layer,), 2))
-    columns = {
-        "chi": [1.0, 1.5, float("nan"), 2.0],
-        "n_max_row_px": [3, None, 4, 5],
-        "load.normal_n": [44.0, 45.0, 46.0, 1 / 3],
-        "warnings": ["", "weak; schwach µ", "", ""],
-    }
-    axes = {"time_s": [0.0, 0.1, 0.2, 0.3], "label": NAMES, "frame": [0, 1, 2, 3]}
-    places = {
-        "x_mm": Column(("col",), 0.02 * (np.arange(COLS) + 0.5), {"units": "mm"}),
-        "z_mm": Column(("row",), 0.02 * (np.arange(ROWS) + 0.5), {"units": "mm"}),
-    }
-    add_columns(
-        folder / "run.zarr",
-        {name: column(values, "frame", name) for name, values in columns.items()},
-        {name: column(values, "frame", name) for name, values in axes.items()} | places,
-        {"scene": "[specimen]\nthickness_mm = 4.0\n", "seed": 3},
-    )
-    import zarr
-
-    zarr.open_group(folder / "run.zarr")["fringe_order"][:] = pictures()
-    return folder
+COLUMNS = {
+    "chi": [1.0, 1.5, float("nan"), 2.0],
+    "n_max_row_px": [3, None, 4, 5],
+    "branch": [1, 2, 3, 4],
+    "load.normal_n": [44.0, 45.0, 46.0, 1 / 3],
+    "warnings": ["", "weak; schwach µ", "", ""],
+}
+TIMES = [0.0, 0.1, 0.2, 0.3]
+SCENE = "[specimen]\nthickness_mm = 4.0\n"
 
 
 def pictures():
@@ -53,8 +35,50 @@ def pictures():
     return found
 
 
+def centres(count):
+    """Centres of pixels of 0.02 mm."""
+    return 0.02 * (np.arange(count) + 0.5)
+
+
+def write_run(folder, *, times=TIMES, rows=ROWS, every=1):
+    """A dataset of four frames, of each of which, or of one of so many, there is a picture."""
+    layout = Layout(
+        {"frame": 4}, {"row": rows, "col": COLS},
+        (Layer("fringe_order", "1", "fringe order N"),), 2, every=every,
+    )  # fmt: skip
+    create_store(folder / "run.zarr", layout)
+    axes = {"time_s": times, "label": NAMES, "frame": [0, 1, 2, 3]}
+    places = {
+        "x_mm": Column(("col",), centres(COLS), {"units": "mm"}),
+        "z_mm": Column(("row",), centres(rows), {"units": "mm"}),
+    }
+    if every > 1:
+        numbers = np.arange(0, 4, every)
+        places["key_frame"] = Column(("key_frame",), numbers, {"long_name": "number of the frame"})
+    add_columns(
+        folder / "run.zarr",
+        {name: column(values, "frame", name) for name, values in COLUMNS.items()},
+        {name: column(values, "frame", name) for name, values in axes.items()} | places,
+        {"scene": SCENE, "seed": 3},
+    )
+    import zarr
+
+    zarr.open_group(folder / "run.zarr")["fringe_order"][:] = pictures()[::every, :rows]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    return write_run(tmp_path_factory.mktemp("run") / "Lauf 1")
+
+
+@pytest.fixture
+def run(written, tmp_path):
+    """A dataset of four frames, a tenth of a second apart, pixels of 0.02 mm."""
+    return shutil.copytree(written, tmp_path / "Lauf 1")
+
+
 def test_netcdf_is_plain_hdf5_with_scales_units_and_text(run):
-    h5py = pytest.importorskip("h5py")
     (path,) = export(run, "netcdf")
     assert path == run / "run.nc"
     with h5py.File(path) as file:
@@ -71,9 +95,10 @@ def test_netcdf_is_plain_hdf5_with_scales_units_and_text(run):
 
 
 def test_netcdf_is_read_by_the_reference_library(run):
-    netcdf = pytest.importorskip("netCDF4")
+    import netCDF4
+
     (path,) = export(run, "netcdf")
-    with netcdf.Dataset(path) as file:
+    with netCDF4.Dataset(path) as file:
         assert file.data_model == "NETCDF4"
         assert {n: len(d) for n, d in file.dimensions.items()} == {
             "frame": 4, "row": ROWS, "col": COLS,
@@ -84,14 +109,52 @@ def test_netcdf_is_read_by_the_reference_library(run):
         assert file["warnings"][1] == "weak; schwach µ"
         np.testing.assert_array_equal(file["load.normal_n"][...], [44.0, 45.0, 46.0, 1 / 3])
         assert set(order.coordinates.split()) == {"x_mm", "z_mm", "time_s", "label"}
+        # only those that lie on its own axes
+        assert set(file["chi"].coordinates.split()) == {"time_s", "label"}
 
 
-def test_netcdf_gives_the_same_dataset_again(run):
-    (path,) = export(run, "netcdf")
-    with xarray.open_dataset(path, engine="h5netcdf") as again, open_run(run) as own:
-        xarray.testing.assert_equal(again.drop_vars(["label", "warnings"]).load(),
-                                    own.drop_vars(["label", "warnings"]).load())  # fmt: skip
-        assert again.warnings.values.tolist() == own.warnings.values.tolist()
+@pytest.mark.parametrize("every", [1, 2])
+def test_netcdf_gives_all_that_went_into_the_run_again(tmp_path, every):
+    """Axes, values to the last bit, texts, units and attributes: what was put in, not what xarray
+    makes of the store."""
+    run = write_run(tmp_path / "run", every=every)
+    (path,) = export(run, "netcdf", tmp_path / "elsewhere")
+    assert path == tmp_path / "elsewhere" / "run.nc"
+    axis = "frame" if every == 1 else "key_frame"
+    own = {"key_frame"} if every > 1 else set()
+    with xarray.open_dataset(path, engine="h5netcdf") as again:
+        assert dict(again.sizes) == {axis: 4 // every, "frame": 4, "row": ROWS, "col": COLS}
+        assert set(again.coords) == {"time_s", "label", "frame", "x_mm", "z_mm", *own}
+        assert set(again.data_vars) == {"fringe_order", *COLUMNS}
+        order = again.fringe_order
+        assert order.dims == (axis, "row", "col") and order.dtype == np.float32
+        assert order.attrs == {"units": "1", "long_name": "fringe order N"}
+        np.testing.assert_array_equal(order.values, pictures()[::every])
+        on_frames = {"time_s", "label"} if every == 1 else own
+        assert set(order.coords) == {"x_mm", "z_mm", *on_frames, *(["frame"] * (every == 1))}
+        for name, values in COLUMNS.items():
+            assert again[name].dims == ("frame",)
+            known = [np.nan if v is None else v for v in values]
+            np.testing.assert_array_equal(again[name].values, known, name)
+        assert again.branch.dtype == np.int64
+        assert again["load.normal_n"].attrs["units"] == "N"
+        assert again.n_max_row_px.attrs["units"] == "pixel"
+        assert again.label.values.tolist() == NAMES
+        np.testing.assert_array_equal(again.time_s.values, TIMES)
+        np.testing.assert_array_equal(again.frame.values, [0, 1, 2, 3])
+        np.testing.assert_array_equal(again.x_mm.values, centres(COLS))
+        np.testing.assert_array_equal(again.z_mm.values, centres(ROWS))
+        assert (again.attrs["scene"], again.attrs["seed"]) == (SCENE, 3)
+        if every > 1:
+            assert again.key_frame.values.tolist() == [0, 2]
+            assert again.key_frame.attrs["long_name"] == "number of the frame"
+
+
+def test_whole_numbers_come_back_whole_where_some_are_not_known(run):
+    """Stored as floats, for no whole number says that it is not known."""
+    with open_run(run) as dataset:
+        found = values_of(dataset.n_max_row_px)
+    assert found == [3, None, 4, 5] and [type(v) for v in found] == [int, type(None), int, int]
 
 
 def test_tiff_has_its_scale_time_and_labels_where_imagej_looks(run, tmp_path):
@@ -105,12 +168,31 @@ def test_tiff_has_its_scale_time_and_labels_where_imagej_looks(run, tmp_path):
         assert meta["Labels"] == NAMES
 
 
+@pytest.mark.parametrize(
+    ("last", "even"), [(0.30009, True), (0.3002, False), (0.35, False), (float("nan"), False)]
+)
+def test_an_interval_is_given_where_the_times_are_even_to_a_thousandth(tmp_path, last, even):
+    """Of steps of 0.1 s the last is longer by 0.9 and by 2 thousandths of their mean."""
+    (path,) = export(write_run(tmp_path / "run", times=[*TIMES[:3], last]), "tiff")
+    with tifffile.TiffFile(path) as tif:
+        assert ("finterval" in tif.imagej_metadata) == even
+
+
+def test_pictures_that_imagej_cannot_hold_have_their_scale_in_centimetres(tmp_path):
+    """Single rows; above 4 GB they are written the same way."""
+    (path,) = export(write_run(tmp_path / "run", rows=1), "tiff")
+    with tifffile.TiffFile(path) as tif:
+        np.testing.assert_array_equal(tif.asarray(), pictures()[:, :1])
+        tags = tif.pages[0].tags
+        per_cm, unit = tags["XResolution"].value, tags["ResolutionUnit"].value
+    # 0.02 mm: 500 pixels in a centimetre
+    assert unit == 3 and per_cm[0] / per_cm[1] == pytest.approx(500.0, rel=1e-6)
+
+
 def test_csv_is_the_table_of_all_but_pictures(run):
     (path,) = export(run, "csv")
     table = read_csv(path)
-    assert {"frame", "time_s", "label", "chi", "n_max_row_px", "load.normal_n", "warnings"} == set(
-        table
-    )
+    assert {"frame", "time_s", "label", *COLUMNS} == set(table)
     assert table["frame"] == [0.0, 1.0, 2.0, 3.0] and table["label"] == NAMES
     np.testing.assert_array_equal(table["n_max_row_px"], [3.0, np.nan, 4.0, 5.0])
 
