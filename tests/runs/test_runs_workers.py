@@ -2,7 +2,10 @@
 
 import os
 import random
+import shutil
 import signal
+import subprocess
+import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -17,6 +20,7 @@ from isochrome.runs.threads import single_threaded
 from isochrome.runs.workers import WorkersLost
 from runs.counting import Count, calls, computed_again, contents, finish, job, truth
 from runs.killing import (
+    NO_END_S,
     children,
     ends_as,
     finished,
@@ -31,10 +35,18 @@ from runs.killing import (
 TESTS = str(Path(__file__).parents[1])
 
 
-def test_two_workers_leave_what_one_process_leaves(count, tmp_path):
+def test_two_workers_leave_what_one_process_leaves_and_do_not_hear_the_keyboard(count, tmp_path):
+    """A terminal tells all processes of Ctrl-C: what becomes of the run is its own to say."""
     run_job(job(count), tmp_path / "one", finish)
     told = []
-    run_job(job(count), tmp_path / "two", finish, means=Means(workers=2), progress=told.append)
+
+    def tell(tally):
+        told.append(tally)
+        for path in count.notes.iterdir():  # those that have begun to work
+            if int(path.stem) != os.getpid() and sys.platform != "win32":
+                os.kill(int(path.stem), signal.SIGINT)
+
+    run_job(job(count), tmp_path / "two", finish, means=Means(workers=2), progress=tell)
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
     assert calls(count.notes) == sorted(2 * [0, 3, 6, 9])
     assert f"{os.getpid()}.txt" in {p.name for p in count.notes.iterdir()}
@@ -151,7 +163,8 @@ def test_libraries_compute_with_one_thread_and_get_theirs_back():
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_cluster_that_loses_a_worker_completes_with_the_same_bytes(notes, tmp_path):
-    distributed = pytest.importorskip("distributed")
+    import distributed
+
     run_job(job(Count(notes), count=60), tmp_path / "one", finish)
     one = contents(tmp_path / "one")
     for note in notes.iterdir():
@@ -181,9 +194,43 @@ def test_a_cluster_that_loses_a_worker_completes_with_the_same_bytes(notes, tmp_
     assert contents(tmp_path / "cluster") == one
 
 
+OTHER_CODE = """
+import sys
+from pathlib import Path
+if __name__ == "__main__":
+    sys.path.insert(0, sys.argv[3])
+    from distributed import LocalCluster
+    import isochrome
+    from isochrome.errors import InputError
+    from isochrome.runs import Means, environment, run_job
+    from runs.counting import Count, finish, job
+    environment()  # as the code is here
+    with open(Path(isochrome.__file__).with_name("errors.py"), "a") as file:
+        file.write("# newer there")
+    with LocalCluster(n_workers=1, processes=True, dashboard_address=None) as cluster:
+        means = Means(cluster=cluster.scheduler_address)
+        try:
+            run_job(job(Count(Path(sys.argv[2]))), sys.argv[1], finish, means=means)
+        except InputError as error:
+            print(error)
+"""
+
+
+@pytest.mark.long
+def test_a_clusters_worker_with_other_code_is_refused(notes, tmp_path, code):
+    """Else results would depend on which worker computed them."""
+    newer = shutil.copytree(code, tmp_path / "newer")
+    command = [sys.executable, "-c", OTHER_CODE, tmp_path / "out", notes, TESTS]
+    env = os.environ | {"PYTHONPATH": str(newer)}
+    said = subprocess.run(
+        command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=NO_END_S
+    )
+    assert said.stdout.startswith("a worker of the cluster has another code_sha256 ("), said
+    assert not (tmp_path / "out").exists() and not list(notes.iterdir())
+
+
 @pytest.mark.long
 def test_no_cluster_is_said(count, tmp_path):
-    pytest.importorskip("distributed")
     with pytest.raises(InputError, match=r"--cluster tcp://127\.0\.0\.1:9: no Dask scheduler"):
         run_job(job(count), tmp_path / "out", finish, means=Means(cluster="tcp://127.0.0.1:9"))
     assert not (tmp_path / "out.partial").exists()
