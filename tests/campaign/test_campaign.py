@@ -4,26 +4,30 @@ import csv
 import hashlib
 import json
 import os
+import re
 import shutil
 import statistics
 import sys
+import time
 
 import numpy as np
 import pytest
 
 import isochrome
-from campaign.conftest import film, write_video
+from campaign.conftest import COLS, ROWS, film, write_video
 from isochrome.campaign import Campaign, process_campaign
 from isochrome.campaign import outcome as outcome_module
 from isochrome.campaign import run as run_module
+from isochrome.campaign.figure import summary_figure
 from isochrome.campaign.outcome import Outcome
 from isochrome.cli import main
-from isochrome.errors import InputError, PhysicsError
+from isochrome.errors import InputError
 from isochrome.output import write_tiff
 from isochrome.process import process
 from isochrome.runs import Stopped
 from isochrome.runs.lock import locked
 from runs.counting import contents
+from scene_texts import PAPER_PAIR, SMALL_CAMERA
 
 
 def summary(folder):
@@ -56,7 +60,10 @@ def test_each_recording_is_what_it_is_alone_and_a_broken_one_harms_no_other(
     write_tiff(place / "runs" / "Versuch 3.tif", film(2, 3))
     whole = write_video(place / "runs" / "Versuch 10.mkv", film(5, 4)).read_bytes()
     (place / "runs" / "Versuch 10.mkv").write_bytes(whole[: len(whole) // 2])
-    code, out, err = command("process", "runs/*", "--scene", "scene.toml", "--out", "all", "--json")
+    # by this process alone, however slow it is: the pictures of others are not left out
+    code, out, err = command(
+        "process", "runs/*", "--scene", "scene.toml", "--out", "all", "--json", "--workers", "1"
+    )
     assert code == 2
     *_, line = err.splitlines()
     assert line.startswith("isochrome: 1 of 4 recordings could not be wholly processed")
@@ -161,15 +168,99 @@ def test_frames_that_fail_are_left_out_where_that_is_wanted(stacks, place, comma
     assert rows[1]["kept_share"] and not rows[2]["kept_share"]
 
 
-def test_what_cannot_be_computed_by_its_physics_has_its_own_exit_code(stacks, monkeypatch):
-    def refuse(frames, *rest, **options):
-        raise PhysicsError(f"{frames}: contact reaches the edge")
+TOO_MUCH = (
+    PAPER_PAIR
+    + "\n[load]\nnormal_n = 4e6\n\n[polariscope]\nwavelength_nm = 587.0\n"
+    + SMALL_CAMERA.replace("160", str(COLS)).replace("120", str(ROWS)).replace("0.025", "0.05")
+)
+"""A load under which no half-plane is left."""
 
-    monkeypatch.setattr(outcome_module, "process", refuse)
-    found = process_campaign(stacks, "scene.toml", "out")
-    assert found.exit_code == 3 and found.table["error"][0].endswith("reaches the edge")
+
+def test_what_cannot_be_computed_by_its_physics_has_its_own_exit_code(stacks, place):
+    (place / "much.toml").write_text(TOO_MUCH, "utf-8")
+    found = process_campaign(stacks, "much.toml", "out")
+    assert found.exit_code == 3 and found.failed == tuple(stacks)
+    assert all("the contact's half-width would be" in text for text in found.table["error"])
+    (place / stacks[1]).write_bytes(b"no TIFF")  # which is for its user to mend
+    assert process_campaign(stacks, "much.toml", "out").exit_code == 2
     codes = [Outcome({"recording": "a"}, {}, code) for code in (0, 3, 2)]
     assert [Campaign(None, None, tuple(codes[:n])).exit_code for n in (1, 2, 3)] == [0, 3, 2]
+
+
+def test_why_a_recording_failed_does_not_depend_on_when(stacks, place, monkeypatch):
+    """After a minute's work what is finished is kept, and that is said: to who waits, not here."""
+    frames = film(5, 4)
+    frames[4] = 255
+    write_tiff(place / stacks[3], frames)
+    soon = process_campaign(stacks[3:], "scene.toml", "soon")
+    clock, ahead = time.perf_counter, [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: clock() + ahead[0])
+
+    def wait(_, of_frames):
+        ahead[0] = 90.0 * (of_frames is not None and of_frames.done >= 3)
+
+    late = process_campaign(stacks[3:], "scene.toml", "late", progress=wait)
+    assert (place / "late" / "run4.partial").exists()
+    assert not (place / "soon" / "run4.partial").exists()
+    assert late.table["error"] == soon.table["error"] and "all white" in soon.table["error"][0]
+
+
+def test_a_cluster_that_cannot_be_had_is_said_once(stacks, place, monkeypatch):
+    """It is no recording's fault."""
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    with pytest.raises(InputError, match=r"pip install isochrome\[cluster\]"):
+        process_campaign(stacks, "scene.toml", "out", cluster="tcp://127.0.0.1:9")
+    assert not (place / "out" / "summary.csv").exists()
+
+
+def test_killed_while_its_summary_takes_its_place_a_campaign_goes_on(stacks, place, monkeypatch):
+    """Each of the renames in turn is the first that is not done."""
+    process_campaign(stacks[:1], "scene.toml", "whole")
+    rename = os.replace
+    for last in ("summary.json", "summary.csv"):
+
+        def dying(source, target, last=last):
+            if target.parent.name == "out" and target.name == last:
+                raise KeyboardInterrupt
+            rename(source, target)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", dying)
+            with pytest.raises(KeyboardInterrupt):
+                process_campaign(stacks[:1], "scene.toml", "out")
+        process_campaign(stacks[:1], "scene.toml", "out")
+        assert contents(place / "out") == contents(place / "whole")
+        (place / "out" / "summary.json").unlink()
+        (place / "out" / "summary.csv").unlink()
+
+
+def test_the_picture_of_an_earlier_campaign_goes(stacks, place):
+    """Of this one, in which nothing is fitted, there is none."""
+    process_campaign(stacks[:1], "scene.toml", "out")
+    (place / "out" / "summary.png").write_bytes(b"of values")
+    process_campaign(stacks[:1], "scene.toml", "out")
+    assert not (place / "out" / "summary.png").exists()
+
+
+def test_bands_are_as_wide_as_the_pictures_title_says():
+    spread = np.array([0.1, 0.2, 0.4])
+    curves = {
+        "distance_m": np.array([0.0, 5.0, 9.0]),
+        "frame": np.arange(3.0),
+        "load.normal_n": np.array([40.0, 41.0, 43.0]),
+        "load.normal_n standard_uncertainty": spread,
+    }
+    row = {
+        "folder": "run1", "status": "ok",
+        "load.normal_n mean": 41.3, "load.normal_n standard_deviation": 1.5,
+    }  # fmt: skip
+    figure = summary_figure("scene", [Outcome(row, {}, curves=curves)])
+    _, within = figure.axes
+    (band,) = within.collections
+    corners = band.get_paths()[0].vertices
+    width = [np.ptp(corners[corners[:, 0] == x, 1]) for x in curves["distance_m"]]
+    (said,) = re.findall(r"band ± (\S+) standard uncertainties", within.get_title())
+    np.testing.assert_allclose(width, 2 * float(said) * spread, rtol=1e-12)
 
 
 def test_two_campaigns_on_one_folder_are_refused(stacks, place, command):

@@ -37,6 +37,17 @@ def test_names(files, names, tmp_path, monkeypatch):
     assert len(set(found)) == len(found)
 
 
+@pytest.mark.parametrize("letter", ["n", "é", "場"])
+def test_long_names_leave_room_for_what_is_put_after_them(letter, tmp_path):
+    """A file system takes 255 bytes, of which a working folder's ending needs some."""
+    long = 240 // len(letter.encode()) * letter
+    found = folder_names([f"a/{long}.avi", f"a/{long}.mkv", f"b/{long}.avi", f"c/{long}m.avi"])
+    assert len(set(found)) == 4
+    for name in found:
+        assert letter * 60 in name
+        (tmp_path / f"{name}.partial").mkdir()
+
+
 def test_a_folder_keeps_what_looks_like_an_ending(tmp_path):
     (tmp_path / "2024.01.05").mkdir()
     assert folder_names([tmp_path / "2024.01.05"]) == ("2024.01.05",)
