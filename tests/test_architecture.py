@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -39,7 +40,7 @@ ORDER = (
 )
 """From left to right; a room imports only from rooms to its left."""
 
-TOP = ("demo", "bench", "console", "cli", "__main__", "check", "samples")
+TOP = ("demo", "bench", "console", "cli", "__main__", "samples")
 """Rooms at the right end: they compose all the others, and only they import each other."""
 
 SIMULATION = ("contact", "stress", "optics", "simulate")
@@ -53,6 +54,13 @@ def modules() -> list[Path]:
 
 def room_of(path: Path) -> str:
     return path.relative_to(HOUSE).parts[0].removesuffix(".py")
+
+
+def of_room(room: str) -> list[Path]:
+    """The modules of a room, of which there are some."""
+    found = [p for p in modules() if room_of(p) == room]
+    assert found, f"there is no room {room}"
+    return found
 
 
 def imports_of(path: Path) -> set[str]:
@@ -72,84 +80,114 @@ def imports_of(path: Path) -> set[str]:
     return rooms
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(HOUSE)))
-def test_a_room_imports_only_from_rooms_to_its_left(path):
-    room = room_of(path)
-    if room in ("__init__", *TOP):
-        return
-    assert room in ORDER, f"{room} is a new room: give it a place in the order, or use an old one"
+def test_every_room_has_its_place():
+    """A new one is given a place in the order, or an old one is used; none that is gone is left."""
+    assert {room_of(p) for p in modules()} == {"__init__", *TOP, *ORDER}
+
+
+@pytest.mark.parametrize("room", ORDER)
+def test_a_room_imports_only_from_rooms_to_its_left(room):
+    allowed = ORDER[: ORDER.index(room) + 1]
     wrong = {
-        other
-        for other in imports_of(path) - {room}
-        if other not in ORDER or ORDER.index(other) > ORDER.index(room)
+        path.relative_to(HOUSE).as_posix(): sorted(others)
+        for path in of_room(room)
+        if (others := imports_of(path).difference(allowed))
     }
-    assert not wrong, f"{path.relative_to(HOUSE)} imports {sorted(wrong)}, to the right of {room}"
+    assert not wrong, f"imports from rooms to the right of {room}, or at the top: {wrong}"
 
 
 @pytest.mark.parametrize("leaf", LEAVES)
 def test_leaves_know_nothing_of_scenes(leaf):
-    inside = [p for p in modules() if room_of(p) == leaf]
-    assert inside
-    used = set().union(*(imports_of(p) for p in inside)) - {leaf}
+    used = set().union(*(imports_of(p) for p in of_room(leaf))) - {leaf}
     assert used <= set(LEAVES)
 
 
 def test_reading_frames_needs_no_simulation():
-    used = set().union(*(imports_of(p) for p in modules() if room_of(p) == "frames"))
+    used = set().union(*(imports_of(p) for p in of_room("frames")))
     assert not used & set(SIMULATION)
 
 
-def test_the_command_line_imports_nothing_heavy_before_it_is_needed():
-    if not any((HOUSE / name).exists() for name in ("cli.py", "cli")):
-        pytest.skip("no command line yet")
-    code = f"import sys, isochrome.cli; print([m for m in {HEAVY!r} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+DOORS = ("cli", "scene", "contact", "stress", "optics", "simulate", "output", "runs")
 
 
-@pytest.mark.parametrize(
-    "room", ["scene", "contact", "stress", "optics", "simulate", "output", "runs"]
-)
-def test_a_room_imports_no_drawing_or_image_library_at_its_door(room):
-    code = f"import sys, isochrome.{room}; print([m for m in {HEAVY!r} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+def test_no_drawing_or_image_library_is_imported_before_it_is_needed():
+    """One door after the other: the first that lets one in is named."""
+    code = f"""
+import importlib, sys
+for door in {DOORS!r}:
+    importlib.import_module("isochrome." + door)
+    print(door, *(m for m in {HEAVY!r} if m in sys.modules))
+"""
+    assert printed_by(code).splitlines() == list(DOORS)
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(HOUSE)))
-def test_a_module_is_short_and_its_public_things_are_described(path):
+def printed_by(code: str) -> str:
+    """What a fresh interpreter prints."""
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.parametrize("room", sorted({room_of(p) for p in modules()}))
+def test_a_module_is_short_and_its_public_things_are_described(room):
+    faults = [
+        f"{path.relative_to(HOUSE).as_posix()}: {fault}"
+        for path in of_room(room)
+        for fault in faults_of(path)
+    ]
+    assert not faults, "\n".join(faults)
+
+
+def faults_of(path: Path) -> Iterator[str]:
+    """What is wrong with a module."""
     text = path.read_text("utf-8")
-    # beyond 300 lines a module holds more than one thing
-    assert len(text.splitlines()) <= 300
     tree = ast.parse(text)
-    assert ast.get_docstring(tree), f"{path.name} has no docstring"
+    if len(text.splitlines()) > 300:
+        yield "more than 300 lines hold more than one thing"
+    if not ast.get_docstring(tree):
+        yield "no docstring"
     if path.stem.startswith("_") and path.stem != "__init__":
         return  # a private module
+    for name, node in described(tree):
+        if not ast.get_docstring(node):
+            yield f"{name} has no docstring"
+
+
+def described(tree: ast.Module) -> Iterator[tuple[str, ast.AST]]:
+    """The public functions, classes and methods of a module, with their names."""
     kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
     for node in tree.body:
         if isinstance(node, kinds) and not node.name.startswith("_"):
-            assert ast.get_docstring(node), f"{path.name}: {node.name} has no docstring"
-        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-            for inner in node.body:
+            yield node.name, node
+            inside = node.body if isinstance(node, ast.ClassDef) else []
+            for inner in inside:
                 if isinstance(inner, kinds) and not inner.name.startswith("_"):
-                    assert ast.get_docstring(inner), f"{path.name}: {node.name}.{inner.name}"
+                    yield f"{node.name}.{inner.name}", inner
 
 
-@pytest.mark.parametrize("again", [1, 2])
-@pytest.mark.parametrize("name", ["process", "simulate", "fit", "compare", "sweep"])
-def test_a_command_is_a_function_of_the_package_however_it_is_come_by(name, again):
-    """The package has rooms of the same names, which importing puts in the functions' places."""
-    code = (
-        f"import isochrome; isochrome.{name}; " * again
-        + f"""
-from isochrome import {name} as command
-import isochrome.{name}.run
-for function in (command, isochrome.{name}):
-    try:
-        function()
-    except TypeError as error:
-        print(error)
+COMMANDS = ("process", "simulate", "fit", "compare", "sweep")
+
+AS_FUNCTIONS = f"""
+import importlib, sys
+for name in {COMMANDS!r}:
+    for again in (1, 2):
+        for module in [m for m in sys.modules if m.split(".")[0] == "isochrome"]:
+            del sys.modules[module]  # as in an interpreter that has not heard of it
+        isochrome = importlib.import_module("isochrome")
+        for _ in range(again):
+            getattr(isochrome, name)
+        space = dict()
+        exec("from isochrome import " + name + " as command", space)
+        importlib.import_module("isochrome." + name + ".run")
+        for function in (space["command"], getattr(isochrome, name)):
+            try:
+                function()
+            except TypeError as error:
+                print(error)
 """
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.count(f"{name}() missing") == 2, done.stdout
+
+
+def test_a_command_is_a_function_of_the_package_however_it_is_come_by():
+    """The package has rooms of the same names, which importing puts in the functions' places."""
+    said = [f"{name}() missing" for name in COMMANDS for _ in range(4)]
+    lines = printed_by(AS_FUNCTIONS).splitlines()
+    assert [line[: len(start)] for line, start in zip(lines, said, strict=True)] == said
