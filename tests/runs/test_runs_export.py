@@ -90,6 +90,9 @@ def test_netcdf_is_plain_hdf5_with_scales_units_and_text(run):
         assert [order.dims[k][0].name for k in range(3)] == ["/frame", "/row", "/col"]
         assert file["load.normal_n"].attrs["units"] == "N"
         assert file["x_mm"].attrs["units"] == "mm"
+        # those alone that lie on its own axes: others are not to be read with it
+        assert set(order.attrs["coordinates"].split()) == {"x_mm", "z_mm", "time_s", "label"}
+        assert set(file["chi"].attrs["coordinates"].split()) == {"time_s", "label"}
         assert file["label"].asstr()[...].tolist() == NAMES
         assert file.attrs["scene"] == "[specimen]\nthickness_mm = 4.0\n"
 
