@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from isochrome.calibrate import Beam
+
 F_SIGMA = 14.6
 DIAMETER = 30.0
 HEIGHT, INNER, OUTER, PIXEL = 20.0, 40.0, 100.0, 0.07
+BEAM = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
 
 
 def _camera(signal, rng, noise, background, blur, gamma):

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.calibrate import Beam, Uncertainty, bending_from_images, calibrate_bending, load_set
+from isochrome.calibrate import Uncertainty, bending_from_images, calibrate_bending, load_set
 from isochrome.errors import InputError, PhysicsError
 from scene_texts import BENDING_BEAM
 
-from .conftest import F_SIGMA, HEIGHT, INNER, OUTER, PIXEL, bending_load
-
-BEAM = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
+from .conftest import BEAM, F_SIGMA, HEIGHT, INNER, OUTER, PIXEL, bending_load
 
 
 def calibrated(frame, edges, seed=0, uncertainty=None, **options):

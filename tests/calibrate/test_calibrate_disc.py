@@ -16,7 +16,6 @@ from isochrome.calibrate import (
 )
 from isochrome.calibrate.disc_field import disc_order, thin_grid
 from isochrome.calibrate.figure import calibration_figure
-from isochrome.calibrate.line import fit_line
 from isochrome.calibrate.rim import Circle, find_rim
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import write_figure
@@ -128,18 +127,6 @@ def test_the_rim_is_a_start_within_some_per_cent(disc_frame):
         assert circle.radius == pytest.approx(150.0, rel=0.08)
         assert circle.row == pytest.approx(173.3, abs=4.0)
         assert circle.col == pytest.approx(193.8, abs=4.0)
-
-
-def test_line_with_scatter_and_left_out():
-    loads = np.array([100.0, 200.0, 300.0, 400.0])
-    exact = fit_line(loads, 0.01 * loads + 0.2, np.full(4, 1e-3))
-    assert exact.slope == pytest.approx(0.01) and exact.intercept == pytest.approx(0.2)
-    assert exact.scatter == 0.0
-    np.testing.assert_allclose(exact.left_out, 0.01 * loads + 0.2)
-    rough = fit_line(loads, 0.01 * loads + [0.03, -0.03, 0.02, -0.02], np.full(4, 1e-3))
-    assert 0.01 < rough.scatter < 0.08
-    assert rough.slope_uncertainty > 10 * rough.slope_noise
-    assert fit_line([100.0], [1.0], [1e-3]).intercept is None
 
 
 @pytest.mark.long
