@@ -14,6 +14,9 @@ from scene_texts import BENDING_BEAM
 
 from .conftest import BEAM, F_SIGMA, HEIGHT, INNER, OUTER, PIXEL, bending_load
 
+SMALL = {"shape": (110, 147), "pixel": 0.21}
+"""The same beam at a third of the resolution: 95 pixels high, 8 fringes at most in the defaults."""
+
 
 def calibrated(frame, edges, seed=0, uncertainty=None, **options):
     rng = np.random.default_rng(seed)
@@ -25,26 +28,39 @@ def calibrated(frame, edges, seed=0, uncertainty=None, **options):
     )
 
 
-@pytest.mark.parametrize(
-    ("edges", "options", "bar"),
-    [
-        ((2.0, 3.0, 4.0), {}, 5e-4),
-        ((2.0, 4.0), {"tilt": -4.0}, 5e-4),
-        pytest.param((2.0, 4.0), {"bright": True}, 5e-4, marks=pytest.mark.long),
-        # the beam is taller than the frame
-        pytest.param((3.0, 6.0), {"pixel": 0.04}, 5e-4, marks=pytest.mark.long),
-        ((0.6, 1.0), {}, 1e-2),
-        pytest.param((4.0, 9.0), {"blur": 1.5}, 5e-4, marks=pytest.mark.long),
-        ((2.0, 4.0), {"noise": 12.0}, 2e-3),
-    ],
-)
-def test_rendered_beams_give_their_fringe_value(beam_frame, edges, options, bar):
-    found = calibrated(beam_frame, edges, **options)
+@pytest.fixture(scope="module")
+def whole(beam_frame):
+    """Three loads at the full size, of which every second column is fitted."""
+    return calibrated(beam_frame, (2.0, 3.0, 4.0))
+
+
+def assert_right(found, bar):
     error = found.fringe_value_n_per_mm - F_SIGMA
     assert abs(error) < bar * F_SIGMA
     assert abs(error) < 4 * found.standard_uncertainty
     assert 0.9 < found.chi < 1.1
     assert abs(found.order_at_zero_load) < 4 * found.order_at_zero_load_uncertainty
+
+
+def test_a_rendered_beam_of_full_size_gives_its_fringe_value(whole):
+    assert_right(whole, 2e-4)  # u = 4e-5
+
+
+# the bars are 3 to 6 standard uncertainties of these frames; most beyond 3 are set by the fringes
+@pytest.mark.parametrize(
+    ("edges", "options", "bar"),
+    [
+        ((2.0, 4.0), SMALL | {"tilt": -4.0}, 5e-4),
+        pytest.param((2.0, 4.0), {"bright": True}, 5e-4, marks=pytest.mark.long),
+        # the beam is taller than the frame
+        pytest.param((3.0, 6.0), {"pixel": 0.04}, 5e-4, marks=pytest.mark.long),
+        ((0.6, 1.0), SMALL, 2e-3),
+        pytest.param((4.0, 9.0), {"blur": 1.5}, 5e-4, marks=pytest.mark.long),
+        ((2.0, 4.0), SMALL | {"noise": 12.0}, 1.5e-3),
+    ],
+)
+def test_rendered_beams_give_their_fringe_value(beam_frame, edges, options, bar):
+    assert_right(calibrated(beam_frame, edges, **options), bar)
 
 
 @pytest.mark.long
@@ -60,9 +76,8 @@ def test_errors_are_as_large_as_stated_and_to_both_sides(beam_frame):
     assert 2 <= np.sum(np.array(pulls) > 0) <= 10
 
 
-def test_tilt_axis_and_orders_are_those_of_the_frame(beam_frame):
-    found = calibrated(beam_frame, (2.0, 3.0, 4.0))
-    for image, edge in zip(found.images, (2.0, 3.0, 4.0), strict=True):
+def test_tilt_axis_and_orders_are_those_of_the_frame(whole):
+    for image, edge in zip(whole.images, (2.0, 3.0, 4.0), strict=True):
         assert image.order == pytest.approx(edge, abs=1e-3)
         assert image.predicted_order == pytest.approx(edge, abs=3e-3)
         assert image.geometry["tilt_deg"] == pytest.approx(2.0, abs=0.02)
@@ -79,8 +94,8 @@ def test_residual_bending_is_the_intercept(beam_frame):
 
 
 def test_one_load_leaves_the_order_at_zero_load_unknown(beam_frame):
-    found = calibrated(beam_frame, (4.0,))
-    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
+    found = calibrated(beam_frame, (4.0,), **SMALL)
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=1.5e-4)  # u = 3e-5
     assert found.order_at_zero_load is None
     assert found.to_json()["order_at_zero_load"] is None
     assert any("one load only" in w for w in found.warnings)
@@ -88,17 +103,17 @@ def test_one_load_leaves_the_order_at_zero_load_unknown(beam_frame):
 
 def test_the_budget_adds_up(beam_frame):
     known = Uncertainty(load_percent=0.5, height_mm=0.02, span_mm=0.1, pixel_mm=1e-4)
-    found = calibrated(beam_frame, (2.0, 4.0), uncertainty=known)
+    found = calibrated(beam_frame, (2.0, 4.0), uncertainty=known, **SMALL)
     parts = {b.name: b.contribution_n_per_mm / F_SIGMA for b in found.budget}
     assert parts["load"] == pytest.approx(0.005, rel=1e-3)
     assert parts["height"] == pytest.approx(3 * 0.02 / HEIGHT, rel=1e-3)
     assert parts["spans"] == pytest.approx(math.sqrt(2) * 0.1 / (OUTER - INNER), rel=1e-3)
-    assert parts["pixel scale"] == pytest.approx(1e-4 / PIXEL, rel=1e-3)
+    assert parts["pixel scale"] == pytest.approx(1e-4 / SMALL["pixel"], rel=1e-3)
     total = math.sqrt(sum(b.contribution_n_per_mm**2 for b in found.budget))
     assert found.standard_uncertainty == pytest.approx(total)
     assert sum(b.share for b in found.budget) == pytest.approx(1.0)
     assert not any("no uncertainty is given" in w for w in found.warnings)
-    bare = calibrated(beam_frame, (2.0, 4.0))
+    bare = calibrated(beam_frame, (2.0, 4.0), **SMALL)
     assert any("no uncertainty is given for load, height" in w for w in bare.warnings)
 
 
@@ -212,10 +227,12 @@ def write_set(folder, frame, text=SET, edges=(2.0, 3.0, 4.0), extra="", **option
 
 
 def test_a_set_from_its_file(beam_frame, tmp_path):
-    tifffile.imwrite(tmp_path / "rest.tif", beam_frame(0.0, np.random.default_rng(1)))
+    rest = beam_frame(0.0, np.random.default_rng(1), **SMALL)
+    tifffile.imwrite(tmp_path / "rest.tif", rest)
     extra = '[[image]]\nfile = "rest.tif"\nload_n = 0.0\n[uncertainty]\nload_percent = 0.2\n'
-    found = calibrate_bending(write_set(tmp_path, beam_frame, extra=extra))
-    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
+    text = SET.replace("pixel_mm = 0.07", f"pixel_mm = {SMALL['pixel']}")
+    found = calibrate_bending(write_set(tmp_path, beam_frame, text, extra=extra, **SMALL))
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=4e-4)  # u of the images 9e-5
     record = json.loads(json.dumps(found.to_json()))
     assert record["standard_uncertainty"] == pytest.approx(0.002 * F_SIGMA, rel=0.05)
     assert [i["file"] for i in record["images"]] == ["b0.tif", "b1.tif", "b2.tif"]

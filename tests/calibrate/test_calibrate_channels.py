@@ -13,9 +13,9 @@ LINES = {"red": 640.0, "green": 546.0, "blue": 450.0}
 """A line a channel; F_SIGMA holds for the green one, and f_sigma goes with the wavelength."""
 
 EDGES = (2.0, 3.5)
-SMALL = {"shape": (200, 240), "pixel": 0.115}
+SMALL = {"shape": (100, 120), "pixel": 0.23}
 SIZES = "[beam]\nheight_mm = 20.0\ninner_span_mm = 40.0\nouter_span_mm = 100.0\n"
-CAMERA = "[camera]\npixel_mm = 0.115\nbit_depth = 8\n"
+CAMERA = "[camera]\npixel_mm = 0.23\nbit_depth = 8\n"
 LIGHT = "[polariscope]\nwavelength_nm = 546.0\n"
 THREE = LIGHT + "lines = { wavelength_nm = [450.0, 546.0, 640.0], power = [1.0, 1.0, 1.0] }\n"
 
