@@ -151,9 +151,14 @@ def beam(tmp_path_factory):
     return place, order
 
 
-def test_a_table_of_a_beam_reads_another_specimen_to_the_bar(beam, tmp_path):
-    place, _ = beam
-    calibration = calibrate_colour(place / "set.toml")
+@pytest.fixture(scope="module")
+def table(beam):
+    """What the beam's image gives."""
+    return calibrate_colour(beam[0] / "set.toml")
+
+
+def test_a_table_of_a_beam_reads_another_specimen_to_the_bar(table, tmp_path):
+    calibration = table
     assert calibration.way == "beam" and calibration.table.highest > 3.0
     save_colour_calibration(calibration, tmp_path / "out")
     seen = optics("diodes", 2.2, left=-2.0, top=0.05, pixel=0.02)
@@ -170,9 +175,8 @@ def test_a_table_of_a_beam_reads_another_specimen_to_the_bar(beam, tmp_path):
     assert_read(found, [order], kept=0.9)
 
 
-def test_the_folder_holds_table_numbers_and_figure(beam, tmp_path):
-    place, _ = beam
-    calibration = calibrate_colour(place / "set.toml")
+def test_the_folder_holds_table_numbers_and_figure(beam, table, tmp_path):
+    (place, _), calibration = beam, table
     save_colour_calibration(calibration, tmp_path / "out", source=place / "set.toml")
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "colour_table.csv", "calibration.json", "calibration.png", "provenance.json",

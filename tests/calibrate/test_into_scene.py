@@ -13,8 +13,9 @@ from isochrome.calibrate.into_scene import edited
 from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.scene import load_scene
+from scene_texts import BENDING_BEAM
 
-from .conftest import F_SIGMA, disc_load
+from .conftest import F_SIGMA, bending_load
 
 FOUND = Calibration(
     "disc", 14.61234, 0.0131, 1.02, 1.1, 0.0, 0.001, 0.005, images=(), budget=(), warnings=()
@@ -98,15 +99,15 @@ def test_a_name_cannot_break_the_comment(tmp_path):
     assert write_into_scene(exact, path) == 14.61234
 
 
-def test_the_command_carries_the_value_into_a_scene(tmp_path, disc_frame, monkeypatch, capsys):
+def test_the_command_carries_the_value_into_a_scene(tmp_path, beam_frame, monkeypatch, capsys):
     rng = np.random.default_rng(0)
-    tifffile.imwrite(tmp_path / "disc.tif", disc_frame(2.0, rng))
-    text = f'[disc]\ndiameter_mm = 30.0\n[[image]]\nfile = "disc.tif"\nload_n = {disc_load(2.0)}\n'
-    (tmp_path / "set.toml").write_text(text, "utf-8")
+    tifffile.imwrite(tmp_path / "beam.tif", beam_frame(2.0, rng, shape=(100, 120), pixel=0.23))
+    text = f'{BENDING_BEAM}[camera]\npixel_mm = 0.23\n[[image]]\nfile = "beam.tif"\n'
+    (tmp_path / "set.toml").write_text(f"{text}load_n = {bending_load(2.0)}\n", "utf-8")
     scene = tmp_path / "scene.toml"
     scene.write_text("[specimen]\nthickness_mm = 4.0\n", "utf-8")
     monkeypatch.chdir(tmp_path)
-    command = ["isochrome", "calibrate", "disc", "set.toml", "--json", "--into"]
+    command = ["isochrome", "calibrate", "bending", "set.toml", "--json", "--into"]
     monkeypatch.setattr("sys.argv", [*command, "scene.toml"])
     with pytest.raises(SystemExit) as stop:
         main()
@@ -115,7 +116,7 @@ def test_the_command_carries_the_value_into_a_scene(tmp_path, disc_frame, monkey
     written = load_scene(scene).specimen.fringe_value_n_per_mm
     assert said["into"] == "scene.toml"
     assert written == pytest.approx(said["fringe_value_n_per_mm"], rel=1e-5)
-    assert written == pytest.approx(F_SIGMA, rel=1e-3)
+    assert written == pytest.approx(F_SIGMA, rel=1e-3)  # u = 3e-4
     monkeypatch.setattr("sys.argv", [*command, "line-contact-wear", "--out", "other"])
     with pytest.raises(SystemExit) as stop:
         main()
