@@ -160,6 +160,13 @@ def test_a_misfit_that_one_image_has_alone_goes_through_its_weight_in_the_line()
     assert alone.contribution_n_per_mm == pytest.approx(0.3 * 0.02, rel=1e-6)  # f = 1/k, k = 1
 
 
+def test_a_misfit_widens_the_order_at_zero_load_too():
+    """d intercept/d order of the last of four is 1/4 - 2.5 x 0.3 = -1/2."""
+    found = conclude("beam", fits(LOADS, (0.0, 0.0, 0.0, 0.02)), 1.0, ())
+    noise = 1e-3 * math.sqrt(0.25 + 2.5**2 / SPREAD_OF_LOADS)
+    assert found.order_at_zero_load_uncertainty == pytest.approx(math.hypot(0.01, noise), rel=1e-6)
+
+
 def test_a_misfit_that_all_images_share_does_not_average_out():
     """Twelve orders, each 1 % off: taken apart, sqrt(sum (w N)^2) of it; alike, the whole 1 %."""
     orders = np.arange(1.0, 13.0)

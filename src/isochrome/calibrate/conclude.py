@@ -67,6 +67,7 @@ def conclude(
     check_order(loads, orders, tuple(i.file for i in images))
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
     line = fit_line(loads, orders, spread if covariance is None else covariance)
+    line = _intercept_with_misfit(images, line)
     if line.intercept is None and rest:
         line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(rest))
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
@@ -122,6 +123,19 @@ def _check_line(images: Sequence[ImageFit], line: Line) -> None:
             f"loads predict {found.predicted_order:.3f}; check its load, and whether it shows the "
             "same specimen, or leave it out"
         )
+
+
+def _intercept_with_misfit(images: Sequence[ImageFit], line: Line) -> Line:
+    """The line with the images' misfits in its intercept's uncertainty.
+
+    A cause that works in proportion to the orders leaves the intercept where it is; what remains
+    is each image's own part, through its weight.
+    """
+    if line.intercept_weights is None or line.intercept_uncertainty is None:
+        return line
+    own = np.array(line.intercept_weights) * np.array([i.misfit for i in images])
+    spread = float(np.hypot(line.intercept_uncertainty, np.sqrt(np.sum(own**2))))
+    return replace(line, intercept_uncertainty=spread)
 
 
 def _misfit(images: Sequence[ImageFit], line: Line) -> float:

@@ -20,7 +20,8 @@ class Line:
     `slope_noise` is the slope's uncertainty from the images' fits alone, `slope_uncertainty`
     with the scatter about the line; `scatter` is that between-load part of an order's
     uncertainty (0 where the fits explain it all); `left_out` predicts each order from the other
-    loads (None below three loads); `weights` are d slope / d order, 1/N.
+    loads (None below three loads); `weights` are d slope / d order, 1/N, and `intercept_weights`
+    d intercept / d order (None without an intercept).
     """
 
     slope: float
@@ -31,6 +32,7 @@ class Line:
     scatter: float
     left_out: tuple[float, ...] | None
     weights: tuple[float, ...]
+    intercept_weights: tuple[float, ...] | None = None
 
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> Line:
@@ -58,7 +60,7 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
     slope_u, intercept_u = np.sqrt(np.diag(covariance))
     return Line(
         float(values[0]), max(float(slope_u), noise), noise, float(values[1]), float(intercept_u),
-        scatter, _left_out(p, n, wide), tuple(weights[0]),
+        scatter, _left_out(p, n, wide), tuple(weights[0]), tuple(weights[1]),
     )  # fmt: skip
 
 
