@@ -23,7 +23,12 @@ from isochrome.reference import disc_principal_difference
 
 from .conftest import DIAMETER, F_SIGMA, disc_load
 
+DISC = Disc(diameter_mm=DIAMETER)
 REAL = Path(__file__).parents[3] / "shared" / "real" / "disc-seven-loads"
+
+
+SMALL = {"shape": (170, 200), "radius": 75.0, "shift": (1.65, -3.1)}
+"""The same disc at half the resolution."""
 
 
 def calibrated(frame, centres, seed=0, uncertainty=None, **options):
@@ -52,27 +57,29 @@ def test_the_field_is_the_reference_one():
 
 
 def test_centre_order_three_two_loads(disc_frame):
-    found = calibrated(disc_frame, (1.8, 3.0), uncertainty=Uncertainty(diameter_mm=0.0))
-    check(found, 5e-4)
+    known = Uncertainty(diameter_mm=0.0)
+    found = calibrated(disc_frame, (1.8, 3.0), uncertainty=known, **SMALL)
+    # the largest of five seeds: 1.3e-4 of the value, 1.4e-4 of an order, 0.0025 px, 0.002 degrees
+    check(found, 3e-4)
     for image, centre in zip(found.images, (1.8, 3.0), strict=True):
-        assert image.order == pytest.approx(centre, abs=1e-3)
-        assert image.geometry["radius_px"] == pytest.approx(150.0, abs=0.1)
-        assert image.geometry["centre_row_px"] == pytest.approx(173.3, abs=0.05)
-        assert image.geometry["load_angle_deg"] == pytest.approx(2.0, abs=0.05)
+        assert image.order == pytest.approx(centre, abs=4e-4)
+        assert image.geometry["radius_px"] == pytest.approx(75.0, abs=0.007)
+        assert image.geometry["centre_row_px"] == pytest.approx(85 + 1.65, abs=0.007)
+        assert image.geometry["load_angle_deg"] == pytest.approx(2.0, abs=0.006)
 
 
 @pytest.mark.parametrize(
-    ("centre", "options"),
+    ("centre", "options", "bar"),
     [
-        pytest.param(1.7, {}, marks=pytest.mark.long),
-        (3.0, {"bright": True}),
-        pytest.param(12.0, {"angle": -4.0}, marks=pytest.mark.long),
-        pytest.param(5.0, {"blur": 1.0}, marks=pytest.mark.long),
+        pytest.param(1.7, {}, 1e-3, marks=pytest.mark.long),
+        (3.0, SMALL | {"bright": True}, 1e-4),
+        pytest.param(12.0, {"angle": -4.0}, 1e-3, marks=pytest.mark.long),
+        pytest.param(5.0, {"blur": 1.0}, 1e-3, marks=pytest.mark.long),
     ],
 )
-def test_one_load(disc_frame, centre, options):
+def test_one_load(disc_frame, centre, options, bar):
     found = calibrated(disc_frame, (centre,), **options)
-    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=1e-3)
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=bar)
     assert found.order_at_zero_load is None
     assert 0.9 < found.chi < (2.5 if "blur" in options else 1.1)
 
@@ -124,9 +131,42 @@ def test_the_rim_is_a_start_within_some_per_cent(disc_frame):
     for centre, bright in ((1.0, False), (3.0, True), (12.0, False)):
         (shot,) = as_shots([disc_frame(centre, rng, bright=bright)], [1.0])
         circle = find_rim(shot)
-        assert circle.radius == pytest.approx(150.0, rel=0.08)
-        assert circle.row == pytest.approx(173.3, abs=4.0)
-        assert circle.col == pytest.approx(193.8, abs=4.0)
+        # five seeds: -3.1 % at order 1, whose rim is dark far in, 1.9 % at order 12; 0.33 px
+        assert circle.radius == pytest.approx(150.0, rel=0.06)
+        assert circle.row == pytest.approx(173.3, abs=0.8)
+        assert circle.col == pytest.approx(193.8, abs=0.8)
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        lambda y, x: (np.abs(y) < 20) & (np.abs(x) < 80),
+        lambda y, x: (y / 40) ** 2 + (x / 80) ** 2 < 1.0,
+    ],
+    ids=["bar", "ellipse"],
+)
+def test_what_is_not_round_is_no_disc(inside):
+    """Their outlines leave a circle by 29 and 22 % of its radius; 12 % is the most."""
+    y, x = np.mgrid[-60:60, -100:100]
+    light = 12.0 + 200.0 * np.where(inside(y, x), np.sin(0.05 * np.pi * y) ** 2, 0.0)
+    grey = np.rint(light + np.random.default_rng(0).normal(0.0, 3.0, light.shape))
+    with pytest.raises(PhysicsError, match="no round disc is seen"):
+        disc_from_images([np.clip(grey, 0, 255).astype(np.uint8)], [100.0], DISC)
+
+
+def test_a_blur_that_hardly_shows_is_in_the_budget_of_a_disc(disc_frame):
+    """chi is 1.14 to 1.17, no warning yet, and the value off by 3 standard uncertainties of noise.
+
+    With a single block's variance in place of the jackknife's eleven nothing would be seen.
+    """
+    small = {"shape": (100, 110), "radius": 42.0, "shift": (1.0, -2.0)}
+    found = calibrated(disc_frame, (2.6,), blur=0.6, **small)
+    parts = {b.name: b.contribution_n_per_mm for b in found.budget}
+    assert 1.1 < found.chi < 1.25
+    assert parts["model misfit"] > 2.0 * parts["image noise and fit"]
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) > 2.0 * parts["image noise and fit"]
+    assert abs(error) < 2.0 * found.standard_uncertainty
 
 
 @pytest.mark.long

@@ -7,11 +7,13 @@ point forces, added as tensors. Nothing of the package is in them.
 import math
 
 import numpy as np
+import pytest
+from scipy.special import chdtri
 
 from isochrome.calibrate import Beam, Disc, bending_from_images, disc_from_images
 
 F_SIGMA, THICKNESS = 11.3, 5.0
-HEIGHT, INNER, OUTER, PIXEL = 18.0, 36.0, 96.0, 0.24
+HEIGHT, INNER, OUTER, PIXEL = 18.0, 36.0, 96.0, 0.34
 DIAMETER = 36.0
 BEAM = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
 
@@ -26,7 +28,7 @@ def camera(order, inside, rng, noise):
 
 def bent(load_n, rng, *, tilt_deg, noise):
     """A beam between its inner rollers: M = P (Lo - Li)/4, sigma = M y/I, N = sigma d/f."""
-    y, x = PIXEL * (np.mgrid[:96, :120].astype(float) - np.array([47.1, 59.5])[:, None, None])
+    y, x = PIXEL * (np.mgrid[:68, :84].astype(float) - np.array([33.1, 41.5])[:, None, None])
     away = y * math.cos(math.radians(tilt_deg)) + x * math.sin(math.radians(tilt_deg))
     moment = load_n * (OUTER - INNER) / 4.0
     inertia = THICKNESS * HEIGHT**3 / 12.0
@@ -34,7 +36,7 @@ def bent(load_n, rng, *, tilt_deg, noise):
     return camera(order, np.abs(away) < 0.5 * HEIGHT, rng, noise)
 
 
-def pressed(load_n, rng, *, angle_deg, noise, radius_px=60.0, size=140):
+def pressed(load_n, rng, *, angle_deg, noise, radius_px=45.0, size=108):
     """A disc between two point forces, each sigma_r = -2 P cos(t)/(pi d r), and an even tension.
 
     Along its own direction e^(i a) a stress sigma_r makes (sx - sz) + 2i txz = sigma_r e^(2 i a);
@@ -88,5 +90,34 @@ def disc_pulls(seed, count=2):
     ]
 
 
-def rms(pulls):
-    return float(np.sqrt(np.mean(np.square(pulls))))
+def assert_normal(pulls):
+    """Their squares' sum lies between chi-square's 0.1 and 99.9 % points, as with any seeds."""
+    total = float(np.sum(np.square(pulls)))
+    low, high = chdtri(len(pulls), [0.999, 0.001])
+    assert low < total < high, f"root mean square {math.sqrt(total / len(pulls)):.2f}"
+
+
+def test_a_few_beams_are_off_by_what_they_say():
+    """Orders are at h/2, so that a wrong lever, edge or unit is off by hundreds."""
+    pulls = [beam_pulls(seed) for seed in range(4)]
+    assert_normal([p[0] for p in pulls])
+    assert_normal([order for p in pulls for order in p[2:]])
+
+
+@pytest.mark.long
+def test_beams_are_off_by_what_they_say():
+    pulls = [beam_pulls(seed) for seed in range(80)]
+    assert_normal([p[0] for p in pulls])
+    assert_normal([p[1] for p in pulls])
+    # orders of one set share its light, so that fewer are free: one a set is taken
+    assert_normal([p[2] for p in pulls])
+    assert_normal([p[-1] for p in pulls])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", [1, 2])
+def test_discs_are_off_by_what_they_say(count):
+    """Of one load and of two: the fringe value, and the order of each image, fitted by itself."""
+    pulls = [disc_pulls(seed, count) for seed in range(30)]
+    assert_normal([p[0] for p in pulls])
+    assert_normal([order for p in pulls for order in p[1:]])
