@@ -65,11 +65,14 @@ def scene_names() -> list[str]:
 
 
 def read_text(path: Path) -> str:
-    """Text of a settings file; InputError where it is missing, too large or not UTF-8."""
+    """Text of a settings file, without the mark that some editors begin UTF-8 with.
+
+    Raises InputError where it is missing, too large or not UTF-8.
+    """
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"{path}: larger than {MAX_BYTES} bytes; is it a settings file?")
-        return path.read_text("utf-8")
+        return path.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text; save it as UTF-8") from error
     except OSError as error:
