@@ -146,7 +146,7 @@ def test_spans_that_are_equal_bend_nothing_and_are_refused():
     )
     outer = math.nextafter(20.0, 21.0)
     assert parse_scene(f"{beam}outer_span_mm = {outer!r}\n").load.outer_span_mm == outer
-    with pytest.raises(InputError, match="inner_span_mm = 20 must be less than .* = 20; are they"):
+    with pytest.raises(InputError, match=r"inner_span_mm = 20 must be less than .* = 20; are they"):
         parse_scene(f"{beam}outer_span_mm = 20.0\n")
 
 
