@@ -9,7 +9,12 @@ import pytest
 
 from isochrome.contact import Grid, SurfaceState, contact_grid, contact_states
 from isochrome.errors import PhysicsError
-from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure
+from isochrome.reference import (
+    contact_modulus,
+    coupling_modulus_inverse,
+    hertz_half_width,
+    hertz_peak_pressure,
+)
 from isochrome.scene import parse_scene
 from scene_texts import PAPER_CONTACT
 
@@ -237,3 +242,25 @@ def test_a_stuck_contacts_shear_points_along_the_tangential_load(mu, tangential)
         tangential / 4.0, rel=1e-9
     )
     assert (np.abs(state.shear_mpa) <= 0.25 * state.pressure_mpa + 1e-9).all()
+
+
+def test_a_worn_states_residual_is_how_far_its_bodies_are_from_touching():
+    """Half the range of the gap inside the scar over that of the displacement, by a dense matrix.
+
+    On the mesh that moves with the edges the gap vanishes; carried to the grid it is left with the
+    grid's error in space, which the history tells.
+    """
+    rest = "[friction]\ncoefficient = 0.25\n" + wear(0.0, 100.0) + numerics(spacing=0.02)
+    state = contact_states(scene(rest))[1]
+    x, h, p = state.grid.x_mm, state.grid.spacing_mm, state.pressure_mpa
+    coupling = coupling_modulus_inverse(2100.0, 0.4, 210000.0, 0.3)
+    lag = x[:, None] - x[None, :]
+    second = (lag + np.array([h, 0.0, -h])[:, None, None]) ** 2
+    second = 0.25 * second * (np.log(np.where(second > 0.0, second, 1.0)) - 3.0)
+    normal = -2.0 / (math.pi * MODULUS) * (second[0] - 2.0 * second[1] + second[2]) / h
+    ahead = h * (np.triu(np.ones_like(lag), 1) + 0.5 * np.eye(len(x)))
+    u = (normal - 0.5 * 0.25 * coupling * ahead) @ p
+    left, right = state.edges_mm
+    gap = (x**2 / (2.0 * RADIUS) + state.wear_depth_mm + u)[(x > left) & (x < right)]
+    assert state.residual == pytest.approx(0.5 * np.ptp(gap) / np.ptp(u), rel=1e-9)
+    assert 1e-5 < state.residual < 1e-2

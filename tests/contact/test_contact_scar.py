@@ -8,8 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from isochrome.contact import contact_states, make_surface, wear_history
-from isochrome.contact.course import Course, constant_course
+from isochrome.contact import (
+    Course,
+    Stop,
+    constant_course,
+    contact_states,
+    make_site,
+    make_surface,
+    wear_course,
+    wear_history,
+)
 from isochrome.contact.mesh import make_mesh
 from isochrome.contact.regrid import scar_on_nodes
 from isochrome.contact.scar import scar_history
@@ -62,7 +70,10 @@ def test_the_slope_is_of_fourth_order_inside():
 
 
 def run(dose, tolerance, *, mu_beta=0.04, mu_beta_first=None, load_ratio=1.0, count=4):
-    """Scars at doses up to `dose` (in UNIT), friction and load linear in the dose."""
+    """Scars at doses up to `dose` (in UNIT), friction and load linear in the dose.
+
+    Each stop has the load and friction that the course has come to.
+    """
     doses = np.geomspace(0.02, 1.0, count) * dose * UNIT
     first = mu_beta if mu_beta_first is None else mu_beta_first
     coupling = 4.0 / MODULUS  # beta = 1, so that mu is mu beta
@@ -72,8 +83,17 @@ def run(dose, tolerance, *, mu_beta=0.04, mu_beta_first=None, load_ratio=1.0, co
         LOAD * np.array([1.0, load_ratio]),
         np.array([first, mu_beta]),
     )
-    _, stops = constant_course(LOAD, doses, dose_per_m=1.0)
+    share = doses / doses[-1]
+    loads, mus = LOAD * (1.0 + (load_ratio - 1.0) * share), first + (mu_beta - first) * share
+    stops = [Stop(*row) for row in np.stack([doses, doses, loads, mus], axis=1).tolist()]
     return list(scar_history(RADIUS, MODULUS, coupling, course, stops, tolerance=tolerance))
+
+
+def load_of(scar):
+    """∫ p dx at the scar's own nodes, x = -half cos θ: p sin θ is periodic, so the sum is exact."""
+    intervals, half = len(scar.x_mm) - 1, 0.5 * (scar.x_mm[-1] - scar.x_mm[0])
+    theta = np.pi * np.arange(intervals + 1) / intervals
+    return half * np.pi / intervals * (scar.pressure_mpa @ np.sin(theta))
 
 
 def peaks(scars):
@@ -83,7 +103,21 @@ def peaks(scars):
         width = scar.x_mm[-1] - scar.x_mm[0]
         p, h = scar_on_nodes(scar, scar.x_mm[0] + width * (np.arange(409) - 4.5) / 400)
         rows.append((p.max(), h.max(), width))
-    return np.array(rows)
+    return np.array(rows).reshape(-1, 3)
+
+
+def edges_advance(*, mu_beta, mu_beta_first, load_ratio):
+    """Whether load and friction move both edges outwards where nothing wears, by the closed form.
+
+    Wear flattens the pressure and so moves both outwards besides.
+    """
+    edges = []
+    for share in np.linspace(0.0, 1.0, 50):
+        beta = mu_beta_first + share * (mu_beta - mu_beta_first)
+        load = LOAD * (1.0 + share * (load_ratio - 1.0))
+        contact = coupled_contact(load, RADIUS, MODULUS, friction=1.0, beta=beta)
+        edges.append(contact.half_width_mm + contact.centre_mm * np.array([-1.0, 1.0]))
+    return bool((np.diff(edges, axis=0) >= 0.0).all())
 
 
 @settings(max_examples=12, deadline=None)
@@ -101,14 +135,19 @@ def test_any_run_is_within_its_tolerance(dose, mu_beta, share, load_ratio):
     """
     kinds = {"mu_beta": mu_beta, "mu_beta_first": share * mu_beta, "load_ratio": load_ratio}
     rough, fine = run(dose, 1e-3, **kinds), run(dose, 1e-4, **kinds)
-    assert len(rough) == len(fine)
-    if rough:  # a run ends where an edge draws back; then the grid goes on
-        error = np.abs(peaks(rough) / peaks(fine) - 1.0)
-        assert error[:, :2].max() < 1.1e-3  # the tolerance, and the finer run's own tenth
+    # a run ends where an edge draws back, which wear does not do: friction that grows faster than
+    # the load may, and then the grid goes on
+    both = min(len(rough), len(fine))
+    assert both == 4 or not edges_advance(**kinds)
+    error = np.abs(peaks(rough[:both]) / peaks(fine[:both]) - 1.0)
+    assert (error[:, :2] < 1.1e-3).all()  # the tolerance, and the finer run's own tenth
+    for scar, place in zip(rough, np.geomspace(0.02, 1.0, 4), strict=False):
+        exact = LOAD * (1.0 + (load_ratio - 1.0) * place)
+        assert load_of(scar) == pytest.approx(exact, rel=1e-12)  # rounding of some tens of nodes
 
 
 def test_the_error_falls_with_the_tolerance_to_the_last():
-    exact = peaks(run(3.1, 1e-6))
+    exact = peaks(run(3.1, 2e-6))  # measured: 7e-7 off in p_max, 9e-7 in depth
     for tolerance in (1e-3, 1e-4, 1e-5):
         assert np.abs(peaks(run(3.1, tolerance)) / exact - 1.0)[:, :2].max() < tolerance
 
@@ -150,7 +189,7 @@ def test_the_unworn_contact_is_the_coupled_closed_form():
 
 
 def test_mesh_and_grid_agree_though_they_share_no_discretisation():
-    """The fixed grid's second-order run at 1e-5 against the mesh's: p_max, depth, width.
+    """The fixed grid's second-order run at 2e-5 against the mesh's: p_max, depth, width.
 
     Goes wrong if either loses wear at an edge, the coupling's sign, or the load.
     """
@@ -160,13 +199,13 @@ def test_mesh_and_grid_agree_though_they_share_no_discretisation():
     coupling = 1.6e-4
     surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=coupling)
     course, stops = constant_course(LOAD, [31.0, 155.0], dose_per_m=2e-6, friction=0.25)
-    grid = wear_history(surface, x * x / (2 * RADIUS), course, stops, tolerance=1e-5)
-    mesh = scar_history(RADIUS, MODULUS, coupling, course, stops, tolerance=1e-5)
+    grid = wear_history(surface, x * x / (2 * RADIUS), course, stops, tolerance=2e-5)
+    mesh = scar_history(RADIUS, MODULUS, coupling, course, stops, tolerance=2e-5)
     for worn, scar in zip(grid, mesh, strict=True):
         p, depth = scar_on_nodes(scar, x)
-        # 3e-5: both runs' tolerances, and the grid's error in space
-        assert p.max() == pytest.approx(worn.contact.pressure.max(), rel=3e-5)
-        assert depth.max() == pytest.approx(worn.depth_mm.max(), rel=3e-5)
+        # measured 5e-6 and 4e-6, of the two tolerances and the grid's error in space
+        assert p.max() == pytest.approx(worn.contact.pressure.max(), rel=1.5e-5)
+        assert depth.max() == pytest.approx(worn.depth_mm.max(), rel=1.2e-5)
         on = np.flatnonzero(worn.contact.pressure > 0.0)
         assert abs(scar.x_mm[0] - x[on[0]]) < 1.5 * h and abs(scar.x_mm[-1] - x[on[-1]]) < 1.5 * h
 
@@ -205,7 +244,7 @@ def test_a_worn_contact_scales_with_its_load():
 def test_an_edge_that_draws_back_hands_over_to_the_grid():
     """Load that falls to a third: the contact shrinks and leaves worn surface beside it.
 
-    Truth: the same scene with its cylinder given as a profile, which takes the grid throughout.
+    Truth: the grid's own run from the start, which knows of no mesh, at a fifth of the tolerance.
     """
     table = {"distance_m": (0.0, 40.0, 80.0), "value": (44.0, 44.0, 15.0)}
     scene = load_scene("line-contact-wear").with_values(
@@ -218,9 +257,15 @@ def test_an_edge_that_draws_back_hands_over_to_the_grid():
     )
     states = contact_states(scene)
     assert states[0].scar_edges_mm is not None and states[-1].scar_edges_mm is None
-    for state in states:
+    site = make_site(scene, states[0].grid)
+    course, stops = wear_course(scene)
+    truth = wear_history(site.surface, site.gap_mm, course, stops, tolerance=2e-5)
+    for state, exact in zip(states, truth, strict=True):
         assert state.line_load_n_per_mm * 4.0 == pytest.approx(
             scene.load_at(state.distance_m), rel=1e-9
         )
+        # the scene's tolerance of 1e-4 and the truth's own 2e-5
+        assert state.p_max_mpa == pytest.approx(exact.contact.pressure.max(), rel=1.2e-4)
+        assert state.wear_depth_mm.max() == pytest.approx(exact.depth_mm.max(), rel=1.2e-4)
     worn = states[-1].wear_depth_mm > 0.0
     assert (worn & (states[-1].pressure_mpa == 0.0)).sum() > 5  # worn, and out of contact

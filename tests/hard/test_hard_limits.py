@@ -220,37 +220,36 @@ def test_contact_at_the_end_of_a_measured_profile_is_refused(tmp_path):
     refused(contact_scene(indenter=arc, folder=tmp_path), "profile")
 
 
-def test_profile_finer_than_the_grid_is_resolved_or_refused(tmp_path):
+def test_profile_finer_than_the_smooth_grid_is_resolved(tmp_path):
     """Goes wrong: roughness between the nodes is picked at random: pressures off by half."""
-    x = np.arange(-2.0, 2.0 + 5e-4, 1e-3)
+    x = np.arange(-0.8, 0.8 + 5e-4, 1e-3)
     heights = x**2 / (2.0 * RADIUS) + 2e-5 * np.cos(2.0 * np.pi * x / 4e-3)
     line = write_profile(tmp_path, x, heights)
-    try:
-        (state,) = contact_states(contact_scene(indenter=line, folder=tmp_path))
-    except PhysicsError as refusal:
-        assert "numerics.spacing_mm" in str(refusal)  # noqa: PT017 - either answer is right
-        return
+    (state,) = contact_states(contact_scene(indenter=line, folder=tmp_path))
     (fine,) = contact_states(
         contact_scene(numerics(spacing=2.5e-4, window=1.2), indenter=line, folder=tmp_path)
     )
     # a wave of 4 um and 2e-5 mm, pressed flat by pi E* A/wavelength = 39 MPa on top of Hertz's 19
     # if it were smooth. The file is straight between rows, and the pressure at its kinks grows as
-    # the logarithm of the spacing: the two agree because both take a quarter of the row step
-    assert state.p_max_mpa == pytest.approx(fine.p_max_mpa, rel=0.05)
+    # the logarithm of the spacing, 13 % when it is halved: the two agree because both take a
+    # quarter of the row step. Solved to a residual of 1e-10; measured 4e-12
+    assert state.grid.spacing_mm == pytest.approx(2.5e-4, rel=1e-12)
+    assert state.p_max_mpa == pytest.approx(fine.p_max_mpa, rel=1e-9)
+    assert state.p_max_mpa > 2.0 * 18.76
 
 
 # --- numbers that are none ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("where", [3, 50])
-@pytest.mark.parametrize("bad", [np.nan, -np.inf])
+@pytest.mark.parametrize("bad", [np.nan, -np.inf, np.inf])
 def test_gap_that_is_no_number_is_refused(bad, where):
     """Goes wrong: a hole in a measured profile spreads as NaN, or is passed over in silence."""
     x = np.linspace(-0.8, 0.8, 101)
     gap = x**2 / (2.0 * RADIUS)
     gap[where] = bad
     surface = make_surface(101, x[1] - x[0], contact_modulus_mpa=MODULUS)
-    with pytest.raises((InputError, PhysicsError), match="gap"), np.errstate(all="ignore"):
+    with pytest.raises(InputError, match=r"gap .* is not finite everywhere; give every node"):
         solve_pressure(surface, gap, LOAD)
 
 
@@ -259,7 +258,7 @@ def test_load_that_presses_nothing_is_refused(load):
     """Goes wrong: no load, or tension, comes back as a contact full of NaN and no error."""
     x = np.linspace(-0.8, 0.8, 101)
     surface = make_surface(101, x[1] - x[0], contact_modulus_mpa=MODULUS)
-    with pytest.raises((InputError, PhysicsError), match="load"), np.errstate(all="ignore"):
+    with pytest.raises(InputError, match=rf"the load is {load:g} N/mm, .* change load\.normal_n"):
         solve_pressure(surface, x**2 / (2.0 * RADIUS), load)
 
 

@@ -244,6 +244,24 @@ def test_the_table_of_a_spectrum_is_its_sum(darkest, error):
     assert table.min() > -error and table.max() < 1.0 + error
 
 
+@pytest.mark.parametrize(("contrast", "error"), [(0.3, 1.5e-4), (0.01, 2e-3)])
+def test_a_high_order_of_little_contrast_is_still_that_order(contrast, error):
+    """A filter of 14 nm: beside a pixel of order 0.5, one of 4.9 that has lost most contrast."""
+    low, high, order = 580.0, 594.0, 4.9
+    spectrum = {"wavelength_nm": (low, high), "power": (1.0, 1.0)}
+    scope = Polariscope(wavelength_nm=REFERENCE, spectrum=spectrum)
+    seen_light = seen([0.5, order], scope, visibility=np.array([[1.0, contrast]]))[0, 1, 0]
+
+    def light(w):
+        k = REFERENCE / w
+        return 0.5 - 0.5 * contrast ** (k * k) * np.cos(2.0 * np.pi * k * order)
+
+    exact = integral(light, low, high) / (high - low)
+    # V^(k²) is taken as linear in k²: measured 5e-5 and 8e-4 of the contrast
+    assert seen_light == pytest.approx(exact, abs=error * contrast)
+    assert abs(seen_light - 0.5) > 0.2 * contrast  # a fringe is there to be seen
+
+
 def test_no_visibility_leaves_grey():
     order = np.full((3, 4), 1.3)
     signal = seen(order, WHITE, GENERIC, visibility=np.zeros_like(order))
@@ -282,6 +300,14 @@ def test_a_response_file_is_read_for_the_cameras_channels(tmp_path):
     )
     path.write_text("wavelength_nm,grey\n400,1\n700,0.5\n")
     assert camera_response(Camera(response="sensor.csv"), path).names == ("grey",)
+
+
+def test_a_response_saved_with_a_byte_order_mark_is_the_same_response(tmp_path):
+    """A spreadsheet's "CSV UTF-8" begins with three bytes that belong to no column's name."""
+    path = tmp_path / "sensor.csv"
+    path.write_bytes(b"\xef\xbb\xbfwavelength_nm,grey\r\n400,1\r\n700,0.5\r\n")
+    found = camera_response(Camera(response="sensor.csv"), path)
+    np.testing.assert_array_equal(found.at(np.array([400.0, 550.0, 700.0])), [[1.0, 0.75, 0.5]])
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,16 @@ def test_fringes_finer_than_two_pixels_are_counted_not_aliased():
         assert (visibility >= 0).all() and (visibility <= 1).all()
 
 
+@pytest.mark.parametrize("gradient", [1.2, 1.5, 1.9])
+def test_fringes_finer_than_a_pixel_leave_grey_and_none_turned_round(gradient):
+    """sinc(g) is negative between one and two fringes a pixel: dark where it is bright."""
+    _, cols = np.indices((8, 9))
+    order = gradient * cols
+    visibility, _ = pixel_visibility(order)
+    np.testing.assert_array_equal(visibility, 0.0)
+    np.testing.assert_array_equal(polariscope_signal(order, DARK, visibility=visibility), 0.5)
+
+
 def test_the_edge_of_the_specimen_is_no_fringe():
     """A step from N = 3 to nothing must neither grey the edge pixels nor count as too fine."""
     order = np.full((20, 20), 3.0)

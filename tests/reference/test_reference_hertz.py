@@ -225,6 +225,8 @@ def test_nowhere_in_the_block_is_there_tension():
     [
         (lambda: contact_modulus(0.0, 0.4, 1.0, 0.3), "young_mpa"),
         (lambda: contact_modulus(1.0, 0.6, 1.0, 0.3), "poisson"),
+        (lambda: contact_modulus(1.0, -1.0, 1.0, 0.3), "poisson"),
+        (lambda: dundurs_beta(1.0, 0.3, 1.0, -1.0), "other_poisson"),
         (lambda: contact_modulus(1.0, 0.4, -1.0, 0.3), "other_young_mpa"),
         (lambda: dundurs_beta(1.0, 0.4, 1.0, float("nan")), "other_poisson"),
         (lambda: hertz_half_width(-1.0, 1.0, 1.0), "line_load_n_per_mm"),

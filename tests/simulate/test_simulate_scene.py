@@ -13,6 +13,7 @@ from isochrome.reference import coupled_contact, dundurs_beta
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from isochrome.simulate import (
     make_picture,
+    picture_signal,
     scene_states,
     simulate,
     state_count,
@@ -377,6 +378,19 @@ def test_discs_and_beams_leave_the_same_files(tmp_path, text):
     assert history["n_max"][0] > 0
 
 
+@pytest.mark.parametrize("cut", [0.4, 0.0, -0.4])
+def test_a_row_that_the_surface_cuts_is_not_the_specimens(cut):
+    """It sees the indenter too. A row that begins at the surface is whole, rounding aside."""
+    scene = SMALL.with_values({"camera.top_mm": (cut - 3.0) * 4 * 0.00607})
+    pixels = pixel_grid(scene)
+    (state, *_) = scene_states(scene.with_values({"wear.distances_m": (0.0,)}))
+    picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
+    above = {0.4: 3, 0.0: 3, -0.4: 4}[cut]
+    assert not picture.material[:above].any() and picture.material[above:].all()
+    assert np.isnan(picture.order[:above]).all() and np.isfinite(picture.order[above:]).all()
+    assert not picture_signal(scene, picture)[:above].any()
+
+
 # --- refusals ------------------------------------------------------------------
 
 RING = '[specimen]\nshape = "ring"\n'
@@ -420,6 +434,36 @@ def test_a_refusal_says_what_to_change_and_leaves_nothing_behind(tmp_path, scene
     assert refusal.value.exit_code == {InputError: 2, PhysicsError: 3}[kind]
     assert "\n" not in str(refusal.value)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("fringe_value", "fits"), [(2.95, True), (2.85, False)])
+def test_three_hundredths_of_the_fringes_may_be_finer_than_two_pixels(fringe_value, fits):
+    """Shares of the fringed pixels by numpy's own central differences of the order."""
+    scene = SMALL.with_values({"specimen.fringe_value_n_per_mm": fringe_value})
+    scene = scene.model_copy(update={"wear": None, "friction": None})
+    pixels = pixel_grid(scene)
+    (state,) = scene_states(scene)
+    order = np.abs(state_difference(scene, state, pixels)) * 4.0 / fringe_value
+    steep = np.hypot(*np.gradient(order)) > 0.5
+    share = np.count_nonzero(steep & (order > 0.5)) / np.count_nonzero(order > 0.5)
+    assert abs(share - 0.03) < 0.002 and (share < 0.03) == fits
+    if fits:
+        assert simulate(scene).frames.shape == (1, 123, 165)
+    else:
+        with pytest.raises(PhysicsError, match=rf"in {100 * share:.1f} % of the fringed picture"):
+            simulate(scene)
+
+
+@pytest.mark.parametrize(("columns", "fits"), [(31, True), (30, False)])
+def test_a_picture_is_as_wide_as_the_contact_at_least(columns, fits):
+    """2a is 0.7466 mm; 30 pixels are 0.728 mm and 31 are 0.753 mm."""
+    scene = SMALL.with_values({"camera.width_px": columns})
+    scene = scene.model_copy(update={"wear": None, "friction": None})
+    if fits:
+        assert simulate(scene).frames.shape == (1, 123, 31)
+    else:
+        with pytest.raises(PhysicsError, match=r"is 0\.74\d mm wide, wider than .* \(0\.728 mm\)"):
+            simulate(scene)
 
 
 def test_a_later_states_refusal_leaves_nothing_of_the_earlier_ones(tmp_path):

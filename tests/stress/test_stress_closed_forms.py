@@ -88,3 +88,16 @@ def test_a_picture_beyond_memory_is_refused():
                 )
             )
         )
+
+
+@pytest.mark.parametrize(("pixel", "fits"), [(8230.0, True), (8231.0, False)])
+def test_a_picture_a_kilometre_wide_is_a_slip_of_the_unit(pixel, fits):
+    """81 pixels about the middle: 40.5 to the left edge, and 81 from there, 1e6 mm together."""
+    scene = parse_scene(DISC.replace("pixel_mm = 0.26", f"pixel_mm = {pixel}\ntop_mm = 0.0"))
+    if fits:
+        assert pixel_grid(scene).pixel_mm == pixel
+    else:
+        with pytest.raises(
+            InputError, match=r"camera\.pixel_mm = 8231, .* 1e\+06 mm .*; give them"
+        ):
+            pixel_grid(scene)

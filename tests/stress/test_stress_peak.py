@@ -119,6 +119,16 @@ def test_a_pixel_grid_means_its_outer_edges():
     )
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+def test_above_the_surface_there_is_nothing_to_find(friction):
+    """A window that begins above the surface holds what one from the surface does."""
+    nodes, p = hertz_nodes(201)
+    above, from_there = (
+        largest_shear(nodes, p, friction * p, within=(-1.0, 1.0, top, 1.0)) for top in (-0.5, 0.0)
+    )
+    assert above == from_there and above.z_mm >= 0.0
+
+
 def test_an_unloaded_surface_leaves_the_bulk_stress():
     nodes = np.linspace(-1, 1, 11)
     peak = largest_shear(nodes, 0 * nodes, None, within=WINDOW, regular=uniform_stress(-3.0))

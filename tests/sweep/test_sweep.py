@@ -119,6 +119,7 @@ def test_a_point_that_physics_refuses_is_left_empty_with_its_reason(tmp_path):
         (["load.normal_n=1,1"], "each once"),
         (["load.normal_n=1:2:3", "load.normal_n=1:2:3"], "is given twice"),
         (["load.normal_n=1:9:400", "specimen.thickness_mm=1:9:400"], "160000 points"),
+        (["load.normal_n=1:9:9091", "specimen.thickness_mm=1:9:11"], "100001 points, and 100000"),
         (["camera.width_px=40,50"], "changes the number of states, pixels or steps"),
         (["specimen.plane=1,2"], r"specimen\.plane"),
     ],
@@ -159,6 +160,27 @@ def test_a_changed_response_of_the_camera_is_noticed(tmp_path):
         sweep(scene, ["load.normal_n=300"], tmp_path / "out", progress=told.append)
         computed.append(bool(told))
     assert computed == [True, False, True]
+
+
+def test_other_values_are_another_run_and_none_to_go_on_with(tmp_path):
+    """The number of points is the same, and so is the scene."""
+    out, peaks = tmp_path / "out", []
+    for loads in ((100.0,), (200.0,)):
+        sweep(DISC, {"load.normal_n": loads}, out)
+        table = read_csv(out / "sweep.csv")
+        assert table["load.normal_n"] == list(loads)
+        peaks.append(table["n_max"])
+    # linear in the load
+    assert peaks[1] == pytest.approx([2.0 * peaks[0][0]], rel=1e-6)
+
+
+def test_places_in_mm_are_told_unless_the_camera_itself_is_varied(grid, tmp_path):
+    with open_run(grid) as dataset:
+        np.testing.assert_allclose(dataset.x_mm, -4.0 + 0.2 * (np.arange(40) + 0.5), atol=1e-12)
+        np.testing.assert_allclose(dataset.z_mm, 7.0 + 0.2 * (np.arange(30) + 0.5), atol=1e-12)
+    sweep(DISC, ["camera.left_mm=-4,-2"], tmp_path / "out")
+    with open_run(tmp_path / "out") as dataset:
+        assert "x_mm" not in dataset.coords and "z_mm" not in dataset.coords
 
 
 def test_a_grid_is_exported_with_its_axes(grid, tmp_path):
