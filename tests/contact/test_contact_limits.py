@@ -162,15 +162,15 @@ def test_a_profile_that_holds_the_contact_is_not_refused(tmp_path):
 
 
 def test_a_hill_that_wear_brings_into_contact_beyond_the_window_is_not_overlooked(tmp_path):
-    """9 um above the contact at x = 1 mm: free at first, and touched once the cylinder has sunk.
+    """11 um above the contact at x = 1 mm: free at 200 m, and touched once the cylinder has sunk.
 
     Truth: the same scene on a grid that holds the hill.
     """
     x = np.array([-2.0, 0.8, 1.0, 1.2, 2.0])
-    gap = np.array([0.0, 0.0, 0.009 - 1.0 / (2.0 * RADIUS), 0.0, 0.0])
+    gap = np.array([0.0, 0.0, 0.011 - 1.0 / (2.0 * RADIUS), 0.0, 0.0])
     body = f"{CYLINDER}\n{write_profile(tmp_path, x, gap)}"
     coarse = {"spacing": 0.02, "window": 2.6}
-    rest = wear(0.0, 400.0) + numerics(**coarse) + "\ntolerance = 1e-3"
+    rest = wear(200.0, 300.0) + numerics(**coarse) + "\ntolerance = 1e-3"
     seen = scene(rest, indenter=body, folder=tmp_path)
     touched = [
         state.pressure_mpa[np.abs(state.grid.x_mm - 1.0) < 0.05].any()
@@ -178,7 +178,7 @@ def test_a_hill_that_wear_brings_into_contact_beyond_the_window_is_not_overlooke
     ]
     assert touched == [False, True]
     narrow = {"numerics.window_mm": 1.7}
-    contact_states(seen.with_values({**narrow, "wear.distances_m": (0.0,)}))
+    contact_states(seen.with_values({**narrow, "wear.distances_m": (200.0,)}))
     refused(seen.with_values(narrow), r"reaches the edge of its grid, 1\.7\d? mm wide")
 
 

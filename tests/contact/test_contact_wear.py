@@ -76,16 +76,17 @@ def test_the_tolerance_holds_at_a_fixed_corner_beside_an_edge_that_moves(shape):
         assert state.depth_mm.max() == pytest.approx(true.depth_mm.max(), rel=1.1e-3)
 
 
-@pytest.mark.parametrize("n", [133, 801])
-def test_no_pressure_spike_is_left_on_the_nodes_that_the_edge_has_just_passed(n):
+@pytest.mark.parametrize(("n", "share"), [(133, 0.02), (801, 0.05)])
+def test_no_pressure_spike_is_left_on_the_nodes_that_the_edge_has_just_passed(n, share):
     """Hard case: a long last step over-wears freshly touched nodes, and the stress at the edge,
     where the paper finds the largest shear, is then wrong by percents of p0."""
     _, _, states = history(n, DOSES)
-    _, _, finer = history(n, DOSES, tolerance=5e-6)
+    _, _, finer = history(n, DOSES, tolerance=2e-5)
     for state, true in zip(states, finer, strict=True):
         p, q = state.contact.pressure, true.contact.pressure
-        # measured 0.03 of the peak, on a single node; 0.18 before the steps were shortened
-        assert np.abs(p - q).max() < 0.05 * q.max()
+        # measured 0.008 and 0.033 of the peak, on a single node; where the steps are not
+        # shortened 0.015 and 0.096
+        assert np.abs(p - q).max() < share * q.max()
 
 
 def test_long_steps_are_stable_where_the_explicit_method_doubles_the_pressure():
@@ -221,9 +222,8 @@ def test_a_long_run_tends_to_the_cylinders_own_arc(factor):
     dose = factor * DOSES[-1]
     c = (1.5 * RADIUS * dose * LOAD) ** (1 / 3)
     a = 0.37332
-    x, _, states = history(
-        401, [dose], half=1.2 * (c**3 + a**3) ** (1 / 3), friction=0.0, coupling=0.0
-    )
+    half = 1.2 * (c**3 + a**3) ** (1 / 3)
+    x, _, states = history(401, [dose], half=half, friction=0.0, coupling=0.0, tolerance=1e-3)
     h = x[1] - x[0]
     arc = np.clip(c**2 - x**2, 0, None) / (2 * RADIUS)
     depth, p = states[0].depth_mm, states[0].contact.pressure
