@@ -292,10 +292,16 @@ def test_a_beams_edge_rows_are_as_sharp_as_the_rest():
 # --- files ---------------------------------------------------------------------
 
 
-def test_simulate_leaves_its_files_whole(tmp_path):
-    out = tmp_path / "here" / "out"
-    steps = []
-    result = simulate(SMALL, out, progress=steps.append)
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The small scene's folder, which nobody changes, what was returned, and the progress."""
+    out, steps = tmp_path_factory.mktemp("written") / "here" / "out", []
+    return out, simulate(SMALL, out, progress=steps.append), tuple(steps)
+
+
+def test_simulate_leaves_its_files_whole(written):
+    out, result, told = written
+    steps = list(told)
     assert result.frames is None and result.orders is None
     assert sorted(p.name for p in out.iterdir()) == [
         "frames.tif",
@@ -326,10 +332,9 @@ def test_simulate_leaves_its_files_whole(tmp_path):
     assert p.sum() * (x[1] - x[0]) == pytest.approx(11.0, rel=1e-7)
 
 
-def test_pressure_table_leaves_out_only_zeros(tmp_path):
+def test_pressure_table_leaves_out_only_zeros(written):
     """Rows run over the loaded and worn nodes, with a zero at both ends where contact can end."""
-    simulate(SMALL, tmp_path)
-    table = {k: np.array(v) for k, v in read_csv(tmp_path / "pressure.csv").items()}
+    table = {k: np.array(v) for k, v in read_csv(written[0] / "pressure.csv").items()}
     for index, state in enumerate(scene_states(SMALL)):
         surface, rows = state.surface, table["state"] == index
         x = surface.grid.x_mm

@@ -90,6 +90,23 @@ def test_bulk_stress_moves_it():
     assert (peak.x_mm, peak.z_mm) == pytest.approx((place[0], abs(place[1])), abs=2e-3 * A)
 
 
+@pytest.mark.parametrize("friction", [0.1, 0.25])
+def test_its_place_is_far_finer_than_a_spacing(friction):
+    """Nodes 5 um apart, and a simplex that climbs the same nodes' field from a start nearby."""
+    nodes, p = hertz_nodes(161)
+    peak = largest_shear(nodes, p, friction * p, within=WINDOW)
+
+    def less(at):
+        return -stress_components(*at, nodes, p, friction * p).largest_shear
+
+    start = [peak.x_mm + 2e-3, peak.z_mm - 3e-3]
+    options = {"xatol": 1e-9, "fatol": 1e-15}
+    found = minimize(less, start, method="Nelder-Mead", options=options)
+    # its top is flat: a rounding of 1e-15 of the value is 1e-8 of the place
+    assert (peak.x_mm, peak.z_mm) == pytest.approx(tuple(found.x), abs=1e-6)
+    assert peak.shear_mpa == pytest.approx(-found.fun, rel=1e-13)
+
+
 def test_beyond_the_window_nothing_counts():
     """A window beside and below the peak: the largest value inside lies on its nearest corner."""
     nodes, p = hertz_nodes(401)

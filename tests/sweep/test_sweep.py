@@ -119,7 +119,7 @@ def test_a_point_that_physics_refuses_is_left_empty_with_its_reason(tmp_path):
         (["load.normal_n=1,1"], "each once"),
         (["load.normal_n=1:2:3", "load.normal_n=1:2:3"], "is given twice"),
         (["load.normal_n=1:9:400", "specimen.thickness_mm=1:9:400"], "160000 points"),
-        (["load.normal_n=1:9:9091", "specimen.thickness_mm=1:9:11"], "100001 points, and 100000"),
+        (["load.normal_n=-1:9:9091", "specimen.thickness_mm=1:9:11"], "100001 points, and 100000"),
         (["camera.width_px=40,50"], "changes the number of states, pixels or steps"),
         (["specimen.plane=1,2"], r"specimen\.plane"),
     ],
