@@ -179,6 +179,82 @@ def test_in_another_process_a_refusal_is_one_line_too(place, isochrome):
     assert done.err.startswith("isochrome: cut.tif: ") and not (place / "out").exists()
 
 
+# A pixel in micrometres or metres
+
+
+@pytest.fixture
+def of_no_scale(place):
+    """The frames without the scale that the simulation names in their file."""
+    write_stack(place / "bare.tif", tifffile.imread(place / "frames.tif"))
+    return "bare.tif"
+
+
+SLIP = [("25.0", "the widest allowed", "not in µm"), ("2.5e-5", "allowed at least", "not in m")]
+
+
+@pytest.mark.parametrize("slip", SLIP, ids=["um", "m"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("process",),
+        ("process", "--track"),
+        ("fit", "--free", "load.normal_n"),
+        ("fit", "--track", "--per-frame", "load.normal_n"),
+    ],
+    ids=lambda words: " ".join(words[:2]),
+)
+def test_a_pixel_of_another_unit_is_refused_before_any_work(
+    refuses, scene_with, of_no_scale, command, slip
+):
+    """`process` and `fit` with micrometres did not end: a pixel was divided into 5700 nodes."""
+    value, *words = slip
+    scene = scene_with("pixel_mm = 0.025", f"pixel_mm = {value}")
+    words = [f"camera.pixel_mm = {float(value):g} ", *words]
+    refuses(2, words, *command, of_no_scale, "--scene", scene, "--out", "out")
+
+
+@pytest.mark.parametrize("slip", SLIP, ids=["um", "m"])
+def test_a_simulation_refuses_a_pixel_of_another_unit(refuses, scene_with, slip):
+    value, *words = slip
+    scene = scene_with("pixel_mm = 0.025", f"pixel_mm = {value}")
+    refuses(2, [f"camera.pixel_mm = {float(value):g} ", *words], *simulate(scene))
+
+
+DISC = """
+[specimen]
+shape = "disc"
+diameter_mm = 50.0
+thickness_mm = 6.0
+fringe_value_n_per_mm = 14.6
+[load]
+normal_n = 560.0
+[camera]
+width_px = 160
+height_px = 120
+bit_depth = 8
+pixel_mm = """
+
+
+def test_a_disc_smaller_than_a_pixel_is_refused(place, refuses, of_no_scale):
+    (place / "disc.toml").write_text(f"{DISC}500.0\n", "utf-8")
+    words = ["camera.pixel_mm = 500 is wider than the disc, 50 mm", "not in µm"]
+    refuses(2, words, *process(of_no_scale, "disc.toml"))
+    refuses(2, words, *simulate("disc.toml"))
+    (place / "disc.toml").write_text(f"{DISC}0.0005\n", "utf-8")
+    refuses(2, ["camera.pixel_mm = 0.0005", "not in m"], *process(of_no_scale, "disc.toml"))
+
+
+@pytest.mark.parametrize("slip", SLIP, ids=["um", "m"])
+def test_the_check_names_a_pixel_of_another_unit(quick_isochrome, scene_with, of_no_scale, slip):
+    value, *words = slip
+    scene = scene_with("pixel_mm = 0.025", f"pixel_mm = {value}")
+    done = quick_isochrome("check", of_no_scale, "--scene", scene)
+    assert done.code == 2 and done.err == ""
+    said = done.out.splitlines()[0]
+    assert said.startswith("error: ") and f"camera.pixel_mm = {float(value):g} " in said
+    assert all(word in said for word in words)
+
+
 # Scenes
 
 

@@ -140,7 +140,7 @@ number("thickness of 1e29", "thickness_mm = 4.0", "thickness_mm = 1e29", "nodes"
 number("wear of 1e-2", "n = 2e-9", "n = 1e-2", "lower load.normal_n or the wear", code=3)
 number("wear of 1e29", "n = 2e-9", "n = 1e29", "lower load.normal_n or the wear", code=3)
 number("distance of 1e29", "[0.0, 77.0]", "[0.0, 1e29]", "the wear", code=3)
-number("pixel of 1e-29 mm", "pixel_mm = 0.05", "pixel_mm = 1e-29", "nodes", code=3)
+number("pixel of 1e-29 mm", "pixel_mm = 0.05", "pixel_mm = 1e-29", "camera.pixel_mm", "not in m")
 number("pixel of 1e29 mm", "pixel_mm = 0.05", "pixel_mm = 1e29", "camera.pixel_mm", "in mm")
 number("picture at 1e29 mm", "left_mm = -1.6", "left_mm = 1e29", "camera.left_mm", "in mm")
 number("nodes of 1e-9 mm", "[load]", "[numerics]\nspacing_mm = 1e-9\n[load]", "nodes", code=3)

@@ -10,7 +10,7 @@ from isochrome.fit.frame_data import FrameData, prepare_frame
 from isochrome.fit.one_state import timed_distance
 from isochrome.frames import FramesPath, load_no_load, open_scene_frames, with_file_scale
 from isochrome.frames.onward import Onward
-from isochrome.scene import Scene
+from isochrome.scene import Scene, check_pixel
 from isochrome.simulate import state_count
 
 _KEPT = 8
@@ -28,6 +28,8 @@ class FrameSet:
     def __init__(self, path: FramesPath, scene: Scene) -> None:
         """Raises InputError where the frames cannot be this scene's states."""
         self.reader = open_scene_frames(path, scene)
+        self.given = with_file_scale(scene, self.reader)
+        check_pixel(self.given, self.reader.shape)
         self._no_load = load_no_load(scene, full_shape=self.reader.full_shape)
         self._kept: dict[int, FrameData] = {}
         self._frames = Onward(self.reader)
@@ -36,7 +38,6 @@ class FrameSet:
         self.shape = self.reader.shape
         if self._count == 0:
             raise InputError(f"{path}: holds no frame; check the file")
-        self.given = with_file_scale(scene, self.reader)
         self.scene = self._with_distances(self.given)
         self._check(path)
 

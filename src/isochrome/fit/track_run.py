@@ -40,7 +40,7 @@ from isochrome.runs import (
 )
 from isochrome.runs.chunks import rows
 from isochrome.runs.store import add_columns, attributes, column
-from isochrome.scene import Scene, dump_scene, load_scene, parse_scene
+from isochrome.scene import Scene, check_pixel, dump_scene, load_scene, parse_scene
 from isochrome.simulate import state_count
 
 __all__ = ["Track", "refuse_shared", "track"]
@@ -90,6 +90,7 @@ def track(
     refuse_keys(scene, (), keys)
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
+        check_pixel(scene, reader.shape)
         files = input_files(reader, scene)
         identity = provenance(dump_scene(scene), files) | environment()
         identity |= {"options": {"track": list(keys)}}

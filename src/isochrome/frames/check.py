@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from isochrome.errors import InputError
 from isochrome.frames.findings import Finding, of_depth, of_light, of_no_load
-from isochrome.frames.opening import check_scale, open_scene_frames
+from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
 from isochrome.frames.reader import FrameReader, FramesPath
 from isochrome.frames.survey import Survey, survey
-from isochrome.scene import Scene
+from isochrome.scene import Scene, check_pixel
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,14 @@ def _of_scene(scene: Scene) -> Iterator[Finding]:
 def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
     rows, cols = reader.shape
     camera = scene.camera
-    try:
-        check_scale(reader, camera)
-    except InputError as error:
-        yield Finding("error", None, str(error))
+    for check in (
+        lambda: check_scale(reader, camera),
+        lambda: check_pixel(with_file_scale(scene, reader), reader.shape),
+    ):
+        try:
+            check()
+        except InputError as error:
+            yield Finding("error", None, str(error))
     if camera is not None:
         wanted = (camera.height_px or rows, camera.width_px or cols)
         if wanted != (rows, cols):

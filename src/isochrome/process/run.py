@@ -36,7 +36,7 @@ from isochrome.runs import Bench, Job, Layout, Means, chunk_size, run_job, singl
 from isochrome.runs.store import STORE
 from isochrome.runs.workers import waiting_workers
 from isochrome.runs.workplace import PROVENANCE, holds_results, working_folder
-from isochrome.scene import Scene, load_scene
+from isochrome.scene import Scene, check_pixel, load_scene
 
 
 def process(
@@ -93,6 +93,7 @@ def process(
     frames = frames if isinstance(frames, str | Path) else tuple(frames)
     with single_threaded(), open_scene_frames(frames, scene) as reader, keeping_none():
         scene = with_file_scale(scene, reader)
+        check_pixel(scene, reader.shape)
         files = input_files(reader, scene)
         if cluster is not None:
             frames, scene = absolute(frames, scene)

@@ -14,6 +14,7 @@ from isochrome.scene.parts import (
     Spectrum,
     Wear,
 )
+from isochrome.scene.pixel import check_pixel, too_wide
 from isochrome.scene.scene import Scene
 from isochrome.scene.specimen import Specimen
 from isochrome.scene.tables import DistanceTable
@@ -35,8 +36,10 @@ __all__ = [
     "Specimen",
     "Spectrum",
     "Wear",
+    "check_pixel",
     "dump_scene",
     "load_scene",
     "parse_scene",
     "scene_names",
+    "too_wide",
 ]

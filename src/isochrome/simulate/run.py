@@ -13,7 +13,7 @@ from isochrome.errors import InputError
 from isochrome.output import provenance
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import Job, Means, environment, run_job, single_threaded
-from isochrome.scene import Scene, dump_scene, load_scene
+from isochrome.scene import Scene, check_pixel, dump_scene, load_scene
 from isochrome.simulate.folder import finish_folder, layout_of, read_history
 from isochrome.simulate.model import (
     SceneState,
@@ -74,6 +74,8 @@ def simulate(
     scene = load_scene(scene)
     if scene.model is None:
         raise InputError(no_model_sentence(scene))
+    if scene.model != "contact":  # whose width is known when it is solved
+        check_pixel(scene, None)
     pixels, count = pixel_grid(scene), state_count(scene)
     if out is not None:
         means = Means(workers, cluster, restart)

@@ -1,0 +1,71 @@
+"""Whether the camera's pixel and the specimen are in one unit: a slip is a factor of a thousand."""
+
+from __future__ import annotations
+
+from isochrome.errors import InputError
+from isochrome.scene.scene import Scene
+from isochrome.scene.tables import DistanceTable
+
+NARROWEST = 0.01
+"""Width of a picture over that of what it shows, at least: a fringe is wider than that."""
+
+
+def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
+    """Refuse a camera.pixel_mm in which the scene's specimen cannot be seen, before any work.
+
+    A pixel is no wider than the contact (disc, beam), and a picture no narrower than a hundredth of
+    it. A measured profile's contact is known when it is solved, and is held to this then.
+    Parameters: `scene`; `shape` (rows, cols) of its frames, None for a picture that may show as
+    small a part as one likes. Raises InputError.
+    """
+    pixel, seen = scene.camera.pixel_mm if scene.camera else None, _width(scene)
+    if pixel is None or seen is None:
+        return
+    width, what = seen
+    if pixel > width:
+        raise InputError(too_wide(scene, width, what))
+    if shape is None:
+        return
+    least = NARROWEST * width / max(shape)
+    if pixel < least:
+        raise InputError(
+            f"{scene.name}: camera.pixel_mm = {pixel:g} makes a picture of {max(shape)} pixels "
+            f"{pixel * max(shape):.3g} mm wide, and {what} is {width:.3g} mm: {least:.2g} is "
+            "allowed at least; give it in mm (not in m)"
+        )
+
+
+def too_wide(scene: Scene, width_mm: float, what: str = "the contact") -> str:
+    """Why a pixel is wider than allowed, and what to do. Parameters: see `check_pixel`."""
+    pixel = scene.camera.pixel_mm if scene.camera else None
+    load = " (by load.normal_n and the radius)" if what == "the contact" else ""
+    return (
+        f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than {what}, {width_mm:.3g} mm{load}, "
+        "which is the widest allowed; give it in mm (not in µm), or correct the specimen's size"
+    )
+
+
+def _width(scene: Scene) -> tuple[float, str] | None:
+    """How wide is what the picture shows (mm), and what that is; None where nobody knows."""
+    specimen, indenter, load = scene.specimen, scene.indenter, scene.load
+    if scene.model == "disc" and specimen.diameter_mm is not None:
+        return specimen.diameter_mm, "the disc"
+    if scene.model == "beam" and specimen.height_mm is not None:
+        return specimen.height_mm, "the beam"
+    if scene.model != "contact" or indenter is None or indenter.profile is not None:
+        return None
+    if indenter.shape == "flat" and indenter.half_width_mm is not None:
+        return 2.0 * indenter.half_width_mm, "the flat"
+    if indenter.radius_mm is None or load is None or specimen.young_gpa is None:
+        return None
+    from isochrome.reference import contact_modulus, hertz_half_width
+
+    assert specimen.thickness_mm is not None and specimen.poisson is not None
+    normal = load.normal_n
+    largest = max(normal.value) if isinstance(normal, DistanceTable) else normal
+    # plane stress widens it by a tenth at most, which is nothing beside a thousand
+    modulus = contact_modulus(
+        1e3 * specimen.young_gpa, specimen.poisson, 1e3 * indenter.young_gpa, indenter.poisson
+    )
+    half = hertz_half_width(largest / specimen.thickness_mm, indenter.radius_mm, modulus)
+    return 2.0 * half, "the contact"
