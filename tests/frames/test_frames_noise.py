@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.frames import estimate_noise
+from isochrome.frames import NoiseModel, estimate_noise
 
 SHAPE = (240, 320)
 
@@ -95,3 +95,54 @@ def test_noise_free_frame_keeps_the_floor_of_rounding():
 def test_frame_too_small_or_empty_is_refused(image):
     with pytest.raises(InputError, match="noise"):
         estimate_noise(image)
+
+
+def mostly_at_an_end(seed, share, end):
+    """Fringes in the left columns, and `share` of the picture at black or white with its noise."""
+    rng = np.random.default_rng(seed)
+    col = np.arange(200) + np.zeros((160, 1))
+    lit = col < 200 * (1 - share)
+    ideal = np.where(lit, 120 - 60 * np.cos(2 * np.pi * 0.05 * col), end)
+    image = np.clip(np.round(ideal + 3.0 * rng.standard_normal(ideal.shape)), 0, 255)
+    return image.astype(np.uint8), lit
+
+
+@pytest.mark.parametrize("end", [0, 255], ids=["black", "white"])
+@pytest.mark.parametrize("share", [0.6, 0.7, 0.85])
+def test_noise_of_a_frame_that_is_mostly_black_or_white_is_that_of_its_lit_part(share, end):
+    """Clipping hides noise: what lies at an end of the scale is left out."""
+    found = []
+    for seed in range(4):
+        image, lit = mostly_at_an_end(seed, share, end)
+        found.append(np.mean(estimate_noise(image).sigma(image[lit]) ** 2))
+    # 15 % of 32 000 pixels, in residuals that share 25 each: 4 % a frame, 2 % of four; thrice that
+    assert np.sqrt(np.mean(found)) == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.06)
+
+
+@pytest.mark.parametrize("gamma", [1.0, 1.4, 2.2])
+def test_light_at_black_has_an_uncertainty_under_any_gamma(gamma):
+    """The slope of light against grey level is zero there, and one sigma above it is not."""
+    model = NoiseModel(offset=9.0, slope=0.0, floor=1 / 12)
+    at_black = float(model.linear_sigma(0.0, bit_depth=8, gamma=gamma))
+    # by hand: gamma u^(gamma-1) u at u = 3/255
+    assert at_black == pytest.approx(gamma * (3 / 255) ** gamma, rel=1e-12)
+    assert at_black > 0.0
+    levels = model.linear_sigma(np.arange(256.0), bit_depth=8, gamma=gamma)
+    assert (np.diff(levels) >= 0.0).all()  # nowhere less than at black
+
+
+def test_a_slope_that_falls_below_the_rounding_is_held_at_it():
+    """A line through few levels may turn negative at black; rounding is always there."""
+    model = NoiseModel(offset=-2.0, slope=0.1, floor=1 / 12)
+    np.testing.assert_allclose(model.sigma([0.0, 10.0, 60.0]), np.sqrt([1 / 12, 1 / 12, 4.0]))
+
+
+def test_levels_up_to_which_clipping_reaches_are_those_of_the_sensor():
+    """Ten bits in a file of sixteen: white is 1023, and not 65535."""
+    rng = np.random.default_rng(2)
+    col = np.arange(200) + np.zeros((160, 1))
+    ideal = np.where(col < 80, 500 - 300 * np.cos(2 * np.pi * 0.05 * col), 1023.0)
+    image = np.clip(np.round(ideal + 12.0 * rng.standard_normal(ideal.shape)), 0, 1023)
+    found = estimate_noise(image.astype(np.uint16), bit_depth=10).sigma(image[:, :80])
+    # 2 % by the count of pixels, see above; thrice that
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(12.0, rel=0.06)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isochrome.errors import InputError
-from isochrome.frames import find_outliers, load_no_load, normalise, to_linear
+from isochrome.frames import Linear, find_outliers, load_no_load, normalise, to_linear
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
 
@@ -161,3 +161,66 @@ def test_missing_small_or_overexposed_no_load_frames_are_refused(tmp_path):
 
 def test_scene_without_no_load_frames_gives_none():
     assert load_no_load(parse_scene("[specimen]\n")) == (None, None)
+
+
+def test_light_below_zero_is_not_valid_under_a_gamma():
+    """A background was subtracted: what the tone curve made of it is not known."""
+    image = np.tile(np.linspace(-0.1, 0.9, 21), (10, 1))
+    image[:, 2] = 0.0
+    bent = to_linear(image, bit_depth=None, gamma=2.2)
+    assert not bent.valid[:, :2].any() and bent.valid[:, 2:].all()
+    assert (bent.image >= 0.0).all()
+    plain = to_linear(image, bit_depth=None)
+    assert plain.valid.all()  # of a linear camera it is light like any other
+    np.testing.assert_allclose(plain.image[:, 0], -0.1, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("share", "valid"), [(0.04, False), (0.06, True)])
+def test_a_contrast_of_a_twentieth_of_the_usual_is_the_least(share, valid):
+    dark, bright = np.full((20, 30), 0.1), np.full((20, 30), 0.9)
+    bright[:, :4] = 0.1 + share * 0.8
+    found = normalise(0.5 * (dark + bright), dark, bright)
+    assert found.valid[:, 4:].all()
+    assert found.valid[:, :4].all() == found.valid[:, :4].any() == valid
+
+
+def test_the_usual_contrast_is_that_of_valid_pixels():
+    """Off the specimen the no-load frames may show anything."""
+    dark, bright = np.full((20, 30), 0.1), np.full((20, 30), 0.16)
+    bright[:, :18] = 2.1  # more than half of the picture, not to be trusted
+    trusted = np.ones((20, 30), bool)
+    trusted[:, :18] = False
+    found = normalise(Linear(np.full((20, 30), 0.12), trusted), dark, bright)
+    np.testing.assert_array_equal(found.valid, trusted)
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0], ids=["dead", "hot"])
+def test_an_odd_pixel_beside_pixels_without_a_number_is_found(level):
+    """NaN beside it is neither as dark nor as bright as it: it does not make a pair of it."""
+    rng = np.random.default_rng(1)
+    image = (0.4 + 0.2 * np.sin(COL / 9.0) + 0.004 * rng.standard_normal(COL.shape)).astype("f4")
+    for row, col in ((20, 30), (60, 90)):
+        image[row, col] = 0.99 * level
+        image[row, col + 1] = image[row + 1, col] = image[row - 1, col] = np.nan
+    light = to_linear(image, bit_depth=None)
+    wrong = np.isnan(image)
+    wrong[[20, 60], [30, 90]] = True
+    np.testing.assert_array_equal(light.valid, ~wrong)
+
+
+def test_a_flaw_of_six_sigmas_is_noise_and_one_of_twelve_is_not():
+    """Eight sigmas beyond the second of its neighbours: of 20 000 pixels none is by chance."""
+    rng = np.random.default_rng(2)
+    image = 0.5 + 0.01 * rng.uniform(-1.0, 1.0, COL.shape)  # a sigma of 0.0058, ends at 0.01
+    image[30, 40], image[60, 80] = 0.51 + 6 * 0.0058, 0.51 + 12 * 0.0058
+    found = find_outliers(image)
+    assert found[60, 80] and found.sum() == 1
+
+
+@pytest.mark.parametrize("excess", [1, 3])
+def test_one_grey_level_is_no_flaw_in_a_computed_frame(excess):
+    """Without noise, rounding alone decides: two levels at least."""
+    image = np.full((20, 20), 100, np.uint8)
+    image[::2] = 101
+    image[10, 10] = 101 + excess
+    assert find_outliers(image).any() == (excess > 2)

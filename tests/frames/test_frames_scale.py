@@ -34,8 +34,15 @@ def test_another_pixel_size_in_the_scene_is_refused_with_both_named(tmp_path, ou
 
 
 def test_a_size_rounded_to_three_digits_is_the_same_size(tmp_path):
+    """The scene's own stands, and so do all results that are counted by it."""
     scene = parse_scene(BARE + "pixel_mm = 0.00607\n")
-    open_scene_frames(stack(tmp_path, 0.0060674), scene)
+    path = stack(tmp_path, 0.0060674)
+    reader = open_scene_frames(path, scene)
+    assert reader.pixel_mm == pytest.approx(0.0060674, rel=1e-5)
+    assert with_file_scale(scene, reader).camera.pixel_mm == 0.00607
+    assert process(path, scene).table["pixel_mm"] == [0.00607] * 2
+    with pytest.raises(InputError, match="names 0"):  # half a per cent is the limit
+        open_scene_frames(stack(tmp_path, 0.0061007, "far.tif"), scene)
 
 
 def test_a_no_load_frame_of_another_scale_is_refused(tmp_path):

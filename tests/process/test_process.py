@@ -8,7 +8,7 @@ import pytest
 import tifffile
 
 from isochrome.compare.run import compare
-from isochrome.errors import InputError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.frames import check_frames
 from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
@@ -23,6 +23,7 @@ REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
 needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
 
 SMALL = PAPER_CONTACT + "\n[friction]\ncoefficient = 0.25\n" + SMALL_CAMERA + "noise_grey = 2.0\n"
+STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n"
 WEAR = "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [0.0, 40.0, 80.0]\n"
 
 
@@ -141,12 +142,17 @@ def test_fitted_values_are_the_rendered_ones(first_and_last):
     assert found["wear.coefficient_mm2_per_n"] == pytest.approx(2.06e-9, rel=3e-3)
 
 
-def test_a_wrong_scene_gives_a_poor_chi_and_says_so(captured, tmp_path):
-    write_tiff(tmp_path / "static.tif", captured[:1])
-    scene = sample_scene().model_copy(update={"wear": None, "friction": None})
-    found = process(tmp_path / "static.tif", scene.with_values({"indenter.radius_mm": 49.22})
-                    .model_copy(update={"folder": CONTACT}))  # fmt: skip
-    assert found.table["chi"][0] > 1.3
+@pytest.mark.parametrize("radius_mm", [27.0, 49.22])
+def test_a_wrong_scene_gives_a_poor_chi_and_says_so(radius_mm, tmp_path):
+    """A radius 10 % off leaves orders to be used with care; one twice too large leaves none."""
+    write_tiff(tmp_path / "static.tif", simulate(parse_scene(STATIC)).frames)
+    scene = parse_scene(STATIC).with_values({"indenter.radius_mm": radius_mm})
+    if radius_mm > 40.0:
+        with pytest.raises(PhysicsError, match=r"nothing could be read in any .*chi = \d"):
+            process(tmp_path / "static.tif", scene)
+        return
+    found = process(tmp_path / "static.tif", scene)
+    assert found.table["chi"][0] > 1.3 and found.table["kept_share"][0] > 0.5
     assert "the model does not describe this frame" in found.warnings[0]
 
 

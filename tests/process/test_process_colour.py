@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.optics import expose
 from isochrome.output import read_csv, write_tiff
 from isochrome.process import process
@@ -115,9 +115,9 @@ def test_a_mask_of_the_specimen_is_kept_to(folder):
 
 def test_a_wrong_gamma_is_said_and_nothing_is_read(folder):
     text = SCENE + NO_LOAD + "gamma = 2.2\n"
-    found = process(folder / "frames.tif", in_folder(text, folder))
-    assert found.table["kept_share"] == [0.0, 0.0]
-    assert "are not the table's" in found.warnings[0] and "frames.gamma" in found.warnings[0]
+    said = r"nothing could be read in any of its 2 frames \(.*are not the table's.*frames\.gamma"
+    with pytest.raises(PhysicsError, match=said):
+        process(folder / "frames.tif", in_folder(text, folder))
 
 
 @pytest.mark.parametrize(

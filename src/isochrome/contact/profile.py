@@ -9,15 +9,13 @@ import numpy as np
 
 from isochrome.contact.gap import read_profile, undeformed_gap
 from isochrome.contact.surface import Floats
-from isochrome.errors import InputError, PhysicsError
-from isochrome.scene import Scene, too_wide
+from isochrome.errors import PhysicsError
+from isochrome.scene import Scene
 
 STEEPEST = 0.3
 """Largest half-width over radius: beyond it, the parabola is over 2 % off the cylinder's arc."""
 
 _MAX_NODES = 32_768
-_LEAST_PIXEL_MM = 1e-4
-"""A fifth of the wavelength of light: no camera resolves less, and a smaller pixel is a slip."""
 _NODES_IN_HALF_WIDTH = 350
 """Fine enough for 1e-3 of the peak pressure in the first row of pixels, beside the edge."""
 _MARGIN = 1.3
@@ -84,9 +82,8 @@ def contact_grid(
     Parameters: `scene`; `largest_dose_mm_per_mpa`, K = ∫kappa ds of the last state;
     `line_loads_n_per_mm`, the smallest P', which sets the fineness, and the largest, which sets the
     window (the scene's at no distance if None); `growth`, factor on the window, for a second try.
-    Raises PhysicsError on a contact too wide for its model, on a grid too large or too small, and
-    on a spacing that would pass over rows of the profile; InputError on a camera.pixel_mm that is
-    wider than the contact, or so narrow that the grid would be too large by it.
+    Raises PhysicsError on a contact too wide for its model, on a grid too large or too small, on a
+    spacing that would pass over rows of the profile, and on a pixel wider than the contact.
     """
     modulus, _ = elastic_constants(scene)
     loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))
@@ -97,12 +94,6 @@ def contact_grid(
     if pixel:
         spacing = pixel / math.ceil(pixel / spacing * (1.0 - 1e-9))
     nodes = 2 * math.ceil(half / spacing) + 1
-    if nodes > _MAX_NODES and pixel and spacing == pixel < _LEAST_PIXEL_MM:
-        raise InputError(
-            f"{scene.name}: camera.pixel_mm = {pixel:g} would need {nodes} surface nodes over "
-            f"{2 * half:.3g} mm of contact, more than {_MAX_NODES}: {2 * half / _MAX_NODES:.2g} is "
-            "allowed at least; give it in mm (not in m)"
-        )
     if nodes > _MAX_NODES:
         raise PhysicsError(
             f"{scene.name}: the contact needs {nodes} nodes of {spacing:.3g} mm over "
@@ -116,7 +107,10 @@ def contact_grid(
             "mm; set a finer numerics.spacing_mm or a larger numerics.window_mm"
         )
     if pixel and pixel > 2.0 * reach:  # every pixel would be divided into thousands of nodes
-        raise InputError(too_wide(scene, 2.0 * reach))
+        raise PhysicsError(
+            f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than the contact, "
+            f"{2.0 * reach:.3g} mm; give it in mm (not in µm), or raise the load"
+        )
     return Grid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
 
 

@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from isochrome.errors import PhysicsError
 from isochrome.fit.frame_fit import FrameFit
 from isochrome.fit.frame_set import FrameSet
 from isochrome.fit.joint import JointFit, fit_together
 from isochrome.fit.joint_each import fit_of_each, is_each
 from isochrome.fit.joint_start import refuse_untold, starting_values
 from isochrome.fit.laws import WEAR, compare_laws, mean_coefficients, segment_ends, segments
-from isochrome.fit.refuse import refuse_alike
+from isochrome.fit.refuse import CORRECT, refuse_alike
 from isochrome.fit.result import Fit, make_result, said_of_frames
 from isochrome.fit.sequence import Sequence
 from isochrome.fit.smooth import ASKED_CHI, with_smooth_stress
@@ -35,6 +36,11 @@ def conclude(
     `told`, called with each frame of each pass. Returns the Fit and the JointFit behind it. Raises
     PhysicsError for unknowns that the frames do not tell, or not apart.
     """
+    if not any(fit.positive for fit in alone):
+        raise PhysicsError(
+            f"{data.given.name}: nothing could be read in any of the {len(alone)} frames: the "
+            f"scene's fringes are not in them; {CORRECT}"
+        )
     data.plain = {i for i, fit in enumerate(alone) if fit.plain}
     if is_each(sequence):
         for key in dict.fromkeys(u.key for u in sequence.unknowns):

@@ -20,6 +20,12 @@ _SAME_EFFECT = {
 }
 """Keys that cannot be told from the load, and why."""
 
+CORRECT = (
+    "correct the scene by what stood before the camera (load, place, pixel, field, gamma); "
+    "`isochrome check` looks at the frames"
+)
+"""What to do where nothing could be read."""
+
 _ALIKE = 0.9995
 _PLACE = ("camera.left_mm", "camera.top_mm")
 _SENSOR = ("camera.pixel_mm", "camera.blur_px", "frames.gamma")

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.errors import PhysicsError
+from isochrome.fit.refuse import CORRECT
 from isochrome.fit.result import POOR_CHI, named_frames
 from isochrome.fit.tracker import Tracked
 from isochrome.output import numbers
@@ -117,12 +119,17 @@ class TrackRows:
         self.distance.append(np.nan if distance is None else distance)
 
     def result(self, scene: Scene) -> Track:
-        """All frames of a `scene`."""
+        """All frames of a `scene`. Raises PhysicsError where none of them tells any value."""
         shape = (len(self.chi), len(self.keys))
         values, spread, bound = (
             np.array(part).reshape(shape) for part in (self.values, self.spread, self.bound)
         )
         told = np.isfinite(values) & np.isfinite(spread)
+        if not told.any():
+            raise PhysicsError(
+                f"{scene.name}: nothing could be read in any of the {len(self.chi)} frames: the "
+                f"scene's fringes are not in them; {CORRECT}"
+            )
         means = {
             key: float(values[told[:, j], j].mean())
             for j, key in enumerate(self.keys)

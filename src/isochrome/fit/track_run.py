@@ -83,7 +83,7 @@ def track(
     finished is kept in OUT.partial until all is, and the same call after a crash goes on there;
     `workers`, `cluster`: only one process can do this, and more are refused; `restart`, to begin
     anew; `progress`, called with a Tally. Returns a Track. Raises InputError for keys and scenes
-    that cannot be tracked, and for frames that are bad.
+    that cannot be tracked, and for frames that are bad, PhysicsError where no frame tells a value.
     """
     scene = load_scene(scene)
     keys = tuple(keys)

@@ -82,7 +82,7 @@ def line_points(image: Floats, sigma_px: float) -> tuple[Floats, Floats, Floats,
     n_r, n_c = np.cos(angle), np.sin(angle)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         step = -(g_r * n_r + g_c * n_c) / bent
-    off_r, off_c = step * n_r, step * n_c
+        off_r, off_c = step * n_r, step * n_c  # NaN beside a level of one value: no line there
     level_run = np.abs(g_c * n_r - g_r * n_c) <= _RUN * sigma_px * np.abs(bent)
     on_line = level_run & (np.abs(off_r) <= 0.6) & (np.abs(off_c) <= 0.6) & _whole(known, sigma_px)
     rows, cols = np.indices(image.shape, dtype=float)

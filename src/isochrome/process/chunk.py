@@ -14,6 +14,7 @@ from isochrome.output import csv_text
 from isochrome.output.roi import add_rois, roi_entries
 from isochrome.process.course import is_told
 from isochrome.process.followed import NOTHING, WHOLE, FollowedFrame
+from isochrome.process.processed import orders_are_read
 from isochrome.process.recipe import Recipe, opened
 from isochrome.process.result import ProcessedFrame
 from isochrome.process.tracked import tracked_states
@@ -30,11 +31,9 @@ ISOCLINIC = Layer("isoclinic", "degree", "direction of sigma_1, counter-clockwis
 
 def layers_of(scene: Scene) -> tuple[Layer, ...]:
     """The maps that a scene's frames give."""
-    stepped = bool(scene.polariscope.step)
-    read = stepped or scene.model or scene.polariscope.several_wavelengths
-    if not read and not scene.frames.known_order:
+    if not orders_are_read(scene):
         return (NORMALISED,)
-    return (NORMALISED, ORDER, CONFIDENCE, *([ISOCLINIC] if stepped else []))
+    return (NORMALISED, ORDER, CONFIDENCE, *([ISOCLINIC] if scene.polariscope.step else []))
 
 
 def process_chunk(recipe: Recipe, start: int, stop: int) -> Results:

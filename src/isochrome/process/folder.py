@@ -22,7 +22,14 @@ from isochrome.process.chunk import (
 )
 from isochrome.process.dataset import write_columns
 from isochrome.process.figure import Shown, process_figure
-from isochrome.process.processed import PICTURE, Processed, add_row, collect, warnings_last
+from isochrome.process.processed import (
+    PICTURE,
+    Processed,
+    add_row,
+    collect,
+    refuse_unread,
+    warnings_last,
+)
 from isochrome.process.recipe import Recipe
 from isochrome.process.track_figure import tracked_figure
 from isochrome.runs import STORE, Bench, Job
@@ -44,7 +51,8 @@ def finish_folder(
     """Make the files that need all frames, from what is kept of their chunks.
 
     Parameters: `bench`, where the run's chunks lie; `job`; `recipe`; `shape` (rows, cols);
-    `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError.
+    `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError, and
+    PhysicsError where nothing could be read in any frame.
     """
     folder, scene = bench.results, recipe.scene
     found: dict[str, Any] = {}
@@ -53,6 +61,7 @@ def finish_folder(
         add_row(found, number, row)
         add_row(more, number, rest)
     table = warnings_last(found)
+    refuse_unread(scene, str(recipe.reader.path), table, more["kept"])
     result = collect(scene, table, more["status"], None, shape, residual)
     write_csv(folder / "frames.csv", table)
     _join_lines(bench, recipe)

@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from isochrome.errors import PhysicsError
+from isochrome.fit.refuse import CORRECT
 from isochrome.fit.run import fitted_scene
 from isochrome.fit.sequence import FRICTION, over_distance
 from isochrome.fit.track_result import summarise
 from isochrome.fringes.residual import Residual
 from isochrome.output import Floats, numbers, read_csv
+from isochrome.process.followed import NOTHING
 from isochrome.process.result import SPREAD, ProcessedFrame
 from isochrome.runs import open_run
 from isochrome.runs.store import values_of
@@ -111,8 +114,7 @@ def collect(
     them. Returns Processed.
     """
     alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    told = scene.model or alone or scene.frames.known_order
-    warnings = [] if told else [no_model_sentence(scene)]
+    warnings = [] if orders_are_read(scene) else [no_model_sentence(scene)]
     warnings += _of_residual(scene, residual) if residual is not None else []
     warnings += _of_frames(table)
     fitted = _fitted(scene, table, shape) if scene.model and not alone else None
@@ -120,6 +122,33 @@ def collect(
     return Processed(
         scene, scene.model, table, frames, fitted, tuple(warnings), residual, failed=failed
     )
+
+
+def refuse_unread(
+    scene: Scene, name: str, table: Mapping[str, list[Any]], kept: Iterable[float | None]
+) -> None:
+    """Refuse a set whose orders can be read, and in none of whose frames one was.
+
+    Parameters: `scene`; `name` of the set; `table`, the columns of frames.csv; `kept`, share of the
+    specimen's pixels that were read in each frame, None where nobody read it. Raises PhysicsError.
+    """
+    followed = any(found != NOTHING for found in table.get("found_by", ()))
+    if followed or any(kept) or not orders_are_read(scene):
+        return
+    count, said = len(table["frame"]), str(table["warnings"][0])
+    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
+    if scene.model and not alone and np.isfinite(table["chi"]).any():
+        chi = float(np.nanmedian(table["chi"]))
+        said = f"chi = {chi:.3g}: the scene's fringes are not found in them"
+    raise PhysicsError(
+        f"{name}: nothing could be read in any of its {count} frames ({said}); {CORRECT}"
+    )
+
+
+def orders_are_read(scene: Scene) -> bool:
+    """Whether fringe orders are read of a scene's frames: else they are normalised alone."""
+    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
+    return bool(scene.model or alone or scene.frames.known_order)
 
 
 def _of_frames(table: dict[str, list[Any]]) -> list[str]:

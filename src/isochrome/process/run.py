@@ -27,7 +27,7 @@ from isochrome.process.chunk import layers_of, process_chunk, row_of
 from isochrome.process.colour import check_colour
 from isochrome.process.folder import finish_folder
 from isochrome.process.inputs import identity_of, set_pixel
-from isochrome.process.processed import Processed, collect, restore, tabulate
+from isochrome.process.processed import Processed, collect, refuse_unread, restore, tabulate
 from isochrome.process.recipe import OpenSet, Recipe, keeping_none, let_go, opened
 from isochrome.process.result import ProcessedFrame
 from isochrome.process.tracked import EVERY, check_tracked, tracked_states
@@ -152,6 +152,8 @@ def _in_memory(source: OpenSet, count: int, progress: RunProgress | None) -> Pro
         if progress is not None:
             progress(Tally(len(rows), count, 0, flagged))
     table = tabulate(rows)
+    shares = [item.reading.kept if item.reading else None for item in kept]
+    refuse_unread(recipe.scene, str(source.reader.path), table, shares)
     return collect(recipe.scene, table, status, kept, source.reader.shape, source.residual)
 
 

@@ -14,7 +14,7 @@ from isochrome.scene.parts import (
     Spectrum,
     Wear,
 )
-from isochrome.scene.pixel import check_pixel, too_wide
+from isochrome.scene.pixel import check_pixel
 from isochrome.scene.scene import Scene
 from isochrome.scene.specimen import Specimen
 from isochrome.scene.tables import DistanceTable
@@ -41,5 +41,4 @@ __all__ = [
     "load_scene",
     "parse_scene",
     "scene_names",
-    "too_wide",
 ]

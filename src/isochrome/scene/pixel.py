@@ -9,6 +9,12 @@ from isochrome.scene.tables import DistanceTable
 NARROWEST = 0.01
 """Width of a picture over that of what it shows, at least: a fringe is wider than that."""
 
+FINEST_MM = 1e-4
+"""A fifth of the wavelength of light: no camera resolves less, and what is less may be a slip."""
+
+MOST = 10_000
+"""Pixels as fine as that across a contact: its surface has hardly more nodes."""
+
 
 def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     """Refuse a camera.pixel_mm in which the scene's specimen cannot be seen, before any work.
@@ -22,27 +28,20 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     if pixel is None or seen is None:
         return
     width, what = seen
-    if pixel > width:
-        raise InputError(too_wide(scene, width, what))
-    if shape is None:
-        return
-    least = NARROWEST * width / max(shape)
+    if pixel > max(width, 1e3 * FINEST_MM):
+        by = " (by load.normal_n and the radius)" if what == "the contact" else ""
+        raise InputError(
+            f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than {what}, {width:.3g} mm{by}, "
+            "which is the widest allowed; give it in mm (not in µm), or correct the specimen's size"
+        )
+    least = NARROWEST * width / max(shape) if shape else 0.0
+    if pixel < FINEST_MM:
+        least = max(least, width / MOST)
     if pixel < least:
         raise InputError(
-            f"{scene.name}: camera.pixel_mm = {pixel:g} makes a picture of {max(shape)} pixels "
-            f"{pixel * max(shape):.3g} mm wide, and {what} is {width:.3g} mm: {least:.2g} is "
-            "allowed at least; give it in mm (not in m)"
+            f"{scene.name}: camera.pixel_mm = {pixel:g} is too little for {what}, {width:.3g} mm "
+            f"wide: {least:.2g} is allowed at least; give it in mm (not in m)"
         )
-
-
-def too_wide(scene: Scene, width_mm: float, what: str = "the contact") -> str:
-    """Why a pixel is wider than allowed, and what to do. Parameters: see `check_pixel`."""
-    pixel = scene.camera.pixel_mm if scene.camera else None
-    load = " (by load.normal_n and the radius)" if what == "the contact" else ""
-    return (
-        f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than {what}, {width_mm:.3g} mm{load}, "
-        "which is the widest allowed; give it in mm (not in µm), or correct the specimen's size"
-    )
 
 
 def _width(scene: Scene) -> tuple[float, str] | None:

@@ -74,8 +74,7 @@ def simulate(
     scene = load_scene(scene)
     if scene.model is None:
         raise InputError(no_model_sentence(scene))
-    if scene.model != "contact":  # whose width is known when it is solved
-        check_pixel(scene, None)
+    check_pixel(scene, None)
     pixels, count = pixel_grid(scene), state_count(scene)
     if out is not None:
         means = Means(workers, cluster, restart)
