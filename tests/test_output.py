@@ -240,3 +240,55 @@ def test_provenance_names_version_scene_seed_and_hashes(tmp_path):
     assert record["inputs_sha256"][str(tmp_path / "a.txt")].startswith("ba7816bf8f01cfea414140de")
     with pytest.raises(InputError, match=r"none\.tif"):
         provenance(None, [tmp_path / "none.tif"])
+
+
+def test_a_table_that_a_spreadsheet_saved_has_its_first_column(tmp_path):
+    """Excel writes a byte-order mark before UTF-8, CR and LF, and empty lines at the end."""
+    (tmp_path / "t.csv").write_bytes(b"\xef\xbb\xbfx_mm,Gr\xc3\xb6\xc3\x9fe\r\n1,2.5\r\n3,\r\n\r\n")
+    table = read_csv(tmp_path / "t.csv")
+    assert list(table) == ["x_mm", "Größe"] and table["x_mm"] == [1.0, 3.0]
+    np.testing.assert_array_equal(table["Größe"], [2.5, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("unit", "mm"), [("mm", 1.0), ("cm", 10.0), ("m", 1e3), ("micron", 1e-3), ("nm", 1e-6)]
+)
+def test_imagejs_units_become_millimetres(tmp_path, unit, mm):
+    """Four pixels a unit: a quarter of it is a pixel's side."""
+    tifffile.imwrite(
+        tmp_path / "s.tif", np.zeros((2, 4, 5), np.uint8), imagej=True, resolution=(4, 4),
+        metadata={"axes": "TYX", "unit": unit},
+    )  # fmt: skip
+    assert read_pixel_mm(tmp_path / "s.tif") == pytest.approx(0.25 * mm, rel=1e-6)
+
+
+def test_pixels_that_are_not_square_have_no_scale(tmp_path):
+    for resolution in ((4, 5), (0, 0)):
+        tifffile.imwrite(
+            tmp_path / "s.tif", np.zeros((4, 5), np.uint8), resolution=resolution,
+            resolutionunit="CENTIMETER",
+        )  # fmt: skip
+        assert read_pixel_mm(tmp_path / "s.tif") is None
+
+
+def test_a_stage_that_cannot_give_all_files_their_places_puts_the_old_ones_back(tmp_path):
+    """The last file is to go into a folder whose name a file of the user's has."""
+    write_text(tmp_path / "a.txt", "old")
+    write_text(tmp_path / "z", "mine")
+    with pytest.raises(OSError, match="z"), staged(tmp_path) as stage:  # noqa: PT012
+        write_text(stage / "a.txt", "new")
+        write_text(stage / "b.txt", "new")
+        (stage / "z").mkdir()
+        write_text(stage / "z" / "c.txt", "new")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.txt", "z"]
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert (tmp_path / "z").read_text() == "mine"
+
+
+def test_the_names_of_a_table_written_in_parts_may_come_with_its_first_rows(tmp_path):
+    with TableWriter(tmp_path / "t.csv") as table:
+        table.append({"a": [1.0], "b": [2.0]})
+        with pytest.raises(InputError, match="in its order"):
+            table.append({"b": [1.0], "a": [2.0]})
+        table.append({"a": [3.0], "b": [4.0]})
+    assert (tmp_path / "t.csv").read_text() == "a,b\n1,2\n3,4\n"

@@ -13,7 +13,7 @@ from isochrome.compare import (
     skeleton_distance,
 )
 from isochrome.errors import InputError
-from isochrome.fringes.skeleton import order_contours, skeletons
+from isochrome.fringes.skeleton import Skeleton, order_contours, skeletons
 from isochrome.reference.hertz import (
     contact_modulus,
     hertz_half_width,
@@ -63,6 +63,17 @@ def test_an_added_order_is_the_bias_and_the_rms(shift):
     if abs(abs(shift) - 0.25) > 1e-6:
         assert found.wrong_branch_share == float(abs(shift) > 0.25)
         assert np.isnan(found.rms_right_branch) == (abs(shift) > 0.25)
+
+
+def test_p95_leaves_out_the_worst_twentieth():
+    """Of 101 differences 0, 0.01, ... 1.00, in no order and of either sign, it is the 96th."""
+    size = np.random.default_rng(5).permutation(101) / 100.0
+    size[::2] *= -1.0
+    found = compare_orders(2.0 + size[None, :], np.full((1, 101), 2.0))
+    assert found.p95 == pytest.approx(0.95, abs=1e-12)
+    # 26 of them are at most 0.25 off
+    assert found.wrong_branch_share == pytest.approx(75 / 101)
+    assert found.rms_right_branch == pytest.approx(np.sqrt(np.mean((np.arange(26) / 100) ** 2)))
 
 
 def test_a_mirrored_patch_is_a_wrong_branch_and_leaves_the_right_rms():
@@ -169,6 +180,44 @@ def test_a_missing_line_lowers_the_matched_share_only():
     assert np.isnan(nothing.mean_px) and nothing.matched_share == 0.0
     with pytest.raises(InputError, match="no fringe line"):
         skeleton_distance([], [])
+
+
+def line(col, rows=41, kind="dark", order=None):
+    """A straight fringe line down a column."""
+    return Skeleton(kind, np.arange(float(rows)), np.full(rows, float(col)), order)
+
+
+@pytest.mark.parametrize("reach_px", [None, 30.0, np.inf])
+def test_a_line_without_a_partner_has_no_distance_however_far_one_looks(reach_px):
+    """Its gap is infinite: it counts among the unmatched and in no mean, maximum or 95 %."""
+    alone = skeleton_distance([line(5)], [line(5, kind="bright")], reach_px=reach_px)
+    assert np.isnan([alone.mean_px, alone.p95_px]).all() and alone.matched_share == 0.0
+    beside = skeleton_distance([line(5)], [line(8), line(9, kind="bright")], reach_px=reach_px)
+    assert (beside.mean_px, beside.p95_px) == (3.0, 3.0)
+    assert beside.matched_share == pytest.approx(2 / 3)
+
+
+def test_both_directions_count_alike_and_only_within_reach():
+    """A short line 2 px off a long one, and a line 19 or 21 px off that nothing else is near."""
+    found = skeleton_distance([line(0, rows=11)], [line(2, rows=101)], reach_px=5.0)
+    # 11 points there at 2 px; back 11 at 2 px and, within 5 px of the short line's end,
+    # sqrt(4 + k^2), k = 1 .. 4
+    back = np.sqrt(4.0 + np.concatenate([np.zeros(11), np.arange(1.0, 5.0)]) ** 2)
+    assert found.mean_px == pytest.approx(0.5 * (2.0 + back.mean()), abs=1e-9)
+    assert found.matched_share == pytest.approx(26 / 112)
+    assert skeleton_distance([line(0)], [line(19)]).mean_px == pytest.approx(19.0)
+    assert np.isnan(skeleton_distance([line(0)], [line(21)]).mean_px)
+    known = [line(0, order=1.0)], [line(99, order=1.0)]
+    assert skeleton_distance(*known).mean_px == pytest.approx(99.0)
+
+
+def test_a_point_between_two_of_the_other_line_is_as_near_as_the_line():
+    """A line of few points is filled up: here its ends are 100 px apart."""
+    long = Skeleton("dark", np.array([0.0, 100.0]), np.array([7.0, 7.0]), None)
+    point = Skeleton("dark", np.array([50.05]), np.array([10.0]), None)
+    found = skeleton_distance([point], [long], reach_px=4.0)
+    # filled up every 0.2 px, the nearest is at most 0.1 px along the line: 3 px to 2e-3
+    assert found.p95_px == pytest.approx(3.0, abs=2e-3)
 
 
 def test_orders_keep_a_line_from_its_wrong_neighbour():

@@ -159,8 +159,11 @@ def ome_in_disorder(folder: Path) -> Path:
     return path
 
 
-def packed_tiff(bits: int) -> Callable[[Path], Path]:
-    """Pixels of 10 or 12 bits one behind the other, as some cameras write them."""
+def packed_tiff(bits: int, fill: int = 1) -> Callable[[Path], Path]:
+    """Pixels of 10 or 12 bits one behind the other, as some cameras write them.
+
+    `fill`, what the head says of the order of bits in a byte: 1, the highest first; 2, the lowest.
+    """
 
     def write(folder: Path) -> Path:
         body, heads, place = bytearray(b"II*\0\0\0\0\0"), [], 0
@@ -172,8 +175,8 @@ def packed_tiff(bits: int) -> Callable[[Path], Path]:
         place = 4
         for start, size in heads:
             body[place : place + 4] = struct.pack("<I", len(body))
-            tags = [(256, COLS), (257, ROWS), (258, bits), (259, 1), (262, 1), (273, start),
-                    (277, 1), (278, ROWS), (279, size)]  # fmt: skip
+            tags = [(256, COLS), (257, ROWS), (258, bits), (259, 1), (262, 1), (266, fill),
+                    (273, start), (277, 1), (278, ROWS), (279, size)]  # fmt: skip
             body += struct.pack("<H", len(tags))
             for tag, value in tags:
                 body += struct.pack("<HHII", tag, 4, 1, value)

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from recordings import COLS, COUNT, MOVING, ROWS, STILL, coded, decoded, video
+from recordings import COLS, COUNT, MOVING, ROWS, STILL, coded, decoded, packed_tiff, video
 
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
@@ -221,3 +221,10 @@ def test_colours_of_a_video_are_those_of_the_standard(tmp_path, space, pixels):
         # the bars' own numbers are rounded: one level of luminance, two of chrominance
         wanted = [top if i == k else 0 for i in range(3)]
         assert [int(level[0, 0]) for level in levels] == pytest.approx(wanted, abs=0.012 * top)
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_packed_pixels_of_the_other_fill_order_are_refused(tmp_path, bits):
+    """With the lowest bit first the same bytes are other grey levels."""
+    with pytest.raises(InputError, match=rf"packs {bits}-bit pixels in a way that is not read"):
+        list(open_frames(packed_tiff(bits, fill=2)(tmp_path)))

@@ -245,6 +245,29 @@ def test_transparency_is_dropped_and_palettes_become_values(tmp_path, mode):
     np.testing.assert_array_equal(frame.image, np.asarray(grey))
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+def test_the_colours_of_a_palette_are_its_own(tmp_path, bits):
+    """A TIFF's palette has 16 bits a colour: the upper eight are the grey level."""
+    index = np.arange(12, dtype=f"u{bits // 8}").reshape(3, 4)
+    colours = np.zeros((3, 2**bits), np.uint16)
+    red, green, blue = np.arange(12) * 20, 200 - np.arange(12) * 10, np.arange(12) * 3 + 100
+    colours[:, :12] = np.array([red, green, blue]) * 256 + 77
+    tifffile.imwrite(tmp_path / "p.tif", index, photometric="palette", colormap=colours)
+    for channel, levels in (("red", red), ("green", green), ("blue", blue)):
+        (frame,) = open_frames(tmp_path / "p.tif", channel=channel)
+        assert frame.image.dtype == np.uint8
+        np.testing.assert_array_equal(frame.image, levels.reshape(3, 4))
+
+
+def test_the_colours_that_imagej_shows_are_no_values(tmp_path):
+    """Its lookup table is for the eye: the pixels' own values are the grey levels."""
+    levels = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    table = np.stack([np.arange(256)[::-1]] * 3).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "i.tif", levels, imagej=True, metadata={"LUTs": [table]})
+    (frame,) = open_frames(tmp_path / "i.tif")
+    np.testing.assert_array_equal(frame.image, levels)
+
+
 def test_twelve_bits_in_a_pgm_are_not_stretched(tmp_path):
     values = np.array([[0, 1000, 4095]] * 4, ">u2")
     (tmp_path / "p.pgm").write_bytes(b"P5 3 4 4095\n" + values.tobytes())

@@ -59,8 +59,8 @@ def skeleton_distance(
     there = _nearest(experiment, simulation, by_order)
     back = _nearest(simulation, experiment, by_order)
     both = np.concatenate([there, back])
-    near = both[both <= reach_px]
-    means = [side[side <= reach_px].mean() for side in (there, back) if np.any(side <= reach_px)]
+    near, *sides = (each[(each <= reach_px) & np.isfinite(each)] for each in (both, there, back))
+    means = [side.mean() for side in sides if side.size]
     mean_px = float(np.mean(means)) if means else np.nan
     return SkeletonDistance(
         mean_px=mean_px,
