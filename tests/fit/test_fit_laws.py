@@ -42,13 +42,18 @@ FROM_A_TENTH = {"distance_m": (0.0, 233.0), "value": (0.1, 0.3)}
 RUNNING_IN = {"distance_m": (0.0, 100.0), "value": (4e-9, 2e-9)}
 
 
+def sarkar_rate(s):
+    """The rate by Sarkar's law from a tenth on."""
+    return 2e-9 * np.sqrt(1.0 + 3.0 * (0.1 + 0.2 * s / 233.0) ** 2)
+
+
 def scene(**values):
     return parse_scene(WORN).with_values({k.replace("__", "."): v for k, v in values.items()})
 
 
-def mean_of(rate):
+def mean_of(rate, ends=ENDS):
     """Means of a rate between the frames, by quadrature."""
-    edges = (0.0, *ENDS)
+    edges = (0.0, *ends)
     return [
         quad(rate, a, b, points=[100.0] if a < 100.0 < b else None)[0] / (b - a)
         for a, b in pairwise(edges)
@@ -60,10 +65,7 @@ def mean_of(rate):
     [
         ({}, lambda s: 2e-9),
         ({"wear__coefficient_mm2_per_n": RUNNING_IN}, lambda s: 4e-9 - 2e-11 * min(s, 100.0)),
-        (
-            {"wear__law": "sarkar", "friction__coefficient": FROM_A_TENTH},
-            lambda s: 2e-9 * np.sqrt(1.0 + 3.0 * (0.1 + 0.2 * s / 233.0) ** 2),
-        ),
+        ({"wear__law": "sarkar", "friction__coefficient": FROM_A_TENTH}, sarkar_rate),
     ],
 )  # fmt: skip
 def test_mean_coefficients_between_frames_are_the_rates_means(values, rate):
@@ -73,10 +75,11 @@ def test_mean_coefficients_between_frames_are_the_rates_means(values, rate):
 # The evidence
 
 
-def wear_only(values, spread):
+def wear_only(values, spread, ends=ENDS, **changes):
     """A run of which only the wear between frames is known, each to a relative uncertainty."""
-    sequence = segments(make_sequence(scene(), 4, (WEAR,), ()))
-    assert segment_ends(sequence) == pytest.approx(ENDS)
+    whole = scene(wear__distances_m=tuple(ends), **changes)
+    sequence = segments(make_sequence(whole, len(ends), (WEAR,), ()))
+    assert segment_ends(sequence) == pytest.approx(ends)
     information = np.diag(1.0 / (spread * np.asarray(values)) ** 2)
     return sequence, np.asarray(values), information
 
@@ -134,6 +137,42 @@ def test_the_right_law_leaves_a_misfit_of_its_degrees_of_freedom():
     assert np.mean(misfits) == pytest.approx(3.0, abs=1.5)
 
 
+@pytest.mark.parametrize("chi", [1.0, 2.0])
+def test_a_misfit_of_the_pixels_widens_all_that_a_law_says(chi):
+    """Worn by Sarkar's law under a rising friction, held against one constant: closed forms."""
+    ends = ENDS[[0, 3]]  # of two stretches no running-in is told
+    worn = np.array(mean_of(sarkar_rate, ends))
+    sequence, values, information = wear_only(worn, 0.01, ends, friction__coefficient=FROM_A_TENTH)
+    laws = compare_laws(sequence, values, information, cost=1000.0 * chi**2, freedom=1000)
+    found = {law.law: law for law in laws}
+    weight = np.diag(information)
+    constant = weight @ worn / weight.sum()
+    misfit = weight @ (worn - constant) ** 2
+
+    archard = found["archard"]
+    assert archard.misfit == pytest.approx(misfit / chi**2, rel=1e-3)
+    value, uncertainty = archard.parameters[WEAR].values()
+    # forward differences of ln k, by 1e-5 of it
+    assert value == pytest.approx(constant, rel=1e-4)
+    assert uncertainty == pytest.approx(chi / np.sqrt(weight.sum()), rel=1e-3)
+    # the pixels' own cost, and what the law adds to it in the pixels' own noise
+    assert archard.chi == pytest.approx(np.sqrt(chi**2 + misfit / 1000.0), rel=1e-5)
+    # what is known of ln k is the same to chi; it stands in both margins
+    known = 0.5 * np.log((weight @ worn**2) / (weight.sum() * constant**2))
+    margin = found["sarkar"].log_evidence - archard.log_evidence
+    assert margin == pytest.approx(0.5 * misfit / chi**2 - known, abs=0.01)
+
+
+def test_a_laws_degrees_of_freedom_are_the_worn_stretches_less_its_parameters():
+    sequence, values, information = wear_only(2e-9 * np.ones(4), 0.01)
+    laws = compare_laws(sequence, values, information, cost=100.0, freedom=100)
+    # four stretches; a coefficient; or two and a distance
+    freedom = {"archard": 3, "sarkar": 3, "dissipated_energy": 3, "running_in": 1}
+    assert {law.law: law.freedom for law in laws} == freedom
+    told = {row["law"]: row["degrees_of_freedom"] for row in WearLaws(laws, (), 1.0).to_json()}
+    assert told == freedom
+
+
 def test_unknowns_that_are_not_asked_about_are_integrated_out():
     rng = np.random.default_rng(2)
     root = rng.standard_normal((6, 6))
@@ -176,6 +215,22 @@ def test_the_sentence_says_what_cannot_be_told_and_what_nothing_explains():
     assert not near.speaks_against("sarkar")
     wrong = replace(near, laws=(law("archard", 0.0, 60.0), *near.laws[1:]))
     assert "misfit of 60 variances where 3 are expected" in wrong.sentence()
+
+
+@pytest.mark.parametrize(("margin", "clear"), [(4.9, False), (5.1, True)])
+def test_a_margin_is_clear_from_odds_of_150_to_1(margin, clear):
+    laws = WearLaws((law("archard", 0.0), law("sarkar", -margin)), (), 1.0)
+    assert laws.speaks_against("sarkar") is clear
+    assert ("the frames prefer archard" in laws.sentence()) is clear
+
+
+@pytest.mark.parametrize(("chance", "said"), [(1.2e-4, False), (0.8e-4, True)])
+def test_no_law_fits_where_chance_alone_would_not_leave_its_misfit(chance, said):
+    # chi squared of two degrees is beyond Q with the chance exp(-Q/2)
+    best = replace(law("archard", 0.0, -2.0 * np.log(chance)), freedom=2)
+    assert WearLaws((best, law("sarkar", -9.0)), (), 1.0).none_fits is said
+    # a law with as many parameters as there are stretches fits by itself
+    assert not WearLaws((replace(best, freedom=0), law("sarkar", -9.0)), (), 1.0).none_fits
 
 
 # From frames
