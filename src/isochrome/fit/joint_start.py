@@ -16,6 +16,9 @@ from isochrome.scene import DistanceTable, Scene
 
 Array = NDArray[Any]
 
+_LEAST = 1e-2
+"""Least share of the scene's own wear that a fit starts with."""
+
 
 def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
     """Where the joint fit starts, from the frames' own fits.
@@ -54,8 +57,11 @@ def _wear_factors(
             assert distance is not None
             found.append(local_values(fit.scene, (distance,))[0, 2])
             given.append(local_values(sequence.frame(whole, values, i), (distance,))[0, 2])
-            weights.append((fit.values[fit.keys.index(WEAR)] / _spread(fit, WEAR)) ** 2)
-    even = np.full(len(worn), np.average(np.divide(found, given), weights=weights))
+            known = fit.values[fit.keys.index(WEAR)] / _spread(fit, WEAR)
+            weights.append(max(1.0, known) ** 2)
+    # a start of next to no wear, and not of none: a step is a share of it
+    average = max(_LEAST, float(np.average(np.divide(found, given), weights=weights)))
+    even = np.full(len(worn), average)
     if len(worn) == 1 or not sequence.run:
         return even
     order = np.argsort([sequence.distances_m[sequence.unknowns[k].frames[0]] or 0.0 for k in worn])

@@ -32,8 +32,9 @@ CLEAR = 5.0
 very strong evidence)."""
 
 _SEGMENTS = 12
-_FAR = 4.0
-"""Logarithms from its start that a running-in is looked for: beyond, its table has no meaning."""
+_FAR, _LEAST = 4.0, 1e-2
+"""Logarithms from its start that a running-in is looked for: beyond, its table has no meaning; and
+the least last coefficient that it starts from, over the mean."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,8 @@ def _laws(sequence: Sequence, values: Array) -> list[Law]:
 
 def _running_in(ends: Array, own: Array) -> Law:
     """Archard's law with a coefficient that is linear in the distance until it stays."""
-    start = np.log([own[-1], 1.0, float(np.exp(np.mean(np.log(ends))))])
+    last = max(own[-1], _LEAST * float(np.mean(own)))  # where it has ceased, it has no logarithm
+    start = np.log([last, 1.0, float(np.exp(np.mean(np.log(ends))))])
 
     def wear(t: Array) -> dict[str, Any]:
         last, ratio, distance = np.exp(np.clip(t, start - _FAR, start + _FAR)).tolist()

@@ -21,6 +21,12 @@ _BOUNDS = {
     "camera.blur_px": (0.0, 50.0),
 }
 
+_WEAR = "wear.coefficient_mm2_per_n"
+_MICROMETRE = 1e-7
+"""Wear coefficient (mm²/N) times distance (m) that wears a micrometre under 10 MPa."""
+_LITTLE = 0.01
+"""Share of that below which a coefficient says nothing of how far it may change."""
+
 _SIGNED = ("camera.left_mm", "camera.top_mm", "load.tangential_n")
 """Unknowns of either sign, which a start at a small value says nothing of."""
 
@@ -59,6 +65,8 @@ def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
             found.append(0.3 * value)
         elif key == "friction.coefficient":
             found.append(3.0)
+        elif key == _WEAR:
+            found.append(10.0 * max(value, _LITTLE * _visible_wear(scene)))
         elif key == "load.tangential_n" or key.startswith("load.bulk"):
             found.append(max(10.0 * value, scene.load_at(0.0) if "load.t" in key else 10.0))
         else:
@@ -67,7 +75,10 @@ def scales(scene: Scene, keys: tuple[str, ...]) -> Array:
 
 
 def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Where the search may go: not below zero, not far from the start."""
+    """Where the search may go: not below zero, not far from the start.
+
+    A contact may have stood still until a frame: nothing is worn then, and no start says so.
+    """
     low, high = [], []
     for key in keys:
         value = float(scene.get(key))
@@ -81,6 +92,9 @@ def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
         elif key in _SIGNED or key.startswith("load.bulk"):
             low.append(-np.inf)
             high.append(np.inf)
+        elif key == _WEAR:
+            low.append(0.0)
+            high.append(10.0 * max(value, _visible_wear(scene)))
         elif value > 0.0:
             low.append(0.1 * value)
             high.append(10.0 * value)
@@ -88,6 +102,12 @@ def bounds(scene: Scene, keys: tuple[str, ...]) -> dict[str, Any]:
             low.append(-np.inf)
             high.append(np.inf)
     return {"lower": np.array(low), "upper": np.array(high)}
+
+
+def _visible_wear(scene: Scene) -> float:
+    """A wear coefficient (mm²/N) that a frame would show at the scene's last distance."""
+    slid = max(scene.wear.distances_m) if scene.wear else 0.0
+    return _MICROMETRE / slid if slid > 0.0 else 0.0
 
 
 def _is_held(scene: Scene) -> bool:
