@@ -12,7 +12,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.fit.frame_data import FrameData
 from isochrome.fit.local import BLUR, GAMMA, FrameModel
 from isochrome.fit.one_state import with_numerics, with_own_numerics
-from isochrome.fit.polish import Polished, covariance, polish
+from isochrome.fit.polish import Polished, block_correlation, covariance, polish
 from isochrome.fit.search import CLEAR, search_frame
 from isochrome.fit.starts import Minimum
 from isochrome.fit.unknowns import fit_region, free_keys
@@ -39,6 +39,10 @@ _RIVAL = 1.3
 _RIVALS = 3
 """Minima of the search that its quick model cannot tell apart: within a factor in chi, the best."""
 
+_CHANCE = 100.0
+"""Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
+values are searched for (18 frames), and fringes of a single grey level in 20 000 pixels 384."""
+
 _GAMMAS = (1.0, 2.2)
 """Where an unknown exponent starts: a sensor's own, and most photographs'."""
 
@@ -53,7 +57,7 @@ class FrameFit:
     over noise; `others`, other minima by rising chi; `converged`; `plain`, True
     where a free illumination came out negative and one amplitude for all the frame had to do: the
     model is poor then; `positive`, False where even that is negative: the scene's fringes are not
-    in the frame.
+    in the frame, nor any light that follows them by more than noise does by chance.
     """
 
     scene: Scene
@@ -138,8 +142,21 @@ def _fit_begun(data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool)
         others,
         final.converged and bool(told.all()),
         plain,
-        final.toned.part.positive,
+        final.toned.part.positive and _is_seen(model, final),
     )
+
+
+def _is_seen(model: FrameModel, final: Polished) -> bool:
+    """Whether more light follows the fringes than noise alone does where they are searched for.
+
+    By Wald's statistic of the illumination, aᵀ cov(a)⁻¹ a, over the noise that the residuals show.
+    """
+    part, residual = final.toned.part, final.toned.residual
+    count = len(model.pixels.light)
+    light = part.coefficients[:count]
+    gain = float(light @ np.linalg.pinv(part.inverse[:count, :count]) @ light)
+    noise = max(1.0, final.toned.cost / residual.size)
+    return gain > _CHANCE * noise * max(1.0, block_correlation(model.pixels.keep, residual))
 
 
 @dataclass(frozen=True)
