@@ -9,7 +9,7 @@ a continuous choice exists all round it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ _WIDE_SPREAD = 0.2
 """What the wide window's 4θ is trusted to (rad), where the narrow one has nothing: whole orders."""
 
 _SLOPE_PX = 2.0
-_TURNED = 0.25
+_TURNED = 0.8
 """Error of θ (rad) for a coherence of nought: seen about isotropic points."""
 
 _OFF = 0.007
@@ -35,13 +35,23 @@ _OFF = 0.007
 
 _STRIDE = 2
 
+_BENT_PX = 3.0
+"""Window over which the misfit of a bent direction is pooled."""
+
+_ONE_SIDED = 1.0 / (np.sqrt(2.0) - 1.0)
+_MOST = 0.95
+"""Share of a window that must be seen; beside an edge the error grows as its width instead."""
+
+_OF_NOISE = 1.0 / 6.0
+"""Variance, in the narrow window's, that noise gives the difference to a window √2 as wide."""
+
 
 @dataclass(frozen=True)
 class Direction:
     """The direction of sigma_1, up to 90°, as `twice` = exp 2iθ (rows, cols), continuous.
 
     `scatter` of θ (rad, standard) from the noise, `uncertainty` with what is added where the
-    direction turns within the window; `coherence` 0..1, low there, as at an isotropic point;
+    direction bends or turns within the window; `coherence` 0..1, low at an isotropic point;
     `bridge`, the scatter (rad) in a wide window, which spans a thin line of no information, from
     noise and from elements a little off: where that is large too, the sign of exp 2iθ may differ
     on its two sides.
@@ -57,6 +67,12 @@ class Direction:
     def spread(self) -> Array:
         """The same noise of 2θ if it were independent from pixel to pixel (rad)."""
         return 2.0 * np.minimum(self.scatter, 0.5) * np.sqrt(4.0 * np.pi) * _WINDOW_PX
+
+    def noisier(self, times: Array) -> Direction:
+        """The same where the light's noise is some times what was stated (rows, cols)."""
+        more = np.square(self.scatter) * (np.square(times) - 1.0)
+        uncertainty = np.sqrt(np.square(self.uncertainty) + more)
+        return replace(self, scatter=self.scatter * times, uncertainty=uncertainty)
 
 
 def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tuple[Array, Array]:
@@ -93,7 +109,7 @@ def find_direction(
     along = np.where(valid, along, 0.0)
     size = np.where(valid, size, 0.0)
     narrow, information = pooled(along, _WINDOW_PX), pooled(size, _WINDOW_PX)
-    narrow = _centred(narrow, information)
+    narrow = _centred(narrow, information, _WINDOW_PX)
     wide = pooled(along, _WIDE_PX)
     area = 4.0 * np.pi * _WINDOW_PX**2
     noise = np.square(sigma)
@@ -114,12 +130,34 @@ def find_direction(
     doubt = noise / (4.0 * np.pi * _WIDE_PX**2) + np.square(off)
     bridge = 0.25 * np.sqrt(doubt / np.maximum(pooled(size, _WIDE_PX), 1e-30))
     coherence = np.minimum(np.abs(narrow) / np.maximum(information, 1e-30), 1.0)
-    return Direction(
-        twice, scatter, np.hypot(scatter, _TURNED * (1.0 - coherence)), coherence, bridge
-    )
+    turned = np.hypot(_TURNED * (1.0 - coherence) ** 2, _bent(along, size, narrow, scatter, valid))
+    return Direction(twice, scatter, np.hypot(scatter, turned), coherence, bridge)
 
 
-def _centred(narrow: Array, information: Array) -> Array:
+def _bent(along: Array, size: Array, narrow: Array, scatter: Array, valid: Mask) -> Array:
+    """Error of θ (rad) where the direction bends within the window.
+
+    It grows as the window's area, so that the difference to one of twice the area is the error
+    itself, and noise, whose share is taken off.
+    """
+    double = np.sqrt(2.0) * _WINDOW_PX
+    other = _centred(pooled(along, double), pooled(size, double), double)
+    away = 0.25 * np.angle(other * np.conj(narrow))
+    away *= np.where(_whole(valid, double), 1.0, _ONE_SIDED)
+    trust = 1.0 / np.square(scatter)
+    square = pooled(trust * np.square(away) - _OF_NOISE, _BENT_PX)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0) / pooled(trust, _BENT_PX)))
+
+
+def _whole(valid: Mask, window_px: float) -> Mask:
+    """Where the window lies in the frame and on trusted pixels."""
+    from scipy.ndimage import gaussian_filter
+
+    share = gaussian_filter(valid.astype(np.float32), window_px, mode="constant")
+    return np.asarray(share > _MOST)
+
+
+def _centred(narrow: Array, information: Array, window_px: float) -> Array:
     """Pooled exp 4iθ, turned from where its information lies to the window's middle.
 
     Fringes put the information's centre of mass beside the middle, by w² ∇J/J for a Gaussian
@@ -131,7 +169,7 @@ def _centred(narrow: Array, information: Array) -> Array:
     for axis in (0, 1):
         slope = (np.conj(rough) * np.gradient(rough, axis=axis)).imag / size
         turn += slope * np.gradient(information, axis=axis)
-    turn *= _WINDOW_PX**2 / np.maximum(information, 1e-30)
+    turn *= window_px**2 / np.maximum(information, 1e-30)
     return np.asarray(narrow * np.exp(-1j * np.clip(turn, -1.0, 1.0)))
 
 

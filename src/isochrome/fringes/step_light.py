@@ -92,6 +92,7 @@ def measure_steps(
     contrast = np.hypot(terms.cosine, np.abs(terms.sine))
     seen = trusted & bright_enough(contrast, trusted)
     misfit, chi = step_misfit(light, design, sigma, seen & whole)
+    direction = direction.noisier(np.maximum(misfit, 1.0))
     uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
     seen &= (uncertainty < LARGEST_UNCERTAINTY) & (
         misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)

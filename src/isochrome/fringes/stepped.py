@@ -33,6 +33,10 @@ _TINY = 1e-9
 _SMALL = 0.15
 """Order below which the least order that the light allows is the order."""
 
+_SMOOTHED = 0.928
+"""Of the direction's noise, which is pooled already, what smoothing n leaves: from the kernels'
+Gaussians of widths w = 1.2 and W = 1.6, W² (4/(W² + w²) - 4/(W² + 1.5 w²) + 1/(W² + 2 w²))."""
+
 _BRIDGED = 0.1
 """Doubt of 2θ (rad) where the direction is bridged."""
 
@@ -117,12 +121,17 @@ def _of_load(light: StepLight, found: SettledField, residual: Residual | None) -
     shown = np.where(known, found.field, 0.0)
     across = 2.0 * np.abs(shown) * light.direction.uncertainty
     if residual is not None:
-        shown, across = _sharper(light, shown, across)
+        across = np.hypot(across, np.where(direction_told(light), 0.0, _BRIDGED * np.abs(shown)))
+    small = known & (np.abs(shown) < _SMALL)
+    shown, across = _sharper(light, shown, across, small)
     field = shown if residual is None else np.where(known, shown - residual.field, 0.0)
     field, along = smoothed(field, light.uncertainty, known)
     size = np.maximum(np.abs(field), _TINY)
     if residual is None:
-        return _Parts(field, along, across / (2.0 * size), known)
+        gain = along / np.maximum(light.uncertainty, _TINY)
+        alone = gain * across / (2.0 * size)
+        turn = np.where(small, alone, _turn(light, gain < 1.0))
+        return _Parts(field, along, turn, known)
     lean = (shown / np.maximum(np.abs(shown), _TINY)) * np.conj(field / size)
     uncertainty, swing = (
         np.sqrt(np.square(a * lean.real) + np.square(b * lean.imag) + residual.uncertainty**2)
@@ -132,16 +141,19 @@ def _of_load(light: StepLight, found: SettledField, residual: Residual | None) -
     return _Parts(field, uncertainty, swing / (2.0 * size), known)
 
 
-def _sharper(light: StepLight, shown: Array, across: Array) -> tuple[Array, Array]:
+def _turn(light: StepLight, smooth: Mask) -> Array:
+    """Uncertainty of θ (rad) where n was `smooth`ed, or not: of the noise, that leaves less."""
+    less = np.where(smooth, 1.0 - _SMOOTHED**2, 0.0) * np.square(light.direction.scatter)
+    return np.asarray(np.sqrt(np.square(light.direction.uncertainty) - less))
+
+
+def _sharper(light: StepLight, shown: Array, across: Array, small: Mask) -> tuple[Array, Array]:
     """n and its noise across; where it is small, from the pixel itself.
 
-    Where the sum of stresses is nearly nil its direction is that of the pixels around, or noise:
-    the load's own, with the residual stress taken out, is not. Where the steps leave too much out
-    to tell the direction it has been bridged, which the order bears and a difference does not.
+    There its direction by the window is that of the pixels around, about an isotropic point and in
+    a valley of the order, or noise; that of the pixel's own light is not.
     """
-    across = np.hypot(across, np.where(direction_told(light), 0.0, _BRIDGED * np.abs(shown)))
     least = least_field(light.terms)
-    small = np.abs(shown) < _SMALL
     spread = least_spread(least, light.uncertainty)
     return np.where(small, least, shown), np.where(small, spread, across)
 

@@ -1,0 +1,93 @@
+"""The isoclinic's uncertainty covers its error: stepped sets of closed forms, by Jones products."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from closed_forms import disc, grey, point_load, step_light, valley
+
+from isochrome.fringes.stepped import read_steps
+from isochrome.optics import make_chain
+from isochrome.scene import Polariscope
+from stepped_sets import CIRCULAR, TEN, as_steps
+
+SHAPE = (150, 190)
+SIGMA = np.sqrt(3.0**2 + 1.0 / 12.0) / 255.0
+"""Three grey levels, and rounding."""
+
+FIELDS = {
+    # isotropic points and a valley of the order near N = 0 beside them
+    "leaning force": point_load(SHAPE, load=55.0, bulk=-0.8, tilt_deg=16.0),
+    # sigma_1 turns over by 90 degrees within three pixels, at an order of 0.01 to 0.03
+    "valley": valley(SHAPE, slope=0.016, lowest=0.012),
+    # N = 0 all along the rim
+    "disc": disc(SHAPE, 72.0, 2.2),
+}
+
+
+EDGE = np.ones(SHAPE, dtype=bool)
+EDGE[1:-1, 1:-1] = False
+
+
+@lru_cache
+def reading(name, angles, seed, stated=1.0):
+    """A field's order and the reading's isoclinic: its error and uncertainty, degrees.
+
+    `stated`, share of the noise that the reading is told.
+    """
+    field, rng = FIELDS[name], np.random.default_rng([seed, 31])
+    inside = np.isfinite(field)
+    shown = np.where(inside, field, 0.0)
+    light = np.stack([grey(step_light(shown, four), 3.0, rng) for four in angles])
+    scope = Polariscope(wavelength_nm=587.0, step=as_steps(angles))
+    chains = [make_chain(scope, i) for i in range(len(angles))]
+    order = np.where(inside, np.abs(field), np.nan)
+    places = [np.unravel_index(np.nanargmin(np.abs(order - n)), SHAPE) for n in (0.7, 1.3)]
+    known = [(int(row), int(col), float(order[row, col])) for row, col in places]
+    found = read_steps(light, chains, sigma=stated * SIGMA, valid=inside, known_order=known)
+    turn = (found.isoclinic - 0.5 * np.degrees(np.angle(field)) + 90.0) % 180.0 - 90.0
+    return order, turn, found.isoclinic_uncertainty
+
+
+def pulls(order, turn, uncertainty):
+    """Pulls of all pixels, of those near whole orders, near none, and on the frame's border."""
+    whole = np.abs(order - np.rint(order)) < 0.05
+    places = np.isfinite(order), whole & (order > 0.5), order < 0.1, EDGE & (order > 0.1)
+    return [(turn / uncertainty)[place & np.isfinite(turn)] for place in places]
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.parametrize(
+    ("name", "angles"),
+    [(name, tuple(TEN)) for name in FIELDS] + [("leaning force", tuple(CIRCULAR))],
+    ids=[*FIELDS, "leaning force, six steps"],
+)
+def test_the_isoclinics_error_is_as_large_as_its_uncertainty_says(name, angles):
+    """Over two seeds, near isotropic points, whole orders and the border as everywhere."""
+    seeds = [reading(name, angles, seed) for seed in (0, 1)]
+    for order, turn, uncertainty in seeds:
+        known = np.isfinite(turn)
+        # a tenth of the disc's pixels lie where N < 0.1 and no direction is told to 2 degrees
+        assert np.count_nonzero(known) > 0.95 * np.count_nonzero(np.isfinite(order))
+        assert (np.isfinite(uncertainty) == known).all()
+        # noise of 1.4 % in a window of 32 pixels: 0.05 degree at best
+        assert np.nanmin(uncertainty) > 0.03
+    everywhere, *places = (
+        np.concatenate(parts) for parts in zip(*(pulls(*seed) for seed in seeds), strict=True)
+    )
+    assert 0.9 < rms(everywhere) < 1.1
+    # the largest of 30 000 normal deviates is 4.2; some errors are of the window and not of noise
+    assert np.abs(everywhere).max() < 6.0
+    for place in places:
+        # a few hundred neighbours that share their noise: 0.75 to 1.17 over eight seeds
+        assert place.size == 0 or 0.6 < rms(place) < 1.35
+
+
+def test_the_isoclinic_is_as_uncertain_as_the_light_scatters_not_as_was_stated():
+    """Half the noise is stated: the misfit of ten steps, of seven unknowns, tells the other half."""
+    order, turn, uncertainty = reading("disc", tuple(TEN), 0, stated=0.5)
+    (everywhere, *_) = pulls(order, turn, uncertainty)
+    assert 0.9 < rms(everywhere) < 1.15
