@@ -87,7 +87,7 @@ def test_the_isoclinics_error_is_as_large_as_its_uncertainty_says(name, angles):
 
 
 def test_the_isoclinic_is_as_uncertain_as_the_light_scatters_not_as_was_stated():
-    """Half the noise is stated: the misfit of ten steps, of seven unknowns, tells the other half."""
+    """Half the noise is stated: the misfit of ten steps with seven unknowns tells the rest."""
     order, turn, uncertainty = reading("disc", tuple(TEN), 0, stated=0.5)
     (everywhere, *_) = pulls(order, turn, uncertainty)
     assert 0.9 < rms(everywhere) < 1.15
