@@ -100,3 +100,13 @@ def contents(folder):
         p.relative_to(folder).as_posix(): p.read_bytes() if p.is_file() else None
         for p in folder.rglob("*")
     }
+
+
+def put(folder, files):
+    """Make a folder of such contents."""
+    for name, data in sorted(files.items()):
+        if data is None:
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        else:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(data)

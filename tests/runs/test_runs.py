@@ -13,7 +13,17 @@ import tifffile
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_pixel_mm
 from isochrome.runs import Means, Stopped, open_run, run_job
-from runs.counting import IDENTITY, Count, calls, computed_again, contents, finish, job, truth
+from runs.counting import (
+    IDENTITY,
+    Count,
+    calls,
+    computed_again,
+    contents,
+    finish,
+    job,
+    put,
+    truth,
+)
 
 FILES = IDENTITY["inputs_sha256"]
 
@@ -433,6 +443,34 @@ def test_an_unfinished_run_cannot_be_opened_as_a_result(count, tmp_path):
         open_run(tmp_path / "out")
     with pytest.raises(InputError, match=r"holds no run\.zarr; name a folder"):
         open_run(tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore:Object at")  # of what it cannot read zarr just warns
+@pytest.mark.parametrize(
+    ("of", "part", "said"),
+    [
+        ("order/zarr.json", b'"shape"', "cannot be read"),
+        ("order/zarr.json", b'"fill_value"', "order cannot be read"),
+        ("order/zarr.json", b'"data_type"', "order cannot be read"),
+        ("order/zarr.json", b'"zarr_format"', "order cannot be read"),
+        ("order/zarr.json", b'"node_type"', "cannot be read"),
+        ("order/zarr.json", b'"dimension_names"', "cannot be read"),
+        ("order/zarr.json", b"3,", "cannot be read"),
+        ("zarr.json", b"3,", "cannot be read"),
+        ("zarr.json", b"{", "cannot be read"),
+    ],
+)
+def test_a_flipped_byte_in_what_describes_the_results_is_noticed_on_opening(
+    undisturbed, tmp_path, of, part, said
+):
+    """Without it, pictures would be missing from a dataset that opens in silence."""
+    put(tmp_path / "out", undisturbed)
+    file = tmp_path / "out" / "run.zarr" / of
+    text = bytearray(file.read_bytes())
+    text[text.index(part) + len(part) // 2] ^= 1
+    file.write_bytes(text)
+    with pytest.raises(InputError, match=rf"run\.zarr: .*{said}.*--restart"):
+        open_run(tmp_path / "out")
 
 
 def test_a_second_stop_keeps_what_both_runs_did(undisturbed, count, tmp_path):

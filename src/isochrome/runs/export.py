@@ -42,7 +42,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
                 raise
             reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
             raise InputError(
-                f"{place / STORE}: cannot be read ({reason}); run the command again"
+                f"{place / STORE}: cannot be read ({reason}); run the command again with --restart"
             ) from error
         return [target / file.relative_to(folder) for file in files]
 

@@ -177,6 +177,26 @@ def open_run(path: str | Path) -> xarray.Dataset:
     import xarray
 
     try:
-        return xarray.open_dataset(store, engine="zarr", consolidated=False, chunks=None)
+        found = xarray.open_dataset(store, engine="zarr", consolidated=False, chunks=None)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{store}: cannot be read ({error}); run the command again") from error
+        raise InputError(
+            f"{store}: cannot be read ({error}); run the command again with --restart"
+        ) from error
+    lost = [array for array in _arrays(store) if array not in found.variables]
+    if lost:
+        found.close()
+        raise InputError(f"{store}: {lost[0]} cannot be read; run the command again with --restart")
+    return found
+
+
+def _arrays(store: Path) -> list[str]:
+    """What stands in a store, whether or not zarr can read it: what it cannot, it leaves out."""
+    return [file.parent.name for file in sorted(store.glob("*/zarr.json")) if not _is_group(file)]
+
+
+def _is_group(file: Path) -> bool:
+    """Whether a description is that of a group, which somebody else has put there."""
+    try:
+        return bool(json.loads(file.read_bytes())["node_type"] == "group")
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
