@@ -71,17 +71,18 @@ def test_centre_order_three_two_loads(disc_frame):
 @pytest.mark.parametrize(
     ("centre", "options", "bar"),
     [
-        pytest.param(1.7, {}, 1e-3, marks=pytest.mark.long),
+        pytest.param(1.7, {}, 6e-5, marks=pytest.mark.long),
         (3.0, SMALL | {"bright": True}, 1e-4),
-        pytest.param(12.0, {"angle": -4.0}, 1e-3, marks=pytest.mark.long),
-        pytest.param(5.0, {"blur": 1.0}, 1e-3, marks=pytest.mark.long),
+        pytest.param(12.0, {"angle": -4.0}, 3e-5, marks=pytest.mark.long),
+        pytest.param(5.0, {"blur": 1.0}, 3e-4, marks=pytest.mark.long),
     ],
 )
+# the bars are three times the largest of three seeds' errors; blur leaves chi at 1.9
 def test_one_load(disc_frame, centre, options, bar):
     found = calibrated(disc_frame, (centre,), **options)
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=bar)
     assert found.order_at_zero_load is None
-    assert 0.9 < found.chi < (2.5 if "blur" in options else 1.1)
+    assert 0.9 < found.chi < (2.2 if "blur" in options else 1.05)
 
 
 @pytest.mark.long
