@@ -164,7 +164,7 @@ def test_half_width_from_the_second_moment_is_hertz():
     # ∫p x² dx = P' a²/4 for Hertz: a measure of the width that no grid rounds
     x, h, state = solved(parabola, 1601)
     moment = h * np.sum(state.pressure * x**2)
-    assert 2 * np.sqrt(moment / LOAD) == pytest.approx(HALF_WIDTH, rel=1e-5)
+    assert 2 * np.sqrt(moment / LOAD) == pytest.approx(HALF_WIDTH, rel=2e-7)  # measured 6e-8
 
 
 @settings(max_examples=12, deadline=None)
@@ -221,7 +221,7 @@ def test_coupled_sliding_contact_is_the_closed_form(friction, beta):
     inside = np.abs(x - exact.centre_mm) < 0.9 * exact.half_width_mm
     # h = 1 um = a/370: (h/a)^1.5 = 1.4e-4 for the edge between nodes
     assert np.abs(state.pressure - p)[inside].max() < 1.5e-4 * PEAK
-    assert state.pressure.max() == pytest.approx(exact.peak_pressure_mpa, rel=1e-5)
+    assert state.pressure.max() == pytest.approx(exact.peak_pressure_mpa, rel=1.2e-6)
     # the resultant's place, -4 eps a·... of the closed form by its own sum on the same nodes; the
     # sum's error is that of the edge, (h/a)^1.5 h
     assert (x @ state.pressure) * h / LOAD == pytest.approx(

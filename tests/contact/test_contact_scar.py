@@ -189,8 +189,8 @@ def test_the_steps_are_of_fourth_order():
 def test_the_unworn_contact_is_the_coupled_closed_form():
     scar = run(1e-9, 1e-6, mu_beta=0.3, count=1)[0]
     exact = coupled_contact(LOAD, RADIUS, MODULUS, friction=1.0, beta=0.3)
-    # a run of 1e-9 of the dose in which wear counts moves nothing by more
-    assert scar.x_mm[-1] - scar.x_mm[0] == pytest.approx(2 * exact.half_width_mm, rel=1e-5)
+    # the mesh' own error at the edges' exponents; measured 1.2e-7
+    assert scar.x_mm[-1] - scar.x_mm[0] == pytest.approx(2 * exact.half_width_mm, rel=4e-7)
     assert 0.5 * (scar.x_mm[0] + scar.x_mm[-1]) == pytest.approx(exact.centre_mm, rel=1e-5)
 
 
@@ -232,8 +232,9 @@ def test_regridding_keeps_the_load_and_its_moment_wherever_the_nodes_are(worn, s
     fine = np.linspace(scar.x_mm[0], scar.x_mm[-1], 20001)
     dense, _ = scar_on_nodes(scar, fine)
     moment = (dense * fine).sum() / dense.sum()
-    # Simpson's mean of a load with an edge in the element errs by a few per cent of that element's
-    assert (p * x).sum() / p.sum() == pytest.approx(moment, abs=1e-5)
+    # Simpson's mean of a load with an edge in the element errs by a few per cent of that element's;
+    # measured 8e-7 mm
+    assert (p * x).sum() / p.sum() == pytest.approx(moment, abs=2.5e-6)
     assert (p >= 0.0).all() and (depth >= 0.0).all()
 
 
@@ -247,10 +248,10 @@ def test_a_worn_contact_scales_with_its_load():
     lighter = scene.with_values({"wear.distances_m": (100.0 / ratio**0.5,)})
     (big,), (small,) = contact_states(heavier), contact_states(lighter)
     # a² ~ P' and p ~ √P' leave the dose that counts, K E*/a, at K ~ √P': 100 m against 100/√λ m
-    assert big.p_max_mpa / small.p_max_mpa == pytest.approx(ratio**0.5, rel=1e-5)
+    assert big.p_max_mpa / small.p_max_mpa == pytest.approx(ratio**0.5, rel=1e-6)
     assert big.contact_width_mm / small.contact_width_mm == pytest.approx(ratio**0.5, rel=1e-6)
     depths = big.wear_depth_mm.max() / small.wear_depth_mm.max()
-    assert depths == pytest.approx(ratio, rel=1e-5)  # 1e-5: the nodes lie elsewhere
+    assert depths == pytest.approx(ratio, rel=1.5e-6)  # measured 4e-7: the nodes lie elsewhere
 
 
 def test_an_edge_that_draws_back_hands_over_to_the_grid():

@@ -66,7 +66,8 @@ def test_hertz_at_any_load(load):
     # 350 nodes in the half-width: h/a to 1.5
     assert state.p_max_mpa == pytest.approx(hertz_peak_pressure(load / 4, 24.61, modulus), rel=2e-6)
     assert state.contact_width_mm == pytest.approx(
-        2 * hertz_half_width(load / 4, 24.61, modulus), rel=1e-3
+        2 * hertz_half_width(load / 4, 24.61, modulus),
+        rel=1e-4,  # measured 3.5e-5
     )
     assert state.residual <= 1e-10 and not state.shear_mpa.any() and not state.sliding
 
@@ -91,9 +92,9 @@ def test_the_first_sliding_state_is_the_coupled_closed_form():
     )
     assert (still.sliding, sliding.sliding) == (False, True)
     assert sum(still.edges_mm) / 2 == pytest.approx(0.0, abs=1e-6)
-    # an edge is known to a few hundredths of the spacing of 1 um
-    assert sum(sliding.edges_mm) / 2 == pytest.approx(exact.centre_mm, abs=1e-4)
-    assert sliding.p_max_mpa == pytest.approx(exact.peak_pressure_mpa, rel=1e-5)
+    # an edge is known to a hundredth of the spacing of 1 um; measured 7e-6 mm, and 3e-7 in p_max
+    assert sum(sliding.edges_mm) / 2 == pytest.approx(exact.centre_mm, abs=2e-5)
+    assert sliding.p_max_mpa == pytest.approx(exact.peak_pressure_mpa, rel=1e-6)
     np.testing.assert_array_equal(sliding.shear_mpa, 0.25 * sliding.pressure_mpa)
 
 
@@ -124,7 +125,7 @@ def test_a_wedge_given_as_a_profile_has_the_wedges_width(tmp_path):
     write_profile(tmp_path, [-2.0, 0.0, 2.0], [2 * slope, 0.0, 2 * slope])
     (state,) = contact_states(static(indenter='profile = "scar.csv"', folder=tmp_path))
     a = wedge_half_width(11.0, slope=slope, contact_modulus_mpa=contact_modulus(*PAIR))
-    assert state.contact_width_mm == pytest.approx(2 * a, abs=2 * state.grid.spacing_mm)
+    assert state.contact_width_mm == pytest.approx(2 * a, abs=0.4 * state.grid.spacing_mm)
 
 
 def test_a_profile_in_micrometres_adds_to_the_cylinder(tmp_path):
@@ -186,8 +187,8 @@ def test_the_window_grows_by_itself_when_wear_widens_the_contact():
     wear = "[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [20000]\n"
     (state,) = contact_states(static(rest=wear + "[numerics]\nspacing_mm = 0.02\n"))
     chord = 2 * (3 * 24.61 * 2e-9 * 11.0 * 2e7 / 2) ** (1 / 3)
-    # elasticity adds (a/c)² of it
-    assert state.contact_width_mm == pytest.approx(chord, rel=0.05)
+    # elasticity adds some (a/c)² of it; measured 0.0055
+    assert state.contact_width_mm == pytest.approx(chord, rel=0.015)
     assert not state.pressure_mpa[[0, -1]].any()
 
 

@@ -161,9 +161,9 @@ def test_implicit_steps_agree_with_brute_force_explicit_ones(friction):
         worn += size * p
     p, _ = dense_contact(influence, gap + worn, LOAD, h, active)
     _, _, states = history(n, [DOSES[-1]], friction=friction, tolerance=1e-5)
-    # Euler's own first-order error at 4000 steps is some 1e-4
-    assert states[0].contact.pressure.max() == pytest.approx(p.max(), rel=1e-3)
-    np.testing.assert_allclose(states[0].depth_mm, worn, rtol=0, atol=1e-3 * worn.max())
+    # Euler's own first-order error at 4000 steps; measured 7e-5 and 2.5e-5
+    assert states[0].contact.pressure.max() == pytest.approx(p.max(), rel=2e-4)
+    np.testing.assert_allclose(states[0].depth_mm, worn, rtol=0, atol=1e-4 * worn.max())
 
 
 def test_a_tiny_dose_wears_by_dose_times_pressure():

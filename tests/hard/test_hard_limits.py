@@ -128,7 +128,7 @@ def test_nearly_conforming_radii_are_hertz_while_the_contact_is_shallow(radius):
     # 350 nodes in the half-width: (h/a)^1.5 is 1.5e-4, and the peak is far from the edge
     assert state.p_max_mpa == pytest.approx(hertz_peak_pressure(LOAD, radius, MODULUS), rel=5e-6)
     assert state.contact_width_mm == pytest.approx(
-        2.0 * hertz_half_width(LOAD, radius, MODULUS), rel=1e-3
+        2.0 * hertz_half_width(LOAD, radius, MODULUS), rel=1e-4
     )
 
 

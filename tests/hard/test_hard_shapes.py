@@ -20,7 +20,6 @@ from hard_cases import (
 )
 
 from isochrome.contact import contact_states, make_surface, solve_pressure
-from isochrome.errors import PhysicsError
 from isochrome.reference import (
     contact_modulus,
     coupled_contact,
@@ -110,11 +109,12 @@ def test_incompressible_against_compressible_is_the_coupled_closed_form(pair, fr
         violation(x, p, gap, LOAD, modulus=modulus, coupling=coupling, friction=friction).worst
         < 1e-8
     )
-    # h = a/350. The largest pressure is smooth there: second order. An edge between nodes costs
-    # the root's (h/a)^1.5 = 1.5e-4 inside, more with the exponent 1/2 - eps of the steeper edge
+    # h = a/350. The largest pressure is smooth there: second order, measured 8e-7. An edge between
+    # nodes costs the root's (h/a)^1.5 = 1.5e-4 inside, more with the exponent 1/2 - eps of the
+    # steeper edge
     a, e = exact.half_width_mm, abs(exact.exponent)
     inside = np.abs(x - exact.centre_mm) < 0.9 * a
-    assert state.p_max_mpa == pytest.approx(exact.peak_pressure_mpa, rel=5e-4)
+    assert state.p_max_mpa == pytest.approx(exact.peak_pressure_mpa, rel=3e-6)
     error = np.abs(p - coupled_pressure(x, exact))[inside].max()
     assert error < 0.5 * (h / a) ** (1.0 - e) * exact.peak_pressure_mpa
     # the shift, from edges that are known to a node at worst
@@ -139,8 +139,8 @@ def test_pressure_leaves_each_edge_with_the_exponent_of_the_closed_form(name):
     )
     # p(-a+s)/p(a-s) = (s/(2a-s))^(-2 eps), whatever the scale
     slope = np.polyfit(np.log(s / (2.0 * a - s)), np.log(left / right), 1)[0]
-    # an edge misplaced by half a node, 1/40 of the nearest s, turns ln p by 1/2 of that at most
-    assert slope == pytest.approx(-2.0 * exact.exponent, abs=0.01)
+    # what an edge between two nodes leaves from 17 nodes inside on; measured 4.5e-6
+    assert slope == pytest.approx(-2.0 * exact.exponent, abs=2e-5)
 
 
 @pytest.mark.parametrize("friction", [0.25, 1.0, -1.0])
@@ -170,15 +170,11 @@ def test_sliding_flat_leans_to_one_corner_as_the_closed_form_does(friction):
 
 
 @pytest.mark.parametrize("friction", [2.0, 5.0, -5.0])
-def test_friction_far_beyond_the_flats_limit_ends_rightly_or_in_a_refusal(friction):
+def test_friction_far_beyond_the_flats_limit_ends_rightly(friction):
     """Goes wrong: at mu beta = 5/2 the corner's pressure runs away and the contact sets cycle."""
     pair = (2.1, 0.0, 2.1e9, 0.5)
     rest = f"[friction]\ncoefficient = {friction}\n" + numerics(spacing=0.01)
-    try:
-        (state,) = contact_states(contact_scene(rest, indenter=FLAT, pair=pair))
-    except PhysicsError as refusal:
-        assert "lower friction.coefficient" in str(refusal)  # noqa: PT017 - either answer is right
-        return
+    (state,) = contact_states(contact_scene(rest, indenter=FLAT, pair=pair))
     mpa = (1e3 * pair[0], pair[1], 1e3 * pair[2], pair[3])
     x, p = state.grid.x_mm, state.pressure_mpa
     gap = np.where(np.abs(x) > 0.5 + 1e-9, 1e3, 0.0)
@@ -290,7 +286,7 @@ def test_hertz_on_odd_prime_and_large_counts_of_nodes(n):
     assert state.residual <= 1e-10
     assert h * state.pressure.sum() == pytest.approx(LOAD, rel=1e-12)
     # (h/a)^1.5 from the edge between nodes, with a factor for the worst place of it
-    assert state.pressure.max() == pytest.approx(PEAK, rel=0.2 * (h / HALF_WIDTH) ** 1.5)
+    assert state.pressure.max() == pytest.approx(PEAK, rel=0.02 * (h / HALF_WIDTH) ** 1.5)
     exact = hertz_pressure(x, half_width_mm=HALF_WIDTH, peak_pressure_mpa=PEAK)
     inside = np.abs(x) < 0.9 * HALF_WIDTH
     assert np.abs(state.pressure - exact)[inside].max() < (h / HALF_WIDTH) ** 1.5 * PEAK

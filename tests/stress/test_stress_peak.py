@@ -63,7 +63,7 @@ def test_under_sliding_it_is_the_closed_forms_maximum(friction):
     place, size = climbed(friction, [np.sign(friction) * 0.6 * A, 0.6 * A])
     # the missing load sits at the edges, one of which is nearer than the middle
     assert peak.shear_mpa == pytest.approx(size, rel=2 * lost(nodes))
-    assert (peak.x_mm, peak.z_mm) == pytest.approx(tuple(place), abs=2e-3 * A)
+    assert (peak.x_mm, peak.z_mm) == pytest.approx(tuple(place), abs=5e-4 * A)
 
 
 def test_at_large_friction_it_sits_on_the_surface():
@@ -87,7 +87,7 @@ def test_bulk_stress_moves_it():
     exact = [climbed(0.25, [x * A, z * A], 4.0) for x in (-0.7, 0.3, 0.8) for z in (0.1, 0.6, 1.0)]
     place, size = max(exact, key=lambda found: found[1])
     assert peak.shear_mpa == pytest.approx(size, rel=2 * lost(nodes))
-    assert (peak.x_mm, peak.z_mm) == pytest.approx((place[0], abs(place[1])), abs=2e-3 * A)
+    assert (peak.x_mm, peak.z_mm) == pytest.approx((place[0], abs(place[1])), abs=1e-4 * A)
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.25])
