@@ -4,7 +4,10 @@ Every case calls the command line's own entry, in a folder with a space and lett
 its name; with `-m long` once more, as another process. Some are another process always.
 """
 
+import contextlib
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,6 +100,38 @@ def test_text_file_named_png(place, refuses):
 
 def test_frames_that_do_not_exist(refuses):
     refuses(2, ["weg.tif", "no such file"], *process("weg.tif"))
+
+
+def test_a_name_of_two_lines_is_refused_in_one(refuses):
+    refuses(2, ["no such file"], *process("two\nlines.tif"))
+
+
+def test_frames_that_were_left_out_are_counted_and_end_with_2(place, quick_isochrome):
+    """The others are there: they are results, and that some are not is no success."""
+    (place / "plain.toml").write_text("[specimen]\n", "utf-8")
+    col = np.arange(40) + np.zeros((30, 1))
+    frames = np.stack([120 - 90 * np.cos(0.4 * col), 0 * col]).astype(np.uint8)
+    write_stack(place / "two.tif", frames)
+    done = quick_isochrome(*process("two.tif", "plain.toml"), "--keep-going")
+    assert done.code == 2
+    said = done.err.splitlines()[-1]
+    assert said.startswith("isochrome: two.tif: 1 of 2 frames could not be processed")
+    assert (place / "out" / "frames.csv").is_file()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device here is always full")
+def test_an_output_that_is_full_ends_with_2(place, monkeypatch, capfd):
+    from isochrome.cli import main
+
+    monkeypatch.chdir(place)
+    monkeypatch.setattr(sys, "argv", ["isochrome", "check", "gone.tif", "--scene", "small.toml"])
+    with contextlib.suppress(OSError), open("/dev/full", "w") as full:  # its end is refused too
+        monkeypatch.setattr(sys, "stdout", full)
+        with pytest.raises(SystemExit) as end:
+            main()
+    monkeypatch.undo()
+    assert end.value.code == 2
+    assert "cannot be read or written (No space left on device)" in capfd.readouterr().err
 
 
 def test_frames_of_an_unknown_kind(refuses):

@@ -291,3 +291,24 @@ def test_a_frame_without_orders_falls_back_to_its_signal(order):
 def test_frame_sets_that_disagree_are_refused(wrong):
     with pytest.raises(InputError):
         FrameSet(**wrong)
+
+
+@pytest.mark.parametrize(("noise", "known"), [(0.0, None), (np.nan, None), (0.02, 0.02)])
+def test_a_noise_of_zero_or_none_is_not_known(noise, known):
+    """A frame without its noise is compared all the same, but for the residual over noise."""
+    rng = np.random.default_rng(4)
+    frames = FrameSet(signal=rng.random((1, 12, 15)), noise=np.array([noise]))
+    assert frames.noise_of(0) == known
+    (found,) = compare_frames(frames, FrameSet(signal=rng.random((1, 12, 15))))
+    assert np.isnan(found.signals.rmse_over_noise) == (known is None)
+
+
+def test_the_worst_line_distances_are_a_twentieth():
+    """Lines of one point each, 0, 0.1, ... 10 px beside their partners: p95 is 9.5 px."""
+
+    def points(cols):
+        return [Skeleton("dark", np.array([100.0 * k]), np.array([c]), None)
+                for k, c in enumerate(cols)]  # fmt: skip
+
+    found = skeleton_distance(points(np.zeros(101)), points(np.arange(101) / 10.0))
+    assert found.p95_px == pytest.approx(9.5) and found.mean_px == pytest.approx(5.0)

@@ -160,3 +160,40 @@ def test_a_no_load_stepped_set_that_does_not_fit_is_reported(tmp_path):
     assert "holds 1 frames" in texts(checked(tmp_path, frames, toml), "error")
     write_tiff(tmp_path / "n.tif", np.stack(frames)[:, :50].astype(np.uint8))
     assert "capture both with the same camera" in texts(checked(tmp_path, frames, toml), "error")
+
+
+def test_what_is_just_beyond_a_threshold_is_reported_and_what_is_just_below_is_not(tmp_path):
+    """One pixel of a hundred saturated, and a brightness that jumps by a fifth, are the limits."""
+    for rows, words in ((1, False), (2, True)):  # of 60 rows, 40 of 80 columns: 0.8 %, 1.7 %
+        frame = fringe()
+        frame[:rows, :40] = 255
+        said = texts(checked(tmp_path, [frame]), "warning")
+        assert ("saturated in up to" in said) == words
+    for level, words in ((0.76, False), (0.66, True)):  # 16 % and 27 % less than 0.9
+        said = texts(checked(tmp_path, [fringe(0), fringe(1, level=level)]), "warning")
+        assert ("the brightness jumps" in said) == words
+
+
+def test_an_exposure_other_than_the_no_load_frames_is_reported_from_either_side(tmp_path):
+    """15 % more light than no_load_bright, or 5 % of full scale less than no_load_dark."""
+    toml = PLAIN + '[frames]\nno_load_bright = "b.tif"\nno_load_dark = "d.tif"\n'
+    for bright, dark, said in (
+        (0.85, 0.04, ()),
+        (0.73, 0.04, ("no_load_bright only",)),
+        (0.85, 0.2, ("no_load_dark begins at",)),
+    ):
+        write_tiff(tmp_path / "b.tif", fringe(9, level=bright)[None].astype(np.uint8))
+        flat = np.full((1, ROWS, COLS), 255 * dark)
+        write_tiff(tmp_path / "d.tif", flat.astype(np.uint8))
+        found = texts(checked(tmp_path, [fringe()], toml), "warning")
+        for words in ("no_load_bright only", "no_load_dark begins at"):
+            assert (words in found) == (words in said)
+
+
+def test_a_full_scale_of_fewer_bits_is_suspected_to_the_last_level(tmp_path):
+    """4095 is the last level of 12 bits."""
+    for largest, bits in ((4095, 12), (4096, 14), (1023, 10)):
+        frame = fringe(0, largest)
+        frame[3, 4] = largest
+        check = checked(tmp_path, [frame], "[specimen]\n", dtype=np.uint16)
+        assert f"camera.bit_depth = {bits} " in texts(check, "warning")

@@ -224,3 +224,14 @@ def test_one_grey_level_is_no_flaw_in_a_computed_frame(excess):
     image[::2] = 101
     image[10, 10] = 101 + excess
     assert find_outliers(image).any() == (excess > 2)
+
+
+def test_a_pixel_that_one_of_several_no_load_frames_spoils_is_not_valid(tmp_path):
+    rng = np.random.default_rng(3)
+    frames = (100 + 2 * rng.standard_normal((3, 20, 30))).astype(np.uint8)
+    frames[1, 4, 5] = 255  # saturated in the second alone
+    write_tiff(tmp_path / "dark.tif", frames)
+    text = '[specimen]\n[frames]\nno_load_dark = "dark.tif"\n'
+    dark, bright = load_no_load(parse_scene(text, folder=tmp_path))
+    assert bright is None
+    assert np.argwhere(~dark.valid).tolist() == [[4, 5]]

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 from isochrome.compare.run import compare
 from isochrome.errors import InputError, PhysicsError
@@ -154,6 +155,54 @@ def test_a_wrong_scene_gives_a_poor_chi_and_says_so(radius_mm, tmp_path):
     found = process(tmp_path / "static.tif", scene)
     assert found.table["chi"][0] > 1.3 and found.table["kept_share"][0] > 0.5
     assert "the model does not describe this frame" in found.warnings[0]
+
+
+COARSE = (
+    STATIC.replace("width_px = 160", "width_px = 80")
+    .replace("height_px = 120", "height_px = 60")
+    .replace("pixel_mm = 0.025", "pixel_mm = 0.05")
+)
+"""The same in a quarter of the pixels."""
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    return simulate(parse_scene(COARSE)).frames
+
+
+def test_the_share_that_was_read_is_of_the_masked_specimen(coarse, tmp_path):
+    """The mask takes the upper half: all of it is read, and that is all that there is to read."""
+    write_tiff(tmp_path / "f.tif", coarse)
+    corners = [[-0.5, -0.5], [-0.5, 79.5], [29.5, 79.5], [29.5, -0.5]]
+    text = f"{COARSE}[frames]\npolygon_px = {corners}\n"
+    found = process(tmp_path / "f.tif", parse_scene(text))
+    assert found.table["kept_share"][0] > 0.95
+    assert "could be read" not in found.table["warnings"][0]
+
+
+def test_a_frame_of_which_less_than_half_is_read_says_so(coarse, tmp_path):
+    frame = coarse.copy()
+    frame[:, 24:] = 255  # saturated, and so not valid
+    write_tiff(tmp_path / "f.tif", frame)
+    found = process(tmp_path / "f.tif", parse_scene(COARSE))
+    (share,) = found.table["kept_share"]
+    assert 0.3 < share <= 0.4  # 24 of 60 rows
+    assert f"only {100 * share:.0f} % of the specimen's pixels could be read" in found.warnings[0]
+
+
+def test_a_rim_that_is_not_the_discs_is_told(tmp_path):
+    """The rim is 50 mm wide, and the scene's pixel makes 53 mm of it."""
+    frame = np.array(Image.open(DISC / "disc-560N.png"))[::3, ::3]
+    write_tiff(tmp_path / "disc.tif", frame[None])
+    scene = load_scene(DISC / "scene.toml")
+    size = {"camera.width_px": 140, "camera.height_px": 140}
+    for pixel_mm, told in ((3 * 0.13 * 1.02, False), (3 * 0.13 * 1.06, True)):
+        try:
+            own = scene.with_values(size | {"camera.pixel_mm": pixel_mm})
+            said = process(tmp_path / "disc.tif", own).table["warnings"][0]
+        except PhysicsError as error:  # too far off to be read
+            said = str(error)
+        assert ("mm wide by camera.pixel_mm" in said) == told
 
 
 def test_a_disc_is_found_with_its_load(tmp_path):

@@ -13,7 +13,7 @@ import isochrome
 from isochrome import open_run
 from isochrome.errors import InputError
 from isochrome.frames import FrameReader
-from isochrome.output import read_csv, write_tiff
+from isochrome.output import read_csv, read_pixel_mm, write_tiff
 from isochrome.process import process
 from runs.counting import contents
 from runs.killing import (
@@ -102,6 +102,8 @@ def test_a_run_is_one_dataset_with_named_axes_and_units(tmp_path):
         # centres of the pixels, half a pixel from the edges that the scene names
         np.testing.assert_allclose(dataset.x_mm, -1.0 + 0.05 * (np.arange(COLS) + 0.5))
         np.testing.assert_allclose(dataset.z_mm, 0.05 * (np.arange(ROWS) + 0.5))
+        # the stacks of maps have the camera's scale, for ImageJ
+        assert read_pixel_mm(place / "out" / "fringe_order.tif") == pytest.approx(0.05, rel=1e-6)
         assert dataset.x_mm.dims == ("col",) and dataset.z_mm.dims == ("row",)
         assert dataset.x_mm.attrs["units"] == "mm"
         assert dataset.name.values.tolist() == [f"film.tif[{i}]" for i in range(3)]

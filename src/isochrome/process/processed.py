@@ -135,13 +135,9 @@ def refuse_unread(
     followed = any(found != NOTHING for found in table.get("found_by", ()))
     if followed or any(kept) or not orders_are_read(scene):
         return
-    count, said = len(table["frame"]), str(table["warnings"][0])
-    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    if scene.model and not alone and np.isfinite(table["chi"]).any():
-        chi = float(np.nanmedian(table["chi"]))
-        said = f"chi = {chi:.3g}: the scene's fringes are not found in them"
     raise PhysicsError(
-        f"{name}: nothing could be read in any of its {count} frames ({said}); {CORRECT}"
+        f"{name}: nothing could be read in any of its {len(table['frame'])} frames (of the first: "
+        f"{table['warnings'][0]}); {CORRECT}"
     )
 
 
