@@ -1,4 +1,8 @@
-"""Every command as a user runs it: another process, and a folder with letters beyond ASCII."""
+"""Every command as a user runs it, in a folder with letters beyond ASCII.
+
+The frames are simulated and processed in another process; the rest calls the command line's own
+entry, and with `-m long` another process once more.
+"""
 
 import csv
 import json
@@ -104,23 +108,23 @@ def test_simulate_leaves_what_the_contract_names(captured):
     assert came["seed"] == 3 and came["isochrome"] == version("isochrome")
 
 
-def test_simulate_in_json_is_the_history(isochrome):
-    done = isochrome("simulate", "small.toml", "--json")
+def test_simulate_in_json_is_the_history(quick_isochrome):
+    done = quick_isochrome("simulate", "small.toml", "--json")
     found = done.json()
     assert (done.code, done.err) == (0, "")
     assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
 
 
-def test_simulate_gives_the_principal_stresses_to_whoever_asks(isochrome, place):
-    done = isochrome("simulate", "small.toml", "--out", "Spannung", "--components")
+def test_simulate_gives_the_principal_stresses_to_whoever_asks(quick_isochrome, place):
+    done = quick_isochrome("simulate", "small.toml", "--out", "Spannung", "--components")
     assert (done.code, done.err) == (0, "")
     assert "shear_max_mpa" in done.out and "shear_max_z_mm" in done.out
     maps = {"sigma_1", "sigma_2", "sigma_1_direction", "sigma_x", "sigma_z", "tau_xz"}
     assert {f"{name}.tif" for name in maps} | {"stress.png"} <= files_in(place / "Spannung")
 
 
-def test_simulating_twice_gives_the_same_bytes(captured, isochrome, place):
-    assert isochrome("simulate", "small.toml", "--out", "twice").code == 0
+def test_simulating_twice_gives_the_same_bytes(captured, quick_isochrome, place):
+    assert quick_isochrome("simulate", "small.toml", "--out", "twice").code == 0
     for name in ("history.csv", "frames.tif", "pressure.csv", "fringe_order.tif"):
         one, two = ((f / name).read_bytes() for f in (captured / "Bild ü", place / "twice"))
         assert one == two, name
@@ -167,12 +171,12 @@ def test_process_finds_the_simulated_order(processed):
     assert np.sqrt(np.mean(error**2)) < 0.005 and np.abs(error).max() < 0.25
 
 
-def test_what_was_found_can_be_simulated_and_compared(processed, isochrome, place):
+def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome, place):
     folder, _ = processed
     shutil.copytree(folder / "Ergebnis", place / "Versuch")
-    done = isochrome("simulate", "Versuch/fitted_scene.toml", "--out", "Rechnung")
+    done = quick_isochrome("simulate", "Versuch/fitted_scene.toml", "--out", "Rechnung")
     assert (done.code, done.err) == (0, "")
-    done = isochrome("compare", "Versuch", "Rechnung", "--out", "Vergleich", "--json")
+    done = quick_isochrome("compare", "Versuch", "Rechnung", "--out", "Vergleich", "--json")
     metrics = done.json()["metrics"]
     assert (done.code, done.err) == (0, "")
     assert files_in(place / "Vergleich") == {"metrics.csv", "comparison.png", "provenance.json"}
@@ -183,8 +187,8 @@ def test_what_was_found_can_be_simulated_and_compared(processed, isochrome, plac
     assert min(metrics["ncc"]) > 0.999
 
 
-def test_check_finds_nothing_wrong_with_simulated_frames(isochrome):
-    done = isochrome("check", "frames.tif", "--scene", "small.toml")
+def test_check_finds_nothing_wrong_with_simulated_frames(quick_isochrome):
+    done = quick_isochrome("check", "frames.tif", "--scene", "small.toml")
     assert (done.code, done.err) == (0, "")
     assert done.out.endswith("2 frames read: no error found\n")
 
@@ -192,8 +196,8 @@ def test_check_finds_nothing_wrong_with_simulated_frames(isochrome):
 # Fit
 
 
-def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(isochrome, place):
-    done = isochrome(
+def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, place):
+    done = quick_isochrome(
         "fit", "frames.tif", "--scene", "small.toml", "--free", "load.normal_n",
         "--per-frame", "friction.coefficient", "--out", "Anpassung", "--json",
     )  # fmt: skip
@@ -207,7 +211,7 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(isochrome, place):
     assert {"fit.csv", "scene.toml", "fit.png"} <= files_in(place / "Anpassung")
     table = columns_of(place / "Anpassung" / "fit.csv")
     assert table["key"] == ["load.normal_n", "friction.coefficient", "friction.coefficient"]
-    assert isochrome("check", "frames.tif", "--scene", "Anpassung/scene.toml").code == 0
+    assert quick_isochrome("check", "frames.tif", "--scene", "Anpassung/scene.toml").code == 0
 
 
 # Calibrate
@@ -232,9 +236,9 @@ def calibration_set(place, specimen, keep):
         pytest.param("disc", "disc", (0, 1, 2), id="disc", marks=pytest.mark.long),
     ],
 )
-def test_calibrate_finds_the_fringe_value(isochrome, place, specimen, command, keep):
+def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, command, keep):
     given = calibration_set(place, specimen, keep)
-    done = isochrome("calibrate", command, given, "--out", "Kalibrierung", "--json")
+    done = quick_isochrome("calibrate", command, given, "--out", "Kalibrierung", "--json")
     found = done.json()
     assert (done.code, done.err) == (0, "")
     saved = json.loads((place / "Kalibrierung" / "calibration.json").read_text("utf-8"))

@@ -77,6 +77,17 @@ def test_mask_keeps_a_textured_part_out():
     assert found == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.03)
 
 
+def test_what_lies_beside_a_pixel_counts_by_the_mask_too():
+    """Strips of ten columns, every other one textured: residuals reach two pixels to each side."""
+    image = captured(fringes(4, finest=0.05), 3.0, 4)
+    valid = np.ones(SHAPE, bool)
+    valid[:, np.arange(SHAPE[1]) % 20 >= 10] = False
+    image[~valid] = np.random.default_rng(0).integers(0, 255, np.count_nonzero(~valid))
+    found = np.median(estimate_noise(image, valid).sigma(image[valid]))
+    # six columns of twenty are left, of which a level's variance is known to 3 %
+    assert found == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.05)
+
+
 def test_linear_sigma_follows_gamma_as_measured_over_many_frames():
     raw, gamma = np.full((200, 200), 120.0), 2.2
     image = captured(raw, 3.0, 5)
