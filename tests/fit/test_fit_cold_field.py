@@ -10,8 +10,10 @@ from isochrome.errors import PhysicsError
 from isochrome.fit.frame_data import prepare_frame
 from isochrome.fit.frame_fit import placed
 from isochrome.fit.linear import evaluate
+from isochrome.fit.search_descent import Space
 from isochrome.fit.search_field import THETA, field_maker, theta_of, values_of
 from isochrome.fit.search_pixels import SearchPixels
+from isochrome.fit.search_pressure import pressure_table
 from isochrome.frames import Frame
 from isochrome.reference import (
     coupled_contact,
@@ -23,7 +25,7 @@ from isochrome.reference import (
 )
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulate import render, scene_states, state_difference
-from isochrome.stress import pixel_grid
+from isochrome.stress import RegularStress, pixel_grid
 from scene_texts import PAPER_CONTACT, PAPER_PAIR
 
 CAMERA = """
@@ -124,6 +126,47 @@ def test_other_contacts_are_near_the_solved_ones(text, changes, bar):
     keep = np.repeat((pixel_grid(parse_scene(text)).every(3).z_mm > 0.25)[:, None], grid.cols, 1)
     true = state_difference(scene, scene_states(scene)[-1], grid)[keep]
     assert np.abs(field - true).max() < bar * np.abs(true).max()
+
+
+def test_a_bulk_stress_that_changes_along_and_below_the_surface_is_in_the_quick_field():
+    slopes = "\nbulk_along_x_mpa_per_mm = 0.4\nbulk_along_z_mpa_per_mm = -0.7\n"
+    _, field, x, z = quick(HELD.replace("bulk_mpa = 2.0\n", "bulk_mpa = 2.0" + slopes))
+    _, even, *_ = quick(HELD)
+    # a series of analytic functions, c (x - i z): sigma_x falls with x where it grows with -tau
+    series = RegularStress((0j, complex(0.4, -0.7)))
+    assert np.real(series.difference(np.array(1.0), np.array(0.0))) == pytest.approx(0.4)
+    assert np.real(series.difference(np.array(0.0), np.array(1.0))) == pytest.approx(-0.7)
+    # single precision of some ten MPa
+    np.testing.assert_allclose(field - even, series.difference(x, z), atol=1e-4)
+
+
+def test_a_lopsided_indenters_contact_does_not_move_with_friction_as_an_even_ones(tmp_path):
+    """Where the profile itself leans, no share of the friction says how far the contact stands."""
+    x = np.linspace(-2.0, 2.0, 401)
+    gap = 1e3 * np.where(x < 0.0, x**2 / 50.0, x**2 / 150.0)
+    rows = "\n".join(f"{a},{b}" for a, b in zip(x, gap, strict=True))
+    (tmp_path / "leaning.csv").write_text("x_mm,gap_um\n" + rows + "\n", "utf-8")
+    text = SLIDING.replace("radius_mm = 24.61", 'profile = "leaning.csv"')
+    scene = parse_scene(text, folder=tmp_path)
+    moved = scene.with_values({"friction.coefficient": 0.05})
+    (state,) = scene_states(moved)[-1:]
+    left, right = state.surface.edges_mm
+    half, centre, _ = pressure_table(scene).at(np.log([44.0]), np.zeros(1), np.array([0.05]))
+    # the friction's own part is a twentieth of the half-width; the profile's, a third
+    assert half[0] == pytest.approx(0.5 * (right - left), rel=0.03)
+    assert centre[0] == pytest.approx(0.5 * (right + left), abs=0.05 * half[0])
+
+
+def test_what_friction_cannot_hold_is_not_searched():
+    free = np.array([0, 1], dtype=np.intp)
+    rows = np.array([[0.0, 0.29, 0.3, 0.0, 0.0, 0.0, 0.0], [0.0, -0.4, 0.3, 0.0, 0.0, 0.0, 0.0]])
+    held = Space(free, np.ones(7), held=True).allowed(rows.copy())
+    assert held[:, 1] == pytest.approx([0.29, -0.294])  # 98 % of what friction holds
+    assert held[:, 2] == pytest.approx([0.3, 0.3])
+    # friction that is searched for too grows with what it must hold
+    both = Space(np.array([0, 1, 2], dtype=np.intp), np.ones(7), held=True).allowed(rows.copy())
+    assert both[:, 1] == pytest.approx([0.29, -0.4])
+    assert both[1, 2] == pytest.approx(0.4 / 0.98)
 
 
 def test_a_disc_is_its_closed_form_at_any_load_and_place():

@@ -20,6 +20,7 @@ from isochrome.fit.over_distance import over_distance_figure
 from isochrome.fit.refuse import refuse_alike
 from isochrome.fit.result import make_result
 from isochrome.fit.run import fit
+from isochrome.fit.search import search_frame
 from isochrome.fit.sequence import make_sequence
 from isochrome.fit.smooth import SMOOTH_KEYS, is_explained, smooth_keys
 from isochrome.fit.starts import Minimum, SeveralStarts
@@ -203,6 +204,20 @@ def test_pixels_whose_model_is_near_black_or_white_are_left_out():
     # 3.5 standard deviations of 0.02 of the stored level, which is the root of the light
     clear = clear_of_ends(pixels, level**2, 2.0)
     np.testing.assert_array_equal(clear, np.abs(level - 0.5) < 0.5 - 0.07 - 1e-9)
+
+
+# A search that is never left out
+
+
+@pytest.mark.parametrize(("noise", "scanned"), [(3.0, False), (13.0, True)])
+def test_a_scene_is_taken_at_its_word_where_the_light_is_25_times_the_noise(noise, scanned):
+    """In more noise a wrong basin looks as good: there all loads are tried, whatever chi says."""
+    seen = scene(camera__noise_grey=noise, load__bulk_mpa=0.0)
+    frame = Frame(0, simulate(seen).frames[0], None, "frame")
+    data = prepare_frame(frame, seen, bit_depth=8)
+    found = search_frame(data, seen, (LOAD, LEFT, "load.bulk_mpa"))
+    assert found.scanned is scanned
+    assert found.minima[0].chi < 1.1
 
 
 # Frames without fringes

@@ -177,6 +177,7 @@ def test_a_cached_signal_is_the_fresh_one_whatever_came_between():
     renderer = SceneRenderer(scene, (120, 160), stride=2)
     others = [{"load.normal_n": 40.0 + k} for k in range(10)]
     others += [{"friction.coefficient": 0.1}, {"specimen.fringe_value_n_per_mm": 10.0}]
+    others += [{"camera.blur_px": 2.0}, {"camera.blur_px": 1.0}]
     others += [{"camera.left_mm": -1.2}, {"camera.left_mm": -2.0, "camera.top_mm": 0.9}]
     first = renderer.signal(scene)
     for values in others:

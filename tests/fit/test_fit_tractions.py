@@ -33,12 +33,14 @@ def lobe():
 
 def test_a_lobe_beside_the_contact_is_found_with_load_and_friction(lobe):
     view, found = lobe
-    # the bars of a frame nine times larger, and its chi: noise alone is left
+    # the bar of a frame nine times larger: over seven seeds the load errs by 0.4 to 5e-4, the
+    # tangential force by up to 5e-4; chi is 0.995 to 1.018: noise alone is left
     assert found.load_n.value == pytest.approx(view.load, rel=5e-4)
-    assert found.tangential_n.value == pytest.approx(view.tangential, rel=0.03)
+    assert found.tangential_n.value == pytest.approx(view.tangential, rel=1.2e-3)
     assert found.chi == pytest.approx(1.0, abs=0.03) and found.warnings == ()
-    # two rows at the surface are not looked at: there the steep edges of a patch are guessed
-    assert order_rms(found, view, skip=2) < 0.003
+    # two rows at the surface are not looked at: there the steep edges of a patch are guessed;
+    # 6.4e-4 to 7.6e-4
+    assert order_rms(found, view, skip=2) < 1.8e-3
 
 
 def test_the_place_and_size_of_the_lobe_are_found(lobe):
@@ -46,9 +48,11 @@ def test_the_place_and_size_of_the_lobe_are_found(lobe):
     step = np.diff(found.x_mm).min()
     beside = found.x_mm > 0.5
     load = found.pressure_mpa[beside].sum() * step * THICKNESS
+    # up to 0.5 % over seven seeds
     assert load == pytest.approx(LOBE.load, rel=0.01)
     centre = np.average(found.x_mm[beside], weights=found.pressure_mpa[beside])
-    assert centre == pytest.approx(LOBE.centre, abs=0.1 * step)  # a tenth of the nodes' spacing
+    # up to 0.02 of the nodes' spacing
+    assert centre == pytest.approx(LOBE.centre, abs=0.05 * step)
 
 
 def test_nothing_pulls_and_nothing_rubs_more_than_it_presses(lobe):
@@ -66,8 +70,9 @@ def test_pressure_is_the_true_one_within_its_uncertainty_inside_the_patches(lobe
         inside |= np.abs(found.x_mm - patch.centre) < 0.8 * patch.half_width
     error = found.pressure_mpa - view.pressure(found.x_mm)
     pulls = error[inside] / found.pressure_standard_uncertainty_mpa[inside]
-    # smooth tractions: neighbouring errors go together, and there are some ten of them
-    assert 0.3 < np.sqrt(np.mean(pulls**2)) < 2.5
+    # smooth tractions: neighbouring errors go together, and there are some ten of them; over seven
+    # seeds 0.64 to 1.14
+    assert 0.35 < np.sqrt(np.mean(pulls**2)) < 2.0
 
 
 def test_recovered_stress_is_in_equilibrium_and_carries_the_load(lobe):
@@ -78,7 +83,8 @@ def test_recovered_stress_is_in_equilibrium_and_carries_the_load(lobe):
     down = lambda s: np.gradient(s, h, axis=0)[deep, 1:-1]  # noqa: E731
     along = lambda s: np.gradient(s, h, axis=1)[deep, 1:-1]  # noqa: E731
     size = np.abs(down(stress.sigma_z)).max()
-    # central differences err by (h/z)²/6 of a derivative's own scale, 1e-4 from 40 pixels down
+    # central differences err by (h/z)²/6 of a derivative's own scale, 1e-4 from 40 pixels down, and
+    # single precision by its rounding over a pixel: 1e-3 at every seed
     assert np.abs(along(stress.sigma_x) + down(stress.tau_xz)).max() < 2e-3 * size
     assert np.abs(along(stress.tau_xz) + down(stress.sigma_z)).max() < 2e-3 * size
     # sigma_z over a level in view, and beyond it the far field of the load, 4 P z³ /(3 pi x³)
@@ -86,7 +92,7 @@ def test_recovered_stress_is_in_equilibrium_and_carries_the_load(lobe):
     half = 0.5 * view.cols * h
     beyond = 2.0 * 2.0 / np.pi * (view.load / THICKNESS) * z[row] ** 3 / (3.0 * half**3)
     carried = -stress.sigma_z[row].sum() * h + beyond
-    assert carried * THICKNESS == pytest.approx(found.load_n.value, rel=2e-3)
+    assert carried * THICKNESS == pytest.approx(found.load_n.value, rel=2e-4)  # 0.9e-4
 
 
 def test_principal_stresses_apart_are_the_closed_forms(lobe):
@@ -105,8 +111,8 @@ def test_principal_stresses_apart_are_the_closed_forms(lobe):
         ]
     )  # fmt: skip
     error = (first + second - trace)[4:]
-    # the sum of stresses leaves no fringe: it follows from the tractions alone
-    assert np.sqrt(np.mean(error**2)) < 0.05
+    # the sum of stresses leaves no fringe: it follows from the tractions alone; 1.4e-3 to 3.7e-3 MPa
+    assert np.sqrt(np.mean(error**2)) < 0.009
 
 
 def test_a_scene_without_a_contact_is_refused_before_its_frames_are_read():

@@ -7,7 +7,9 @@ from pressed import CONTACT, Pressed
 from isochrome.fit.tractions_basis import lattice_px, make_basis
 from isochrome.fit.tractions_bins import Bins, bin_averaging, make_bins
 from isochrome.fit.tractions_smooth import discrepancy_strength, smoothness
-from isochrome.fit.tractions_solve import Solution, with_signs
+from isochrome.fit.tractions_solve import Problem, Solution, with_signs
+from isochrome.fit.tractions_stage import Stage
+from isochrome.fit.tractions_told import what_to_say
 from isochrome.stress import PixelGrid
 from isochrome.stress.direct import difference_and_trace
 
@@ -137,3 +139,45 @@ def test_the_discrepancy_principle_raises_the_misfit_by_one_for_each_unknown():
     # all is positive, so that ridge regression's closed form holds
     moved = np.linalg.solve(np.eye(2 * n + 1) + strength * smooth, c) - c
     assert moved @ moved == pytest.approx(2 * n + 1, rel=1e-3)
+
+
+def stage_of(unknowns, gram, smooth, residual):
+    """A stage of three nodes, one regular mode, and as many bins as there are residuals."""
+    count = len(residual)
+    bins = bins_at(np.arange(count) // 10, np.arange(count) % 10, 1)
+    nodes = np.array([100, 102, 104])
+    basis = make_basis(bins, PIXELS, nodes, 2, limit=1.0, degree=0)
+    misfit = float(residual @ residual)
+    slope, light = np.zeros(len(unknowns)), np.ones(2)
+    solution = Solution(unknowns, misfit, smooth, gram, slope, residual, light, 1, True)
+    return Stage(Problem(bins, PIXELS, None), basis, solution)
+
+
+def test_the_covariance_is_widened_by_chi_and_knows_bounds_and_smoothness():
+    unknowns = np.array([2.0, 0.0, 1.0, 1.0, 1.0, 1.0, -3.0])
+    gram, smooth = np.array([4.0, 1.0, 2.0, 5.0, 10.0, 20.0, 8.0]), np.full(7, 4.0)
+    smooth[-1] = 0.0
+    stage = stage_of(unknowns, np.diag(gram), np.diag(smooth), np.full(50, 1.5))
+    # independent unknowns: each has chi² over what data, and smoothness, say of it
+    free = np.array([1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0])  # the second is held at none
+    assert np.diag(stage.covariance()) == pytest.approx(free * 2.25 / (gram + smooth))
+    assert np.diag(stage.covariance(bound=False)) == pytest.approx(2.25 / (gram + smooth))
+    # least squares alone; a thousandth of the smoothness holds what the data leave open
+    alone = np.diag(stage.covariance(smooth=False))
+    assert alone == pytest.approx(free * 2.25 / gram, rel=0.01)
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.0098, False), (0.0102, True)])
+def test_a_load_is_told_to_be_uncertain_from_one_per_cent(share, said):
+    one = np.ones(7)
+    stage = stage_of(one, np.eye(7), np.eye(7), np.ones(50))
+    found = what_to_say(stage, [stage], (44.0, 44.0 * share))
+    assert len(found) == said
+    assert all("the load is determined to 1.0 % only" in text for text in found)
+
+
+@pytest.mark.parametrize(("chi", "said"), [(1.02, False), (1.04, True)])
+def test_tractions_that_do_not_describe_the_frame_are_told_from_a_chi_of_1_03(chi, said):
+    stage = stage_of(np.ones(7), np.eye(7), np.eye(7), np.full(50, chi))
+    found = what_to_say(stage, [stage], (44.0, 0.01))
+    assert any(f"chi = {chi:.2f}: no tractions" in text for text in found) is said
