@@ -129,26 +129,22 @@ def test_workers_and_clusters_need_a_folder_and_frames_of_their_own(place):
         fitted(place, place / "out", follow=True, workers=2)
 
 
-def stopped(place, monkeypatch, out="out", at=6, **options):
-    """A fit that is stopped at the keyboard when it comes to a frame."""
-    row = FrameWork._row
+def stopped(place, out="out", at=6, **options):
+    """A fit that is stopped at the keyboard when so many frames are finished."""
 
-    def stop(self, index, data, last):
-        if index == at:
+    def stop(tally):
+        if tally.done == at:
             raise KeyboardInterrupt
-        return row(self, index, data, last)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(FrameWork, "_row", stop)
-        with pytest.raises(Stopped, match=rf"{at} of 10 are finished and kept in .*{out}\.partial"):
-            fitted(place, place / out, **options)
+    with pytest.raises(Stopped, match=rf"{at} of 10 are finished and kept in .*{out}\.partial"):
+        fitted(place, place / out, progress=stop, **options)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("options", [{}, {"follow": True}, {"free": (LOAD,), "per_frame": (LEFT,)}])
-def test_a_stopped_fit_goes_on_and_ends_with_the_same_bytes(place, monkeypatch, options):
+def test_a_stopped_fit_goes_on_and_ends_with_the_same_bytes(place, options):
     fitted(place, place / "whole", **options)
-    stopped(place, monkeypatch, **options)
+    stopped(place, **options)
     assert not (place / "out").exists()
     told = []
     fitted(place, place / "out", progress=told.append, **options)
@@ -158,8 +154,8 @@ def test_a_stopped_fit_goes_on_and_ends_with_the_same_bytes(place, monkeypatch, 
 
 
 @pytest.mark.long
-def test_a_changed_scene_input_or_key_is_noticed(place, monkeypatch):
-    stopped(place, monkeypatch)
+def test_a_changed_scene_input_or_key_is_noticed(place):
+    stopped(place)
     with pytest.raises(InputError, match=r"the options .* has changed; undo that"):
         fitted(place, place / "out", per_frame=(LOAD,))
     text = (place / "scene.toml").read_text("utf-8")

@@ -72,11 +72,13 @@ def test_a_place_on_a_whole_pixel_is_no_trap(rendered):
 
 def test_two_frames_share_the_wear_and_keep_their_own_friction(rendered, tmp_path):
     table = {"distance_m": [77.0, 155.0], "value": [0.22, 0.27]}
+    # the steps of the wear are the same in truth and fit: their own errors do not matter here
+    text = WORN + "\n[numerics]\ntolerance = 1e-3\n"
     path = rendered(
-        WORN, friction__coefficient=table, wear__coefficient_mm2_per_n=2.2e-9, load__normal_n=45.0
+        text, friction__coefficient=table, wear__coefficient_mm2_per_n=2.2e-9, load__normal_n=45.0
     )
     found = fit(
-        path, parse_scene(WORN), ["wear.coefficient_mm2_per_n", "load.normal_n"],
+        path, parse_scene(text), ["wear.coefficient_mm2_per_n", "load.normal_n"],
         per_frame=["friction.coefficient"], out=tmp_path / "out",
     )  # fmt: skip
     within(found.shared["wear.coefficient_mm2_per_n"], 2.2e-9)
@@ -156,7 +158,8 @@ def test_a_shifted_field_is_that_rendered_at_the_shifted_place(shift_px):
     direct, pixels = direct_signal(moved)
     deep = pixels.z_mm > 6 * 0.0125
     error = (renderer.signal(moved) - direct)[deep]
-    assert np.abs(error).max() <= 2e-3
+    # both in single precision: 3e-6 to 4e-6 of the light
+    assert np.abs(error).max() <= 1e-5
 
 
 def test_the_signal_has_no_jump_where_the_shift_passes_a_whole_pixel():
@@ -168,8 +171,8 @@ def test_the_signal_has_no_jump_where_the_shift_passes_a_whole_pixel():
             renderer.signal(scene.with_values({key: start + 0.025 * step}))[8:]
             for step in (-1e-4, 0.0, 1e-4)
         )
-        # A ten-thousandth of a pixel moves a fringe of two pixels by 3e-4 of its light.
-        assert np.abs(at - before).max() < 4e-4 and np.abs(after - at).max() < 4e-4
+        # A ten-thousandth of a pixel moves the finest fringe here by 5e-5 of its light.
+        assert np.abs(at - before).max() < 1.5e-4 and np.abs(after - at).max() < 1.5e-4
 
 
 def test_a_cached_signal_is_the_fresh_one_whatever_came_between():
@@ -184,8 +187,8 @@ def test_a_cached_signal_is_the_fresh_one_whatever_came_between():
         moved = scene.with_values(values)
         fresh = SceneRenderer(moved, (120, 160), stride=2).signal(moved)
         again = renderer.signal(moved)
-        # Two references a shift apart differ by the interpolation, near the surface most.
-        assert np.abs(again - fresh)[8:].max() < (2e-2 if "camera.left_mm" in values else 1e-6)
+        # Waves about two references a shift apart repeat elsewhere: 2e-5 to 6e-5 of the light.
+        assert np.abs(again - fresh)[8:].max() < (2e-4 if "camera.left_mm" in values else 1e-6)
     back = SceneRenderer(scene, (120, 160), stride=2)
     assert np.array_equal(back.signal(scene), first)
 

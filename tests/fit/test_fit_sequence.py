@@ -176,6 +176,7 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     load = {"distance_m": (0.0, 77.0, 155.0), "value": (42.0, 45.0, 47.0)}
     friction = {"distance_m": (0.0, 77.0, 155.0), "value": (0.15, 0.22, 0.29)}
     values = {"wear__distances_m": (0.0, 77.0, 155.0), "wear__law": "sarkar"}
+    values["numerics__tolerance"] = 1e-3  # of the wear's steps, the same in truth and fit
     truth = scene(**values, load__normal_n=load, friction__coefficient=friction)
     told = []
     found = fit(
@@ -197,14 +198,36 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     assert found.scene.friction_at(77.0) == found.frames[2][FRICTION]["value"]
 
 
-def test_frames_read_again_in_each_pass_give_the_same_fit(tmp_path, monkeypatch):
-    values = {"wear__distances_m": (31.0, 77.0), "friction__static_state_first": False}
-    path = write(tmp_path, scene(**values))
-    keys = {"free": [LOAD], "per_frame": [FRICTION]}
-    kept = fit(path, scene(**values), **keys)
-    monkeypatch.setattr("isochrome.fit.frame_set._KEPT", 0)
-    read = fit(path, scene(**values), **keys)
-    assert kept.to_json() == read.to_json()
+def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_kept(tmp_path):
+    """Of more than eight frames each pass reads the file again."""
+    size = {"camera.width_px": 80, "camera.height_px": 60, "camera.pixel_mm": 0.05}
+    small = parse_scene(PAPER_CONTACT + WORN[WORN.index("[camera]") :]).with_values(size)
+    images = np.stack(
+        [simulate(small.with_values({"camera.seed": seed})).frames[0] for seed in range(9)]
+    )
+    write_tiff(tmp_path / "film.tif", images, pixel_mm=0.05)
+    read = fit(tmp_path / "film.tif", small, [LOAD])
+    kept = fit_together(
+        [
+            prepare_frame(Frame(i, f, None, str(i)), small, bit_depth=8)
+            for i, f in enumerate(images)
+        ],
+        make_sequence(small, 9, (LOAD,), ()),
+        np.array([read.shared[LOAD]["value"]]),
+        shape=(60, 80),
+    )
+    within(read.shared[LOAD], 44.0)
+    assert read.frame_chi == pytest.approx(kept.frame_chi, rel=1e-6)
+    # from there no step is left but those below a thirtieth of a standard uncertainty
+    apart = abs(read.shared[LOAD]["value"] - kept.values[0])
+    assert apart < 0.05 * kept.standard_uncertainty[0]
+    # nine frames know a load three times better than one
+    one = fit_together(
+        [prepare_frame(Frame(0, images[0], None, "0"), small, bit_depth=8)],
+        make_sequence(small, 1, (LOAD,), ()), np.array([44.0]), shape=(60, 80),
+    )  # fmt: skip
+    ratio = one.standard_uncertainty[0] / kept.standard_uncertainty[0]
+    assert ratio == pytest.approx(3.0, rel=0.15)
 
 
 def test_a_frame_count_that_is_not_the_scenes(tmp_path):

@@ -24,22 +24,18 @@ def short_chunks(monkeypatch):
     monkeypatch.setattr(track_run, "CHUNK", 4)
 
 
-def stopped(folder, monkeypatch, scene, keys, at):
-    """A track that is stopped at the keyboard at a frame, in its third chunk of four."""
-    told = track_run._distance
+def stopped(folder, scene, keys):
+    """A track that is stopped at the keyboard when two of its chunks of four are finished."""
 
-    def stop(frame, own):
-        if frame.index == at:
+    def stop(tally):
+        if tally.done == 8:
             raise KeyboardInterrupt
-        return told(frame, own)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(track_run, "_distance", stop)
-        with pytest.raises(Stopped, match="8 of 10 are finished and kept"):
-            track(folder / "film.tif", scene, keys, out=folder / "out")
+    with pytest.raises(Stopped, match="8 of 10 are finished and kept"):
+        track(folder / "film.tif", scene, keys, out=folder / "out", progress=stop)
 
 
-def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, monkeypatch, short_chunks):
+def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, short_chunks):
     load = load_of(10)
     save(tmp_path, film(contact(), {LOAD: load}, np.random.default_rng(1)))
     path, scene = tmp_path / "film.tif", contact()
@@ -47,7 +43,7 @@ def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, monkeypa
     assert whole.searched == (0,)  # a new chunk looks near the last frame, as any other frame
     pulls = (whole.values[:, 0] - load) / whole.standard_uncertainty[:, 0]
     assert np.abs(pulls).max() < 4.0
-    stopped(tmp_path, monkeypatch, scene, (LOAD,), 9)
+    stopped(tmp_path, scene, (LOAD,))
     told = []
     track(path, scene, (LOAD,), out=tmp_path / "out", progress=told.append)
     assert told[0].before == 8
@@ -73,9 +69,7 @@ def test_a_track_is_one_processs_work(tmp_path):
 
 
 @pytest.mark.long
-def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(
-    tmp_path, monkeypatch, short_chunks
-):
+def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(tmp_path, short_chunks):
     count = 10
     distance = 40.0 + 0.5 * np.arange(count)
     table = {"distance_m": distance.tolist(), "value": load_of(count).tolist()}
@@ -89,7 +83,7 @@ def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(
     assert whole.searched == (0,)
     pulls = (whole.values[:, 0] - load_of(count)) / whole.standard_uncertainty[:, 0]
     assert np.abs(pulls).max() < 4.0
-    stopped(tmp_path, monkeypatch, begun, keys, 9)
+    stopped(tmp_path, begun, keys)
     track(tmp_path / "film.tif", begun, keys, out=tmp_path / "out")
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
