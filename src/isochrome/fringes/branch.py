@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.fringes.stray import stray_error
+
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
@@ -39,7 +41,8 @@ _ROUNDS = 4
 class OrderReading:
     """Fringe order of a frame (rows, cols); NaN where it cannot be known.
 
-    `order`, fringes; `uncertainty`, its standard uncertainty from the noise and the local misfit;
+    `order`, fringes; `uncertainty`, its standard uncertainty from the noise, the local misfit and
+    light that is not the fringes';
     `confidence`, the probability that the order is right to 0.05 fringe (0 where not known);
     `kept`, share of the specimen's pixels that are known.
     """
@@ -67,9 +70,9 @@ def read_order(
     the light's unit; `sigma`, noise of the light; `valid`, True = trusted pixels; all
     (rows, cols).
     Returns an OrderReading. A pixel is not known where it is masked, where the neighbourhood's
-    noise leaves more than 0.03 fringe, where light and model disagree by over a tenth of the
-    contrast and twice the noise, where the reading leaves its branch, or where fringes are finer
-    than four pixels.
+    noise and light that is not the fringes' leave more than 0.03 fringe, where light and model
+    disagree by over a tenth of the contrast and twice the noise, where the reading leaves its
+    branch, or where fringes are finer than four pixels.
     """
     material = np.isfinite(model_order)
     base = np.where(material, model_order, 0.0)
@@ -86,7 +89,7 @@ def read_order(
         step = np.clip(step, -BRANCH, BRANCH)
         if round_ < _ROUNDS - 1:
             smooth = smooth + step
-    shift = smooth + step
+    shift, before = smooth + step, residual
     signal = response(base + shift)
     residual = (light - background - illumination * signal) / sigma * weight
     count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
@@ -94,10 +97,11 @@ def read_order(
     spread = np.sqrt(gaussian_sum(slope * slope, _WINDOW_PX / np.sqrt(2.0))) / np.maximum(
         information, 1e-12
     )
-    uncertainty = spread * np.maximum(misfit, 1.0)
+    stray = stray_error(before, slope, gain * weight, shift=smooth)
+    uncertainty = np.hypot(spread * np.maximum(misfit, 1.0), stray)
     known = (
         (weight > 0.0)
-        & (count > 0.5 * count.max())
+        & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
         & (uncertainty < _LARGEST_UNCERTAINTY)
         & (misfit * sigma < np.maximum(_LARGEST_MISFIT * illumination, 2.0 * sigma))
         & (np.abs(shift) < BRANCH)

@@ -21,6 +21,7 @@ from isochrome.fringes.graph import Labels, expected_terms, label_patches
 from isochrome.fringes.mirrors import mend_mirrored, perhaps_mirrored
 from isochrome.fringes.patches import (
     HALF,
+    TURN,
     Array,
     Mask,
     Patches,
@@ -31,6 +32,7 @@ from isochrome.fringes.patches import (
     middles,
     offsets,
 )
+from isochrome.fringes.stray import stray_error
 
 KnownPoint = tuple[float, float, float]
 """Row and column of a pixel, and the fringe order there."""
@@ -89,7 +91,25 @@ def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint
     terms[perhaps_mirrored(patches, terms, inside)] = np.nan
     good = max(1, int((labels.part >= 0).sum()))
     anchored = float(np.isfinite(terms[..., 0]).sum() / good)
-    return FreeReading(_dense(patches, terms, valid), anchored, tuple(misses))
+    reading = _beside_stray(_dense(patches, terms, valid), wave, sigma)
+    return FreeReading(reading, anchored, tuple(misses))
+
+
+def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
+    """A reading as uncertain as light leaves it that is not the fringes', see `fringes.stray`."""
+    read = np.isfinite(reading.order)
+    order = np.where(read, reading.order, 0.0)
+    weight = np.where(read, 1.0 / sigma, 0.0)
+    residual = np.where(read, wave - np.cos(TURN * order), 0.0) * weight
+    error = stray_error(residual, -TURN * np.sin(TURN * order) * weight, -2.0 * weight)
+    uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
+    known = read & (uncertainty < _LARGEST_UNCERTAINTY)
+    return OrderReading(
+        np.where(known, reading.order, np.nan).astype(np.float32),
+        np.where(known, uncertainty, np.nan).astype(np.float32),
+        np.where(known, probability(uncertainty), 0.0).astype(np.float32),
+        reading.kept * float(known.sum() / max(1, read.sum())),
+    )
 
 
 def _coarse_to_fine(wave: Array, sigma: Array, valid: Mask) -> tuple[Patches, Labels]:
