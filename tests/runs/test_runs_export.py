@@ -200,6 +200,18 @@ def test_csv_is_the_table_of_all_but_pictures(run):
     np.testing.assert_array_equal(table["n_max_row_px"], [3.0, np.nan, 4.0, 5.0])
 
 
+def test_pictures_of_some_frames_have_their_own_labels_and_times_and_no_rows(tmp_path):
+    """Of a tracked video: every second frame has a picture here."""
+    run = write_run(tmp_path / "run", every=2)
+    (path,) = export(run, "tiff")
+    with tifffile.TiffFile(path) as tif:
+        np.testing.assert_array_equal(tif.asarray(), pictures()[::2])
+        assert tif.imagej_metadata["Labels"] == NAMES[::2]
+        assert tif.imagej_metadata["finterval"] == pytest.approx(0.2)
+    table = read_csv(*export(run, "csv"))
+    assert "key_frame" not in table and table["frame"] == [0.0, 1.0, 2.0, 3.0]
+
+
 def test_a_wrong_format_or_folder_or_a_missing_library_is_said(run, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"--to mat: .*netcdf, tiff, csv"):
         export(run, "mat")
