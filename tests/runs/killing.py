@@ -53,9 +53,9 @@ def kill(run, *, with_workers):
     run.stderr.close()
 
 
-def wait_until(happened, otherwise, *, run=None):
+def wait_until(happened, otherwise, *, run=None, seconds=NO_END_S):
     """Wait for what a run does; fail in the words of `otherwise` where it ends before, or hangs."""
-    deadline = time.monotonic() + NO_END_S
+    deadline = time.monotonic() + seconds
     while not happened():
         assert time.monotonic() < deadline and (run is None or run.poll() is None), otherwise
         time.sleep(0.01)
@@ -67,8 +67,8 @@ def children(pid):
 
 
 def wait_for_the_end_of(workers):
-    """Wait until processes are gone."""
-    wait_until(lambda: all(map(_gone, workers)), "workers outlive their run")
+    """Wait until processes are gone, which takes them a moment."""
+    wait_until(lambda: all(map(_gone, workers)), "workers outlive their run", seconds=120)
 
 
 def _gone(pid):
