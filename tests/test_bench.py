@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import csv
 import math
+import os
+import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
 
-import isochrome.bench as module
 from isochrome.bench import FitRow, FringeRow, MemoryRow, Row, TrackRow, bench, load_benchmarks
 from isochrome.contact import make_surface, solve_pressure
 from isochrome.errors import InputError
@@ -51,7 +53,7 @@ def test_papers_pressure_is_hertzs_to_its_stated_error(paper):
     got = paper.solve(elements, elements.x_mm**2 / (2 * RADIUS), LOAD, tolerance=1e-6)
     p0 = hertz_peak_pressure(LOAD, RADIUS, MODULUS)
     assert got.converged
-    assert got.pressure.max() == pytest.approx(p0, rel=1e-5)  # 4e-6 expected, in 47 iterations
+    assert got.pressure.max() == pytest.approx(p0, rel=1e-5)  # 5.4e-6, in 46 iterations
     assert got.iterations < 60
 
 
@@ -64,7 +66,7 @@ def test_papers_coupling_leans_to_the_side_of_the_closed_form(paper):
     contact = coupled_contact(LOAD, RADIUS, MODULUS, beta=dundurs_beta(*PAIR), friction=0.25)
     exact = coupled_pressure(elements.x_mm, contact)
     inside = np.abs(elements.x_mm - contact.centre_mm) < 0.8 * contact.half_width_mm
-    assert np.abs(got.pressure - exact)[inside].max() < 3e-5 * exact.max()
+    assert np.abs(got.pressure - exact)[inside].max() < 5e-6 * exact.max()  # 1.7e-6
 
 
 def test_papers_pressure_agrees_with_ours(paper):
@@ -73,8 +75,8 @@ def test_papers_pressure_agrees_with_ours(paper):
     gap = elements.x_mm**2 / (2 * RADIUS)
     theirs = paper.solve(elements, gap, LOAD, tolerance=1e-9).pressure
     assert theirs.max() == pytest.approx(
-        solve_pressure(surface, gap, LOAD).pressure.max(), rel=1e-4
-    )
+        solve_pressure(surface, gap, LOAD).pressure.max(), rel=1.5e-6
+    )  # 4.9e-7, one grid and two ways to solve it
 
 
 def test_explicit_steps_beyond_the_limit_double_the_pressure_and_nothing_warns(paper):
@@ -84,8 +86,8 @@ def test_explicit_steps_beyond_the_limit_double_the_pressure_and_nothing_warns(p
     limit = paper.explicit_limit_mm(elements.dx_mm, WEAR, MODULUS)
     (stable,) = paper.wear(elements, gap, LOAD, WEAR, [120.0], step_mm=0.25 * limit)
     (beyond,) = paper.wear(elements, gap, LOAD, WEAR, [120.0], step_mm=2.0 * limit)
-    assert beyond[0].max() > 1.8 * stable[0].max()
-    assert beyond[1].max() == pytest.approx(stable[1].max(), rel=0.1)
+    assert beyond[0].max() > 2.0 * stable[0].max()  # 2.2
+    assert beyond[1].max() == pytest.approx(stable[1].max(), rel=6e-3)  # 2e-3
 
 
 @pytest.mark.parametrize("fold", [1, 3])
@@ -98,7 +100,7 @@ def test_both_direct_sums_of_the_stress_are_the_same_sum(paper, fold):
     sums = [
         s(x, z, nodes[0], h, p, 0.25 * p) for s in (paper.stress_by_edges, paper.stress_by_lags)
     ]
-    np.testing.assert_allclose(sums[0], sums[1], atol=1e-12 * p0)
+    np.testing.assert_allclose(sums[0], sums[1], atol=4e-15 * p0)  # 1.2e-15, rounding
 
 
 @pytest.mark.long
@@ -126,22 +128,22 @@ def test_a_peer_that_is_absent_or_fails_says_so_and_ends_nothing(monkeypatch):
     rows = {row.method: row for row in peers.peers(quick=True)}
     assert rows["tamaas"].setting == "installed, but failed: AttributeError no such solver"
     assert rows["ContactMechanics"].setting == "not installed, not run"
-    assert rows["this project"].error < 1e-4 and math.isnan(rows["this project"].ratio)
+    assert rows["this project"].error < 8e-5 and math.isnan(rows["this project"].ratio)
 
 
 @pytest.mark.long
 def test_errors_of_the_quick_bench_are_what_its_cases_promise(quick):
     got, _, _ = quick
     ours = [row for row in got if row.method == "this project"]
-    assert max(row.error for row in ours if row.case.startswith("pressure")) < 1e-4
+    assert max(row.error for row in ours if row.case.startswith("pressure")) < 8e-5
     worn = {r.setting.split(":")[0]: r.error for r in ours if r.case.startswith("wear")}
-    # the tolerance on either way, and the fixed grid's error in space on 64 nodes
-    assert worn["tolerance 0.001"] < 1e-3
-    assert worn["any profile, tolerance 0.001"] < 3e-3
+    # far within the tolerance over 5 m: 6.7e-5; and the fixed grid's error in space, 4e-4
+    assert worn["tolerance 0.001"] < 2e-4
+    assert worn["any profile, tolerance 0.001"] < 1.2e-3
     exact = [row.error for row in ours if row.case.endswith("exact sum")]
-    assert exact[0] < 1e-6 and exact[1] < 1e-10  # single, double precision
+    assert exact[0] < 1.5e-7 and exact[1] < 1e-13  # single, double precision: 4.6e-8, 2.9e-14
     frames = [row.error for row in ours if row.case.startswith(("fringe frame", "optics"))]
-    assert max(frames) < 0.01  # fringes; a NaN fails too
+    assert max(frames) < 3e-4  # fringes: 9.5e-5; a NaN fails too
 
 
 @pytest.mark.long
@@ -180,11 +182,39 @@ def test_the_table_stays_readable(quick):
     assert "e+" not in text  # ratios and times are written out
 
 
-def test_without_a_clone_bench_says_where_to_run_it(monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "__file__", str(tmp_path / "a" / "b" / "bench.py"))
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match="run it from a clone"):
-        module.benchmarks_folder()
+def test_an_installed_package_finds_the_benchmarks_of_the_clone_it_is_run_from(code, tmp_path):
+    """And without a clone it says where to run it."""
+    clone = Path(__file__).parents[1]
+    words = f"""
+import os
+from isochrome.bench import benchmarks_folder
+from isochrome.errors import InputError
+os.chdir({str(clone)!r})
+print(benchmarks_folder())
+os.chdir({str(tmp_path)!r})
+try:
+    benchmarks_folder()
+except InputError as error:
+    print(error)
+"""
+    home = os.environ | {"PYTHONPATH": str(code)}
+    done = subprocess.run(
+        [sys.executable, "-c", words], env=home, capture_output=True, text=True, check=True
+    )
+    found, said = done.stdout.splitlines()
+    assert Path(found) == clone / "tests" / "benchmarks"
+    assert said.endswith("run it from a clone")
+
+
+def test_a_bench_keeps_the_rows_of_all_its_cases(monkeypatch, tmp_path):
+    cases = load_benchmarks("cases")
+    two = {name: lambda quick, name=name: [Row(name, "", "", 1e-3)] for name in ("one", "two")}
+    suite = replace(cases.SUITES["speed"], cases=lambda: two, file="both")
+    monkeypatch.setitem(cases.SUITES, "both", suite)
+    said = []
+    got = bench(suite="both", progress=said.append)
+    assert [row["case"] for row in got.rows] == said == ["one", "two"]
+    assert all(name in got.text for name in ("one", "two"))
 
 
 def test_fringes_suite_judges_a_reading_by_the_truth_and_writes_a_table_and_a_picture(
@@ -200,8 +230,9 @@ def test_fringes_suite_judges_a_reading_by_the_truth_and_writes_a_table_and_a_pi
     got = bench(tmp_path / "out", suite="fringes", quick=True)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["fringes.csv", "fringes.png"]
     arcsine, free = (FringeRow(**row) for row in got.rows)
-    # of the fringe's crests a pixel alone knows nothing, and a patch of them does
-    assert free.rms < 0.2 * arcsine.rms and free.kept > 0.9 and free.wrong == 0.0
+    # of the fringe's crests a pixel alone knows nothing, and a patch of them does: 0.116 of the
+    # arcsine's error at most in four seeds, and 0.994 of the specimen
+    assert free.rms < 0.2 * arcsine.rms and free.kept > 0.985 and free.wrong == 0.0
     assert free.right == 1.0 and math.isnan(arcsine.right) and arcsine.wrong == 0.0
     assert max(map(len, got.text.splitlines())) <= 120
 
@@ -236,9 +267,10 @@ def test_fit_suite_holds_a_fit_to_the_truth_and_writes_a_table_and_a_picture(mon
     got = bench(tmp_path / "out", suite="fit", quick=True)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["fit.csv", "fit.png"]
     load, order = (FitRow(**row) for row in got.rows)
-    assert load.error <= load.bar and order.error <= order.bar
-    # four values of one contact: their pulls' RMS is 1 to a half or so
-    assert 0.1 < load.pull < 2.5 and math.isnan(order.pull)
+    # eight seeds: 0.001 % and 8e-5 fringe at most
+    assert load.error < 0.003 < load.bar and order.error < 2.4e-4 < order.bar
+    # of four normal pulls the root mean square is 0.15 to 2.15 but twice in a thousand
+    assert 0.15 < load.pull < 2.15 and math.isnan(order.pull)
     assert load.cpu_ms > 0.0 and load.evaluations > 1.0
     assert max(map(len, got.text.splitlines())) <= 150
 
@@ -252,9 +284,9 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["track.csv", "track.png"]
     (row,) = (TrackRow(**row) for row in got.rows)
     assert (row.frames, row.workers) == (9, 1) and row.cpu_ms > 0.0 and row.frames_per_s > 0.0
-    assert 0.0 < row.reading < 0.5 and 0.0 < row.writing < 0.5
+    assert 0.0 < row.reading < 0.03 and 0.0 < row.writing < 0.03  # both up to 0.007
     # nine pulls' root mean square is 1 to a quarter or so; 5 times fewer pixels than the paper's
-    assert 0.3 < row.pull < 2.0 and row.load_error < 1e-3
+    assert 0.35 < row.pull < 1.8 and row.load_error < 2.4e-4  # 8e-5
     assert max(map(len, got.text.splitlines())) <= 110
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -15,7 +16,7 @@ from PIL import Image
 
 import isochrome.samples as samples
 from isochrome.calibrate import calibrate_bending, calibrate_disc, load_set
-from isochrome.errors import InputError
+from isochrome.demo import read_truth
 from isochrome.frames import (
     check_frames,
     estimate_noise,
@@ -38,6 +39,7 @@ from isochrome.reference import (
 )
 from isochrome.samples.bending import render_bending
 from isochrome.samples.disc import render_disc
+from isochrome.samples.sensor import write_small_tiff
 from isochrome.scene import load_scene
 
 FOLDER = samples.samples_path()
@@ -62,9 +64,12 @@ def same_image(shipped: Path, rendered: Path) -> None:
     Those digits also choose the steps of wear, which moves the edge of a worn contact a little.
     """
     if shipped.suffix == ".png":
-        one, two = (np.asarray(Image.open(p)) for p in (shipped, rendered))
+        pictures = [Image.open(p) for p in (shipped, rendered)]
+        assert pictures[0].info == pictures[1].info
+        one, two = (np.asarray(p) for p in pictures)
     else:
         one, two = (tifffile.imread(p) for p in (shipped, rendered))
+        assert read_pixel_mm(shipped) == pytest.approx(read_pixel_mm(rendered), rel=1e-9)
     assert one.shape == two.shape and one.dtype == two.dtype
     if one.dtype == np.uint8:
         assert np.abs(one.astype(int) - two.astype(int)).max() <= 1
@@ -107,6 +112,21 @@ def test_every_image_says_in_its_own_file_that_it_is_rendered():
         elif name.endswith(".tif"):
             with tifffile.TiffFile(FOLDER / name) as tif:
                 assert all("not captured" in page.description for page in tif.pages)
+
+
+def test_a_stack_is_written_with_its_scale_and_says_that_it_is_rendered(tmp_path):
+    write_small_tiff(tmp_path / "a.tif", np.zeros((2, 20, 30), np.uint8), pixel_mm=0.025)
+    assert read_pixel_mm(tmp_path / "a.tif") == pytest.approx(0.025, rel=1e-6)
+    with tifffile.TiffFile(tmp_path / "a.tif") as tif:
+        assert len(tif.pages) == 2
+        assert all("not captured" in page.description for page in tif.pages)
+
+
+def test_the_demo_is_held_against_what_was_put_in():
+    """1.015 of the nominal 44 N; one epoxy for the beam and the disc."""
+    assert read_truth(FOLDER) == {
+        "load": "44.66, rendered", "bending": "14.6, rendered", "disc": "14.6, rendered",
+    }  # fmt: skip
 
 
 def test_the_sample_images_are_at_most_six_megabytes():
@@ -276,19 +296,31 @@ def test_calibration_finds_the_true_fringe_value_within_the_images_own_uncertain
     assert 0.9 < found.chi < 1.1
 
 
-def test_samples_path_prefers_the_images_inside_an_installed_package(tmp_path, monkeypatch):
+def test_an_installed_package_has_its_own_images_or_says_in_one_sentence_that_they_are_missing(
+    code, tmp_path
+):
     package = tmp_path / "isochrome"
-    (package / "sample_images").mkdir(parents=True)
-    (package / "sample_images" / "README.md").write_text("rendered")
-    monkeypatch.setattr(samples, "__file__", str(package / "samples" / "__init__.py"))
-    assert samples.samples_path() == (package / "sample_images").resolve()
-
-
-def test_samples_path_says_in_one_sentence_that_the_images_are_missing(tmp_path, monkeypatch):
-    monkeypatch.setattr(samples, "__file__", str(tmp_path / "a" / "b" / "c" / "__init__.py"))
-    with pytest.raises(InputError, match=r"sample images are not there; install") as caught:
-        samples.samples_path()
-    assert "\n" not in str(caught.value)
+    shutil.copytree(code / "isochrome", package)
+    words = f"""
+from pathlib import Path
+from isochrome.errors import InputError
+from isochrome.samples import samples_path
+try:
+    samples_path()
+except InputError as error:
+    print(error)
+images = Path({str(package)!r}) / "sample_images"
+images.mkdir()
+(images / "README.md").write_text("rendered")
+print(samples_path())
+"""
+    home = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", words], env=home, capture_output=True, text=True, check=True
+    )
+    said, found = done.stdout.splitlines()
+    assert "sample images are not there; install" in said
+    assert Path(found) == (package / "sample_images").resolve()
 
 
 def test_a_wrong_seed_or_folder_ends_with_exit_code_2_and_leaves_nothing(tmp_path):
