@@ -185,6 +185,19 @@ def test_result_folders_become_frame_sets(tmp_path):
     assert found[2].orders.bias == pytest.approx(0.02, abs=1e-5)
 
 
+def test_off_the_specimen_a_simulated_frame_is_not_known(tmp_path):
+    """A camera sees black there, which no experiment's background need be."""
+    _, simulation = frame_sets(1)
+    order = simulation.order.copy()
+    order[:, :9] = np.nan
+    frames = np.round(255 * simulation.signal).astype(np.uint8)
+    table = {"state": [0], "distance_m": [0.0]}
+    write_result(tmp_path / "sim", "frames.tif", "history.csv", table, frames, order)
+    found = load_frame_set(tmp_path / "sim")
+    np.testing.assert_array_equal(np.isnan(found.signal), np.isnan(found.order))
+    assert np.isnan(found.signal[:, :9]).all() and np.isfinite(found.signal[:, 9:]).any()
+
+
 def test_bare_frames_are_scaled_by_the_sensors_bits(tmp_path):
     counts = np.array([[[0, 1023], [511, 256]]] * 2, dtype=np.uint16)
     write_tiff(tmp_path / "bare.tif", counts, pixel_mm=PIXEL_MM)

@@ -151,6 +151,17 @@ def test_unknown_signal_pixels_do_not_count(signal):
     assert found.rmse < 1e-12
 
 
+def test_a_part_is_as_like_as_it_is_alone():
+    """No window of the SSIM looks beyond what is known: 40 rows of 60 are those 40 by themselves."""
+    rng = np.random.default_rng(6)
+    model = rng.random((60, 50))
+    measured = model + 0.2 * rng.standard_normal(model.shape)
+    part = compare_signals(measured[:40], model[:40])
+    measured[40:] = np.nan
+    assert compare_signals(measured, model).ssim == pytest.approx(part.ssim, abs=1e-9)
+    assert part.ssim < 0.95
+
+
 def test_a_constant_image_has_no_correlation():
     found = compare_signals(np.random.default_rng(0).random((9, 9)), np.full((9, 9), 0.3))
     assert np.isnan(found.ncc)

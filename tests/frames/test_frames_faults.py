@@ -65,7 +65,9 @@ def test_all_faulty_pixels_of_the_sample_frames_are_masked_and_hardly_another():
     wanted = np.array(faults["dead_row_col"] + faults["hot_row_col"])
     row, col, radius = faults["glare_row_col_radius_px"]
     dark, bright = load_no_load(load_scene(CONTACT / "scene.toml"))
-    for frame in open_frames(CONTACT / "captured.tif"):
+    frames = list(open_frames(CONTACT / "captured.tif"))
+    assert len(frames) == 6
+    for frame in frames:
         masked = ~(to_linear(frame.image, bit_depth=8).valid & dark.valid & bright.valid)
         assert masked[tuple(wanted.T)].all()
         masked[tuple(wanted.T)] = False

@@ -373,6 +373,17 @@ def test_time_stamps_that_go_backwards_are_no_times(tmp_path, monkeypatch):
         list(open_frames(path))
 
 
+def test_a_time_stamp_that_two_frames_share_is_the_firsts(tmp_path):
+    path = FFV1(tmp_path)
+    data = bytearray(path.read_bytes())
+    place = data.find(b"\x81" + struct.pack(">h", 500))  # frame 10's, after 450 ms
+    assert place > 0
+    data[place + 1 : place + 3] = struct.pack(">h", 450)
+    path.write_bytes(data)
+    wanted = [None if i == 10 else t for i, t in enumerate(EVEN)]
+    assert [f.time_s for f in open_frames(path)] == pytest.approx(wanted, abs=1e-3)
+
+
 def test_a_playlist_in_a_videos_clothes_opens_nothing(tmp_path):
     FFV1(tmp_path)
     for text in (

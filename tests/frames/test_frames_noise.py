@@ -122,12 +122,14 @@ def mostly_at_an_end(seed, share, end):
 @pytest.mark.parametrize("share", [0.6, 0.7, 0.85])
 def test_noise_of_a_frame_that_is_mostly_black_or_white_is_that_of_its_lit_part(share, end):
     """Clipping hides noise: what lies at an end of the scale is left out."""
-    found = []
-    for seed in range(4):
-        image, lit = mostly_at_an_end(seed, share, end)
-        found.append(np.mean(estimate_noise(image).sigma(image[lit]) ** 2))
+    images = [mostly_at_an_end(seed, share, end) for seed in range(4)]
+    found = [np.mean(estimate_noise(image).sigma(image[lit]) ** 2) for image, lit in images]
     # 15 % of 32 000 pixels, in residuals that share 25 each: 4 % a frame, 2 % of four; thrice that
     assert np.sqrt(np.mean(found)) == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.06)
+    # and so at either end of the lit levels, where a line is less certain: 2 to 8 % by share and
+    # seed; a line that goes through the clipped noise is 12 to 18 % off
+    ends = np.mean([estimate_noise(image).sigma([70.0, 170.0]) for image, _ in images], axis=0)
+    assert ends == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.11)
 
 
 @pytest.mark.parametrize("gamma", [1.0, 1.4, 2.2])
@@ -154,6 +156,6 @@ def test_levels_up_to_which_clipping_reaches_are_those_of_the_sensor():
     col = np.arange(200) + np.zeros((160, 1))
     ideal = np.where(col < 80, 500 - 300 * np.cos(2 * np.pi * 0.05 * col), 1023.0)
     image = np.clip(np.round(ideal + 12.0 * rng.standard_normal(ideal.shape)), 0, 1023)
-    found = estimate_noise(image.astype(np.uint16), bit_depth=10).sigma(image[:, :80])
-    # 2 % by the count of pixels, see above; thrice that
-    assert np.sqrt(np.mean(found**2)) == pytest.approx(12.0, rel=0.06)
+    model = estimate_noise(image.astype(np.uint16), bit_depth=10)
+    # 3 % at either end of the lit levels by the count of pixels, see above; thrice that
+    assert model.sigma([250.0, 750.0]) == pytest.approx([12.0, 12.0], rel=0.09)

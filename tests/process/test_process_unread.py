@@ -14,7 +14,8 @@ from isochrome.scene import dump_scene, parse_scene
 
 SHAPE = (30, 44)
 NOTHING = "nothing could be read in any of"
-PLAIN = "[specimen]\nthickness_mm = 4.0\n"
+STEPPED = "[specimen]\nthickness_mm = 4.0\n"
+PLAIN = STEPPED + '[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
 KNOWN = PLAIN + "[[frames.known_order]]\nrow_px = 2\ncol_px = 2\norder = 0.0\n"
 
 
@@ -57,19 +58,26 @@ def test_a_track_that_never_began_is_no_result(place):
     nothing_is_left(place)
 
 
-def overexposed():
-    """A frame that is white in a third of its pixels, beyond what its fringes are read from."""
-    frame = np.random.default_rng(3).normal(120.0, 3.0, SHAPE)
-    frame[:, : SHAPE[1] // 3] = 255.0
-    return frame
+def normal(level, seed, shape=SHAPE):
+    """Noise of one grey level about a level."""
+    return np.rint(level + np.random.default_rng(seed).standard_normal(shape)).astype(np.uint8)
+
+
+@pytest.fixture
+def lit(place):
+    """No-load frames of 20 grey levels in darkness and 220 in the light, beside the film."""
+    for name, level, seed in (("dark", 20, 1), ("bright", 220, 2)):
+        tifffile.imwrite(place / f"{name}.tif", normal(level, seed), photometric="minisblack")
+    return place
 
 
 @pytest.mark.parametrize("out", ["out", None])
-def test_known_orders_that_lead_nowhere_are_no_result(place, out):
-    save(place, overexposed().astype(np.uint8)[None])
-    with pytest.raises(PhysicsError, match=rf"{NOTHING} its 1 frames \(.*saturated"):
-        process(place / "film.tif", parse_scene(KNOWN), out and place / out)
-    nothing_is_left(place)
+def test_known_orders_that_lead_nowhere_are_no_result(lit, out):
+    """Half of the light all over is a quarter of a fringe, and not the order 0 that is known."""
+    save(lit, normal(120, 3)[None])
+    with pytest.raises(PhysicsError, match=rf"{NOTHING} its 1 frames \(.*fits no fringe"):
+        process(lit / "film.tif", parse_scene(KNOWN, folder=lit), out and lit / out)
+    assert not list(lit.glob("out*"))
 
 
 def test_steps_that_show_no_order_are_no_result(place):
@@ -80,7 +88,7 @@ def test_steps_that_show_no_order_are_no_result(place):
     )
     save(place, np.random.default_rng(5).normal(120.0, 3.0, (4, *SHAPE)).astype(np.uint8))
     with pytest.raises(PhysicsError, match=f"{NOTHING} its 1 frames"):
-        process(place / "film.tif", parse_scene(PLAIN + steps), place / "out")
+        process(place / "film.tif", parse_scene(STEPPED + steps), place / "out")
     nothing_is_left(place)
 
 
@@ -92,19 +100,24 @@ def test_with_all_frames_left_out_nothing_was_read(place):
     nothing_is_left(place)
 
 
-def test_frames_of_which_no_order_was_asked_are_normalised_as_ever(place):
+def test_frames_of_which_no_order_was_asked_are_normalised_as_ever(lit):
     """Without a model, steps or a known order there is no order to be missed."""
-    save(place, overexposed().astype(np.uint8)[None])
-    found = process(place / "film.tif", parse_scene(PLAIN), place / "out")
+    save(lit, normal(120, 3)[None])
+    found = process(lit / "film.tif", parse_scene(PLAIN, folder=lit), lit / "out")
     assert len(found.table["frame"]) == 1
-    assert (place / "out" / "normalised.tif").is_file()
+    assert np.nanmean(tifffile.imread(lit / "out" / "normalised.tif")) == pytest.approx(
+        0.5, abs=0.01
+    )
 
 
-def test_one_frame_that_is_read_makes_a_result(place):
-    col = np.arange(SHAPE[1]) + np.zeros((SHAPE[0], 1))
-    fringes = 120.0 - 100.0 * np.cos(2.0 * np.pi * 2.3 * (col / SHAPE[1]) ** 1.5)
-    fringes += np.random.default_rng(4).normal(0.0, 1.0, SHAPE)
-    save(place, np.stack([overexposed(), fringes]).astype(np.uint8))
-    process(place / "film.tif", parse_scene(KNOWN), place / "out")
-    order = tifffile.imread(place / "out" / "fringe_order.tif")
-    assert np.isnan(order[0]).all() and np.isfinite(order[1]).mean() > 0.5
+def test_one_frame_that_is_read_makes_a_result(lit):
+    order = 1.4 * (np.arange(SHAPE[1]) / SHAPE[1]) ** 1.5 + np.zeros((SHAPE[0], 1))
+    fringes = normal(20.0 + 200.0 * np.sin(np.pi * order) ** 2, 4)
+    save(lit, np.stack([normal(120, 3), fringes]))
+    process(lit / "film.tif", parse_scene(KNOWN, folder=lit), lit / "out")
+    found, trust = (
+        tifffile.imread(lit / "out" / f"{n}.tif") for n in ("fringe_order", "confidence")
+    )
+    assert np.isnan(found[0]).all() and (trust[0] == 0.0).all()
+    assert np.isfinite(found[1]).mean() > 0.5
+    assert np.nanmax(np.abs(found[1] - order)) < 0.25
