@@ -41,8 +41,9 @@ def test_a_wearing_contact_is_followed_on_the_scar_of_its_own_history(tmp_path):
     result = track(tmp_path / "film.tif", start, (LOAD, FRICTION))
     assert result.searched == (0,)
     assert result.distance_m == pytest.approx(distance)
-    assert np.sqrt(np.mean((result.values[:, 0] / 44.0 - 1.0) ** 2)) < 5e-4
-    assert np.all(np.abs(result.values[:, 1] - friction) < 0.003)  # the bar of a wear sequence
+    # 0.7e-4, and 2.5e-4 at most: noise; the bars of a wear sequence are 5e-4 and 3e-3
+    assert np.sqrt(np.mean((result.values[:, 0] / 44.0 - 1.0) ** 2)) < 2e-4
+    assert np.all(np.abs(result.values[:, 1] - friction) < 7e-4)
 
 
 @pytest.mark.long
@@ -74,9 +75,11 @@ def test_a_load_that_swings_on_a_worn_scar_is_followed_with_its_uncertainty(
         LEFT: np.full(count, -1.9),
         WEAR: np.full(count, 2e-9),
     }
-    assert np.sqrt(np.mean((result.values[:, 0] / truth[LOAD] - 1.0) ** 2)) < 5e-4
+    # 0.7 to 0.9e-4 in all of these; the bar of a tracked load is 5e-4
+    assert np.sqrt(np.mean((result.values[:, 0] / truth[LOAD] - 1.0) ** 2)) < 2e-4
     found = pulls(result, truth)
-    # the RMS of n pulls scatters by 1/sqrt(2n); 0.1 is allowed for the wear's own steps
-    spread = np.sqrt(np.mean(found**2))
-    assert abs(spread - 1.0) < 0.1 + 3.5 / np.sqrt(2 * found.size)
+    # of each key in its own unit: the RMS of n pulls scatters by 1/sqrt(2n); 0.1 is allowed for the
+    # wear's own steps
+    spread = np.sqrt(np.mean(found**2, axis=0))
+    assert np.all(np.abs(spread - 1.0) < 0.1 + 3.5 / np.sqrt(2 * count))
     assert np.all(np.abs(found.mean(axis=0)) < 0.2 + 4.0 / np.sqrt(count))
