@@ -78,7 +78,7 @@ def worn(distances, coefficient=2e-9):
 def test_wear_that_a_new_contact_has_not_is_held_at_none_and_moves_nothing_else():
     """Noise alone would make this frame's scar heal; its load is what it is without any wear."""
     scene = worn([77.0], 5e-10)
-    new = scene.with_values({WEAR: 0.0, "camera.seed": 1})
+    new = scene.with_values({WEAR: 0.0, "camera.seed": 2})
     (data,) = prepared(scene, simulate(new).frames)
     unworn = fit_frame(data, scene.model_copy(update={"wear": None}), (LOAD,))
     found = fit_frame(data, scene, (LOAD, WEAR))
@@ -102,6 +102,14 @@ def test_a_stretch_in_which_nothing_is_worn_is_told_as_that():
     assert abs(first - 2e-9) < 4.0 * found.standard_uncertainty[0] < 2e-11
     # a scar does not heal: nothing below none, and none within its uncertainty
     assert 0.0 <= second < 4.0 * found.standard_uncertainty[1] < 2e-11
+
+    # at its bound it is no unknown: what is left is both frames at the end of the first stretch
+    same = worn([31.0, 31.0])
+    alone = make_sequence(same, 2, (WEAR,), ())
+    wanted = fit_together(frames, alone, np.array([1.9e-9]), shape=SHAPE)
+    assert second == 0.0
+    # two fits that end a thirtieth of a standard uncertainty from their least
+    assert abs(first - wanted.values[0]) < 0.1 * wanted.standard_uncertainty[0]
 
 
 # What a frame does not tell
