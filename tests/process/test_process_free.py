@@ -112,6 +112,28 @@ def test_an_unknown_gamma_is_found_and_reported(captured):
         assert np.isfinite(error).sum() > 0.85 * np.isfinite(true).sum()
 
 
+def test_a_frame_that_does_not_tell_gamma_says_so_and_the_others_go_on(tmp_path):
+    """Fringes of black and white alone: no gamma makes them a cosine's; 0.04 was said to."""
+    rows, cols = np.indices((120, 160), dtype=float)
+    order = cols / 23.0 + 0.004 * rows
+    light = 0.05 + 0.8 * np.sin(np.pi * order) ** 2
+    noise = 2.0 * np.random.default_rng(3).standard_normal(light.shape)
+    hard, soft = np.where(light > 0.45, 0.85, 0.05), light
+    frames = [np.rint(255.0 * each ** (1.0 / 1.4) + noise) for each in (hard, soft)]
+    tifffile.imwrite(tmp_path / "mixed.tif", np.stack(frames).astype(np.uint8))
+    level = 255.0 * np.array([0.05, 0.85]) ** (1.0 / 1.4)
+    for name, grey in zip(("no-load-dark", "no-load-bright"), level, strict=True):
+        tifffile.imwrite(tmp_path / f"{name}.tif", np.full(light.shape, grey, np.uint8))
+    seed = "[[frames.known_order]]\nrow_px = 60\ncol_px = 52\norder = 2.5\n"
+    found = processed(tmp_path, UNKNOWN + NO_LOAD + seed, "mixed.tif")
+    told = found.table["warnings"]
+    assert "gamma cannot be told" in told[0] and "state frames.gamma" in told[0]
+    assert found.frames[0].reading is None
+    assert "gamma = 1." in told[1]
+    error = np.abs(found.frames[1].reading.order - order)
+    assert np.sqrt(np.nanmean(error**2)) < 0.02 and np.isfinite(error).mean() > 0.6
+
+
 def test_a_wrong_gamma_is_told_with_what_to_set_and_costs_its_pixels(captured):
     folder, truth = captured
     right = processed(folder, SCENE + NO_LOAD + SEED)

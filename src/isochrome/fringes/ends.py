@@ -17,7 +17,7 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.fringes.branch import OrderReading, gaussian_sum, probability
 from isochrome.fringes.ends_problem import Problem
-from isochrome.fringes.ends_search import Found, search_all, tone_step
+from isochrome.fringes.ends_search import TONES, Found, search_all, tone_step
 from isochrome.fringes.patches import TURN, Array, Mask, binned
 
 _BINNINGS = (32, 16, 8, 4, 2, 1)
@@ -34,6 +34,8 @@ over the contrast; rounds; and how many pixels' worth the light counts."""
 _POOLED_PX = 3.0
 _LARGEST_UNCERTAINTY = 0.03
 _BLACK = 1e-6
+_NEAR_END = 1.1
+"""Times the least exponent, or a share of the largest: a search so near to its end was stopped."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def fit_ends(
     `sigma`, its noise (rows, cols); `valid`, True = trusted; `dark`, `bright` (rows, cols), the
     ends that no-load frames give, if any, of the same linearity.
     Returns the Ends. Raises InputError where the frame has no contrast, or no fringe that can be
-    followed, or where nothing is unknown.
+    followed, where its fringes leave the ends or the exponent open, or where nothing is unknown.
     """
     if dark is not None and bright is not None and not tone:
         raise InputError("both ends of the light are given, and nothing is left to find")
@@ -103,7 +105,7 @@ def fit_ends(
     if not tone:
         return _ends(light.shape, dark, bright, found)
     # a bin's mean is that of the light only where the light is linear: once more, nearly so
-    first = float(found.unknowns[-1])
+    first = _told_tone(float(found.unknowns[-1]))
     linear = np.maximum(light, _BLACK) ** first
     noise = first * np.maximum(light, sigma) ** (first - 1.0) * sigma
     low, high = (None if end is None else end**first for end in (dark, bright))
@@ -112,9 +114,19 @@ def fit_ends(
     done = _ends(light.shape, low, high, again)
     return replace(
         done,
-        tone=first * done.tone,
+        tone=_told_tone(first * done.tone),
         tone_uncertainty=first * done.tone_uncertainty,
         roots=(*done.roots[:-1], first * done.roots[-1]),
+    )
+
+
+def _told_tone(tone: float) -> float:
+    """A tone exponent that lies within what cameras have. Raises InputError on another one."""
+    if _NEAR_END * TONES[0] < tone < TONES[1] / _NEAR_END:
+        return tone
+    raise InputError(
+        f"gamma cannot be told from this frame: its fringes ask for {tone:.2g}, and cameras have "
+        f"{TONES[0]:g} to {TONES[1]:g}; state frames.gamma, or mask what is not the specimen"
     )
 
 

@@ -41,11 +41,15 @@ _MANY = 400
 _LEAST_PATCHES = 12
 _WORST_CHI, _LEAST_FILLED, _STEEPEST, _FAINT = 30.0, 0.5, 0.35, 0.1
 _READABLE = 0.03
-_TONES = 0.2, 5.0
+TONES = 0.2, 5.0
 _HEAVIEST = 1e2
 _LOST = 0.5
 """Difference of a patch's residual over noise, squared, that counts at most in a comparison."""
 _PIXELS = float(offsets()[2].sum())
+NOT_TOLD = (
+    "this frame's fringes do not tell its background, illumination and gamma apart: give both "
+    "no-load frames, or state frames.gamma"
+)
 _DOUBT = 40.0
 """Difference of cost, about -2 ln of the likelihood, within which two results are both possible."""
 
@@ -76,9 +80,12 @@ def search_all(problem: Problem, starts: list[Array]) -> Found:
     """The best result of several starts.
 
     Parameters: `problem`; `starts`, vectors of its unknowns. Returns the Found; another that costs
-    about the same widens its covariance. Raises InputError where no fringe can be followed.
+    about the same widens its covariance. Raises InputError where no fringe can be followed, or
+    where the fringes leave the unknowns open.
     """
-    found = [_search(problem, start) for start in starts]
+    found = [result for start in starts if (result := _tried(problem, start)) is not None]
+    if not found:
+        raise InputError(NOT_TOLD)
     best = found[0]
     for other in found[1:]:
         best = other if _dearer(best, other) > 0.0 else best
@@ -88,6 +95,16 @@ def search_all(problem: Problem, starts: list[Array]) -> Found:
             away = other.unknowns - best.unknowns
             covariance = covariance + np.outer(away, away)
     return replace(best, covariance=covariance)
+
+
+def _tried(problem: Problem, start: Array) -> Found | None:
+    """What a start leads to, None where it leads to unknowns that the fringes leave open."""
+    try:
+        found = _search(problem, start)
+    except np.linalg.LinAlgError:
+        return None
+    whole = np.isfinite(found.unknowns).all() and np.isfinite(found.covariance).all()
+    return found if whole else None
 
 
 def _dearer(one: Found, other: Found) -> float:
@@ -106,8 +123,11 @@ def tone_step(problem: Problem, unknowns: Array) -> tuple[float, float]:
     Parameters: `problem`, of unknown tone; `unknowns`, found with g held. Returns both numbers.
     """
     data, orders, _ = _fresh(problem, unknowns)
-    normal = eliminated(problem, data, unknowns, orders)
-    covariance = np.linalg.inv(normal.matrix)
+    try:
+        normal = eliminated(problem, data, unknowns, orders)
+        covariance = np.linalg.inv(normal.matrix)
+    except np.linalg.LinAlgError as error:
+        raise InputError(NOT_TOLD) from error
     return float((covariance @ normal.slope)[-1]), float(
         np.sqrt(_overlap(data) * covariance[-1, -1])
     )
@@ -166,7 +186,7 @@ def _followed(
     """Cost and place after a step, every patch going along where that is good for it."""
     new = unknowns.copy()
     new[problem.free] += step
-    if not _TONES[0] < new[-1] < _TONES[1]:
+    if not TONES[0] < new[-1] < TONES[1]:
         return np.inf, unknowns, orders, own
     along = orders + normal.pull - normal.drag @ step
     stay, go = (look(problem, data, new, tried).cost for tried in (orders, along))

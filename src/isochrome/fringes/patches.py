@@ -34,6 +34,8 @@ _ROUNDS = 8
 WORST_CHI = 1.6
 """Residual over noise from which a quadratic does not describe its patch."""
 _FLOOR = 1e-3
+_ROUNDING = 1e-6
+"""Of sums in single precision: what they are not known to, and must not make singular."""
 TURN = 2.0 * np.pi
 
 
@@ -233,6 +235,9 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
 
     def information_of(sine: Array) -> Array:
         matrix = ((weight * sine * sine) @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
+        # a patch that says much of little: in single precision the prior would be lost in it
+        matrix = matrix.astype(float)
+        matrix[:, diagonal, diagonal] *= 1.0 + _ROUNDING
         matrix[:, diagonal, diagonal] += prior + 1e-3
         return np.asarray(matrix)
 
@@ -241,7 +246,8 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
         matrix = information_of(sine)
         slope = -TURN * gain * ((weight * residual * sine) @ terms_of) - (terms - mean) * prior
         matrix[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-        new = terms + np.linalg.solve(matrix, slope[..., None])[..., 0]
+        step = np.linalg.solve(matrix, slope[..., None])[..., 0]
+        new = terms + step.astype(np.float32)
         new_cost, new_sine, new_residual = look(new)
         better = new_cost < cost
         terms = np.where(better[:, None], new, terms)
@@ -250,7 +256,7 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
         cost = np.where(better, new_cost, cost)
         damping = np.where(better, 0.2 * damping, 8.0 * damping)
     # the window's weights are no variances: those of a weighted sum are the weights' squares
-    inverse = np.linalg.inv(information_of(sine).astype(float))
+    inverse = np.linalg.inv(information_of(sine))
     squared = ((weight * sine) ** 2 @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
     squared[:, diagonal, diagonal] += prior
     covariance = inverse @ squared.astype(float) @ inverse
