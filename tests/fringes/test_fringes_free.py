@@ -105,9 +105,8 @@ def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name, seed)
 def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, shot):
     seen, light, got = reading(name, ends, **shot)
     error = errors(seen, got)
-    if not light.settled:
-        pytest.skip("the ends of the light were not found, and nothing is to be read")
-    assert error.size
+    assert light.settled
+    assert error.size > 0.3 * np.count_nonzero(seen.material)
     worst = RMS if ends == "both" else BLIND_RMS
     assert rms(error) <= worst
     assert np.mean(error > WRONG) <= (0.0 if ends == "both" else BLIND_WRONG)
@@ -299,16 +298,29 @@ def test_a_frame_smaller_than_a_patch_is_refused_with_its_size(shape):
         read_free(wave, wave + 0.03, np.ones(shape, bool), [(0, 0, 0.25)])
 
 
-@pytest.mark.parametrize("shape", [(13, 13), (20, 14), (60, 60)])
-def test_a_small_frame_is_read_or_masked(shape):
-    """Goes wrong: a binned frame that is smaller than a patch."""
+def small_frame(shape):
+    """A slanted order in a small frame, as the light shows it to a reading with one known point."""
     rows, cols = np.indices(shape)
     order = 0.2 + 0.02 * cols + 0.01 * rows
     sigma = np.full(shape, 0.03)
     wave = np.cos(2.0 * np.pi * order) + sigma * np.random.default_rng(5).normal(size=shape)
-    got = read_free(wave, sigma, np.ones(shape, bool), [(0, 0, 0.2)]).reading.order
-    assert got.shape == shape
-    assert not (np.abs(got - order) > SURE).any()
+    return order, read_free(wave, sigma, np.ones(shape, bool), [(0, 0, 0.2)])
+
+
+@pytest.mark.parametrize(("shape", "kept"), [((24, 24), 0.5), ((40, 30), 0.6), ((60, 60), 0.8)])
+def test_a_small_frame_is_read(shape, kept):
+    """Goes wrong: a binned frame that is smaller than a patch."""
+    order, got = small_frame(shape)
+    error = np.abs(got.reading.order - order)
+    assert np.isfinite(error).mean() > kept and not got.misses
+    assert np.nanmax(error) < SURE
+
+
+@pytest.mark.parametrize("shape", [(13, 13), (20, 14)])
+def test_a_frame_of_fewer_patches_than_a_part_needs_is_a_miss(shape):
+    _, got = small_frame(shape)
+    assert got.reading.order.shape == shape
+    assert not np.isfinite(got.reading.order).any() and got.misses == ((0, 0, 0.2),)
 
 
 def test_a_known_point_outside_the_frame_is_a_miss():
