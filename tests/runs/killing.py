@@ -67,8 +67,13 @@ def children(pid):
 
 
 def wait_for_the_end_of(workers):
-    """Wait until processes are gone, which takes them a moment."""
-    wait_until(lambda: all(map(_gone, workers)), "workers outlive their run", seconds=120)
+    """Wait until processes are gone, which takes them a moment; those that stay are killed."""
+    try:
+        wait_until(lambda: all(map(_gone, workers)), "workers outlive their run", seconds=120)
+    finally:
+        for worker in workers:
+            if not _gone(worker):
+                os.kill(worker, signal.SIGKILL)
 
 
 def _gone(pid):
