@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from isochrome.fit import (
     IntensityFit,
+    Minimum,
     SeveralStarts,
     fit_intensity,
     polynomial_basis,
@@ -19,6 +20,9 @@ from isochrome.fit import (
 from isochrome.fit.intensity import Response
 
 Array = NDArray[np.float64]
+
+NEAR = 1.3
+"""Part of the best chi within which another minimum may be its rival under more unknowns."""
 
 DEGREES = ((2, 1), (4, 2))
 """Degrees of illumination and background that are tried, fewest unknowns first."""
@@ -58,8 +62,28 @@ def smooth_starts(
         gain = pixels * (found.best.chi**2 / max(fit.chi, 1e-12) ** 2 - 1.0)
         if not fit.positive or gain < more * np.log(pixels):
             break
-        found = replace(found, best=fit)
+        found = _with_rivals(found, fit, image, response, many, common)
     return found
+
+
+def _with_rivals(
+    few: SeveralStarts,
+    best: IntensityFit,
+    image: Array,
+    response: Response,
+    maps: dict[str, Any],
+    common: dict[str, Any],
+) -> SeveralStarts:
+    """The minima under more unknowns of light, so that their chi can be held against the best's.
+
+    Those that were far from the best under fewer unknowns stay as they are: far.
+    """
+    near = [m for m in few.others if m.chi < NEAR * few.best.chi]
+    far = [m for m in few.others if m.chi >= NEAR * few.best.chi]
+    fits = [best, *(fit_intensity(image, response, m.values, **maps, **common) for m in near)]
+    first, *rest = sorted(fits, key=lambda f: f.chi if f.positive else np.inf)
+    again = [Minimum(f.values, f.chi if f.positive else np.inf) for f in rest]
+    return replace(few, best=first, others=(*again, *far))
 
 
 def degrees_of(light: ArrayLike | None) -> tuple[tuple[int, int], ...]:
