@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.calibrate import calibrate_colour, save_colour_calibration
+from isochrome.calibrate import ColourSet, calibrate_colour, save_colour_calibration
+from isochrome.calibrate.colour import check_light
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fringes.colour_file import read_table
+from isochrome.fringes.colour_own import OwnLight
 from isochrome.optics import camera_response, expose
 from isochrome.output import write_csv, write_tiff
 from isochrome.process import process
@@ -212,6 +214,30 @@ def test_an_incomplete_set_is_refused(beam, old, new, words):
     (place / "bad.toml").write_text((place / "set.toml").read_text().replace(old, new))
     with pytest.raises(InputError, match=words):
         calibrate_colour(place / "bad.toml")
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        ({"strange": 0.04}, "4.0 % of the pixels are off the table"),
+        ({"torn": 0.04}, "jumps beside 4.0 %"),
+        ({"moved": 0.06}, "moved the table by 0.060"),
+        ({"highest": 1.1}, "reach N = 1.10, and 1.2 at least"),
+        ({}, None),
+    ],
+)
+def test_a_light_that_was_not_found_is_refused_whatever_shows_it(found, words):
+    """One sign is enough; each of the shares here is a little over what is let pass, or below."""
+    fields = dict.fromkeys(OwnLight.__dataclass_fields__, np.zeros(0))
+    fields |= {"strange": 0.02, "torn": 0.02, "moved": 0.04, "highest": 1.3} | found
+    given = ColourSet(
+        polariscope={"wavelength_nm": 540.0, "light": "white"}, image=[{"file": "a.tif"}]
+    )
+    if words is None:
+        check_light(OwnLight(**fields), given)
+    else:
+        with pytest.raises(PhysicsError, match=f"light was not found: .*{words}"):
+            check_light(OwnLight(**fields), given)
 
 
 def table_with(**changes):

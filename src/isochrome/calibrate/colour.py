@@ -105,7 +105,7 @@ def calibrate_colour(source: str | Path | ColourSet) -> ColourCalibration:
         bright_field=given.polariscope.field == "bright",
         highest_order=given.highest_order,
     )
-    _check(light, given)
+    check_light(light, given)
     return _of_light(light, given, shots, depth)
 
 
@@ -140,8 +140,8 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
     )  # fmt: skip
 
 
-def _check(light: OwnLight, given: ColourSet) -> None:
-    """Refuse a light that was not found."""
+def check_light(light: OwnLight, given: ColourSet) -> None:
+    """Refuse a light that was not found: raises PhysicsError that says by what it shows."""
     what = f"{given.name}: the colours' light was not found: "
     advice = "give images up to N = 2 or more, no-load frames, a mask of the specimen, or [beam]"
     if light.highest < LEAST_ORDER:
