@@ -12,6 +12,7 @@ from isochrome.calibrate.disc_residual import NONE
 from isochrome.calibrate.disc_restarts import through_origin
 from isochrome.calibrate.disc_rise import fit_rise
 from isochrome.calibrate.disc_starts import Scan, choose_orders
+from isochrome.calibrate.disc_together import fit_together
 from isochrome.calibrate.rim import Circle
 from isochrome.calibrate.rise import Rise, overlay
 from isochrome.errors import PhysicsError
@@ -81,6 +82,15 @@ def test_a_search_with_residual_stress_starts_in_proportion_to_the_loads():
     moved = through_origin(shots, own)
     assert moved[:, 0] == pytest.approx((1.0, 2.0, 3.0))
     np.testing.assert_array_equal(moved[:, 1:], own[:, 1:])
+
+
+def test_a_tone_curve_is_not_taken_for_residual_stress(disc_frame):
+    """A residual that takes away less than half of the misfit is not believed."""
+    rng = np.random.default_rng(0)
+    centres = (1.8, 2.6, 3.4)
+    images = [disc_frame(n, rng, gamma=1.3, **SMALL) for n in centres]
+    shots = as_shots(images, disc_load(np.array(centres)))
+    assert fit_together(shots, placed(centres)) is None
 
 
 @pytest.mark.parametrize(
