@@ -152,7 +152,7 @@ def test_unknown_signal_pixels_do_not_count(signal):
 
 
 def test_a_part_is_as_like_as_it_is_alone():
-    """No window of the SSIM looks beyond what is known: 40 rows of 60 are those 40 by themselves."""
+    """No window of the SSIM looks beyond what is known: 40 rows of 60 are as those 40 alone."""
     rng = np.random.default_rng(6)
     model = rng.random((60, 50))
     measured = model + 0.2 * rng.standard_normal(model.shape)

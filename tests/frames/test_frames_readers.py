@@ -320,6 +320,17 @@ def test_truncated_file_is_refused_and_never_read_in_part(tmp_path, capfd, name,
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "bmp", "png"])
+@pytest.mark.parametrize("how", [{"tile": (16, 16)}, {"compression": "zlib", "rowsperstrip": 4}])
+def test_a_stack_cut_by_a_byte_is_said_to_be_truncated(tmp_path, how):
+    """Its head is whole and its last frame is not: the user is told what happened to the file."""
+    path = tmp_path / "t.tif"
+    frames = np.random.default_rng(0).integers(1, 255, (3, 40, 60)).astype(np.uint8)
+    tifffile.imwrite(path, frames, photometric="minisblack", metadata=None, **how)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(InputError, match=r"frame 2 ends at byte \d+ .*truncated; copy it again"):
+        list(open_frames(path))
+
+
 def test_truncated_image_is_refused(tmp_path, suffix):
     path = tmp_path / f"x.{suffix}"
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (90, 90), np.uint8)).save(path)
