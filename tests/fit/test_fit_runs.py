@@ -182,7 +182,7 @@ def test_two_workers_leave_the_same_files(place, options):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_cluster_leaves_the_same_files(place, monkeypatch):
-    distributed = pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed", reason="needs isochrome[cluster]")
     monkeypatch.chdir(place)
     fit("film.tif", "scene.toml", (), per_frame=(LOAD,), out="one")
     with distributed.LocalCluster(
