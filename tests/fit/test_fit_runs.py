@@ -68,7 +68,7 @@ def fitted(place, out, **options):
 
 
 def test_frames_that_share_nothing_are_fitted_as_each_is_alone(tmp_path):
-    place = make_set(tmp_path, 3)
+    place = make_set(tmp_path, 2)
     found = fitted(place, tmp_path / "out")
     assert found.chi == pytest.approx(1.0, abs=0.03) and found.warnings == ()
     one = fit(place / "film.tif", place / "scene.toml", (), per_frame=(LOAD, LEFT))
