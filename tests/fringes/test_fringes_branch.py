@@ -198,3 +198,19 @@ def test_without_a_model_a_glare_is_covered_too(name, size):
 
     ratios, share = beside_glares(free, order, 12.0, size)
     assert rms(ratios) < 1.5 and share > 0.5
+
+
+def test_light_that_is_not_the_models_is_not_known():
+    """A sheet before a part of the specimen: its light is even, and no order explains it."""
+    order = ramp(0.09)
+    light = captured(order)
+    light[60:100, 80:130] = 0.4
+    got = read(light, order)
+    assert not np.isfinite(got.order[66:94, 86:124]).any()
+    assert np.isfinite(got.order[:50]).mean() > 0.999  # all but the corners
+
+
+def test_the_order_is_as_uncertain_as_the_light_scatters_not_as_was_stated():
+    order = ramp(0.09)
+    got = read(captured(order), order, sigma=np.full(SHAPE, 0.5 * SIGMA))
+    assert 0.85 < rms(pulls(got, order)) < 1.15

@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from isochrome.errors import InputError
-from isochrome.fringes.absolute import balance, unwrap
+from isochrome.fringes.absolute import Balance, balance, unwrap
 from isochrome.fringes.step_light import fill_gaps
 from isochrome.fringes.stepped import read_steps
 from isochrome.fringes.steps import make_design, solve_steps
@@ -344,6 +344,30 @@ def test_equilibrium_gives_the_whole_number_of_a_disc(wrong):
     assert found.whole == wrong
     flipped = balance(-turns, -twice, inside, spread=np.full(inside.shape, 1e-3))
     assert flipped.number == pytest.approx(-wrong, abs=0.05)  # the same n
+
+
+@pytest.mark.parametrize(
+    ("number", "uncertainty", "whole"),
+    # 0.3 of a fringe is the most that distance and twice the uncertainty may be together
+    [(2.0, 0.1, 2), (1.9, 0.08, 2), (-3.0, 0.14, -3), (2.0, 0.2, None), (1.75, 0.05, None)],
+)
+def test_a_whole_number_is_left_open_where_it_is_uncertain(number, uncertainty, whole):
+    assert Balance(number, uncertainty).whole == whole
+
+
+def test_the_uncertainty_of_a_parts_number_covers_its_error():
+    """A disc's direction under noise: the number that equilibrium gives, over twelve seeds."""
+    field, inside = disc_field(240, 240, 105.0)
+    size = np.maximum(np.abs(field), 1e-12)
+    noise, pulls = 0.1, []
+    for seed in range(12):
+        turn = noise * np.random.default_rng(seed).standard_normal(field.shape)
+        twice = np.where(inside, field / size * np.exp(1j * turn), 0.0)
+        spread = np.full(inside.shape, noise)
+        found = balance(np.abs(field) - 2.0, twice, inside, spread=spread)
+        pulls.append((found.number - 2.0) / found.standard_uncertainty)
+    # 0.28: on the safe side, as the misfit of blocks at the edge is counted as noise
+    assert 0.1 < np.sqrt(np.mean(np.square(pulls))) < 0.9, pulls
 
 
 def test_equilibrium_does_not_pretend_where_the_direction_does_not_vary():
