@@ -209,6 +209,15 @@ def test_one_saturated_channel_leaves_the_other_two():
     meets_the_bar(lit.read(), shot.order, kept=0.95)
 
 
+def test_one_channel_alone_tells_no_order():
+    shot = rendered("contact", mu=0.3)
+    over = shot.frame.copy()
+    over[60:120, 80:200, :2] = 255  # red and green are saturated there
+    got = Shot(over, shot.dark, shot.bright, shot.order, shot.table, shot.noise, 1.0).read()
+    assert not np.isfinite(got.order[62:118, 82:198]).any()
+    assert np.isfinite(got.order[130:]).mean() > 0.95
+
+
 def test_confidence_is_the_share_that_is_right():
     """Of the pixels said to be 95 % sure, 95 % are right to 0.05 fringe; so are the less sure."""
     said, right = [], []

@@ -131,6 +131,32 @@ def test_a_reading_grows_as_uncertain_as_the_signal():
     assert not np.isfinite(widened(sure, 0.2 * ones).order).any()  # 0.06 fringe and more
 
 
+def ramped(seed, gamma, shape=(110, 130), noise=0.01):
+    """Slanted fringes of a camera's tone curve, and their ends: closed form."""
+    rows, cols = np.indices(shape, dtype=float)
+    signal = np.sin(np.pi * (cols / 17.0 + 0.006 * rows)) ** 2
+    light = (0.05 + 0.8 * signal) ** (1.0 / gamma)
+    light = light + noise * np.random.default_rng(seed).standard_normal(shape)
+    low, high = (np.full(shape, end ** (1.0 / gamma)) for end in (0.05, 0.85))
+    sigma, valid = np.full(shape, noise), np.ones(shape, bool)
+    return signal, light, fit_ends(light, sigma, valid, dark=low, bright=high, tone=True)
+
+
+def test_a_found_gamma_and_its_signal_are_as_uncertain_as_they_scatter():
+    """Over eight seeds: gamma's pulls, and the signal's error by it half-way between the ends."""
+    pulls, moved = [], []
+    for seed in range(8):
+        _, _, found = ramped(seed, 1.4)
+        pulls.append((found.tone - 1.4) / found.tone_uncertainty)
+        level = np.full((110, 130), 0.45 ** (1.0 / 1.4))
+        low, high = found.dark, found.bright
+        error = (level**found.tone - low) / (high - low) - 0.5
+        moved.append(float((np.abs(error) / found.signal_uncertainty(level)).max()))
+    # eight pulls' RMS lies within 0.45 to 1.6 in 99 of 100
+    assert 0.4 < np.sqrt(np.mean(np.square(pulls))) < 1.6, pulls
+    assert 0.4 < np.sqrt(np.mean(np.square(moved))) < 1.6, moved
+
+
 def test_light_without_contrast_is_refused():
     flat = np.full((160, 220), 0.5)
     with pytest.raises(InputError, match="no contrast"):

@@ -422,6 +422,20 @@ def test_a_known_order_outside_the_specimen_is_said():
     assert found.parts[0].source == "equilibrium"
 
 
+def test_a_model_that_singles_out_no_whole_number_gives_none():
+    """A ramp of orders, and a model that is half a fringe off: m and m + 1 are as likely."""
+    from isochrome.fringes.isoclinic import Direction
+
+    order = np.tile(np.linspace(2.0, 6.0, 200), (150, 1))
+    still, ones = np.full(order.shape, 1e-3), np.ones(order.shape)
+    direction = Direction(ones.astype(complex), still, still, ones, still)
+    known = np.ones(order.shape, bool)
+    for off, source in ((0.1, "model"), (0.5, "none")):
+        _, parts, notes = settle(order - 3.0, direction, known, model=lambda away=off: order + away)
+        assert parts[0].source == source and notes
+        assert parts[0].number == (3 if source == "model" else None)
+
+
 def test_unwrapping_leaves_out_what_is_not_a_number():
     rows, cols = np.mgrid[:60, :80]
     true = 0.31 * cols + 0.12 * rows

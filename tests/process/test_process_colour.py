@@ -103,6 +103,18 @@ def test_colour_needs_no_model(folder):
     assert np.isfinite(found.frames[0].reading.order).mean() > 0.95
 
 
+def test_a_pixel_that_is_saturated_in_a_no_load_frame_is_not_used(folder, tmp_path):
+    write_tiff(tmp_path / "one.tif", tifffile.imread(folder / "frames.tif")[1:], photometric="rgb")
+    write_tiff(tmp_path / "dark.tif", tifffile.imread(folder / "dark.tif")[None], photometric="rgb")
+    bright = tifffile.imread(folder / "bright.tif").copy()
+    bright[150:170, 100:140] = 255
+    write_tiff(tmp_path / "bright.tif", bright[None], photometric="rgb")
+    text = (SCENE + NO_LOAD).replace("[0.0, 77.0]", "[77.0]")
+    (item,) = process(tmp_path / "one.tif", in_folder(text, tmp_path)).frames
+    known = np.isfinite(item.reading.order)
+    assert not known[151:169, 101:139].any() and known[180:].mean() > 0.95
+
+
 def test_a_mask_of_the_specimen_is_kept_to(folder):
     corners = "[[60.0, 50.0], [60.0, 250.0], [200.0, 250.0], [200.0, 50.0]]"
     text = SCENE + NO_LOAD + f"polygon_px = {corners}\n"

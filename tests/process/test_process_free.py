@@ -87,6 +87,19 @@ def test_a_frames_result_does_not_depend_on_the_others_or_their_order(captured):
         np.testing.assert_array_equal(a.reading.order, b.reading.order)
 
 
+def test_a_frame_without_an_order_has_no_confidence(captured, tmp_path):
+    """A flat frame: its maps are written all the same."""
+    folder, _ = captured
+    tifffile.imwrite(folder / "flat.tif", np.full((1, 250, 200), 90, np.uint8))
+    scene = folder / "scene.toml"
+    scene.write_text(SCENE + SEED, encoding="utf-8")
+    process(folder / "flat.tif", scene, tmp_path / "out")
+    order, sure = (
+        tifffile.imread(tmp_path / "out" / f"{name}.tif") for name in ("fringe_order", "confidence")
+    )
+    assert not np.isfinite(order).any() and (sure == 0.0).all()
+
+
 def test_a_known_order_that_fits_no_fringe_is_told_and_nothing_is_read(captured):
     """The light there says 0.32, 0.68, 1.32, …: 1.0 is none of them, whatever the branch."""
     folder, truth = captured
