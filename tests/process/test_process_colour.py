@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 import tifffile
@@ -55,9 +57,15 @@ def in_folder(text, folder):
     return parse_scene(text, name="mine").model_copy(update={"folder": folder})
 
 
+@lru_cache
+def processed(folder, keys):
+    """What is found in the frames with some keys of [frames]; several tests look at the same."""
+    return process(folder / "frames.tif", in_folder(SCENE + keys, folder))
+
+
 @pytest.mark.parametrize("keys", [NO_LOAD, ""])
 def test_colour_frames_are_read_to_the_bar(folder, keys):
-    found = process(folder / "frames.tif", in_folder(SCENE + keys, folder))
+    found = processed(folder, keys)
     true = np.load(folder / "order.npy")
     assert found.fitted is None
     assert found.table["label"] == ["initial sliding", "77 m"]
@@ -74,7 +82,7 @@ def test_colour_frames_are_read_to_the_bar(folder, keys):
 
 
 def test_a_frame_is_read_alike_alone_and_among_others(folder, tmp_path):
-    both = process(folder / "frames.tif", in_folder(SCENE + NO_LOAD, folder)).frames
+    both = processed(folder, NO_LOAD).frames
     write_tiff(tmp_path / "one.tif", tifffile.imread(folder / "frames.tif")[1:], photometric="rgb")
     text = (SCENE + NO_LOAD).replace("[0.0, 77.0]", "[77.0]")
     (alone,) = process(tmp_path / "one.tif", in_folder(text, folder)).frames

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 import tifffile
@@ -40,7 +42,9 @@ def captured(tmp_path_factory, request):
     return folder, truth
 
 
+@lru_cache
 def processed(folder, text, frames="captured.tif"):
+    """What is found in frames with a scene; several tests look at the same."""
     scene = folder / "scene.toml"
     scene.write_text(text, encoding="utf-8")
     return process(folder / frames, scene)
