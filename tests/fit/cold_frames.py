@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -45,6 +46,7 @@ def photographed(scene: Scene) -> tuple[np.ndarray, float]:
     return shot.frames[0], float(np.nanpercentile(shot.picture.order, 99.5))
 
 
+@lru_cache(maxsize=2)  # several tests look at one case, and none changes it
 def random_case(kind: str, seed: int, *, factors: tuple[float, float] = (0.25, 4.0)) -> Case:
     """A contact that a laboratory might have, of order 1 to 8, with all but its bodies unknown.
 
