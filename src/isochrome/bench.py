@@ -2,7 +2,9 @@
 
 A second suite, `fringes`, holds every way to the fringe order against frames whose order is known;
 a third, `fit`, what a fit finds in frames, and what that costs, against the truth; a fourth,
-`track`, how many frames a second of a video `process --track` does.
+`track`, how many frames a second of a video `process --track` does; `memory`, the peak memory of
+long runs; `tolerance`, whether 300 random courses of load, friction and wear are within the
+tolerance that their scenes ask for.
 
 The cases live with the tests, in `tests/benchmarks` of the repository, so that the rival's code is
 there to be read and no part of the installed package. Ratios within one run are the claim, times
@@ -123,6 +125,23 @@ class MemoryRow:
 
 
 @dataclass(frozen=True)
+class ToleranceRow:
+    """One random course, its largest pressures and depths beside a run at a hundredth.
+
+    `seed` and `course`, in words; `tolerance`; the largest errors of `p_max` and `depth` over its
+    states, each over the tolerance; `refused`, the sentence, or nothing; `seconds`, processor time.
+    """
+
+    seed: int
+    course: str
+    tolerance: float
+    p_max: float
+    depth: float
+    refused: str
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Bench:
     """What a run gave: `rows`, each a Row's fields by name, and `text`, the table to be read."""
 
@@ -141,8 +160,8 @@ def bench(
 
     Parameters: `out`, a folder for the table and the figure, bench.csv and bench.png, of the other
     suites by their own name, as fit.csv and fit.png (None: nothing is written); `suite`, 'speed',
-    'fringes', 'fit', 'track' or 'memory'; `quick`, tiny cases that only show that everything runs;
-    `progress`, called with the name of each case as it begins.
+    'fringes', 'fit', 'track', 'memory' or 'tolerance'; `quick`, tiny cases that only show that
+    everything runs; `progress`, called with the name of each case as it begins.
     Returns a Bench. Raises InputError where the benchmarks are not there, or have no such suite.
     """
     suites = load_benchmarks("cases").SUITES

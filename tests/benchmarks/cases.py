@@ -13,12 +13,14 @@ from . import (
     case_peers,
     case_pressure,
     case_stress,
+    case_tolerance,
     case_track,
     case_wear,
     report,
     report_fit,
     report_fringes,
     report_memory,
+    report_tolerance,
     report_track,
 )
 
@@ -48,4 +50,7 @@ SUITES = {
     "fit": Suite(case_fit.cases, "fit", report_fit.table, report_fit.figure),
     "track": Suite(case_track.cases, "track", report_track.table, report_track.figure),
     "memory": Suite(case_memory.cases, "memory", report_memory.table, report_memory.figure),
+    "tolerance": Suite(
+        case_tolerance.cases, "tolerance", report_tolerance.table, report_tolerance.figure
+    ),
 }

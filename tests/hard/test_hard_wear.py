@@ -251,8 +251,12 @@ def test_reversed_friction_wears_as_brute_force_says():
     x = states[0].grid.x_mm
     truth = brute_force(x, distances, pair_modulus(), table=([0, 120, 233], [0.25, 0.25, -0.25]))
     for state, (p, depth) in zip(states, truth, strict=True):
-        # Euler's first-order error at 4000 steps is some 1e-4; an edge node may err by its p
-        assert np.abs(state.wear_depth_mm - depth).max() < 2e-3 * depth.max()
+        # Euler's first-order error at 4000 steps is some 1e-4; 4e-4 is measured, and 2e-3 on a node
+        # beside an edge, of which the brute force knows no more than between which nodes it lies
+        error = np.abs(state.wear_depth_mm - depth) / depth.max()
+        left, right = state.edges_mm
+        assert error[(x > left + 0.03) & (x < right - 0.03)].max() < 1e-3
+        assert error.max() < 3e-3
         middle = np.abs(x) < 0.25
         assert np.abs(state.pressure_mpa - p)[middle].max() < 2e-3 * p.max()
     lean = states[1].wear_depth_mm - states[1].wear_depth_mm[::-1]

@@ -228,7 +228,10 @@ def check(
 @app.command()
 def bench(
     suite: Annotated[
-        str, typer.Argument(help="speed; fringes, every way to the order; fit; track; or memory.")
+        str,
+        typer.Argument(
+            help="speed; fringes, every way to the order; fit; track; memory; or tolerance."
+        ),
     ] = "speed",
     out: Out = Path("isochrome-bench"),
     as_json: Json = False,

@@ -20,11 +20,13 @@ Value = TypeVar("Value", float, Floats)
 
 _SAME_DRIVE = 1e-6
 """Relative difference of load or friction at one dose that is no jump."""
+_NO_DRIVE = 1e-12
+"""Friction that is none: rounding, where it changes its sign."""
 
 
 def same_drive(one: tuple[float, float], other: tuple[float, float]) -> bool:
     """Whether two pairs of line load and mu are the same, to 1e-6 of each."""
-    return bool(np.allclose(one, other, _SAME_DRIVE, 0.0))
+    return bool(np.allclose(one, other, _SAME_DRIVE, _NO_DRIVE))
 
 
 @dataclass(frozen=True)
@@ -55,10 +57,10 @@ class Course:
         rest = self.breaks_mm_per_mpa[int(later) :]
         return rest[0] if rest else float("inf")
 
-    def first_jump(self) -> float:
-        """The first dose beyond zero at which load or friction jump (mm/MPa), or infinity."""
+    def next_jump(self, dose_mm_per_mpa: float) -> float:
+        """The first dose beyond this at which load or friction jump (mm/MPa), or infinity."""
         for dose in self.breaks_mm_per_mpa:
-            if not same_drive(self.leaving(dose), self.at(dose)):
+            if dose > dose_mm_per_mpa and not same_drive(self.leaving(dose), self.at(dose)):
                 return dose
         return float("inf")
 
@@ -123,6 +125,8 @@ def wear_course(scene: Scene) -> tuple[Course, list[Stop]]:
 
     kinks = kinks_of(scene, float(asked.max()))
     s = sampled(scene, rate, kinks)
+    if any(np.ptp(values(s)) > 0.0 for values in (scene.load_at, scene.friction_at)):
+        s = np.union1d(s, asked)  # a state has the course's load there, not nearly
     dose = np.concatenate([[0.0], np.cumsum(integral(rate, s[:-1], s[1:]))])
     below = np.searchsorted(s, asked, side="right") - 1
     doses = dose[below] + integral(rate, s[below], asked)

@@ -5,7 +5,7 @@ In the frame ξ that moves with the edges, x = m + b ξ,
     ∂h/∂K = p + (m' + b' ξ)/b ∂h/∂ξ,    b A p + h + x²/2 = d,    b ∫ p dξ = (π/2) P'/P'_0,
 
 with x in a, p in p0, h in a²/R and K in a²/(R p0) of the first load, where only mu beta is left of
-friction and materials: A p = Σ (c_k/k) cos kθ - mu beta ∫_ξ^1 p (see `contact.mesh`).
+friction and materials: A p = -(1/π) ∫ p ln|ξ-t| dt - mu beta ∫_ξ^1 p (see `contact.mesh`).
 Sources: Archard (1953), J. Appl. Phys. 24, 981; Johnson (1985), Contact Mechanics, sections 2.4,
 4.2 and 5.4, written in that frame.
 """
@@ -66,7 +66,8 @@ class ScarEquations:
         """
         load, a = self._driven(*self.course.leaving(0.0))
         xi, n = self.mesh.xi, len(self.mesh.xi) - 2
-        y = np.r_[np.sin(self.mesh.theta[1:-1]), 0.0, 1.0, 0.5]
+        y = np.r_[np.sqrt(1.0 - xi[1:-1] ** 2), 0.0, 1.0, 0.5]
+        scale = np.r_[self.mesh.total, np.ones(3)]  # p counts by its load: rounding at an edge
         for _ in range(_NEWTON):
             p, (m, b, d) = y[:n], y[n:]
             x, u = m + b * xi, a @ p
@@ -77,7 +78,7 @@ class ScarEquations:
             residual[-1] -= load
             change = lapack.dgesv(jacobian, -residual)[2]
             y = y + change
-            if np.abs(change).max() < _CLOSE:
+            if np.abs(scale * change).max() < _CLOSE:
                 return Point(0.0, np.r_[np.zeros(n), y[n:]], y[:n])
         raise PhysicsError("the unworn contact did not converge; lower friction.coefficient")
 

@@ -42,6 +42,9 @@ _APPROACH, _SETTLE = 0.6, 0.05
 """Steps shorten towards a dose that is asked for, to this share of what is left, until what is left
 is this share of the dose in which the shortest wave of depth relaxes. A long step leaves too much
 depth on the nodes that the edge of the contact passed in it, and so a spike of pressure there."""
+_CAREFUL = 3.0
+"""Over the root of the tolerance: share of what is left towards a jump of load or friction. A
+contact that grows there finds each node by itself where the edge was, and not the mean of many."""
 
 _SAME = 1e-12
 """Doses nearer than this, relatively, are one."""
@@ -95,12 +98,12 @@ def wear_history(
     now = WornState(start.dose_mm_per_mpa, contact, start.depth_mm)
     past: _Past | None = None
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
-    settle = _SETTLE * float(surface.lattice_normal[-1])
+    near = _Near(float(surface.lattice_normal[-1]), _CAREFUL * tolerance**0.5)
     first = 1e-3 * tolerance**0.5 * max(scale, stops[-1].dose_mm_per_mpa * 1e-6)
     step = first
     for stop in stops:
         while stop.dose_mm_per_mpa - now.dose_mm_per_mpa > _SAME * stop.dose_mm_per_mpa:
-            size, target = _size(course, now.dose_mm_per_mpa, stop.dose_mm_per_mpa, step, settle)
+            size, target = _size(course, now.dose_mm_per_mpa, stop, step, near)
             load, mu = course.at(target)
             new, error = _advance(surface, gap_mm, load, now, past, size, mu, tolerance)
             factor = _SAFETY / max(error, 1e-300) ** 0.5
@@ -118,17 +121,34 @@ def wear_history(
         yield replace(now, contact=settled)
 
 
-def _size(
-    course: Course, dose: float, stop: float, step: float, settle: float
-) -> tuple[float, float]:
+@dataclass(frozen=True)
+class _Near:
+    """How steps shorten: the dose in which the shortest wave relaxes, and the share of what is left
+    that a step takes towards a jump."""
+
+    relaxing: float
+    careful: float
+
+    def longest(self, left: float, *, jumps: bool) -> float:
+        """The longest step where this much is left to a dose, at which they may jump."""
+        share = min(self.careful, _APPROACH) if jumps else _APPROACH
+        settle = min(share, _SETTLE) * self.relaxing
+        return left if left <= settle else max(settle, share * left)
+
+
+def _size(course: Course, dose: float, stop: Stop, step: float, near: _Near) -> tuple[float, float]:
     """The next step's size and the dose where it ends: the stop and breaks are met exactly."""
-    left, until = stop - dose, course.next_break(dose * (1.0 + _SAME)) - dose
-    size = min(step, left if left <= settle else max(settle, _APPROACH * left))
+    left, until = stop.dose_mm_per_mpa - dose, course.next_break(dose * (1.0 + _SAME)) - dose
+    own = stop.line_load_n_per_mm, stop.friction
+    size = min(step, near.longest(left, jumps=not same_drive(own, course.at(dose + left))))
+    jump = course.next_jump(dose * (1.0 + _SAME)) - dose
+    if jump < float("inf"):
+        size = min(size, near.longest(jump, jumps=True))
     if size >= until and until < left:
         return until, dose + until
     if 2.0 * size > until and until < left:  # two halves, not a whole and a sliver
         size = 0.5 * until
-    return size, stop if size == left else dose + size
+    return size, stop.dose_mm_per_mpa if size == left else dose + size
 
 
 def _settled(
