@@ -44,7 +44,7 @@ def largest(scene):
     ("spacing", "tolerance"),
     [
         (0.012, 1e-3),
-        (0.006, 1e-3),
+        (0.003, 1e-3),
         pytest.param(0.012, 1e-4, marks=pytest.mark.long),
         pytest.param(0.006, 1e-4, marks=pytest.mark.long),
     ],
@@ -56,6 +56,21 @@ def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, t
     exact = largest(overrun(spacing, 1e-2 * tolerance))
     # a third and less is measured
     assert np.abs(largest(overrun(spacing, tolerance)) / exact - 1.0).max() < tolerance
+
+
+def test_the_edge_of_an_old_scar_is_placed_to_the_grid_it_is_overrun_on():
+    """Ten times the wear that elasticity takes: the depth meets the edge at an angle, and p_max errs
+    by the error of the edge's place over the spacing. Goes wrong by 1.15 tolerances if the scar is
+    as precise as its own pressure asks; a hundredth is measured.
+    """
+    old = {
+        "load.normal_n": table((101.0, 20.0), (105.0, 60.0)),
+        "wear.coefficient_mm2_per_n": table((0.0, 2e-8), (100.0, 2e-8), (100.5, 0.0)),
+        "wear.distances_m": (110.0,),
+        "numerics.window_mm": 3.0,
+    }
+    exact = largest(overrun(0.006, 1e-4, **old))
+    assert np.abs(largest(overrun(0.006, 1e-3, **old)) / exact - 1.0).max() < 3e-4
 
 
 def test_a_state_on_a_steep_rise_of_the_load_is_no_jump():

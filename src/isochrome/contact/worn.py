@@ -25,6 +25,9 @@ _SHARP = 4.0
 """Over the nodes of the grid: share of the tolerance at which a scar is run that will be overrun
 (measured: p_max then errs by a third of the tolerance, on scars of any age)."""
 
+_SHARPEST = 1e-6
+"""Tolerance below which the finest mesh of a scar would be no better."""
+
 
 @dataclass(frozen=True)
 class Site:
@@ -109,7 +112,7 @@ def _sharp_depth(site: Site, course: Course, scar: Scar) -> Floats:
     place over the spacing, not over the width: the scar is run again that much more precisely.
     """
     wanted = site.scene.numerics.tolerance
-    tolerance = wanted * min(1.0, _SHARP / site.grid.nodes)
+    tolerance = max(wanted * min(1.0, _SHARP / site.grid.nodes), min(wanted, _SHARPEST))
     while tolerance < wanted:
         for sharp in _scars(site, course, [scar.stop], tolerance):
             return scar_on_nodes(sharp, site.grid.x_mm)[1]
