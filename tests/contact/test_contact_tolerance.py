@@ -60,8 +60,8 @@ def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, t
 
 def test_the_edge_of_an_old_scar_is_placed_to_the_grid_it_is_overrun_on():
     """Ten times the wear that elasticity takes: the depth meets the edge at an angle, and p_max
-    errs by the error of the edge's place over the spacing. Goes wrong by 1.15 tolerances if the scar is
-    as precise as its own pressure asks; a hundredth is measured.
+    errs by the error of the edge's place over the spacing. Goes wrong by 1.15 tolerances if the
+    scar is as precise as its own pressure asks; a hundredth is measured.
     """
     old = {
         "load.normal_n": table((101.0, 20.0), (105.0, 60.0)),
