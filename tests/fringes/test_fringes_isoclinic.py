@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from closed_forms import disc, grey, point_load, step_light, valley
 
+from isochrome.fringes.residual import Residual
 from isochrome.fringes.stepped import read_steps
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
@@ -94,3 +95,18 @@ def test_the_isoclinic_is_as_uncertain_as_the_light_scatters_not_as_was_stated()
     order, turn, uncertainty = reading("disc", tuple(TEN), 0, stated=0.5)
     (everywhere, *_) = pulls(order, turn, uncertainty)
     assert 0.9 < rms(everywhere) < 1.15
+
+
+def test_what_is_not_known_of_a_residual_stress_is_not_known_of_the_load():
+    """A residual stress of nil, known to 0.02 fringe: no order of the load is known better."""
+    field, rng = FIELDS["leaning force"], np.random.default_rng(3)
+    light = np.stack([grey(step_light(field, four), 3.0, rng) for four in TEN])
+    scope = Polariscope(wavelength_nm=587.0, step=as_steps(TEN))
+    chains = [make_chain(scope, i) for i in range(len(TEN))]
+    nil = Residual(np.zeros(SHAPE, complex), np.full(SHAPE, 0.02), 1.0, ())
+    known = [(*np.unravel_index(np.abs(np.abs(field) - n).argmin(), SHAPE), n) for n in (0.7, 1.3)]
+    found = read_steps(light, chains, sigma=SIGMA, residual=nil, known_order=known)
+    assert np.isfinite(found.order).mean() > 0.9
+    assert 0.02 <= np.nanmin(found.reading.uncertainty) < 0.021
+    # a direction is told to 2 degrees where the order is 0.02/(2 sin 2) = 0.29 at least
+    assert np.abs(field)[np.isfinite(found.isoclinic)].min() > 0.25
