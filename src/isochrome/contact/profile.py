@@ -10,7 +10,7 @@ import numpy as np
 from isochrome.contact.gap import read_profile, undeformed_gap
 from isochrome.contact.surface import Floats
 from isochrome.errors import PhysicsError
-from isochrome.scene import Scene
+from isochrome.scene import UNDOUBTED_MM, Scene
 
 STEEPEST = 0.3
 """Largest half-width over radius: beyond it, the parabola is over 2 % off the cylinder's arc."""
@@ -106,7 +106,9 @@ def contact_grid(
             f"{scene.name}: a window of {2 * half:.3g} mm has only {nodes} nodes of {spacing:.3g} "
             "mm; set a finer numerics.spacing_mm or a larger numerics.window_mm"
         )
-    if pixel and pixel > 2.0 * reach:  # every pixel would be divided into thousands of nodes
+    if pixel and pixel > max(
+        2.0 * reach, UNDOUBTED_MM
+    ):  # every pixel would be divided into thousands of nodes
         raise PhysicsError(
             f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than the contact, "
             f"{2.0 * reach:.3g} mm; give it in mm (not in µm), or raise the load"

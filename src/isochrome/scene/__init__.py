@@ -14,13 +14,14 @@ from isochrome.scene.parts import (
     Spectrum,
     Wear,
 )
-from isochrome.scene.pixel import check_pixel
+from isochrome.scene.pixel import UNDOUBTED_MM, check_pixel
 from isochrome.scene.scene import Scene
 from isochrome.scene.specimen import Specimen
 from isochrome.scene.tables import DistanceTable
 from isochrome.scene.toml import dump_scene, load_scene, parse_scene, scene_names
 
 __all__ = [
+    "UNDOUBTED_MM",
     "Camera",
     "DistanceTable",
     "Frames",

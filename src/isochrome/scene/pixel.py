@@ -12,6 +12,10 @@ NARROWEST = 0.01
 FINEST_MM = 1e-4
 """A fifth of the wavelength of light: no camera resolves less, and what is less may be a slip."""
 
+UNDOUBTED_MM = 1e3 * FINEST_MM
+"""A pixel up to this is in mm, however small the contact: a slip from µm would be finer than light
+resolves."""
+
 MOST = 10_000
 """Pixels as fine as that across a contact: its surface has hardly more nodes."""
 
@@ -28,7 +32,7 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     if pixel is None or seen is None:
         return
     width, what = seen
-    if pixel > max(width, 1e3 * FINEST_MM):
+    if pixel > max(width, UNDOUBTED_MM):
         by = " (by load.normal_n and the radius)" if what == "the contact" else ""
         raise InputError(
             f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than {what}, {width:.3g} mm{by}, "
