@@ -13,11 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.fringes.ends_patches import Indices, fresh_patches, overlap
 from isochrome.fringes.ends_problem import (
-    TERMS,
     Normal,
     PatchData,
     Problem,
@@ -26,20 +25,14 @@ from isochrome.fringes.ends_problem import (
     refine,
     total,
 )
-from isochrome.fringes.patches import STRIDE, Array, fit_patches, gather_patches, offsets
-
-Indices = NDArray[np.intp]
+from isochrome.fringes.patches import Array, offsets
 
 _ROUNDS, _EVERY = 24, 4
 """Steps at most, and between two fresh looks at the patches."""
 _REST = 3e-4
 """Change of the order by a step, fringes, below which the search rests."""
-_STALE, _BETTER = 0.02, 0.97
-"""Share of patches that a fresh look may improve on at rest, and what counts as better."""
-_MANY = 400
-"""Patches from which every second is left out: they overlap, and tell the same twice."""
-_LEAST_PATCHES = 12
-_WORST_CHI, _LEAST_FILLED, _STEEPEST, _FAINT = 30.0, 0.5, 0.35, 0.1
+_STALE = 0.02
+"""Share of patches that a fresh look may improve on at rest."""
 _READABLE = 0.03
 TONES = 0.2, 5.0
 _HEAVIEST = 1e2
@@ -122,24 +115,24 @@ def tone_step(problem: Problem, unknowns: Array) -> tuple[float, float]:
 
     Parameters: `problem`, of unknown tone; `unknowns`, found with g held. Returns both numbers.
     """
-    data, orders, _ = _fresh(problem, unknowns)
+    data, orders, _ = fresh_patches(problem, unknowns)
     try:
         normal = eliminated(problem, data, unknowns, orders)
         covariance = np.linalg.inv(normal.matrix)
     except np.linalg.LinAlgError as error:
         raise InputError(NOT_TOLD) from error
     return float((covariance @ normal.slope)[-1]), float(
-        np.sqrt(_overlap(data) * covariance[-1, -1])
+        np.sqrt(overlap(data) * covariance[-1, -1])
     )
 
 
 def _search(problem: Problem, unknowns: Array) -> Found:
-    data, orders, _ = _fresh(problem, unknowns)
+    data, orders, _ = fresh_patches(problem, unknowns)
     damping, since, change, resting = 1e-3, 0, np.inf, False
     own, cost = _start(problem, data, unknowns, orders)
     for _ in range(_ROUNDS):
         if resting or since >= _EVERY:
-            data, orders, stale = _fresh(problem, unknowns, (data, orders))
+            data, orders, stale = fresh_patches(problem, unknowns, (data, orders))
             if resting and stale < _STALE:
                 break
             own, cost = _start(problem, data, unknowns, orders)
@@ -204,95 +197,13 @@ def _change(normal: Normal, step: Array) -> float:
     return float(np.sqrt(np.mean(moved**2)))
 
 
-def _fresh(
-    problem: Problem, unknowns: Array, before: tuple[PatchData, Array] | None = None
-) -> tuple[PatchData, Array, float]:
-    """Patches fitted anew, but kept where they were better; and the share that was not."""
-    index, places, window, start = _fitted(problem, unknowns)
-    data = _data(problem, index, places, window, np.ones(len(index)))
-    orders, cost, _ = refine(problem, data, unknowns, start, np.full(len(index), 1e-2), 3)
-    stale = 1.0
-    if before is not None:
-        old = np.zeros_like(orders)
-        was = np.full(len(index), np.inf)
-        _, here, there = np.intersect1d(index, before[0].index, return_indices=True)
-        old[here] = before[1][there]
-        was[here] = look(problem, data, unknowns, old).cost[here]
-        orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
-        stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
-    misfit = look(problem, data, unknowns, orders).residual
-    chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
-    good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
-    if np.count_nonzero(good) < _LEAST_PATCHES:
-        raise InputError(
-            "too few fringes can be followed to find background and illumination from them; give "
-            "both no-load frames"
-        )
-    data = _data(problem, index[good], places[good], window[good], chi[good])
-    return data, orders[good], stale
-
-
-def _fitted(problem: Problem, unknowns: Array) -> tuple[Indices, Indices, Array, Array]:
-    """Patches as `fringes.patches` fits them: index, middles, the pixels' weights, and terms."""
-    frame = _normalised(problem, unknowns)
-    light = gather_patches(*frame)
-    fitted = fit_patches(light, *frame)
-    use = (light.filled > _LEAST_FILLED) & (fitted.chi.ravel() < _WORST_CHI)
-    if np.count_nonzero(use) > _MANY:
-        use &= (np.add.outer(*(np.arange(n) for n in fitted.chi.shape)) % 2 == 0).ravel()
-    index = np.flatnonzero(use)
-    terms = np.zeros((len(index), TERMS))
-    terms[:, :6] = fitted.terms.reshape(-1, 6)[index]
-    places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
-    return index, places[index], light.weight[index].astype(float), terms
-
-
-def _normalised(problem: Problem, unknowns: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """The frame's c = cos 2 pi N, its noise, and where it is trusted."""
-    dark, bright = problem.ends(problem.shapes, unknowns)
-    g = unknowns[-1]
-    contrast = bright - dark
-    seen = problem.valid & (contrast > _FAINT * problem.scale**g)
-    safe = np.where(seen, contrast, 1.0)
-    level = np.maximum(problem.light, problem.sigma)
-    linear = problem.light if g == 1.0 else level**g
-    sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
-    return 1.0 - 2.0 * (linear - dark) / safe, sigma, seen
-
-
-def _data(
-    problem: Problem, index: Indices, places: Indices, window: Array, chi: Array
-) -> PatchData:
-    """The patches' pixels; one that no cubic describes counts for less."""
-    dy, dx, _ = offsets()
-    rows, cols = places[:, :1] + dy, places[:, 1:] + dx
-    noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
-    dark, bright = problem.shapes
-    middle = places[:, 0], places[:, 1]
-    return PatchData(
-        index,
-        problem.light[rows, cols],
-        window / noise**2,
-        (dark[rows, cols], bright[rows, cols]),
-        (dark[middle], bright[middle]),
-        np.maximum(window.sum(axis=1), 1e-9),
-        chi,
-    )
-
-
-def _overlap(data: PatchData) -> float:
-    """How often a pixel was counted, being in several patches."""
-    stride = STRIDE * (np.sqrt(2.0) if len(data.index) * 2 > _MANY else 1.0)
-    return float(max(1.0, offsets()[2].sum() / stride**2))
-
-
 def _found(
     problem: Problem, data: PatchData, unknowns: Array, orders: Array, change: float
 ) -> Found:
     normal = eliminated(problem, data, unknowns, orders)
     free = problem.free
     covariance = np.zeros((len(unknowns), len(unknowns)))
-    inverse = np.linalg.inv(normal.matrix) * _overlap(data)
+    inverse = np.linalg.inv(normal.matrix) * overlap(data)
     if not change < _REST:
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
