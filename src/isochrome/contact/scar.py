@@ -48,8 +48,11 @@ _FINEST = 160
 _MAX_STEPS = 20_000
 _ROUNDING = 3e-14
 """Change of a depth that is none, in its unit: it would be felt where there is little depth yet."""
-_STILL, _SAME = 1e-12, 1e-12
-"""Half-widths by which an edge may draw back, and doses that are one: rounding."""
+_SHORTEST = 1e-11
+"""Share of the dose below which a step is none: load or friction jump, or nearly so."""
+_STILL, _SAME = 4e-6, 1e-12
+"""First half-widths by which an edge may draw back before its trail counts: where an edge nearly
+stands still the steps must not decide. Doses that are one: rounding."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,7 @@ def scar_history(
     mesh = make_mesh(min(_FINEST, 2 * math.ceil(0.5 * _COARSEST * finer)))
     equations = ScarEquations(mesh, units, course)
     points = [equations.unworn()]
+    edges = _edges(points[0])
     allowed = min(_SHARE * tolerance * (1e3 * tolerance) ** _SHARPER, _LOOSEST)
     step, jump = _FIRST * math.sqrt(allowed), course.next_jump(0.0) / units.dose_mm_per_mpa
     end = min(jump, stops[-1].dose_mm_per_mpa / units.dose_mm_per_mpa)
@@ -106,8 +110,11 @@ def scar_history(
             factor = _SAFETY * (allowed / max(error, 1e-300)) ** (1.0 / (_order(points) + 1))
             if error > _REJECT * allowed and len(points) > _ORDER:
                 step = size * max(_SHRINK, factor)
+                if step < _SHORTEST * points[0].dose:
+                    return
                 continue
-            if _draws_back(points[0], new):
+            edges = np.maximum(edges, _edges(new))
+            if np.any(_edges(new) + np.minimum(_growth(points, new), 0.0) < edges - _STILL):
                 return
             points = [new, *points[:_ORDER]]
             step = size * min(_GROW, max(_SHRINK, factor))
@@ -144,10 +151,21 @@ def _order(points: list[Point]) -> int:
     return min(len(points), _ORDER)
 
 
-def _draws_back(old: Point, new: Point) -> bool:
-    """Whether an edge of the contact, m - b or m + b, has moved inwards."""
-    m, b, _ = new.state[-3:] - old.state[-3:]
-    return bool(b < abs(m) - _STILL)
+def _edges(point: Point) -> Floats:
+    """How far the contact reaches to the left and to the right, b - m and b + m."""
+    m, b, _ = point.state[-3:]
+    return np.array([b - m, b + m])
+
+
+def _growth(points: list[Point], new: Point) -> Floats:
+    """How far the edges would go in another step like the last, by their speed at its end.
+
+    A step may pass over the dose at which an edge turns.
+    """
+    past = [new, *points[: _order(points)]]
+    speeds = _slope_weights([point.dose for point in past])
+    size = new.dose - points[0].dose
+    return np.asarray(size * sum(v * _edges(point) for v, point in zip(speeds, past, strict=True)))
 
 
 def _scar(equations: ScarEquations, stop: Stop, point: Point) -> Scar:
