@@ -131,22 +131,49 @@ def test_a_reading_grows_as_uncertain_as_the_signal():
     assert not np.isfinite(widened(sure, 0.2 * ones).order).any()  # 0.06 fringe and more
 
 
-def ramped(seed, gamma, shape=(110, 130), noise=0.01):
-    """Slanted fringes of a camera's tone curve, and their ends: closed form."""
+def ramp(seed, gamma, shape=(110, 130), noise=0.01, hard=False):
+    """Slanted fringes of a camera's tone curve, and what they were shot with: closed form."""
     rows, cols = np.indices(shape, dtype=float)
     signal = np.sin(np.pi * (cols / 17.0 + 0.006 * rows)) ** 2
+    signal = np.where(signal > 0.5, 1.0, 0.0) if hard else signal
     light = (0.05 + 0.8 * signal) ** (1.0 / gamma)
     light = light + noise * np.random.default_rng(seed).standard_normal(shape)
     low, high = (np.full(shape, end ** (1.0 / gamma)) for end in (0.05, 0.85))
-    sigma, valid = np.full(shape, noise), np.ones(shape, bool)
-    return signal, light, fit_ends(light, sigma, valid, dark=low, bright=high, tone=True)
+    return (light, np.full(shape, noise), np.ones(shape, bool)), {"dark": low, "bright": high}
 
 
+def test_a_found_gammas_uncertainty_is_in_the_signals():
+    """Both ends are given, so that gamma alone moves s = (I^g - D^g)/(B^g - D^g)."""
+    frame, ends = ramp(0, 1.4)
+    found = fit_ends(*frame, **ends, tone=True)
+    assert abs(found.tone - 1.4) < 4.0 * found.tone_uncertainty
+
+    def signal(level, g):
+        low, high = ((end ** (1.0 / 1.4)) ** g for end in (0.05, 0.85))
+        return (level**g - low) / (high - low)
+
+    for share in (0.2, 0.45, 0.7):
+        level = share ** (1.0 / 1.4)
+        slope = (signal(level, found.tone + 1e-4) - signal(level, found.tone - 1e-4)) / 2e-4
+        told = found.signal_uncertainty(np.full((110, 130), level))
+        # the finite difference is off by 4e-10
+        assert told == pytest.approx(abs(slope) * found.tone_uncertainty, rel=1e-6)
+
+
+def test_fringes_of_no_gamma_do_not_tell_it():
+    """Fringes of black and white alone: no gamma makes them a cosine's; 0.04 was said to."""
+    frame, ends = ramp(3, 1.4, hard=True)
+    with pytest.raises(InputError, match=r"gamma cannot be told .* state frames\.gamma"):
+        fit_ends(*frame, **ends, tone=True)
+
+
+@pytest.mark.long
 def test_a_found_gamma_and_its_signal_are_as_uncertain_as_they_scatter():
     """Over eight seeds: gamma's pulls, and the signal's error by it half-way between the ends."""
     pulls, moved = [], []
     for seed in range(8):
-        _, _, found = ramped(seed, 1.4)
+        frame, ends = ramp(seed, 1.4)
+        found = fit_ends(*frame, **ends, tone=True)
         pulls.append((found.tone - 1.4) / found.tone_uncertainty)
         level = np.full((110, 130), 0.45 ** (1.0 / 1.4))
         low, high = found.dark, found.bright

@@ -130,6 +130,7 @@ def test_an_unknown_gamma_is_found_and_reported(captured):
         assert np.isfinite(error).sum() > 0.85 * np.isfinite(true).sum()
 
 
+@pytest.mark.long
 def test_a_frame_that_does_not_tell_gamma_says_so_and_the_others_go_on(tmp_path):
     """Fringes of black and white alone: no gamma makes them a cosine's; 0.04 was said to."""
     rows, cols = np.indices((120, 160), dtype=float)
