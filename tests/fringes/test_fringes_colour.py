@@ -215,6 +215,7 @@ def test_one_channel_alone_tells_no_order():
     over[60:120, 80:200, :2] = 255  # red and green are saturated there
     got = Shot(over, shot.dark, shot.bright, shot.order, shot.table, shot.noise, 1.0).read()
     assert not np.isfinite(got.order[62:118, 82:198]).any()
+    assert not np.isfinite(got.misfit[62:118, 82:198]).any()  # nor how well a table fits
     assert np.isfinite(got.order[130:]).mean() > 0.95
 
 

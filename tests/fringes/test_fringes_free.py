@@ -20,6 +20,8 @@ from specimens import (
 from isochrome.errors import InputError
 from isochrome.fringes.branch import SURE
 from isochrome.fringes.free import FreeReading, read_free
+from isochrome.fringes.graph import label_patches
+from isochrome.fringes.patches import Patches, binned
 
 RMS, MEDIAN, KEPT = 0.01, 0.002, 0.90
 """What a reading with no-load frames promises: fringes, fringes, share of the specimen."""
@@ -329,3 +331,37 @@ def test_a_known_point_outside_the_frame_is_a_miss():
     got = read_free(*frame, [(900, 900, order)])
     assert got.misses == ((900, 900, order),)
     assert not np.isfinite(got.reading.order).any()
+
+
+def a_lattice(slope, chi):
+    """Patches of an order that rises along the columns: its slope from column to column (16,)."""
+    places = 6 + 5 * np.arange(16)
+    ones = np.ones((16, 16))
+    terms = np.zeros((16, 16, 6))
+    terms[..., 0], terms[..., 1] = np.cumsum(5.0 * slope), slope
+    spread = np.broadcast_to([1e-3, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5], terms.shape)
+    return Patches(places, places, terms, spread, chi, ones)
+
+
+def test_a_patch_that_its_quadratic_does_not_describe_is_left_out():
+    chi = np.ones((16, 16))
+    chi[5:9, 5:9] = 2.0
+    part = label_patches(a_lattice(np.full(16, 0.02), chi)).part
+    assert (part[chi > 1.0] == -1).all() and (part[chi == 1.0] == 0).all()
+
+
+def test_neighbours_whose_slopes_disagree_are_not_joined():
+    """The slope leaps from 0.02 to 0.1 fringe a pixel, eighty times what it is known to."""
+    slope = np.where(np.arange(16) < 8, 0.02, 0.1)
+    part = label_patches(a_lattice(slope, np.ones((16, 16)))).part
+    left, right = set(part[:, :8].ravel()), set(part[:, 8:].ravel())
+    assert len(left) == len(right) == 1 and left | right == {0, 1}
+
+
+def test_a_bin_that_holds_a_masked_pixel_is_masked():
+    wave, valid = np.arange(24.0).reshape(4, 6), np.ones((4, 6), bool)
+    valid[1, 2] = False
+    mean, sigma, whole = binned(wave, np.full((4, 6), 0.2), valid, 2)
+    assert whole.tolist() == [[True, False, True], [True, True, True]]
+    assert mean[whole] == pytest.approx([3.5, 7.5, 15.5, 17.5, 19.5])
+    assert sigma[whole] == pytest.approx(0.1)

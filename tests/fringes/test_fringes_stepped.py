@@ -9,7 +9,7 @@ from isochrome.errors import InputError
 from isochrome.fringes.absolute import Balance, balance, unwrap
 from isochrome.fringes.step_light import fill_gaps
 from isochrome.fringes.stepped import read_steps
-from isochrome.fringes.steps import make_design, solve_steps
+from isochrome.fringes.steps import COSINE, SINE, SINE_SINE, make_design, solve_steps
 from isochrome.fringes.whole_number import settle
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
@@ -168,6 +168,25 @@ def test_steps_that_cannot_tell_the_order_are_refused_with_those_that_would(step
     make_design(chains([*steps, *advised]))  # the advice is enough
 
 
+def chains_at(angles):
+    scope = Polariscope(step=as_steps(angles))
+    return [make_chain(scope, i) for i in range(len(angles))]
+
+
+def test_steps_a_little_off_do_not_solve_for_what_they_hardly_tell():
+    """Two circular sets, every element off by some degrees: cos δ and sin δ keep their noise."""
+    off = np.random.default_rng(2).normal(0.0, 6.0, (12, 4))
+    exact, turned = (
+        make_design(chains_at([tuple(four) for four in np.array(CIRCULAR * 2) + by]))
+        for by in (0.0, off)
+    )
+    # unit noise over twelve frames: 1 for exact elements, 1.22 at most for these; it is 4.8 where
+    # background and 4θ, which they tell by their errors alone, are solved for too
+    for term in (COSINE, SINE, SINE_SINE):
+        assert exact.variance(term) == pytest.approx(1.0)
+        assert turned.variance(term) < 1.5
+
+
 def test_the_order_of_the_steps_does_not_matter():
     scene = small(contact(0.3))
     light, valid, sigma = captured(scene)
@@ -308,6 +327,24 @@ def test_gaps_are_filled_with_what_least_squares_of_the_rest_gives():
         assert terms.cosine[pixel, 0] == pytest.approx(alone[2], abs=1e-6)
         assert terms.sine[pixel, 0] == pytest.approx(alone[5] + 1j * alone[6], abs=1e-6)
     assert (gain[30:, 0][told[30:]] == 1.0).all() and np.nanmin(gain) == 1.0
+
+
+def test_a_pixel_whose_other_frames_tell_badly_is_not_read():
+    """Without plates at 45° and 135°, sin δ cos 2θ is told by those at 8° alone."""
+    angles = [*CIRCULAR, *PLANE[:3], (90, 45, 8, 8)]
+    design = make_design(chains_at(angles))
+    good = np.ones((10, 4, 1), bool)
+    good[3, 1] = good[4, 2] = False
+    good[[3, 5], 3] = False
+    covariance = np.linalg.inv(design.matrix.T @ design.matrix)
+    growth = []
+    for pixel in range(4):
+        part = design.matrix[good[:, pixel, 0]]
+        less = np.diag(np.linalg.inv(part.T @ part)) / np.diag(covariance)
+        growth.append(np.sqrt(less[1:].max()))  # the background is not used
+    assert growth[0] == pytest.approx(1.0) and max(growth[1:3]) < 2.0 and 5.0 < growth[3] < 10.0
+    _, gain, _ = fill_gaps(np.where(good, 0.5, 0.0), good, design)
+    assert gain[:3, 0] == pytest.approx(growth[:3], rel=1e-5) and np.isnan(gain[3, 0])
 
 
 def test_frames_without_a_readable_pixel_say_so():
