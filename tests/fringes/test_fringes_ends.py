@@ -11,6 +11,8 @@ from specimens import NAMES, View, known_point, light_of, random_scene, shoot, v
 from isochrome.errors import InputError
 from isochrome.fringes.branch import OrderReading
 from isochrome.fringes.ends import fit_ends, tone_misfit, widened
+from isochrome.fringes.ends_problem import Problem
+from isochrome.fringes.ends_search import search_all
 from isochrome.fringes.free import read_free
 
 RMS, WRONG_SHARE, KEPT = 0.05, 0.005, 0.70
@@ -165,6 +167,21 @@ def test_fringes_of_no_gamma_do_not_tell_it():
     frame, ends = ramp(3, 1.4, hard=True)
     with pytest.raises(InputError, match=r"gamma cannot be told .* state frames\.gamma"):
         fit_ends(*frame, **ends, tone=True)
+
+
+def test_a_bright_end_that_may_as_well_be_another_is_as_uncertain_as_the_two_differ():
+    """The order rises to 0.44 and falls: the light may reach its bright end there, or not quite."""
+    order = np.tile(0.15 + 0.29 * np.sin(np.pi * np.arange(50) / 50.0), (50, 1))
+    light = 0.05 + 0.8 * np.sin(np.pi * order) ** 2
+    light = light + 0.01 * np.random.default_rng(1).standard_normal(light.shape)
+    noise, all_ = np.full(light.shape, 0.01), np.ones(light.shape, bool)
+    even = np.ones((50, 50, 1))
+    problem = Problem(light, noise, all_, (0.05 * even, even), (True, False), False, 0.8, 1)
+    low, high = (np.array([1.0, bright, 1.0]) for bright in (0.8, 0.85))
+    alone, both = search_all(problem, [low]), search_all(problem, [low, high])
+    # the crest of the light is taken for the bright end, and is 0.026 below it
+    assert alone.unknowns[1] < 0.84 and np.sqrt(alone.covariance[1, 1]) < 0.005
+    assert abs(both.unknowns[1] - 0.85) < 3.0 * np.sqrt(both.covariance[1, 1])
 
 
 @pytest.mark.long
