@@ -184,6 +184,23 @@ def test_a_bright_end_that_may_as_well_be_another_is_as_uncertain_as_the_two_dif
     assert abs(both.unknowns[1] - 0.85) < 3.0 * np.sqrt(both.covariance[1, 1])
 
 
+@pytest.mark.parametrize("side", [70, 85])  # 169 and 256 patches, each pixel in two of them
+def test_an_end_is_no_surer_than_the_light_allows(side):
+    """With all orders known, B of I = D + (B - D) s is known to sigma/sqrt(sum s²): Cramér, Rao."""
+    rows, cols = np.indices((side, side), dtype=float)
+    signal = np.sin(np.pi * (cols / 9.0 + 0.01 * rows)) ** 2
+    noise = np.full(signal.shape, 0.01)
+    light = 0.05 + 0.8 * signal + noise * np.random.default_rng(1).standard_normal(signal.shape)
+    even = np.ones((side, side, 1))
+    all_ = np.ones(signal.shape, bool)
+    problem = Problem(light, noise, all_, (0.05 * even, even), (True, False), False, 0.8, 1)
+    found = search_all(problem, [np.array([1.0, 0.84, 1.0])])
+    told = np.sqrt(found.covariance[1, 1])
+    assert abs(found.unknowns[1] - 0.85) < 3.0 * told
+    # 1.4 times the bound, as the orders are unknown; 0.95 where pixels in two patches count twice
+    assert 1.0 < told / (0.01 / np.sqrt(np.sum(signal**2))) < 2.0
+
+
 @pytest.mark.long
 def test_a_found_gamma_and_its_signal_are_as_uncertain_as_they_scatter():
     """Over eight seeds: gamma's pulls, and the signal's error by it half-way between the ends."""

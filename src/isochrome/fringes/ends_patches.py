@@ -32,8 +32,8 @@ def fresh_patches(
     any. Returns the patches, their orders, and the share that was better anew. Raises InputError
     where too few can be followed.
     """
-    index, places, window, start = _fitted(problem, unknowns)
-    data = _data(problem, index, places, window, np.ones(len(index)))
+    index, places, window, start, thinned = _fitted(problem, unknowns)
+    data = _data(problem, index, places, window, np.ones(len(index)), thinned)
     orders, cost, _ = refine(problem, data, unknowns, start, np.full(len(index), 1e-2), 3)
     stale = 1.0
     if before is not None:
@@ -52,23 +52,24 @@ def fresh_patches(
             "too few fringes can be followed to find background and illumination from them; give "
             "both no-load frames"
         )
-    data = _data(problem, index[good], places[good], window[good], chi[good])
+    data = _data(problem, index[good], places[good], window[good], chi[good], thinned)
     return data, orders[good], stale
 
 
-def _fitted(problem: Problem, unknowns: Array) -> tuple[Indices, Indices, Array, Array]:
-    """Patches as `fringes.patches` fits them: index, middles, the pixels' weights, and terms."""
+def _fitted(problem: Problem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:
+    """Patches as `fringes.patches` fits them: index, middles, weights, terms; whether thinned."""
     frame = _normalised(problem, unknowns)
     light = gather_patches(*frame)
     fitted = fit_patches(light, *frame)
     use = (light.filled > _LEAST_FILLED) & (fitted.chi.ravel() < _WORST_CHI)
-    if np.count_nonzero(use) > _MANY:
+    thinned = bool(np.count_nonzero(use) > _MANY)
+    if thinned:
         use &= (np.add.outer(*(np.arange(n) for n in fitted.chi.shape)) % 2 == 0).ravel()
     index = np.flatnonzero(use)
     terms = np.zeros((len(index), TERMS))
     terms[:, :6] = fitted.terms.reshape(-1, 6)[index]
     places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
-    return index, places[index], light.weight[index].astype(float), terms
+    return index, places[index], light.weight[index].astype(float), terms, thinned
 
 
 def _normalised(problem: Problem, unknowns: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -85,7 +86,12 @@ def _normalised(problem: Problem, unknowns: Array) -> tuple[Array, Array, NDArra
 
 
 def _data(
-    problem: Problem, index: Indices, places: Indices, window: Array, chi: Array
+    problem: Problem,
+    index: Indices,
+    places: Indices,
+    window: Array,
+    chi: Array,
+    thinned: bool,
 ) -> PatchData:
     """The patches' pixels; one that no cubic describes counts for less."""
     dy, dx, _ = offsets()
@@ -101,10 +107,11 @@ def _data(
         (dark[middle], bright[middle]),
         np.maximum(window.sum(axis=1), 1e-9),
         chi,
+        thinned,
     )
 
 
 def overlap(data: PatchData) -> float:
     """How often a pixel was counted, being in several patches; `data`, those in use."""
-    stride = STRIDE * (np.sqrt(2.0) if len(data.index) * 2 > _MANY else 1.0)
+    stride = STRIDE * (np.sqrt(2.0) if data.thinned else 1.0)
     return float(max(1.0, offsets()[2].sum() / stride**2))

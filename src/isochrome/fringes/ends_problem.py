@@ -91,7 +91,8 @@ class Problem:
 class PatchData:
     """Patches in use: `index` on their lattice (p,), `light`, `weight`, shapes of the ends.
 
-    `window`, the sum of a patch's pixels' weights before the noise (p,); `chi` (p,).
+    `window`, the sum of a patch's pixels' weights before the noise (p,); `chi` (p,); `thinned`,
+    whether every second patch was left out.
     """
 
     index: NDArray[np.intp] = field(repr=False)
@@ -101,6 +102,7 @@ class PatchData:
     middle: tuple[Array, Array] = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
+    thinned: bool
 
 
 @dataclass(frozen=True)
