@@ -162,7 +162,9 @@ def test_frames_that_fail_are_left_out_where_that_is_wanted(stacks, place, comma
     rows = summary(place / "out")
     assert code == 2
     assert [row["status"] for row in rows] == ["ok", "flagged", "failed"]
-    assert [row["failed_frames"] for row in rows] == ["0", "1", "2"]
+    # the third is refused as a whole: no results say which of its frames failed
+    assert [row["failed_frames"] for row in rows] == ["0", "1", ""]
+    assert "nothing could be read in any of its 2 frames" in rows[2]["error"]
     assert rows[1]["error"] == "1 of 3 frames could not be processed"
     assert "2 of 3 recordings could not be wholly processed" in err.splitlines()[-1]
     assert rows[1]["kept_share"] and not rows[2]["kept_share"]
