@@ -141,3 +141,20 @@ def probability(uncertainty: Array) -> Array:
     from scipy.special import erf
 
     return erf(SURE / (np.sqrt(2.0) * np.maximum(uncertainty, 1e-9)))
+
+
+def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReading:
+    """A reading whose orders may be off by more: u' = (u² + e²)^(1/2).
+
+    Parameters: `reading`; `error`, a standard uncertainty to be added (rows, cols), fringes;
+    `largest`, from which a pixel is not known. Returns an OrderReading.
+    """
+    read = np.isfinite(reading.order)
+    uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
+    known = read & (uncertainty < largest)
+    return OrderReading(
+        np.where(known, reading.order, np.nan).astype(np.float32),
+        np.where(known, uncertainty, np.nan).astype(np.float32),
+        np.where(known, probability(uncertainty), 0.0).astype(np.float32),
+        reading.kept * float(known.sum() / max(1, read.sum())),
+    )

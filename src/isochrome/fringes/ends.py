@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fringes.branch import OrderReading, gaussian_sum, probability
+from isochrome.fringes.branch import OrderReading, gaussian_sum, less_sure
 from isochrome.fringes.ends_problem import Problem
 from isochrome.fringes.ends_search import TONES, Found, search_all, tone_step
 from isochrome.fringes.patches import TURN, Array, Mask, binned
@@ -227,14 +227,7 @@ def widened(reading: OrderReading, error: Array) -> OrderReading:
     pull = gaussian_sum(sine * error, _POOLED_PX)
     slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
     moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
-    uncertainty = np.hypot(np.where(known, reading.uncertainty, 0.0), moved)
-    kept = known & (uncertainty < _LARGEST_UNCERTAINTY)
-    return OrderReading(
-        np.where(kept, reading.order, np.nan).astype(np.float32),
-        np.where(kept, uncertainty, np.nan).astype(np.float32),
-        np.where(kept, probability(uncertainty), 0.0).astype(np.float32),
-        reading.kept * float(kept.sum() / max(1, known.sum())),
-    )
+    return less_sure(reading, moved, _LARGEST_UNCERTAINTY)
 
 
 def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:

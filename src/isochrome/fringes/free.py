@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fringes.branch import OrderReading, probability
+from isochrome.fringes.branch import OrderReading, less_sure, probability
 from isochrome.fringes.graph import Labels, expected_terms, label_patches
 from isochrome.fringes.mirrors import mend_mirrored, perhaps_mirrored
 from isochrome.fringes.patches import (
@@ -102,14 +102,7 @@ def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderRead
     weight = np.where(read, 1.0 / sigma, 0.0)
     residual = np.where(read, wave - np.cos(TURN * order), 0.0) * weight
     error = stray_error(residual, -TURN * np.sin(TURN * order) * weight, -2.0 * weight)
-    uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
-    known = read & (uncertainty < _LARGEST_UNCERTAINTY)
-    return OrderReading(
-        np.where(known, reading.order, np.nan).astype(np.float32),
-        np.where(known, uncertainty, np.nan).astype(np.float32),
-        np.where(known, probability(uncertainty), 0.0).astype(np.float32),
-        reading.kept * float(known.sum() / max(1, read.sum())),
-    )
+    return less_sure(reading, error, _LARGEST_UNCERTAINTY)
 
 
 def _coarse_to_fine(wave: Array, sigma: Array, valid: Mask) -> tuple[Patches, Labels]:
