@@ -9,6 +9,11 @@ from hypothesis import settings
 
 import isochrome
 
+# Processes of pytest-xdist share the cores: a pool of threads in each makes all of them wait (a
+# quarter of the time of all tests). Set in the parent, since a worker reads it as it starts.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
 # No deadline: a slow machine is no failure. In CI the examples are the same each time, so that a
 # change is judged by itself; at a desk they are new ones, which is how property tests find things.
 settings.register_profile("desk", deadline=None)

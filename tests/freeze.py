@@ -4,7 +4,7 @@
 
 COMMIT is an earlier one, by any name that git knows. Both packages run on this machine, one
 thread each, on today's sample images: bytes differ from one processor to another, so none are
-stored. A file is the same when its bytes are, provenance aside its keys that name the code. Of one
+stored. A file is the same when its bytes are, the keys that name the code aside. Of one
 that is not, the table gives the largest difference of its numbers. The exit code is 1 where
 anything differs.
 """
@@ -16,6 +16,7 @@ import csv
 import io
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -24,13 +25,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import tifffile
 
 ROOT = Path(__file__).resolve().parents[1]
 
-VOLATILE = ("code_sha256", "isochrome")
-"""Keys of provenance.json that name the code, not what it computed."""
+VOLATILE = ("code_sha256", "isochrome", "provenance.json")
+"""Last parts of JSON keys that name the code, not what it computed; the last is an input's name."""
 
 WEAR = "sample_images/line-contact-wear"
 SHORT_WEAR = f"{WEAR}/short.toml"
@@ -192,10 +194,9 @@ def relative(old: Any, new: Any) -> float:
 def describe_tables(old: Path, new: Path) -> str:
     """The places of two tables that differ most."""
     before, after = cells(old), cells(new)
-    if old.name == "provenance.json":
-        before, after = (
-            {k: v for k, v in c.items() if k.split(".")[1] not in VOLATILE} for c in (before, after)
-        )
+    before, after = (
+        {k: v for k, v in c.items() if not k.endswith(VOLATILE)} for c in (before, after)
+    )
     if set(before) != set(after):
         names = sorted(set(before) ^ set(after))
         return f"{len(names)} values stand in one only: {', '.join(names[:3])}"
@@ -231,7 +232,35 @@ def describe(old: Path, new: Path) -> str:
         return describe_tables(old, new)
     if old.suffix == ".tif":
         return describe_images(old, new)
+    if old.suffix == ".nc":
+        return describe_netcdf(old, new)
     return f"bytes differ ({old.stat().st_size} -> {new.stat().st_size})"
+
+
+def describe_netcdf(old: Path, new: Path) -> str:
+    """The names whose arrays or attributes differ in two netCDF files."""
+    before, after = (contents(path) for path in (old, new))
+    names = [n for n in sorted(set(before) | set(after)) if before.get(n) != after.get(n)]
+    return f"{len(names)} things differ: {', '.join(names[:3])}" if names else ""
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    """The bytes of every array and attribute of a netCDF file by name."""
+    found: dict[str, bytes] = {}
+
+    def add(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            values = np.asarray(item[()])
+            texts = values.dtype == object  # whose bytes are addresses
+            found[name] = repr(values.tolist()).encode() if texts else values.tobytes()
+        kept = {k: v for k, v in item.attrs.items() if not k.endswith(VOLATILE)}
+        noted = {k: v for k, v in kept.items() if "LIST" not in k}  # references by address
+        found.update({f"{name}@{k}": np.asarray(v).tobytes() for k, v in noted.items()})
+
+    with h5py.File(path) as file:
+        add("", file)
+        file.visititems(add)
+    return found
 
 
 def compare(old: Path, new: Path) -> list[str]:
@@ -249,7 +278,8 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         home = options.keep or Path(temporary)
-        sources = {"before": package_of(options.commit, home / "package"), "now": ROOT / "src"}
+        now = shutil.copytree(ROOT / "src", home / "now-package")  # nobody edits a copy
+        sources = {"before": package_of(options.commit, home / "package"), "now": now}
         for side in sources:
             (home / side).mkdir(parents=True)
             write_inputs(home / side)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.fringes.stepped import read_steps
+from isochrome.fringes.stepped.stepped_order import read_steps
 from isochrome.optics import expose, make_chain
 from isochrome.scene import parse_scene
-from isochrome.simulate import (
+from isochrome.simulation import (
     make_picture,
     picture_signal,
     scene_states,

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import isochrome
 
 HOUSE = Path(isochrome.__file__).parent
+
+ROOMS = sorted({p.relative_to(HOUSE).parts[0].removesuffix(".py") for p in HOUSE.rglob("*.py")})
 
 LEAVES = ("errors", "progress", "output", "runs", "figures", "reference")
 """Rooms that anybody to their right may use; they know nothing but each other."""
@@ -28,22 +33,24 @@ ORDER = (
     "contact",
     "stress",
     "optics",
-    "simulate",
-    "sweep",
+    "specimens",
+    "simulation",
+    "sweeps",
     "frames",
-    "fit",
+    "estimation",
+    "fitting",
     "fringes",
-    "calibrate",
-    "process",
-    "campaign",  # many recordings, each by `process`
-    "compare",
+    "calibration",
+    "processing",
+    "campaigns",  # many recordings, each by `process`
+    "comparison",
 )
 """From left to right; a room imports only from rooms to its left."""
 
-TOP = ("demo", "bench", "console", "cli", "__main__", "samples")
+TOP = ("demonstration", "benchmarks", "console", "cli", "__main__", "samples")
 """Rooms at the right end: they compose all the others, and only they import each other."""
 
-SIMULATION = ("contact", "stress", "optics", "simulate")
+SIMULATION = ("contact", "stress", "optics", "specimens", "simulation")
 
 HEAVY = ("matplotlib", "cv2", "skimage", "tifffile", "scipy.optimize")
 
@@ -107,7 +114,23 @@ def test_reading_frames_needs_no_simulation():
     assert not used & set(SIMULATION)
 
 
-DOORS = ("cli", "scene", "contact", "stress", "optics", "simulate", "output", "runs")
+SPECIMENS = {"contact", "half-plane", "block", "disc", "ring", "beam"}
+
+
+def test_nobody_compares_with_a_specimens_name():
+    """What differs from specimen to specimen is asked of its model, or of the scene."""
+    found = [
+        f"{path.relative_to(HOUSE).as_posix()}:{node.lineno}"
+        for path in modules()
+        if room_of(path) not in ("specimens", "scene")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Compare | ast.MatchValue)
+        and SPECIMENS & {c.value for c in ast.walk(node) if isinstance(c, ast.Constant)}
+    ]
+    assert not found
+
+
+DOORS = ("cli", "scene", "contact", "stress", "optics", "simulation", "output", "runs")
 
 
 def test_no_drawing_or_image_library_is_imported_before_it_is_needed():
@@ -127,7 +150,113 @@ def printed_by(code: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
-@pytest.mark.parametrize("room", sorted({room_of(p) for p in modules()}))
+MOST_MODULES, LONGEST, SHORTEST = 12, 400, 60
+"""Modules in a folder, lines of a module, and lines of one that a single other module imports."""
+
+FRONT = ("api", "result", "figure", "folder", "settings")
+"""Modules that stand in several rooms, and mean the same in each."""
+
+SHORT_WITH_A_REASON = {
+    "frames/readers/video.py": "which library reads a video: the one place that knows both",
+}
+
+AN_INTERFACE = "specimens"
+"""A folder whose modules are alike: one a specimen, however short."""
+
+
+def test_a_folder_holds_few_modules():
+    counts = Counter(p.parent for p in modules() if p.stem != "__init__")
+    full = {f.relative_to(HOUSE).as_posix(): n for f, n in counts.items() if n > MOST_MODULES}
+    assert not full
+
+
+def test_a_module_that_one_other_imports_is_worth_its_file():
+    importers = Counter(name for p in modules() for name in modules_imported_by(p))
+    small = {
+        p.relative_to(HOUSE).as_posix()
+        for p in modules()
+        if p.stem not in (*FRONT, "__init__", "__main__")
+        and p.parent.name != AN_INTERFACE
+        and len(p.read_text("utf-8").splitlines()) < SHORTEST
+        and importers[dotted(p)] <= 1
+    }
+    assert small == set(SHORT_WITH_A_REASON)
+
+
+def dotted(path: Path) -> str:
+    """The full name of a module."""
+    return ".".join(("isochrome", *path.relative_to(HOUSE).with_suffix("").parts))
+
+
+def modules_imported_by(path: Path) -> set[str]:
+    """Modules from which a module takes names, those behind front doors included."""
+    return {
+        behind_the_door(node.module or "", alias.name)
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
+def behind_the_door(module: str, name: str) -> str:
+    """The module that a front door takes a name from; `module` itself where it is no door."""
+    stub = HOUSE.joinpath(*module.split(".")[1:]) / "__init__.pyi"
+    if not module.startswith("isochrome") or not stub.is_file():
+        return module
+    for node in ast.parse(stub.read_text("utf-8")).body:
+        if isinstance(node, ast.ImportFrom) and name in {alias.name for alias in node.names}:
+            return behind_the_door(f"{module}.{node.module}", name)
+    return f"{module}.{name}"
+
+
+def test_module_names_stand_once():
+    """But for those that mean the same in every room."""
+    names = Counter(p.stem for p in modules() if p.stem not in (*FRONT, "__init__", "__main__"))
+    assert not [name for name, count in names.items() if count > 1]
+
+
+def test_public_names_stand_once():
+    """A class or function that others may use has a name of its own in the whole package."""
+    names = Counter(
+        node.name
+        for p in modules()
+        if p.stem != "__main__"
+        for node in ast.parse(p.read_text("utf-8")).body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+    )
+    assert not [name for name, count in names.items() if count > 1]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_is_entered_by_its_front_door(room):
+    """What a room takes from another stands in the other's stub, and is imported from there."""
+    inside = {
+        f"{path.relative_to(HOUSE).as_posix()}: {node.module}"
+        for path in of_room(room)
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        and (parts := (node.module or "").split("."))[0] == "isochrome"
+        and len(parts) > 2
+        and parts[1] != room
+    }
+    assert not inside
+
+
+def test_a_front_door_offers_what_it_lists():
+    """Each name of each stub is there, and its `__all__` is what it imports."""
+    stubs = sorted(HOUSE.rglob("__init__.pyi"))
+    assert len(stubs) > 15
+    for stub in stubs:
+        tree = ast.parse(stub.read_text("utf-8"))
+        names = [a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names]
+        door = importlib.import_module(dotted(stub).removesuffix(".__init__"))
+        assert sorted(set(door.__all__) - {"__version__"}) == sorted(names)
+        assert set(names) <= set(dir(door))
+        for name in names:
+            assert not isinstance(getattr(door, name), ModuleType), f"{stub}: {name}"
+
+
+@pytest.mark.parametrize("room", ROOMS)
 def test_a_module_is_short_and_its_public_things_are_described(room):
     faults = [
         f"{path.relative_to(HOUSE).as_posix()}: {fault}"
@@ -141,8 +270,8 @@ def faults_of(path: Path) -> Iterator[str]:
     """What is wrong with a module."""
     text = path.read_text("utf-8")
     tree = ast.parse(text)
-    if len(text.splitlines()) > 300:
-        yield "more than 300 lines hold more than one thing"
+    if len(text.splitlines()) > LONGEST:
+        yield f"more than {LONGEST} lines"
     if not ast.get_docstring(tree):
         yield "no docstring"
     if path.stem.startswith("_") and path.stem != "__init__":
@@ -164,10 +293,64 @@ def described(tree: ast.Module) -> Iterator[tuple[str, ast.AST]]:
                     yield f"{node.name}.{inner.name}", inner
 
 
+MOST_BY_POSITION = 6
+"""Fields of a dataclass that may be built without their names."""
+
+
+def test_a_dataclass_of_many_fields_is_built_by_keyword():
+    """But for a list that only gets shorter."""
+    found = {
+        path.relative_to(HOUSE).as_posix()
+        for path in modules()
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ClassDef) and built_by_position(node)
+    }
+    assert not found, "give kw_only=True to their large dataclasses"
+
+
+def built_by_position(node: ast.ClassDef) -> bool:
+    """Whether a class is a dataclass of many fields that may be given without their names."""
+    decorators = [d for d in node.decorator_list if "dataclass" in ast.unparse(d)]
+    fields = [f for f in node.body if isinstance(f, ast.AnnAssign)]
+    fields = [f for f in fields if "ClassVar" not in ast.unparse(f.annotation)]
+    by_name = any("kw_only=True" in ast.unparse(d) for d in decorators)
+    return bool(decorators) and len(fields) > MOST_BY_POSITION and not by_name
+
+
+@pytest.mark.parametrize(
+    ("head", "fields", "by_position"),
+    [
+        ("@dataclass(frozen=True)", 7, True),
+        ("@dataclass", 7, True),
+        ("@dataclass(frozen=True)", 6, False),
+        ("@dataclass(frozen=True, kw_only=True)", 7, False),
+        ("", 7, False),
+    ],
+)
+def test_a_large_dataclass_without_keywords_is_noticed(head, fields, by_position):
+    lines = [
+        head,
+        "class A:",
+        "    shared: ClassVar[int]",
+        *(f"    f{k}: int" for k in range(fields)),
+    ]
+    (node,) = ast.parse("\n".join(lines)).body
+    assert built_by_position(node) == by_position
+
+
 COMMANDS = ("process", "simulate", "fit", "compare", "sweep")
+
+HOMES = {
+    "process": "isochrome.processing.api",
+    "simulate": "isochrome.simulation.api",
+    "fit": "isochrome.fitting.api",
+    "compare": "isochrome.comparison.api",
+    "sweep": "isochrome.sweeps.api",
+}
 
 AS_FUNCTIONS = f"""
 import importlib, sys
+HOMES = {HOMES!r}
 for name in {COMMANDS!r}:
     for again in (1, 2):
         for module in [m for m in sys.modules if m.split(".")[0] == "isochrome"]:
@@ -177,7 +360,7 @@ for name in {COMMANDS!r}:
             getattr(isochrome, name)
         space = dict()
         exec("from isochrome import " + name + " as command", space)
-        importlib.import_module("isochrome." + name + ".run")
+        importlib.import_module(HOMES[name])
         for function in (space["command"], getattr(isochrome, name)):
             try:
                 function()
@@ -187,7 +370,22 @@ for name in {COMMANDS!r}:
 
 
 def test_a_command_is_a_function_of_the_package_however_it_is_come_by():
-    """The package has rooms of the same names, which importing puts in the functions' places."""
+    """Importing the room that holds it does not put a module in the function's place."""
     said = [f"{name}() missing" for name in COMMANDS for _ in range(4)]
     lines = printed_by(AS_FUNCTIONS).splitlines()
     assert [line[: len(start)] for line, start in zip(lines, said, strict=True)] == said
+
+
+MOST_IMPORTED = 150
+"""Modules of ours that a contact's simulation may import, of some 350: the others wait."""
+
+
+def test_a_contact_run_imports_what_it_needs():
+    code = """
+import sys, isochrome
+scene = isochrome.load_scene("line-contact-wear")
+scene = scene.model_copy(update={"wear": None})
+isochrome.simulate(scene)
+print(len([name for name in sys.modules if name.split(".")[0] == "isochrome"]))
+"""
+    assert int(printed_by(code)) <= MOST_IMPORTED

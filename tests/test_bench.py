@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.bench import FitRow, FringeRow, MemoryRow, Row, TrackRow, bench, load_benchmarks
+from isochrome.benchmarks import bench, load_benchmarks
 from isochrome.contact import make_surface, solve_pressure
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
@@ -28,6 +28,8 @@ from isochrome.reference import (
     hertz_peak_pressure,
     hertz_pressure,
 )
+
+ROWS = load_benchmarks("rows")
 
 PAIR = (2100.0, 0.4, 210000.0, 0.3)
 MODULUS, COUPLING = contact_modulus(*PAIR), coupling_modulus_inverse(*PAIR)
@@ -45,7 +47,7 @@ def quick(tmp_path_factory):
     said = []
     got = bench(folder, quick=True, progress=said.append)
     assert said == list(load_benchmarks("cases").CASES)
-    return [Row(**row) for row in got.rows], got.text, folder
+    return [ROWS.Row(**row) for row in got.rows], got.text, folder
 
 
 def test_papers_pressure_is_hertzs_to_its_stated_error(paper):
@@ -157,8 +159,11 @@ def test_bench_writes_a_table_and_a_picture(quick):
 
 def test_ratio_is_to_the_fastest_rival_as_accurate_and_says_where_there_is_none():
     common = load_benchmarks("common")
-    rivals = [Row("c", common.PAPER, "", 1e-3, 1.0), Row("c", common.PAPER, "", 1e-5, 8.0)]
-    ours = [Row("c", common.OURS, "", e, 2.0) for e in (1e-2, 1e-4, 1e-6)]
+    rivals = [
+        ROWS.Row("c", common.PAPER, "", 1e-3, 1.0),
+        ROWS.Row("c", common.PAPER, "", 1e-5, 8.0),
+    ]
+    ours = [ROWS.Row("c", common.OURS, "", e, 2.0) for e in (1e-2, 1e-4, 1e-6)]
     rows = common.with_ratios(rivals + ours)[2:]
     assert [row.ratio for row in rows] == [0.5, 4.0, 4.0]
     assert [row.reached for row in rows] == [True, True, False]
@@ -168,10 +173,10 @@ def test_among_equally_accurate_rivals_the_fastest_counts():
     """Goes wrong if rounding picks the slower of two sums that are one in exact arithmetic."""
     common = load_benchmarks("common")
     rows = [
-        Row("c", common.PAPER, "", 1e-3 * (1 + 1e-12), 1.0),
-        Row("c", common.PAPER, "", 1e-3, 8),
+        ROWS.Row("c", common.PAPER, "", 1e-3 * (1 + 1e-12), 1.0),
+        ROWS.Row("c", common.PAPER, "", 1e-3, 8),
     ]
-    (_, _, ours) = common.with_ratios([*rows, Row("c", common.OURS, "", 1e-4, 0.5)])
+    (_, _, ours) = common.with_ratios([*rows, ROWS.Row("c", common.OURS, "", 1e-4, 0.5)])
     assert ours.ratio == 2.0 and not ours.reached
 
 
@@ -187,7 +192,7 @@ def test_an_installed_package_finds_the_benchmarks_of_the_clone_it_is_run_from(c
     clone = Path(__file__).parents[1]
     words = f"""
 import os
-from isochrome.bench import benchmarks_folder
+from isochrome.benchmarks import benchmarks_folder
 from isochrome.errors import InputError
 os.chdir({str(clone)!r})
 print(benchmarks_folder())
@@ -208,7 +213,7 @@ except InputError as error:
 
 def test_a_bench_keeps_the_rows_of_all_its_cases(monkeypatch, tmp_path):
     cases = load_benchmarks("cases")
-    two = {name: lambda quick, name=name: [Row(name, "", "", 1e-3)] for name in ("one", "two")}
+    two = {name: lambda quick, name=name: [ROWS.Row(name, "", "", 1e-3)] for name in ("one", "two")}
     suite = replace(cases.SUITES["speed"], cases=lambda: two, file="both")
     monkeypatch.setitem(cases.SUITES, "both", suite)
     said = []
@@ -229,7 +234,7 @@ def test_fringes_suite_judges_a_reading_by_the_truth_and_writes_a_table_and_a_pi
     monkeypatch.setitem(cases.SUITES, "fringes", suite)
     got = bench(tmp_path / "out", suite="fringes", quick=True)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["fringes.csv", "fringes.png"]
-    arcsine, free = (FringeRow(**row) for row in got.rows)
+    arcsine, free = (ROWS.FringeRow(**row) for row in got.rows)
     # of the fringe's crests a pixel alone knows nothing, and a patch of them does: 0.116 of the
     # arcsine's error at most in four seeds, and 0.994 of the specimen
     assert free.rms < 0.2 * arcsine.rms and free.kept > 0.985 and free.wrong == 0.0
@@ -255,8 +260,21 @@ def test_a_reading_that_is_off_is_counted_as_such():
 
 
 def test_an_unknown_suite_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="speed, fringes, fit, track, memory, tolerance"):
+    with pytest.raises(InputError, match="speed, fringes, fit, defects, track, memory, tolerance"):
         bench(suite="colour")
+
+
+def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
+    """The first single one: a roll. Its row, the table and the picture."""
+    case, report = load_benchmarks("case_defects"), load_benchmarks("report_defects")
+    (row,) = case.frames("single", quick=True)
+    assert row.defects == row.found == "roll" and row.named and not row.refused
+    assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0 and row.chi < 1.05
+    text = report.table([row])
+    assert "within 3 u" in text and "roll" in text
+    report.figure([row]).savefig(tmp_path / "defects.png")
+    gone = replace(row, refused="no fringes")
+    assert "single 0: roll: no fringes" in report.table([gone])
 
 
 def test_fit_suite_holds_a_fit_to_the_truth_and_writes_a_table_and_a_picture(monkeypatch, tmp_path):
@@ -266,7 +284,7 @@ def test_fit_suite_holds_a_fit_to_the_truth_and_writes_a_table_and_a_picture(mon
     monkeypatch.setitem(cases.SUITES, "fit", suite)
     got = bench(tmp_path / "out", suite="fit", quick=True)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["fit.csv", "fit.png"]
-    load, order = (FitRow(**row) for row in got.rows)
+    load, order = (ROWS.FitRow(**row) for row in got.rows)
     # eight seeds: 0.001 % and 8e-5 fringe at most
     assert load.error < 0.003 < load.bar and order.error < 2.4e-4 < order.bar
     # of four normal pulls the root mean square is 0.15 to 2.15 but twice in a thousand
@@ -282,7 +300,7 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
     monkeypatch.setitem(cases.SUITES, "track", replace(cases.SUITES["track"], cases=lambda: few))
     got = bench(tmp_path / "out", suite="track", quick=True)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["track.csv", "track.png"]
-    (row,) = (TrackRow(**row) for row in got.rows)
+    (row,) = (ROWS.TrackRow(**row) for row in got.rows)
     assert (row.frames, row.workers) == (9, 1) and row.cpu_ms > 0.0 and row.frames_per_s > 0.0
     assert 0.0 < row.reading < 0.03 and 0.0 < row.writing < 0.03  # both up to 0.007
     # nine pulls' root mean square is 1 to a quarter or so; 5 times fewer pixels than the paper's
@@ -295,7 +313,7 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
 def test_memory_is_that_of_the_run_alone(tmp_path):
     got = bench(tmp_path / "out", suite="memory", quick=True)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["memory.csv", "memory.png"]
-    rows = [MemoryRow(**row) for row in got.rows]
+    rows = [ROWS.MemoryRow(**row) for row in got.rows]
     assert [row.command for row in rows] == ["simulate", "process --track"]
     # the libraries alone take some 80 to 110 MB, three states or seven small frames little more
     assert all(60.0 < row.peak_mb < 300.0 and row.seconds > 0.0 for row in rows)
@@ -314,7 +332,7 @@ def test_a_stack_whose_pages_share_pixels_is_read_as_written(tmp_path):
 
 def test_a_share_of_a_bar_is_one_where_it_is_just_met():
     share = load_benchmarks("report_fit").share
-    row = FitRow("a", "b", "c", 0.02, 0.02, "%", math.nan, 1.0, 1.0)
+    row = ROWS.FitRow("a", "b", "c", 0.02, 0.02, "%", math.nan, 1.0, 1.0)
     assert share(row) == 1.0 and share(replace(row, error=0.01)) == 0.5
     assert share(replace(row, error=10.0, bar=5.0, more=True)) == 0.5
     assert share(replace(row, error=0.0, bar=0.0)) == 0.0

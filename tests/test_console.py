@@ -32,7 +32,7 @@ def shown(capfd, *rows):
     names = ("frame", "key", "value", "standard_uncertainty", "cramer_rao_bound")
     columns = zip(*((0, f"key{k}", *row, 1.0) for k, row in enumerate(rows)), strict=True)
     table = dict(zip(names, map(list, columns), strict=True))
-    print_fit(SimpleNamespace(table=lambda: table, chi=1.0, wear_laws=None, tractions=[]))
+    print_fit(SimpleNamespace(columns=table, chi=1.0, wear_laws=None, tractions=[]))
     return capfd.readouterr().out.splitlines()
 
 
@@ -42,10 +42,13 @@ def shown(capfd, *rows):
         (44.1234567, 0.0123, "44.123 ± 0.012"),
         (-44.1234567, 0.0123, "-44.123 ± 0.012"),
         (2.00123e-9, 3.4e-11, "2.001e-09 ± 3.4e-11"),
-        (9.94, 1.0, "9.9 ± 1"),
-        (0.25, 0.5, "0.25 ± 0.5"),
+        (9.94, 1.0, "9.9 ± 1.0"),
+        (11.0, 0.00011, "11.00000 ± 0.00011"),
+        (1234.5, 99.6, "1230 ± 100"),
+        (12345678.0, 1234.0, "1.23457e+07 ± 1.2e+03"),
+        (0.25, 0.5, "0.25 ± 0.50"),
         (44.1234567, float("nan"), "44.1235 ± nan"),
-        (0.0, 0.1, "0 ± 0.1"),
+        (0.0, 0.1, "0.00 ± 0.10"),
     ],
 )
 def test_a_value_has_the_digits_that_its_uncertainty_leaves_it(capfd, value, spread, said):

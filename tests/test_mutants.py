@@ -72,8 +72,18 @@ def functions(path: str) -> str:
 
 
 ROOMS = (
-    *("contact", "stress", "optics", "scene", "simulate", "sweep", "frames", "fringes", "fit"),
-    *("calibrate", "process", "campaign", "compare", "runs", "output"),
+    *(
+        "contact",
+        "stress",
+        "optics",
+        "scene",
+        "simulation",
+        "sweeps",
+        "frames",
+        "fringes",
+        "fitting",
+    ),
+    *("calibration", "processing", "campaigns", "comparison", "runs", "output"),
 )
 
 

@@ -13,17 +13,17 @@ from hypothesis.extra import numpy as hnp
 
 from isochrome.errors import InputError
 from isochrome.output import (
-    TableWriter,
-    TiffWriter,
+    csv_text,
     json_pieces,
     output_folder,
     provenance,
     read_csv,
     read_pixel_mm,
     staged,
-    tiff,
+    tiff_stack,
     write_csv,
     write_figure,
+    write_frames,
     write_json,
     write_text,
     write_tiff,
@@ -55,10 +55,9 @@ def test_any_stack_comes_back_with_its_shape_type_and_values(tmp_path, stack):
 
 def test_streamed_stack_equals_the_one_written_at_once_and_carries_the_scale(tmp_path):
     stack = np.arange(5 * 6 * 7, dtype=np.uint16).reshape(5, 6, 7)
-    with TiffWriter(tmp_path / "a.tif", pixel_mm=0.00607, description="by hand") as writer:
-        for frame in stack:
-            writer.append(frame)
-    write_tiff(tmp_path / "b.tif", stack, pixel_mm=0.00607, description="by hand")
+    kind, notes = (stack.shape, stack.dtype), {"Info": "by hand"}
+    write_frames(tmp_path / "a.tif", iter(stack), *kind, pixel_mm=0.00607, metadata=notes)
+    write_frames(tmp_path / "b.tif", stack, *kind, pixel_mm=0.00607, metadata=notes)
     assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
     with tifffile.TiffFile(tmp_path / "a.tif") as tif:
         assert tif.series[0].axes == "TYX" and tif.imagej_metadata["Info"] == "by hand"
@@ -67,7 +66,7 @@ def test_streamed_stack_equals_the_one_written_at_once_and_carries_the_scale(tmp
 
 
 def test_stack_beyond_imagejs_limit_becomes_bigtiff_with_the_same_scale(tmp_path, monkeypatch):
-    monkeypatch.setattr(tiff, "IMAGEJ_LIMIT", 10)
+    monkeypatch.setattr(tiff_stack, "IMAGEJ_LIMIT", 10)
     write_tiff(tmp_path / "b.tif", np.ones((2, 3, 4), np.float32), pixel_mm=0.01)
     with tifffile.TiffFile(tmp_path / "b.tif") as tif:
         assert tif.is_bigtiff and tif.asarray().shape == (2, 3, 4)
@@ -80,11 +79,9 @@ def test_colour_frames_come_back_with_their_scale_and_8_bit_ones_in_imagejs_layo
     tmp_path, dtype, count
 ):
     stack = np.arange(count * 5 * 7 * 3).reshape(count, 5, 7, 3).astype(dtype)
-    with TiffWriter(tmp_path / "c.tif", pixel_mm=0.01, photometric="rgb") as writer:
-        for frame in stack:
-            writer.append(frame)
-        with pytest.raises(InputError, match="frame"):
-            writer.append(stack[0, ..., 0])
+    write_tiff(tmp_path / "c.tif", stack, pixel_mm=0.01, photometric="rgb")
+    with pytest.raises(InputError, match="frame"):
+        write_tiff(tmp_path / "d.tif", stack[..., 0], photometric="rgb")
     with tifffile.TiffFile(tmp_path / "c.tif") as tif:
         assert {int(page.photometric) for page in tif.pages} == {2}  # RGB
         assert tif.is_imagej == (dtype is np.uint8)
@@ -101,16 +98,13 @@ def test_dots_per_inch_are_no_scale(tmp_path):
 
 def test_failed_stream_leaves_nothing_and_keeps_the_old_file(tmp_path):
     write_text(tmp_path / "s.tif", "old")
-    with pytest.raises(RuntimeError), TiffWriter(tmp_path / "s.tif") as writer:  # noqa: PT012
-        writer.append(np.zeros((3, 4), np.uint8))
-        raise RuntimeError
-    with TiffWriter(tmp_path / "n.tif") as writer:
-        writer.append(np.zeros((3, 4), np.uint8))
-        with pytest.raises(InputError, match="frame 1 is"):
-            writer.append(np.zeros((4, 4), np.uint8))
-    (tmp_path / "n.tif").unlink()
-    with pytest.raises(InputError, match="no frame"), TiffWriter(tmp_path / "z.tif"):
-        pass
+
+    def frames():
+        yield np.zeros((3, 4), np.uint8)
+        raise RuntimeError("the source is gone")
+
+    with pytest.raises(RuntimeError, match="gone"):
+        write_frames(tmp_path / "s.tif", frames(), (2, 3, 4), np.dtype(np.uint8))
     assert [p.name for p in tmp_path.iterdir()] == ["s.tif"]
     assert (tmp_path / "s.tif").read_text() == "old"
 
@@ -201,24 +195,36 @@ def test_table_with_unequal_columns_or_rows_is_refused(tmp_path):
         read_csv(tmp_path / "t.csv")
 
 
-def test_table_written_row_by_row_is_the_one_written_at_once(tmp_path):
+def test_table_put_together_of_parts_is_the_one_written_at_once(tmp_path):
     x = np.array([1 / 3, np.nan, 2e-9, -4.0])
     names = ['a "quoted" one', "b, c", "d", "e"]
     write_csv(tmp_path / "once.csv", {"x_mm": x.tolist(), "name": names})
-    with TableWriter(tmp_path / "rows.csv", ("x_mm", "name")) as table:
-        for part in (slice(0, 1), slice(1, 2), slice(2, 4)):
-            table.append({"x_mm": x[part], "name": names[part]})
-    assert (tmp_path / "rows.csv").read_bytes() == (tmp_path / "once.csv").read_bytes()
+    text = "".join(
+        csv_text({"x_mm": x[part], "name": names[part]}, header=part.start == 0)
+        for part in (slice(0, 1), slice(1, 2), slice(2, 4))
+    )
+    assert text.encode() == (tmp_path / "once.csv").read_bytes()
+
+
+def test_long_table_is_written_whole(tmp_path):
+    """In several parts, so that little of it is text at a time."""
+    count = 10_000
+    write_csv(tmp_path / "t.csv", {"x": range(count), "y": np.arange(count) / 8})
+    table = read_csv(tmp_path / "t.csv")
+    assert table["x"] == list(range(count)) and table["y"] == [k / 8 for k in range(count)]
 
 
 def test_failed_table_leaves_nothing_and_keeps_the_old_one(tmp_path):
     write_text(tmp_path / "t.csv", "old")
-    for bad in ({"b": [1]}, {"a": [1], "b": [1, 2]}):
-        with (
-            pytest.raises(InputError, match=r"t\.csv"),
-            TableWriter(tmp_path / "t.csv", ("a", "b")) as table,
-        ):
-            table.append(bad)
+    with pytest.raises(InputError, match=r"t\.csv"):
+        write_csv(tmp_path / "t.csv", {"a": [1], "b": [1, 2]})
+
+    class Broken:
+        def __str__(self):
+            raise RuntimeError("it has no text")
+
+    with pytest.raises(RuntimeError, match="no text"):
+        write_csv(tmp_path / "t.csv", {"a": [1, Broken()]})
     assert [p.name for p in tmp_path.iterdir()] == ["t.csv"]
     assert (tmp_path / "t.csv").read_text() == "old"
 
@@ -283,12 +289,3 @@ def test_a_stage_that_cannot_give_all_files_their_places_puts_the_old_ones_back(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.txt", "z"]
     assert (tmp_path / "a.txt").read_text() == "old"
     assert (tmp_path / "z").read_text() == "mine"
-
-
-def test_the_names_of_a_table_written_in_parts_may_come_with_its_first_rows(tmp_path):
-    with TableWriter(tmp_path / "t.csv") as table:
-        table.append({"a": [1.0], "b": [2.0]})
-        with pytest.raises(InputError, match="in its order"):
-            table.append({"b": [1.0], "a": [2.0]})
-        table.append({"a": [3.0], "b": [4.0]})
-    assert (tmp_path / "t.csv").read_text() == "a,b\n1,2\n3,4\n"

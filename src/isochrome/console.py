@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,74 +19,63 @@ _SHOWN = 60
 @contextmanager
 def run_bar(what: str, items: str = "frames") -> Iterator[Callable[[Tally], None]]:
     """Items done, a second, flagged, and the time left, on standard error; nothing in a pipe."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(
-        *_run_columns(), console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        yield _shower(progress, what, items)
+    with _bars() as bars:
+        yield _shower(bars, what, items)
 
 
 @contextmanager
 def campaign_bar() -> Iterator[Callable[[Tally, Tally | None], None]]:
     """Two bars: the recordings, and the frames of the one in work; nothing in a pipe."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(
-        *_run_columns(), console=console, transient=True, disable=not console.is_terminal
-    ) as progress:
-        recordings = _shower(progress, "recordings", "recordings")
-        within: list[Callable[[Tally | None], None]] = []
+    with _bars() as bars:
+        recordings = _shower(bars, "recordings", "recordings")
+        within: Callable[[Tally | None], None] | None = None
 
         def show(tally: Tally, frames: Tally | None) -> None:
+            nonlocal within
             recordings(tally)
+            if within is None and frames is not None:
+                within = _shower(bars, "frames", "frames")
+            if within is not None:
+                within(frames)
             if frames is None:
-                for one in within:
-                    one(None)
-                within.clear()
-                return
-            if not within:
-                within.append(_shower(progress, "frames", "frames"))
-            within[0](frames)
+                within = None
 
         yield show
 
 
-def _run_columns() -> tuple[Any, ...]:
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+@contextmanager
+def _bars() -> Iterator[Any]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    return (
+    console = Console(stderr=True)
+    with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.completed:.0f}/{task.total:.0f}"),
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
         TextColumn("{task.fields[flagged]} flagged"),
-    )
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bars:
+        yield bars
 
 
-def _shower(progress: Any, what: str, items: str) -> Callable[[Tally | None], None]:
+def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
     """A bar of its own, that shows a Tally, and goes at None."""
-    task = progress.add_task(what, total=0, rate="", flagged=0)
+    task = bars.add_task(what, total=0, rate="", flagged=0)
     began = monotonic()
 
     def show(tally: Tally | None) -> None:
         if tally is None:
-            progress.remove_task(task)
+            bars.remove_task(task)
             return
         own, seconds = tally.done - tally.before, monotonic() - began
         rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
-        progress.update(
-            task,
-            completed=tally.done,
-            total=tally.count,
-            rate=rate,
-            flagged=tally.flagged,
-        )
+        counts = {"completed": tally.done, "total": tally.count, "flagged": tally.flagged}
+        bars.update(task, rate=rate, **counts)
 
     return show
 
@@ -117,6 +105,18 @@ def print_json(values: Any) -> None:
     typer.echo()
 
 
+def print_result(result: Any, out: Path, as_json: bool, show: Callable[[Any], None]) -> None:
+    """A command's result: one JSON object, or what `show` prints, its warnings and its place."""
+    if as_json:
+        print_json({"out": str(out), **result.to_json()})
+        return
+    show(result)
+    print_warnings(list(result.warnings))
+    done = getattr(result, "already", False)  # an earlier run had left it all
+    again = " (complete already; --restart computes them anew)" if done else ""
+    typer.echo(f"results: {out}{again}")
+
+
 def print_warnings(warnings: list[str]) -> None:
     """Warnings on standard error, a line each."""
     for warning in warnings:
@@ -126,8 +126,10 @@ def print_warnings(warnings: list[str]) -> None:
 
 def print_calibration(result: Any) -> None:
     """A fringe value with its uncertainty and goodness; its warnings on standard error."""
+    from isochrome.output import with_uncertainty
+
     value, spread = result.fringe_value_n_per_mm, result.standard_uncertainty
-    typer.echo(f"fringe_value_n_per_mm = {value:.5g} ± {spread:.2g} (standard uncertainty)")
+    typer.echo(f"fringe_value_n_per_mm = {with_uncertainty(value, spread)} (standard uncertainty)")
     typer.echo(f"chi = {result.chi:.3f}")
     if result.order_at_zero_load is not None:
         typer.echo(f"order at zero load = {round(result.order_at_zero_load, 3) + 0.0:.3f} fringes")
@@ -138,11 +140,13 @@ def print_calibration(result: Any) -> None:
 
 
 def print_fit(result: Any) -> None:
-    """Fitted values with their uncertainties and bounds, chi, and what is said of the wear law."""
-    table = result.table()
+    """Fitted values with their uncertainties and bounds, chi, and which wear law is preferred."""
+    from isochrome.output import with_uncertainty
+
+    table = result.columns
     names = ("frame", "key", "value", "standard_uncertainty", "cramer_rao_bound")
     rows = [
-        (frame, key, f"{_to_last_digit(value, spread)} ± {spread:.2g}", f"{bound:.2g}")
+        (frame, key, with_uncertainty(value, spread), f"{bound:.2g}")
         for frame, key, value, spread, bound in zip(*(table[n] for n in names), strict=True)
     ]
     more = len(rows) - _SHOWN
@@ -153,14 +157,6 @@ def print_fit(result: Any) -> None:
         typer.echo(f"wear law: {result.wear_laws.sentence()}")
     for i, one in enumerate(result.tractions):
         typer.echo(f"frame {i}, without a contact model: {one.sentence()}")
-
-
-def _to_last_digit(value: float, spread: float) -> str:
-    """A value with the digits that its uncertainty, shown with two, leaves it."""
-    if not (math.isfinite(spread) and spread > 0.0 and value):
-        return f"{value:.6g}"
-    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(spread)) + 2
-    return f"{value:#.{min(max(digits, 2), 15)}g}"
 
 
 def print_columns(table: dict[str, list[Any]], names: Any = None) -> None:
@@ -174,12 +170,6 @@ def _cell(value: Any) -> str:
     if value is None or value != value:
         return "-"
     return f"{value:.5g}" if isinstance(value, float) else str(value)
-
-
-def print_place(out: Path, *, already: bool) -> None:
-    """Where the results are; `already`, that an earlier run had left them all."""
-    done = " (complete already; --restart computes them anew)" if already else ""
-    typer.echo(f"results: {out}{done}")
 
 
 def print_rows(names: tuple[str, ...], rows: list[Any]) -> None:

@@ -1,4 +1,4 @@
-"""Progress of a long run, told to whoever wants to show it."""
+"""Progress of a long run, for whoever wants to show it."""
 
 from __future__ import annotations
 

@@ -18,7 +18,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from isochrome.bench import FitRow, benchmarks_folder
+from isochrome.benchmarks import benchmarks_folder
+
+from .rows import FitRow
 
 ONE, COLD, SEQUENCE, LAW = "one frame", "cold start", "sequence of six", "another law"
 TRACTIONS, BLOCK, TONE = "tractions", "finite block", "gamma, plates, blur"
@@ -32,7 +34,7 @@ SEED = 20
 def _tests():
     """The folders of the tests on the path, whose modules make the frames."""
     root = benchmarks_folder().parent
-    own = [str(root), str(root / "fit")]
+    own = [str(root), str(root / "fitting")]
     sys.path[:0] = own
     try:
         yield
@@ -61,12 +63,12 @@ def timed(work):
 @lru_cache(maxsize=1)
 def evaluation_s():
     """Processor time (s) of one evaluation of a sliding contact's light at every pixel."""
-    from isochrome.fit.one_state import with_own_numerics
-    from isochrome.fit.renderer import SceneRenderer
+    from isochrome.fitting.frame.renderer import SceneRenderer
+    from isochrome.fitting.frame.single_state import with_numerics
 
     frames = made_by("engine_frames")
     scene, _ = frames.random_contact(np.random.default_rng(SEED), "slide")
-    scene = with_own_numerics(scene)
+    scene = with_numerics(scene)
     renderer = SceneRenderer(scene, (494, 659))
     renderer.signal(scene)
     loads = [scene.get(LOAD) * (1.0 + 1e-4 * k) for k in range(1, 8)]
@@ -125,7 +127,7 @@ def _known(values):
 
 def cold_start(quick=False):
     """Held contacts in partial slip, with bulk stress, from a load up to four times off."""
-    from isochrome.fit.frame_fit import fit_frame
+    from isochrome.fitting.frame.frame_fit import fit_frame
 
     frames = made_by("cold_frames")
     load, shear, pulls, seconds, wrong, silent = [], [], [], [], 0, 0
@@ -169,9 +171,9 @@ def _worn(law="archard", *, quick):
 
 
 def _fitted(truth, begun, shared, own, folder):
-    from isochrome.fit.run import fit
+    from isochrome.fitting.api import fit
     from isochrome.output import write_tiff
-    from isochrome.simulate import simulate
+    from isochrome.simulation import simulate
 
     path = Path(folder) / "frames.tif"
     write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
@@ -197,7 +199,7 @@ def sequence(quick=False):
 
 def another_law(quick=False):
     """A run worn by the dissipated energy, fitted by Archard's law: is the right one preferred?"""
-    from isochrome.fit.laws import CLEAR
+    from isochrome.fitting.wear_laws.law_evidence import CLEAR
 
     truth, begun = _worn("dissipated_energy", quick=quick)
     begun = begun.with_values({WEAR: 1.5e-9})
@@ -213,7 +215,7 @@ def another_law(quick=False):
 
 def tractions(quick=False):
     """A lobe of pressure beside the contact, which no contact model has."""
-    from isochrome.fit.tractions import invert_tractions
+    from isochrome.fitting.tractions.surface_fit import invert_tractions
 
     frames = made_by("pressed")
     size = {"cols": 220, "rows": 164, "pixel": 0.01821} if quick else {}
@@ -235,8 +237,8 @@ def tractions(quick=False):
 
 def block(quick=False):
     """A block of finite size by finite elements, fitted as a half-plane with a smooth stress."""
-    from isochrome.fit.run import fit
-    from isochrome.simulate import make_picture, scene_states, state_difference
+    from isochrome.fitting.api import fit
+    from isochrome.simulation import make_picture, scene_states, state_difference
     from isochrome.stress import pixel_grid
 
     if find_spec("skfem") is None:

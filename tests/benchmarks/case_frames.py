@@ -9,16 +9,16 @@ from functools import partial
 
 import numpy as np
 
-from isochrome.bench import Row
 from isochrome.contact import SurfaceState, contact_grid
 from isochrome.optics import expose, make_chain
 from isochrome.scene import load_scene
-from isochrome.simulate import SceneState, make_picture, picture_signal, state_difference
+from isochrome.simulation import SceneState, make_picture, picture_signal, state_difference
 from isochrome.stress import pixel_grid
 
 from . import paper_procedure as paper
 from .case_stress import TIMED_ROWS, closed_form, tractions
 from .common import OURS, PAPER, plain, timed, with_ratios
+from .rows import Row
 
 IN_A_ROW = 10
 """Frames that are rendered one after the other, as a history's are."""

@@ -16,7 +16,9 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from isochrome.bench import FringeRow, benchmarks_folder
+from isochrome.benchmarks import benchmarks_folder
+
+from .rows import FringeRow
 
 ARCSINE = "arcsine, branch given"
 MODEL = "one frame, model"
@@ -65,8 +67,8 @@ def arcsine(seen, noise):
 def with_model(seen, noise):
     """The scene fitted to the frame, from a start that is off, and the order on its branch."""
     from isochrome.frames import Frame, to_linear
-    from isochrome.process.result import Capture
-    from isochrome.process.with_model import process_with_model
+    from isochrome.processing.kinds.with_model import process_with_model
+    from isochrome.processing.result import Capture
 
     if seen.scene.model is None:
         return None
@@ -92,8 +94,8 @@ def with_model(seen, noise):
 
 def one_frame(seen, noise, *, ends):
     """The reading without a model, with both no-load frames or with none."""
-    from isochrome.fringes.ends import widened
-    from isochrome.fringes.free import read_free
+    from isochrome.fringes.single_frame.background_modulation import widened
+    from isochrome.fringes.single_frame.free_order import read_free
 
     shot = specimens().shoot(seen, noise=noise, seed=SEED)
     known = [specimens().known_point(seen)]
@@ -109,9 +111,9 @@ def one_frame(seen, noise, *, ends):
 
 def steps(seen, noise):
     """Six circular and four plane steps of the specimen."""
-    from isochrome.fringes.stepped import read_steps
+    from isochrome.fringes.stepped.stepped_order import read_steps
     from isochrome.optics import expose, make_chain
-    from isochrome.simulate import picture_signal
+    from isochrome.simulation import picture_signal
 
     angles = [
         {name: a for name, a in zip(ELEMENTS, step, strict=True) if a is not None}
@@ -147,10 +149,10 @@ def steps(seen, noise):
 
 def colour(seen, noise):
     """One frame in white light with its no-load frames, and the table of the forward model."""
-    from isochrome.fringes.colour import read_colour
-    from isochrome.fringes.colour_table import spectral_table
+    from isochrome.fringes.colour.colour_order import read_colour
+    from isochrome.fringes.colour.colour_table import spectral_table
     from isochrome.optics import camera_response, expose
-    from isochrome.simulate import picture_signal
+    from isochrome.simulation import picture_signal
 
     scene = seen.scene.with_values({"polariscope.light": "white", "camera.colour": True})
     signal = np.where(seen.material[..., None], picture_signal(scene, seen.picture), 0.0)

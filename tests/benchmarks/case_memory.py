@@ -9,10 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from isochrome.bench import MemoryRow
 from isochrome.scene import dump_scene, load_scene
 
 from .case_track import LOOP, SHAPE, SMALL, loop, there_and_back
+from .rows import MemoryRow
 
 STATES, FRAMES = (200, 2000), (200, 20_000)
 """Of a short and a long run."""
@@ -21,12 +21,12 @@ _RUN = """
 import sys, time
 start = time.perf_counter()
 if sys.argv[1] == "simulate":
-    from isochrome.simulate import simulate
+    from isochrome.simulation import simulate
     simulate(sys.argv[2], sys.argv[4])
 else:
     from isochrome.console import print_json
-    from isochrome.process import process
-    print_json({"frames": process(sys.argv[3], sys.argv[2], sys.argv[4], track=True).table})
+    from isochrome.processing import process
+    print_json({"frames": process(sys.argv[3], sys.argv[2], sys.argv[4], track=True).columns})
 print(time.perf_counter() - start)
 """
 

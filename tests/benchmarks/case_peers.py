@@ -11,11 +11,11 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from isochrome.bench import Row
 from isochrome.contact import make_surface, solve_pressure
 
 from .case_pressure import HALF_MM, peak_error
 from .common import LOAD, MODULUS, OURS, RADIUS, timed, with_ratios
+from .rows import Row
 
 TAMAAS, CONTACT_MECHANICS = "tamaas", "ContactMechanics"
 LENGTH_MM = 1e3

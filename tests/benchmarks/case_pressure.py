@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from isochrome.bench import Row
 from isochrome.contact import ContactState, make_surface, solve_pressure
 from isochrome.reference import hertz_pressure
 
 from . import paper_procedure as paper
 from .common import HALF_WIDTH, LOAD, MODULUS, OURS, PAPER, PEAK, RADIUS, timed, with_ratios
+from .rows import Row
 
 HALF_MM = 1.0
 PAPER_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)

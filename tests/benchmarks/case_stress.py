@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from isochrome.bench import Row
 from isochrome.reference import hertz_pressure, sliding_hertz_stress
 from isochrome.stress import PixelGrid, make_field_grid, stress_difference
 
 from . import paper_procedure as paper
 from .common import FRICTION, HALF_WIDTH, OURS, PAPER, PEAK, plain, timed, with_ratios
+from .rows import Row
 
 PIXELS = PixelGrid(rows=494, cols=659, left_mm=-2.0, top_mm=0.0, pixel_mm=0.00607)
 FOLDS = (1, 6)

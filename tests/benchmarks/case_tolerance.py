@@ -12,11 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from isochrome.bench import ToleranceRow
 from isochrome.contact import contact_states
 from isochrome.errors import PhysicsError
 
 from .courses import random_course
+from .rows import ToleranceRow
 
 COURSES, FINER = 300, 100.0
 TOLERANCES = (1e-3, 1e-4, 1e-5)

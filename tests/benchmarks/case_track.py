@@ -23,7 +23,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from isochrome.bench import TrackRow, benchmarks_folder
+from isochrome.benchmarks import benchmarks_folder
+
+from .rows import TrackRow
 
 SHAPE, COUNT, LONG, LOOP = (494, 659), 800, 2000, 120
 SMALL = (120, 180)
@@ -66,7 +68,7 @@ def cases():
 @lru_cache(maxsize=1)
 def films():
     """The tests' own module that makes films."""
-    folder = str(benchmarks_folder().parent / "process")
+    folder = str(benchmarks_folder().parent / "processing")
     sys.path.insert(0, folder)
     try:
         return importlib.import_module("tracked_films")
@@ -95,7 +97,7 @@ def there_and_back(length, count):
 
 def run_case(name, *, quick):
     """Rows of one kind of film."""
-    from isochrome.process import process
+    from isochrome.processing import process
 
     kind = FILMS[name]
     count = 9 if quick else LONG if kind.both else COUNT
@@ -130,7 +132,7 @@ def run_case(name, *, quick):
 
 def _apart(film, scene, track):
     """Time (s) of two runs of one worker each at once: what the machine's cores allow for."""
-    from isochrome.process import process
+    from isochrome.processing import process
 
     with futures.ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
         start = time.perf_counter()
@@ -154,7 +156,7 @@ def _write_stack(path, frames, order):
 def _row(name, workers, found, loads, wall, cpu, spent):
     count = len(loads)
     value, spread = (
-        np.array(found.table[key], dtype=float) for key in (LOAD, f"{LOAD} standard_uncertainty")
+        np.array(found.columns[key], dtype=float) for key in (LOAD, f"{LOAD} standard_uncertainty")
     )
     alone = workers == 1
     return TrackRow(
@@ -172,14 +174,14 @@ def _row(name, workers, found, loads, wall, cpu, spent):
 
 PLACES = {
     "read": (
-        ("isochrome.process.source", "Ahead._read"),
-        ("isochrome.frames.reader", "FrameReader.count"),
-        ("isochrome.process.run", "identity_of"),
+        ("isochrome.processing.frame_source", "Ahead._read"),
+        ("isochrome.frames.reading", "FrameReader.count"),
+        ("isochrome.processing.api", "identity_of"),
     ),
     "write": (
         ("isochrome.runs.workers", "keep"),
-        ("isochrome.process.folder", "write_csv"),
-        ("isochrome.process.folder", "write_columns"),
+        ("isochrome.processing.folder", "write_csv"),
+        ("isochrome.processing.folder", "write_columns"),
     ),
 }
 """What reads and writes: functions that no other of them calls."""

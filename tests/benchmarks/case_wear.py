@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from isochrome.bench import Row
 from isochrome.contact import (
     constant_course,
     make_surface,
@@ -27,6 +26,7 @@ from .common import (
     timed,
     with_ratios,
 )
+from .rows import Row
 
 HALF_MM, NODES = 0.8, 512
 DISTANCES_M = np.array([31.0, 77.0, 155.0, 233.0])

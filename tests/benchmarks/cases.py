@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from . import (
+    case_defects,
     case_fit,
     case_frames,
     case_fringes,
@@ -17,6 +18,7 @@ from . import (
     case_track,
     case_wear,
     report,
+    report_defects,
     report_fit,
     report_fringes,
     report_memory,
@@ -48,6 +50,7 @@ SUITES = {
     "speed": Suite(lambda: CASES, "bench", report.table, report.figure),
     "fringes": Suite(case_fringes.cases, "fringes", report_fringes.table, report_fringes.figure),
     "fit": Suite(case_fit.cases, "fit", report_fit.table, report_fit.figure),
+    "defects": Suite(case_defects.cases, "defects", report_defects.table, report_defects.figure),
     "track": Suite(case_track.cases, "track", report_track.table, report_track.figure),
     "memory": Suite(case_memory.cases, "memory", report_memory.table, report_memory.figure),
     "tolerance": Suite(

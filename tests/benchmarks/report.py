@@ -7,10 +7,9 @@ import platform
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from isochrome.bench import Row
-
 from . import series
 from .common import plain
+from .rows import Row
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +76,7 @@ def figure(rows: list[Row]) -> Figure:
 
     A colour and a marker a method; below and to the left is better.
     """
-    from isochrome.figures import new_figure, style_axes
+    from isochrome.figures.style import new_figure, style_axes
 
     picture = new_figure(13.0, 5.2)
     panels = zip(picture.subplots(1, len(series.PANELS)), series.PANELS.items(), strict=True)
@@ -108,7 +107,7 @@ def _draw(axes: Axes, line: series.Series) -> None:
 
 
 def _name_below(axes: Axes, columns: int) -> None:
-    from isochrome.figures import TICK_PT
+    from isochrome.figures.style import TICK_PT
 
     axes.legend(
         loc="upper center",

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isochrome.bench import FringeRow
-from isochrome.figures import LINE_COLOURS
+from isochrome.figures.style import LINE_COLOURS
 
 from .case_fringes import ALL, ARCSINE, BLIND, COLOUR, FREE, METHODS, MODEL, STEPS
 from .report import lines_of, machine
+from .rows import FringeRow
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,7 +88,7 @@ def figure(rows: list[FringeRow]) -> Figure:
 
     The largest point of a colour is a method over all specimens.
     """
-    from isochrome.figures import TICK_PT, new_figure, style_axes
+    from isochrome.figures.style import TICK_PT, new_figure, style_axes
 
     picture = new_figure(10.5, 5.0)
     together = over_all(rows)

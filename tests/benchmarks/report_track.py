@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isochrome.bench import TrackRow
-from isochrome.figures import LINE_COLOURS
+from isochrome.figures.style import LINE_COLOURS
 
 from .case_track import WHOLE
 from .report import lines_of, machine
+from .rows import TrackRow
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,7 +65,7 @@ def _speed_up(rows: list[TrackRow]) -> list[str]:
 
 def figure(rows: list[TrackRow]) -> Figure:
     """Processor time of a frame by its parts, a bar for each film that one worker tracked."""
-    from isochrome.figures import new_figure, style_axes
+    from isochrome.figures.style import new_figure, style_axes
 
     alone = [row for row in rows if row.workers == 1 and row.film != WHOLE]
     picture = new_figure(9.0, 0.55 * len(alone) + 1.6)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from isochrome.bench import Row
-from isochrome.figures import LINE_COLOURS
+from isochrome.figures.style import LINE_COLOURS
 
 from .case_peers import CONTACT_MECHANICS, TAMAAS
 from .case_stress import EDGES, KINDS, LAGS
 from .case_wear import GRID, LOOSE, MESH, TIGHT
 from .common import OURS, PAPER
+from .rows import Row
 
 HERE = "Isochrome"
 BLUE, ORANGE, GREEN, PINK, SKY, YELLOW = LINE_COLOURS

@@ -20,7 +20,7 @@ from isochrome.contact import (
     wear_rate,
 )
 from isochrome.contact import profile as contact_profile
-from isochrome.contact import worn as worn_module
+from isochrome.contact.wear import worn_states as worn_module
 from isochrome.errors import PhysicsError
 from isochrome.scene import load_scene
 
@@ -155,6 +155,62 @@ def test_a_jump_while_nothing_wears_is_told_from_both_sides():
     # part, on the mesh, holds it to the tolerance asked for, 1e-3
     area = 2e-6 * (50.5 * 20.0 + 50.5 * 44.0) / THICKNESS
     assert last.worn_area_mm2 == pytest.approx(area, rel=1e-3)
+
+
+def test_a_dose_beside_a_jump_by_its_rounding_is_on_the_jump():
+    """Goes wrong: a step that ends an ulp beyond a jump arrives with part of it, and an edge goes
+    30 nm ahead in no time (course 159).
+    """
+    wear = table((0, 2e-9), (50, 2e-9), (51, 0), (99, 0), (100, 2e-9), (149, 2e-9), (150, 0))
+    case = scene(
+        wear__coefficient_mm2_per_n=wear,
+        load__normal_n=table((60.0, 20.0), (80.0, 44.0), (160.0, 44.0), (170.0, 60.0)),
+        wear__distances_m=(55.0, 155.0, 180.0),
+    )
+    course, (still, end, _) = wear_course(case)
+    for stop, before, after in ((still, 20.0, 44.0), (end, 44.0, 60.0)):
+        for ulps in range(-4, 5):
+            dose = stop.dose_mm_per_mpa + ulps * np.spacing(stop.dose_mm_per_mpa)
+            assert THICKNESS * course.at(dose)[0] == pytest.approx(before, rel=1e-12)
+            assert THICKNESS * course.leaving(dose)[0] == pytest.approx(after, rel=1e-12)
+
+
+def bends(case):
+    """Distances (m) of the bends at a constant rate of wear of 2e-6 mm/MPa per m."""
+    course, _ = wear_course(case)
+    found, dose = [], course.next_bend(0.0)
+    while dose < np.inf:
+        found.append(dose / 2e-6)
+        dose = course.next_bend(dose)
+    return found
+
+
+def test_the_ends_of_a_ramp_are_bends_and_the_points_of_a_measured_table_are_not():
+    """A load that rises by half over a metre, and a friction with 2 % of noise at 200 points.
+
+    Goes wrong if each point of the table counts: the mesh then begins anew at all of them.
+    """
+    s = np.linspace(0.0, 200.0, 200)
+    noisy = 0.2 + 0.004 * np.random.default_rng(3).standard_normal(200)
+    case = scene(
+        load__normal_n=table((80.0, 20.0), (81.0, 30.0)),
+        friction__coefficient={"distance_m": s.tolist(), "value": noisy.tolist()},
+        wear__distances_m=(200.0,),
+    )
+    near = np.round(bends(case), 6)
+    assert {80.0, 81.0} <= set(near)
+    # beside the ramp a stretch of the table holds some of it
+    assert all(78.0 < place < 83.0 for place in near)
+
+
+def test_a_slow_change_of_the_load_does_not_bend():
+    """Over 40 % of the dose by a twentieth: 0.05/0.4 of the load per dose, but spread; and to the
+    end by the same slope, where nothing bends though it goes far."""
+    ramp = table((0.0, 20.0), (100.0, 40.0), (200.0, 60.0))
+    assert bends(scene(load__normal_n=ramp, wear__distances_m=(200.0,))) == []
+    ramp = table((0.0, 20.0), (100.0, 40.0), (200.0, 40.0))
+    case = scene(load__normal_n=ramp, wear__distances_m=(200.0,))
+    assert bends(case) == pytest.approx([100.0], rel=1e-9)
 
 
 # --- through the steps --------------------------------------------------------------------------

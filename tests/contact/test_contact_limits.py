@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from isochrome.contact import Grid, SurfaceState, contact_grid, contact_states
+from isochrome.contact import ContactGrid, SurfaceState, contact_grid, contact_states
 from isochrome.errors import PhysicsError
 from isochrome.reference import (
     contact_modulus,
@@ -225,7 +225,10 @@ def test_a_spacing_is_half_of_a_profiles_row_step_at_most(tmp_path, spacing, fin
 def test_an_edge_of_contact_lies_within_a_spacing_of_the_last_loaded_node(inner):
     """A worn flat's pressure is even to its corner, whose p² leads nowhere near."""
     p = np.array([0.0, 1.0, inner, inner, 1.0, 0.0])
-    state = SurfaceState(Grid(0.0, 0.1, 6), p, 0.0 * p, 0.0 * p, 0.0, 0.0, False, 0.0)
+    state = SurfaceState(
+        grid=ContactGrid(0.0, 0.1, 6), pressure_mpa=p, shear_mpa=0.0 * p, wear_depth_mm=0.0 * p,
+        distance_m=0.0, friction=0.0, sliding=False, residual=0.0,
+    )  # fmt: skip
     # p² falls by inner² - 1 in a spacing, and 1 is left of it: 0.8 of a spacing for 1.5
     beyond = 0.1 * (0.8 if inner == 1.5 else 1.0)
     assert state.edges_mm == pytest.approx((0.1 - beyond, 0.4 + beyond), rel=1e-12)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isochrome.bench import ToleranceRow, load_benchmarks
+from isochrome.benchmarks import load_benchmarks
 from isochrome.contact import contact_states
 from isochrome.reference import contact_modulus
 from isochrome.scene import load_scene
@@ -94,6 +94,37 @@ def test_a_state_on_a_steep_rise_of_the_load_is_no_jump():
     assert np.abs(np.array(got) / finer - 1.0).max() < 1e-3
 
 
+def steep_rise(length):
+    """The load rises from 20 N to 44 N within a length (m) of a course that wears throughout."""
+    return {
+        "load.normal_n": table((100.0, 20.0), (100.0 + length, 44.0)),
+        "wear.coefficient_mm2_per_n": 6e-9,
+        "wear.distances_m": (100.0 + 0.5 * length, 100.0 + length),
+    }
+
+
+@pytest.mark.parametrize(
+    ("length", "tolerance"),
+    [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.long)],
+)
+def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance(length, tolerance):
+    """Goes wrong: the bend of the old edge goes inside faster than wear smooths it, a mesh as fine
+    as without it does not hold it, and p_max errs by 10 and 39 tolerances.
+    """
+    steep = steep_rise(length)
+    got = largest(overrun(0.012, tolerance, **steep))
+    # 0.2 and 0.8 are measured
+    assert np.abs(got / largest(overrun(0.012, 0.1 * tolerance, **steep)) - 1.0).max() < tolerance
+
+
+def test_no_mesh_blurs_the_peak_at_an_edge_that_is_overrun_within_a_metre():
+    """Goes wrong: between two nodes of the mesh the peak is flat, and 12 % lower than on a grid
+    four times finer; 1.5 % and 3.4 % are measured, the grids' own difference.
+    """
+    got, finer = (largest(overrun(h, 1e-3, **steep_rise(1.0))) for h in (0.012, 0.003))
+    assert np.abs(got / finer - 1.0)[:, 0].max() < 0.05
+
+
 # --- a truth that shares no code with the solver ------------------------------------------------
 
 
@@ -171,27 +202,74 @@ def test_the_overrun_is_that_of_a_finer_grid_and_plain_elimination(finer, steps,
 
 def judged(seeds, tolerance):
     rows = load_benchmarks("case_tolerance").courses(tolerance, False, seeds)
-    assert all(isinstance(row, ToleranceRow) for row in rows)
+    assert all(isinstance(row, load_benchmarks("rows").ToleranceRow) for row in rows)
     return rows
 
 
-def assert_kept(rows):
-    """Within the tolerance, or refused with what to change."""
+def assert_kept(rows, bar=1.0):
+    """Within the tolerance, or a share of it, or refused with what to change."""
     for row in rows:
         if row.refused:
             assert "numerics.tolerance" in row.refused, row
         else:
-            assert max(row.p_max, row.depth) <= 1.0, row
+            assert max(row.p_max, row.depth) <= bar, row
 
 
-@pytest.mark.parametrize("seed", [10, 60])
-def test_random_courses_are_within_their_tolerance(seed):
-    """Two that were not: an overload after friction has turned, by ten tolerances, and a load that
-    rises steeply while it wears, by forty.
+@pytest.mark.parametrize(
+    ("seed", "tolerance"),
+    [
+        (10, 1e-3),
+        (60, 1e-3),
+        (186, 1e-3),
+        (9, 1e-5),
+        (32, 1e-4),
+        (178, 1e-4),
+        (186, 1e-4),
+        pytest.param(139, 1e-4, marks=pytest.mark.long),
+        pytest.param(159, 1e-4, marks=pytest.mark.long),
+        pytest.param(50, 1e-4, marks=pytest.mark.long),
+        pytest.param(5, 1e-5, marks=pytest.mark.long),
+        pytest.param(7, 1e-5, marks=pytest.mark.long),
+        pytest.param(16, 1e-5, marks=pytest.mark.long),
+        pytest.param(69, 1e-5, marks=pytest.mark.long),
+    ],
+)
+def test_random_courses_are_within_their_tolerance(seed, tolerance):
+    """Those that were not, by 1.2 to 40 tolerances.
 
+    10: an overload after friction has turned; 60: a load that rises steeply while it wears. 9 and
+    32: edges that ring after a ramp seem to draw back. 5 and 7: load and friction go as a root of
+    the dose into a pause, and the steps underflow. 16 and 50: a load that falls before the first
+    state, or falls and rises again, and overruns the edge that it left. 178: a load that doubles
+    while it wears, and takes the old edge's bend to the middle of the mesh. 139 and 186: a state at
+    the run's load, and later in the same pause one that overruns the edge. 159: a last step that
+    ends beyond a jump by its rounding. 69: steps that rounding stops on the way of the finer run,
+    which went on with the grid and another error in space, by 117 tolerances.
     `isochrome bench tolerance` is the whole study.
     """
-    assert_kept(judged([seed], 1e-3))
+    # 0.43 is measured of course 50, and a tenth and less of most
+    assert_kept(judged([seed], tolerance), bar=0.7)
+
+
+def test_mesh_and_grid_share_the_way_alike_at_every_tolerance():
+    """A load that falls until the edges turn, and states every half metre.
+
+    Mesh and grid differ in space: where one hands over to the other must not depend on the
+    tolerance. Goes wrong if each run decides by its own steps: at 1e-5 the mesh goes on for
+    thirteen states more than at 1e-4.
+    """
+    falling = {
+        "load.normal_n": table((0.0, 60.0), (200.0, 10.0)),
+        "wear.coefficient_mm2_per_n": 2e-9,
+        "wear.distances_m": tuple(np.arange(5.0, 200.0, 0.5).tolist()),
+        "friction.coefficient": 0.0,
+    }
+    held = []
+    for tolerance in (1e-4, 1e-5):
+        states = contact_states(overrun(0.012, tolerance, **falling))
+        held.append([state.scar_edges_mm is not None for state in states])
+    assert held[0] == held[1]
+    assert any(held[0]) and not all(held[0])
 
 
 @pytest.mark.long

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.frames import check_frames
+from isochrome.frames import check
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
 from scene_texts import PAPER_CONTACT
@@ -37,7 +37,7 @@ def fringe(i=0, full=255, level=0.9):
 
 def checked(tmp_path, frames, toml=PLAIN, dtype=np.uint8, **options):
     write_tiff(tmp_path / "f.tif", np.stack(frames).astype(dtype), **options)
-    return check_frames(tmp_path / "f.tif", parse_scene(toml, folder=tmp_path))
+    return check(tmp_path / "f.tif", parse_scene(toml, folder=tmp_path))
 
 
 def texts(check, level):
@@ -125,7 +125,7 @@ def test_speed_without_times_is_an_error(tmp_path):
 
 def test_ring_is_said_to_have_no_model_yet(tmp_path):
     check = checked(tmp_path, [fringe()], '[specimen]\nshape = "ring"\n')
-    assert "a ring has no model yet" in texts(check, "warning") and check.ok
+    assert "a ring has no model without specimen.hole_mm" in texts(check, "warning") and check.ok
 
 
 def test_no_load_frames_of_other_size_or_exposure_are_reported(tmp_path):
@@ -137,8 +137,8 @@ def test_no_load_frames_of_other_size_or_exposure_are_reported(tmp_path):
 
 
 def test_unreadable_path_is_a_finding_and_not_an_exception(tmp_path):
-    check = check_frames(tmp_path / "none.tif", parse_scene(PLAIN))
-    assert not check.ok and check.count == 0 and "none.tif" in texts(check, "error")
+    nothing = check(tmp_path / "none.tif", parse_scene(PLAIN))
+    assert not nothing.ok and nothing.count == 0 and "none.tif" in texts(nothing, "error")
 
 
 STEPS = PLAIN + "".join(

@@ -21,7 +21,8 @@ from recordings import COLS, COUNT, EVEN, MOVING, ROWS, STILL, coded, decoded, s
 from skimage.draw import polygon2mask
 
 from isochrome.errors import InputError
-from isochrome.frames import decoding, open_frames, open_scene_frames
+from isochrome.frames import open_frames, open_scene_frames
+from isochrome.frames.integrity import decoding
 from isochrome.output import write_tiff
 from isochrome.output.roi import _filled, read_roi_mask
 from isochrome.scene import parse_scene
@@ -194,7 +195,7 @@ def test_a_video_that_cannot_be_searched_is_read_from_its_start(tmp_path, monkey
     """As FFmpeg refuses to go to a key frame of a damaged index."""
     reader = open_frames(MOVING["H.264 in MP4"].write(tmp_path))
     reader.count()
-    opened = decoding.opened
+    opened = decoding.open_container
 
     def refuse(*_, **__):
         raise PermissionError(1, "Operation not permitted")
@@ -204,7 +205,7 @@ def test_a_video_that_cannot_be_searched_is_read_from_its_start(tmp_path, monkey
         with opened(path) as (container, stream):
             yield SimpleNamespace(demux=container.demux, seek=refuse), stream
 
-    monkeypatch.setattr(decoding, "opened", without_index)
+    monkeypatch.setattr(decoding, "open_container", without_index)
     (frame,) = reader.iterate(30, 31)
     assert decoded(frame.image) == 30
 
@@ -544,7 +545,7 @@ def test_ome_notes_of_more_frames_than_there_are_are_refused(tmp_path, size):
         notes = tif.pages[0].tags["ImageDescription"]
         notes.overwrite(notes.value.replace(f'SizeT="{COUNT}"', f'SizeT="{size}"'))
     peak, reason = peak_of(lambda: open_frames(path))
-    assert f"tell of {size} frames and {COUNT} are in it" in reason and peak < 50e6
+    assert f"name {size} frames and {COUNT} are in it" in reason and peak < 50e6
 
 
 def test_entities_in_ome_notes_are_refused(tmp_path):

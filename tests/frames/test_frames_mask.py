@@ -8,12 +8,12 @@ import pytest
 import tifffile
 from PIL import Image
 
-from isochrome.calibrate.load import read_shots
-from isochrome.calibrate.settings import load_set
+from isochrome.calibration.loading import read_shots
+from isochrome.calibration.settings import load_set
 from isochrome.errors import InputError
-from isochrome.fit.frame_data import prepare_frame
+from isochrome.estimation.observation import prepare_frame
 from isochrome.frames import (
-    check_frames,
+    check,
     load_mask,
     load_no_load,
     open_scene_frames,
@@ -243,8 +243,8 @@ def test_calibration_images_are_masked_too(tmp_path):
         f'[frames]\nmask = "m.png"\n{ROI}[[image]]\nfile = "f.tif"\nload_n = 100\n',
         encoding="utf-8",
     )
-    (shot,), _ = read_shots(load_set(tmp_path / "set.toml"))
-    np.testing.assert_array_equal(shot.mask, DISC[CUT])
+    (shot,) = read_shots(load_set(tmp_path / "set.toml"))
+    np.testing.assert_array_equal(shot.valid, DISC[CUT])
 
 
 def test_check_judges_the_specimen_and_says_how_much_of_the_frame_it_is(tmp_path):
@@ -252,10 +252,10 @@ def test_check_judges_the_specimen_and_says_how_much_of_the_frame_it_is(tmp_path
     frame[~DISC] = 255  # a lamp beside the specimen
     write_tiff(tmp_path / "f.tif", frame[None])
     save(tmp_path / "m.png", DISC)
-    check = check_frames(tmp_path / "f.tif", scene_of(tmp_path, 'mask = "m.png"'))
-    text = " | ".join(f.text for f in check.findings)
+    checked = check(tmp_path / "f.tif", scene_of(tmp_path, 'mask = "m.png"'))
+    text = " | ".join(f.text for f in checked.findings)
     assert f"{100 * DISC[CUT].mean():.1f} % of the pixels" in text and "saturated" not in text
-    plain = check_frames(tmp_path / "f.tif", scene_of(tmp_path))
+    plain = check(tmp_path / "f.tif", scene_of(tmp_path))
     assert any("saturated" in f.text for f in plain.findings)
-    wrong = check_frames(tmp_path / "f.tif", scene_of(tmp_path, 'mask = "gone.png"'))
+    wrong = check(tmp_path / "f.tif", scene_of(tmp_path, 'mask = "gone.png"'))
     assert not wrong.ok and "gone.png" in wrong.findings[0].text

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isochrome.frames import check_frames, open_frames
+from isochrome.frames import check, open_frames
 from isochrome.scene import parse_scene
 
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
@@ -23,9 +23,9 @@ def test_ring_bitmaps_that_opencv_does_not_read_come_in_order_of_load():
 
 
 def test_ring_set_is_checked_in_plain_words():
-    check = check_frames(REAL / "ring-five-loads", parse_scene('[specimen]\nshape = "ring"\n'))
-    assert check.ok and check.count == 5
-    assert any("a ring has no model yet" in f.text for f in check.findings)
+    checked = check(REAL / "ring-five-loads", parse_scene('[specimen]\nshape = "ring"\n'))
+    assert checked.ok and checked.count == 5
+    assert any("a ring has no model without specimen.hole_mm" in f.text for f in checked.findings)
 
 
 def test_disc_photograph_is_read_in_the_channel_of_its_light():

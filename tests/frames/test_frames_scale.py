@@ -5,10 +5,10 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError
-from isochrome.fit.frame_set import FrameSet
-from isochrome.frames import check_frames, open_frames, open_scene_frames, with_file_scale
+from isochrome.fitting.frame_set import PreparedFrames
+from isochrome.frames import check, open_frames, open_scene_frames, with_file_scale
 from isochrome.output import write_tiff
-from isochrome.process import process
+from isochrome.processing import process
 from isochrome.scene import load_scene, parse_scene
 
 FRAMES = np.random.default_rng(1).integers(20, 200, (2, 40, 60)).astype(np.uint8)
@@ -28,7 +28,7 @@ def test_another_pixel_size_in_the_scene_is_refused_with_both_named(tmp_path, ou
     with pytest.raises(InputError, match=r"camera\.pixel_mm"):
         process(path, scene, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    found = check_frames(path, scene)
+    found = check(path, scene)
     assert not found.ok and found.count == 2  # the rest is looked at all the same
     assert any("names 0.01 mm" in f.text for f in found.findings if f.level == "error")
 
@@ -74,10 +74,10 @@ def test_fit_and_process_work_with_the_files_size(tmp_path):
         "[indenter]\nradius_mm = 25\nyoung_gpa = 210\npoisson = 0.3\n[load]\nnormal_n = 40\n"
         "[camera]\nbit_depth = 8\nleft_mm = -0.3\ntop_mm = 0\n"
     )
-    data = FrameSet(stack(tmp_path), parse_scene(text))
+    data = PreparedFrames(stack(tmp_path), parse_scene(text))
     assert data.scene.camera.pixel_mm == pytest.approx(0.01, rel=1e-6)
     found = process(stack(tmp_path), parse_scene(BARE))
-    assert set(found.table["pixel_mm"]) == {data.scene.camera.pixel_mm}
+    assert set(found.columns["pixel_mm"]) == {data.scene.camera.pixel_mm}
 
 
 @pytest.mark.parametrize(

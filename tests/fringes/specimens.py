@@ -14,11 +14,17 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from isochrome.errors import PhysicsError
 from isochrome.frames import Linear, estimate_noise, normalise, to_linear
-from isochrome.fringes.ends import fit_ends
+from isochrome.fringes.single_frame.background_modulation import fit_background_modulation
 from isochrome.optics import expose
 from isochrome.reference import hole_stress
 from isochrome.scene import Camera, Load, Polariscope, Scene, Specimen, load_scene
-from isochrome.simulate import Picture, make_picture, picture_signal, scene_states, state_difference
+from isochrome.simulation import (
+    Picture,
+    make_picture,
+    picture_signal,
+    scene_states,
+    state_difference,
+)
 from isochrome.stress import StressComponents, pixel_grid, principal_direction
 
 ROWS, COLS = 494, 659
@@ -281,7 +287,7 @@ def light_of(shot: Shot, *, ends: str = "both", gamma: float | str | None = None
         done = normalise(Linear(linear.image, valid), dark, bright)
         low, contrast, valid, settled = done.background, done.contrast, done.valid, True
     else:
-        found = fit_ends(
+        found = fit_background_modulation(
             light,
             sigma,
             valid,

@@ -6,14 +6,18 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from specimens import NAMES, View, known_point, light_of, random_scene, shoot, view
 
 from isochrome.errors import InputError
-from isochrome.fringes.branch import OrderReading
-from isochrome.fringes.ends import fit_ends, tone_misfit, widened
-from isochrome.fringes.ends_problem import Problem
-from isochrome.fringes.ends_search import search_all
-from isochrome.fringes.free import read_free
+from isochrome.fringes.on_branch import OrderReading
+from isochrome.fringes.single_frame.background_modulation import (
+    fit_background_modulation,
+    gamma_misfit,
+    widened,
+)
+from isochrome.fringes.single_frame.end_problem import EndProblem
+from isochrome.fringes.single_frame.end_search import search_all
+from isochrome.fringes.single_frame.free_order import read_free
+from specimens import NAMES, View, known_point, light_of, random_scene, shoot, view
 
 RMS, WRONG_SHARE, KEPT = 0.05, 0.005, 0.70
 """What a blind reading promises: fringes, share off by over half a fringe, share kept."""
@@ -115,7 +119,7 @@ def test_a_linear_camera_has_an_unknown_gamma_of_one():
 def test_fringes_contradict_a_wrong_gamma_and_no_right_one(gamma, told):
     light = light_of(shoot(view("worn contact, mu 0.3"), gamma=gamma), gamma=1.0)
     ends = light.background, light.background + light.contrast
-    away, spread = tone_misfit(light.light, light.sigma, light.valid, ends)
+    away, spread = gamma_misfit(light.light, light.sigma, light.valid, ends)
     assert (abs(away) > 5.0 * spread) is told
     assert (away > 0.1) is told
 
@@ -147,7 +151,7 @@ def ramp(seed, gamma, shape=(110, 130), noise=0.01, hard=False):
 def test_a_found_gammas_uncertainty_is_in_the_signals():
     """Both ends are given, so that gamma alone moves s = (I^g - D^g)/(B^g - D^g)."""
     frame, ends = ramp(0, 1.4)
-    found = fit_ends(*frame, **ends, tone=True)
+    found = fit_background_modulation(*frame, **ends, tone=True)
     assert abs(found.tone - 1.4) < 4.0 * found.tone_uncertainty
 
     def signal(level, g):
@@ -165,8 +169,22 @@ def test_a_found_gammas_uncertainty_is_in_the_signals():
 def test_fringes_of_no_gamma_do_not_tell_it():
     """Fringes of black and white alone: no gamma makes them a cosine's; 0.04 was said to."""
     frame, ends = ramp(3, 1.4, hard=True)
-    with pytest.raises(InputError, match=r"gamma cannot be told .* state frames\.gamma"):
-        fit_ends(*frame, **ends, tone=True)
+    with pytest.raises(InputError, match=r"gamma cannot be found .* state frames\.gamma"):
+        fit_background_modulation(*frame, **ends, tone=True)
+
+
+def problem_of(light, noise, even):
+    """The search for an even bright end over a dark one of 0.05 that is given."""
+    return EndProblem(
+        light=light,
+        sigma=noise,
+        valid=np.ones(light.shape, bool),
+        shapes=(0.05 * even, even),
+        given=(True, False),
+        tone=False,
+        scale=0.8,
+        by=1,
+    )
 
 
 def test_a_bright_end_that_may_as_well_be_another_is_as_uncertain_as_the_two_differ():
@@ -174,9 +192,9 @@ def test_a_bright_end_that_may_as_well_be_another_is_as_uncertain_as_the_two_dif
     order = np.tile(0.15 + 0.29 * np.sin(np.pi * np.arange(50) / 50.0), (50, 1))
     light = 0.05 + 0.8 * np.sin(np.pi * order) ** 2
     light = light + 0.01 * np.random.default_rng(1).standard_normal(light.shape)
-    noise, all_ = np.full(light.shape, 0.01), np.ones(light.shape, bool)
+    noise = np.full(light.shape, 0.01)
     even = np.ones((50, 50, 1))
-    problem = Problem(light, noise, all_, (0.05 * even, even), (True, False), False, 0.8, 1)
+    problem = problem_of(light, noise, even)
     low, high = (np.array([1.0, bright, 1.0]) for bright in (0.8, 0.85))
     alone, both = search_all(problem, [low]), search_all(problem, [low, high])
     # the crest of the light is taken for the bright end, and is 0.026 below it
@@ -192,8 +210,7 @@ def test_an_end_is_no_surer_than_the_light_allows(side):
     noise = np.full(signal.shape, 0.01)
     light = 0.05 + 0.8 * signal + noise * np.random.default_rng(1).standard_normal(signal.shape)
     even = np.ones((side, side, 1))
-    all_ = np.ones(signal.shape, bool)
-    problem = Problem(light, noise, all_, (0.05 * even, even), (True, False), False, 0.8, 1)
+    problem = problem_of(light, noise, even)
     found = search_all(problem, [np.array([1.0, 0.84, 1.0])])
     told = np.sqrt(found.covariance[1, 1])
     assert abs(found.unknowns[1] - 0.85) < 3.0 * told
@@ -207,7 +224,7 @@ def test_a_found_gamma_and_its_signal_are_as_uncertain_as_they_scatter():
     pulls, moved = [], []
     for seed in range(8):
         frame, ends = ramp(seed, 1.4)
-        found = fit_ends(*frame, **ends, tone=True)
+        found = fit_background_modulation(*frame, **ends, tone=True)
         pulls.append((found.tone - 1.4) / found.tone_uncertainty)
         level = np.full((110, 130), 0.45 ** (1.0 / 1.4))
         low, high = found.dark, found.bright
@@ -221,10 +238,10 @@ def test_a_found_gamma_and_its_signal_are_as_uncertain_as_they_scatter():
 def test_light_without_contrast_is_refused():
     flat = np.full((160, 220), 0.5)
     with pytest.raises(InputError, match="no contrast"):
-        fit_ends(flat, 0.01 + 0.0 * flat, np.ones(flat.shape, bool))
+        fit_background_modulation(flat, 0.01 + 0.0 * flat, np.ones(flat.shape, bool))
 
 
 def test_a_frame_of_which_nothing_is_trusted_is_refused():
     rising = np.tile(np.linspace(0.0, 1.0, 220), (160, 1))
     with pytest.raises(InputError, match="no part of the frame"):
-        fit_ends(rising, 0.01 + 0.0 * rising, np.zeros(rising.shape, bool))
+        fit_background_modulation(rising, 0.01 + 0.0 * rising, np.zeros(rising.shape, bool))

@@ -6,6 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+
+from isochrome.errors import InputError
+from isochrome.fringes.on_branch import SURE
+from isochrome.fringes.single_frame.free_order import FreeReading, read_free
+from isochrome.fringes.single_frame.patch_labels import label_patches
+from isochrome.fringes.single_frame.patches import Patches, binned
 from specimens import (
     NAMES,
     Light,
@@ -16,12 +22,6 @@ from specimens import (
     shoot,
     view,
 )
-
-from isochrome.errors import InputError
-from isochrome.fringes.branch import SURE
-from isochrome.fringes.free import FreeReading, read_free
-from isochrome.fringes.graph import label_patches
-from isochrome.fringes.patches import Patches, binned
 
 RMS, MEDIAN, KEPT = 0.01, 0.002, 0.90
 """What a reading with no-load frames promises: fringes, fringes, share of the specimen."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from closed_forms import disc, grey, point_load, step_light, valley
 
-from isochrome.fringes.residual import Residual
-from isochrome.fringes.stepped import read_steps
+from isochrome.fringes.stepped.residual_stress import ResidualStress
+from isochrome.fringes.stepped.stepped_order import read_steps
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
 from stepped_sets import CIRCULAR, TEN, as_steps
@@ -103,7 +103,7 @@ def test_what_is_not_known_of_a_residual_stress_is_not_known_of_the_load():
     light = np.stack([grey(step_light(field, four), 3.0, rng) for four in TEN])
     scope = Polariscope(wavelength_nm=587.0, step=as_steps(TEN))
     chains = [make_chain(scope, i) for i in range(len(TEN))]
-    nil = Residual(np.zeros(SHAPE, complex), np.full(SHAPE, 0.02), 1.0, ())
+    nil = ResidualStress(np.zeros(SHAPE, complex), np.full(SHAPE, 0.02), 1.0, ())
     known = [(*np.unravel_index(np.abs(np.abs(field) - n).argmin(), SHAPE), n) for n in (0.7, 1.3)]
     found = read_steps(light, chains, sigma=SIGMA, residual=nil, known_order=known)
     assert np.isfinite(found.order).mean() > 0.9
@@ -127,7 +127,7 @@ def test_no_direction_is_told_where_the_loads_order_is_within_its_noise_of_zero(
         light,
         [make_chain(scope, i) for i in range(len(TEN))],
         sigma=3e-4,
-        residual=Residual(shown - load, np.full(shown.shape, 1e-5), 1.0, ()),
+        residual=ResidualStress(shown - load, np.full(shown.shape, 1e-5), 1.0, ()),
         known_order=[(30, 60, 0.3)],
     )
     turn = (found.isoclinic - 0.5 * np.degrees(np.angle(load)) + 90.0) % 180.0 - 90.0

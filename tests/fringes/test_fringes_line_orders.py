@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.fringes.line_orders import number_lines
-from isochrome.fringes.skeleton import Skeleton, skeletons
+from isochrome.fringes.skeleton import Skeleton, number_lines, skeletons
 
 
 def rings(rows=200, cols=240):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isochrome.fringes.free import read_free
-from isochrome.fringes.graph import Labels
-from isochrome.fringes.mirrors import mend_mirrored, perhaps_mirrored
-from isochrome.fringes.patches import Patches, fit_patches, gather_patches
+from isochrome.fringes.single_frame.free_order import read_free
+from isochrome.fringes.single_frame.patch_labels import Labels
+from isochrome.fringes.single_frame.patches import Patches, fit_patches, gather_patches
+from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored, perhaps_mirrored
 
 SHAPE = (160, 220)
 ROWS, COLS = np.indices(SHAPE)
@@ -27,7 +27,7 @@ def light(order: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray, np.n
 def true_labels(order: np.ndarray, noise: float) -> tuple[Patches, Labels, np.ndarray]:
     """Patches of an order's light with the signs and whole numbers of the truth, and the truth."""
     frame = light(order, noise)
-    patches = fit_patches(gather_patches(*frame), *frame)
+    patches = fit_patches(gather_patches(*frame))
     at = np.ix_(patches.rows, patches.cols)
     down, right = np.gradient(order)
     misfits, shifts = [], []

@@ -6,14 +6,21 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from isochrome.errors import InputError
-from isochrome.fringes.absolute import Balance, balance, unwrap
-from isochrome.fringes.step_light import fill_gaps
-from isochrome.fringes.stepped import read_steps
-from isochrome.fringes.steps import COSINE, SINE, SINE_SINE, make_design, solve_steps
-from isochrome.fringes.whole_number import settle
+from isochrome.fringes.anchor import Balance, balance, unwrap
+from isochrome.fringes.stepped.integer_order import settle
+from isochrome.fringes.stepped.step_equations import (
+    COSINE,
+    CROSS,
+    SINE,
+    SINE_SINE,
+    make_design,
+    solve_steps,
+)
+from isochrome.fringes.stepped.step_light import fill_gaps
+from isochrome.fringes.stepped.stepped_order import read_steps
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
-from isochrome.simulate import simulate
+from isochrome.simulation import simulate
 from stepped_sets import (
     BEAM,
     CIRCULAR,
@@ -86,7 +93,7 @@ def test_maps_are_exact_for_any_angles_and_plates(
         wavelength_nm=600.0, plate_wavelength_nm=600.0 * ratio, step=as_steps(steps)
     )
     design = make_design([make_chain(scope, i) for i in range(len(steps))])
-    assert design.crossed
+    assert CROSS in design.solved
     light = [
         background + amplitude * jones_light(four, delta, theta, 0.5 * np.pi * ratio)
         for four in steps
@@ -126,7 +133,7 @@ def test_six_steps_with_misaligned_elements_take_out_what_they_cannot_solve_for(
     scope = Polariscope(wavelength_nm=587.0, step=as_steps(CIRCULAR), **values)
     chains = [make_chain(scope, i) for i in range(6)]
     design = make_design(chains)
-    assert design.leaks and not design.crossed
+    assert design.leaks and CROSS not in design.solved
     shift = list(MISALIGNED.values())
     delta, theta = 2.0, 25.0
     light = [
@@ -461,7 +468,7 @@ def test_a_known_order_outside_the_specimen_is_said():
 
 def test_a_model_that_singles_out_no_whole_number_gives_none():
     """A ramp of orders, and a model that is half a fringe off: m and m + 1 are as likely."""
-    from isochrome.fringes.isoclinic import Direction
+    from isochrome.fringes.stepped.isoclinic import Direction
 
     order = np.tile(np.linspace(2.0, 6.0, 200), (150, 1))
     still, ones = np.full(order.shape, 1e-3), np.ones(order.shape)
@@ -489,7 +496,7 @@ def test_unwrapping_leaves_out_what_is_not_a_number():
 
 def test_small_parts_are_left_open():
     """A spot apart from the rest has no whole number of its own, nor does it take the rest's."""
-    from isochrome.fringes.isoclinic import Direction
+    from isochrome.fringes.stepped.isoclinic import Direction
 
     field, inside = disc_field()
     inside[2:8, 2:8] = True

@@ -13,7 +13,7 @@ import numpy as np
 import tifffile
 from PIL import Image
 
-from isochrome.calibrate.settings import load_set
+from isochrome.calibration.settings import load_set
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
 from isochrome.output.roi import load_roifile, read_roi_mask

@@ -16,7 +16,7 @@ from isochrome.reference import (
     hertz_peak_pressure,
     hertz_stress,
 )
-from isochrome.simulate import simulate
+from isochrome.simulation import simulate
 
 # load and thickness together, so that the pressure is the paper's and only the order grows
 THICK = 65.0

@@ -21,7 +21,7 @@ from hard_cases import (
     write_profile,
 )
 
-from isochrome.bench import load_benchmarks
+from isochrome.benchmarks import load_benchmarks
 from isochrome.contact import contact_states
 
 # --- steps beyond the explicit limit ------------------------------------------------------------

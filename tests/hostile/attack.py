@@ -25,8 +25,9 @@ CPU_S, WALL_S = 20, 900
 
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(
-    ["__main__", "isochrome.cli", "isochrome.process", "isochrome.fit.run", "isochrome.simulate",
-     "isochrome.calibrate", "isochrome.compare.run", "isochrome.runs.export", "isochrome.sweep",
+    ["__main__", "isochrome.cli", "isochrome.processing", "isochrome.fitting.api",
+     "isochrome.simulation", "isochrome.calibration", "isochrome.comparison.api",
+     "isochrome.runs.exporting", "isochrome.sweeps",
      "matplotlib.figure", "xarray", "zarr", "cv2", "tifffile", "PIL.Image", "roifile", "av",
      "rich.progress", "numpy.ma"]
 )  # fmt: skip

@@ -160,7 +160,7 @@ def ome_notes_with_entities_in_entities(place: Path) -> list[str]:
     return process("b.tif")
 
 
-@hostile(BOMBS, "b.tif", "tell of 999999999 frames and 4 are in it", "copy it again")
+@hostile(BOMBS, "b.tif", "name 999999999 frames and 4 are in it", "copy it again")
 def ome_notes_of_a_thousand_million_frames(place: Path) -> list[str]:
     tifffile.imwrite(place / "b.tif", pictures(), ome=True, metadata={"axes": "TYX"})
     with tifffile.TiffFile(place / "b.tif", mode="r+b") as tif:

@@ -11,7 +11,7 @@ from isochrome.errors import InputError
 from isochrome.optics import expose
 from isochrome.reference import disc_centre_difference, disc_stress
 from isochrome.scene import parse_scene
-from isochrome.simulate import make_picture, picture_signal, scene_states, state_difference
+from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
 
 DISC = """

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isochrome.runs import Job, Layer, Layout, Results
+from isochrome.runs import Job, Layer, Results, RunLayout
 from isochrome.runs.chunks import parts, rows
 
 ROWS, COLS = 5, 7
@@ -72,7 +72,10 @@ def job(work, count=10, chunk=3, identity=IDENTITY):
     """A job of `count` items."""
     layers = (Layer("order", "1", "fringe order"),)
     shape = {"row": ROWS, "col": COLS}
-    layout = Layout({"frame": count}, shape, layers, chunk, 0.01, every=work.every)
+    layout = RunLayout(
+        axes={"frame": count}, shape=shape, layers=layers, chunk=chunk, pixel_mm=0.01,
+        every=work.every,
+    )  # fmt: skip
     return Job(work, layout, identity)
 
 

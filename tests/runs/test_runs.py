@@ -12,7 +12,7 @@ import tifffile
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_pixel_mm
-from isochrome.runs import Means, Stopped, open_run, run_job
+from isochrome.runs import RunOptions, Stopped, open_run, run_job
 from runs.counting import (
     IDENTITY,
     Count,
@@ -119,7 +119,7 @@ def test_a_complete_run_is_not_computed_again(undisturbed, count, tmp_path):
     assert calls(count.notes) == [0, 3, 6, 9]
     (out / "rows.json").write_text("[]", "utf-8")  # no longer what the run left
     assert run_job(job(count), out, finish) is not None
-    assert run_job(job(count), out, finish, means=Means(restart=True)) is not None
+    assert run_job(job(count), out, finish, means=RunOptions(restart=True)) is not None
     assert calls(count.notes) == sorted(3 * [0, 3, 6, 9])
     assert contents(out) == undisturbed
 
@@ -267,7 +267,7 @@ def test_an_unfinished_run_of_something_else_is_refused(count, tmp_path, change,
     with pytest.raises(InputError, match=f"out.partial: .*{words}.*--restart"):
         run_job(other, tmp_path / "out", finish)
     assert contents(tmp_path / "out.partial") == before
-    run_job(other, tmp_path / "out", finish, means=Means(restart=True))
+    run_job(other, tmp_path / "out", finish, means=RunOptions(restart=True))
     assert calls(count.notes) == sorted([0, 3, 6, 0, 3, 6, 9])
 
 

@@ -12,9 +12,9 @@ import xarray
 from isochrome.errors import InputError
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.runs import open_run
-from isochrome.runs.export import export
-from isochrome.runs.job import Layer, Layout
-from isochrome.runs.store import Column, add_columns, column, create_store, values_of
+from isochrome.runs.exporting import export
+from isochrome.runs.job import Layer, RunLayout
+from isochrome.runs.store import Column, add_columns, column, column_values, create_store
 from runs.counting import COLS, ROWS, truth
 
 NAMES = ["erstes Bild ü", "second", "", "fourth"]
@@ -42,9 +42,9 @@ def centres(count):
 
 def write_run(folder, *, times=TIMES, rows=ROWS, every=1):
     """A dataset of four frames, of each of which, or of one of so many, there is a picture."""
-    layout = Layout(
-        {"frame": 4}, {"row": rows, "col": COLS},
-        (Layer("fringe_order", "1", "fringe order N"),), 2, every=every,
+    layout = RunLayout(
+        axes={"frame": 4}, shape={"row": rows, "col": COLS},
+        layers=(Layer("fringe_order", "1", "fringe order N"),), chunk=2, every=every,
     )  # fmt: skip
     create_store(folder / "run.zarr", layout)
     axes = {"time_s": times, "label": NAMES, "frame": [0, 1, 2, 3]}
@@ -156,7 +156,7 @@ def test_netcdf_gives_all_that_went_into_the_run_again(tmp_path, every):
 def test_whole_numbers_come_back_whole_where_some_are_not_known(run):
     """Stored as floats, for no whole number says that it is not known."""
     with open_run(run) as dataset:
-        found = values_of(dataset.n_max_row_px)
+        found = column_values(dataset.n_max_row_px)
     assert found == [3, None, 4, 5] and [type(v) for v in found] == [int, type(None), int, int]
 
 

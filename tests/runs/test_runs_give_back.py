@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isochrome.runs.memory import give_back
+from isochrome.runs.memory import trim_heap
 
 BLOCK = 1 << 16
 GNU = sys.platform == "linux" and hasattr(ctypes.CDLL(None), "malloc_trim")
@@ -23,12 +23,12 @@ def resident():
 @pytest.mark.skipif(not GNU, reason="needs GNU's C library")
 def test_what_lies_free_between_pieces_in_use_is_given_back():
     """Every 64th of some hundred blocks stays: what is free between them is not the heap's end."""
-    give_back()
+    trim_heap()
     blocks = [np.ones(BLOCK, np.uint8) for _ in range(1600)]
     full = resident()
     kept = blocks[::64]
     del blocks
-    give_back()
+    trim_heap()
     assert sum(map(len, kept)) == 25 * BLOCK
     # all of it but the pages that a block shares with its neighbours, two of some sixteen
     assert full - resident() > 0.8 * 1575 * BLOCK

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.runs import Means, Stopped, chunk_size, open_run, run_job
+from isochrome.runs import RunOptions, Stopped, chunk_size, open_run, run_job
 from isochrome.runs.workers import WorkersLost, in_flight
 from runs.counting import IDENTITY, Count, calls, contents, finish, job
 
@@ -29,8 +29,8 @@ def test_failed_items_are_kept_for_those_alone_who_ask_to_keep_going(
     notes, tmp_path, keep_going, again
 ):
     """To the others the failure is to be said, as it is in a run that was not stopped."""
-    work = stopped(Count(notes, failed=1), tmp_path / "out", means=Means(keep_going=True))
-    run_job(job(work), tmp_path / "out", finish, means=Means(keep_going=keep_going))
+    work = stopped(Count(notes, failed=1), tmp_path / "out", means=RunOptions(keep_going=True))
+    run_job(job(work), tmp_path / "out", finish, means=RunOptions(keep_going=keep_going))
     assert calls(notes) == sorted([0, 3, 6, *again])
 
 
@@ -109,7 +109,7 @@ def test_another_run_may_replace_what_one_that_was_killed_had_placed(count, tmp_
             run_job(job(count), out, finish)
     assert (out / "rows.json").exists()
     other = job(count, identity=IDENTITY | {"seed": 2})
-    run_job(other, out, finish, means=Means(restart=True))
+    run_job(other, out, finish, means=RunOptions(restart=True))
     run_job(other, tmp_path / "alone", finish)
     assert contents(out) == contents(tmp_path / "alone")
 

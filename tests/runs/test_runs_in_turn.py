@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.runs import Job, Layout, Means, Results, Stopped, run_job
+from isochrome.runs import Job, Results, RunLayout, RunOptions, Stopped, run_job
 from isochrome.runs.chunks import rows
 from isochrome.runs.store import add_columns, column
 from runs.counting import IDENTITY, contents
@@ -42,7 +42,7 @@ def finish(bench):
 
 
 def job(work, *, store):
-    layout = Layout({"item": 10}, {}, (), 3, store=store)
+    layout = RunLayout(axes={"item": 10}, chunk=3, store=store)
     return Job(work, layout, IDENTITY, in_turn=True)
 
 
@@ -66,7 +66,7 @@ def test_chunks_in_turn_go_on_with_what_was_left(tmp_path, store):
     assert run_job(job(work, store=store), tmp_path / "out", finish) is None
 
 
-@pytest.mark.parametrize("means", [Means(workers=2), Means(cluster="tcp://nowhere:1")])
+@pytest.mark.parametrize("means", [RunOptions(workers=2), RunOptions(cluster="tcp://nowhere:1")])
 def test_chunks_in_turn_are_one_processs_work(tmp_path, means):
     with pytest.raises(InputError, match="which only one process can do; leave them out"):
         run_job(job(Sums(tmp_path), store=False), tmp_path / "out", finish, means=means)

@@ -6,7 +6,7 @@ import os
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.runs import Means, run_job
+from isochrome.runs import RunOptions, run_job
 from isochrome.runs.workers import WorkersLost, waiting_workers
 from runs.counting import Count, calls, contents, finish, job, truth
 
@@ -15,7 +15,7 @@ from runs.counting import Count, calls, contents, finish, job, truth
 def test_they_compute_what_one_process_does_and_end(notes, tmp_path):
     run_job(job(Count(notes)), tmp_path / "one", finish)
     with waiting_workers(2, truth) as waiting:
-        means = Means(workers=2, waiting=waiting)
+        means = RunOptions(workers=2, waiting=waiting)
         ours = {child.pid for child in multiprocessing.active_children()}
         run_job(job(Count(notes)), tmp_path / "two", finish, means=means)
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
@@ -43,7 +43,7 @@ def test_one_that_is_killed_before_its_task_is_said(notes, tmp_path):
     said = pytest.raises(WorkersLost, match="a worker process was killed")
     with said, waiting_workers(2, truth) as waiting:
         multiprocessing.active_children()[0].kill()
-        means = Means(workers=2, waiting=waiting)
+        means = RunOptions(workers=2, waiting=waiting)
         run_job(job(Count(notes)), tmp_path / "out", finish, means=means)
     assert not multiprocessing.active_children()
     run_job(job(Count(notes)), tmp_path / "out", finish)  # nothing is in the way

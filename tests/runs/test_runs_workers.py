@@ -15,9 +15,8 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError
-from isochrome.runs import Means, run_job
-from isochrome.runs.threads import single_threaded
-from isochrome.runs.workers import WorkersLost
+from isochrome.runs import RunOptions, run_job
+from isochrome.runs.workers import WorkersLost, single_threaded
 from runs.counting import Count, calls, computed_again, contents, finish, job, truth
 from runs.killing import (
     NO_END_S,
@@ -47,7 +46,7 @@ def test_two_workers_leave_what_one_process_leaves_and_do_not_hear_the_keyboard(
                 os.kill(int(path.stem), signal.SIGINT)
 
     try:
-        run_job(job(count), tmp_path / "two", finish, means=Means(workers=2), progress=tell)
+        run_job(job(count), tmp_path / "two", finish, means=RunOptions(workers=2), progress=tell)
     except KeyboardInterrupt as stop:
         pytest.fail(f"a worker heard the keyboard: {stop}")
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
@@ -63,10 +62,10 @@ def test_a_killed_worker_is_said_and_the_same_call_goes_on(notes, tmp_path):
     switch = tmp_path / "switch"
     switch.touch()
     work = Count(notes, fail_at=7, failure=SystemExit, switch=switch)
-    with pytest.raises(WorkersLost, match=r"a worker process was killed.*the same command goes on"):
-        run_job(job(work), tmp_path / "out", finish, means=Means(workers=2))
+    with pytest.raises(WorkersLost, match=r"a worker process was killed.*the same command again"):
+        run_job(job(work), tmp_path / "out", finish, means=RunOptions(workers=2))
     switch.unlink()
-    run_job(job(work), tmp_path / "out", finish, means=Means(workers=2))
+    run_job(job(work), tmp_path / "out", finish, means=RunOptions(workers=2))
     np.testing.assert_array_equal(
         tifffile.imread(tmp_path / "out" / "order.tif"), np.stack([truth(i) for i in range(10)])
     )
@@ -77,7 +76,7 @@ def test_a_refusal_by_a_worker_is_the_same_sentence(notes, tmp_path):
     (tmp_path / "switch").touch()
     work = Count(notes, fail_at=7, failure=InputError, switch=tmp_path / "switch")
     with pytest.raises(InputError, match=r"^item 7 is bad$"):
-        run_job(job(work), tmp_path / "out", finish, means=Means(workers=2))
+        run_job(job(work), tmp_path / "out", finish, means=RunOptions(workers=2))
     assert {p.name for p in tmp_path.iterdir()} == {"notes", "switch"}
 
 
@@ -86,11 +85,11 @@ import sys
 from pathlib import Path
 if __name__ == "__main__":
     sys.path.insert(0, sys.argv[3])
-    from isochrome.runs import Means, Stopped, run_job
+    from isochrome.runs import RunOptions, Stopped, run_job
     from runs.counting import Count, finish, job
     work = Count(Path(sys.argv[2]), seconds=0.2)
     try:
-        run_job(job(work, count=60), sys.argv[1], finish, means=Means(workers=2))
+        run_job(job(work, count=60), sys.argv[1], finish, means=RunOptions(workers=2))
     except Stopped as stop:
         print(stop)
 """
@@ -138,7 +137,7 @@ def test_a_run_with_workers_stops_at_the_keyboard_at_once(notes, tmp_path, code)
     run, workers = started(tmp_path, code, notes)
     run.send_signal(signal.SIGINT)
     said = finished(run)
-    assert said.startswith("stopped; ") and "the same command goes on" in said
+    assert said.startswith("stopped; ") and "run the same command again to resume" in said
     wait_for_the_end_of(workers)
     goes_on_with_what_was_kept(notes, tmp_path / "out")
 
@@ -188,7 +187,7 @@ def test_a_cluster_that_loses_a_worker_completes_with_the_same_bytes(notes, tmp_
             job(work, count=60),
             tmp_path / "cluster",
             finish,
-            means=Means(cluster=cluster.scheduler_address),
+            means=RunOptions(cluster=cluster.scheduler_address),
             progress=kill_one,
         )
     assert killed and killed[0] != os.getpid()
@@ -205,13 +204,13 @@ if __name__ == "__main__":
     from distributed import LocalCluster
     import isochrome
     from isochrome.errors import InputError
-    from isochrome.runs import Means, environment, run_job
+    from isochrome.runs import RunOptions, environment, run_job
     from runs.counting import Count, finish, job
     environment()  # as the code is here
     with open(Path(isochrome.__file__).with_name("errors.py"), "a") as file:
         file.write("# newer there")
     with LocalCluster(n_workers=1, processes=True, dashboard_address=None) as cluster:
-        means = Means(cluster=cluster.scheduler_address)
+        means = RunOptions(cluster=cluster.scheduler_address)
         try:
             run_job(job(Count(Path(sys.argv[2]))), sys.argv[1], finish, means=means)
         except InputError as error:
@@ -235,13 +234,13 @@ def test_a_clusters_worker_with_other_code_is_refused(notes, tmp_path, code):
 @pytest.mark.long
 def test_no_cluster_is_said(count, tmp_path):
     with pytest.raises(InputError, match=r"--cluster tcp://127\.0\.0\.1:9: no Dask scheduler"):
-        run_job(job(count), tmp_path / "out", finish, means=Means(cluster="tcp://127.0.0.1:9"))
+        run_job(job(count), tmp_path / "out", finish, means=RunOptions(cluster="tcp://127.0.0.1:9"))
     assert not (tmp_path / "out.partial").exists()
 
 
 def test_workers_below_one_are_refused(count, tmp_path):
     with pytest.raises(InputError, match="--workers 0: give 1 or more"):
-        run_job(job(count), tmp_path / "out", finish, means=Means(workers=0))
+        run_job(job(count), tmp_path / "out", finish, means=RunOptions(workers=0))
 
 
 @pytest.mark.long

@@ -15,10 +15,10 @@ import tifffile
 from PIL import Image
 
 import isochrome.samples as samples
-from isochrome.calibrate import calibrate_bending, calibrate_disc, load_set
-from isochrome.demo import read_truth
+from isochrome.calibration import calibrate_bending, calibrate_disc, load_set
+from isochrome.demonstration import read_truth
 from isochrome.frames import (
-    check_frames,
+    check,
     estimate_noise,
     load_no_load,
     normalise,
@@ -37,8 +37,8 @@ from isochrome.reference import (
     hertz_peak_pressure,
     hertz_stress,
 )
-from isochrome.samples.bending import render_bending
-from isochrome.samples.disc import render_disc
+from isochrome.samples.beam_images import render_bending
+from isochrome.samples.disc_images import render_disc
 from isochrome.samples.sensor import write_small_tiff
 from isochrome.scene import load_scene
 
@@ -237,8 +237,8 @@ def test_contact_scene_is_nominal_and_its_frames_pass_the_check():
     nominal = load_scene("line-contact-wear")
     for part in ("specimen", "indenter", "load", "friction", "wear", "polariscope", "camera"):
         assert getattr(scene, part) == getattr(nominal, part)
-    check = check_frames(CONTACT / "captured.tif", scene)
-    assert check.count == 6 and {f.level for f in check.findings} <= {"note"}
+    checked = check(CONTACT / "captured.tif", scene)
+    assert checked.count == 6 and {f.level for f in checked.findings} <= {"note"}
     assert read_pixel_mm(CONTACT / "captured.tif") == pytest.approx(0.00607, rel=1e-6)
 
 

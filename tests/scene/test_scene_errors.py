@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.scene import dump_scene, load_scene, parse_scene
-from isochrome.scene.parts import (
+from isochrome.scene import (
     Camera,
     Frames,
     Friction,
@@ -14,9 +13,12 @@ from isochrome.scene.parts import (
     Load,
     Numerics,
     Polariscope,
+    Specimen,
     Wear,
+    dump_scene,
+    load_scene,
+    parse_scene,
 )
-from isochrome.scene.specimen import Specimen
 
 GOOD = dump_scene(load_scene("line-contact-wear"))
 

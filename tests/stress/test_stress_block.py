@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 
 from finite_block import FRINGES_PER_MPA, PAIR, Solid, block_difference
-from isochrome.contact import Grid, SurfaceState
+from isochrome.contact import ContactGrid, SurfaceState
 from isochrome.errors import InputError, PhysicsError
 from isochrome.scene import load_scene, parse_scene
-from isochrome.simulate import scene_states, simulate, state_difference
-from isochrome.stress import PixelGrid, block_stress
-from isochrome.stress.block import FORCES, REACH, block_series
+from isochrome.simulation import scene_states, simulate, state_difference
+from isochrome.specimens.block import FORCES, MODEL, REACH, block_series
+from isochrome.stress import PixelGrid
 from isochrome.stress.block_fem import Sides, corrections
-from isochrome.stress.point_force import PointForce, point_force_displacement, point_force_stress
-from isochrome.stress.regular import RegularStress
+from isochrome.stress.half_plane.point_force import (
+    PointForce,
+    point_force_displacement,
+    point_force_stress,
+)
+from isochrome.stress.half_plane.regular import RegularStress
 from scene_texts import PAPER_CONTACT
 
 PAPER = Sides(-30.0, 30.0, 40.0, PAIR[1], False)
@@ -270,8 +274,9 @@ def surface(x_mm=0.0, *, edges=(-0.1, 0.1), pressure=0.0, shear=0.0):
     """A state with one loaded node at x, and edges of contact as they are given."""
     loaded = np.array([0.0, 1.0, 0.0])
     return SurfaceState(
-        Grid(x_mm - 0.01, 0.01, 3), pressure * loaded, shear * loaded, 0.0 * loaded,
-        0.0, 1.0, True, 0.0, edges,
+        grid=ContactGrid(x_mm - 0.01, 0.01, 3), pressure_mpa=pressure * loaded,
+        shear_mpa=shear * loaded, wear_depth_mm=0.0 * loaded, distance_m=0.0, friction=1.0,
+        sliding=True, residual=0.0, scar_edges_mm=edges,
     )  # fmt: skip
 
 
@@ -283,9 +288,9 @@ def test_the_farther_edge_of_a_contact_is_a_tenth_of_the_clearance_away_at_most(
     """The nearest side is 30 mm away; friction moves the contact to one side of the centre."""
     scene = parse_scene(SCENE)
     held, wide = (tuple(sorted((-2.0 * sign, sign * edge))) for edge in (2.999, 3.001))
-    assert block_stress(scene, surface(edges=held, pressure=1.0), SMALL_VIEW)
+    assert MODEL.side_stress(scene, surface(edges=held, pressure=1.0), SMALL_VIEW)
     with pytest.raises(PhysicsError, match=r"reaches 3 mm from its centre, more than a tenth of"):
-        block_stress(scene, surface(edges=wide, pressure=1.0), SMALL_VIEW)
+        MODEL.side_stress(scene, surface(edges=wide, pressure=1.0), SMALL_VIEW)
 
 
 @pytest.mark.parametrize(("pressure", "shear"), [(1.0, 0.0), (0.0, 1.0)])
@@ -294,10 +299,10 @@ def test_where_in_a_block_a_traction_acts_counts_to_first_order(pressure, shear)
     scene, t = parse_scene(SCENE), 1.0
     moved = scene.with_values({"specimen.left_mm": -30.0 - t})
     x, z = PLACES
-    beside = block_stress(scene, surface(t, pressure=pressure, shear=shear), SMALL_VIEW)
-    truth = block_stress(moved, surface(0.0, pressure=pressure, shear=shear), SMALL_VIEW)
+    beside = MODEL.side_stress(scene, surface(t, pressure=pressure, shear=shear), SMALL_VIEW)
+    truth = MODEL.side_stress(moved, surface(0.0, pressure=pressure, shear=shear), SMALL_VIEW)
     exact = truth.difference(x - t, z)
-    centred = block_stress(scene, surface(0.0, pressure=pressure, shear=shear), SMALL_VIEW)
+    centred = MODEL.side_stress(scene, surface(0.0, pressure=pressure, shear=shear), SMALL_VIEW)
     largest = np.abs(exact).max()
     # second order in a thirtieth: measured 9e-4 and 7e-4; without the moments 0.014 and 0.064
     assert np.abs(beside.difference(x, z) - exact).max() < 2e-3 * largest

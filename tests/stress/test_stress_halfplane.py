@@ -20,7 +20,7 @@ from isochrome.reference import (
     sliding_hertz_stress,
 )
 from isochrome.scene import load_scene
-from isochrome.simulate import scene_states, state_difference
+from isochrome.simulation import scene_states, state_difference
 from isochrome.stress import (
     PixelGrid,
     StressComponents,
@@ -30,7 +30,7 @@ from isochrome.stress import (
     stress_components,
     stress_difference,
 )
-from isochrome.stress.hats import cauchy_of_hat
+from isochrome.stress.half_plane.hats import cauchy_of_hat
 
 PAIR = (2100.0, 0.4, 210000.0, 0.3)
 MODULUS = contact_modulus(*PAIR)

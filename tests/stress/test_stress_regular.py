@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from isochrome.scene import load_scene
-from isochrome.simulate import simulate
+from isochrome.simulation import simulate
 from isochrome.stress.field import StressComponents
-from isochrome.stress.regular import RegularStress, regular_modes, uniform_stress
+from isochrome.stress.half_plane.regular import RegularStress, regular_modes, uniform_stress
 
 MODES = regular_modes(6)
 H = 1e-4

@@ -15,8 +15,8 @@ from isochrome.stress import (
     stress_difference,
     stress_trace,
 )
-from isochrome.stress.halfplane import DOUBLE_ERROR, SINGLE_ERROR
-from isochrome.stress.rows import DEEP_PX, HALF_TAPS, pixel_sources
+from isochrome.stress.half_plane.pixel_sums import DOUBLE_ERROR, SINGLE_ERROR
+from isochrome.stress.half_plane.rows import DEEP_PX, HALF_TAPS, pixel_sources
 
 
 def loads(n, seed=0):

@@ -6,38 +6,34 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from isochrome.cli.calibrate import calibrate_app
-from isochrome.cli.long import export, sweep
+from isochrome.cli.long import export_command, sweep_command
 from isochrome.cli.options import (
-    Cluster,
+    AS_STATED,
+    RUN,
     FramesArgument,
     Join,
     Json,
     Out,
-    Restart,
+    SceneArgument,
     SceneOption,
-    Tractions,
-    Workers,
+    with_options,
 )
-from isochrome.cli.process import process
+from isochrome.cli.process import process_command
 from isochrome.console import (
     print_columns,
     print_fit,
     print_json,
-    print_place,
+    print_result,
     print_rows,
-    print_warnings,
     run_bar,
     steps,
 )
 from isochrome.errors import IsochromeError
-
-if TYPE_CHECKING:
-    from isochrome.frames import FramesPath
 
 app = typer.Typer(
     name="isochrome",
@@ -47,82 +43,72 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(calibrate_app, name="calibrate")
-app.command()(process)
-app.command()(sweep)
-app.command()(export)
+app.command("process")(process_command)
+app.command("sweep")(sweep_command)
+app.command("export")(export_command)
 
 STOPPED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
 
-@app.command()
-def demo(out: Out = Path("isochrome-demo"), as_json: Json = False) -> None:
+@app.command("demo")
+def demo_command(out: Out = Path("isochrome-demo"), as_json: Json = False) -> None:
     """Run the paper's case and the sample images end to end, offline, in under a minute."""
-    from isochrome.demo import demo as run
+    from isochrome.demonstration import demo as run
 
     with steps(as_json) as say:
         result = run(out, progress=say)
     if as_json:
-        print_json(result.summary)
+        print_json(result.to_json())
         return
     print_rows(("quantity", "found", "expected"), result.rows)
     typer.echo(f"experiment beside simulation: {result.folder / 'comparison' / 'comparison.png'}")
 
 
-@app.command()
-def simulate(
-    scene: Annotated[str, typer.Argument(help="Scene file (TOML), or line-contact-wear.")],
+@app.command("simulate")
+@with_options(RUN)
+def simulate_command(
+    scene: SceneArgument,
     out: Out = Path("isochrome-simulate"),
     components: Annotated[
         bool, typer.Option("--components", help="Also the principal stresses, apart, in MPa.")
     ] = False,
-    workers: Workers = None,
-    cluster: Cluster = None,
-    restart: Restart = False,
+    *,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
-    from isochrome.simulate import simulate as run
+    from isochrome.simulation import simulate as run
 
     with run_bar("simulating", "states") as progress:
-        result = run(
-            scene, out, components=components, workers=workers, cluster=cluster, restart=restart,
-            progress=progress,
-        )  # fmt: skip
-    if as_json:
-        print_json({"out": str(out), "history": result.history})
-        return
+        result = run(scene, out, components=components, progress=progress, **options)
     names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm"]  # fmt: skip
     names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
-    print_columns(result.history, names)
-    print_place(out, already=result.already)
+    print_result(result, out, as_json, lambda found: print_columns(found.history, names))
 
 
-@app.command()
-def compare(
+@app.command("compare")
+def compare_command(
     experiment: Annotated[str, typer.Argument(help="Result folder of process, or frames.")],
     simulation: Annotated[str, typer.Argument(help="Result folder of simulate, or frames.")],
     out: Out = Path("isochrome-compare"),
     as_json: Json = False,
 ) -> None:
     """Compare experiment and simulation: metrics and the side-by-side figure."""
-    from isochrome.compare.run import compare as run
+    from isochrome.comparison import MAIN_METRICS
+    from isochrome.comparison import compare as run
 
     with steps(quiet=True) as say:
         say("comparing")
         result = run(experiment, simulation, out)
-    if as_json:
-        print_json({"out": str(out), "metrics": result.table})
-        return
-    names = ("label", "order_rms_fringe", "order_p95_fringe", "wrong_branch_share",
-             "skeleton_distance_px", "ncc", "rmse_over_noise", "ssim")  # fmt: skip
-    print_columns(result.table, names)
-    typer.echo(f"results: {out}")
+    names = ("label", *MAIN_METRICS)
+    print_result(result, out, as_json, lambda found: print_columns(found.columns, names))
 
 
-@app.command()
-def fit(
+@app.command("fit")
+@with_options(RUN | {"as_stated": AS_STATED})
+def fit_command(
     frames: FramesArgument,
     scene: SceneOption,
     join: Join = False,
@@ -141,72 +127,51 @@ def fit(
             "--track", help="Follow the --per-frame keys through a video, frame by frame."
         ),
     ] = False,
-    tractions: Tractions = False,
+    tractions: Annotated[
+        bool,
+        typer.Option("--tractions", help="Also the pressure and shear on the surface, model-free."),
+    ] = False,
     out: Out = Path("isochrome-fit"),
-    workers: Workers = None,
-    cluster: Cluster = None,
-    restart: Restart = False,
+    *,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
-    """Fit unknowns of the scene, such as load.normal_n; killed, the same command goes on."""
-    from isochrome.fit.run import fit as run
+    """Fit unknowns of the scene, such as load.normal_n; run the same command again to resume."""
+    from isochrome.fitting import fit as run
+    from isochrome.fitting import refuse_shared
+    from isochrome.fitting import track as follow_keys
     from isochrome.frames import one_recording
 
-    recording = one_recording(frames, join=join)
-    means: dict[str, Any] = {"workers": workers, "cluster": cluster, "restart": restart}
+    recording, keys = one_recording(frames, join=join), tuple(per_frame or ())
     if track:
-        _track(recording, scene, tuple(free or ()), tuple(per_frame or ()), out, means, as_json)
+        refuse_shared(tuple(free or ()))
+        options.pop("as_stated")  # what is followed is fitted as it is stated
+        with run_bar("tracking") as progress:
+            tracked = follow_keys(recording, scene, keys, out=out, progress=progress, **options)
+        print_result(tracked, out, as_json, lambda found: print_columns(found.summary()))
         return
     with run_bar("fitting") as progress:
         result = run(
-            recording, scene, free or [], per_frame=per_frame or [], follow=follow,
-            tractions=tractions, out=out, progress=progress, **means,
+            recording, scene, free or [], per_frame=keys, follow=follow, tractions=tractions,
+            out=out, progress=progress, **options,
         )  # fmt: skip
-    if as_json:
-        print_json({"out": str(out), **result.to_json()})
-        return
-    print_fit(result)
-    print_warnings(list(result.warnings))
-    print_place(out, already=result.already)
+    print_result(result, out, as_json, print_fit)
 
 
-def _track(
-    frames: FramesPath,
-    scene: str,
-    free: tuple[str, ...],
-    keys: tuple[str, ...],
-    out: Path,
-    means: dict[str, Any],
-    as_json: bool,
-) -> None:
-    """`fit --track`."""
-    from isochrome.fit.track_run import refuse_shared, track
-
-    refuse_shared(free)
-    with run_bar("tracking") as progress:
-        result = track(frames, scene, keys, out=out, progress=progress, **means)
-    if as_json:
-        print_json({"out": str(out), **result.to_json()})
-        return
-    print_columns(result.summary())
-    print_warnings(list(result.warnings))
-    print_place(out, already=result.already)
-
-
-@app.command()
-def check(
+@app.command("check")
+def check_command(
     frames: FramesArgument, scene: SceneOption, join: Join = False, as_json: Json = False
 ) -> None:
     """Say in plain words what is wrong with frames, before a long run."""
-    from isochrome.frames import check_frames, recordings_of
+    from isochrome.frames import check, recordings_of
+    from isochrome.output import counted
     from isochrome.scene import load_scene
 
     described, recordings = load_scene(scene), recordings_of(frames, join=join)
-    told = []
+    reports = []
     for recording in recordings:
-        result = check_frames(recording, described)
-        findings = [{"level": f.level, "frame": f.frame, "text": f.text} for f in result.findings]
-        told.append({"ok": result.ok, "frames": result.count, "findings": findings})
+        result = check(recording, described)
+        reports.append(result.to_json())
         if as_json:
             continue
         if len(recordings) > 1:
@@ -214,38 +179,34 @@ def check(
         for finding in result.findings:
             typer.echo(f"{finding.level}: {finding.text}")
         verdict = "no error found" if result.ok else "errors found; see above"
-        typer.echo(f"{result.count} frames read: {verdict}")
-    ok = all(one["ok"] for one in told)
-    if as_json and len(told) == 1:
-        print_json(told[0])
+        typer.echo(f"{counted(result.count, 'frame')} read: {verdict}")
+    ok = all(one["ok"] for one in reports)
+    if as_json and len(reports) == 1:
+        print_json(reports[0])
     elif as_json:
-        named = [{"recording": str(r)} | one for r, one in zip(recordings, told, strict=True)]
+        named = [{"recording": str(r)} | one for r, one in zip(recordings, reports, strict=True)]
         print_json({"ok": ok, "recordings": named})
     if not ok:
         raise typer.Exit(2)
 
 
-@app.command()
-def bench(
+@app.command("bench")
+def bench_command(
     suite: Annotated[
         str,
         typer.Argument(
-            help="speed; fringes, every way to the order; fit; track; memory; or tolerance."
+            help="speed; fringes, every way to the order; fit; defects; track; memory; tolerance."
         ),
     ] = "speed",
     out: Out = Path("isochrome-bench"),
     as_json: Json = False,
 ) -> None:
     """Measure speed against error, side by side with the paper's own procedure."""
-    from isochrome.bench import bench as run
+    from isochrome.benchmarks import bench as run
 
     with steps(as_json) as say:
         result = run(out, suite=suite, progress=say)
-    if as_json:
-        print_json({"out": str(out), "rows": result.rows})
-        return
-    typer.echo(result.text)
-    typer.echo(f"results: {out}")
+    print_result(result, out, as_json, lambda found: typer.echo(found.text))
 
 
 def main() -> None:
@@ -273,9 +234,9 @@ def _stopped(end: BaseException) -> str:
     cause: BaseException | None = end
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__
-    said = str(cause or "") or "stopped; nothing was left half-written"
+    reason = str(cause or "") or "stopped; nothing was left half-written"
     same = shlex.join(part for part in sys.argv[1:] if part != "--restart")
-    return f"{said}: isochrome {same}" if said.endswith("goes on") else said
+    return f"{reason}: isochrome {same}" if reason.endswith("to resume") else reason
 
 
 def _fail(text: str, code: int) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
-from isochrome.cli.options import Into, Json, Out, SetArgument
-from isochrome.console import print_calibration, print_json, print_warnings, steps
+from isochrome.cli.options import Json, Out, SetArgument
+from isochrome.console import print_calibration, print_json, print_result, steps
 
 calibrate_app = typer.Typer(
     help="Calibrate the material fringe value, or a colour table.",
@@ -18,72 +18,65 @@ calibrate_app = typer.Typer(
 )
 
 
-@calibrate_app.command("bending")
-def calibrate_bending(
-    settings: SetArgument,
-    out: Out = Path("isochrome-calibrate"),
-    into: Into = None,
-    as_json: Json = False,
-) -> None:
-    """Calibrate from images of a beam in four-point bending."""
-    from isochrome.calibrate import calibrate_bending as run
+def _fringe_value_command(specimen: str) -> Callable[..., None]:
+    """The command that finds the fringe value from images of a specimen."""
 
-    _calibrate(run, settings, out, into, as_json)
+    def command(
+        settings: SetArgument,
+        out: Out = Path("isochrome-calibrate"),
+        into: Annotated[
+            Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")
+        ] = None,
+        as_json: Json = False,
+    ) -> None:
+        from isochrome import calibration
+
+        with steps(quiet=True) as say:
+            say("calibrating")
+            if into is not None:
+                calibration.check_scene_file(into)  # before the work, not after it
+            result = getattr(calibration, f"calibrate_{specimen}")(settings)
+            calibration.save_calibration(result, out, source=settings)
+            if into is not None:
+                calibration.write_into_scene(result, into, source=settings)
+        if as_json:
+            places = {"out": out} if into is None else {"out": out, "into": into}
+            print_json({**places, **result.to_json()})
+            return
+        print_calibration(result)
+        typer.echo(f"results: {out}" if into is None else f"results: {out}; value set in {into}")
+
+    return command
 
 
-@calibrate_app.command("disc")
-def calibrate_disc(
-    settings: SetArgument,
-    out: Out = Path("isochrome-calibrate"),
-    into: Into = None,
-    as_json: Json = False,
-) -> None:
-    """Calibrate from images of a disc under diametral compression."""
-    from isochrome.calibrate import calibrate_disc as run
-
-    _calibrate(run, settings, out, into, as_json)
+for _specimen, _images in {
+    "bending": "a beam in four-point bending",
+    "disc": "a disc under diametral compression",
+}.items():
+    calibrate_app.command(_specimen, help=f"Calibrate from images of {_images}.")(
+        _fringe_value_command(_specimen)
+    )
 
 
 @calibrate_app.command("colour")
-def calibrate_colour(
+def colour_command(
     settings: SetArgument,
     out: Out = Path("isochrome-calibrate"),
     as_json: Json = False,
 ) -> None:
     """Calibrate a colour table, from a beam's images or from any images' own colours."""
-    from isochrome.calibrate.colour import calibrate_colour as run
-    from isochrome.calibrate.colour_save import save_colour_calibration
+    from isochrome.calibration import calibrate_colour as run
+    from isochrome.calibration import save_calibration
 
     with steps(quiet=True) as say:
         say("calibrating")
-        result = run(settings)
-        save_colour_calibration(result, out, source=settings)
-    if as_json:
-        print_json({"out": str(out), **result.to_json()})
-        return
-    typer.echo(f"colour table to N = {result.table.highest:.2f} from {result.way}")
-    typer.echo(f"gamma = {result.gamma:.3f}: set frames.gamma to it where the table is used")
-    typer.echo(f"residual = {result.residual:.3f} of full light")
-    print_warnings(list(result.warnings))
-    typer.echo(f"results: {out}")
-
-
-def _calibrate(
-    run: Callable[[str], Any], settings: str, out: Path, into: Path | None, as_json: bool
-) -> None:
-    from isochrome.calibrate import check_scene_file, save_calibration, write_into_scene
-
-    with steps(quiet=True) as say:
-        say("calibrating")
-        if into is not None:
-            check_scene_file(into)  # before the work, not after it
         result = run(settings)
         save_calibration(result, out, source=settings)
-        if into is not None:
-            write_into_scene(result, into, source=settings)
-    if as_json:
-        places = {"out": out} if into is None else {"out": out, "into": into}
-        print_json({**places, **result.to_json()})
-        return
-    print_calibration(result)
-    typer.echo(f"results: {out}" if into is None else f"results: {out}; value set in {into}")
+    print_result(result, out, as_json, _print_colours)
+
+
+def _print_colours(result: Any) -> None:
+    """How far the table goes, and the gamma that belongs to it."""
+    typer.echo(f"colour table to N = {result.colour_table.highest:.2f} from {result.way}")
+    typer.echo(f"gamma = {result.gamma:.3f}: set frames.gamma to it where the table is used")
+    typer.echo(f"residual = {result.residual:.3f} of full light")

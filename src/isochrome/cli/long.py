@@ -3,47 +3,40 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from isochrome.cli.options import Cluster, Json, Out, Restart, Workers
+from isochrome.cli.options import RUN, Json, Out, SceneArgument, with_options
 from isochrome.console import print_json, print_warnings, run_bar
 
 
-def sweep(
-    scene: Annotated[str, typer.Argument(help="Scene file (TOML), or line-contact-wear.")],
+@with_options(RUN)
+def sweep_command(
+    scene: SceneArgument,
     vary: Annotated[
         list[str],
         typer.Option("--vary", help="KEY=first:last:number, or KEY=value,value; repeatable."),
     ],
     out: Out = Path("isochrome-sweep"),
-    workers: Workers = None,
-    cluster: Cluster = None,
-    restart: Restart = False,
+    *,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
-    """Simulate a scene over a grid of values into one dataset; killed, the same command goes on."""
-    from isochrome.sweep import sweep as run
+    """Simulate a scene over a grid of values into one dataset.
+
+    Run the same command again to resume.
+    """
+    from isochrome.output import counted
+    from isochrome.sweeps import sweep as run
 
     with run_bar("sweeping", "points") as progress:
-        result = run(
-            scene, vary, out, workers=workers, cluster=cluster, restart=restart, progress=progress
-        )
+        result = run(scene, vary, out, progress=progress, **options)
     if as_json:
-        axes = {key: list(values) for key, values in result.axes.items()}
-        print_json(
-            {
-                "out": str(out),
-                "points": result.points,
-                "failed": result.failed,
-                "axes": axes,
-                "reasons": list(result.reasons),
-            }
-        )
+        print_json({"out": str(out), **result.to_json()})
     else:
         print_warnings(list(result.reasons))
-        typer.echo(f"{result.points} points; results: {out}")
+        typer.echo(f"{counted(result.points, 'point')}; results: {out}")
     if result.failed:
         typer.echo(
             f"isochrome: {result.failed} of {result.points} points were refused by their physics, "
@@ -53,7 +46,7 @@ def sweep(
         raise typer.Exit(3)
 
 
-def export(
+def export_command(
     run: Annotated[str, typer.Argument(help="Result folder of process or sweep.")],
     to: Annotated[str, typer.Option("--to", help="netcdf (MATLAB), tiff (ImageJ) or csv.")],
     out: Annotated[
@@ -62,7 +55,7 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a run's results for MATLAB, ImageJ or a spreadsheet."""
-    from isochrome.runs.export import export as write
+    from isochrome.runs import export as write
 
     files = [str(file) for file in write(run, to, out)]
     if as_json:

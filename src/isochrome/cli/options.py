@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import typer
+
+Command = TypeVar("Command", bound=Callable[..., None])
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else.")]
 SceneOption = Annotated[
     str, typer.Option("--scene", help="Scene file (TOML), or a name such as line-contact-wear.")
 ]
+SceneArgument = Annotated[str, typer.Argument(help="Scene file (TOML), or line-contact-wear.")]
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
-Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
 FramesArgument = Annotated[
     list[str],
     typer.Argument(
@@ -23,17 +27,83 @@ Join = Annotated[
     bool, typer.Option("--join", help="The files named are the parts of one recording.")
 ]
 SetArgument = Annotated[str, typer.Argument(metavar="SET", help="Calibration set (TOML).")]
-Workers = Annotated[
-    int | None,
-    typer.Option("--workers", help="Processes; by default as many as pay.", show_default=False),
-]
-Cluster = Annotated[
-    str | None, typer.Option("--cluster", help="Address of a Dask scheduler, tcp://host:8786.")
-]
-Restart = Annotated[
-    bool, typer.Option("--restart", help="Begin anew, whatever an earlier run has left.")
-]
-Tractions = Annotated[
+
+RUN = {
+    "workers": (
+        int | None,
+        typer.Option(
+            "--workers", help="Processes; by default as many as are useful.", show_default=False
+        ),
+    ),
+    "cluster": (
+        str | None,
+        typer.Option("--cluster", help="Address of a Dask scheduler, tcp://host:8786."),
+    ),
+    "restart": (
+        bool,
+        typer.Option("--restart", help="Begin anew, whatever an earlier run has left."),
+    ),
+}
+"""How a long run is computed: type and option of each, by the name that the function takes."""
+
+AS_STATED = (
     bool,
-    typer.Option("--tractions", help="Also the pressure and shear on the surface, model-free."),
-]
+    typer.Option(
+        "--as-stated",
+        help="Hold all that the scene states; else what a frame asks for (the camera's roll, "
+        "uneven light, a band, ...) is fitted too, and said.",
+    ),
+)
+"""For commands that fit: the option of the same name."""
+
+PROCESS = {
+    "rois": (
+        bool,
+        typer.Option("--rois", help="Also the fringe lines as ImageJ ROIs, skeleton.zip."),
+    ),
+    "track": (
+        bool,
+        typer.Option(
+            "--track",
+            help="For a contact's video: the orders of key frames only, and load, friction, wear "
+            "and place followed through the others; their orders come without --track.",
+        ),
+    ),
+    "every": (
+        int | None,
+        typer.Option("--every", help="With --track: frames from key frame to key frame, 200."),
+    ),
+    "as_stated": AS_STATED,
+    **RUN,
+    "keep_going": (
+        bool,
+        typer.Option("--keep-going", help="Leave out frames that fail; the exit code is then 2."),
+    ),
+}
+"""What `process` takes besides its frames and scene, in the order of its help."""
+
+
+def with_options(options: dict[str, tuple[Any, Any]]) -> Callable[[Command], Command]:
+    """Give a command the options of a table, in front of --json: its `**options` takes them.
+
+    A flag is off and all else is None where it is not given. Parameters: `options`, type and option
+    of each by its name.
+    """
+
+    def declare(command: Command) -> Command:
+        given = inspect.signature(command, eval_str=True)
+        own = [p for p in given.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        shared = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=False if kind is bool else None,
+                annotation=Annotated[kind, option],
+            )
+            for name, (kind, option) in options.items()
+        ]
+        parameters = [*own[:-1], *shared, own[-1]]
+        command.__signature__ = given.replace(parameters=parameters)  # type: ignore[attr-defined]
+        return command
+
+    return declare

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.contact.active_set import ActiveSystem
 from isochrome.contact.surface import COARSER, Floats, Surface
-from isochrome.contact.trial import TrialSystem
 from isochrome.errors import InputError, PhysicsError
 
 _PATIENCE = 8
@@ -32,11 +32,23 @@ _WORST = 100.0
 
 @dataclass(frozen=True)
 class ContactState:
-    """A solved contact: `pressure` (n,) MPa, `gap` (n,) mm, `approach_mm`, and how well it holds.
+    """A solved contact, and how well it holds.
 
-    `residual` is the complementarity (KKT) residual: the largest violation of gap = 0 in contact
-    and gap >= 0 outside, over the range of the elastic displacement. `iterations` counts operator
-    applications, `sets` the trial sets.
+    Parameters
+    ----------
+    pressure : ndarray, shape (n,)
+        Pressure at the nodes, MPa.
+    gap : ndarray, shape (n,)
+        Gap at the nodes, mm.
+    approach_mm : float
+        Approach of the bodies, mm.
+    residual : float
+        The complementarity (KKT) residual: the largest violation of gap = 0 in contact and gap >= 0
+        outside, over the range of the elastic displacement.
+    iterations : int
+        Applications of the operator.
+    sets : int
+        Trial sets of nodes in contact.
     """
 
     pressure: Floats
@@ -59,13 +71,34 @@ def solve_pressure(
 ) -> ContactState:
     """Solve for the contact pressure under a given load.
 
-    Parameters: `surface`, the operator; `gap_mm` (n,), the undeformed gap, worn depth included
-    (mm; finite, and a constant offset does not matter); `line_load_n_per_mm`, P' (N/mm), positive;
-    `friction`, mu, only for the coupling; `wear_mm_per_mpa`, the diagonal c (mm/MPa); `start` (n,),
-    a pressure to start from, else (or where it bears nothing) a coarser grid's; `tolerance`, on the
-    KKT residual.
-    Returns a ContactState. Raises InputError on a gap or a load that is none, and PhysicsError
-    where it does not converge.
+    Parameters
+    ----------
+    surface : Surface
+        The surface operator.
+    gap_mm : ndarray, shape (n,)
+        The undeformed gap, worn depth included, mm; finite, and a constant offset does not matter.
+    line_load_n_per_mm : float
+        Load over thickness P', N/mm, positive.
+    friction : float, default 0.0
+        Friction coefficient mu, only for the coupling.
+    wear_mm_per_mpa : float, default 0.0
+        The diagonal c, mm/MPa.
+    start : ndarray, shape (n,), optional
+        A pressure to start from, MPa; else, or where it bears nothing, a coarser grid's.
+    tolerance : float, default 1e-10
+        Tolerance on the KKT residual.
+
+    Returns
+    -------
+    ContactState
+        The solved contact.
+
+    Raises
+    ------
+    InputError
+        On a gap or a load that is none.
+    PhysicsError
+        Where it does not converge.
     """
     datum = _checked_datum(gap_mm, line_load_n_per_mm)
     gap = gap_mm - datum
@@ -73,7 +106,7 @@ def solve_pressure(
     if start is None or active is None or not active.any():
         start = _from_coarse(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
         active = start > 0.0
-    system = TrialSystem(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
+    system = ActiveSystem(surface, gap, line_load_n_per_mm, friction, wear_mm_per_mpa)
     pressure = np.where(active, start, 0.0)
     fewest, patience, iterations = surface.nodes + 1, _PATIENCE, 0
     for sets in range(1, _MAX_SETS + 1):

@@ -26,8 +26,18 @@ logarithm, which grows as the spacing is made finer."""
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Uniform nodes along the surface: x = left_mm + i spacing_mm, i = 0 .. nodes-1."""
+class ContactGrid:
+    """Uniform nodes along the surface: x = left_mm + i spacing_mm, i = 0 .. nodes-1.
+
+    Parameters
+    ----------
+    left_mm : float
+        Place of the first node, mm.
+    spacing_mm : float
+        Distance of the nodes, mm.
+    nodes : int
+        How many there are.
+    """
 
     left_mm: float
     spacing_mm: float
@@ -40,11 +50,21 @@ class Grid:
 
 
 def elastic_constants(scene: Scene) -> tuple[float, float]:
-    """E* (MPa) and 1/G* (1/MPa) of a contact scene, for its plane strain or plane stress.
+    """Elastic constants of a contact scene, for its plane strain or plane stress.
 
-    Equations: 1/E* = Σ (1-nu²)/E and 1/G* = (1-2nu1)/G1 - (1-2nu2)/G2 in plane strain; plane
-    stress is the same with nu/(1+nu) for nu at unchanged G. Source: Johnson (1985), sections 2.4
-    and 5.4; Timoshenko & Goodier (1970), section 16, for the exchange.
+    1/E* = Σ (1-nu²)/E and 1/G* = (1-2nu1)/G1 - (1-2nu2)/G2 in plane strain; plane stress is the
+    same with nu/(1+nu) for nu at unchanged G. Source: Johnson (1985), sections 2.4 and 5.4;
+    Timoshenko & Goodier (1970), section 16, for the exchange.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene with an indenter.
+
+    Returns
+    -------
+    tuple of float
+        E*, MPa, and 1/G*, 1/MPa.
     """
     block, other = scene.specimen, scene.indenter
     assert other is not None and block.young_gpa is not None and block.poisson is not None
@@ -61,7 +81,20 @@ def elastic_constants(scene: Scene) -> tuple[float, float]:
 
 
 def line_load(scene: Scene, distance_m: float = 0.0) -> float:
-    """Normal load over thickness, P' (N/mm), at a sliding distance (m)."""
+    """Normal load over thickness at a sliding distance.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene with a load.
+    distance_m : float, default 0.0
+        The distance slid, m.
+
+    Returns
+    -------
+    float
+        The load P', N/mm.
+    """
     assert scene.specimen.thickness_mm is not None
     return scene.load_at(distance_m) / scene.specimen.thickness_mm
 
@@ -72,18 +105,36 @@ def contact_grid(
     largest_dose_mm_per_mpa: float,
     line_loads_n_per_mm: tuple[float, float] | None = None,
     growth: float = 1.0,
-) -> Grid:
-    """A grid that holds the contact at every state, fine enough for the unworn one.
+) -> ContactGrid:
+    """Make a grid that holds the contact at every state, fine enough for the unworn one.
 
-    The half-width is that of Hertz, a, joined with that of the worn arc, c = (3 R K P'/2)^(1/3),
-    as (a³ + c³)^(1/3), with a margin; it reaches a measured profile's outer hills as well. The
-    spacing is a quarter of the profile's row step at most, and divides the camera's pixel, so that
-    the stress below needs no interpolation.
-    Parameters: `scene`; `largest_dose_mm_per_mpa`, K = ∫kappa ds of the last state;
-    `line_loads_n_per_mm`, the smallest P', which sets the fineness, and the largest, which sets the
-    window (the scene's at no distance if None); `growth`, factor on the window, for a second try.
-    Raises PhysicsError on a contact too wide for its model, on a grid too large or too small, on a
-    spacing that would pass over rows of the profile, and on a pixel wider than the contact.
+    The half-width is that of Hertz, a, joined with that of the worn arc, c = (3 R K P'/2)^(1/3), as
+    (a³ + c³)^(1/3), with a margin; it reaches a measured profile's outer hills as well. The spacing
+    is a quarter of the profile's row step at most, and divides the camera's pixel, so that the
+    stress below needs no interpolation.
+
+    Parameters
+    ----------
+    scene : Scene
+        A contact's scene.
+    largest_dose_mm_per_mpa : float
+        Dose K = ∫kappa ds of the last state, mm/MPa.
+    line_loads_n_per_mm : tuple of float, optional
+        The smallest P', which sets the fineness, and the largest, which sets the window, N/mm; by
+        default the scene's at no distance.
+    growth : float, default 1.0
+        Factor on the window, for a second try.
+
+    Returns
+    -------
+    ContactGrid
+        The grid.
+
+    Raises
+    ------
+    PhysicsError
+        On a contact too wide for its model, on a grid too large or too small, on a spacing that
+        would pass over rows of the profile, and on a pixel wider than the contact.
     """
     modulus, _ = elastic_constants(scene)
     loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))
@@ -113,7 +164,7 @@ def contact_grid(
             f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than the contact, "
             f"{2.0 * reach:.3g} mm; give it in mm (not in µm), or raise the load"
         )
-    return Grid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
+    return ContactGrid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
 
 
 def _has_profile(scene: Scene) -> bool:

@@ -64,7 +64,8 @@ def integral(rate: Callable[[Floats], Floats], a: Floats, b: Floats) -> Floats:
     """
     half = 0.5 * (b - a)
     values = rate((0.5 * (a + b))[:, None] + half[:, None] * _NODES)
-    return half * np.einsum("ij,j->i", values, _WEIGHTS)
+    result: Floats = half * np.einsum("ij,j->i", values, _WEIGHTS)
+    return result
 
 
 def sampled(scene: Scene, rate: Callable[[Floats], Floats], kinks: Floats) -> Floats:

@@ -6,20 +6,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.contact.profile import Grid
+from isochrome.contact.profile import ContactGrid
 from isochrome.contact.surface import Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SurfaceState:
     """What acts on the specimen's surface in one state.
 
-    `grid`, with `x_mm` (n,); `pressure_mpa` p and `shear_mpa` q along +x (n,); `wear_depth_mm`
-    (n,); `distance_m` slid; `friction`, mu; `sliding`, False in a static state; `residual`, of the
-    contact's complementarity; `scar_edges_mm`, where a mesh knew the edges better than the grid.
+    Parameters
+    ----------
+    grid : ContactGrid
+        The nodes, with `x_mm` (n,).
+    pressure_mpa : ndarray, shape (n,)
+        Pressure p, MPa.
+    shear_mpa : ndarray, shape (n,)
+        Shear traction q along +x, MPa.
+    wear_depth_mm : ndarray, shape (n,)
+        Worn depth h, mm.
+    distance_m : float
+        Distance slid, m.
+    friction : float
+        Friction coefficient mu.
+    sliding : bool
+        False in a static state.
+    residual : float
+        Residual of the contact's complementarity.
+    scar_edges_mm : tuple of float, optional
+        The edges of contact, mm, where a mesh knew them better than the grid.
     """
 
-    grid: Grid
+    grid: ContactGrid
     pressure_mpa: Floats
     shear_mpa: Floats
     wear_depth_mm: Floats

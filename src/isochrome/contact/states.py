@@ -7,13 +7,18 @@ from itertools import islice
 
 import numpy as np
 
-from isochrome.contact.course import Course, Stop, wear_course
-from isochrome.contact.limits import refuse_unfit, touches_outside
 from isochrome.contact.pressure import ContactState, solve_pressure
-from isochrome.contact.profile import Grid, contact_grid, line_load
+from isochrome.contact.profile import ContactGrid, contact_grid, line_load
+from isochrome.contact.sliding_history import OutputState, SlidingHistory, wear_course
 from isochrome.contact.state import SurfaceState
 from isochrome.contact.surface import Floats
-from isochrome.contact.worn import Site, make_site, worn_states
+from isochrome.contact.validity import refuse_unfit, touches_outside
+from isochrome.contact.wear.worn_states import (
+    PATH_TOLERANCE,
+    ContactSetup,
+    make_site,
+    worn_states,
+)
 from isochrome.errors import PhysicsError
 from isochrome.scene import Scene
 
@@ -21,7 +26,18 @@ _TRIES = 4
 
 
 def contact_states(scene: Scene) -> list[SurfaceState]:
-    """Solve the contact at every state of a scene. See `iter_contact_states`."""
+    """Solve the contact at every state of a scene, see `iter_contact_states`.
+
+    Parameters
+    ----------
+    scene : Scene
+        A contact's scene.
+
+    Returns
+    -------
+    list of SurfaceState
+        The states, in the scene's order.
+    """
     return list(iter_contact_states(scene))
 
 
@@ -30,10 +46,24 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
 
     A static state first if the scene asks for it, then one at each of `wear.distances_m`, in the
     scene's order; without wear, one state, sliding if there is friction. States wait in memory only
-    for others that the scene names before them. A contact that outgrows its grid is solved again
-    on a wider one, and what was handed out is passed over.
-    Raises PhysicsError where the contact does not converge, reaches the edge of the grid, or is
-    beyond what its grid, its profile or linear elasticity carries (see `contact.limits`).
+    for others that the scene names before them. A contact that outgrows its grid is solved again on
+    a wider one, and what was handed out is passed over.
+
+    Parameters
+    ----------
+    scene : Scene
+        A contact's scene.
+
+    Yields
+    ------
+    SurfaceState
+        What acts on the surface.
+
+    Raises
+    ------
+    PhysicsError
+        Where the contact does not converge, reaches the edge of the grid, or is beyond what its
+        grid, its profile or linear elasticity carries (see `contact.validity`).
     """
     course, stops = wear_course(scene)
     loads = course.line_load_n_per_mm
@@ -62,6 +92,13 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
     )
 
 
+def _path(scene: Scene, course: SlidingHistory) -> SlidingHistory:
+    """The scene's course as it is sampled at PATH_TOLERANCE, see `worn_states`."""
+    if course.steady or scene.numerics.tolerance == PATH_TOLERANCE:
+        return course
+    return wear_course(scene.with_values({"numerics.tolerance": PATH_TOLERANCE}))[0]
+
+
 def _touches_edge(state: SurfaceState) -> bool:
     """Whether the contact is at the edge of its grid, or was while it wore."""
     ends = [0, -1]
@@ -69,7 +106,7 @@ def _touches_edge(state: SurfaceState) -> bool:
 
 
 def _states_on(
-    scene: Scene, grid: Grid, course: Course, stops: list[Stop]
+    scene: Scene, grid: ContactGrid, course: SlidingHistory, stops: list[OutputState]
 ) -> Iterator[SurfaceState]:
     """The states on one grid, in the scene's order."""
     site = make_site(scene, grid)
@@ -80,7 +117,8 @@ def _states_on(
     if held is not None or (scene.friction is None and not scene.wear):
         return
     order = sorted(range(len(stops)), key=lambda i: stops[i].dose_mm_per_mpa)
-    worn = worn_states(site, course, [stops[i] for i in order])
+    rising = [stops[i] for i in order]
+    worn = worn_states(site, course, rising, path=_path(scene, course))
     waiting: dict[int, SurfaceState] = {}
     place = 0
     for i, state in zip(order, worn, strict=True):
@@ -90,7 +128,7 @@ def _states_on(
             place += 1
 
 
-def _static_state(site: Site, load: float) -> SurfaceState:
+def _static_state(site: ContactSetup, load: float) -> SurfaceState:
     scene, grid = site.scene, site.grid
     contact = solve_pressure(site.surface, site.gap_mm, load)
     mu = scene.friction_at(0.0)
@@ -111,7 +149,7 @@ def _static_state(site: Site, load: float) -> SurfaceState:
 
 
 def _partial_slip(
-    site: Site, contact: ContactState, load: float, tangential: float, mu: float
+    site: ContactSetup, contact: ContactState, load: float, tangential: float, mu: float
 ) -> Floats:
     """Shear of a stuck contact that slips at its edges: q = mu [p(P') - p(P' - Q'/mu)].
 
@@ -123,4 +161,5 @@ def _partial_slip(
     if stuck > 1e-9 * load:
         held = solve_pressure(site.surface, site.gap_mm, stuck, start=contact.pressure)
         inner = held.pressure
-    return np.sign(tangential) * abs(mu) * (contact.pressure - inner)
+    result: Floats = np.sign(tangential) * abs(mu) * (contact.pressure - inner)
+    return result

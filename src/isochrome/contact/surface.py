@@ -30,15 +30,33 @@ _NEAR = 20
 """Lags below which the antiderivative's second difference is used; above, its series."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Surface:
     """The surface operator of one grid: spectra made once, used by every solve.
 
-    `nodes` and `spacing_mm` are the grid; `modulus_mpa` is E*; `normal` and `coupling` the spectra
-    of the two influence kernels (mm per MPa; the second is per unit mu); `lattice_*` the same
-    kernels' symbols on an endless grid, the inverse of which is the preconditioner; `dense`, on a
-    small grid, the two kernels as matrices, and else `coarse`, the same surface with every fourth
-    node, where a cold start begins.
+    The symbols on an endless grid are those of the same kernels; their inverse is the
+    preconditioner.
+
+    Parameters
+    ----------
+    nodes : int
+        Nodes n of the grid.
+    spacing_mm : float
+        Their distance h, mm.
+    modulus_mpa : float
+        Contact modulus E*, MPa.
+    normal : ndarray of complex
+        Spectrum of the normal influence kernel, mm per MPa.
+    coupling : ndarray of complex or None
+        Spectrum of the coupling's kernel, mm per MPa and per unit mu; None without coupling.
+    lattice_normal : ndarray
+        The normal kernel's symbol on an endless grid.
+    lattice_coupling : ndarray of complex or None
+        The coupling's symbol on an endless grid.
+    dense : tuple of ndarray or None
+        On a small grid the two kernels as matrices (n, n).
+    coarse : Surface or None
+        On a large grid the same surface with every fourth node, where a cold start begins.
     """
 
     nodes: int
@@ -62,9 +80,23 @@ def make_surface(
 ) -> Surface:
     """Precompute the surface operator of a grid.
 
-    Parameters: `nodes`, count of nodes; `spacing_mm`, their distance h (mm);
-    `contact_modulus_mpa`, E* (MPa); `coupling_per_mpa`, 1/G* (1/MPa), 0 for none.
-    Returns the Surface. Source: see the module.
+    Source: see the module.
+
+    Parameters
+    ----------
+    nodes : int
+        Count of nodes.
+    spacing_mm : float
+        Their distance h, mm.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa.
+    coupling_per_mpa : float, default 0.0
+        Coupling 1/G*, 1/MPa; 0 for none.
+
+    Returns
+    -------
+    Surface
+        The operator.
     """
     n, h = nodes, spacing_mm
     length = int(scipy.fft.next_fast_len(2 * n, real=True))
@@ -103,8 +135,19 @@ def make_surface(
 def displacement(surface: Surface, pressure: Floats, *, friction: float = 0.0) -> Floats:
     """Displacement into the block at the nodes, up to a constant.
 
-    Parameters: `surface`; `pressure` p at the nodes (..., n), MPa; `friction`, mu of q = mu p.
-    Returns u (..., n), mm.
+    Parameters
+    ----------
+    surface : Surface
+        The surface operator.
+    pressure : ndarray, shape (..., n)
+        Pressure p at the nodes, MPa.
+    friction : float, default 0.0
+        Friction coefficient mu of q = mu p.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        Displacement u, mm.
     """
     spectrum = combined(surface.normal, surface.coupling, friction)
     product = spectrum * scipy.fft.rfft(pressure, surface.length)
@@ -133,7 +176,8 @@ def log_of_hat(nodes: int, spacing_mm: float) -> Floats:
     near = lag[:_NEAR]
     series[:_NEAR] = _second_antiderivative(near + 1) + _second_antiderivative(near - 1)
     series[:_NEAR] -= 2.0 * _second_antiderivative(near)
-    return spacing_mm * (series + np.log(spacing_mm))
+    result: Floats = spacing_mm * (series + np.log(spacing_mm))
+    return result
 
 
 def _second_antiderivative(x: Floats) -> Floats:

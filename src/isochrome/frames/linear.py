@@ -1,25 +1,36 @@
-"""From raw grey levels to light: full scale, gamma, and which pixels can be trusted."""
+"""From raw grey levels to light, and from light to the fringe signal.
+
+Light: full scale, gamma, and which pixels can be trusted. Signal: a frame of a polariscope is
+I = D + (B - D) s, where D is the background (the unloaded specimen in the dark field), B the full
+illumination (the same in the bright field), and s the fringe signal: s = sin^2(pi N) in the dark
+field and cos^2(pi N) in the bright one, N the fringe order.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from isochrome.errors import InputError
 from isochrome.frames.noise import full_scale
+from isochrome.frames.reading import Frame, Mask
 
-Mask = npt.NDArray[np.bool_]
 OUTLIER_SIGMAS = 8.0
+MIN_CONTRAST = 0.05
+"""Pixels whose contrast B - D is below this part of the frame's median are masked."""
 
 
 @dataclass(frozen=True)
 class Linear:
-    """Light as a fraction of full scale: `image` (row, col) float32, `valid` True = trusted.
+    """Light as a fraction of full scale.
 
-    `valid` is False at saturated, dead, hot and non-finite pixels and off the specimen; `image`
-    keeps their values.
+    Parameters
+    ----------
+    image : ndarray of shape (row, col)
+        The light, float32, also where it is not valid.
+    valid : ndarray of shape (row, col)
+        True = trusted: not saturated, dead, hot or non-finite, and on the specimen.
     """
 
     image: np.ndarray
@@ -27,11 +38,11 @@ class Linear:
 
 
 def to_linear(
-    image: np.ndarray,
+    image: Frame | np.ndarray,
     *,
     bit_depth: int | None,
     gamma: float = 1.0,
-    name: str = "the frame",
+    name: str | None = None,
     allow_blank: bool = False,
     mask: Mask | None = None,
 ) -> Linear:
@@ -40,13 +51,35 @@ def to_linear(
     linear = (raw / (2^bit_depth - 1))^gamma, for a camera that stored raw = linear^(1 / gamma):
     gamma = 1 for a linear one, about 2.2 for one with the usual (sRGB-like) tone curve.
 
-    Parameters: `image` (row, col), raw; `bit_depth` of the sensor, None for float frames that are
-    fractions already; `gamma`; `name` for messages; `allow_blank`, True where a constant frame is
-    right, as an ideal no-load one is; `mask` (row, col), True on the specimen, as a scene's frames
-    carry it. Returns a Linear. Raises InputError where the frame is constant (all black, all
-    white), has no finite pixel, is out of range, or is not of the mask's size.
+    Parameters
+    ----------
+    image : Frame or ndarray of shape (row, col)
+        A captured frame with its name and mask, or its raw grey levels alone.
+    bit_depth : int or None
+        Bits of the sensor; None for float frames that are fractions already.
+    gamma : float, default 1.0
+        Exponent of the tone curve.
+    name : str, optional
+        Name for messages; by default the Frame's own.
+    allow_blank : bool, default False
+        Whether a constant frame is right, as an ideal no-load one is.
+    mask : ndarray of shape (row, col), optional
+        True on the specimen; a Frame's own takes its place.
+
+    Returns
+    -------
+    Linear
+        The light and the pixels that can be trusted.
+
+    Raises
+    ------
+    InputError
+        Where the frame is constant (all black, all white), has no finite pixel, is out of range, or
+        is not of the mask's size.
     """
-    raw = np.asarray(image)
+    if isinstance(image, Frame):
+        name, mask, image = name or image.name, image.mask, image.image
+    raw, name = np.asarray(image), name or "the frame"
     if raw.ndim != 2 or raw.size == 0:
         raise InputError(f"{name}: a frame is (row, col), not {raw.shape}; choose a channel")
     if mask is not None and mask.shape != raw.shape:
@@ -77,15 +110,24 @@ def to_linear(
 
 
 def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
-    """Dead and hot pixels: those far outside the range of the eight around them.
+    """Find dead and hot pixels: those far outside the range of the eight around them.
 
     A pixel is an outlier when it exceeds the second largest of its neighbours (or falls below the
     second smallest) by 8 noise sigmas and by their whole spread. A fringe, however fine, has
     neighbours as bright as itself along its length, and is left alone; one odd pixel and a pair
     are found; larger flaws, and those in the outermost rows and columns, are not.
 
-    Parameters: `image` (row, col), raw; `finite`, where it holds numbers. Returns a mask, True
-    where a pixel is dead or hot.
+    Parameters
+    ----------
+    image : ndarray of shape (row, col)
+        Raw grey levels.
+    finite : ndarray of shape (row, col), optional
+        True where the image holds numbers.
+
+    Returns
+    -------
+    ndarray of shape (row, col)
+        True where a pixel is dead or hot.
     """
     if min(image.shape) < 3:
         return np.zeros(image.shape, bool)
@@ -121,4 +163,82 @@ def _rough_sigma(values: np.ndarray, otherwise: float) -> float:
         return otherwise
     v = values[::2]
     mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
-    return float(np.median(np.abs(mixed))) * 1.4826 / np.sqrt(70.0)
+    result: float = float(np.median(np.abs(mixed))) * 1.4826 / np.sqrt(70.0)
+    return result
+
+
+@dataclass(frozen=True)
+class Normalised:
+    """A fringe signal and what it was made with, all (row, col) float32.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (row, col)
+        The signal s, nominally 0 to 1; noise may pass the ends; NaN where it is not valid.
+    valid : ndarray of shape (row, col)
+        True = trusted.
+    background : ndarray of shape (row, col)
+        Background D as a fraction of full scale.
+    contrast : ndarray of shape (row, col)
+        Contrast B - D as a fraction of full scale, so that the signal's sigma is that of the light
+        over it.
+    """
+
+    signal: np.ndarray
+    valid: Mask
+    background: np.ndarray
+    contrast: np.ndarray
+
+
+def normalise(
+    image: Linear | np.ndarray, dark: Linear | np.ndarray, bright: Linear | np.ndarray
+) -> Normalised:
+    """Take background and illumination out of a frame: s = (I - D) / (B - D).
+
+    Parameters
+    ----------
+    image : Linear or ndarray of shape (row, col)
+        The light I, from `to_linear`.
+    dark : Linear or ndarray of shape (row, col)
+        The unloaded specimen in the dark field, D, also linear, or what stands for it.
+    bright : Linear or ndarray of shape (row, col)
+        The same in the bright field, B.
+
+    Returns
+    -------
+    Normalised
+        The signal and what it was made with.
+
+    Raises
+    ------
+    InputError
+        Where the sizes differ or nothing has contrast.
+    """
+    light, valid = _parts(image)
+    low, low_valid = _parts(dark)
+    high, high_valid = _parts(bright)
+    for name, part in (("no-load dark", low), ("no-load bright", high)):
+        if part.shape != light.shape:
+            raise InputError(
+                f"the {name} frame is {part.shape} pixels (rows, columns) and the frame "
+                f"{light.shape}; capture both with the same camera settings and roi"
+            )
+    valid = valid & low_valid & high_valid
+    contrast = high - low
+    usual = float(np.median(contrast[valid])) if valid.any() else 0.0
+    if not usual > 0:
+        raise InputError(
+            "the frame has no contrast between its no-load dark and bright ends (median "
+            f"{usual:.3g} of full scale); are the two no-load files swapped, or the light off?"
+        )
+    valid = valid & (contrast > MIN_CONTRAST * usual)
+    signal = np.full(light.shape, np.nan, np.float32)
+    np.divide(light - low, contrast, out=signal, where=valid)
+    return Normalised(signal, valid, low.astype(np.float32), contrast.astype(np.float32))
+
+
+def _parts(image: Linear | np.ndarray) -> tuple[np.ndarray, Mask]:
+    if isinstance(image, Linear):
+        return image.image, image.valid
+    plain = np.asarray(image)
+    return plain, np.isfinite(plain)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import tiff
-from isochrome.frames.images import read_image
-from isochrome.output.roi import SUFFIXES, read_roi_mask
+from isochrome.frames.readers import tiff
+from isochrome.frames.readers.images import read_image
+from isochrome.output import SUFFIXES, read_roi_mask
 from isochrome.scene import Frames
 
 Mask = NDArray[np.bool_]
@@ -35,11 +35,28 @@ class WithFrames(Protocol):
 
 
 def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, int]) -> Mask:
-    """The specimen's pixels, by frames.mask and frames.polygon_px, inside both if both are given.
+    """Load the specimen's pixels, by frames.mask and frames.polygon_px.
 
-    Parameters: `scene`; `shape` (rows, cols) of the region of interest; `full_shape` of the frame
-    before it. Returns a mask of `shape`, True = specimen, all True where the scene names neither.
-    Raises InputError where the file is missing, of neither size, a picture, or leaves no pixel.
+    They lie inside both where both are given.
+
+    Parameters
+    ----------
+    scene : WithFrames
+        A scene, or a calibration set.
+    shape : tuple of int
+        Size of the region of interest, (rows, cols).
+    full_shape : tuple of int
+        Size of the frame before it, (rows, cols).
+
+    Returns
+    -------
+    ndarray of shape (row, col)
+        True = specimen, of the size `shape`; all True where the scene names neither.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, of neither size, a picture, or leaves no pixel.
     """
     inside = np.ones(shape, dtype=bool)
     frames = scene.frames
@@ -141,7 +158,7 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int]) 
             f"frames.polygon_px leaves the region of interest of {shape} pixels (rows, columns), "
             "and with row and column swapped it would not; a corner is [row, col]"
         )
-    inside = np.asarray(polygon2mask(shape, points), dtype=bool)
+    inside: Mask = np.asarray(polygon2mask(shape, points), dtype=np.bool_)
     if not inside.any():
         raise InputError(
             f"frames.polygon_px holds no pixel of the region of interest of {shape} pixels (rows, "

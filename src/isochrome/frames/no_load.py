@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.frames.linear import Linear, to_linear
 from isochrome.frames.opening import open_scene_frames
-from isochrome.frames.reader import FrameReader
+from isochrome.frames.reading import FrameReader
 from isochrome.scene import Scene
 
 
@@ -16,9 +18,24 @@ def load_no_load(
 ) -> tuple[Linear | None, Linear | None]:
     """Read the scene's no-load frames as light, with the same roi, channel, depth and gamma.
 
-    Parameters: `scene`; `full_shape` (rows, cols) of the captured frames before the roi, to be
-    compared with. A stack is averaged. Returns (dark, bright), None where the scene names none.
-    Raises InputError where a file cannot be read, is saturated all over, or is of another size.
+    A stack is averaged.
+
+    Parameters
+    ----------
+    scene : Scene
+        What stood in front of the camera.
+    full_shape : tuple of int, optional
+        Size of the captured frames before the roi, (rows, cols), to be compared with.
+
+    Returns
+    -------
+    tuple of Linear or None
+        The dark and the bright frame, None where the scene names none.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be read, is saturated all over, or is of another size.
     """
     dark = _average(scene, scene.frames.no_load_dark, "no_load_dark", full_shape)
     bright = _average(scene, scene.frames.no_load_bright, "no_load_bright", full_shape)
@@ -33,9 +50,23 @@ def load_no_load(
 def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader:
     """Open the unloaded specimen's phase-stepped set.
 
-    Parameters: `scene`, with frames.no_load_steps; `full_shape` (rows, cols) of the captured frames
-    before the roi. Returns a FrameReader. Raises InputError where the set cannot be read, holds
-    another number of frames than there are steps, or frames of another size.
+    Parameters
+    ----------
+    scene : Scene
+        A scene with frames.no_load_steps.
+    full_shape : tuple of int
+        Size of the captured frames before the roi, (rows, cols).
+
+    Returns
+    -------
+    FrameReader
+        The set.
+
+    Raises
+    ------
+    InputError
+        Where the set cannot be read, holds another number of frames than there are steps, or frames
+        of another size.
     """
     name, steps = scene.frames.no_load_steps, len(scene.polariscope.step)
     assert name is not None
@@ -48,15 +79,21 @@ def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader
                 f"{path}: frames.no_load_steps holds {count} frames and the polariscope has "
                 f"{steps} steps; give one frame of the unloaded specimen for each"
             )
-        if reader.full_shape != full_shape:
-            raise InputError(
-                f"{path}: frames.no_load_steps is {reader.full_shape} pixels (rows, columns) and "
-                f"the captured frames {full_shape}; capture both with the same camera settings"
-            )
+        _check_shape(path, "no_load_steps", reader, full_shape)
     except InputError:
         reader.close()
         raise
     return reader
+
+
+def _check_shape(
+    path: Path, key: str, reader: FrameReader, full_shape: tuple[int, int] | None
+) -> None:
+    if full_shape is not None and reader.full_shape != full_shape:
+        raise InputError(
+            f"{path}: frames.{key} is {reader.full_shape} pixels (rows, columns) and the "
+            f"captured frames {full_shape}; capture both with the same camera settings"
+        )
 
 
 def _average(
@@ -66,20 +103,11 @@ def _average(
         return None
     path = scene.path(name)
     with open_scene_frames(path, scene, masked=False) as reader:
-        if full_shape is not None and reader.full_shape != full_shape:
-            raise InputError(
-                f"{path}: frames.{key} is {reader.full_shape} pixels (rows, columns) and the "
-                f"captured frames {full_shape}; capture both with the same camera settings"
-            )
+        _check_shape(path, key, reader, full_shape)
         total, valid, count = np.zeros(reader.shape), np.ones(reader.shape, bool), 0
         for frame in reader:
-            linear = to_linear(
-                frame.image,
-                bit_depth=reader.bit_depth,
-                gamma=scene.frames.first_gamma,
-                name=frame.name,
-                allow_blank=True,
-            )
+            gamma = scene.frames.first_gamma
+            linear = to_linear(frame, bit_depth=reader.bit_depth, gamma=gamma, allow_blank=True)
             total += linear.image
             valid &= linear.valid
             count += 1

@@ -25,10 +25,19 @@ CLIP = 4.0
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Noise of a camera against grey level: variance = `offset` + `slope` * level, >= `floor`.
+    """Noise of a camera against grey level: variance = offset + slope level, floor at least.
 
-    In raw grey levels squared (and fractions of full scale for float frames). The rounding to
-    whole levels is part of it.
+    The rounding to whole levels is part of it.
+
+    Parameters
+    ----------
+    offset : float
+        Variance at black, raw grey levels squared (of float frames: fractions of full scale
+        squared).
+    slope : float
+        Growth of the variance with the level.
+    floor : float
+        The least variance.
     """
 
     offset: float
@@ -52,11 +61,23 @@ class NoiseModel:
         full = full_scale(bit_depth)
         sigma = self.sigma(values)
         level = np.maximum(np.asarray(values, dtype=float), sigma) / full
-        return gamma * level ** (gamma - 1) * sigma / full
+        result: np.ndarray = gamma * level ** (gamma - 1) * sigma / full
+        return result
 
 
 def full_scale(bit_depth: int | None) -> float:
-    """The largest raw grey level, 2^bit_depth - 1; 1 for float frames without a bit depth."""
+    """Give the largest raw grey level, 2^bit_depth - 1.
+
+    Parameters
+    ----------
+    bit_depth : int or None
+        Bits of the sensor; None for float frames.
+
+    Returns
+    -------
+    float
+        The level; 1 for float frames without a bit depth.
+    """
     return 1.0 if bit_depth is None else float(2**bit_depth - 1)
 
 
@@ -65,11 +86,27 @@ def estimate_noise(
 ) -> NoiseModel:
     """Estimate a camera's noise from one raw frame, insensitive to its fringes.
 
-    Parameters: `image` (row, col), raw grey levels before any gamma correction; `valid`, True
-    where pixels count; `bit_depth` of the sensor (by default that of an integer image's type), so
-    that levels near black and white, where clipping hides noise, are left out. Returns a
-    NoiseModel. Raises InputError where the image is under 8 x 8 or has too few valid pixels.
     Noise that is correlated between pixels (JPEG, lossy video, demosaicing) is underestimated.
+
+    Parameters
+    ----------
+    image : ndarray of shape (row, col)
+        Raw grey levels before any gamma correction.
+    valid : ndarray of shape (row, col), optional
+        True where pixels count.
+    bit_depth : int, optional
+        Bits of the sensor, so that levels near black and white, where clipping hides noise, are
+        left out; by default those of an integer image's type.
+
+    Returns
+    -------
+    NoiseModel
+        The noise against grey level.
+
+    Raises
+    ------
+    InputError
+        Where the image is under 8 x 8 or has too few valid pixels.
     """
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < 8:
@@ -83,7 +120,7 @@ def estimate_noise(
     residual, level, inside = _high_pass(values, usable)
     if np.count_nonzero(inside) < 16:
         raise InputError(
-            "noise cannot be told: fewer than 16 pixels have valid neighbours; enlarge the roi"
+            "noise cannot be estimated: fewer than 16 pixels have valid neighbours; enlarge the roi"
         )
     floor = QUANTISATION if integer else float(np.finfo(np.float32).tiny)
     res, lev = residual[inside].astype(float), level[inside].astype(float)

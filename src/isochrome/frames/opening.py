@@ -7,10 +7,10 @@ import os
 from pathlib import Path
 
 from isochrome.errors import InputError
-from isochrome.frames import images, tiff, video
 from isochrome.frames.mask import load_mask
-from isochrome.frames.parts import open_parts
-from isochrome.frames.reader import Channel, FrameReader, FramesPath
+from isochrome.frames.readers import images, tiff, video
+from isochrome.frames.reading import Channel, FrameReader, FramesPath
+from isochrome.frames.several_files import open_parts
 from isochrome.frames.source import Kind, Source, natural_key, refusing
 from isochrome.scene import Camera, Roi, Scene
 
@@ -32,11 +32,41 @@ def open_frames(
 
     Several videos, or several TIFF stacks, are one recording, in natural order (part2 before
     part10) but for a list, which has its own.
-    Parameters: `path`; `channel` of a colour source ('red', 'green', 'blue', 'mean'; when None, the
-    one nearest to `wavelength_nm`: below 490 blue, below 580 green, else red, unknown green);
-    `roi`, the part to yield; `bit_depth` of the sensor (when None, 8 or 16 by the file's type;
-    give 10 or 12 for such a sensor in a 16-bit file). Returns a FrameReader, also a context
-    manager. Raises InputError that names the file, the value and what to do.
+
+    Parameters
+    ----------
+    path : str, Path or sequence of them
+        Where the frames are.
+    channel : {'red', 'green', 'blue', 'mean'}, optional
+        Channel of a colour source; by default the one nearest to `wavelength_nm`: below 490 blue,
+        below 580 green, else red, unknown green.
+    wavelength_nm : float, optional
+        Wavelength of the light, nm.
+    roi : Roi, optional
+        The part of each frame to yield; by default all of it.
+    bit_depth : int, optional
+        Bits of the sensor; by default 8 or 16 by the file's type. Give 10 or 12 for such a sensor
+        in a 16-bit file.
+
+    Returns
+    -------
+    FrameReader
+        Streams frames (row, col) of raw grey levels; also a context manager.
+
+    Raises
+    ------
+    InputError
+        Where the frames cannot be read, or `roi` or `bit_depth` does not fit them; it names the
+        file, the value and what to do.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> from isochrome.samples import samples_path
+    >>> stack = samples_path() / "line-contact-wear" / "captured.tif"
+    >>> with isochrome.open_frames(stack) as frames:
+    ...     frames.kind, frames.bit_depth, frames.count()
+    ('tiff', 8, 6)
     """
     source = _source(path)
     label = path if isinstance(path, str | Path) else f"{path[0]} ..."
@@ -65,9 +95,26 @@ def open_scene_frames(
 ) -> FrameReader:
     """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
 
-    Parameters: `path` as for `open_frames`; `scene`; `masked`, False to leave the specimen's mask
-    out, as for no-load frames; `any_scale`, True to open a file that names another pixel size than
-    the scene too. Returns a FrameReader. Raises InputError.
+    Parameters
+    ----------
+    path : str, Path or sequence of them
+        The frames, as for `open_frames`.
+    scene : Scene
+        What stood in front of the camera.
+    masked : bool, default True
+        Whether frames carry the specimen's mask; False for no-load frames.
+    any_scale : bool, default False
+        Whether a file that names another pixel size than the scene is opened too.
+
+    Returns
+    -------
+    FrameReader
+        Streams frames (row, col) of raw grey levels; also a context manager.
+
+    Raises
+    ------
+    InputError
+        Where the frames cannot be read, or do not fit the scene.
     """
     reader = open_frames(
         path,
@@ -84,10 +131,62 @@ def open_scene_frames(
     return reader
 
 
+def input_files(reader: FrameReader, scene: Scene) -> list[Path]:
+    """List the captured files and those that the scene names, in order.
+
+    Parameters
+    ----------
+    reader : FrameReader
+        The captured frames.
+    scene : Scene
+        What stood in front of the camera.
+
+    Returns
+    -------
+    list of Path
+        The files that results depend on.
+    """
+    return [*reader.files, *scene.files(of_frames=True)]
+
+
+def absolute(frames: FramesPath, scene: Scene) -> tuple[FramesPath, Scene]:
+    """Make frames and scene findable from any folder, as another machine stands in another.
+
+    Parameters
+    ----------
+    frames : str, Path or sequence of them
+        The frames, as for `open_frames`.
+    scene : Scene
+        What stood in front of the camera.
+
+    Returns
+    -------
+    tuple of FramesPath and Scene
+        The same with absolute paths.
+    """
+    found: FramesPath
+    if isinstance(frames, str | Path):
+        found = str(Path(frames).absolute())
+    else:
+        found = tuple(str(Path(path).absolute()) for path in frames)
+    folder = (scene.folder or Path()).absolute()
+    return found, scene.model_copy(update={"folder": folder})
+
+
 def check_scale(reader: FrameReader, camera: Camera | None) -> None:
     """Refuse frames whose file names another pixel size than the camera that they are read for.
 
-    Parameters: `reader`; `camera`, a scene's or a calibration set's. Raises InputError.
+    Parameters
+    ----------
+    reader : FrameReader
+        The frames.
+    camera : Camera or None
+        A scene's camera, or a calibration set's.
+
+    Raises
+    ------
+    InputError
+        Where the sizes differ by more than 0.5 %.
     """
     ours, file = camera.pixel_mm if camera else None, reader.pixel_mm
     if ours and file and abs(file / ours - 1) > SCALE:
@@ -98,13 +197,24 @@ def check_scale(reader: FrameReader, camera: Camera | None) -> None:
 
 
 def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
-    """The scene with the pixel size that the frames' file names, where it gives none itself.
+    """Give the scene the pixel size that the frames' file names, where it has none itself.
 
-    A disc's is left open, as its rim tells it better. Parameters: `scene`; `reader` of its frames.
-    Returns the scene, the same where there is nothing to take.
+    A disc's or ring's is left open: its rim tells it better.
+
+    Parameters
+    ----------
+    scene : Scene
+        What stood in front of the camera.
+    reader : FrameReader
+        Its frames.
+
+    Returns
+    -------
+    Scene
+        With camera.pixel_mm; the same where there is nothing to take.
     """
     camera = scene.camera or Camera()
-    if camera.pixel_mm is not None or reader.pixel_mm is None or scene.model == "disc":
+    if camera.pixel_mm is not None or reader.pixel_mm is None or scene.rim_diameter_mm:
         return scene
     return scene.model_copy(
         update={"camera": camera.model_copy(update={"pixel_mm": reader.pixel_mm})}
@@ -112,7 +222,18 @@ def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
 
 
 def channel_for(wavelength_nm: float | None) -> Channel:
-    """The colour channel that sees a wavelength (nm) best; green where it is not known."""
+    """Name the colour channel that sees a wavelength best.
+
+    Parameters
+    ----------
+    wavelength_nm : float or None
+        Wavelength of the light, nm; None where it is not known.
+
+    Returns
+    -------
+    {'red', 'green', 'blue'}
+        The channel; green where the wavelength is not known.
+    """
     if wavelength_nm is None:
         return "green"
     return "blue" if wavelength_nm < 490 else "green" if wavelength_nm < 580 else "red"
@@ -132,11 +253,16 @@ def _source(path: FramesPath) -> Source:
     if folder:
         return _of_files(_files_in(place), "folder")
     if not there:
-        found = sorted(glob.glob(os.fspath(path)), key=natural_key)
-        if not found:
-            raise InputError(f"{path}: no such file or folder; check its name")
-        return _of_files(tuple(map(Path, found)), "list")
+        return _of_files(matches(path), "list")
     return _of_files((place,), "image")
+
+
+def matches(name: str | Path) -> tuple[Path, ...]:
+    """The files and folders that a glob stands for, in natural order. Raises InputError."""
+    found = sorted(glob.glob(os.fspath(name)), key=natural_key)
+    if not found:
+        raise InputError(f"{name}: no such file or folder; check its name")
+    return tuple(map(Path, found))
 
 
 def _files_in(folder: Path) -> tuple[Path, ...]:
@@ -171,8 +297,7 @@ def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
             f"ones wanted, such as '{moving[0].with_name('*' + moving[0].suffix)}'"
         )
     if moving:
-        alone = len(files) == 1
-        return video.open_video(files[0]) if alone else open_parts(files, video.open_video)
+        return open_parts(files, video.open_video)
     if all(_suffix(f) in tiff.SUFFIXES for f in files):
         first = tiff.open_tiff(files[0])
         if len(files) == 1 and (kind == "image" or first.extent().count > 1):

@@ -4,26 +4,40 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from isochrome.errors import InputError
-from isochrome.frames import images, tiff
-from isochrome.frames.opening import KNOWN
-from isochrome.frames.reader import FramesPath
+from isochrome.frames.opening import KNOWN, matches
+from isochrome.frames.readers import images, tiff
+from isochrome.frames.reading import FramesPath
 from isochrome.frames.source import natural_key
 
 
 def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[FramesPath, ...]:
-    """The recordings that files, folders and globs stand for, in order; each for `open_frames`.
+    """List the recordings that files, folders and globs stand for, in order.
 
     A folder is a recording. Videos and TIFF stacks are a recording each; images that are one to a
-    file are one recording together. No video is decoded to tell.
-    Parameters: `names`, of which globs are put in natural order (part2 before part10), and so are
-    several names in the alphabet's order, as a shell makes them of a glob; others stay in their
-    own order; `join`, whether all files are parts of one recording. Returns one FramesPath for
-    each recording; a single name of one recording as it is. Raises InputError where a name stands
-    for nothing, or where single images stand among recordings.
+    file are one recording together. No video is decoded to tell. Globs are put in natural order
+    (part2 before part10), and so are several names in the alphabet's order, as a shell makes them
+    of a glob; others stay in their own order.
+
+    Parameters
+    ----------
+    names : sequence of str or Path
+        Files, folders and globs.
+    join : bool, default False
+        Whether all files are parts of one recording.
+
+    Returns
+    -------
+    tuple of FramesPath
+        What `open_frames` takes, for each recording; a single name of one recording as it is.
+
+    Raises
+    ------
+    InputError
+        Where a name stands for nothing, or single images stand among recordings.
     """
     if not names:
         raise InputError("no frames are named; name at least one file or folder")
@@ -48,7 +62,7 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
         return (tuple(places),)
     single = [place for place in places if _holds_several(place) is False]
     if not single:
-        return _each_once(places)
+        return tuple({os.path.abspath(place): place for place in places}.values())
     whole = [place for place in places if _holds_several(place)]
     if whole:
         raise InputError(
@@ -60,9 +74,24 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:
-    """The one recording that names stand for.
+    """Give the one recording that names stand for.
 
-    Parameters: as for `recordings_of`. Raises InputError where they stand for several.
+    Parameters
+    ----------
+    names : sequence of str or Path
+        Files, folders and globs, as for `recordings_of`.
+    join : bool, default False
+        Whether all files are parts of one recording.
+
+    Returns
+    -------
+    FramesPath
+        What `open_frames` takes.
+
+    Raises
+    ------
+    InputError
+        Where they stand for several recordings.
     """
     found = recordings_of(names, join=join)
     if len(found) > 1:
@@ -83,13 +112,9 @@ def _in_order(names: Sequence[str | Path]) -> list[str | Path]:
 
 def _places(name: str | Path) -> list[Path]:
     """The files and folders that a name stands for; itself where it is no glob."""
-    text = os.fspath(name)
-    if os.path.lexists(text) or not glob.has_magic(text):
-        return [Path(text)]
-    found = sorted(glob.glob(text), key=natural_key)
-    if not found:
-        raise InputError(f"{name}: no such file or folder; check its name")
-    return [Path(place) for place in found]
+    if os.path.lexists(name) or not glob.has_magic(os.fspath(name)):
+        return [Path(name)]
+    return list(matches(name))
 
 
 def _holds_several(place: Path) -> bool | None:
@@ -101,8 +126,3 @@ def _holds_several(place: Path) -> bool | None:
         except InputError:  # said of it when it is its turn
             return None
     return suffix not in images.SUFFIXES or place.is_dir()
-
-
-def _each_once(places: Iterable[Path]) -> tuple[Path, ...]:
-    """Places in their order, one that is named twice once."""
-    return tuple({os.path.abspath(place): place for place in places}.values())

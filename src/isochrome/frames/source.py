@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import stat
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +37,7 @@ class RawFrame:
 
 
 @dataclass(frozen=True)
-class Form:
+class StoredForm:
     """What all frames of a source share: `shape` (rows, cols), `channels` (1 or 3), pixel type."""
 
     shape: tuple[int, int]
@@ -45,13 +45,13 @@ class Form:
     dtype: np.dtype
 
     @classmethod
-    def of(cls, image: np.ndarray) -> Form:
+    def of(cls, image: np.ndarray) -> StoredForm:
         """The form of a frame (row, col) or (row, col, 3)."""
         return cls((image.shape[0], image.shape[1]), 1 if image.ndim == 2 else 3, image.dtype)
 
     def check(self, path: str | Path, image: np.ndarray, what: str) -> None:
         """Refuse a frame unlike the first. Raises InputError that says `what` it is, and how."""
-        other = Form.of(image)
+        other = StoredForm.of(image)
         if other.shape != self.shape:
             raise InputError(
                 f"{path}: {what} is {other.shape[0]} x {other.shape[1]} pixels (rows x columns) "
@@ -86,7 +86,7 @@ def next_time(before_s: float | None, last_s: float | None) -> float | None:
     return None if before_s is None or last_s is None else last_s + (last_s - before_s)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Source:
     """What the head of a file tells, and how to read its frames.
 
@@ -101,9 +101,9 @@ class Source:
     """
 
     kind: Kind
-    form: Form
+    form: StoredForm
     sensor_bits: int | None
-    frames: Callable[[int], Iterator[RawFrame]]
+    frames: Callable[[int], Generator[RawFrame]]
     extent: Callable[[], Extent]
     files: tuple[Path, ...]
     names: tuple[str, ...] = ()
@@ -184,6 +184,15 @@ def check_size(path: str | Path, rows: int, cols: int, pixel_bytes: int = 1) -> 
         raise InputError(
             f"{path}: claims a frame of {rows} x {cols} pixels of {pixel_bytes} bytes, and "
             f"{MAX_BYTES} bytes are allowed; is the file damaged? crop it or save it again"
+        )
+
+
+def check_aspect(path: str | Path, across: float, down: float) -> None:
+    """Refuse a video whose pixels are `across` to `down`, not square. Raises InputError."""
+    if min(across, down) > 0 and across != down:
+        raise InputError(
+            f"{path}: says that its pixels are {across:g}:{down:g}, not square; resample it to "
+            "square pixels, or correct its aspect"
         )
 
 

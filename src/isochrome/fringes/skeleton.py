@@ -7,28 +7,45 @@ the fringe order (`order_contours`). Positions are (row, col) of pixel centres, 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.fringes import _ridges
+from isochrome.fringes.ridges import (
+    Floats,
+    beside,
+    line_pixels,
+    line_points,
+    linked,
+    noise_gain,
+    ridge_noise,
+)
+from isochrome.fringes.windows import Mask
 
-Floats = NDArray[np.float64]
 Kind = Literal["dark", "bright"]
 
 _PASSES = ((1.0, 10.0), (3.0, 6.0))  # smoothing in sigma_px, least strength in noise deviations
 _FLOOR = 4e-4  # least strength of all: rounding of a noise-free image
+_SHORTEST_PX = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """One centre line of a fringe: its points in order, as (row, col) of pixel centres.
+    """One centre line of a fringe: its points in order.
 
-    `kind` is "dark" or "bright" as a dark field shows it, `rows` and `cols` (n,) in px, `order`
-    the fringe order on the line, None when it is not known.
+    Parameters
+    ----------
+    kind : {'dark', 'bright'}
+        What a dark field shows on the line.
+    rows : ndarray (n,)
+        Rows of the points (px), counted at pixel centres.
+    cols : ndarray (n,)
+        Columns of the points (px).
+    order : float, optional
+        Fringe order on the line; None where it is not known.
     """
 
     kind: Kind
@@ -37,49 +54,58 @@ class Skeleton:
     order: float | None = None
 
 
-def skeletons(
-    signal: ArrayLike,
-    *,
-    sigma_px: float = 2.0,
-    threshold: float | None = None,
-    min_length_px: int = 12,
-) -> list[Skeleton]:
+def skeletons(signal: ArrayLike, *, sigma_px: float = 2.0) -> list[Skeleton]:
     """Find the centre lines of dark and bright fringes in an image, without a model.
 
-    The signal f is smoothed with a Gaussian G, sharpened against the shift that smoothing gives
-    to curved and unevenly spaced fringes, g = G * (f - sigma²/2 ∇²f). With n the eigenvector of
-    the Hessian H of g for the larger |eigenvalue|, the line passes the pixel at the offset
-    t n,  t = -(n·∇g) / (nᵀ H n),  and is kept where it falls inside the pixel. A second pass with
-    three times the sigma adds the wide fringes, away from the lines of the first.
+    The signal f is smoothed with a Gaussian G, sharpened against the shift that smoothing gives to
+    curved and unevenly spaced fringes, g = G * (f - sigma²/2 ∇²f). With n the eigenvector of the
+    Hessian H of g for the larger |eigenvalue|, the line passes the pixel at the offset t n,
+    t = -(n·∇g) / (nᵀ H n), and is kept where it falls inside the pixel. A line must somewhere reach
+    a sigma² |nᵀHn| of 10 deviations of the image's own noise; it is followed down to half of that.
+    A second pass with three times the sigma, and 6 deviations, adds the wide fringes, away from the
+    lines of the first. Lines under 12 px, or three times the sigma, are dropped. Dark lines lie
+    below, bright ones above the middle of the signal's range. Where the order turns back between n
+    and n + 1/2 the image has a crest that is no order line; it is returned too, as no image alone
+    can tell. Source: Steger (1998), An unbiased detector of curvilinear structures, IEEE TPAMI
+    20(2).
 
-    `signal` (row, col): normalised dark field, about 0..1, NaN = not known. `sigma_px`: width of
-    G; fringes closer than about 4 sigma_px are lost. `threshold`: least sigma² |nᵀHn| (in signal
-    units; a fringe of spacing s has 2 pi² sigma²/s²) that a line must reach somewhere; it is
-    followed down to half of that. Default: 10 deviations of the image's own noise,
-    6 in the second pass.
-    `min_length_px`: shorter lines are dropped. Dark lines lie below, bright ones above the middle
-    of the signal's range. Where the order turns back between n and n + 1/2 the image has a crest
-    that is no order line; it is returned too, as no image alone can tell.
+    Parameters
+    ----------
+    signal : array_like (rows, cols)
+        Normalised dark field, about 0..1; NaN = not known.
+    sigma_px : float, default 2.0
+        Width of G (px); fringes closer than about 4 sigma_px are lost.
 
-    Returns the lines, longest first. Raises InputError for an image that is not 2-D or too small.
-    Source: Steger (1998), An unbiased detector of curvilinear structures, IEEE TPAMI 20(2).
+    Returns
+    -------
+    list of Skeleton
+        The lines, longest first.
+
+    Raises
+    ------
+    InputError
+        Where the image is not 2-D or too small.
     """
     image = np.asarray(signal, dtype=np.float64)
-    _check_signal(image, sigma_px)
-    if np.isfinite(image).sum() < min_length_px:
+    if not sigma_px >= 0.7:
+        raise InputError(f"sigma_px = {sigma_px} for skeletons: give 0.7 or more")
+    if image.ndim != 2 or min(image.shape) < 4 * sigma_px:
+        raise InputError(
+            f"a signal of shape {image.shape} for skeletons: give one 2-D image of at least "
+            f"{int(np.ceil(4 * sigma_px))} pixels a side, or a smaller sigma_px"
+        )
+    if np.isfinite(image).sum() < _SHORTEST_PX:
         return []
-    noise = _ridges.estimate_noise(image)
+    noise = ridge_noise(image)
     middle = 0.5 * float(np.sum(np.nanpercentile(image, (2.0, 98.0))))
     found: list[Skeleton] = []
     for factor, deviations in _PASSES:
         scale = factor * sigma_px
         if min(image.shape) < 4 * scale:
             break
-        limit = threshold
-        if limit is None:
-            limit = max(deviations * noise * _ridges.noise_gain(scale), _FLOOR)
-        taken = _ridges.beside(image.shape, [(f.rows, f.cols) for f in found], 2 * scale)
-        found += _one_pass(image, scale, limit, max(min_length_px, 3 * scale), middle, taken)
+        limit = max(deviations * noise * noise_gain(scale), _FLOOR)
+        taken = beside(image.shape, [(f.rows, f.cols) for f in found], 2 * scale)
+        found += _one_pass(image, scale, limit, max(_SHORTEST_PX, 3 * scale), middle, taken)
     return sorted(found, key=lambda each: -each.rows.size)
 
 
@@ -88,14 +114,28 @@ def order_contours(
 ) -> list[Skeleton]:
     """Find the lines of a known fringe-order map at whole (dark) and half (bright) orders.
 
-    `order` (row, col): fringe order N in fringes, NaN = not known. `levels`: multiples of 1/2;
-    default: all from 1/2 up to the largest order (N = 0 is touched, not crossed, so it has no
-    line). `min_length_px`: shorter lines, such as noise makes where N is level, are dropped. N is
-    taken as linear between pixel centres, which puts a line within N''/(8 N') px of its place (N',
-    N'' along the row or column that it crosses); a line ends where N is not known.
+    N is taken as linear between pixel centres, which puts a line within N''/(8 N') px of its place
+    (N', N'' along the row or column that it crosses); a line ends where N is not known.
 
-    Returns the lines by level, with their order; `skeleton_table` numbers them. Raises InputError
-    for a map that is not 2-D or a level that is no multiple of 1/2.
+    Parameters
+    ----------
+    order : array_like (rows, cols)
+        Fringe order N, fringes; NaN = not known.
+    levels : iterable of float, optional
+        Multiples of 1/2; by default all from 1/2 up to the largest order (N = 0 is touched, not
+        crossed, so it has no line).
+    min_length_px : float, default 0.0
+        Length under which lines, such as noise makes where N is level, are dropped (px).
+
+    Returns
+    -------
+    list of Skeleton
+        The lines by level, with their order; `skeleton_table` numbers them.
+
+    Raises
+    ------
+    InputError
+        Where the map is not 2-D, or a level is no multiple of 1/2.
     """
     from skimage.measure import find_contours
 
@@ -124,13 +164,27 @@ def skeleton_table(
     pixel_mm: float | None = None,
     left_mm: float = 0.0,
     top_mm: float = 0.0,
-) -> dict[str, NDArray]:
-    """Lay lines out as columns for a CSV: line, kind, order, row_px, col_px, x_mm, z_mm.
+) -> dict[str, NDArray[Any]]:
+    """Lay lines out as columns for a CSV.
 
-    x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel
+    Equations: x = left + (col + 1/2) pixel, z = top + (row + 1/2) pixel.
 
-    `pixel_mm`: edge of a pixel; `left_mm`, `top_mm`: outer edges of the first column and row.
-    Returns equally long columns, one row a point; NaN where order or scale is not known.
+    Parameters
+    ----------
+    lines : sequence of Skeleton
+        The lines.
+    pixel_mm : float, optional
+        Edge of a pixel (mm).
+    left_mm : float, default 0.0
+        Outer edge of the first column (mm).
+    top_mm : float, default 0.0
+        Outer edge of the first row (mm).
+
+    Returns
+    -------
+    dict of str to ndarray (n,)
+        Columns line, kind, order, row_px, col_px, x_mm and z_mm, one row a point; NaN where order
+        or scale is not known.
     """
     counts = [line.rows.size for line in lines]
     rows = np.concatenate([line.rows for line in lines] or [np.zeros(0)])
@@ -149,15 +203,10 @@ def skeleton_table(
 
 
 def _one_pass(
-    image: Floats,
-    scale: float,
-    limit: float,
-    min_length: float,
-    middle: float,
-    taken: NDArray[np.bool_],
+    image: Floats, scale: float, limit: float, min_length: float, middle: float, taken: Mask
 ) -> list[Skeleton]:
     """Find the lines at one smoothing, away from the pixels `taken` by an earlier pass."""
-    strength, rows, cols, level = _ridges.line_points(image, scale)
+    strength, rows, cols, level = line_points(image, scale)
     strength[taken] = 0.0
     kinds: tuple[tuple[Kind, Floats], ...] = (
         ("dark", np.where(level < middle, strength, 0.0)),
@@ -166,16 +215,46 @@ def _one_pass(
     return [
         Skeleton(kind, rows[line], cols[line])
         for kind, weight in kinds
-        for line in _ridges.linked(weight, limit, min_length)
+        for line in linked(weight, limit, min_length)
     ]
 
 
-def _check_signal(image: Floats, sigma_px: float) -> None:
-    """Refuse what no line can be found in."""
-    if not sigma_px >= 0.7:
-        raise InputError(f"sigma_px = {sigma_px} for skeletons: give 0.7 or more")
-    if image.ndim != 2 or min(image.shape) < 4 * sigma_px:
-        raise InputError(
-            f"a signal of shape {image.shape} for skeletons: give one 2-D image of at least "
-            f"{int(np.ceil(4 * sigma_px))} pixels a side, or a smaller sigma_px"
-        )
+_APART = 0.15
+"""Fringes between a line and its half order: a crest that is no order line lies farther off."""
+
+_MOST = 0.75
+_KNOWN = 0.5
+
+
+def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
+    """Give fringe lines the half order that the reading has along them.
+
+    Equation: k/2 nearest to the median of N along the line, where N is known on half of its points
+    or more, and within 0.15 fringe of k/2 on three quarters of these; else the line's order is not
+    known, as that of a crest where the order turns back.
+
+    Parameters
+    ----------
+    lines : sequence of Skeleton
+        The lines, see `skeletons`.
+    order : array_like (rows, cols)
+        Fringe order N, fringes; NaN = not known.
+
+    Returns
+    -------
+    list of Skeleton
+        The lines in their order, each with its own fringe order.
+    """
+    field = np.asarray(order, dtype=np.float64)
+    return [replace(line, order=_order_of(line, field)) for line in lines]
+
+
+def _order_of(line: Skeleton, order: Floats) -> float | None:
+    """The half order along a line, None where it is not known."""
+    along = order[line_pixels(line.rows, line.cols, order.shape)]
+    known = along[np.isfinite(along)]
+    if known.size == 0 or known.size < _KNOWN * along.size:
+        return None
+    level = 0.5 * np.rint(2.0 * np.median(known))
+    near = np.abs(known - level) < _APART
+    return float(level) if near.mean() >= _MOST else None

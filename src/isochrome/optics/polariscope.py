@@ -21,6 +21,9 @@ from isochrome.scene import Polariscope
 
 Array = NDArray[np.floating]
 
+_HALF_HEIGHT = 2.0 * math.sqrt(2.0 * math.log(2.0))
+"""Width of a Gaussian at half its height over its standard deviation."""
+
 _Angles = tuple[float, float | None, float | None, float]
 """Polariser, input plate, output plate, analyser (degrees); no plates in a plane polariscope."""
 
@@ -32,26 +35,56 @@ _BRIGHT: _Angles = (90.0, 45.0, -45.0, 90.0)
 class Chain:
     """The elements' three amplitudes: I = |α cos(δ/2) - i (β cos 2θ + γ sin 2θ) sin(δ/2)|².
 
-    `ideal` is +1 for the ideal dark field, -1 for the ideal bright one, where θ drops out; else 0.
+    Parameters
+    ----------
+    alpha : complex
+        Amplitude α of the light that the specimen leaves as it is.
+    beta : complex
+        Amplitude β of what the specimen changes, over cos 2θ.
+    gamma : complex
+        Amplitude γ of what the specimen changes, over sin 2θ.
+    ideal : int, default 0
+        The number +1 for the ideal dark field and -1 for the ideal bright one, where θ drops out;
+        else 0.
+    band : float, default 0.0
+        Standard deviation of the light's wavelengths over their mean.
     """
 
     alpha: complex
     beta: complex
     gamma: complex
     ideal: int = 0
+    band: float = 0.0
 
 
 def make_chain(
     polariscope: Polariscope, step: int | None = None, *, wavelength_nm: float | None = None
 ) -> Chain:
-    """The amplitudes of a scene's polariscope at one wavelength.
+    """Compute the amplitudes of a scene's polariscope at one wavelength.
 
-    Parameters: `polariscope`; `step`, which of its phase steps (None: the dark, bright or plane
-    field); `wavelength_nm`, by default the scene's one. The elements' errors are added to their
-    angles. Plates are quarter-wave at `plate_wavelength_nm` (at every wavelength when absent), so
-    that their retardance is (π/2) plate_wavelength/wavelength: the dispersion of the plate's
-    birefringence is left out. The plane field is crossed, its polariser at `axis_deg`.
-    Returns a Chain. Raises InputError where the light has several wavelengths and none is named.
+    The elements' errors are added to their angles. Plates are quarter-wave at `plate_wavelength_nm`
+    (at every wavelength when absent), so that their retardance is (π/2)
+    plate_wavelength/wavelength: the dispersion of the plate's birefringence is left out. The plane
+    field is crossed, its polariser at `axis_deg`.
+
+    Parameters
+    ----------
+    polariscope : Polariscope
+        The scene's polariscope.
+    step : int, optional
+        Which of its phase steps; None for the dark, bright or plane field.
+    wavelength_nm : float, optional
+        Wavelength (nm), by default the scene's one.
+
+    Returns
+    -------
+    Chain
+        The amplitudes of the elements.
+
+    Raises
+    ------
+    InputError
+        Where the light has several wavelengths and none is named.
     """
     if wavelength_nm is None:
         if polariscope.several_wavelengths:
@@ -63,11 +96,14 @@ def make_chain(
     ratio = 1.0
     if polariscope.plate_wavelength_nm is not None and wavelength_nm is not None:
         ratio = polariscope.plate_wavelength_nm / wavelength_nm
+    band = 0.0
+    if polariscope.bandwidth_nm is not None and polariscope.wavelength_nm is not None:
+        band = polariscope.bandwidth_nm / _HALF_HEIGHT / polariscope.wavelength_nm
     nominal = _nominal_angles(polariscope, step)
     polariser, first, second, analyser = _with_errors(nominal, polariscope)
     if step is None and ratio == 1.0 and (polariser, first, second, analyser) in (_DARK, _BRIGHT):
         dark = analyser == _DARK[3]
-        return Chain(0j, 1 + 0j, 1j, 1) if dark else Chain(1 + 0j, 0j, 0j, -1)
+        return Chain(0j, 1 + 0j, 1j, 1, band) if dark else Chain(1 + 0j, 0j, 0j, -1, band)
     light, seen = _axis(polariser), _axis(analyser)
     if first is not None and second is not None:
         light = retarder(0.5 * math.pi * ratio, first) @ light
@@ -76,7 +112,24 @@ def make_chain(
         complex(seen @ light),
         complex(seen[0] * light[0] - seen[1] * light[1]),
         complex(seen[0] * light[1] + seen[1] * light[0]),
+        band=band,
     )
+
+
+def band_pass(order: Array, width: float) -> tuple[Array, Array]:
+    r"""What a band of wavelengths takes from the fringes' contrast, and how it moves them.
+
+    Equation: the mean of exp(i a/(1+x)), a = 2 pi N, over x with a Gaussian of standard deviation
+    s is, with 1/(1+x) = 1 - x + x² and q = 2 a s², exp(i a) V exp(i φ), where
+    V = (1+q²)^(-1/4) exp(-a² s²/(2 + 2q²)) and φ = atan(q)/2 - a³ s⁴/(1+q²).
+    Parameters: `order` N at the mean wavelength; `width` s, over the mean. Returns V and φ (rad),
+    of the order's shape. What is left out of 1/(1+x) moves a fringe by a s³ of a turn at most.
+    """
+    phase = np.asarray(2.0 * np.pi * order)
+    bent = 2.0 * width**2 * phase
+    below = 1.0 + bent**2
+    contrast = below**-0.25 * np.exp(-0.5 * (width * phase) ** 2 / below)
+    return contrast, 0.5 * np.arctan(bent) - width**4 * phase**3 / below
 
 
 def _nominal_angles(polariscope: Polariscope, step: int | None) -> _Angles:
@@ -125,29 +178,52 @@ def _axis(angle_deg: float) -> NDArray[np.complex128]:
 def polariscope_signal(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
 ) -> Array:
-    """Light behind the analyser, 1 for the full light of the ideal bright field.
+    """Compute the light behind the analyser, 1 for the full light of the ideal bright field.
 
     Equation: |α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ with δ = 2 pi N, where the pixel's
     area scales cos δ and sin δ by its visibility. Ideal dark field: sin²(pi N).
-    Parameters: `order` N (rows, cols); `chain`; `direction` θ of sigma_1 (rows, cols), rad, only
-    needed where the chain is not ideal; `visibility` V in 0..1, see `pixel_visibility`.
-    Returns (rows, cols), in the precision of `order`: 1e-14 in float64; in float32 2e-7, and
-    what the order itself carries. Whole fringes are taken off first, which loses no digit.
+
+    Parameters
+    ----------
+    order : ndarray (rows, cols)
+        Fringe order N.
+    chain : Chain
+        The polariscope's elements.
+    direction : ndarray (rows, cols), optional
+        Direction θ of sigma_1 (rad), only needed where the chain is not ideal.
+    visibility : ndarray (rows, cols) or float, default 1.0
+        Visibility V in 0..1, see `pixel_visibility`.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        Light in the precision of `order`: 1e-14 in float64; in float32 2e-7, and what the order
+        itself carries. Whole fringes are taken off first, which loses no digit.
+
+    Raises
+    ------
+    ValueError
+        Where the chain is not ideal and the direction is missing.
     """
     # in place: a fresh array of a frame costs more than the arithmetic on it
     turns = np.asarray(np.rint(order))
     np.subtract(order, turns, out=turns)
     turns *= 2.0 * np.pi
+    if chain.band:
+        contrast, shift = band_pass(order, chain.band)
+        visibility, turns = visibility * contrast, turns + shift
     if chain.ideal:
         light = np.cos(turns, out=turns)
         light *= visibility
         light *= -0.5 * chain.ideal
         light += 0.5
-        return light
+        dark: Array = light
+        return dark
     if direction is None:
         raise ValueError("a chain that is not ideal needs the direction of sigma_1")
     w = chain.beta * np.cos(2.0 * direction) + chain.gamma * np.sin(2.0 * direction)
     straight, crossed = abs(chain.alpha) ** 2, np.abs(w) ** 2
     mixed = np.imag(chain.alpha * np.conj(w))
     wave = 0.5 * (straight - crossed) * np.cos(turns) - mixed * np.sin(turns)
-    return 0.5 * (straight + crossed) + visibility * wave
+    oblique: Array = 0.5 * (straight + crossed) + visibility * wave
+    return oblique

@@ -26,10 +26,19 @@ infrared filter, and of no sensor in particular. Who wants colours to compare me
 
 @dataclass(frozen=True)
 class Response:
-    """Response of each channel: `names`, and a table over `wavelength_nm` (m,) rising.
+    """Response of each channel of a camera over wavelength.
 
-    `value` (channels, m), linear between the table's rows and zero beyond its ends. Without a
-    table: the generic Gaussians for three channels, and an equal response for one.
+    The table is linear between its rows and zero beyond its ends. Without one: generic Gaussians
+    for three channels, and an equal response for one.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The channels.
+    wavelength_nm : ndarray (m,), optional
+        Wavelengths of the table (nm), rising.
+    value : ndarray (channels, m), optional
+        Responses in the table.
     """
 
     names: tuple[str, ...]
@@ -50,11 +59,24 @@ class Response:
 
 
 def camera_response(camera: Camera, path: Path | None = None) -> Response:
-    """The response of a scene's camera.
+    """Find the response of a scene's camera.
 
-    Parameters: `camera`; `path`, its response file, None for the generic one. Returns a Response,
-    of three channels where the camera sees colour, of one where it does not. Raises InputError
-    that names the file and the fix.
+    Parameters
+    ----------
+    camera : Camera
+        The scene's camera.
+    path : Path, optional
+        Its response file; None for the generic response.
+
+    Returns
+    -------
+    Response
+        The response of three channels where the camera sees colour, of one where it does not.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be used; it names the file and the fix.
     """
     names = COLOURS if camera.colour else GREY
     return Response(names) if path is None else read_response(path, names)

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.optics.light import Light
 from isochrome.optics.polariscope import Chain, polariscope_signal
+from isochrome.optics.wavelengths import Light
 
 Array = NDArray[np.floating]
 
@@ -26,10 +26,21 @@ _VISIBLE = 1e-3
 
 
 def highest_visible(order: Array, visibility: Array | float = 1.0) -> float:
-    """The highest order N of a picture that leaves a thousandth of its contrast or more.
+    """Find the highest order N of a picture that leaves a thousandth of its contrast or more.
 
-    Parameters: `order` (rows, cols) and `visibility` V, see `pixel_visibility`. Returns N, 0 where
-    nothing is visible: beside a point load N has no bound, and no fringes either.
+    Beside a point load N has no bound, and no fringes either.
+
+    Parameters
+    ----------
+    order : ndarray (rows, cols)
+        Fringe order N.
+    visibility : ndarray (rows, cols) or float, default 1.0
+        Visibility V in 0..1, see `pixel_visibility`.
+
+    Returns
+    -------
+    float
+        The order N; 0 where nothing is visible.
     """
     return float(np.max(order, where=np.asarray(visibility) > _VISIBLE, initial=0.0))
 
@@ -43,16 +54,32 @@ def spectral_signal(
     direction: Array | None = None,
     visibility: Array | float = 1.0,
 ) -> Array:
-    """Light behind the analyser in each channel, 1 for the channel's full light.
+    """Compute the light behind the analyser in each channel, 1 for the channel's full light.
 
-    Equation: I_c = Σ_s w_cs I(k_s N, θ, V^(k_s²)), with k_s = reference/wavelength: the order
-    goes as 1/wavelength, and the visibility sinc(k g) nearly as its power k². Lines are summed; a
+    Equation: I_c = Σ_s w_cs I(k_s N, θ, V^(k_s²)), with k_s = reference/wavelength: the order goes
+    as 1/wavelength, and the visibility sinc(k g) nearly as its power k². Lines are summed; a
     spectrum's sum is a table over N, interpolated by cubics, with V^(k²) linear in k² about the
     channel's mean.
-    Parameters: `order` N (rows, cols) at the reference wavelength; `light`; `chains`, one for each
-    of its wavelengths; `reference_nm`; `direction` θ of sigma_1 (rows, cols), rad, needed where a
-    chain is not ideal; `visibility` V (rows, cols) at the reference wavelength.
-    Returns (rows, cols, channels).
+
+    Parameters
+    ----------
+    order : ndarray (rows, cols)
+        Fringe order N at the reference wavelength.
+    light : Light
+        Wavelengths of the light and their weights in each channel.
+    chains : sequence of Chain
+        The polariscope's elements, one for each of the light's wavelengths.
+    reference_nm : float
+        The wavelength that the orders are of (nm).
+    direction : ndarray (rows, cols), optional
+        Direction θ of sigma_1 (rad), needed where a chain is not ideal.
+    visibility : ndarray (rows, cols) or float, default 1.0
+        Visibility V in 0..1 at the reference wavelength.
+
+    Returns
+    -------
+    ndarray (rows, cols, channels)
+        Light in each channel.
     """
     ratio = reference_nm / light.wavelength_nm
     if light.continuous:
@@ -145,4 +172,5 @@ def _wave_table(
         turned = np.exp(1j * speed * order[start])[:, None] * both
         table[start : start + _BLOCK + 1] = (first @ turned).real
     value, slope = np.moveaxis(table.reshape(len(order), 2, *cosine.shape[1:]), 1, 0)
-    return CubicHermiteSpline(order, value, slope)
+    result: Callable[[Array], Array] = CubicHermiteSpline(order, value, slope)
+    return result

@@ -11,12 +11,24 @@ from isochrome.stress import StressDifference
 def fringe_order(
     difference_mpa: StressDifference, *, thickness_mm: float, fringe_value_n_per_mm: float
 ) -> NDArray[np.floating]:
-    """Fringe order of a stress field.
+    """Compute the fringe order of a stress field.
 
-    Equation: N = (sigma_1 - sigma_2) d / f_sigma; the retardation is 2 pi N.
-    Parameters: `difference_mpa` (rows, cols), (sigma_x - sigma_z) + 2i tau_xz, MPa; `thickness_mm`
-    d; `fringe_value_n_per_mm` f_sigma, N/mm per fringe. Returns N (rows, cols), fringes.
-    Source: Dally & Riley (1991), Experimental Stress Analysis, section 12.2.
+    Equation: N = (sigma_1 - sigma_2) d / f_sigma; the retardation is 2 pi N. Source: Dally & Riley
+    (1991), Experimental Stress Analysis, section 12.2.
+
+    Parameters
+    ----------
+    difference_mpa : complex ndarray (rows, cols)
+        Stress difference (sigma_x - sigma_z) + 2i tau_xz (MPa).
+    thickness_mm : float
+        Thickness d of the specimen (mm).
+    fringe_value_n_per_mm : float
+        Material fringe value f_sigma (N/mm per fringe).
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        Order N, fringes.
     """
     order = np.asarray(np.abs(difference_mpa))
     order *= thickness_mm / fringe_value_n_per_mm

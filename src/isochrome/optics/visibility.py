@@ -17,12 +17,22 @@ _TINY = 1e-15
 
 
 def pixel_visibility(order: Array) -> tuple[Array, float]:
-    r"""How much of the fringes' contrast is left by square pixels, and the share too fine to see.
+    """Find how much of the fringes' contrast square pixels leave, and the share too fine to see.
 
-    Equation: the mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel)
-    is sinc(g_x) sinc(g_y) cos 2 pi N, with sinc(x) = sin(pi x)/(pi x), taken as 0 where negative.
-    Parameters: `order` N (rows, cols), NaN where there is no specimen. Returns V (rows, cols), in
-    0..1, and the share, of the pixels that bear fringes (N > 1/2), with one finer than two pixels.
+    Equation: the mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel) is
+    sinc(g_x) sinc(g_y) cos 2 pi N, with sinc(x) = sin(pi x)/(pi x), taken as 0 where negative.
+
+    Parameters
+    ----------
+    order : ndarray (rows, cols)
+        Fringe order N, NaN where there is no specimen.
+
+    Returns
+    -------
+    visibility : ndarray (rows, cols)
+        Visibility V, in 0..1.
+    fine : float
+        The share, of the pixels that bear fringes (N > 1/2), with one finer than two pixels.
     """
     visibility, fine = np.empty_like(order), 0
     for start in range(0, len(order), _ROWS):
@@ -41,10 +51,23 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
 
 
 def slope_visibility(rows: Array, cols: Array, *, out: Array | None = None) -> Array:
-    """Contrast left by square pixels in which the order has given slopes.
+    """Find the contrast that square pixels leave where the order has given slopes.
 
-    Equation: sinc(g_x) sinc(g_y), see `pixel_visibility`. Parameters: `rows`, `cols`, slopes down
-    and across (fringes a pixel), of one shape; `out`, where to put it. Returns V, in 0..1.
+    Equation: sinc(g_x) sinc(g_y), see `pixel_visibility`.
+
+    Parameters
+    ----------
+    rows : ndarray
+        Slopes down the picture (fringes a pixel).
+    cols : ndarray
+        Slopes across it (fringes a pixel), of the same shape.
+    out : ndarray, optional
+        Where to put the result.
+
+    Returns
+    -------
+    ndarray
+        Visibility V, in 0..1, of that shape.
     """
     return np.multiply(_sinc(rows), _sinc(cols), out=out)
 
@@ -55,7 +78,8 @@ def _sinc(x: Array) -> Array:
     angle += _TINY
     value = np.sin(angle)
     value /= angle
-    return np.maximum(value, 0.0, out=value)
+    result: Array = np.maximum(value, 0.0, out=value)
+    return result
 
 
 def _slope(order: Array, axis: int) -> Array:

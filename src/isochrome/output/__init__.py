@@ -5,51 +5,6 @@ that a crash or a full disk leaves no half-written result. Heavy libraries are i
 the functions that need them.
 """
 
-from isochrome.output.files import (
-    check_link,
-    json_pieces,
-    output_folder,
-    plain,
-    replacing,
-    staged,
-    write_json,
-    write_text,
-)
-from isochrome.output.record import provenance, sha256, write_figure
-from isochrome.output.scale import pixel_mm_of, read_pixel_mm
-from isochrome.output.tables import (
-    Floats,
-    TableWriter,
-    check_given_table,
-    csv_text,
-    numbers,
-    read_csv,
-    write_csv,
-)
-from isochrome.output.tiff import Photometric, TiffWriter, write_tiff
+import lazy_loader
 
-__all__ = [
-    "Floats",
-    "Photometric",
-    "TableWriter",
-    "TiffWriter",
-    "check_given_table",
-    "check_link",
-    "csv_text",
-    "json_pieces",
-    "numbers",
-    "output_folder",
-    "pixel_mm_of",
-    "plain",
-    "provenance",
-    "read_csv",
-    "read_pixel_mm",
-    "replacing",
-    "sha256",
-    "staged",
-    "write_csv",
-    "write_figure",
-    "write_json",
-    "write_text",
-    "write_tiff",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

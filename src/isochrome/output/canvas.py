@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from isochrome.output.tiff import IMAGEJ_LIMIT
+from isochrome.output.tiff_stack import stack_layout
 
 _TYPE = np.dtype("<f4")
 
@@ -16,8 +17,17 @@ _TYPE = np.dtype("<f4")
 class TiffCanvas:
     """A float32 stack on disk: its frames lie behind each other from byte `offset` on.
 
-    `path`; `shape` (frames, rows, cols). It holds no open file, so that other processes may write
-    to it at the same time; a frame that nobody wrote reads as zeros.
+    It holds no open file, so that other processes may write to it at the same time; a frame that
+    nobody wrote reads as zeros.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    shape : tuple of int
+        Frames, rows, cols.
+    offset : int
+        First byte of the first frame.
     """
 
     path: Path
@@ -29,8 +39,6 @@ class TiffCanvas:
 
         Raises OSError.
         """
-        import os
-
         with open(self.path, "r+b") as file:
             file.seek(self.offset + start * self._frame_bytes)
             file.write(frames)
@@ -51,32 +59,52 @@ class TiffCanvas:
 def make_canvas(path: Path, shape: tuple[int, int, int], pixel_mm: float | None) -> TiffCanvas:
     """Lay out a stack: its head, and room for all frames behind it, which takes no disk yet.
 
-    Up to 4 GB in ImageJ's layout with its scale; beyond, as a BigTIFF, whose scale is in pixels
-    per centimetre. Parameters: `path`; `shape` (frames, rows, cols); `pixel_mm`, the pixel's side
-    (mm), None where it is not known. Returns a TiffCanvas. Raises OSError.
+    Parameters
+    ----------
+    path : Path
+        The file to make.
+    shape : tuple of int
+        Frames, rows, cols.
+    pixel_mm : float or None
+        The pixel's side, mm; None where it is not known.
+
+    Returns
+    -------
+    TiffCanvas
+        The stack, to be written to.
+
+    Raises
+    ------
+    OSError
+        Where the file cannot be written.
     """
     import tifffile
 
-    size = int(np.prod(shape, dtype=np.int64)) * _TYPE.itemsize
-    imagej = size < IMAGEJ_LIMIT and min(shape[1:]) > 1  # tifffile turns single columns over
-    keys: dict[str, object] = {"photometric": "minisblack", "metadata": None}
-    if imagej:
-        keys["metadata"] = {"axes": "TYX"} | ({"unit": "mm"} if pixel_mm is not None else {})
-    if pixel_mm is not None:
-        per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
-        keys["resolution"] = (per_unit, per_unit)
-        keys |= {} if imagej else {"resolutionunit": "CENTIMETER"}
-    with tifffile.TiffWriter(
-        path, imagej=imagej, bigtiff=size >= IMAGEJ_LIMIT, byteorder="<"
-    ) as tif:
-        tif.write(None, shape=shape, dtype=_TYPE, **keys)  # type: ignore[arg-type]
+    kind, keys = stack_layout(shape, _TYPE, pixel_mm)
+    with tifffile.TiffWriter(path, **kind) as tif:
+        tif.write(None, shape=shape, dtype=_TYPE, **keys)
     return open_canvas(path, shape)
 
 
 def open_canvas(path: Path, shape: tuple[int, int, int]) -> TiffCanvas:
-    """A stack that `make_canvas` laid out.
+    """Open a stack that `make_canvas` laid out.
 
-    Parameters: `path`; `shape` (frames, rows, cols). Returns a TiffCanvas. Raises OSError.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    shape : tuple of int
+        Frames, rows, cols.
+
+    Returns
+    -------
+    TiffCanvas
+        The stack, to be read and written.
+
+    Raises
+    ------
+    OSError
+        Where the file cannot be read.
     """
     import tifffile
 

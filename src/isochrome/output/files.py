@@ -26,8 +26,20 @@ _AT_ONCE = 4096
 def output_folder(path: str | Path) -> Path:
     """Make a folder for results, with its parents, and see that it can be written to.
 
-    Parameters: `path`, the folder. Returns it as a Path. Raises InputError where it is a file,
-    or where it cannot be made or written to.
+    Parameters
+    ----------
+    path : str or Path
+        The folder.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        Where it is a file, or where it cannot be made or written to.
     """
     folder = Path(path)
     try:
@@ -47,8 +59,19 @@ def output_folder(path: str | Path) -> Path:
 def check_link(folder: Path) -> None:
     """Refuse a folder that is a symbolic link to nowhere, as when its drive is not there.
 
-    To make what it points to would put results where nobody looks for them. Raises InputError,
-    OSError.
+    To make what it points to would put results where nobody looks for them.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder, which need not be there.
+
+    Raises
+    ------
+    InputError
+        Where it is such a link.
+    OSError
+        Where it cannot be looked at.
     """
     if folder.is_symlink() and not os.path.exists(folder):
         raise InputError(
@@ -59,11 +82,25 @@ def check_link(folder: Path) -> None:
 
 @contextmanager
 def staged(out_dir: str | Path) -> Iterator[Path]:
-    """A hidden folder beside the results; its files move to `out_dir` when all went well.
+    """Give a hidden folder beside the results; its files move there when all went well.
 
-    Parameters: `out_dir`, the folder for the results. Yields a folder to write all results to.
-    On an exception nothing of them is left, nor `out_dir` when it was made here, and what was
-    there before is there again. Raises InputError where they cannot be written.
+    On an exception nothing of them is left, nor `out_dir` when it was made here, and what was there
+    before is there again.
+
+    Parameters
+    ----------
+    out_dir : str or Path
+        The folder for the results.
+
+    Yields
+    ------
+    Path
+        A folder to write all results to.
+
+    Raises
+    ------
+    InputError
+        Where they cannot be written.
     """
     target = Path(out_dir)
     made = not os.path.exists(target)
@@ -121,10 +158,22 @@ def _writing(place: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """A hidden name beside `path` that becomes `path` on success and vanishes on failure.
+    """Give a hidden name beside `path` that becomes `path` on success and vanishes on failure.
 
-    Parameters: `path`, the file wanted. Yields the path to write to. Raises InputError where the
-    folder is missing or not writable.
+    Parameters
+    ----------
+    path : str or Path
+        The file wanted.
+
+    Yields
+    ------
+    Path
+        The path to write to.
+
+    Raises
+    ------
+    InputError
+        Where the folder is missing or not writable.
     """
     target = Path(path)
     beside = target.with_name(f".{target.stem}-{secrets.token_hex(4)}{target.suffix}")
@@ -145,20 +194,54 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write text as UTF-8 with plain line ends, whole or not at all. Raises InputError."""
+    """Write text as UTF-8 with plain line ends, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    text : str
+        What it is to hold.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be written.
+    """
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_json(path: str | Path, obj: Any) -> None:
-    """Write an object as JSON; numpy values become plain, NaN and infinity become null."""
+    """Write an object as JSON; numpy values become plain, NaN and infinity become null.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    obj : object
+        Nested mappings, sequences, arrays and values, see `plain`.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be written.
+    """
     write_text(path, json.dumps(plain(obj), indent=2, allow_nan=False) + "\n")
 
 
 def json_pieces(obj: Any) -> Iterator[str]:
-    """An object's JSON text in one line, piece by piece: the whole of a long table is never text.
+    """Give an object's JSON text in one line, piece by piece: a long table is never all text.
 
-    Parameters: `obj`, see `plain`. Yields what, joined, is `json.dumps(plain(obj))`.
+    Parameters
+    ----------
+    obj : object
+        Nested mappings, sequences, arrays and values, see `plain`.
+
+    Yields
+    ------
+    str
+        What, joined, is ``json.dumps(plain(obj))``.
     """
     if isinstance(obj, Mapping):
         for number, (key, value) in enumerate(obj.items()):
@@ -175,9 +258,17 @@ def json_pieces(obj: Any) -> Iterator[str]:
 
 
 def plain(obj: Any) -> Any:
-    """An object made of what JSON knows: numpy scalars and arrays, paths, NaN to None.
+    """Make an object of what JSON knows: no numpy scalars, arrays or paths, and None for NaN.
 
-    Parameters: `obj`, nested mappings, sequences and arrays. Returns the same in plain Python.
+    Parameters
+    ----------
+    obj : object
+        Nested mappings, sequences, arrays and values.
+
+    Returns
+    -------
+    object
+        The same in plain Python.
     """
     if isinstance(obj, Mapping):
         return {str(k): plain(v) for k, v in obj.items()}

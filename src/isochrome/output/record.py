@@ -10,16 +10,30 @@ from typing import TYPE_CHECKING, Any
 
 from isochrome.errors import InputError
 from isochrome.output.files import replacing
+from isochrome.output.result import FIGURE_DPI
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def write_figure(path: str | Path, figure: Figure, *, dpi: float = 150.0) -> None:
+def write_figure(path: str | Path, figure: Figure, *, dpi: float = FIGURE_DPI) -> None:
     """Write a matplotlib Figure as PNG by the Agg back-end, without pyplot and its state.
 
-    Letters of a file's name that the font does not have are drawn as boxes. Parameters: `figure`, a
-    `matplotlib.figure.Figure`; `dpi`, dots per inch. Raises InputError.
+    Letters of a file's name that the font does not have are drawn as boxes.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    figure : matplotlib.figure.Figure
+        The figure.
+    dpi : float, default 150
+        Dots per inch.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -31,11 +45,26 @@ def write_figure(path: str | Path, figure: Figure, *, dpi: float = 150.0) -> Non
 def provenance(
     scene_toml: str | None, inputs: Iterable[str | Path] = (), seed: int | None = None
 ) -> dict[str, Any]:
-    """What a result came from: version, scene, hashes of the inputs, seed.
+    """Record what a result came from: version, scene, hashes of the inputs, seed.
 
-    Parameters: `scene_toml`, the resolved scene's text; `inputs`, files (a folder stands for the
-    files in it); `seed` of the random numbers. Returns a dictionary for `write_json`. Raises
-    InputError where an input cannot be read.
+    Parameters
+    ----------
+    scene_toml : str or None
+        The resolved scene's text.
+    inputs : iterable of str or Path, optional
+        Files; a folder stands for the files in it.
+    seed : int, optional
+        Seed of the random numbers.
+
+    Returns
+    -------
+    dict
+        The record, for `write_json`.
+
+    Raises
+    ------
+    InputError
+        Where an input cannot be read.
     """
     from importlib.metadata import PackageNotFoundError, version
 
@@ -51,7 +80,23 @@ def provenance(
 
 
 def sha256(path: str | Path) -> str:
-    """SHA-256 of a file as hexadecimal text. Raises InputError where it cannot be read."""
+    """Compute the SHA-256 of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    str
+        The hash as hexadecimal text.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read, or is no file.
+    """
     try:
         if Path(path).exists() and not Path(path).is_file():  # a pipe would never end
             raise InputError(f"{path}: is not a file; name the file itself")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import zipfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.output.files import replacing
 
 Mask = NDArray[np.bool_]
 SUFFIXES = (".roi", ".zip")
@@ -34,7 +33,7 @@ ON_SIDE = 1e-9
 AREAS = ("POLYGON", "RECT", "OVAL", "FREEHAND", "TRACED")
 
 
-class Line(Protocol):
+class Polyline(Protocol):
     """A line with its points (n,) in pixels, centres at whole numbers, kind, and order if known."""
 
     @property
@@ -54,65 +53,40 @@ class Line(Protocol):
         """The line's fringe order."""
 
 
-def write_rois(
-    path: str | Path,
-    lines: Sequence[Line],
-    *,
-    frames: Sequence[int] | None = None,
-    top_px: int = 0,
-    left_px: int = 0,
-) -> None:
-    """Write fringe lines as ImageJ polylines, one .zip for its ROI manager.
+def roi_entries(lines: Iterable[Polyline], frame: int) -> list[tuple[str, bytes]]:
+    """Make ImageJ polylines of a frame's fringe lines, the files in a .zip for its ROI manager.
 
-    A line is named 'N = 1.5 bright' by its order and kind, with '#2' on for the next of that name
-    in its frame, or 'line 7 dark' by its number in its frame, from 0, where the order is not known.
-    Parameters: `path`, a .zip; `lines`, with rows, cols (px), kind and order; `frames`, the frame
-    of each line, from 0, so that ImageJ shows it on that slice of a stack; `top_px`, `left_px`, the
-    region of interest's place, to lay the lines on full frames. Raises InputError where the file
-    cannot be written, the lines and frames do not agree in number, or the library is not installed.
-    """
-    load_roifile()
-    target = Path(path)
-    if target.suffix.lower() != ".zip":
-        raise InputError(f"{target}: ImageJ keeps a set of ROIs in a .zip file; name it so")
-    if frames is not None and len(frames) != len(lines):
-        raise InputError(f"{target}: {len(lines)} lines and {len(frames)} frames: give one a line")
-    entries = roi_entries(lines, frames=frames, top_px=top_px, left_px=left_px)
-    with replacing(target) as beside, zipfile.ZipFile(beside, "w") as archive:
-        add_rois(archive, entries)
+    A line is named 'frame 3: N = 1.5 bright' by its order and kind, with '#2' on for the next of
+    that name, or 'frame 3: line 7 dark' by its number, from 0, where the order is not known.
 
+    Parameters
+    ----------
+    lines : iterable of Polyline
+        All lines of the frame, with rows and cols (px), kind and order.
+    frame : int
+        Number of the frame, from 0, so that ImageJ shows them on that slice of a stack.
 
-def roi_entries(
-    lines: Sequence[Line],
-    *,
-    frames: Sequence[int] | None = None,
-    top_px: int = 0,
-    left_px: int = 0,
-) -> list[tuple[str, bytes]]:
-    """Fringe lines as the files in ImageJ's .zip: the name of each, and its bytes.
+    Returns
+    -------
+    list of tuple
+        The name of each file (str) and its bytes.
 
-    Parameters as in `write_rois`; all lines of a frame are to be given together.
+    Raises
+    ------
+    InputError
+        Where the library is not installed.
     """
     roifile = load_roifile()
-    entries, seen, numbers = [], Counter[str](), Counter[int]()
-    for k, line in enumerate(lines):
-        frame = -1 if frames is None else frames[k]
-        number = numbers[frame]
-        numbers[frame] += 1
+    entries, seen = [], Counter[str]()
+    for number, line in enumerate(lines):
         if len(line.rows) < 2:
             continue  # ImageJ has no polyline of one point
-        name = f"line {number}" if line.order is None else f"N = {line.order:g}"
-        name += f" {line.kind}"
-        if frames is not None:
-            name = f"frame {frame}: {name}"
+        what = f"line {number}" if line.order is None else f"N = {line.order:g}"
+        name = f"frame {frame}: {what} {line.kind}"
         seen[name] += 1
         name += f" #{seen[name]}" if seen[name] > 1 else ""
-        points = np.stack([line.cols + left_px, line.rows + top_px], axis=1)
-        roi = roifile.ImagejRoi.frompoints(
-            points.astype(np.float32),
-            name=name,
-            position=None if frames is None else frame,
-        )
+        points = np.stack([line.cols, line.rows], axis=1).astype(np.float32)
+        roi = roifile.ImagejRoi.frompoints(points, name=name, position=frame)
         roi.roitype = roifile.ROI_TYPE.POLYLINE
         # a colon is not allowed in a file's name on Windows, where a user may unpack the .zip
         entries.append((f"{name.replace(':', '')}.roi", roi.tobytes()))
@@ -122,18 +96,36 @@ def roi_entries(
 def add_rois(archive: zipfile.ZipFile, contents: Iterable[tuple[str, bytes]]) -> None:
     """Add ROIs to a .zip, all of the first date that it knows: the same ROIs are the same bytes.
 
-    Parameters: `archive`, open for writing; `contents`, the name of each and its bytes.
+    Parameters
+    ----------
+    archive : zipfile.ZipFile
+        The .zip, open for writing.
+    contents : iterable of tuple
+        The name of each file (str) and its bytes.
     """
     for name, data in contents:
         archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), data)
 
 
 def read_roi_mask(path: Path, shape: tuple[int, int]) -> Mask:
-    """The pixels whose centres lie in any of the areas of an ImageJ .roi or .zip file.
+    """Find the pixels whose centres lie in any of the areas of an ImageJ .roi or .zip file.
 
-    Parameters: `path`; `shape` (rows, cols) of the frame that they were drawn on. Returns a mask of
-    that shape, True inside; parts of composite areas that lie in each other are holes. Raises
-    InputError where the file holds no area, a line or a point, or is not ImageJ's.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    shape : tuple of int
+        Rows and cols of the frame that the areas were drawn on.
+
+    Returns
+    -------
+    ndarray of bool, shape (rows, cols)
+        True inside; parts of composite areas that lie in each other are holes.
+
+    Raises
+    ------
+    InputError
+        Where the file holds no area, a line or a point, or is not ImageJ's.
     """
     roifile = load_roifile()
     _check_size(path)
@@ -186,7 +178,18 @@ def _check_size(path: Path) -> None:
 
 
 def load_roifile() -> ModuleType:
-    """The library for ImageJ's ROI files; InputError with the remedy where it is not installed."""
+    """Import the library for ImageJ's ROI files.
+
+    Returns
+    -------
+    module
+        The package roifile.
+
+    Raises
+    ------
+    InputError
+        Where it is not installed, with the remedy.
+    """
     try:
         import roifile
     except ImportError as error:
@@ -211,15 +214,10 @@ def _inside(roi: Any, shape: tuple[int, int]) -> Mask:
     if roi.roitype.name == "RECT" and not roi.composite:
         return np.asarray((row > top) & (row < bottom) & (col > left) & (col < right))
     inside = np.zeros(shape, dtype=bool)
-    for outline in _outlines(roi):
-        inside ^= _filled(outline - 0.5, shape)
-    return inside
-
-
-def _outlines(roi: Any) -> Iterator[NDArray[np.float64]]:
     for outline in roi.coordinates(multi=True):
         if len(outline) >= 3:
-            yield np.asarray(outline, dtype=np.float64)
+            inside ^= _filled(np.asarray(outline, dtype=np.float64) - 0.5, shape)
+    return inside
 
 
 def _filled(outline: NDArray[np.float64], shape: tuple[int, int]) -> Mask:

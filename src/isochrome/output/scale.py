@@ -25,10 +25,25 @@ MM_PER_UNIT = {
 
 
 def read_pixel_mm(path: str | Path) -> float | None:
-    """The pixel's side (mm) that a TIFF names, or None where it names none.
+    """Read the pixel's side that a TIFF names.
 
     ImageJ's unit and pixels per centimetre count as a scale; dots per inch are a print size, not
-    the object's, and do not. Raises InputError where the file is no TIFF.
+    the object's, and do not.
+
+    Parameters
+    ----------
+    path : str or Path
+        The TIFF.
+
+    Returns
+    -------
+    float or None
+        The side, mm; None where the file names none.
+
+    Raises
+    ------
+    InputError
+        Where the file is no TIFF.
     """
     import tifffile
 
@@ -40,7 +55,18 @@ def read_pixel_mm(path: str | Path) -> float | None:
 
 
 def pixel_mm_of(tif: tifffile.TiffFile) -> float | None:
-    """The pixel's side (mm) of an open tifffile.TiffFile, or None; see `read_pixel_mm`."""
+    """Read the pixel's side that an open TIFF names, see `read_pixel_mm`.
+
+    Parameters
+    ----------
+    tif : tifffile.TiffFile
+        The open file.
+
+    Returns
+    -------
+    float or None
+        The side, mm; None where the file names none.
+    """
     tags: Any = getattr(tif.pages[0], "tags", {})
     if "XResolution" not in tags or "YResolution" not in tags:
         return None

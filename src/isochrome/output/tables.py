@@ -8,10 +8,8 @@ import math
 import stat
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +25,7 @@ _AT_ONCE = 4096
 """Rows of a long table that are text in memory at a time."""
 
 
-class Floats(array):
+class Floats(array):  # type: ignore[type-arg]  # takes none at run time before Python 3.12
     """A column of numbers, `Floats("d", values)`, NaN where one is not known.
 
     In eight bytes each, a quarter of what a list of them takes, which it is like in all else.
@@ -42,86 +40,61 @@ class Floats(array):
         return repr(self.tolist())
 
 
-class TableWriter:
-    """A table written some rows at a time, in memory that does not grow with it.
-
-    Rows go to a hidden file beside `path`; a clean end of the `with` block makes it the table, an
-    exception discards it.
-    """
-
-    def __init__(self, path: str | Path, names: Iterable[str] = ()) -> None:
-        """Prepare a table at `path` with the columns `names`, by default those of the first rows.
-
-        Units stand in the names (`wear_depth_um`).
-        """
-        self.path = Path(path)
-        self.names = tuple(names)
-        self._ending = ExitStack()
-
-    def __enter__(self) -> TableWriter:
-        """Open the hidden file. Raises InputError where the folder cannot be written to."""
-        beside = self._ending.enter_context(replacing(self.path))
-        file = self._ending.enter_context(open(beside, "w", newline="", encoding="utf-8"))
-        self._writer = csv.writer(file, lineterminator="\n")
-        if self.names:
-            self._writer.writerow(self.names)
-        return self
-
-    def append(self, columns: Mapping[str, Any]) -> None:
-        """Add rows: a sequence or an array of one length for each of the table's columns.
-
-        Floats get 9 significant digits, NaN and None an empty cell. Raises InputError where names
-        or lengths differ.
-        """
-        lengths = {name: len(values) for name, values in columns.items()}
-        if not self.names:
-            self.names = tuple(columns)
-            self._writer.writerow(self.names)
-        if tuple(columns) != self.names:
-            raise InputError(
-                f"{self.path}: columns {list(columns)} for a table of {list(self.names)}; give "
-                "each of its columns, in its order"
-            )
-        if len(set(lengths.values())) > 1:
-            raise InputError(
-                f"{self.path}: columns differ in length, {lengths}; give as many values to each"
-            )
-        self._writer.writerows(zip(*map(_cells, columns.values()), strict=True))
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Give the table its name after a clean block; else discard it."""
-        self._ending.__exit__(kind, error, trace)
-
-
 def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
     """Write a table, one named column each, units in the names (`wear_depth_um`).
 
-    Parameters: `columns`, name to values, all of one length. Floats get 9 significant digits,
-    NaN and None an empty cell. Raises InputError where the lengths differ.
+    Floats get 9 significant digits, NaN and None an empty cell.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    columns : mapping of str to sequence
+        Name to values, all of one length.
+
+    Raises
+    ------
+    InputError
+        Where the lengths differ, or the file cannot be written.
     """
-    count = max((len(values) for values in columns.values()), default=0)
-    with TableWriter(path) as table:
-        for start in range(0, max(count, 1), _AT_ONCE):
-            table.append(
-                {name: values[start : start + _AT_ONCE] for name, values in columns.items()}
-            )
+    lengths = {name: len(values) for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError(
+            f"{path}: columns differ in length, {lengths}; give as many values to each"
+        )
+    with replacing(path) as beside, open(beside, "w", newline="", encoding="utf-8") as file:
+        _write_table(file, columns)
 
 
-def csv_text(columns: Mapping[str, Any]) -> str:
-    """A table as the text that `write_csv` would write, to be put together with others.
+def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
+    """Give a table as the text that `write_csv` would write, to be put together with others.
 
-    Parameters: `columns`, name to values, all of one length.
+    Parameters
+    ----------
+    columns : mapping of str to sequence
+        Name to values, all of one length.
+    header : bool, default True
+        Whether the line of the names is wanted.
+
+    Returns
+    -------
+    str
+        The table's lines.
     """
     text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+    _write_table(text, columns, header=header)
     return text.getvalue()
+
+
+def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = True) -> None:
+    """Write a table's lines, some rows at a time."""
+    writer = csv.writer(file, lineterminator="\n")
+    if header:
+        writer.writerow(columns)
+    count = max(map(len, columns.values()), default=0)
+    for start in range(0, count, _AT_ONCE):
+        parts = (_cells(values[start : start + _AT_ONCE]) for values in columns.values())
+        writer.writerows(zip(*parts, strict=True))
 
 
 def _cells(values: Any) -> list[str]:
@@ -139,9 +112,22 @@ def _cell(value: Any) -> str:
 
 
 def read_csv(path: str | Path) -> dict[str, list[Any]]:
-    """Read a table: column name to values, numbers where all cells are (empty: NaN), else text.
+    """Read a table: numbers where all cells of a column are, else text.
 
-    Raises InputError where the file cannot be read or a row is of another length.
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    dict of str to list
+        Name to values; an empty cell among numbers is NaN.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or a row is of another length.
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -161,15 +147,37 @@ def read_csv(path: str | Path) -> dict[str, list[Any]]:
 
 
 def numbers(values: Iterable[float | None]) -> npt.NDArray[np.float64]:
-    """A column of numbers (n,), NaN where one is not known (None)."""
+    """Make an array of a column of numbers.
+
+    Parameters
+    ----------
+    values : iterable of float or None
+        The column; None = not known.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        The numbers, NaN where one is not known.
+    """
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def check_given_table(path: Path, what: str) -> None:
     """Refuse what is no table that somebody gives: no plain file, or one of over 10 MB.
 
-    Parameters: `path`; `what` it is to be, in words. Raises InputError; OSError where it is missing
-    or may not be looked at.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What it is to be, in words.
+
+    Raises
+    ------
+    InputError
+        Where it is no such table.
+    OSError
+        Where it is missing or may not be looked at.
     """
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
-from isochrome.reference._common import (
+from isochrome.reference.cauchy import (
     Floats,
     StressField,
     check_positive,
@@ -26,7 +26,15 @@ _GOLDEN = (1.0 + np.sqrt(5.0)) / 2.0
 
 @dataclass(frozen=True)
 class LargestDifference:
-    """The largest principal stress difference under a contact and where it sits."""
+    """The largest principal stress difference under a contact and where it sits.
+
+    Parameters
+    ----------
+    difference_mpa : float
+        The difference sigma1 - sigma2, MPa.
+    depth_mm : float
+        Its depth below the surface, mm.
+    """
 
     difference_mpa: float
     depth_mm: float
@@ -35,13 +43,32 @@ class LargestDifference:
 def contact_modulus(
     young_mpa: float, poisson: float, other_young_mpa: float, other_poisson: float
 ) -> float:
-    """Plane-strain contact modulus E* of a pair of bodies, MPa.
+    """Plane-strain contact modulus E* of a pair of bodies.
 
     1/E* = (1 - nu1²)/E1 + (1 - nu2²)/E2
 
-    `young_mpa` and `poisson` are scalars of the block, `other_young_mpa` (MPa; `inf` for a rigid
-    body) and `other_poisson` those of the indenter. Raises InputError for a modulus <= 0 or a
-    Poisson's ratio outside (-1, 0.5]. Source: Johnson (1985), Contact Mechanics, section 4.2.
+    Source: Johnson (1985), Contact Mechanics, section 4.2.
+
+    Parameters
+    ----------
+    young_mpa : float
+        Young's modulus E1 of the block, MPa.
+    poisson : float
+        Poisson's ratio nu1 of the block.
+    other_young_mpa : float
+        Young's modulus E2 of the indenter, MPa; ``inf`` for a rigid body.
+    other_poisson : float
+        Poisson's ratio nu2 of the indenter.
+
+    Returns
+    -------
+    float
+        The modulus E*, MPa.
+
+    Raises
+    ------
+    InputError
+        For a modulus not above zero, or a Poisson's ratio outside (-1, 0.5].
     """
     _check_pair(young_mpa, poisson, other_young_mpa, other_poisson)
     return 1.0 / ((1.0 - poisson**2) / young_mpa + (1.0 - other_poisson**2) / other_young_mpa)
@@ -50,13 +77,34 @@ def contact_modulus(
 def coupling_modulus_inverse(
     young_mpa: float, poisson: float, other_young_mpa: float, other_poisson: float
 ) -> float:
-    """Inverse 1/G* of the modulus that couples shear traction to normal displacement, 1/MPa.
+    """Inverse 1/G* of the modulus that couples shear traction to normal displacement.
 
     1/G* = (1 - 2 nu1)/G1 - (1 - 2 nu2)/G2, with G = E / (2 (1 + nu))
 
-    Arguments and InputError as in `contact_modulus`. Zero for a pair of like materials, negative
-    when the indenter is the more compliant one. Source: Johnson (1985), Contact Mechanics,
-    sections 2.4 (displacements) and 5.4 (dissimilar solids).
+    Source: Johnson (1985), Contact Mechanics, sections 2.4 (displacements) and 5.4 (dissimilar
+    solids).
+
+    Parameters
+    ----------
+    young_mpa : float
+        Young's modulus E1 of the block, MPa.
+    poisson : float
+        Poisson's ratio nu1 of the block.
+    other_young_mpa : float
+        Young's modulus E2 of the indenter, MPa; ``inf`` for a rigid body.
+    other_poisson : float
+        Poisson's ratio nu2 of the indenter.
+
+    Returns
+    -------
+    float
+        The inverse, 1/MPa. Zero for a pair of like materials, negative when the indenter is the
+        more compliant one.
+
+    Raises
+    ------
+    InputError
+        For a modulus not above zero, or a Poisson's ratio outside (-1, 0.5].
     """
     _check_pair(young_mpa, poisson, other_young_mpa, other_poisson)
     block = (1.0 - 2.0 * poisson) * 2.0 * (1.0 + poisson) / young_mpa
@@ -67,12 +115,32 @@ def coupling_modulus_inverse(
 def dundurs_beta(
     young_mpa: float, poisson: float, other_young_mpa: float, other_poisson: float
 ) -> float:
-    """Dundurs' second constant beta of the pair in plane strain, -0.5 .. 0.5, without unit.
+    """Dundurs' second constant beta of the pair in plane strain.
 
     beta = E* / (4 G*)
 
-    Arguments and InputError as in `contact_modulus`. Source: Johnson (1985), Contact Mechanics,
-    section 5.4, after Dundurs.
+    Source: Johnson (1985), Contact Mechanics, section 5.4, after Dundurs.
+
+    Parameters
+    ----------
+    young_mpa : float
+        Young's modulus E1 of the block, MPa.
+    poisson : float
+        Poisson's ratio nu1 of the block.
+    other_young_mpa : float
+        Young's modulus E2 of the indenter, MPa; ``inf`` for a rigid body.
+    other_poisson : float
+        Poisson's ratio nu2 of the indenter.
+
+    Returns
+    -------
+    float
+        The constant, -0.5 to 0.5, without unit.
+
+    Raises
+    ------
+    InputError
+        For a modulus not above zero, or a Poisson's ratio outside (-1, 0.5].
     """
     pair = (young_mpa, poisson, other_young_mpa, other_poisson)
     return 0.25 * contact_modulus(*pair) * coupling_modulus_inverse(*pair)
@@ -81,13 +149,30 @@ def dundurs_beta(
 def hertz_half_width(
     line_load_n_per_mm: float, radius_mm: float, contact_modulus_mpa: float
 ) -> float:
-    """Half-width a of a Hertz line contact, mm.
+    """Half-width a of a Hertz line contact.
 
     a² = 4 P' R / (π E*)
 
-    Scalars: `line_load_n_per_mm` P' per thickness, `radius_mm` R of the cylinder (of the relative
-    curvature when both are curved), `contact_modulus_mpa` E*. Raises InputError unless all are
-    above zero. Source: Johnson (1985), Contact Mechanics, section 4.2(c).
+    Source: Johnson (1985), Contact Mechanics, section 4.2(c).
+
+    Parameters
+    ----------
+    line_load_n_per_mm : float
+        Load per thickness P', N/mm, above zero.
+    radius_mm : float
+        Radius R of the cylinder, mm; that of the relative curvature where both bodies are curved.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa, above zero.
+
+    Returns
+    -------
+    float
+        The half-width, mm.
+
+    Raises
+    ------
+    InputError
+        Unless all are above zero.
     """
     check_positive(
         line_load_n_per_mm=line_load_n_per_mm,
@@ -100,24 +185,60 @@ def hertz_half_width(
 def hertz_peak_pressure(
     line_load_n_per_mm: float, radius_mm: float, contact_modulus_mpa: float
 ) -> float:
-    """Largest pressure p0 of a Hertz line contact, MPa.
+    """Largest pressure p0 of a Hertz line contact.
 
     p0 = 2 P' / (π a)
 
-    Arguments, InputError and source as in `hertz_half_width`.
+    Source: as in `hertz_half_width`.
+
+    Parameters
+    ----------
+    line_load_n_per_mm : float
+        Load per thickness P', N/mm, above zero.
+    radius_mm : float
+        Radius R of the cylinder, mm; that of the relative curvature where both bodies are curved.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa, above zero.
+
+    Returns
+    -------
+    float
+        The pressure, MPa.
+
+    Raises
+    ------
+    InputError
+        Unless all are above zero.
     """
     half_width = hertz_half_width(line_load_n_per_mm, radius_mm, contact_modulus_mpa)
     return 2.0 * line_load_n_per_mm / (np.pi * half_width)
 
 
 def hertz_pressure(x_mm: ArrayLike, *, half_width_mm: float, peak_pressure_mpa: float) -> Floats:
-    """Hertz pressure at x, MPa, zero outside the contact; shape of `x_mm`.
+    """Hertz pressure at x.
 
     p = p0 sqrt(1 - x²/a²)
 
-    `x_mm` any shape, from the contact's centre; `half_width_mm` a and `peak_pressure_mpa` p0
-    scalars. Raises InputError unless a and p0 are above zero and x is finite.
     Source: Johnson (1985), Contact Mechanics, section 4.2(c).
+
+    Parameters
+    ----------
+    x_mm : array_like, any shape
+        Place from the contact's centre, mm.
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    peak_pressure_mpa : float
+        Largest pressure p0, MPa.
+
+    Returns
+    -------
+    ndarray, shape of x_mm
+        The pressure, MPa, zero outside the contact.
+
+    Raises
+    ------
+    InputError
+        Unless a and p0 are above zero and x is finite.
     """
     check_positive(half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa)
     ratio = np.abs(coordinates("x_mm", x_mm) / half_width_mm)
@@ -128,16 +249,35 @@ def hertz_pressure(x_mm: ArrayLike, *, half_width_mm: float, peak_pressure_mpa: 
 def hertz_stress(
     x_mm: ArrayLike, z_mm: ArrayLike, *, half_width_mm: float, peak_pressure_mpa: float
 ) -> StressField:
-    """Stress under a frictionless Hertz line contact, MPa (McEwen's closed form).
+    """Stress under a frictionless Hertz line contact (McEwen's closed form).
 
     With n + i m = sqrt((x + iz)² - a²), k = (m² - z²)/(m² + n²):
     sx = -(p0/a) [2 (m - z) - m k],  sz = -(p0/a) m k,  txz = -(p0/a) n k
 
-    m - z and m² - z² are written without their cancellation, so that the field keeps its digits
-    at the surface, at x = ±a and thousands of half-widths away. `x_mm`, `z_mm` any shapes that
-    broadcast, z >= 0; `half_width_mm` a, `peak_pressure_mpa` p0 scalars. Returns a StressField of
-    the broadcast shape. Raises InputError for z < 0, coordinates that are not finite, a or p0 <= 0.
-    Source: McEwen (1949), Philosophical Magazine 40; Johnson (1985), section 4.2(c).
+    m - z and m² - z² are written without their cancellation, so that the field keeps its digits at
+    the surface, at x = ±a and thousands of half-widths away. Source: McEwen (1949), Philosophical
+    Magazine 40; Johnson (1985), section 4.2(c).
+
+    Parameters
+    ----------
+    x_mm : array_like, of a shape that broadcasts
+        Place from the contact's centre, mm.
+    z_mm : array_like, of a shape that broadcasts
+        Depth below the surface, mm, not negative.
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    peak_pressure_mpa : float
+        Largest pressure p0, MPa.
+
+    Returns
+    -------
+    StressField
+        The stress in the broadcast shape, MPa.
+
+    Raises
+    ------
+    InputError
+        For z below zero, coordinates that are not finite, or a or p0 not above zero.
     """
     x, z = half_plane_points(x_mm, z_mm)
     check_positive(half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa)
@@ -157,12 +297,28 @@ def hertz_largest_difference(
 ) -> LargestDifference:
     """Largest sigma1 - sigma2 under a frictionless Hertz line contact, and its depth on the axis.
 
-    sigma1 - sigma2 = 2 φ^(-5/2) p0 = 0.6006 p0 at z = φ^(-1/2) a = 0.7862 a, φ the golden ratio:
-    on the axis the difference is 2 p0 / (a/z + z/a + sqrt(1 + z²/a²)), stationary there.
+    sigma1 - sigma2 = 2 φ^(-5/2) p0 = 0.6006 p0 at z = φ^(-1/2) a = 0.7862 a, φ the golden ratio: on
+    the axis the difference is 2 p0 / (a/z + z/a + sqrt(1 + z²/a²)), stationary there.
 
-    `half_width_mm` a and `peak_pressure_mpa` p0 are scalars; raises InputError unless both are
-    above zero. Source: Johnson (1985), section 4.2(c), gives 0.30 p0 of shear at 0.78 a; the exact
-    numbers follow from the equation above.
+    Source: Johnson (1985), section 4.2(c), gives 0.30 p0 of shear at 0.78 a; the exact numbers
+    follow from the equation above.
+
+    Parameters
+    ----------
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    peak_pressure_mpa : float
+        Largest pressure p0, MPa.
+
+    Returns
+    -------
+    LargestDifference
+        The difference, MPa, and its depth, mm.
+
+    Raises
+    ------
+    InputError
+        Unless a and p0 are above zero.
     """
     check_positive(half_width_mm=half_width_mm, peak_pressure_mpa=peak_pressure_mpa)
     return LargestDifference(

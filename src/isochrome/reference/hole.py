@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isochrome.reference._common import (
+from isochrome.reference.cauchy import (
     StressField,
     check_finite,
     check_positive,
@@ -24,18 +24,36 @@ _RIM_SLACK = 1e-9  # of the radius: a rim point's rounding must not put it into 
 def hole_stress(
     x_mm: ArrayLike, z_mm: ArrayLike, *, tension_mpa: float, radius_mm: float
 ) -> StressField:
-    """Stress around a round hole in a plate under tension along x, MPa; NaN in the hole.
+    """Stress around a round hole in a plate under tension along x.
 
     With w = x + iz = r exp iθ and ρ = a²/r²
     sx + sz = S (1 - 2 ρ cos 2θ)
     (sx - sz) + 2i txz = S [1 - ρ exp 2iθ - (2ρ - 3ρ²) exp 4iθ]
     so that at the rim the hoop stress is S (1 - 2 cos 2θ): 3 S across the tension, -S along it.
 
-    `x_mm`, `z_mm`: any shapes that broadcast, from the hole's centre; `tension_mpa` S far away,
-    negative for a pressure; `radius_mm` a. Returns a StressField of the broadcast shape. Raises
-    InputError for a <= 0, S or coordinates that are not finite. Source: Kirsch (1898), Z. VDI 42,
-    797; Timoshenko & Goodier (1970), Theory of Elasticity, section 35; the complex form was derived
-    from their polar components.
+    Source: Kirsch (1898), Z. VDI 42, 797; Timoshenko & Goodier (1970), Theory of Elasticity,
+    section 35; the complex form was derived from their polar components.
+
+    Parameters
+    ----------
+    x_mm : array_like, of a shape that broadcasts
+        Place to the right of the hole's centre, mm.
+    z_mm : array_like, of a shape that broadcasts
+        Place below the hole's centre, mm.
+    tension_mpa : float
+        Tension S far away, MPa; negative for a pressure.
+    radius_mm : float
+        Radius a of the hole, mm.
+
+    Returns
+    -------
+    StressField
+        The stress in the broadcast shape, MPa; NaN in the hole.
+
+    Raises
+    ------
+    InputError
+        For a not above zero, or S or coordinates that are not finite.
     """
     check_positive(radius_mm=radius_mm)
     check_finite(tension_mpa=tension_mpa)

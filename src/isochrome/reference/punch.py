@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isochrome.reference._common import (
+from isochrome.reference.cauchy import (
     Floats,
     StressField,
     check_positive,
@@ -23,13 +23,30 @@ from isochrome.reference._common import (
 
 
 def punch_pressure(x_mm: ArrayLike, *, half_width_mm: float, line_load_n_per_mm: float) -> Floats:
-    """Pressure under a rigid flat punch at x, MPa; shape of `x_mm`, inf at the two corners.
+    """Pressure under a rigid flat punch at x.
 
     p = P' / (π sqrt(a² - x²)) for |x| < a, zero outside
 
-    `x_mm` any shape, from the punch's middle; `half_width_mm` a and `line_load_n_per_mm` P' per
-    thickness scalars. Raises InputError unless a and P' are above zero and x is finite.
     Source: Johnson (1985), Contact Mechanics, section 2.8.
+
+    Parameters
+    ----------
+    x_mm : array_like, any shape
+        Place from the punch's middle, mm.
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    line_load_n_per_mm : float
+        Load per thickness P', N/mm, above zero.
+
+    Returns
+    -------
+    ndarray, shape of x_mm
+        The pressure, MPa, inf at the two corners.
+
+    Raises
+    ------
+    InputError
+        Unless a and P' are above zero and x is finite.
     """
     check_positive(half_width_mm=half_width_mm, line_load_n_per_mm=line_load_n_per_mm)
     ratio = np.abs(coordinates("x_mm", x_mm) / half_width_mm)
@@ -42,14 +59,33 @@ def punch_pressure(x_mm: ArrayLike, *, half_width_mm: float, line_load_n_per_mm:
 def punch_stress(
     x_mm: ArrayLike, z_mm: ArrayLike, *, half_width_mm: float, line_load_n_per_mm: float
 ) -> StressField:
-    """Stress under a rigid flat frictionless punch, MPa; NaN at its two corners, x = ±a, z = 0.
+    """Stress under a rigid flat frictionless punch.
 
     (sx - sz) + 2i txz and sx + sz follow from F(s) = ∫ p(t)/(s - t) dt = P' / sqrt(s² - a²),
     F' = -P' s / (s² - a²)^(3/2), s = x + iz
 
-    `x_mm`, `z_mm` >= 0: any shapes that broadcast; `half_width_mm` a and `line_load_n_per_mm` P'
-    scalars. Returns a StressField of the broadcast shape. Raises InputError for z < 0, a or P' <= 0
-    or coordinates that are not finite. Source: Johnson (1985), sections 2.4 and 2.8.
+    Source: Johnson (1985), sections 2.4 and 2.8.
+
+    Parameters
+    ----------
+    x_mm : array_like, of a shape that broadcasts
+        Place from the punch's middle, mm.
+    z_mm : array_like, of a shape that broadcasts
+        Depth below the surface, mm, not negative.
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    line_load_n_per_mm : float
+        Load per thickness P', N/mm, above zero.
+
+    Returns
+    -------
+    StressField
+        The stress in the broadcast shape, MPa; NaN at the two corners, x = ±a, z = 0.
+
+    Raises
+    ------
+    InputError
+        For z below zero, a or P' not above zero, or coordinates that are not finite.
     """
     x, z = half_plane_points(x_mm, z_mm)
     check_positive(half_width_mm=half_width_mm, line_load_n_per_mm=line_load_n_per_mm)
@@ -64,13 +100,30 @@ def punch_stress(
 def wedge_half_width(
     line_load_n_per_mm: float, *, slope: float, contact_modulus_mpa: float
 ) -> float:
-    """Half-width a of the contact of a blunt symmetric wedge, mm.
+    """Half-width a of the contact of a blunt symmetric wedge.
 
     a = P' / (E* m)
 
-    Scalars: `line_load_n_per_mm` P' per thickness; `slope` m, the rise of either face over its run
-    (small: a blunt wedge); `contact_modulus_mpa` E*. Raises InputError unless all are above zero.
     Source: Johnson (1985), Contact Mechanics, section 5.2.
+
+    Parameters
+    ----------
+    line_load_n_per_mm : float
+        Load per thickness P', N/mm, above zero.
+    slope : float
+        Rise of either face over its run, m; small: a blunt wedge.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa, above zero.
+
+    Returns
+    -------
+    float
+        The half-width, mm.
+
+    Raises
+    ------
+    InputError
+        Unless all are above zero.
     """
     check_positive(
         line_load_n_per_mm=line_load_n_per_mm, slope=slope, contact_modulus_mpa=contact_modulus_mpa
@@ -81,13 +134,32 @@ def wedge_half_width(
 def wedge_pressure(
     x_mm: ArrayLike, *, half_width_mm: float, slope: float, contact_modulus_mpa: float
 ) -> Floats:
-    """Pressure under a blunt symmetric wedge at x, MPa; shape of `x_mm`, inf at the tip.
+    """Pressure under a blunt symmetric wedge at x.
 
     p = (E* m / π) arcosh(a / |x|) for |x| < a, zero outside
 
-    `x_mm` any shape, from the tip; `half_width_mm` a, `slope` m and `contact_modulus_mpa` E*
-    scalars, as in `wedge_half_width`. Raises InputError unless they are above zero and x is finite.
     Source: Johnson (1985), Contact Mechanics, section 5.2.
+
+    Parameters
+    ----------
+    x_mm : array_like, any shape
+        Place from the tip, mm.
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    slope : float
+        Rise of either face over its run, m; small: a blunt wedge.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa, above zero.
+
+    Returns
+    -------
+    ndarray, shape of x_mm
+        The pressure, MPa, inf at the tip.
+
+    Raises
+    ------
+    InputError
+        Unless a, m and E* are above zero and x is finite.
     """
     check_positive(
         half_width_mm=half_width_mm, slope=slope, contact_modulus_mpa=contact_modulus_mpa
@@ -102,14 +174,31 @@ def wedge_pressure(
 def wavy_full_contact_pressure(
     *, amplitude_mm: float, wavelength_mm: float, contact_modulus_mpa: float
 ) -> float:
-    """Mean pressure p* that just closes the gap under a wavy surface, MPa.
+    """Mean pressure p* that just closes the gap under a wavy surface.
 
     p* = π E* Δ / λ
 
-    Scalars: `amplitude_mm` Δ, half the height from trough to crest of the wave
-    Δ cos(2 π x/λ); `wavelength_mm` λ; `contact_modulus_mpa` E*. Raises InputError unless all are
-    above zero. Source: Westergaard (1939), Journal of Applied Mechanics 6; Johnson (1985),
-    Contact Mechanics, section 13.2.
+    Source: Westergaard (1939), Journal of Applied Mechanics 6; Johnson (1985), Contact Mechanics,
+    section 13.2.
+
+    Parameters
+    ----------
+    amplitude_mm : float
+        Amplitude Δ of the wave Δ cos(2 π x/λ), mm: half the height from trough to crest.
+    wavelength_mm : float
+        Wavelength λ, mm.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa, above zero.
+
+    Returns
+    -------
+    float
+        The pressure p*, MPa.
+
+    Raises
+    ------
+    InputError
+        Unless all are above zero.
     """
     check_positive(
         amplitude_mm=amplitude_mm,
@@ -126,12 +215,32 @@ def wavy_half_width(
     wavelength_mm: float,
     contact_modulus_mpa: float,
 ) -> float:
-    """Half-width a of each strip of contact on a wavy surface, mm; λ/2 once contact is full.
+    """Half-width a of each strip of contact on a wavy surface.
 
     sin²(π a/λ) = p_mean / p*
 
-    Scalars: `mean_pressure_mpa` p_mean over a wavelength; the others as in
-    `wavy_full_contact_pressure`, with its sources. Raises InputError unless all are above zero.
+    Source: as in `wavy_full_contact_pressure`.
+
+    Parameters
+    ----------
+    mean_pressure_mpa : float
+        Mean pressure p_mean over a wavelength, MPa.
+    amplitude_mm : float
+        Amplitude Δ of the wave Δ cos(2 π x/λ), mm: half the height from trough to crest.
+    wavelength_mm : float
+        Wavelength λ, mm.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa, above zero.
+
+    Returns
+    -------
+    float
+        The half-width, mm; λ/2 once contact is full.
+
+    Raises
+    ------
+    InputError
+        Unless all are above zero.
     """
     check_positive(mean_pressure_mpa=mean_pressure_mpa)
     full = wavy_full_contact_pressure(
@@ -151,13 +260,35 @@ def wavy_pressure(
     wavelength_mm: float,
     contact_modulus_mpa: float,
 ) -> Floats:
-    """Pressure on a wavy surface at x, MPa, zero where the gap is open; shape of `x_mm`.
+    """Pressure on a wavy surface at x.
 
     p = 2 p* |cos ψ| sqrt(sin² ψ_a - sin² ψ), ψ = π x/λ, ψ_a = π a/λ, while p_mean < p*;
     p = p_mean + p* cos 2ψ from there on
 
-    `x_mm` any shape, from a crest; the scalars as in `wavy_half_width`, with its sources. Raises
-    InputError unless they are above zero and x is finite.
+    Source: as in `wavy_full_contact_pressure`.
+
+    Parameters
+    ----------
+    x_mm : array_like, any shape
+        Place from a crest, mm.
+    mean_pressure_mpa : float
+        Mean pressure p_mean over a wavelength, MPa.
+    amplitude_mm : float
+        Amplitude Δ of the wave Δ cos(2 π x/λ), mm: half the height from trough to crest.
+    wavelength_mm : float
+        Wavelength λ, mm.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa, above zero.
+
+    Returns
+    -------
+    ndarray, shape of x_mm
+        The pressure, MPa, zero where the gap is open.
+
+    Raises
+    ------
+    InputError
+        Unless the scalars are above zero and x is finite.
     """
     check_positive(mean_pressure_mpa=mean_pressure_mpa)
     full = wavy_full_contact_pressure(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from isochrome.errors import InputError
-from isochrome.reference._common import (
+from isochrome.reference.cauchy import (
     Complexes,
     Floats,
     StressField,
@@ -32,14 +32,28 @@ _FAR = 4.0  # half-widths beyond which the transform is summed as a series in a/
 _TERMS = 30  # of that series: 4^-30 is below the rounding of double precision
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CoupledContact:
     """A parabolic cylinder sliding on a block of another material: the contact and its pressure.
 
-    `exponent` is ε; `half_width_mm` a; `centre_mm` the middle of the contact and `peak_mm` the
-    place of the largest pressure, `peak_pressure_mpa`, both from the cylinder's axis; `scale_mpa`
-    the pressure p = scale (1 + ξ/a)^(1/2 - ε) (1 - ξ/a)^(1/2 + ε) starts from, ξ = x - centre;
-    `friction` mu.
+    p = scale (1 + ξ/a)^(1/2 - ε) (1 - ξ/a)^(1/2 + ε),  ξ = x - centre
+
+    Parameters
+    ----------
+    exponent : float
+        The exponent ε, without unit.
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    centre_mm : float
+        Middle of the contact from the cylinder's axis, mm.
+    peak_mm : float
+        Place of the largest pressure from the cylinder's axis, mm.
+    peak_pressure_mpa : float
+        The largest pressure, MPa.
+    scale_mpa : float
+        The pressure `scale` of the equation, MPa.
+    friction : float
+        Friction coefficient mu.
     """
 
     exponent: float
@@ -59,16 +73,37 @@ def sliding_hertz_stress(
     peak_pressure_mpa: float,
     friction: float,
 ) -> StressField:
-    """Stress under a sliding Hertz contact without elastic coupling, MPa.
+    """Stress under a sliding Hertz contact without elastic coupling.
 
     To McEwen's field (`hertz_stress`, index p; n, m, k as there) the traction q = mu p adds
     mu (p0/a) [2 (n - x) + n k] to sx,  mu txz_p to sz,  mu sx_p to txz.
     On the surface sx = -p - 2 mu p0 x/a inside the contact: compressed ahead, pulled behind.
 
-    `x_mm` (from the contact's centre), `z_mm` >= 0: any shapes that broadcast; `half_width_mm` a,
-    `peak_pressure_mpa` p0, `friction` mu scalars. Returns a StressField of the broadcast shape.
-    Raises InputError for z < 0, a or p0 <= 0, anything not finite. Source: McEwen (1949),
-    Philosophical Magazine 40; Johnson (1985), Contact Mechanics, section 7.2.
+    Source: McEwen (1949), Philosophical Magazine 40; Johnson (1985), Contact Mechanics, section
+    7.2.
+
+    Parameters
+    ----------
+    x_mm : array_like, of a shape that broadcasts
+        Place from the contact's centre, mm.
+    z_mm : array_like, of a shape that broadcasts
+        Depth below the surface, mm, not negative.
+    half_width_mm : float
+        Half-width a of the contact, mm.
+    peak_pressure_mpa : float
+        Largest pressure p0, MPa.
+    friction : float
+        Friction coefficient mu.
+
+    Returns
+    -------
+    StressField
+        The stress in the broadcast shape, MPa.
+
+    Raises
+    ------
+    InputError
+        For z below zero, a or p0 not above zero, or anything that is not finite.
     """
     check_finite(friction=friction)
     normal = hertz_stress(
@@ -99,10 +134,31 @@ def coupled_contact(
     scale = E* a cos(π ε) / (2 R), largest pressure scale (1-2ε)^(1/2-ε) (1+2ε)^(1/2+ε) at -4 ε a
 
     The surface rises behind and sinks ahead, so that the contact moves to -x when mu beta > 0.
-    Scalars: `line_load_n_per_mm` P' per thickness, `radius_mm` R, `contact_modulus_mpa` E*,
-    `friction` mu (negative: traction along -x), Dundurs' `beta`. Returns a CoupledContact. Raises
-    InputError for P', R or E* <= 0, beta outside -0.5 .. 0.5, anything not finite. Source: Johnson
-    (1985), section 7.2; Hills, Nowell & Sackfield (1993), Mechanics of Elastic Contacts.
+    Source: Johnson (1985), section 7.2; Hills, Nowell & Sackfield (1993), Mechanics of Elastic
+    Contacts.
+
+    Parameters
+    ----------
+    line_load_n_per_mm : float
+        Load per thickness P', N/mm, above zero.
+    radius_mm : float
+        Radius R of the cylinder, mm, above zero.
+    contact_modulus_mpa : float
+        Contact modulus E*, MPa, above zero.
+    friction : float
+        Friction coefficient mu; negative: traction along -x.
+    beta : float
+        Dundurs' second constant, see `dundurs_beta`.
+
+    Returns
+    -------
+    CoupledContact
+        The contact.
+
+    Raises
+    ------
+    InputError
+        For P', R or E* not above zero, beta outside -0.5 to 0.5, or anything that is not finite.
     """
     check_positive(
         line_load_n_per_mm=line_load_n_per_mm,
@@ -128,12 +184,28 @@ def coupled_contact(
 
 
 def coupled_pressure(x_mm: ArrayLike, contact: CoupledContact) -> Floats:
-    """Pressure of a sliding contact with elastic coupling, MPa, zero outside it; shape of `x_mm`.
+    """Pressure of a sliding contact with elastic coupling.
 
     p = scale (1 + ξ/a)^(1/2 - ε) (1 - ξ/a)^(1/2 + ε),  ξ = x - centre
 
-    `x_mm` any shape, from the cylinder's axis; `contact` from `coupled_contact`. Raises InputError
-    for x that is not finite. Source as there; derived again from the displacement equation.
+    Source: as in `coupled_contact`; derived again from the displacement equation.
+
+    Parameters
+    ----------
+    x_mm : array_like, any shape
+        Place from the cylinder's axis, mm.
+    contact : CoupledContact
+        The contact, from `coupled_contact`.
+
+    Returns
+    -------
+    ndarray, shape of x_mm
+        The pressure, MPa, zero outside the contact.
+
+    Raises
+    ------
+    InputError
+        For x that is not finite.
     """
     ratio = (coordinates("x_mm", x_mm) - contact.centre_mm) / contact.half_width_mm
     behind, ahead = np.clip(1.0 + ratio, 0.0, None), np.clip(1.0 - ratio, 0.0, None)
@@ -142,15 +214,32 @@ def coupled_pressure(x_mm: ArrayLike, contact: CoupledContact) -> Floats:
 
 
 def coupled_stress(x_mm: ArrayLike, z_mm: ArrayLike, contact: CoupledContact) -> StressField:
-    """Stress under a sliding contact with elastic coupling, MPa.
+    """Stress under a sliding contact with elastic coupling.
 
     (sx - sz) + 2i txz and sx + sz follow from F(s) = ∫ p(t)/(s - t) dt, with α = 1/2 - ε,
     F = (π scale / (a cos π ε)) [s - 2 ε a - (s + a)^α (s - a)^(1 - α)],  s = ξ + iz, and q = mu p
 
-    `x_mm` (from the cylinder's axis), `z_mm` >= 0: any shapes that broadcast; `contact` from
-    `coupled_contact`. Returns a StressField of the broadcast shape. Raises InputError for z < 0 or
-    coordinates that are not finite. Source: Muskhelishvili (1953), Singular Integral Equations,
-    for the transform; Johnson (1985), section 2.4, for the stresses.
+    Source: Muskhelishvili (1953), Singular Integral Equations, for the transform; Johnson (1985),
+    section 2.4, for the stresses.
+
+    Parameters
+    ----------
+    x_mm : array_like, of a shape that broadcasts
+        Place from the cylinder's axis, mm.
+    z_mm : array_like, of a shape that broadcasts
+        Depth below the surface, mm, not negative.
+    contact : CoupledContact
+        The contact, from `coupled_contact`.
+
+    Returns
+    -------
+    StressField
+        The stress in the broadcast shape, MPa.
+
+    Raises
+    ------
+    InputError
+        For z below zero, or coordinates that are not finite.
     """
     x, z = half_plane_points(x_mm, z_mm)
     a = contact.half_width_mm

@@ -4,26 +4,6 @@ What is computed is somebody else's business: here are the order of the work, wh
 and the files. Heavy libraries are imported inside the functions that need them.
 """
 
-from isochrome.runs.chunks import Bench
-from isochrome.runs.identity import environment
-from isochrome.runs.job import Job, Layer, Layout, Results, chunk_size
-from isochrome.runs.run import Means, Stopped, run_job
-from isochrome.runs.store import STORE, WORKING, open_run
-from isochrome.runs.threads import single_threaded
+import lazy_loader
 
-__all__ = [
-    "STORE",
-    "WORKING",
-    "Bench",
-    "Job",
-    "Layer",
-    "Layout",
-    "Means",
-    "Results",
-    "Stopped",
-    "chunk_size",
-    "environment",
-    "open_run",
-    "run_job",
-    "single_threaded",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

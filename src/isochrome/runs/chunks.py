@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,22 +13,30 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.output.canvas import TiffCanvas
-from isochrome.runs.job import Layout, Results, Work
+from isochrome.output import TiffCanvas
+from isochrome.runs.job import Results, RunLayout
 from isochrome.runs.store import STORE
 
 
 @dataclass(frozen=True)
-class Bench:
+class RunFolder:
     """Where a run's chunks are put down: picklable, so that workers may do it.
 
-    `results`, the folder that becomes the output; `records`, that of the chunks' records;
-    `layout`; `stacks`, the TIFF stacks by the name of their layer.
+    Parameters
+    ----------
+    results : Path
+        The folder that becomes the output.
+    records : Path
+        The folder of the chunks' records.
+    layout : RunLayout
+        What the run leaves.
+    stacks : dict of str to TiffCanvas
+        The TIFF stacks by the name of their layer.
     """
 
     results: Path
     records: Path
-    layout: Layout
+    layout: RunLayout
     stacks: dict[str, TiffCanvas]
 
     def chunk_file(self, layer: str, index: int) -> Path:
@@ -44,7 +53,7 @@ class Bench:
 
 
 @dataclass(frozen=True)
-class Kept:
+class ChunkRecord:
     """A chunk's record: how many items it has, how many of them are `flagged` and `failed`."""
 
     items: int
@@ -52,35 +61,30 @@ class Kept:
     failed: int
 
 
-def work_and_keep(work: Work, bench: Bench, index: int) -> Kept:
-    """Compute a chunk and put it down, as a worker on this machine does. Raises OSError."""
-    return keep(bench, index, work(*bench.layout.span(index)))
-
-
-def keep(bench: Bench, index: int, results: Results) -> Kept:
+def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     """Put a chunk down: pictures, parts, and last its record, each file whole or not at all.
 
-    Parameters: `bench`; `index` of the chunk; `results`, of all its items. Returns what it holds.
+    Parameters: `run`; `index` of the chunk; `results`, of all its items. Returns what it holds.
     Raises OSError; then the chunk is not finished.
     """
-    start, stop = bench.layout.span(index)
-    first, end = bench.layout.pictures(start, stop)
+    start, stop = run.layout.span(index)
+    first, end = run.layout.pictures(start, stop)
     sums: dict[str, list[int]] = {}
-    for layer in bench.layout.layers:
+    for layer in run.layout.layers:
         values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
-        assert values.shape == (end - first, *bench.layout.shape.values()), layer.name
+        assert values.shape == (end - first, *run.layout.shape.values()), layer.name
         data = values.data.cast("B")
-        rest = int(np.prod(bench.layout.chunk_shape)) - values.size
+        rest = int(np.prod(run.layout.chunk_shape)) - values.size
         padding = np.full(rest, np.nan, dtype="<f4").tobytes()
-        write_through(bench.chunk_file(layer.name, index), data, padding)
-        if layer.name in bench.stacks:
-            bench.stacks[layer.name].write(first, data)
+        write_through(run.chunk_file(layer.name, index), data, padding)
+        if layer.name in run.stacks:
+            run.stacks[layer.name].write(first, data)
         sums[layer.name] = [zlib.crc32(data)]
         sums[layer.name].append(zlib.crc32(padding, sums[layer.name][0]))
     for name, part in results.parts.items():
-        write_through(bench.part_file(name, index), part)
+        write_through(run.part_file(name, index), part)
     states = [more["status"] for more in results.more]
-    kept = Kept(stop - start, sum(s != "ok" for s in states), states.count("failed"))
+    kept = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
     body = {
         "layers": sums,
         "parts": {name: zlib.crc32(part) for name, part in results.parts.items()},
@@ -90,72 +94,103 @@ def keep(bench: Bench, index: int, results: Results) -> Kept:
         "more": [_plain(more) for more in results.more],
         "left": results.left,
     }
-    text = json.dumps(body).encode()
-    write_through(bench.record_file(index), b"%08x\n" % zlib.crc32(text), text)
+    write_checked(run.record_file(index), body)
     return kept
 
 
-def read_record(bench: Bench, index: int) -> dict[str, Any] | None:
+def read_record(run: RunFolder, index: int) -> dict[str, Any] | None:
     """A chunk's record; None where it is not there or not whole. Raises OSError."""
-    try:
-        text = bench.record_file(index).read_bytes()
-    except FileNotFoundError:
-        return None
-    head, _, body = text.partition(b"\n")
-    if head != b"%08x" % zlib.crc32(body):
-        return None
-    found: dict[str, Any] = json.loads(body)
-    return found
+    record: dict[str, Any] | None = read_checked(run.record_file(index))
+    return record
 
 
-def check_chunk(bench: Bench, index: int) -> Kept | None:
+def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
     """What a chunk holds, after its files were read and compared with their checksums; else None.
 
-    Parameters: `bench`; `index`. Raises OSError.
+    Parameters: `run`; `index`. Raises OSError.
     """
-    record = read_record(bench, index)
+    record = read_record(run, index)
     if record is None:
         return None
-    start, stop = bench.layout.span(index)
-    first, end = bench.layout.pictures(start, stop)
+    start, stop = run.layout.span(index)
+    first, end = run.layout.pictures(start, stop)
     try:
         for name, (short, long) in record["layers"].items():
-            if zlib.crc32(bench.chunk_file(name, index).read_bytes()) != long:
+            if zlib.crc32(run.chunk_file(name, index).read_bytes()) != long:
                 return None
-            stack = bench.stacks.get(name)
+            stack = run.stacks.get(name)
             if stack is not None and zlib.crc32(stack.read(first, end - first)) != short:
                 return None
         for name, checksum in record["parts"].items():
-            if zlib.crc32(bench.part_file(name, index).read_bytes()) != checksum:
+            if zlib.crc32(run.part_file(name, index).read_bytes()) != checksum:
                 return None
     except FileNotFoundError:
         return None
-    return Kept(stop - start, record["flagged"], record["failed"])
+    return ChunkRecord(stop - start, record["flagged"], record["failed"])
 
 
-def rows(bench: Bench) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Each item's row and what else is known of it, in order, from the chunks' records."""
-    for index in range(bench.layout.chunks):
-        record = read_record(bench, index)
+def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Give each item's row and what else is known of it, in order, from the chunks' records.
+
+    Parameters
+    ----------
+    run : RunFolder
+        Where the chunks lie.
+
+    Yields
+    ------
+    tuple of dict
+        The row, and what else is known.
+    """
+    for index in range(run.layout.chunks):
+        record = read_record(run, index)
         assert record is not None
         yield from zip(record["rows"], record["more"], strict=True)
 
 
-def parts(bench: Bench, name: str) -> Iterator[bytes]:
-    """The chunks' parts of the file `name`, in order; chunks without one are passed over."""
-    for index in range(bench.layout.chunks):
-        file = bench.part_file(name, index)
+def parts(run: RunFolder, name: str) -> Iterator[bytes]:
+    """Give the chunks' parts of a file, in order; chunks without one are passed over.
+
+    Parameters
+    ----------
+    run : RunFolder
+        Where the chunks lie.
+    name : str
+        Name of the file.
+
+    Yields
+    ------
+    bytes
+        The part.
+    """
+    for index in range(run.layout.chunks):
+        file = run.part_file(name, index)
         if file.is_file():
             yield file.read_bytes()
 
 
-def picture(bench: Bench, layer: str, item: int) -> np.ndarray:
-    """A layer's picture of one item that has one, from the store's chunk."""
-    index, inside = divmod(item, bench.layout.chunk)
-    each, rest = divmod(inside, bench.layout.every)
+def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
+    """Read a layer's picture of one item that has one, from the store's chunk.
+
+    Parameters
+    ----------
+    run : RunFolder
+        Where the chunks lie.
+    layer : str
+        Name of the layer.
+    item : int
+        Number of the item.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, cols)
+        The picture, NaN = not known.
+    """
+    index, inside = divmod(item, run.layout.chunk)
+    each, rest = divmod(inside, run.layout.every)
     assert rest == 0, f"item {item} has no picture"
-    flat = np.memmap(bench.chunk_file(layer, index), dtype="<f4", mode="r")
-    shape = (bench.layout.chunk // bench.layout.every, *bench.layout.shape.values())
+    flat = np.memmap(run.chunk_file(layer, index), dtype="<f4", mode="r")
+    shape = (run.layout.chunk // run.layout.every, *run.layout.shape.values())
     return np.array(flat.reshape(shape)[each])
 
 
@@ -170,6 +205,29 @@ def write_through(path: Path, *data: bytes | memoryview) -> None:
         os.fsync(file.fileno())
     os.replace(beside, path)
     sync_folder(path.parent)
+
+
+def write_checked(path: Path, body: dict[str, Any]) -> None:
+    """Write an object as JSON below a line with its checksum. Raises OSError."""
+    text = json.dumps(body).encode()
+    write_through(path, b"%08x\n" % zlib.crc32(text), text)
+
+
+def read_checked(path: Path) -> Any:
+    """What `write_checked` wrote; None where it is not there, or not whole. Raises OSError."""
+    try:
+        head, _, body = path.read_bytes().partition(b"\n")
+    except FileNotFoundError:
+        return None
+    return json.loads(body) if head == b"%08x" % zlib.crc32(body) else None
+
+
+def remove(entry: Path) -> None:
+    """Remove a file, a link, or a folder with all that is in it. Raises OSError."""
+    if entry.is_dir() and not entry.is_symlink():
+        shutil.rmtree(entry)
+    else:
+        entry.unlink()
 
 
 def sync_folder(folder: Path) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import isochrome
+from isochrome.output import provenance
 
 LIBRARIES = ("numpy", "scipy", "scikit-image", "opencv-python-headless", "tifffile", "pillow", "av")
 """Those whose version may change a result's bits."""
@@ -28,6 +29,35 @@ def environment() -> dict[str, Any]:
         "code_sha256": found.hexdigest(),
         "libraries": {"python": platform.python_version()} | _versions(),
     }
+
+
+def run_identity(
+    scene_toml: str, files: Iterable[Path], options: Mapping[str, Any], seed: int | None = None
+) -> dict[str, Any]:
+    """Say what a run is a result of, as provenance.json keeps it: scene, files, code and options.
+
+    Parameters
+    ----------
+    scene_toml : str
+        Text of the resolved scene.
+    files : iterable of Path
+        Files that are read.
+    options : mapping of str to Any
+        Options of the command that change its result.
+    seed : int, optional
+        Seed of the random numbers.
+
+    Returns
+    -------
+    dict of str to Any
+        The record, for a Job.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be read.
+    """
+    return provenance(scene_toml, files, seed) | environment() | {"options": dict(options)}
 
 
 def _versions() -> dict[str, str]:

@@ -18,9 +18,18 @@ LARGEST_CHUNK = 32
 
 @dataclass(frozen=True)
 class Layer:
-    """A picture for each item, float32, NaN = not known: `name`, `units` ('1' for none), `what`.
+    """A picture for each item, float32, NaN = not known.
 
-    `stack`, whether it is left as a TIFF stack too.
+    Parameters
+    ----------
+    name : str
+        Name of the layer.
+    units : str
+        Its unit, '1' for none.
+    what : str
+        What it is, in words.
+    stack : bool, default True
+        Whether it is left as a TIFF stack too.
     """
 
     name: str
@@ -29,21 +38,36 @@ class Layer:
     stack: bool = True
 
 
-@dataclass(frozen=True)
-class Layout:
-    """What a run leaves: `axes` over its items and `shape` of each, both by the name of the axis.
+@dataclass(frozen=True, kw_only=True)
+class RunLayout:
+    """What a run leaves.
 
-    `layers`, the pictures; `chunk`, how many items are computed and kept together (1 where there
-    are several axes); `pixel_mm`, the scale of the TIFF stacks, None where it is not known;
-    `store`, whether run.zarr is left (it is where there are layers); `part_bytes`, of the parts of
-    files that an item gives; `every`: of so many items, only the first has pictures, which then lie
-    on an axis of their own (one axis over the items, `chunk` a multiple of `every`). It depends on
-    the input alone, not on the machine: so do the files.
+    It depends on the input alone, not on the machine: so do the files.
+
+    Parameters
+    ----------
+    axes : mapping of str to int
+        Sizes of the axes over the items, by the name of the axis.
+    shape : mapping of str to int, optional
+        Sizes of the axes of an item's picture, by the name of the axis.
+    layers : tuple of Layer, optional
+        The pictures.
+    chunk : int
+        Items that are computed and kept together; 1 where there are several axes.
+    pixel_mm : float, optional
+        Scale of the TIFF stacks, mm; None where it is not known.
+    store : bool, default True
+        Whether run.zarr is left; it is where there are layers.
+    part_bytes : int, default 0
+        Bytes of the parts of files that an item gives.
+    every : int, default 1
+        Of so many items, only the first has pictures, which then lie on an axis of their own: one
+        axis over the items, and `chunk` a multiple of `every`.
     """
 
     axes: Mapping[str, int]
-    shape: Mapping[str, int]
-    layers: tuple[Layer, ...]
+    shape: Mapping[str, int] = field(default_factory=dict)
+    layers: tuple[Layer, ...] = ()
     chunk: int
     pixel_mm: float | None = None
     store: bool = True
@@ -93,11 +117,19 @@ class Layout:
 class Results:
     """What a chunk's computation gives.
 
-    `arrays`, by layer, (pictures, ...), a picture for each item but where the layout says `every`;
-    `rows`, a row of the run's table for each item; `more`, what else is known of each item, among
-    it its `status`: 'ok', 'flagged' (it has warnings) or 'failed' (nothing was found in it);
-    `parts`, the chunk's part of files that all chunks make together;
-    `left`, what the next chunk begins with where they are computed in turn, for JSON.
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray, shape (pictures, ...)
+        By layer, a picture for each item but where the layout says `every`.
+    rows : list of dict
+        A row of the run's table for each item.
+    more : list of dict
+        What else is known of each item, among it its `status`: 'ok', 'flagged' (it has warnings) or
+        'failed' (nothing was found in it).
+    parts : mapping of str to bytes, optional
+        The chunk's part of files that all chunks make together.
+    left : mapping, optional
+        What the next chunk begins with where they are computed in turn, for JSON.
     """
 
     arrays: Mapping[str, NDArray[Any]]
@@ -116,20 +148,39 @@ InTurn = Callable[[int, int, Any], Results]
 
 @dataclass(frozen=True)
 class Job:
-    """A long run: `work`, what it leaves (`layout`), and `identity`, what it is a result of.
+    """A long run.
 
-    `in_turn`, whether each chunk needs what the one before has left: then one process computes all.
+    Parameters
+    ----------
+    work : callable
+        Computes a chunk.
+    layout : RunLayout
+        What the run leaves.
+    identity : mapping
+        What the run is a result of, as in a Job.
+    in_turn : bool, default False
+        Whether each chunk needs what the one before has left: then one process computes all.
     """
 
     work: Work | InTurn
-    layout: Layout
+    layout: RunLayout
     identity: Mapping[str, Any]
     in_turn: bool = False
 
 
 def chunk_size(count: int, item_bytes: int) -> int:
-    """Items in a chunk, so that memory stays bounded and a few workers have each their share.
+    """Choose a chunk's items, so that memory stays bounded and a few workers have each their share.
 
-    Parameters: `count` of items; `item_bytes` of one layer of one item. Returns at least 1.
+    Parameters
+    ----------
+    count : int
+        Items of the run.
+    item_bytes : int
+        Bytes of one layer of one item.
+
+    Returns
+    -------
+    int
+        Items in a chunk, 1 at least.
     """
     return max(1, min(LARGEST_CHUNK, CHUNK_BYTES // max(item_bytes, 1), -(-count // 8)))

@@ -21,8 +21,20 @@ LOCK, OWNER = "lock", "owner.txt"
 def locked(folder: Path) -> Iterator[None]:
     """Hold a folder for this process alone; it is made if need be, and removed when left empty.
 
-    Parameters: `folder`. Raises InputError where another process holds it, or where it cannot be
-    made or locked.
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Yields
+    ------
+    None
+        Nothing: the folder is held inside the block.
+
+    Raises
+    ------
+    InputError
+        Where another process holds it, or where it cannot be made or locked.
     """
     from filelock import FileLock, Timeout
 

@@ -24,7 +24,7 @@ def keep_steady() -> None:
         library.mallopt(_MMAP_THRESHOLD, LARGE)
 
 
-def give_back() -> None:
+def trim_heap() -> None:
     """Give back what is free, between chunks."""
     library = _gnu()
     if library is not None:

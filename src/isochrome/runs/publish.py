@@ -10,32 +10,32 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.runs.chunks import Bench, sync_folder, write_through
+from isochrome.runs.chunks import RunFolder, sync_folder, write_through
 from isochrome.runs.store import STORE
-from isochrome.runs.workplace import FINISHED, PROVENANCE, is_finished, sync_tree
+from isochrome.runs.work_folder import FINISHED, PROVENANCE, is_finished, sync_tree
 
 
-def publish(bench: Bench, target: Path) -> None:
+def publish(run: RunFolder, target: Path) -> None:
     """Give finished results their place: by one rename, or file by file into an existing folder.
 
-    Killed in between, the next run goes on with it. Parameters: `bench`; `target`, the output
+    Killed in between, the next run goes on with it. Parameters: `run`; `target`, the output
     folder. Raises OSError.
     """
-    root = bench.records.parent
-    if not is_finished(bench):
-        check_own(target, (entry.name for entry in bench.results.iterdir()))
-        sync_tree(bench.results)
+    root = run.records.parent
+    if not is_finished(run):
+        check_own(target, (entry.name for entry in run.results.iterdir()))
+        sync_tree(run.results)
         write_through(root / FINISHED, b"")
-    if not bench.results.exists():
+    if not run.results.exists():
         pass  # all has its place
     elif target.exists():
-        _clear_old(bench.results, target)
+        _clear_old(run.results, target)
         last = PROVENANCE  # what says that all is there
-        for entry in sorted(bench.results.iterdir(), key=lambda e: (e.name == last, e.name)):
+        for entry in sorted(run.results.iterdir(), key=lambda e: (e.name == last, e.name)):
             _replace(entry, target / entry.name, root)
-        bench.results.rmdir()
+        run.results.rmdir()
     else:
-        os.rename(bench.results, target)
+        os.rename(run.results, target)
     sync_folder(target)
     sync_folder(target.parent)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.output import Floats, numbers
-from isochrome.runs.job import Layout
+from isochrome.runs.job import RunLayout
 
 if TYPE_CHECKING:
     import xarray
@@ -28,7 +28,7 @@ WHOLE = "whole_number"
 _UNITS = ("_per_n", "_n", "_mm", "_px", "_mpa", "_gpa", "_deg", "_um", "_m", "_s", "_nm")
 
 
-def create_store(path: Path, layout: Layout) -> None:
+def create_store(path: Path, layout: RunLayout) -> None:
     """Lay out the store: an array for each layer with named axes, no picture in it yet.
 
     Chunks are plain little-endian float32, so that one that was computed elsewhere is put in its
@@ -52,7 +52,17 @@ def create_store(path: Path, layout: Layout) -> None:
 
 @dataclass(frozen=True)
 class Column:
-    """What is known along some axes of a dataset: `axes`, their names; `values`; `attributes`."""
+    """What is known along some axes of a dataset.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        Names of the axes.
+    values : ndarray
+        The values, an axis each.
+    attributes : mapping
+        Attributes, such as the units.
+    """
 
     axes: tuple[str, ...]
     values: NDArray[Any]
@@ -68,18 +78,33 @@ def add_columns(
     """Add columns, coordinates and attributes to a run's store.
 
     As xarray would, which is not asked, for it takes longer to start than all columns to write.
-    Parameters: `path` of the store; `columns` and `coordinates`, by name; `attributes` of all.
-    Raises OSError.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+    columns : mapping of str to Column
+        The columns, by name.
+    coordinates : mapping of str to Column
+        The coordinates, by name.
+    attributes : mapping
+        Attributes of all.
+
+    Raises
+    ------
+    OSError
+        Where the disk cannot be written or read.
     """
     import zarr
 
     group = zarr.open_group(path, mode="r+", zarr_format=3)
+    nothing = {"T": "", "f": np.nan}  # by the kind of value, else 0
     for name, column in {**coordinates, **columns}.items():
         group.create_array(
             name,
             data=column.values,
             chunks=tuple(max(1, size) for size in column.values.shape),
-            fill_value="" if column.values.dtype.kind == "T" else np.nan if _real(column) else 0,
+            fill_value=nothing.get(column.values.dtype.kind, 0),
             dimension_names=column.axes,
             attributes=dict(column.attributes),
         )
@@ -88,15 +113,24 @@ def add_columns(
     group.attrs.update({**attributes, **({"coordinates": beside} if beside else {})})
 
 
-def _real(column: Column) -> bool:
-    return column.values.dtype.kind == "f"
-
-
 def column(values: Sequence[Any], axis: str, name: str) -> Column:
-    """A table's column: numbers as float64 or int64, all else as text.
+    """Make a table's column: numbers as float64 or int64, all else as text.
 
-    What is not known is NaN, or empty text. Parameters: `values`; `axis` that they lie on; `name`,
-    in which the unit stands.
+    What is not known is NaN, or empty text.
+
+    Parameters
+    ----------
+    values : sequence
+        The values; None = not known.
+    axis : str
+        Name of the axis that they lie on.
+    name : str
+        Name of the column, in which the unit stands.
+
+    Returns
+    -------
+    Column
+        The column, with its units.
     """
     attributes = named_units(name)
     if isinstance(values, Floats):
@@ -112,12 +146,34 @@ def column(values: Sequence[Any], axis: str, name: str) -> Column:
 
 
 def texts(values: Iterable[Any]) -> NDArray[Any]:
-    """A column of texts (n,), empty where one is not known (None)."""
+    """Make a column of texts.
+
+    Parameters
+    ----------
+    values : iterable
+        The values; None = not known.
+
+    Returns
+    -------
+    ndarray of str, shape (n,)
+        The texts, empty where one is not known.
+    """
     return np.array(["" if v is None else str(v) for v in values], dtype=np.dtypes.StringDType())
 
 
 def named_units(name: str) -> dict[str, Any]:
-    """The unit that stands in a name as attributes of its column; none where none does."""
+    """Give the unit that stands in a name as attributes of its column.
+
+    Parameters
+    ----------
+    name : str
+        Name of a key or column, such as `load.normal_n`.
+
+    Returns
+    -------
+    dict
+        The attribute 'units'; empty where no unit stands in the name.
+    """
     units = units_of(name)
     return {} if units is None else {"units": units}
 
@@ -136,8 +192,19 @@ def units_of(name: str) -> str | None:
     return None
 
 
-def values_of(variable: xarray.DataArray) -> list[Any]:
-    """The values that `column` was given; None for what is not known of texts and whole numbers."""
+def column_values(variable: xarray.DataArray) -> list[Any]:
+    """Give the values that `column` was given.
+
+    Parameters
+    ----------
+    variable : xarray.DataArray
+        A column of a dataset.
+
+    Returns
+    -------
+    list
+        The values; None for what is not known of whole numbers.
+    """
     values: list[Any] = variable.values.tolist()
     if variable.attrs.get(WHOLE):
         return [None if np.isnan(v) else int(v) for v in values]
@@ -145,7 +212,18 @@ def values_of(variable: xarray.DataArray) -> list[Any]:
 
 
 def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """A run's identity as attributes of its dataset: numbers and texts, tables as JSON."""
+    """Make attributes of a dataset of a run's identity: numbers and texts, tables as JSON.
+
+    Parameters
+    ----------
+    identity : mapping
+        What the run is a result of, as in a Job.
+
+    Returns
+    -------
+    dict
+        The attributes.
+    """
     found: dict[str, Any] = {"Conventions": "CF-1.11", "source": "Isochrome"}
     for key, value in identity.items():
         if value is None:
@@ -156,20 +234,45 @@ def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def open_run(path: str | Path) -> xarray.Dataset:
-    """The dataset that a run left, read from the disk as it is used.
+    """Open the dataset that a run left, read from the disk as it is used.
 
-    Parameters: `path`, the run's folder, or the run.zarr in it. Returns an xarray.Dataset: the
-    pictures over (frame, row, col), those of a tracked video over (key_frame, row, col), the frame
-    numbers of its key frames; the columns of the table over frame, coordinates z_mm, x_mm,
-    distance_m and time_s; as attributes the resolved scene, hashes of the inputs, version and seed.
-    Raises InputError where no finished run is there.
+    Pictures are over (frame, row, col), those of a tracked video over (key_frame, row, col), the
+    frame numbers of its key frames; the columns of the table are over frame. Coordinates are z_mm,
+    x_mm, distance_m and time_s.
+
+    Parameters
+    ----------
+    path : str or Path
+        The run's folder, or the run.zarr in it.
+
+    Returns
+    -------
+    xarray.Dataset
+        The pictures and columns, with units; as attributes the resolved scene, hashes of the
+        inputs, version and seed.
+
+    Raises
+    ------
+    InputError
+        Where no finished run is there, or it cannot be read.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> found = isochrome.sweep(scene, {"load.normal_n": [60.0]}, "loads")
+    >>> with isochrome.open_run("loads") as run:
+    ...     run.fringe_order.shape
+    (1, 1, 128, 128)
     """
     place = Path(path)
     store = place if place.suffix == ".zarr" else place / STORE
     if not (store / "zarr.json").is_file():
         unfinished = place.with_name(place.name + WORKING).is_dir()
         hint = (
-            "the run is not finished: the command that began it goes on with it"
+            "the run is not finished: run the same command again to resume"
             if unfinished
             else "name a folder that process or sweep left"
         )

@@ -11,6 +11,7 @@ import multiprocessing.queues
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -18,14 +19,13 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
-from isochrome.runs.chunks import Bench, Kept, keep, work_and_keep
+from isochrome.runs.chunks import ChunkRecord, RunFolder, keep
 from isochrome.runs.identity import environment
 from isochrome.runs.job import Results, Work
-from isochrome.runs.memory import give_back, keep_steady
-from isochrome.runs.threads import single_threaded
+from isochrome.runs.memory import keep_steady, trim_heap
 
 T = TypeVar("T")
-Finished = tuple[int, Kept]
+Finished = tuple[int, ChunkRecord]
 
 
 class WorkersLost(InputError):
@@ -36,25 +36,22 @@ class NoCluster(InputError):
     """The Dask cluster cannot be had, whatever is to be computed on it."""
 
 
-def alone(work: Work, bench: Bench, chunks: Sequence[int]) -> Generator[Finished]:
+def alone(work: Work, run: RunFolder, chunks: Sequence[int]) -> Generator[Finished]:
     """Compute chunk after chunk here, while the one before is written to the disk.
 
-    Parameters: `work`; `bench`; `chunks`, their indices. Yields each index with what was kept.
+    Parameters: `work`; `run`; `chunks`, their indices. Yields each index with what was kept.
     """
     with futures.ThreadPoolExecutor(1) as writer, single_threaded():
-        writing: tuple[int, futures.Future[Kept]] | None = None
+        writing: tuple[int, futures.Future[ChunkRecord]] | None = None
         for index in chunks:
             try:
-                results = work(*bench.layout.span(index))
-            except BaseException:
+                results = work(*run.layout.span(index))
+            finally:
                 if writing is not None:  # it is finished, whatever became of this one
                     yield writing[0], writing[1].result()
-                raise
-            if writing is not None:
-                yield writing[0], writing[1].result()
-            writing = index, writer.submit(keep, bench, index, results)
+            writing = index, writer.submit(keep, run, index, results)
             del results  # written, it is let go, while the next is computed
-            give_back()
+            trim_heap()
         if writing is not None:
             yield writing[0], writing[1].result()
 
@@ -76,10 +73,24 @@ class Waiting:
 
 @contextmanager
 def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]:
-    """Worker processes that import what `work` needs, while this one still prepares their task.
+    """Start worker processes that import what `work` needs, while their task is still prepared.
 
-    Parameters: `workers`, how many; `work`, a function that can be imported. Yields Waiting. Raises
-    as `worker_pool`.
+    Parameters
+    ----------
+    workers : int
+        How many.
+    work : callable
+        A function that can be imported.
+
+    Yields
+    ------
+    Waiting
+        The processes.
+
+    Raises
+    ------
+    WorkersLost
+        Where one of them was killed.
     """
     tasks = multiprocessing.get_context("spawn").Queue()
     tasks.cancel_join_thread()  # what nobody has taken keeps nobody here
@@ -92,7 +103,11 @@ def waiting_workers(workers: int, work: Callable[..., Any]) -> Iterator[Waiting]
 
 
 def by_processes(
-    work: Work, bench: Bench, chunks: Sequence[int], workers: int, waiting: Waiting | None = None
+    work: Work,
+    run: RunFolder,
+    chunks: Sequence[int],
+    workers: int,
+    waiting: Waiting | None = None,
 ) -> Generator[Finished]:
     """Compute chunks in worker processes, each of which writes its own to the disk.
 
@@ -102,7 +117,7 @@ def by_processes(
     """
     with ExitStack() as here, _saying_who_is_lost():
         ready = waiting or here.enter_context(waiting_workers(workers, _nothing))
-        ready.begin(work, bench)
+        ready.begin(work, run)
         yield from in_flight(
             lambda index: ready.pool.submit(_alone_in_worker, index), chunks, 2 * ready.workers
         )
@@ -112,11 +127,28 @@ def by_processes(
 def worker_pool(
     workers: int, begin: Callable[..., None], arguments: tuple[Any, ...]
 ) -> Iterator[futures.ProcessPoolExecutor]:
-    """Worker processes, spawned, that ignore the keyboard and end when this process does.
+    """Start worker processes that ignore the keyboard and end when this process does.
 
-    Left by an exception, the block ends them at once, whatever they are at. Parameters: `workers`,
-    how many; `begin`, called with `arguments` in each before its first work. Yields the executor.
-    Raises WorkersLost where one of them was killed.
+    They are spawned. Left by an exception, the block ends them at once, whatever they are at.
+
+    Parameters
+    ----------
+    workers : int
+        How many.
+    begin : callable
+        Called in each before its first work.
+    arguments : tuple
+        What it is called with.
+
+    Yields
+    ------
+    concurrent.futures.ProcessPoolExecutor
+        The executor.
+
+    Raises
+    ------
+    WorkersLost
+        Where one of them was killed.
     """
     before = set(multiprocessing.active_children())
     pool = futures.ProcessPoolExecutor(
@@ -144,13 +176,13 @@ def _saying_who_is_lost() -> Iterator[None]:
         yield
     except futures.process.BrokenProcessPool as error:
         raise WorkersLost(
-            "a worker process was killed, as the system does when memory runs out; the same "
-            "command goes on: give it fewer --workers"
+            "a worker process was killed, as the system does when memory runs out; run the "
+            "same command again to resume, with fewer --workers"
         ) from error
 
 
 def by_cluster(
-    work: Work, bench: Bench, chunks: Sequence[int], address: str
+    work: Work, run: RunFolder, chunks: Sequence[int], address: str
 ) -> Generator[Finished]:
     """Compute chunks on an existing Dask cluster; the results come here and are written here.
 
@@ -165,21 +197,25 @@ def by_cluster(
         ahead = 2 * max(1, sum(client.nthreads().values()))
         expected = environment()
         sent = in_flight(
-            lambda index: executor.submit(
-                _elsewhere, everywhere, bench.layout.span(index), expected
-            ),
+            lambda index: executor.submit(_elsewhere, everywhere, run.layout.span(index), expected),
             chunks,
             ahead,
         )
         try:
             for index, results in sent:
-                yield index, keep(bench, index, results)
+                yield index, keep(run, index, results)
         finally:
             executor.shutdown(wait=False)
 
 
 def processors() -> int:
-    """How many processors this process may use."""
+    """Count the processors that this process may use.
+
+    Returns
+    -------
+    int
+        How many.
+    """
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -188,10 +224,21 @@ def processors() -> int:
 def in_flight(
     submit: Callable[[int], futures.Future[T]], items: Sequence[int], ahead: int
 ) -> Iterator[tuple[int, T]]:
-    """Keep `ahead` of the items submitted, so that memory does not grow with their number.
+    """Keep a few items submitted, so that memory does not grow with their number.
 
-    Parameters: `submit` of one; `items`, their indices; `ahead`. Yields each index with its result
-    in the order of completion.
+    Parameters
+    ----------
+    submit : callable
+        Submits the item of an index and returns its future.
+    items : sequence of int
+        Indices of the items.
+    ahead : int
+        How many are submitted at a time.
+
+    Yields
+    ------
+    tuple
+        Each index with its result, in the order of completion.
     """
     waiting: dict[futures.Future[T], int] = {}
     todo = iter(items)
@@ -235,11 +282,11 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _alone_in_worker(index: int) -> Kept:
-    work, bench = _TASK[0]
+def _alone_in_worker(index: int) -> ChunkRecord:
+    work, run = _TASK[0]
     with single_threaded():
-        kept = work_and_keep(work, bench, index)
-    give_back()
+        kept = keep(run, index, work(*run.layout.span(index)))
+    trim_heap()
     return kept
 
 
@@ -276,3 +323,26 @@ def _client(address: str) -> Iterator[Any]:
         if not client.nthreads():
             raise NoCluster(f"--cluster {address}: the cluster has no worker; start some")
         yield client
+
+
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """Use one BLAS, OpenMP and OpenCV thread inside the block; what was set before, after it.
+
+    A sum over several threads is rounded in another order than over one: results would differ in
+    their last bits between machines. Workers gain nothing from more threads than cores.
+
+    Yields
+    ------
+    None
+        Nothing: the block is single-threaded.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with ExitStack() as stack:
+        stack.enter_context(threadpool_limits(limits=1))
+        cv2 = sys.modules.get("cv2")
+        if cv2 is not None:
+            stack.callback(cv2.setNumThreads, cv2.getNumThreads())
+            cv2.setNumThreads(1)
+        yield

@@ -15,14 +15,29 @@ SEED = 2026
 def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
     """Render all sample images with their scenes, sets, truths and README.
 
-    Parameters: `out`, the folder, made if missing; `seed` of the noise and of the faulty pixels.
-    Returns the folder. The same seed gives the same bytes. Raises InputError where `seed` is
-    negative or `out` cannot be written to; then nothing is left in it.
+    The same seed gives the same bytes.
+
+    Parameters
+    ----------
+    out : str or Path
+        The folder, made if missing.
+    seed : int, default 2026
+        Seed of the noise and of the faulty pixels.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        Where `seed` is negative or `out` cannot be written to; then nothing is left in it.
     """
-    from isochrome.samples.bending import render_bending
-    from isochrome.samples.contact import SCENE, render_contact
-    from isochrome.samples.disc import render_disc
-    from isochrome.samples.texts import CONTACT_FRAMES, README
+    from isochrome.samples.beam_images import render_bending
+    from isochrome.samples.contact_images import SCENE, render_contact
+    from isochrome.samples.disc_images import render_disc
+    from isochrome.samples.sensor import sample_text
 
     if seed < 0:
         raise InputError(f"seed = {seed}, but must be 0 or above")
@@ -36,6 +51,36 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
         ):
             (folder / name).mkdir()
             draw(folder / name, seed)
-        write_text(folder / SCENE / "scene.toml", scene.rstrip() + "\n" + CONTACT_FRAMES)
-        write_text(folder / "README.md", README.replace("@SEED@", str(seed)))
+        frames = sample_text("contact-frames.toml")
+        write_text(folder / SCENE / "scene.toml", scene.rstrip() + "\n" + frames)
+        write_text(folder / "README.md", sample_text("README.md").replace("@SEED@", str(seed)))
     return Path(out)
+
+
+_NAME = "sample_images"
+
+
+def samples_path() -> Path:
+    """Find the folder of the shipped sample images.
+
+    In an installed wheel they lie inside the package; of an editable install they are the
+    repository's.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        Where neither is there.
+    """
+    here = Path(__file__).resolve()
+    for folder in (here.parents[1] / _NAME, here.parents[3] / _NAME):
+        if (folder / "README.md").is_file():
+            return folder
+    raise InputError(
+        f"{here.parents[1] / _NAME}: the sample images are not there; install Isochrome again, or "
+        "render them with 'python -m isochrome.samples OUT' and name that folder"
+    )

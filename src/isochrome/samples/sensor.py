@@ -7,6 +7,7 @@ expression for a pixel's area with the model that is fitted to them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.optics import expose, make_chain, pixel_visibility, polariscope_signal
+from isochrome.output import write_json
 from isochrome.scene import Camera, Polariscope, Scene
 
 Array = NDArray[np.floating]
@@ -80,6 +82,24 @@ def make_sensor(
     """
     places = np.stack([rng.integers(0, n, faulty) for n in shape], axis=1)
     return Sensor(places[: faulty // 2], places[faulty // 2 :], glare)
+
+
+def sample_text(name: str) -> str:
+    """A text among the samples, as a user would have written it beside their own frames."""
+    return (resources.files("isochrome.samples") / "library" / name).read_text("utf-8")
+
+
+def write_truth(folder: Path, seed: int, values: dict[str, Any], sensor: Sensor) -> None:
+    """Write down what was put into the images of a folder, as truth.json.
+
+    Parameters: `folder`; `seed`; `values`, by the scene's keys; the `sensor`, for its faults.
+    """
+    faults: dict[str, Any] = {"dead_row_col": sensor.dead, "hot_row_col": sensor.hot}
+    if sensor.glare is not None:
+        faults["glare_row_col_radius_px"] = sensor.glare
+    origin = "by Isochrome: every value below was put in, none was measured"
+    record = {"rendered": origin, "seed": seed, **values, "camera_faults": faults}
+    write_json(folder / "truth.json", record)
 
 
 def finer(scene: Scene, factor: int) -> Scene:

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.scene.mistakes import check_reach, nearest, validate
-from isochrome.scene.scene import Scene
+from isochrome.scene.validation import check_reach, nearest, validate
+from isochrome.scene.whole import Scene
 
-__all__ = ["dump_scene", "load_scene", "parse_scene", "parse_toml", "read_text", "validate"]
+LIBRARY = resources.files("isochrome.scene") / "library"
+"""The scenes that ship inside the package."""
 
 MAX_BYTES = 1_000_000
 """A settings file of over a megabyte is not one."""
@@ -20,14 +21,35 @@ MAX_BYTES = 1_000_000
 def load_scene(scene: str | Path | Scene) -> Scene:
     """Read a scene: a TOML file's path, or the name of one inside the package.
 
-    Parameters: `scene`, a path, a name such as 'line-contact-wear', or a Scene (returned as it is).
-    Returns the validated Scene. Raises InputError that names the file, key, value and fix.
+    Every key is checked, with its unit and its range; unknown keys are refused.
+
+    Parameters
+    ----------
+    scene : str, Path or Scene
+        A path, a name such as 'line-contact-wear', or a Scene, which is returned as it is.
+
+    Returns
+    -------
+    Scene
+        The validated scene.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or a value is wrong; it names the file, key, value and fix.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("line-contact-wear")
+    >>> scene.model, scene.load.normal_n
+    ('contact', 44.0)
     """
     if isinstance(scene, Scene):
         return scene
     path = Path(scene)
     if str(scene) in scene_names():
-        text = (resources.files("isochrome.scene") / "library" / f"{scene}.toml").read_text("utf-8")
+        text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
         return parse_scene(text, name=str(scene))
     if path.is_dir():
         raise InputError(f"{scene}: is a folder, not a scene file; name the .toml file in it")
@@ -43,31 +65,108 @@ def load_scene(scene: str | Path | Scene) -> Scene:
 def parse_scene(
     text: str, *, name: str = "scene", folder: Path | None = None, label: str | None = None
 ) -> Scene:
-    """Make a scene from TOML text; `label` names it in errors, `folder` anchors its paths."""
+    r"""Make a scene from TOML text.
+
+    The keys are those of a scene's file, and are checked alike.
+
+    Parameters
+    ----------
+    text : str
+        TOML text.
+    name : str, default 'scene'
+        Name of the scene, in titles and messages.
+    folder : Path, optional
+        Folder to which the paths in the scene are relative; by default the working one.
+    label : str, optional
+        What errors call the text; by default `name`.
+
+    Returns
+    -------
+    Scene
+        The validated scene.
+
+    Raises
+    ------
+    InputError
+        Where the text is no TOML or a value is wrong; it names the key, value and fix.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.parse_scene("[specimen]\nthickness_mm = 4.0")
+    >>> scene.specimen.thickness_mm
+    4.0
+    """
     data = parse_toml(text, label or name)
     scene = validate(Scene, data, label or name, reserved=("folder", "name"))
     return scene.model_copy(update={"name": name, "folder": folder})
 
 
 def dump_scene(scene: Scene) -> str:
-    """Write a scene as TOML text; reading it back gives an equal scene."""
+    """Write a scene as TOML text.
+
+    Only what was set is written; reading the text back by the same name gives an equal scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene to write.
+
+    Returns
+    -------
+    str
+        TOML text.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring")
+    >>> text = isochrome.dump_scene(scene)
+    >>> isochrome.parse_scene(text, name=scene.name) == scene
+    True
+    """
     import tomli_w
 
     return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True, exclude_unset=True))
 
 
 def scene_names() -> list[str]:
-    """Names of the scenes that ship inside the package."""
-    folder = resources.files("isochrome.scene") / "library"
-    return sorted(
-        p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml")
-    )
+    """List the names of the scenes that ship inside the package.
+
+    Each of them may stand wherever a scene is asked for.
+
+    Returns
+    -------
+    list of str
+        The names, in alphabetical order.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> isochrome.scene_names()
+    ['line-contact-wear', 'ring']
+    """
+    names = (file.name for file in LIBRARY.iterdir())
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def read_text(path: Path) -> str:
-    """Text of a settings file, without the mark that some editors begin UTF-8 with.
+    """Read the text of a settings file, without the mark that some editors begin UTF-8 with.
 
-    Raises InputError where it is missing, too large or not UTF-8.
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    str
+        Its text.
+
+    Raises
+    ------
+    InputError
+        Where it is missing, too large or not UTF-8.
     """
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -80,7 +179,25 @@ def read_text(path: Path) -> str:
 
 
 def parse_toml(text: str, label: str) -> dict[str, Any]:
-    """TOML text as a dictionary; InputError with the line where it is not TOML."""
+    """Read TOML text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    label : str
+        Name of the file, in messages.
+
+    Returns
+    -------
+    dict
+        Its tables.
+
+    Raises
+    ------
+    InputError
+        Where it is not TOML, with the line.
+    """
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits

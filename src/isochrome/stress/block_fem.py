@@ -18,8 +18,12 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.stress.field import StressComponents
-from isochrome.stress.hats import Floats
-from isochrome.stress.point_force import PointForce, point_force_displacement, point_force_stress
+from isochrome.stress.half_plane.hats import Floats
+from isochrome.stress.half_plane.point_force import (
+    PointForce,
+    point_force_displacement,
+    point_force_stress,
+)
 
 _GROWTH = 0.15
 """Growth of the lines' distance with that from the contact or a corner: with it and the distances
@@ -30,7 +34,21 @@ the contact."""
 
 
 class Sides(NamedTuple):
-    """A block by its sides (mm) from the contact's place, its Poisson's ratio, its support."""
+    """A block by its sides from the contact's place, and how it is held.
+
+    Parameters
+    ----------
+    left : float
+        Place of the left side (mm), negative.
+    right : float
+        Place of the right side (mm).
+    height : float
+        Depth of the support (mm).
+    poisson : float
+        Poisson's ratio of the block.
+    sliding : bool
+        Whether the support carries no shear.
+    """
 
     left: float
     right: float
@@ -45,7 +63,19 @@ class Sides(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """A correction at Gauss points: places `x`, `z` (n,), their `area` (mm²), and the stress."""
+    """A correction at the Gauss points of a mesh.
+
+    Parameters
+    ----------
+    x : ndarray (n,)
+        Places along the surface from the contact (mm).
+    z : ndarray (n,)
+        Depths (mm).
+    area : ndarray (n,)
+        Area that each point stands for (mm²).
+    stress : StressComponents
+        The correction's stress there (MPa).
+    """
 
     x: Floats
     z: Floats
@@ -62,17 +92,35 @@ def load_skfem() -> ModuleType:
             "specimen.shape = 'block' needs the package scikit-fem, which is not installed; run "
             "'pip install isochrome[fem]', or leave the shape out for a half-plane"
         ) from error
-    return skfem
+    result: ModuleType = skfem
+    return result
 
 
 def corrections(
     sides: Sides, forces: Iterable[PointForce], *, within_mm: float, refine: float = 1.0
 ) -> list[Sampled]:
-    """What the block adds to the half-plane's stress under each force, near the contact.
+    """Compute what a block adds to the half-plane's stress under each force, near the contact.
 
-    Parameters: `sides`; `forces`; `within_mm`, radius about the contact in which it is wanted;
-    `refine`, factor on the number of the mesh's lines. Returns a Sampled each. Raises InputError
-    where scikit-fem is not installed.
+    Parameters
+    ----------
+    sides : Sides
+        The block.
+    forces : iterable of PointForce
+        The forces, at the contact's place.
+    within_mm : float
+        Radius about the contact in which the correction is wanted (mm).
+    refine : float, default 1.0
+        Factor on the number of the mesh's lines.
+
+    Returns
+    -------
+    list of Sampled
+        The correction of each force.
+
+    Raises
+    ------
+    InputError
+        Where scikit-fem is not installed.
     """
     fem = load_skfem()
     from scipy.sparse.linalg import splu
@@ -109,7 +157,8 @@ def _graded(smallest: dict[float, float], refine: float) -> Floats:
     density = refine / np.minimum(distance, _WIDEST * np.ptp(places))
     count = np.r_[0.0, np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(fine))]
     steps = np.linspace(0.0, count[-1], max(4, int(np.ceil(count[-1]))) + 1)
-    return np.interp(steps, count, fine)
+    result: Floats = np.interp(steps, count, fine)
+    return result
 
 
 def _stress(strain: Any, poisson: float) -> Any:

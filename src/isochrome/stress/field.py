@@ -14,7 +14,17 @@ StressDifference = NDArray[np.complexfloating]
 
 @dataclass(frozen=True)
 class StressComponents:
-    """Plane stress components on a pixel grid (rows, cols), MPa, tension positive."""
+    """Plane stress components on a pixel grid, MPa, tension positive.
+
+    Parameters
+    ----------
+    sigma_x : ndarray (rows, cols)
+        Normal stress along the surface (MPa).
+    sigma_z : ndarray (rows, cols)
+        Normal stress across it (MPa).
+    tau_xz : ndarray (rows, cols)
+        Shear stress (MPa).
+    """
 
     sigma_x: Floats
     sigma_z: Floats
@@ -44,10 +54,19 @@ class StressComponents:
 
 
 def principal_direction(difference: StressDifference) -> Floats:
-    """Direction of sigma_1, counter-clockwise from the image's +x as the camera sees it.
+    """Find the direction of sigma_1, counter-clockwise from the image's +x as the camera sees it.
 
     Equation: tan 2φ = 2 tau_xz / (sigma_x - sigma_z) from x towards z; since z points down in the
-    image, θ = -φ. Parameters: `difference` (rows, cols), MPa. Returns θ (rows, cols), rad, in
-    (-π/2, π/2]. Source: Timoshenko & Goodier (1970), section 9.
+    image, θ = -φ. Source: Timoshenko & Goodier (1970), section 9.
+
+    Parameters
+    ----------
+    difference : complex ndarray (rows, cols)
+        Stress difference (sigma_x - sigma_z) + 2i tau_xz (MPa).
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        Direction θ (rad), in (-π/2, π/2].
     """
     return np.asarray(-0.5 * np.angle(difference), dtype=float)

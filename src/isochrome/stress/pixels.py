@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.scene import Scene
+from isochrome.scene import Camera, Scene
+from isochrome.stress.lens import Lens
 
 Floats = NDArray[np.floating]
 
 MAX_PIXELS = 100_000_000
+
+_STEP = 16
+"""Pixels by which the grid around a picture grows."""
+_ROOM = 4
+"""Pixels that it has beyond what is looked at: a spline's ends are felt no farther."""
 
 MAX_REACH_MM = 1e6
 """A kilometre: no picture of a specimen, and its pixels' places are still told to a nanometre."""
@@ -20,10 +27,25 @@ MAX_REACH_MM = 1e6
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Square pixels of `pixel_mm`; pixel centres at left_mm + (col+1/2) pixel_mm, and so in z.
+    """Square pixels; their centres lie at left_mm + (col+1/2) pixel_mm, and so in z.
 
-    `left_mm` and `top_mm` are outer edges: x from the centre of the contact (or of the disc or
-    beam), z below the surface (or below the top of the disc or beam).
+    Parameters
+    ----------
+    rows : int
+        Count of rows.
+    cols : int
+        Count of columns.
+    left_mm : float
+        Outer edge of the first column (mm), x from the centre of the contact (or of the disc, ring
+        or beam).
+    top_mm : float
+        Outer edge of the first row (mm), z below the surface (or below the top of the disc, ring or
+        beam).
+    pixel_mm : float
+        Edge of a pixel (mm).
+    lens : Lens, optional
+        How the camera looks where it is not square; then left_mm and top_mm are places in the
+        picture, and a pixel looks elsewhere, see `places`.
     """
 
     rows: int
@@ -31,6 +53,7 @@ class PixelGrid:
     left_mm: float
     top_mm: float
     pixel_mm: float
+    lens: Lens | None = None
 
     @property
     def x_mm(self) -> Floats:
@@ -42,9 +65,37 @@ class PixelGrid:
         """Centres of the rows (rows,), mm, below the surface."""
         return self.top_mm + self.pixel_mm * (np.arange(self.rows) + 0.5)
 
+    @property
+    def places(self) -> tuple[Floats, Floats]:
+        """x and z (mm) that the pixels look at, of shapes that broadcast to (rows, cols)."""
+        return (self.x_mm[None, :], self.z_mm[:, None]) if self.lens is None else _looked_at(self)
+
+    def place(self, row: int, col: int) -> tuple[float, float]:
+        """x and z (mm) that one pixel looks at."""
+        x, z = (np.broadcast_to(v, (self.rows, self.cols))[row, col] for v in self.places)
+        return float(x), float(z)
+
+    def around(self) -> PixelGrid:
+        """A plain grid of the same pixels around all places that are looked at: itself, or more.
+
+        A row of it lies half a pixel below the surface, and it grows by steps, so that a lens that
+        changes little is served by the same one.
+        """
+        if self.lens is None:
+            return self
+        (x, z), unit = self.places, _STEP * self.pixel_mm
+        reach = np.array([[x.min(), x.max()], [z.min(), z.max()]]) / unit
+        low = unit * np.floor(reach[:, 0] - _ROOM / _STEP)
+        size = np.ceil(reach[:, 1] + _ROOM / _STEP) * unit - low
+        cols, rows = np.rint(size / self.pixel_mm).astype(int).tolist()
+        return PixelGrid(rows, cols, float(low[0]), float(low[1]), self.pixel_mm)
+
     def every(self, stride: int) -> PixelGrid:
         """The grid of the pixels image[::stride, ::stride]: the same centres, fewer of them."""
         shift = 0.5 * (stride - 1) * self.pixel_mm
+        lens = self.lens and replace(
+            self.lens, right_mm=self.lens.right_mm + shift, down_mm=self.lens.down_mm + shift
+        )
         return replace(
             self,
             rows=-(-self.rows // stride),
@@ -52,16 +103,42 @@ class PixelGrid:
             left_mm=self.left_mm - shift,
             top_mm=self.top_mm - shift,
             pixel_mm=self.pixel_mm * stride,
+            lens=lens,
         )
 
 
-def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
-    """The pixel grid of a scene's camera.
+@lru_cache(maxsize=2)
+def _looked_at(pixels: PixelGrid) -> tuple[Floats, Floats]:
+    """The places of a grid with a lens; the last ones are kept."""
+    lens = pixels.lens
+    assert lens is not None
+    middle = pixels.left_mm + lens.right_mm, pixels.top_mm + lens.down_mm
+    x, z = lens.looked_at(pixels.x_mm[None, :] - middle[0], pixels.z_mm[:, None] - middle[1])
+    return x + middle[0], z + middle[1]
 
-    Parameters: `scene`, with [camera]; `shape` (rows, cols) where the camera does not give it.
-    The place defaults to the contact (or disc, beam) in the middle of the width, the surface at
-    the top (a disc or beam in the middle of the height). Returns a PixelGrid. Raises InputError on
-    a missing key or a picture too large.
+
+def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
+    """Make the pixel grid of a scene's camera.
+
+    The place defaults to the contact (or disc, ring, beam) in the middle of the width, the surface
+    at the top (a disc, ring or beam in the middle of the height).
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, with [camera].
+    shape : tuple of two ints, optional
+        Rows and columns where the camera does not give them.
+
+    Returns
+    -------
+    PixelGrid
+        The camera's pixels.
+
+    Raises
+    ------
+    InputError
+        Where a key is missing, or the picture too large.
     """
     camera = scene.camera
     if camera is None:
@@ -81,8 +158,7 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
     if left is None:
         left = -0.5 * cols * camera.pixel_mm
     if top is None:
-        height = scene.specimen.diameter_mm if scene.model == "disc" else None
-        height = scene.specimen.height_mm if scene.model == "beam" else height
+        height = scene.body_height_mm
         top = 0.0 if height is None else 0.5 * (height - rows * camera.pixel_mm)
     reach = max(abs(left), abs(top)) + max(rows, cols) * camera.pixel_mm
     if reach > MAX_REACH_MM:
@@ -91,4 +167,22 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
             f"{camera.pixel_mm:g}, camera.left_mm = {left:g}, camera.top_mm = {top:g}), and "
             f"{MAX_REACH_MM:g} mm are allowed; give them in mm"
         )
-    return PixelGrid(rows, cols, left, top, camera.pixel_mm)
+    return PixelGrid(rows, cols, left, top, camera.pixel_mm, _lens(camera, rows, cols))
+
+
+def _lens(camera: Camera, rows: int, cols: int) -> Lens | None:
+    """The lens of a picture, None where the camera is square to the specimen and has none."""
+    if not any((camera.roll_deg, camera.distortion, camera.keystone_x, camera.keystone_z)):
+        return None
+    assert camera.pixel_mm is not None
+    width, height = 0.5 * cols * camera.pixel_mm, 0.5 * rows * camera.pixel_mm
+    return Lens(
+        right_mm=width,
+        down_mm=height,
+        half_width_mm=width,
+        half_height_mm=height,
+        roll_deg=camera.roll_deg,
+        distortion=camera.distortion,
+        keystone_x=camera.keystone_x,
+        keystone_z=camera.keystone_z,
+    )

@@ -1,0 +1,5 @@
+"""The material fringe value from a beam or a disc, and colour tables from colour images."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,36 @@
+from .beam.api import bending_from_shots, calibrate_bending
+from .colour.api import ColourCalibration, calibrate_colour
+from .colour.settings import ColourSet
+from .disc.api import calibrate_disc, disc_from_shots
+from .disc.disc_rim import Circle, find_rim, fit_circle
+from .folder import save_calibration
+from .result import Calibration, ImageFit
+from .scene_file import check_scene_file, write_into_scene
+from .settings import Beam, CalibrationSet, Disc, LoadedImage, Uncertainty, load_set
+from .shot import Shot, as_shots
+
+__all__ = [
+    "Beam",
+    "Calibration",
+    "CalibrationSet",
+    "Circle",
+    "ColourCalibration",
+    "ColourSet",
+    "Disc",
+    "ImageFit",
+    "LoadedImage",
+    "Shot",
+    "Uncertainty",
+    "as_shots",
+    "bending_from_shots",
+    "calibrate_bending",
+    "calibrate_colour",
+    "calibrate_disc",
+    "check_scene_file",
+    "disc_from_shots",
+    "find_rim",
+    "fit_circle",
+    "load_set",
+    "save_calibration",
+    "write_into_scene",
+]

@@ -1,0 +1,1 @@
+"""The fringe value from four-point bending."""

@@ -1,0 +1,1 @@
+"""A colour table from the lab's own images."""

@@ -1,0 +1,1 @@
+"""The fringe value from a disc under diametral compression."""

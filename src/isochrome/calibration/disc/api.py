@@ -1,0 +1,209 @@
+"""Material fringe value from a disc under diametral compression.
+
+At the centre sigma1 - sigma2 = 8 P/(pi D d), so that N = (8/(pi D f_sigma)) P + N0: the thickness
+d cancels, and an order N0 that stays at zero load (residual stress) does not touch the slope.
+Elsewhere in the disc residual stress adds as a tensor: see `disc_residual`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibration.budget import Input, uncertainty_budget
+from isochrome.calibration.channels import calibrate_channels
+from isochrome.calibration.disc.disc_fit import fit_disc
+from isochrome.calibration.disc.disc_forms import (
+    FEWEST_LOADS,
+    fit_disc_images,
+    own_unknowns,
+    plain_fit,
+    unloaded_beside,
+)
+from isochrome.calibration.disc.disc_joint_result import joint_images, residual_of
+from isochrome.calibration.disc.disc_misfit import slope_misfit
+from isochrome.calibration.disc.disc_rim import Circle
+from isochrome.calibration.disc.disc_starts import check_scans, choose_centre_orders, scan_disc
+from isochrome.calibration.disc.order_slope import fit_rise, overlay, rise_with_load
+from isochrome.calibration.result import Calibration, ImageFit
+from isochrome.calibration.settings import CalibrationSet, Disc, Uncertainty, load_set
+from isochrome.calibration.shot import Shot, by_load, unused
+from isochrome.errors import PhysicsError
+
+Array = NDArray[np.float64]
+
+BARELY = 1.05
+"""Pooled chi up to which the closed form is taken to describe the single images."""
+
+FROM_RISE = (
+    "the closed form of a disc does not describe the single images (residual stress, bubbles, or "
+    "other loads than two opposite points): f_sigma is from the rise of the order with load at "
+    "every pixel, and the order at zero load is known up to a whole order"
+)
+
+
+def calibrate_disc(source: str | Path | CalibrationSet) -> Calibration:
+    """Calibrate the material fringe value from images of a disc under diametral compression.
+
+    The whole field of orders is fitted to each image; at the centre N = 8 P/(pi D f_sigma) under
+    the load P. f_sigma is found from the line of the images' orders over their loads, free of
+    residual stress, which stays at zero load.
+
+    Parameters
+    ----------
+    source : str, Path or CalibrationSet
+        A calibration set (TOML path or CalibrationSet) with [disc].
+
+    Returns
+    -------
+    Calibration
+        The fringe value (N/mm per fringe) with its standard uncertainty; its order at zero load is
+        at the centre.
+
+    Raises
+    ------
+    InputError
+        Where the set or a file is wrong.
+    PhysicsError
+        Where the images do not determine the value.
+
+    Notes
+    -----
+    D is the disc's diameter (mm). Source: Dally & Riley (1991), Experimental Stress Analysis,
+    section 12.2; Timoshenko & Goodier (1970), Theory of Elasticity, art. 41.
+
+    Examples
+    --------
+    Half a minute:
+
+    >>> import isochrome
+    >>> from isochrome.samples import samples_path
+    >>> isochrome.calibrate_disc(samples_path() / "disc" / "set.toml")  # doctest: +SKIP
+    Calibration from 3 images of a disc
+      fringe_value_n_per_mm  14.599 ± 0.044
+      chi                    0.994
+      order_at_zero_load     -0.000125 ± 0.000056
+    """
+    given = load_set(source, specimen="disc")
+    disc = given.disc
+    assert disc is not None
+    return calibrate_channels(
+        given, lambda shots: disc_from_shots(shots, disc, uncertainty=given.uncertainty)
+    )
+
+
+def disc_from_shots(
+    shots: Sequence[Shot], disc: Disc, *, uncertainty: Uncertainty | None = None
+) -> Calibration:
+    """`calibrate_disc` on shots, see `as_shots`.
+
+    Parameters
+    ----------
+    shots : sequence of Shot
+        Prepared frames with their loads; one at least is loaded.
+    disc : Disc
+        The disc's sizes, mm.
+    uncertainty : Uncertainty, optional
+        Standard uncertainties of the inputs.
+
+    Returns
+    -------
+    Calibration
+        The fringe value (N/mm per fringe) with its standard uncertainty.
+
+    Raises
+    ------
+    InputError
+        Where no shot has a load.
+    PhysicsError
+        Where the images do not determine the value.
+    """
+    loaded, idle = by_load(shots)
+    said = unused(idle, "; the order at zero load is from the loaded images' line")
+    found = _find(loaded, idle, disc)
+    if found.from_rise:
+        said = (FROM_RISE, *said)
+    if found.residual is not None:
+        size, form = found.residual["largest_order"], found.residual["form"]
+        said = (
+            f"residual stress up to {size:.2f} fringe is fitted ({form}); f_sigma is free of it",
+        )
+    known = uncertainty or Uncertainty()
+    inputs = (
+        Input("load", known.load_percent, "%", 0.01),
+        Input("diameter", known.diameter_mm, "mm", 1.0 / disc.diameter_mm),
+        Input("thickness", known.thickness_mm, "mm", 0.0),
+        *([Input("model misfit", 100.0 * found.misfit, "%", 0.01)] if found.misfit > 0 else []),
+    )
+    factor = 8.0 / (np.pi * disc.diameter_mm)
+    result = uncertainty_budget(
+        "disc", found.images, factor, inputs, covariance=found.covariance, said=said
+    )
+    return replace(result, residual=found.residual)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The images' fits, their orders' `covariance`, the slope's relative `misfit`, the residual,
+    and whether the orders are `from_rise`, see `fit_rise`.
+    """
+
+    images: Sequence[ImageFit]
+    covariance: Array | None = None
+    misfit: float = 0.0
+    residual: dict[str, Any] | None = None
+    from_rise: bool = False
+
+
+def _find(loaded: Sequence[Shot], idle: Sequence[Shot], disc: Disc) -> _Found:
+    """The loaded images' orders, each by itself, all together, or from their rise with the load."""
+    scans = [scan_disc(shot) for shot in loaded]
+    circles = [s.circle for s in scans]
+    overlaid = overlay(loaded, circles)
+    rise = rise_with_load(overlaid)
+    clear = rise if rise is not None and rise.clear else None
+    orders = choose_centre_orders(
+        scans, [s.load_n for s in loaded], rise_per_n=clear.slope if clear else None
+    )
+    try:
+        images = [
+            fit_disc(shot, scan.circle, scan.starts(order), disc)
+            for shot, scan, order in zip(loaded, scans, orders, strict=True)
+        ]
+    except PhysicsError:
+        own = np.stack([s.starts(o)[0] for s, o in zip(scans, orders, strict=True)])
+        found = _together(loaded, idle, own, circles, disc)
+        if found is not None:
+            return found
+        if clear is None:
+            check_scans(scans, loaded)
+            raise
+        return _Found(fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm), from_rise=True)
+    if np.mean([i.chi**2 for i in images]) <= BARELY**2:
+        return _Found(images)
+    own = own_unknowns(images)
+    found = _together(loaded, idle, own, circles, disc)
+    return found or _Found(images, misfit=slope_misfit(plain_fit(loaded, own)[0]))
+
+
+def _together(
+    loaded: Sequence[Shot],
+    idle: Sequence[Shot],
+    own: Array,
+    circles: Sequence[Circle],
+    disc: Disc,
+) -> _Found | None:
+    """All images with one residual stress; None where there are too few loads, or there is none."""
+    shots = [*loaded, *idle]
+    if np.unique([s.load_n for s in shots]).size < FEWEST_LOADS:
+        return None
+    joint = fit_disc_images(shots, unloaded_beside(np.pad(own, ((0, len(idle)), (0, 0)))))
+    if joint is None:
+        return None
+    images, covariance = joint_images(joint, [c.radius for c in circles], disc.diameter_mm)
+    return _Found(images, covariance, slope_misfit(joint), residual_of(joint, disc.diameter_mm))

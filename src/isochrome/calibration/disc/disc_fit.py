@@ -1,0 +1,115 @@
+"""One image of a loaded disc: the whole field by least squares on its intensities."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibration.disc.disc_field import (
+    DiscPixels,
+    disc_image,
+    disc_mask,
+    disc_order,
+    disc_view,
+    squared_wave,
+    thin_grid,
+)
+from isochrome.calibration.disc.disc_rim import Circle
+from isochrome.calibration.disc.order_slope import FEWEST_LOADS
+from isochrome.calibration.result import ImageFit
+from isochrome.calibration.settings import Disc
+from isochrome.calibration.shot import Shot
+from isochrome.errors import PhysicsError
+from isochrome.estimation import ALIKE_CHI, IntensityFit, SeveralStarts, smooth_starts
+
+Array = NDArray[np.float64]
+
+PIXELS = 80_000
+"""Pixels of the square about the disc that are fitted."""
+
+FEWEST = 0.5
+"""Centre order at the least."""
+
+EXPLAINED = 0.6
+"""Share of an image's variation that the model must explain at least."""
+
+
+def fit_disc(shot: Shot, circle: Circle, starts: Array, disc: Disc) -> ImageFit:
+    """Fit one image's whole field: centre order, centre, radius and load direction.
+
+    Parameters: `circle`, the rim as found; `starts` (m, 5), see `disc_order`; `disc`, its sizes.
+    Returns the ImageFit, its order at the centre. Raises PhysicsError for too low an order, one
+    that is ambiguous, or a fit that did not converge.
+    """
+    grid = thin_grid(shot.light.shape, circle, PIXELS)
+    start, ambiguous = starts, False
+    for within in (0.75, 0.97):
+        found = _fit(shot, grid, start, within)
+        rivals = [m for m in found.others if abs(m.values[0] - found.best.values[0]) > 0.1]
+        ambiguous |= any(m.chi < ALIKE_CHI * found.best.chi for m in rivals)
+        _check_explained(shot, found.best)
+        start = found.best.values[None, :]
+    best = found.best
+    _check(shot, best, ambiguous)
+    return disc_image(
+        shot,
+        best.values,
+        circle.radius,
+        spread=float(best.standard_uncertainty[0]),
+        chi=best.chi,
+        view=disc_view(
+            shot, grid, best.values, disc.diameter_mm,
+            model=best.model, residual=best.residual, order=disc_order(grid, best.values),
+        ),
+    )  # fmt: skip
+
+
+def _check_explained(shot: Shot, best: IntensityFit) -> None:
+    """Refuse a fit that leaves most of an image's variation: another basin, or no such disc."""
+    used = np.isfinite(best.residual)
+    image = (best.residual + best.illumination_map * best.signal + best.background_map)[used]
+    explained = 1.0 - float(np.var(best.residual[used]) / np.var(image))
+    if explained < EXPLAINED:
+        raise PhysicsError(
+            f"{shot.name}: a loaded disc's fringes explain {explained:.0%} of its intensities; "
+            "check the field (dark or bright), that the loads press along the image's columns, "
+            f"and that the disc is free of stress at no load, or give {FEWEST_LOADS} loads or more"
+        )
+
+
+def _check(shot: Shot, best: IntensityFit, ambiguous: bool) -> None:
+    order, spread = float(best.values[0]), float(best.standard_uncertainty[0])
+    if order < FEWEST:
+        raise PhysicsError(
+            f"{shot.name}: a centre order of {order:.2f} is too low to calibrate from; raise the "
+            "load until the order at the centre is one at least"
+        )
+    if ambiguous:
+        raise PhysicsError(
+            f"{shot.name}: two centre orders near {order:.2f} explain it equally well; add images "
+            "at other loads, or use frames.roi to show the disc larger"
+        )
+    if not best.converged or not best.positive or spread > 0.2 * order:
+        raise PhysicsError(
+            f"{shot.name}: the fringes could not be fitted; check the field (dark or bright), the "
+            "focus, and that the loads press along the columns of the image"
+        )
+
+
+def _fit(shot: Shot, grid: DiscPixels, starts: Array, within: float) -> SeveralStarts:
+    """One stage of the fit: the mask follows the best start."""
+    pick, first = grid.pick, starts[0]
+    radius = first[3]
+    reach = np.array([0.5, 0.1 * radius, 0.1 * radius, 0.1 * radius, np.radians(6.0)])
+    return smooth_starts(
+        shot.light[pick],
+        lambda p: squared_wave(np.pi * disc_order(grid, p), shot.bright),
+        starts,
+        light=shot.lamp(*pick),
+        mask=shot.valid[pick] & disc_mask(grid, first, within=within),
+        sigma=shot.sigma[pick],
+        scale=np.array([0.2, 0.02 * radius, 0.02 * radius, 0.02 * radius, 0.05]),
+        lower=starts.min(axis=0) - reach,
+        upper=starts.max(axis=0) + reach,
+        refine=min(3, len(starts)),
+    )

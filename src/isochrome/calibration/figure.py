@@ -1,0 +1,183 @@
+"""The picture of a calibration: image beside fit and residual, order in space and over load."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibration.result import CUTS, Calibration, Cut, ImageFit, View
+from isochrome.figures import (
+    DIFFERENCE_MAP,
+    FRAME_MAP,
+    LINE_COLOURS,
+    new_figure,
+    show_image,
+    style_axes,
+)
+from isochrome.output import with_uncertainty
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+MOST_ROWS = 4
+"""Images that are shown, spread over the loads."""
+
+LARGEST_PX = 400
+"""Rows or columns of an image that are drawn."""
+
+
+def calibration_figure(calibration: Calibration) -> Figure:
+    """Draw a calibration: for up to four images the frame, the fit, the residual in units of the
+    noise and a cut through intensity and order; below, order against load with its line.
+
+    Parameters: `calibration`. Returns a Matplotlib Figure; save it with `output.write_figure`.
+    """
+    shown = _spread([i for i in calibration.images if i.view is not None])
+    tall = CUTS[calibration.specimen].row_inches
+    figure = new_figure(13.0, tall * len(shown) + 4.2)
+    halves: Any = figure.subfigures(2, 1, height_ratios=[tall * len(shown), 3.8])
+    upper, lower = halves
+    panels = upper.subplots(len(shown), 4, squeeze=False, width_ratios=[1, 1, 1.2, 1.7])
+    limit = _residual_limit([i.view for i in shown if i.view is not None])
+    for axes, item in zip(panels, shown, strict=True):
+        _image_row(list(axes), item, CUTS[calibration.specimen], limit)
+    line, misfit, budget = lower.subplots(1, 3, width_ratios=[1.5, 1, 1.2])
+    _line(line, calibration)
+    _misfit(misfit, calibration)
+    _budget(budget, calibration)
+    value = with_uncertainty(calibration.fringe_value_n_per_mm, calibration.standard_uncertainty)
+    order = calibration.order_at_zero_load
+    rest = "" if order is None else f"    order at zero load {round(order, 3) + 0.0:+.3f}"
+    if calibration.residual is not None:
+        rest += f"    residual stress up to {calibration.residual['largest_order']:.2f} fringe"
+    figure.suptitle(
+        f"f$_\\sigma$ = {value} N/mm per fringe    $\\chi$ = {calibration.chi:.2f}{rest}",
+        fontsize=14,
+        x=0.01,
+        ha="left",
+    )
+    return figure
+
+
+def _digits(spread: float) -> int:
+    """Decimals that show two digits of an uncertainty."""
+    return max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
+
+
+def _spread(images: list[ImageFit]) -> list[ImageFit]:
+    ranked = sorted(images, key=lambda i: i.load_n)
+    count = len(ranked)
+    return [ranked[round(k)] for k in np.linspace(0, count - 1, min(count, MOST_ROWS))]
+
+
+def _residual_limit(views: list[View]) -> float:
+    sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
+    return float(max([4.0, *sizes]))
+
+
+def _image_row(axes: list[Any], item: ImageFit, where: Cut, limit: float) -> None:
+    view = item.view
+    assert view is not None
+    low, high = (float(v) for v in np.nanpercentile(view.image, [0.5, 99.8]))
+    grey: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": low, "vmax": high}
+    maps = (
+        (view.image, f"{item.load_n:.4g} N, captured", grey),
+        (view.model, "fitted", grey),
+        (
+            view.residual / view.sigma,
+            f"residual, $\\chi$ = {item.chi:.2f}",
+            {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit, "colour_label": "noise sigmas"},
+        ),
+    )
+    for axis, (image, title, options) in zip(axes, maps, strict=False):
+        small, pixel = _square(image, view.pixel_mm)
+        show_image(axis, small, pixel_mm=pixel, title=title, **options)
+    cut = axes[3]
+    place, light, model, orders = (
+        view.along_cut(v) for v in (view.position_mm, view.image, view.model, view.order)
+    )
+    cut.plot(place, light, ".", ms=2, color="0.6", label="captured")
+    cut.plot(place, model, "-", lw=1, color="0.1", label="fitted")
+    twin = cut.twinx()
+    twin.plot(place, orders, "-", lw=1.4, color=LINE_COLOURS[1])
+    twin.set_ylim(bottom=0)
+    style_axes(twin, z_label="order N")
+    twin.yaxis.label.set_color(LINE_COLOURS[1])
+    order = f"{item.order:.{min(5, _digits(item.standard_uncertainty))}f}"
+    title = f"N = {order} at the {where.place} (dots captured, line fitted)"
+    style_axes(cut, x_label=where.along, z_label="intensity", title=title)
+
+
+def _square(image: Array, pixel_mm: tuple[float, float]) -> tuple[Array, float]:
+    """An image with square pixels and few enough of them to draw."""
+    tall, wide = pixel_mm
+    rows = max(1, round(wide / tall))
+    step = max(1, int(np.ceil(max(image.shape[0] / rows, image.shape[1]) / LARGEST_PX)))
+    return image[:: rows * step, ::step], wide * step
+
+
+def _line(axes: Any, calibration: Calibration) -> None:
+    loads = np.array([i.load_n for i in calibration.images])
+    orders = np.array([i.order for i in calibration.images])
+    rest = calibration.order_at_zero_load or 0.0
+    reach = np.array([0.0, loads.max() * 1.05])
+    axes.plot(reach, calibration.slope_per_n * reach + rest, "-", color="0.3", lw=1)
+    axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label="from its image")
+    known = [i for i in calibration.images if i.predicted_order is not None]
+    if known:
+        places = [i.load_n for i in known], [i.predicted_order for i in known]
+        said = "predicted by the other loads"
+        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label=said)
+        axes.legend(frameon=False, fontsize=9, loc="upper left")
+    if calibration.order_at_zero_load is not None:
+        axes.plot(0.0, rest, "s", color=LINE_COLOURS[1], ms=5)
+        text = f"{rest:+.4f} at zero load"
+        axes.annotate(text, (0.0, rest), (8, -3), textcoords="offset points", va="top", fontsize=9)
+    axes.set_xlim(0.0 - 0.02 * reach[1], reach[1])
+    axes.margins(y=0.12)
+    axes.axhline(0.0, color="0.8", lw=0.7, zorder=0)
+    where = CUTS[calibration.specimen].place
+    title = f"{calibration.slope_per_n:.6g} fringes per N"
+    style_axes(axes, x_label="load (N)", z_label=f"order at the {where}", title=title)
+
+
+def _misfit(axes: Any, calibration: Calibration) -> None:
+    """What is left of each order beside its prediction from the other loads, or the line."""
+    rest = calibration.order_at_zero_load or 0.0
+    images = calibration.images
+    known = all(i.predicted_order is not None for i in images)
+    away = np.array(
+        [
+            i.order - (calibration.slope_per_n * i.load_n + rest if i.predicted_order is None
+                       else i.predicted_order)
+            for i in images
+        ]
+    )  # fmt: skip
+    spread = np.array([i.standard_uncertainty for i in images])
+    milli = float(np.max(np.abs(away) + spread)) < 0.02
+    scale = 1000.0 if milli else 1.0
+    axes.errorbar(
+        [i.load_n for i in images], scale * away, scale * spread, fmt="o", ms=4,
+        color=LINE_COLOURS[0],
+    )  # fmt: skip
+    axes.axhline(0.0, color="0.6", lw=0.8)
+    title = f"measured minus {'predicted' if known else 'line'}"
+    axes.margins(x=0.15)
+    unit = "10⁻³ fringe" if milli else "fringes"
+    style_axes(axes, x_label="load (N)", z_label=unit, title=title)
+
+
+def _budget(axes: Any, calibration: Calibration) -> None:
+    items = [b for b in calibration.budget if b.contribution_n_per_mm > 0][::-1]
+    axes.barh([b.name for b in items], [b.contribution_n_per_mm for b in items], height=0.6,
+              color=LINE_COLOURS[0])  # fmt: skip
+    for place, item in enumerate(items):
+        axes.text(item.contribution_n_per_mm, place, f" {item.share:.0%}", va="center", fontsize=9)
+    axes.margins(x=0.2)
+    axes.set_ylim(-0.6, max(len(items), 3) - 0.4)
+    axes.locator_params(axis="x", nbins=4)
+    style_axes(axes, x_label="contribution to u (N/mm)", title="uncertainty budget")

@@ -1,0 +1,219 @@
+"""The calibration set: one small TOML that says what was loaded, how, and in which images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from isochrome.calibration.result import CUTS
+from isochrome.errors import InputError
+from isochrome.scene import (
+    Camera,
+    Frames,
+    NonNegative,
+    Polariscope,
+    Positive,
+    ScenePart,
+    check_reach,
+    parse_toml,
+    read_text,
+    validate,
+)
+
+
+class Beam(ScenePart):
+    """A beam in four-point bending: the moment between the inner rollers is P (Lo - Li)/4.
+
+    Parameters
+    ----------
+    thickness_mm : float, optional
+        Thickness d, mm.
+    height_mm : float
+        Height h, mm.
+    inner_span_mm, outer_span_mm : float
+        Spans Li and Lo of the inner and the outer rollers, mm.
+    """
+
+    thickness_mm: Positive | None = None
+    height_mm: Positive
+    inner_span_mm: Positive
+    outer_span_mm: Positive
+
+    @model_validator(mode="after")
+    def _spans_in_order(self) -> Beam:
+        if self.inner_span_mm >= self.outer_span_mm:
+            raise ValueError(
+                f"inner_span_mm = {self.inner_span_mm:g} must be less than outer_span_mm = "
+                f"{self.outer_span_mm:g}; are they swapped?"
+            )
+        if self.height_mm >= self.outer_span_mm:
+            raise ValueError(
+                f"height_mm = {self.height_mm:g} is not less than outer_span_mm = "
+                f"{self.outer_span_mm:g}, which no bending beam is; check the units (mm)"
+            )
+        return self
+
+
+class Disc(ScenePart):
+    """A disc pressed along a diameter by two opposite point loads.
+
+    Parameters
+    ----------
+    thickness_mm : float, optional
+        Thickness d, mm.
+    diameter_mm : float
+        Diameter D, mm.
+    """
+
+    thickness_mm: Positive | None = None
+    diameter_mm: Positive
+
+
+class LoadedImage(ScenePart):
+    """One captured frame and the whole load on the specimen.
+
+    Parameters
+    ----------
+    file : str
+        The frame's file, relative to the set's.
+    load_n : float
+        The load, N; 0 is a residual frame.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    load_n: NonNegative
+
+
+class Uncertainty(ScenePart):
+    """Standard uncertainties of the inputs.
+
+    Parameters
+    ----------
+    load_percent : float, optional
+        That of the load, per cent, common to all images.
+    thickness_mm, height_mm, diameter_mm : float, optional
+        Those of the specimen's sizes, mm.
+    span_mm : float, optional
+        That of the spans, mm.
+    pixel_mm : float, optional
+        That of a pixel's size, mm.
+    """
+
+    load_percent: NonNegative | None = None
+    thickness_mm: NonNegative | None = None
+    height_mm: NonNegative | None = None
+    diameter_mm: NonNegative | None = None
+    span_mm: NonNegative | None = None
+    pixel_mm: NonNegative | None = None
+
+
+class ImageSet(ScenePart):
+    """A set of images, read from a file beside which they lie."""
+
+    folder: Path | None = Field(default=None, exclude=True, repr=False)
+    name: str = Field(default="set", exclude=True, repr=False)
+
+    def path(self, file: str) -> Path:
+        """A path named in the set, relative to the set's own file."""
+        return (self.folder or Path()) / file
+
+    @classmethod
+    def read(cls, source: str | Path) -> Self:
+        """The set of a TOML file. Raises InputError that names the file, key, value and fix."""
+        path = Path(source)
+        data = parse_toml(read_text(path), str(path))
+        found = validate(cls, data, str(path), reserved=("folder", "name"))
+        return found.model_copy(update={"folder": path.parent, "name": str(path)})
+
+
+class CalibrationSet(ImageSet):
+    """A calibration set: a beam or a disc, its camera, its images and what is known of them.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Folder of the set's file.
+    name : str, optional
+        The set's name in messages.
+    beam : Beam, optional
+        The beam.
+    disc : Disc, optional
+        The disc; one of both is given.
+    camera : Camera, optional
+        The camera; a beam needs its pixel_mm.
+    polariscope : Polariscope, optional
+        The circular polariscope, at one wavelength, or at one a channel.
+    frames : Frames, optional
+        How the images are read, and the no-load frames.
+    image : tuple of LoadedImage
+        The images and their loads, one above 0 at least.
+    uncertainty : Uncertainty, optional
+        Standard uncertainties of the inputs.
+    """
+
+    beam: Beam | None = None
+    disc: Disc | None = None
+    camera: Camera = Camera()
+    polariscope: Polariscope = Polariscope()
+    frames: Frames = Frames()
+    image: Annotated[tuple[LoadedImage, ...], Field(min_length=1)]
+    uncertainty: Uncertainty | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> CalibrationSet:
+        if (self.beam is None) == (self.disc is None):
+            raise ValueError("give one specimen, either [beam] or [disc]")
+        if self.beam is not None and self.camera.pixel_mm is None:
+            raise ValueError("the key 'camera.pixel_mm' is missing, and a beam needs it; add it")
+        broad = self.polariscope.light is not None or self.polariscope.spectrum is not None
+        if self.polariscope.field == "plane" or broad:
+            raise ValueError(
+                "a calibration is read from the circular dark or bright field at one wavelength; "
+                "set polariscope.field = 'dark' or 'bright', and no light or spectrum (separate "
+                "lines only for a colour camera, a line a channel)"
+            )
+        if not any(image.load_n > 0 for image in self.image):
+            raise ValueError("no [[image]] has load_n above 0; a calibration needs a loaded one")
+        return self
+
+    @property
+    def gamma(self) -> float:
+        """The exponent from linear light to the files' grey levels, I_file = I^(1/gamma)."""
+        given = "gamma" in self.frames.model_fields_set
+        return self.frames.stated_gamma if given else self.camera.gamma
+
+
+def load_set(source: str | Path | CalibrationSet, *, specimen: str | None = None) -> CalibrationSet:
+    """Read a calibration set.
+
+    Parameters
+    ----------
+    source : str, Path or CalibrationSet
+        The TOML file, or a CalibrationSet, which is returned as it is.
+    specimen : {'beam', 'disc'}, optional
+        The specimen where only one will do.
+
+    Returns
+    -------
+    CalibrationSet
+        The set.
+
+    Raises
+    ------
+    InputError
+        Where the set is wrong; it names the file, key, value and fix.
+    """
+    if isinstance(source, CalibrationSet):
+        found = source
+    else:
+        found = CalibrationSet.read(source)
+        check_reach(found.model_dump(exclude_unset=True), found.name)
+    if specimen is not None and getattr(found, specimen) is None:
+        (other,) = CUTS.keys() - {specimen}
+        raise InputError(
+            f"{found.name}: [{specimen}] is missing, and the set has a [{other}]; add it, or run "
+            f"'isochrome calibrate {CUTS[other].command}'"
+        )
+    return found

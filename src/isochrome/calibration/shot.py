@@ -1,0 +1,146 @@
+"""Prepared frames with the load of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import uniform_filter
+
+from isochrome.errors import InputError
+from isochrome.estimation import Observation
+from isochrome.frames import estimate_noise
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot(Observation):
+    """A prepared frame and the load that it was taken under.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    light : (rows, cols) array
+        Linear light.
+    sigma : (rows, cols) array
+        Its noise.
+    valid : (rows, cols) array of bool
+        True where a pixel may be used.
+    raw, raw_sigma : (rows, cols) array
+        The same light and noise as the sensor stored them.
+    gamma : float
+        The exponent from raw to light.
+    load_n : float
+        The load, N.
+    bright : bool, optional
+        Whether the polariscope's field is bright.
+    no_load_light : (rows, cols) array, optional
+        The bright less the dark frame of no load, where there are both.
+    """
+
+    load_n: float
+    bright: bool = False
+    no_load_light: Array | None = None
+
+    def lamp(self, *pick: Any) -> Array | None:
+        """The no-load light at the pixels of an index."""
+        return None if self.no_load_light is None else self.no_load_light[pick]
+
+
+def as_shots(
+    images: Sequence[ArrayLike],
+    loads_n: Sequence[float],
+    *,
+    sigma: float | Sequence[ArrayLike] | None = None,
+    bright: bool = False,
+    no_load_light: ArrayLike | None = None,
+) -> tuple[Shot, ...]:
+    """Make shots of arrays.
+
+    Parameters
+    ----------
+    images : sequence of (rows, cols) arrays
+        Linear intensities; those at the top of an integer type's range are taken as saturated.
+    loads_n : sequence of float
+        The load of each, N.
+    sigma : float or sequence of arrays, optional
+        Their noise: one number, or one number or map an image; by default it is estimated.
+    bright : bool, optional
+        Whether the polariscope's field is bright.
+    no_load_light : (rows, cols) array, optional
+        The no-load bright minus dark frame.
+
+    Returns
+    -------
+    tuple of Shot
+        One for each image.
+
+    Raises
+    ------
+    InputError
+        For counts or shapes that do not agree.
+    """
+    if len(images) != len(loads_n) or not images:
+        raise InputError(
+            f"{len(images)} images and {len(loads_n)} loads; give as many of each, at least one"
+        )
+    lamp = None if no_load_light is None else np.asarray(no_load_light, dtype=float)
+    shots = []
+    for i, image in enumerate(images):
+        frame = np.asarray(image, dtype=float)
+        if frame.ndim != 2 or min(frame.shape) < 16:
+            raise InputError(
+                f"image {i + 1} has the shape {frame.shape}; give rows x cols, at least 16 each"
+            )
+        mask = np.isfinite(frame)
+        given = sigma if sigma is None or isinstance(sigma, (int, float)) else sigma[i]
+        noise = np.asarray(noise_of(frame, mask) if given is None else given, dtype=float)
+        kind = np.asarray(image).dtype
+        if kind.kind in "ui":
+            mask = mask & below_saturation(frame, noise, float(np.iinfo(kind).max))
+        noise = np.broadcast_to(noise, frame.shape)
+        shots.append(
+            Shot(
+                name=f"image {i + 1}", light=frame, sigma=noise, valid=mask, raw=frame,
+                raw_sigma=noise, gamma=1.0, load_n=float(loads_n[i]), bright=bright,
+                no_load_light=lamp,
+            )
+        )  # fmt: skip
+    return tuple(shots)
+
+
+def by_load(shots: Sequence[Shot]) -> tuple[list[Shot], list[Shot]]:
+    """The shots with a load and those without. Raises InputError where none has a load."""
+    loaded = [s for s in shots if s.load_n > 0]
+    if not loaded:
+        raise InputError("no image has a load above zero; a calibration needs a loaded one")
+    return loaded, [s for s in shots if s.load_n == 0]
+
+
+def unused(idle: Sequence[Shot], why: str) -> tuple[str, ...]:
+    """A sentence on the shots without a load, where there are some."""
+    return (f"{', '.join(s.name for s in idle)}: no load, not used{why}",) if idle else ()
+
+
+def below_saturation(image: Array, sigma: ArrayLike, full: float) -> NDArray[np.bool_]:
+    """Pixels (rows, cols) whose neighbourhood's mean lies three sigmas below full scale.
+
+    Leaving out the saturated pixels alone would keep the darker half of those beside them, whose
+    mean is then too low. Parameters: `image`, raw grey levels, its noise `sigma`, `full` scale.
+    """
+    if float(np.max(image)) < full:
+        return np.ones(image.shape, dtype=bool)
+    return np.asarray((image < full) & (uniform_filter(image, 3) + 3.0 * np.asarray(sigma) < full))
+
+
+def noise_of(image: Array, mask: NDArray[np.bool_]) -> Array:
+    """Noise of a linear image at its local level, (rows, cols); see `isochrome.frames`."""
+    filled = np.where(mask, image, np.median(image[mask]))
+    sigma = estimate_noise(filled, mask).sigma(uniform_filter(filled, 3))
+    result: Array = np.maximum(np.asarray(sigma, dtype=float), 1e-4 * float(np.ptp(filled)) + 1e-12)
+    return result

@@ -1,0 +1,3 @@
+from .api import Campaign, process_campaign
+
+__all__ = ["Campaign", "process_campaign"]

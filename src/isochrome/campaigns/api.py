@@ -1,0 +1,275 @@
+"""`process_campaign`: many recordings by one scene, each on its own, and a table of all."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isochrome.campaigns.figure import summary_figure
+from isochrome.campaigns.outcome import Outcome, Task, outcome_of
+from isochrome.campaigns.recording_folders import folder_names
+from isochrome.campaigns.side_by_side import run_side_by_side
+from isochrome.campaigns.summary import check_summary, summary_of, tabulate_campaign, write_summary
+from isochrome.errors import InputError
+from isochrome.frames import FramesPath, recordings_of
+from isochrome.output import Result, counted, load_roifile, over_items
+from isochrome.processing import check_scene
+from isochrome.progress import RunProgress, Tally
+from isochrome.runs import (
+    PROVENANCE,
+    WORTH_WORKERS_S,
+    Stopped,
+    has_run,
+    locked,
+    processors,
+    wipe,
+    working_folder,
+)
+from isochrome.scene import Scene, load_scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CampaignProgress = Callable[[Tally, Tally | None], None]
+"""Called with the recordings' Tally, and that of the frames of the one in work.
+
+The second is None where none is, or several are.
+"""
+
+
+@dataclass(frozen=True, repr=False)
+class Campaign(Result):
+    """A finished campaign.
+
+    Parameters
+    ----------
+    out : Path
+        Its folder.
+    scene : Scene
+        The scene as given.
+    outcomes : tuple of Outcome
+        What became of each recording, in order.
+    draw : callable, optional
+        Not used: the figure is made of the outcomes.
+    """
+
+    out: Path
+    scene: Scene
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """Those of summary.csv, a row a recording."""
+        return tabulate_campaign([item.row for item in self.outcomes])
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """The recordings in which something, or everything, could not be processed."""
+        return tuple(item.row["recording"] for item in self.outcomes if item.exit_code)
+
+    @property
+    def exit_code(self) -> int:
+        """0; 2 where any recording's input is wrong; 3 where all that failed did by physics."""
+        codes = {item.exit_code for item in self.outcomes} - {0}
+        return min(codes, default=0)
+
+    def to_json(self) -> dict[str, Any]:
+        """What summary.json holds."""
+        return summary_of(self.scene, self.outcomes)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The recordings' warnings, and why any of them could not be processed."""
+        return tuple(
+            f"{item.row['recording']}: {item.row[kind]}"
+            for item in self.outcomes
+            for kind in ("error", "warnings")
+            if item.row[kind]
+        )
+
+    @property
+    def title(self) -> str:
+        """The scene and how many recordings there are."""
+        failed = f", {len(self.failed)} of them failed" if self.failed else ""
+        return (
+            f"Campaign of {counted(len(self.outcomes), 'recording')} by {self.scene.name}{failed}"
+        )
+
+    def main_values(self) -> Iterator[tuple[str, str]]:
+        """Means over the recordings of what was fitted in each, and chi."""
+        columns = self.columns
+        for name in columns:
+            if name.endswith(" mean") or name == "chi_median":
+                yield name, over_items(columns[name], items="recordings")
+
+    def figure(self) -> Figure:
+        """Load and friction of each recording. Raises InputError where neither was fitted."""
+        found = summary_figure(self.scene.name, self.outcomes)
+        if found is None:
+            raise InputError(f"{self.title}: neither load nor friction was fitted; nothing to draw")
+        return found
+
+
+def process_campaign(
+    recordings: str | Path | Sequence[FramesPath],
+    scene: str | Path | Scene,
+    out: str | Path,
+    *,
+    workers: int | None = 1,
+    progress: CampaignProgress | None = None,
+    **options: Any,
+) -> Campaign:
+    """Process many recordings by one scene, each into a folder of its own in `out`.
+
+    A recording that is bad is reported in its row, and the others are processed. After a crash, the
+    same call resumes with what is not complete.
+
+    Parameters
+    ----------
+    recordings : str, Path or sequence
+        A glob, of which each video, TIFF stack or folder is a recording, or a list with what
+        `process` takes for each of them.
+    scene : str, Path or Scene
+        A TOML file, the name of a scene of the package, or a Scene.
+    out : str or Path
+        Folder for NAME/ (what `process` leaves), summary.csv (for each recording its counts, the
+        median and largest chi, of each fitted key the mean, the standard deviation over the frames
+        and the median standard uncertainty, the median kept_share, and its warnings), summary.json
+        (the same, with the hashes of all input) and summary.png (load and friction).
+    workers : int or None, default 1
+        Processes, as for `process`: they share out frames, or whole recordings where these are many
+        or short.
+    progress : callable, optional
+        Called with a Tally of the recordings, and one of the frames of the recording in work.
+    **options : Any
+        Options of `process`: rois, cluster, restart, keep_going.
+
+    Returns
+    -------
+    Campaign
+        The outcomes, a row a recording.
+
+    Raises
+    ------
+    InputError
+        Where the scene, the folder or an option is wrong.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> simulated = isochrome.simulate(scene, "simulated")
+    >>> found = isochrome.process_campaign(["simulated/frames.tif"], scene, "all")
+    >>> found.table["status"].tolist()
+    ['ok']
+    """
+    scene = load_scene(scene)
+    check_scene(scene)
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers {workers}: give 1 or more")
+    if options.get("rois"):
+        load_roifile()
+    if isinstance(recordings, str | Path):
+        recordings = recordings_of([recordings])
+    target = Path(out)
+    tasks = [
+        Task(frames, name, target / name)
+        for frames, name in zip(recordings, folder_names(recordings), strict=True)
+    ]
+    root, made = working_folder(target), not target.exists()
+    with locked(root):
+        _check_place(target, root, tasks)
+        wipe(root)
+        try:
+            outcomes = _all(tasks, scene, options, workers, progress)
+        finally:
+            if made:
+                with suppress(OSError):  # not empty: the results are there
+                    target.rmdir()
+        write_summary(target, scene, outcomes, root)
+        wipe(root)
+    return Campaign(target, scene, tuple(outcomes))
+
+
+def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
+    """Refuse a folder that holds something else than recordings' results."""
+    if not tasks:
+        raise InputError("no recordings are named; name at least one")
+    if (target / PROVENANCE).exists() or has_run(root):
+        raise InputError(
+            f"{target}: holds the results of one recording, or an unfinished run of it, and these "
+            f"are {len(tasks)}; name another --out folder"
+        )
+    check_summary(target)
+    for task in tasks:
+        own = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
+        if task.folder.exists() and task.folder.resolve() == Path(own).resolve():
+            raise InputError(
+                f"{own}: its results would be put among its images; name another --out folder"
+            )
+
+
+def _all(
+    tasks: Sequence[Task],
+    scene: Scene,
+    options: Mapping[str, Any],
+    workers: int | None,
+    progress: CampaignProgress | None,
+) -> list[Outcome]:
+    """All recordings' outcomes in order; what is finished when it is stopped is kept."""
+    found: dict[int, Outcome] = {}
+
+    def tell(frames: Tally | None = None) -> None:
+        if progress is not None:
+            before = sum(item.already for item in found.values())
+            flagged = sum(item.row["status"] != "ok" for item in found.values())
+            progress(Tally(len(found), len(tasks), before, flagged), frames)
+
+    tell()
+    try:
+        with closing(_outcomes(tasks, scene, options, workers, tell)) as outcomes:
+            for number, outcome in outcomes:
+                found[number] = outcome
+                tell()
+    except KeyboardInterrupt:
+        raise Stopped(
+            f"stopped; {len(found)} of {counted(len(tasks), 'recording')} are finished and kept in "
+            f"{tasks[0].folder.parent}; run the same command again to resume"
+        ) from None
+    return [found[number] for number in range(len(tasks))]
+
+
+def _outcomes(
+    tasks: Sequence[Task],
+    scene: Scene,
+    options: Mapping[str, Any],
+    workers: int | None,
+    tell: RunProgress,
+) -> Generator[tuple[int, Outcome]]:
+    """One recording after the other, until it pays to compute whole ones side by side."""
+    most = 1 if options.get("cluster") else workers or processors()
+    began = time.perf_counter()
+    for number, task in enumerate(tasks):
+        each_s = (time.perf_counter() - began) / number if number else None
+        if _pays(each_s, len(tasks) - number, most, asked=workers is not None):
+            left = dict(enumerate(tasks[number:], number))
+            yield from run_side_by_side(left, scene, options, most)
+            return
+        yield number, outcome_of(task, scene, {**options, "workers": workers}, tell)
+
+
+def _pays(each_s: float | None, left: int, workers: int, *, asked: bool) -> bool:
+    """Whether the recordings left are sooner done side by side, with `each_s` for each so far.
+
+    So it is with many, and with few where each is known to be too short for workers of its own;
+    where nobody `asked` for workers, only if all of them are worth the workers' start.
+    """
+    short = each_s is not None and each_s < WORTH_WORKERS_S
+    worth = asked or (each_s is not None and each_s * left > WORTH_WORKERS_S)
+    return workers > 1 and worth and left >= (2 if short else 2 * workers)

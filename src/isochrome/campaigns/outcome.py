@@ -1,0 +1,172 @@
+"""What became of one recording of a campaign: its row of the summary, and its curves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.campaigns.recording_folders import label_of
+from isochrome.errors import InputError, IsochromeError, PhysicsError
+from isochrome.frames import FramesPath
+from isochrome.output import numbers, sha256
+from isochrome.processing import SPREAD, Processed, process
+from isochrome.progress import RunProgress
+from isochrome.runs import PROVENANCE, NoCluster, open_run
+from isochrome.scene import Scene
+
+Array = NDArray[np.float64]
+
+_POINTS = 500
+"""Frames of a recording that are drawn: more than its part of a figure has pixels across."""
+
+_VALUES = ("frames", "failed_frames", "flagged_frames", "duration_s", "pixel_mm", "chi_median",
+           "chi_max", "kept_share")  # fmt: skip
+"""Columns of the summary whose values a recording that failed has not."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A recording, the `folder` for its results, and that folder's `name` in the summary."""
+
+    frames: FramesPath
+    name: str
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a recording.
+
+    `row` of the summary; `inputs`, its files with their SHA-256; `exit_code`, 0, or the one that
+    `process` alone would have ended with; `already`, whether an earlier campaign had left it all;
+    `curves`, for the figure: `distance_m`, `frame`, and fitted keys with their uncertainties, of as
+    many frames as can be seen.
+    """
+
+    row: dict[str, Any]
+    inputs: dict[str, str]
+    exit_code: int = 0
+    already: bool = False
+    curves: dict[str, Array] = field(default_factory=dict)
+
+
+def outcome_of(
+    task: Task,
+    scene: Scene,
+    options: Mapping[str, Any],
+    progress: RunProgress | None = None,
+) -> Outcome:
+    """Process one recording into its folder; what is wrong with it becomes its row.
+
+    Parameters: `task`; `scene`; `options` of `process`; `progress`, told of its frames. Returns an
+    Outcome. Raises NoCluster, which is no recording's fault.
+    """
+    try:
+        if task.folder.is_symlink():
+            raise InputError(
+                f"{task.folder}: is a symbolic link, and results are put into the campaign's own "
+                "folder alone; remove it, or name another --out folder"
+            )
+        found = process(task.frames, scene, task.folder, progress=progress, **options)
+    except NoCluster:
+        raise
+    except IsochromeError as error:
+        return failed(task, error)
+    except MemoryError:
+        return failed(
+            task,
+            PhysicsError("not enough memory; use a smaller region of interest or fewer workers"),
+        )
+    return _read(task, found)
+
+
+def failed(task: Task, error: IsochromeError) -> Outcome:
+    """A recording that could not be processed, with the reason.
+
+    Parameters: `task`; `error`. Returns an Outcome.
+    """
+    cause = error.__cause__
+    # what is kept of an unfinished run depends on when it was stopped; the reason does not
+    bare = isinstance(cause, IsochromeError) and str(error).startswith(f"{cause} (")
+    row = _row(task, "failed") | {"error": " ".join(str(cause if bare else error).split())}
+    return Outcome(row, _hashes(task.frames), error.exit_code)
+
+
+def _row(task: Task, status: str) -> dict[str, Any]:
+    """A row's first columns, and the last ones, all of which every recording has."""
+    names = {"recording": label_of(task.frames), "folder": task.name, "status": status}
+    return names | dict.fromkeys(_VALUES) | {"warnings": "", "error": ""}
+
+
+def _read(task: Task, found: Processed) -> Outcome:
+    """What a run found: counts, and of each fitted key mean, scatter and uncertainty."""
+    table = found.columns
+    count = len(table["frame"])
+    flagged = sum(bool(text) for text in table["warnings"]) - found.failed
+    status = "flagged" if flagged or found.failed else "ok"
+    row = _row(task, "failed" if found.failed == count else status)
+    chi, kept = _known(table, "chi"), _known(table, "kept_share")
+    row |= {
+        "frames": count,
+        "failed_frames": found.failed,
+        "flagged_frames": flagged,
+        "duration_s": _duration_s(task.folder),
+        "pixel_mm": next((p for p in table["pixel_mm"] if p is not None), None),
+        "chi_median": _told(np.median, chi),
+        "chi_max": _told(np.max, chi),
+        "kept_share": _told(np.median, kept),
+        "warnings": "; ".join(found.warnings),
+    }
+    keys = [name for name in table if f"{name} {SPREAD}" in table]
+    for key in keys:
+        values, spread = _known(table, key), _known(table, f"{key} {SPREAD}")
+        row[f"{key} mean"] = _told(np.mean, values)
+        row[f"{key} standard_deviation"] = float(values.std(ddof=1)) if values.size > 1 else None
+        row[f"{key} median_{SPREAD}"] = _told(np.median, spread)
+    if found.failed:
+        row["error"] = f"{found.failed} of {count} frames could not be processed"
+    record = json.loads((task.folder / PROVENANCE).read_text("utf-8"))
+    curves = {
+        name: numbers(table[name])[:: -(-count // _POINTS)]
+        for name in ("distance_m", "frame", *keys, *(f"{key} {SPREAD}" for key in keys))
+    }
+    code = InputError.exit_code if found.failed else 0
+    return Outcome(row, record["inputs_sha256"], code, found.already, curves)
+
+
+def _known(table: Mapping[str, Sequence[Any]], name: str) -> Array:
+    values = numbers(table[name]) if name in table else np.empty(0)
+    return values[np.isfinite(values)]
+
+
+def _told(measure: Any, values: Array) -> float | None:
+    return float(measure(values)) if values.size else None
+
+
+def _duration_s(folder: Path) -> float | None:
+    """The time of the last frame since the first, where the recording knows it."""
+    with open_run(folder) as dataset:
+        times = dataset.time_s.values
+    return float(np.nanmax(times)) if np.isfinite(times).any() else None
+
+
+def _hashes(frames: FramesPath) -> dict[str, str]:
+    """The files of a recording that can be read, with their SHA-256."""
+    named = [frames] if isinstance(frames, str | Path) else frames
+    files = []
+    for place in map(Path, named):
+        with suppress(OSError):
+            files += sorted(place.iterdir()) if place.is_dir() else [place]
+    found = {}
+    for file in files:
+        with suppress(InputError, OSError):
+            if file.is_file():
+                found[str(file)] = sha256(file)
+    return found

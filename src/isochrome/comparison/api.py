@@ -1,0 +1,159 @@
+"""`compare`: the metrics and the side-by-side figure of any two sets of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isochrome.comparison.figure import side_by_side
+from isochrome.comparison.frame_folders import load_frame_set
+from isochrome.comparison.frame_sets import FrameMetrics, compare_frames
+from isochrome.output import (
+    Result,
+    counted,
+    over_items,
+    provenance,
+    staged,
+    write_csv,
+    write_figure,
+    write_json,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(Result):
+    """Every number for each pair of frames.
+
+    Parameters
+    ----------
+    metrics : list of FrameMetrics
+        The numbers, one entry a pair of frames.
+    columns : dict of str to list
+        The columns of metrics.csv.
+    draw : callable, optional
+        Makes the figure.
+    """
+
+    metrics: list[FrameMetrics]
+    columns: dict[str, list[Any]]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """None: what cannot be compared is refused."""
+        return ()
+
+    @property
+    def title(self) -> str:
+        """How many pairs of frames were compared."""
+        return f"Comparison of {counted(len(self.metrics), 'frame')}"
+
+    def main_values(self) -> Iterator[tuple[str, str]]:
+        """The metrics that the command prints, over the frames."""
+        for name in MAIN_METRICS:
+            yield name, over_items(self.columns[name])
+
+    def to_json(self) -> dict[str, Any]:
+        """The metrics of all frames."""
+        return {"metrics": self.columns}
+
+
+MAIN_METRICS = (
+    "order_rms_fringe", "order_p95_fringe", "wrong_branch_share", "skeleton_distance_px", "ncc",
+    "rmse_over_noise", "ssim",
+)  # fmt: skip
+"""Columns that are shown where all of them are too many."""
+
+
+def compare(
+    experiment: str | Path, simulation: str | Path, out: str | Path | None = None
+) -> Comparison:
+    """Compare two sets of frames: what `process` and `simulate` left, or bare frames.
+
+    Each pair of frames gives the root mean square and the 95th percentile of the difference of
+    their orders, the share of pixels on a wrong branch, the distance of their fringe lines, and
+    what their grey levels have in common: the correlation NCC and the structural similarity SSIM.
+
+    Parameters
+    ----------
+    experiment : str or Path
+        Result folder of `process`, TIFF stack, image folder or video.
+    simulation : str or Path
+        Result folder of `simulate`, TIFF stack, image folder or video on the same pixel grid.
+    out : str or Path, optional
+        Folder for metrics.csv, provenance.json and comparison.png.
+
+    Returns
+    -------
+    Comparison
+        The metrics, a row a frame; orders are in fringes, distances in pixels.
+
+    Raises
+    ------
+    InputError
+        Where a set cannot be read, or the sets do not fit together.
+
+    Notes
+    -----
+    NCC = <(a - mean a)(b - mean b)>/(s_a s_b). SSIM: Wang, Bovik, Sheikh & Simoncelli (2004), IEEE
+    Trans. Image Process. 13, 600.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> one = isochrome.simulate(scene, "one")
+    >>> two = isochrome.simulate(scene.with_values({"load.normal_n": 61.0}), "two")
+    >>> found = isochrome.compare("one", "two")
+    >>> print(f"{found.table['order_rms_fringe'][0]:.3f}")
+    0.008
+    """
+    here, there = load_frame_set(experiment), load_frame_set(simulation)
+    metrics = compare_frames(here, there)
+    draw = partial(_draw, experiment, simulation, metrics)
+    result = Comparison(metrics, _table(metrics), draw=draw)
+    if out is not None:
+        with staged(out) as folder:
+            write_csv(folder / "metrics.csv", result.columns)
+            write_json(
+                folder / "provenance.json", provenance(None, [Path(experiment), Path(simulation)])
+            )
+            write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
+    return result
+
+
+def _draw(experiment: str | Path, simulation: str | Path, metrics: list[FrameMetrics]) -> Figure:
+    """The side-by-side figure of two sets, read once more: they may be large."""
+    return side_by_side(load_frame_set(experiment), load_frame_set(simulation), metrics)
+
+
+def _table(metrics: list[FrameMetrics]) -> dict[str, list[Any]]:
+    """Columns with units in their names; empty where a number cannot be had."""
+    columns = {
+        "order_rms_fringe": ("orders", "rms"),
+        "order_p95_fringe": ("orders", "p95"),
+        "order_bias_fringe": ("orders", "bias"),
+        "wrong_branch_share": ("orders", "wrong_branch_share"),
+        "compared_share": ("orders", "compared_share"),
+        "skeleton_distance_px": ("skeleton", "mean_px"),
+        "skeleton_distance_mm": ("skeleton", "mean_mm"),
+        "skeleton_matched_share": ("skeleton", "matched_share"),
+        "ncc": ("signals", "ncc"),
+        "rmse": ("signals", "rmse"),
+        "rmse_over_noise": ("signals", "rmse_over_noise"),
+        "ssim": ("signals", "ssim"),
+    }
+    table: dict[str, list[Any]] = {
+        "frame": [m.frame for m in metrics],
+        "label": [m.label for m in metrics],
+    }
+    for name, (part, field) in columns.items():
+        table[name] = [getattr(getattr(m, part), field, None) for m in metrics]
+    return table

@@ -1,0 +1,242 @@
+"""The side-by-side figure: experiment, simulation and their difference, one row a state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from string import ascii_lowercase as LETTERS
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.comparison.frame_sets import (
+    ComparedFrames,
+    FrameMetrics,
+    compare_frames,
+    frame_pairs,
+)
+from isochrome.errors import InputError
+from isochrome.figures import (
+    DIFFERENCE_MAP,
+    FRAME_MAP,
+    TEXT_PT,
+    TICK_PT,
+    TITLE_PT,
+    Place,
+    add_colour_bar,
+    centred_limit,
+    draw_line,
+    new_figure,
+    plain_name,
+    show_image,
+)
+from isochrome.fringes import order_contours, skeletons
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MOST_ROWS = len(LETTERS) // 3
+
+_LINE_COLOUR = "#ff9d2e"
+_PANEL_WIDTH_IN = 3.35
+_LABEL_LENGTH = 26
+
+
+def side_by_side(
+    experiment: ComparedFrames,
+    simulation: ComparedFrames,
+    metrics: Sequence[FrameMetrics] | None = None,
+    *,
+    max_rows: int = MOST_ROWS,
+    lines: bool = True,
+) -> Figure:
+    """Draw captured and simulated fringe patterns beside each other, with their difference.
+
+    One row a frame: experiment, simulation, experiment - simulation; one scale, one grey range
+    and one difference range for all rows. The difference is that of the fringe order where both
+    sets have one, else that of the signal after the gain and offset of `compare_signals`. Beyond
+    `max_rows` frames, evenly spaced ones are drawn and the foot says so.
+
+    Parameters
+    ----------
+    experiment : ComparedFrames
+        The captured frames.
+    simulation : ComparedFrames
+        The simulated frames on the same pixel grid.
+    metrics : sequence of FrameMetrics, optional
+        What `compare_frames` gives for these sets; by default made here.
+    max_rows : int, default 8
+        Most rows, 1 to 8.
+    lines : bool, default True
+        Whether the simulation's dark-fringe centre lines are drawn over the experiment.
+
+    Returns
+    -------
+    Figure
+        The picture; its layout is that of Figure 11 of the paper.
+
+    Raises
+    ------
+    InputError
+        Where `compare_frames` raises it, or `metrics` belong to another number of frames.
+    """
+    pairs = frame_pairs(experiment, simulation)
+    metrics = compare_frames(experiment, simulation) if metrics is None else metrics
+    if len(metrics) != len(pairs):
+        raise InputError(f"{len(metrics)} metrics for {len(pairs)} frames: give one a frame")
+    chosen = [(*pairs[k], metrics[k]) for k in _evenly_spaced(len(pairs), max_rows)]
+    of_order = any(numbers.orders is not None for *_, numbers in chosen)
+    images = [_images(experiment, simulation, each, of_order) for each in chosen]
+    grey = _grey_range([image for row in images for image in row[:2]])
+    limit = centred_limit(*(gap for *_, gap in images))
+    styles = (
+        ("experiment: {}", FRAME_MAP, grey),
+        ("simulation", FRAME_MAP, grey),
+        ("experiment − simulation", DIFFERENCE_MAP, (-limit, limit)),
+    )
+    known = simulation if simulation.pixel_mm is not None else experiment
+    place: Place = {
+        "pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm
+    }  # fmt: skip
+
+    figure, panels, captions, foot = _lay_out(len(chosen), experiment.signal.shape[1:])
+    differences = []
+    for row, (_, there, numbers) in enumerate(chosen):
+        label = plain_name(numbers.label, _LABEL_LENGTH)
+        for axes, image, (title, cmap, (low, high)) in zip(
+            panels[row], images[row], styles, strict=True
+        ):
+            drawn = show_image(
+                axes, image, cmap=cmap, vmin=low, vmax=high, title=title.format(label), **place
+            )
+        differences.append(drawn)
+        if lines:
+            _draw_lines(panels[row][0], simulation, there, place)
+        _tidy(panels[row], row, last=row == len(chosen) - 1)
+        _write_line(captions[row], _caption(numbers), size_pt=TEXT_PT)
+    of_what = "fringe order (fringes)" if of_order else "signal (0 to 1)"
+    add_colour_bar(differences, f"difference of {of_what}", length=min(1.0, 2.0 / len(chosen)))
+    text = _foot_text(lines, len(chosen), len(pairs), place["pixel_mm"])
+    _write_line(foot, text, size_pt=TICK_PT, colour="0.3")
+    return figure
+
+
+def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place) -> None:
+    """Overlay the simulation's dark-fringe centre lines, thin enough to see what is below."""
+    if simulation.order is not None:
+        found = order_contours(simulation.order[index])
+    else:
+        found = skeletons(simulation.signal[index])
+    look = {"color": _LINE_COLOUR, "linewidth": 0.8, "scalex": False, "scaley": False}
+    for line in found:
+        if line.kind == "dark":
+            draw_line(axes, line.rows, line.cols, place, **look)
+
+
+def _images(
+    experiment: ComparedFrames,
+    simulation: ComparedFrames,
+    pair: tuple[int, int, FrameMetrics],
+    of_order: bool,
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """The signals of a pair, and experiment - simulation in fringes or in signal units."""
+    here, there, numbers = pair
+    measured, model = experiment.signal[here], simulation.signal[there]
+    if of_order and experiment.order is not None and simulation.order is not None:
+        return measured, model, experiment.order[here] - simulation.order[there]
+    return measured, model, measured - (numbers.signals.gain * model + numbers.signals.offset)
+
+
+def _grey_range(images: list[NDArray[Any]]) -> tuple[float, float]:
+    """Black and white for all frames of the figure: the range that 99 % of the pixels fill."""
+    bounds = [np.nanpercentile(image, (0.5, 99.5)) for image in images]
+    low, high = float(np.min(bounds)), float(np.max(bounds))
+    return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def _evenly_spaced(count: int, most: int) -> list[int]:
+    """Pick at most `most` of `count` frames, the first and the last among them."""
+    if not 1 <= most <= MOST_ROWS:
+        raise InputError(f"max_rows = {most} for the side-by-side figure: give 1 to {MOST_ROWS}")
+    return [int(index) for index in np.unique(np.linspace(0, count - 1, min(count, most)).round())]
+
+
+def _lay_out(
+    count: int, shape: tuple[int, ...]
+) -> tuple[Figure, list[list[Axes]], list[Axes], Axes]:
+    """Make the grid: per state a row of three panels over a caption, and one foot."""
+    panel_in = float(np.clip(_PANEL_WIDTH_IN * shape[0] / shape[1], 0.8, 6.0))
+    row_in, caption_in, foot_in = panel_in + 0.32, 0.3, 0.42
+    height = count * (row_in + caption_in) + foot_in + 0.55
+    figure = new_figure(3 * _PANEL_WIDTH_IN + 1.75, height)
+    grid = figure.add_gridspec(
+        2 * count + 1, 3, height_ratios=[row_in, caption_in] * count + [foot_in]
+    )
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.set(wspace=0.05)  # type: ignore[call-arg]
+    panels: list[list[Axes]] = []
+    captions: list[Axes] = []
+    for row in range(count):
+        first = panels[0][0] if panels else None
+        left = figure.add_subplot(grid[2 * row, 0], sharex=first, sharey=first)
+        others = [
+            figure.add_subplot(grid[2 * row, col], sharex=left, sharey=left) for col in (1, 2)
+        ]
+        panels.append([left, *others])
+        captions.append(figure.add_subplot(grid[2 * row + 1, :]))
+    foot = figure.add_subplot(grid[2 * count, :])
+    for axes in (*captions, foot):
+        axes.set_axis_off()
+    return figure, panels, captions, foot
+
+
+def _tidy(panels: list[Axes], row: int, *, last: bool) -> None:
+    """Letter the panels and label only the outer axes."""
+    for col, axes in enumerate(panels):
+        title = f"({LETTERS[3 * row + col]}) {axes.get_title(loc='left')}"
+        axes.set_title(title, fontsize=TITLE_PT, loc="left")
+        axes.tick_params(labelleft=col == 0, labelbottom=last)
+        if col:
+            axes.set_ylabel("")
+        if not last:
+            axes.set_xlabel("")
+
+
+def _caption(numbers: FrameMetrics) -> str:
+    """Say the numbers of one row in one line."""
+    parts = []
+    if numbers.orders is not None:
+        order = numbers.orders
+        parts += [
+            f"fringe order RMS {order.rms:.2g} (95 % below {order.p95:.2g})",
+            f"wrong branch {100 * order.wrong_branch_share:.2g} %",
+        ]
+    parts.append(f"NCC {numbers.signals.ncc:.4f}")
+    if numbers.skeleton is not None and np.isfinite(numbers.skeleton.mean_px):
+        distance = f"lines {numbers.skeleton.mean_px:.2g} px"
+        if np.isfinite(numbers.skeleton.mean_mm):
+            distance += f" ({1000 * numbers.skeleton.mean_mm:.2g} µm)"
+        parts.append(f"{distance} apart, {100 * numbers.skeleton.matched_share:.0f} % matched")
+    if np.isfinite(numbers.signals.rmse_over_noise):
+        parts.append(f"χ {numbers.signals.rmse_over_noise:.3g}")
+    return "  ·  ".join(parts)
+
+
+def _write_line(axes: Axes, text: str, *, size_pt: float, colour: str = "black") -> None:
+    """Put a line of text into an empty strip without widening the strip for it."""
+    line = axes.text(0.0, 0.5, text, va="center", fontsize=size_pt, color=colour)
+    line.set_in_layout(False)
+
+
+def _foot_text(lines: bool, shown: int, count: int, pixel_mm: float | None) -> str:
+    """Say what holds for all rows."""
+    parts = ["One scale, grey range and difference range for all rows; hatched: not known."]
+    if lines:
+        parts.append("Orange: dark-fringe centre lines of the simulation.")
+    if shown < count:
+        parts.append(f"{shown} of {count} frames shown, evenly spaced.")
+    if pixel_mm is None:
+        parts.append("No pixel scale is known.")
+    return " ".join(parts)

@@ -1,0 +1,294 @@
+r"""The course of a run: wear dose, load and friction over the sliding distance.
+
+Every wear law here has the form dh = kappa(s) p ds, so that the distance enters only through the
+dose K(s) = ∫ kappa ds (mm/MPa) and dh/dK = p.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from isochrome.contact.sampling import integral, kinks_of, sampled
+from isochrome.contact.surface import Floats
+from isochrome.scene import Scene
+
+Value = TypeVar("Value", float, Floats)
+
+_SAME_DRIVE = 1e-6
+"""Relative difference of load or friction at one dose that is no jump."""
+_SAME_DOSE = 1e-14
+"""Relative difference of doses that is rounding: a step to a jump must not end beyond it."""
+_NO_DRIVE = 1e-12
+"""Friction that is none: rounding, where it changes its sign."""
+_BESIDE, _BEND, _RAMP = 1e-7, 0.1, 0.03
+"""Share of a dose at which slopes are taken beside a break; the change of a slope there that is a
+bend, of mu or of the load over itself against the dose over itself; and how far they go from there
+to the next break in a ramp. A measured table's noise bends at each of its points, and is no ramp.
+"""
+
+
+def same_drive(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether two pairs of line load and mu are the same, to 1e-6 of each."""
+    return all(
+        abs(a - b) <= _NO_DRIVE + _SAME_DRIVE * abs(b) for a, b in zip(one, other, strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class SlidingHistory:
+    """Dose, load and friction sampled along the distance, linear in the dose between.
+
+    Parameters
+    ----------
+    distance_m : ndarray, shape (m,)
+        Distance slid, m, rising.
+    dose_mm_per_mpa : ndarray, shape (m,)
+        Dose K, mm/MPa, not falling.
+    line_load_n_per_mm : ndarray, shape (m,)
+        Load over thickness P', N/mm.
+    friction : ndarray, shape (m,)
+        Friction coefficient mu.
+    breaks_mm_per_mpa : tuple of float, optional
+        Doses inside the run at which load or friction may have a kink or a jump, mm/MPa.
+    """
+
+    distance_m: Floats
+    dose_mm_per_mpa: Floats
+    line_load_n_per_mm: Floats
+    friction: Floats
+    breaks_mm_per_mpa: tuple[float, ...] = ()
+
+    @property
+    def steady(self) -> bool:
+        """Whether load and friction are the same throughout."""
+        return not (np.ptp(self.line_load_n_per_mm) or np.ptp(self.friction))
+
+    def at(self, dose_mm_per_mpa: float) -> tuple[float, float]:
+        """Line load (N/mm) and mu on arriving at a dose (mm/MPa)."""
+        return self._at(dose_mm_per_mpa, "left")
+
+    def leaving(self, dose_mm_per_mpa: float) -> tuple[float, float]:
+        """Line load (N/mm) and mu on leaving a dose, which wear may have stood still at."""
+        return self._at(dose_mm_per_mpa, "right")
+
+    def next_break(self, dose_mm_per_mpa: float) -> float:
+        """The first break beyond a dose (mm/MPa), or infinity."""
+        return _next(self.breaks_mm_per_mpa, dose_mm_per_mpa)
+
+    def next_jump(self, dose_mm_per_mpa: float) -> float:
+        """The first dose beyond this at which load or friction jump (mm/MPa), or infinity."""
+        return _next(self._jumps, dose_mm_per_mpa)
+
+    def next_bend(self, dose_mm_per_mpa: float) -> float:
+        """The first end of a ramp beyond a dose (mm/MPa), or infinity.
+
+        There load or friction change otherwise than before, and by much.
+        """
+        return _next(self._bends, dose_mm_per_mpa)
+
+    @cached_property
+    def _exact(self) -> tuple[float, ...]:
+        """Doses that steps end on exactly."""
+        return *self.breaks_mm_per_mpa, float(self.dose_mm_per_mpa[-1])
+
+    @cached_property
+    def _jumps(self) -> tuple[float, ...]:
+        breaks = self.breaks_mm_per_mpa
+        return tuple(d for d in breaks if not same_drive(self.leaving(d), self.at(d)))
+
+    @cached_property
+    def _bends(self) -> tuple[float, ...]:
+        doses = (0.0, *self.breaks_mm_per_mpa, float(self.dose_mm_per_mpa[-1]))
+        threes = zip(doses[:-2], doses[1:-1], doses[2:], strict=True)
+        return tuple(d for a, d, b in threes if self._ramps(a, d, b) and self._bent(d))
+
+    def _ramps(self, before: float, dose: float, after: float) -> bool:
+        """Whether load or friction go far between a break and one of its neighbours."""
+        pairs = (self.leaving(before), self.at(dose)), (self.leaving(dose), self.at(after))
+        return any(max(abs(b[0] / a[0] - 1.0), abs(b[1] - a[1])) > _RAMP for a, b in pairs)
+
+    def _bent(self, dose: float) -> bool:
+        """Whether the slope of load or friction changes at a break."""
+        (load, mu), (next_load, next_mu) = self.at(dose), self.leaving(dose)
+        early, late = self.at(dose * (1.0 - _BESIDE)), self.at(dose * (1.0 + _BESIDE))
+        bend = (late[0] - next_load) - (load - early[0]), (late[1] - next_mu) - (mu - early[1])
+        return max(abs(bend[0]) / load, abs(bend[1])) > _BEND * _BESIDE
+
+    def _at(self, dose: float, side: Literal["left", "right"]) -> tuple[float, float]:
+        doses = self.dose_mm_per_mpa
+        near = _next(self._exact, dose * (1.0 - _SAME_DOSE))
+        dose = near if near <= dose * (1.0 + _SAME_DOSE) else dose
+        i = int(np.searchsorted(doses, dose, side=side))
+        if i == 0 or i == len(doses):
+            i = min(i, len(doses) - 1)
+            return float(self.line_load_n_per_mm[i]), float(self.friction[i])
+        t = (dose - doses[i - 1]) / (doses[i] - doses[i - 1])
+        load, mu = (
+            float(values[i - 1] + t * (values[i] - values[i - 1]))
+            for values in (self.line_load_n_per_mm, self.friction)
+        )
+        return load, mu
+
+
+def _next(doses: tuple[float, ...], dose: float) -> float:
+    """The first of rising doses beyond another, or infinity."""
+    place = bisect_right(doses, dose)
+    return doses[place] if place < len(doses) else float("inf")
+
+
+@dataclass(frozen=True)
+class OutputState:
+    """A state asked for, with its own load and friction.
+
+    Parameters
+    ----------
+    distance_m : float
+        Distance slid, m.
+    dose_mm_per_mpa : float
+        Dose K, mm/MPa.
+    line_load_n_per_mm : float
+        Load over thickness P', N/mm.
+    friction : float
+        Friction coefficient mu.
+    """
+
+    distance_m: float
+    dose_mm_per_mpa: float
+    line_load_n_per_mm: float
+    friction: float
+
+    @property
+    def drive(self) -> tuple[float, float]:
+        """P' and mu."""
+        return self.line_load_n_per_mm, self.friction
+
+
+def paused_doses(course: SlidingHistory, stops: Sequence[OutputState]) -> frozenset[float]:
+    """Doses (mm/MPa) at which a state has another load or friction than the course on arriving."""
+    return frozenset(
+        stop.dose_mm_per_mpa
+        for stop in stops
+        if not same_drive(stop.drive, course.at(stop.dose_mm_per_mpa))
+    )
+
+
+def wear_rate(law: str, coefficient: Value, friction: Value) -> Value:
+    """Depth per pressure and distance, kappa of dh = kappa p ds.
+
+    'archard', kappa = k; 'sarkar', kappa = k sqrt(1 + 3 mu²); 'dissipated_energy', kappa = k |mu|,
+    since the energy dissipated per area is |mu| p ds. Sources: Archard (1953), J. Appl. Phys. 24,
+    981; Sarkar (1980), Friction and Wear; Fouvry, Kapsa, Zahouani & Vincent (1997), Wear 203-204,
+    393.
+
+    Parameters
+    ----------
+    law : {'archard', 'sarkar', 'dissipated_energy'}
+        The wear law.
+    coefficient : float or ndarray, any shape
+        Coefficient k, mm²/N; in the last law the worn volume per energy, where 1 mm³/J is 1e-3
+        mm²/N.
+    friction : float or ndarray, of the same shape
+        Friction coefficient mu.
+
+    Returns
+    -------
+    float or ndarray, of the same shape
+        The rate kappa, mm²/N.
+
+    Raises
+    ------
+    ValueError
+        On another law.
+    """
+    if law == "archard":
+        return coefficient
+    if law == "sarkar":
+        result: Value = coefficient * (1.0 + 3.0 * friction**2) ** 0.5
+        return result
+    if law == "dissipated_energy":
+        return coefficient * abs(friction)
+    raise ValueError(f"no wear law {law!r}")
+
+
+def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
+    """Give the sliding history of a contact scene and the states that it asks for.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene with a load; without wear there is one state, at no distance.
+
+    Returns
+    -------
+    history : SlidingHistory
+        From distance 0 to the largest asked for.
+    states : list of OutputState
+        One for each of `wear.distances_m`, in the scene's order.
+    """
+    thickness = scene.specimen.thickness_mm
+    assert thickness is not None
+    asked = np.array(scene.wear.distances_m if scene.wear else (0.0,), dtype=float)
+
+    def rate(s: Floats) -> Floats:
+        law = scene.wear.law if scene.wear else "archard"
+        return 1e3 * wear_rate(law, scene.wear_coefficient_at(s), scene.friction_at(s))
+
+    kinks = kinks_of(scene, float(asked.max()))
+    s = sampled(scene, rate, kinks)
+    if any(np.ptp(values(s)) > 0.0 for values in (scene.load_at, scene.friction_at)):
+        s = np.union1d(s, asked)  # a state has the course's load there, not nearly
+    dose = np.concatenate([[0.0], np.cumsum(integral(rate, s[:-1], s[1:]))])
+    below = np.searchsorted(s, asked, side="right") - 1
+    doses = dose[below] + integral(rate, s[below], asked)
+    inside = np.unique(dose[np.isin(s, kinks)])
+    course = SlidingHistory(
+        s,
+        dose,
+        scene.load_at(s) / thickness,
+        scene.friction_at(s),
+        tuple(float(d) for d in inside if 0.0 < d < dose[-1]),
+    )
+    loads, friction = scene.load_at(asked) / thickness, scene.friction_at(asked)
+    columns = (asked.tolist(), doses.tolist(), loads.tolist(), friction.tolist())
+    return course, [OutputState(*row) for row in zip(*columns, strict=True)]
+
+
+def constant_course(
+    line_load_n_per_mm: float,
+    distances_m: Floats | Sequence[float],
+    *,
+    dose_per_m: float,
+    friction: float = 0.0,
+) -> tuple[SlidingHistory, list[OutputState]]:
+    """Give the sliding history of a run at constant load, friction and wear rate.
+
+    Parameters
+    ----------
+    line_load_n_per_mm : float
+        Normal load over thickness P', N/mm.
+    distances_m : ndarray or sequence of float, shape (m,)
+        Distances slid, m, in any order.
+    dose_per_m : float
+        Dose for a metre, 1000 kappa, mm/MPa per m.
+    friction : float, default 0.0
+        Friction coefficient mu.
+
+    Returns
+    -------
+    history : SlidingHistory
+        The run.
+    states : list of OutputState
+        One for each distance.
+    """
+    asked = np.asarray(distances_m, dtype=float)
+    ends = np.unique([0.0, asked.max()])
+    shape = np.ones(len(ends))
+    course = SlidingHistory(ends, dose_per_m * ends, line_load_n_per_mm * shape, friction * shape)
+    stops = [OutputState(d, dose_per_m * d, line_load_n_per_mm, friction) for d in asked.tolist()]
+    return course, stops

@@ -1,0 +1,156 @@
+"""`demo`: the paper's case and the sample images, end to end and offline."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from isochrome.calibration import calibrate_bending, calibrate_disc, save_calibration
+from isochrome.comparison import compare
+from isochrome.frames import check
+from isochrome.output import Result, output_folder, with_uncertainty, write_json
+from isochrome.processing import process
+from isochrome.samples import samples_path
+from isochrome.scene import load_scene
+from isochrome.simulation import simulate
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, repr=False)
+class Demo(Result):
+    """What the demo found: `rows` of (quantity, found, expected), and the `folder` it left."""
+
+    folder: Path
+    rows: list[tuple[str, str, str]]
+    summary: dict[str, Any]
+
+    @property
+    def columns(self) -> dict[str, list[str]]:
+        """A row a quantity: what was found, and what was to be expected."""
+        names = ("quantity", "found", "expected")
+        return dict(zip(names, map(list, zip(*self.rows, strict=True)), strict=True))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the sample frames."""
+        return tuple(self.summary["warnings"])
+
+    @property
+    def title(self) -> str:
+        """Where all of it is."""
+        return f"Demo: {self.folder}"
+
+    def main_values(self) -> list[tuple[str, str]]:
+        """What was found."""
+        return [(quantity, found) for quantity, found, _ in self.rows]
+
+    def to_json(self) -> dict[str, Any]:
+        """What demo.json holds."""
+        return self.summary
+
+
+def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None) -> Demo:
+    """Run the main job on the paper's case and the shipped sample images.
+
+    Simulates `line-contact-wear`; checks and processes the six sample frames (rendered, with a
+    camera's faults); simulates what was found in them; compares the two side by side; calibrates
+    the fringe value from the sample bending and disc images.
+
+    Parameters
+    ----------
+    out : str or Path, default 'isochrome-demo'
+        Folder for all results.
+    progress : callable, optional
+        Called with each step's name.
+
+    Returns
+    -------
+    Demo
+        The main numbers beside their true values.
+
+    Raises
+    ------
+    InputError
+        Where the folder cannot be written.
+    PhysicsError
+        Where a step fails.
+
+    Examples
+    --------
+    A minute or two:
+
+    >>> import isochrome
+    >>> isochrome.demo("isochrome-demo")  # doctest: +SKIP
+    """
+    say = progress or (lambda _: None)
+    folder, samples = output_folder(out), samples_path()
+    contact = samples / "line-contact-wear"
+    say("simulating the paper's case")
+    paper = simulate("line-contact-wear", folder / "paper-simulated")
+    say("checking the sample frames")
+    scene = load_scene(contact / "scene.toml")
+    checked = check(contact / "captured.tif", scene)
+    say("reading the fringe order of the sample frames")
+    found = process(contact / "captured.tif", scene, folder / "experiment")
+    assert found.fitted is not None
+    say("simulating what was found")
+    simulate(found.fitted, folder / "simulation")
+    say("comparing the two")
+    comparison = compare(folder / "experiment", folder / "simulation", folder / "comparison")
+    say("calibrating the fringe value from bending and disc images")
+    bending = calibrate_bending(samples / "bending" / "set.toml")
+    save_calibration(bending, folder / "calibration-bending")
+    disc = calibrate_disc(samples / "disc" / "set.toml")
+    save_calibration(disc, folder / "calibration-disc")
+    truth = read_truth(samples)
+    rows = [
+        ("static p_max (MPa)", f"{paper.history['p_max_mpa'][0]:.3f}",
+         "18.758 by Hertz; 18.75 in the paper"),
+        ("static contact width (mm)", f"{paper.history['contact_width_mm'][0]:.4f}",
+         "0.7466 by Hertz; 0.758 in the paper"),
+        ("chi of the six frames", _range(found.columns["chi"], 3), "1: fits to the noise"),
+        ("experiment - simulation, RMS (fringes)",
+         _range(comparison.columns["order_rms_fringe"], 4), "0.01 or less"),
+        ("load (N)", _range(found.columns["load.normal_n"], 2), truth["load"]),
+        ("f_sigma from bending (N/mm)", _with_u(bending), truth["bending"]),
+        ("f_sigma from the disc (N/mm)", _with_u(disc), truth["disc"]),
+    ]  # fmt: skip
+    summary = {
+        "folder": str(folder),
+        "history": paper.history,
+        "frames": found.columns,
+        "metrics": comparison.columns,
+        "calibration_bending": bending.to_json(),
+        "calibration_disc": disc.to_json(),
+        "check": [finding.text for finding in checked.findings],
+        "warnings": list(found.warnings),
+    }
+    write_json(folder / "demo.json", summary)
+    return Demo(folder, rows, summary, draw=comparison.figure)
+
+
+def read_truth(samples: Path) -> dict[str, str]:
+    """What the sample images were rendered with, as text for the summary."""
+
+    def value(folder: str, key: str) -> str:
+        truth = json.loads((samples / folder / "truth.json").read_text("utf-8"))
+        return f"{truth[key]:g}, rendered"
+
+    return {
+        "load": value("line-contact-wear", "load.normal_n"),
+        "bending": value("bending", "fringe_value_n_per_mm"),
+        "disc": value("disc", "fringe_value_n_per_mm"),
+    }
+
+
+def _range(values: list[float], digits: int) -> str:
+    low, high = f"{min(values):.{digits}f}", f"{max(values):.{digits}f}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _with_u(calibration: Any) -> str:
+    return with_uncertainty(calibration.fringe_value_n_per_mm, calibration.standard_uncertainty)

@@ -1,0 +1,97 @@
+from .batched import State, damped_steps, minimise_all, next_damping
+from .covariance import (
+    block_correlation,
+    jackknife_variance,
+    sandwich,
+    standard_uncertainty,
+    white_covariance,
+    white_middle,
+)
+from .evidence import ALIKE_CHI, POOR_CHI, RIVAL_CHI, evidence_gain
+from .intensity import STEP, IntensityFit, fit_intensity
+from .least_squares import (
+    CUTOFF,
+    Bounds,
+    Damping,
+    damped,
+    damped_step,
+    minimise,
+    promised_gain,
+)
+from .light import (
+    Terms,
+    binned_polynomials,
+    degrees_of,
+    light_basis,
+    light_products,
+    quadratic_terms,
+    smooth_light,
+    total_degree,
+)
+from .light_degree import light_unknowns, smooth_starts
+from .limits import information_bound, is_determined
+from .multistart import Minimum, SeveralStarts
+from .observation import FrameData, Observation, observe, prepare_frame
+from .separable import (
+    MOSTLY,
+    LinearPart,
+    SeparableProblem,
+    evaluate,
+    evaluate_prepared,
+    prepare,
+    scaled_inverse,
+    solve_linear,
+)
+
+__all__ = [
+    "ALIKE_CHI",
+    "CUTOFF",
+    "MOSTLY",
+    "POOR_CHI",
+    "RIVAL_CHI",
+    "STEP",
+    "Bounds",
+    "Damping",
+    "FrameData",
+    "IntensityFit",
+    "LinearPart",
+    "Minimum",
+    "Observation",
+    "SeparableProblem",
+    "SeveralStarts",
+    "State",
+    "Terms",
+    "binned_polynomials",
+    "block_correlation",
+    "damped",
+    "damped_step",
+    "damped_steps",
+    "degrees_of",
+    "evaluate",
+    "evaluate_prepared",
+    "evidence_gain",
+    "fit_intensity",
+    "information_bound",
+    "is_determined",
+    "jackknife_variance",
+    "light_basis",
+    "light_products",
+    "light_unknowns",
+    "minimise",
+    "minimise_all",
+    "next_damping",
+    "observe",
+    "prepare",
+    "prepare_frame",
+    "promised_gain",
+    "quadratic_terms",
+    "sandwich",
+    "scaled_inverse",
+    "smooth_light",
+    "smooth_starts",
+    "solve_linear",
+    "standard_uncertainty",
+    "total_degree",
+    "white_covariance",
+    "white_middle",
+]

@@ -1,0 +1,113 @@
+"""Damped least squares for many small problems side by side, all in the same few operations.
+
+Each has its own damping, which a step that lowers the cost eases, and one that does not stiffens; a
+problem whose step is not taken waits where it is. See `isochrome.estimation.least_squares` for one.
+Sources: Levenberg (1944), Q. Appl. Math. 2, 164; Marquardt (1963), J. SIAM 11, 431.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+Mask = NDArray[np.bool_]
+State = tuple[Array, ...]
+
+EASED, STIFFENED = 0.2, 8.0
+"""What a damping is multiplied by after a step that was taken, and after one that was not."""
+
+
+def next_damping(damping: Array | float, better: Mask | bool) -> Array:
+    """The damping after steps of which those are taken that were better.
+
+    Parameters
+    ----------
+    damping : (m,) array or float
+        Damping λ before the step.
+    better : (m,) array of bool or bool
+        Whether the step lowered the cost.
+
+    Returns
+    -------
+    (m,) array
+        The next damping, less after a step that was taken and more after one that was not.
+    """
+    return np.where(better, EASED * damping, STIFFENED * damping)
+
+
+def damped_steps(normal: Array, gradient: Array, damping: Array) -> Array:
+    """Damped steps s of m problems, (N + λ diag N) s = g.
+
+    Parameters
+    ----------
+    normal : (m, p, p) array
+        Normal equations' matrices N, damped in place.
+    gradient : (m, p) array
+        Their right sides g.
+    damping : (m,) array
+        Damping λ.
+
+    Returns
+    -------
+    (m, p) array
+        The steps s.
+    """
+    diagonal = np.arange(normal.shape[-1])
+    normal[:, diagonal, diagonal] *= 1.0 + damping[:, None]
+    return np.asarray(np.linalg.solve(normal, gradient[..., None])[..., 0])
+
+
+def minimise_all(
+    at: Callable[[Array], State],
+    equations: Callable[[Array, State], tuple[Array, Array]],
+    values: Array,
+    damping: Array,
+    *,
+    steps: int,
+    limits: tuple[float, float] = (0.0, np.inf),
+) -> tuple[Array, State, Array]:
+    """Take steps of m problems at once, each where it lowers the problem's cost.
+
+    Parameters
+    ----------
+    at : callable
+        From values (m, p) to arrays (m, ...), the costs (m,) first.
+    equations : callable
+        From values and these arrays to N (m, p, p) and g (m, p).
+    values : (m, p) array
+        The start.
+    damping : (m,) array
+        Damping λ to begin with.
+    steps : int
+        How many steps are taken.
+    limits : tuple of float, optional
+        Least and largest damping.
+
+    Returns
+    -------
+    values : (m, p) array
+        Where the steps ended.
+    state : tuple of arrays
+        What `at` says there.
+    damping : (m,) array
+        The damping there.
+    """
+    now = at(values)
+    for _ in range(steps):
+        normal, gradient = equations(values, now)
+        trial = values + damped_steps(normal, gradient, damping).astype(values.dtype)
+        new = at(trial)
+        better = new[0] < now[0]
+        values = where_better(better, trial, values)
+        now = tuple(where_better(better, n, o) for n, o in zip(new, now, strict=True))
+        damping = np.clip(next_damping(damping, better), *limits)
+    return values, now, damping
+
+
+def where_better(better: Mask, new: Array, old: Array) -> Array:
+    """Rows of `new` (m, ...) where a step was taken, of `old` where it was not."""
+    return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)

@@ -1,0 +1,259 @@
+"""Separable least squares on intensities: the engine of every fit.
+
+A pixel's model is I = f(params) sum_k a_k B_k + sum_k c_k C_k. The linear coefficients are
+eliminated (variable projection: Golub & Pereyra, SIAM J. Numer. Anal. 10, 1973, 413-432), with
+Kaufman's Jacobian (BIT 15, 1975, 49-57), which is the Schur complement of the joint normal
+equations; damped steps inside bounds (`least_squares`) move the few non-linear parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isochrome.errors import InputError
+from isochrome.estimation.covariance import standard_uncertainty
+from isochrome.estimation.least_squares import Bounds, Damping, Descent, minimise
+from isochrome.estimation.limits import is_determined
+from isochrome.estimation.separable import (
+    LinearPart,
+    SeparableProblem,
+    prepare,
+    scaled_inverse,
+    solve_linear,
+)
+
+Array = NDArray[np.float64]
+Response = Callable[[Array], ArrayLike]
+
+STEP = 1e-4
+"""Difference step in units of a parameter's scale; fits responses in single precision as well."""
+
+_MOST_STEPS = 50
+_LAST_STEP = 1e-3
+"""Standard uncertainties below which a step is the last."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntensityFit:
+    """A fitted frame.
+
+    Parameters
+    ----------
+    values : (p,) array
+        The parameters.
+    standard_uncertainty : (p,) array
+        Theirs, from the Jacobian with the linear unknowns, times max(1, chi).
+    covariance : (p, p) array
+        The same, times max(1, chi)².
+    chi : float
+        Root of the sum of (residual/sigma)² over the degrees of freedom.
+    illumination_coefficients, background_coefficients : (k,) array
+        Coefficients of the bases.
+    illumination_map, background_map : (rows, cols) array
+        Their sums, in the image's unit.
+    signal : (rows, cols) array
+        The polariscope's signal, 0..1.
+    residual : (rows, cols) array
+        Image less model, NaN where masked.
+    converged : bool
+        Whether the steps ended, with finite uncertainties.
+    positive : bool
+        False where the illumination came out negative: a wrong solution.
+    """
+
+    values: Array
+    standard_uncertainty: Array
+    covariance: Array
+    chi: float
+    illumination_coefficients: Array
+    background_coefficients: Array
+    illumination_map: Array
+    background_map: Array
+    signal: Array
+    residual: Array
+    converged: bool
+    positive: bool
+
+    @property
+    def model(self) -> Array:
+        """The fitted intensities (rows, cols)."""
+        return self.illumination_map * self.signal + self.background_map
+
+
+def fit_intensity(
+    image: ArrayLike,
+    response: Response,
+    start: ArrayLike,
+    *,
+    illumination: Array,
+    background: Array,
+    mask: NDArray[np.bool_] | None = None,
+    sigma: ArrayLike = 1.0,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    scale: ArrayLike | None = None,
+    central: bool = True,
+) -> IntensityFit:
+    """Fit a polariscope's signal to a frame, illumination and background eliminated linearly.
+
+    Parameters
+    ----------
+    image : (rows, cols) array
+        The frame, in any linear intensity unit.
+    response : callable
+        From params (p,) to the ideal signal 0..1 (rows, cols), such as sin²(πN).
+    start : (p,) array
+        Parameters to start from.
+    illumination, background : (k, rows, cols) array
+        Bases, see `polynomial_basis`.
+    mask : (rows, cols) array of bool, optional
+        True where a pixel is valid; by default where it is finite.
+    sigma : float or (rows, cols) array, optional
+        Noise in the image's unit.
+    lower, upper : (p,) array, optional
+        Bounds of the parameters.
+    scale : (p,) array, optional
+        A natural change of each parameter, whose 1e-4 is the difference step; by default |start|,
+        or 1 at 0.
+    central : bool, optional
+        Whether the uncertainties' derivatives are taken both ways. False: as in the search, for a
+        response that costs much.
+
+    Returns
+    -------
+    IntensityFit
+        The fit.
+
+    Raises
+    ------
+    InputError
+        Where shapes do not agree, the response is not finite at the start, or there are more
+        unknowns than pixels.
+    """
+    problem = prepare(
+        image, mask=mask, sigma=sigma, illumination=illumination, background=background
+    )
+    first = np.atleast_1d(np.asarray(start, dtype=float))
+    low = np.full(first.size, -np.inf) if lower is None else np.asarray(lower, dtype=float)
+    high = np.full(first.size, np.inf) if upper is None else np.asarray(upper, dtype=float)
+    size = np.where(first == 0, 1.0, np.abs(first)) if scale is None else np.asarray(scale, float)
+    if problem.size <= first.size + len(illumination) + len(background):
+        raise InputError(f"{problem.size} valid pixels are fewer than the unknowns; widen the mask")
+    search = _Search(problem, response, Bounds(low, high), STEP * np.abs(size))
+    params = np.clip(first, low, high)
+    point = search.at(params)
+    if point is None:
+        raise InputError(f"the response is not finite at the start {params}; start elsewhere")
+    descent = minimise(
+        search.at, params, point, damping=Damping(1e-3), iterations=_MOST_STEPS,
+        enough=lambda at: _LAST_STEP**2 * max(1.0, at.cost / problem.size),
+        better=_better, bounds=search.bounds,
+    )  # fmt: skip
+    rows = search.jacobian(descent.values, descent.point.part, central=central)
+    return _result(image, search, descent, rows, illumination, background)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Parameters with their linear `part`; derivatives are taken where they are asked for."""
+
+    search: _Search
+    params: Array
+    part: LinearPart
+
+    @property
+    def cost(self) -> float:
+        return self.part.cost
+
+    @cached_property
+    def rows(self) -> Array:
+        return self.search.jacobian(self.params, self.part)
+
+    @cached_property
+    def normal(self) -> Array:
+        return reduced_normal(self.search.problem, self.rows, self.part)
+
+    @cached_property
+    def gradient(self) -> Array:
+        return np.asarray(self.rows @ self.part.residual)
+
+
+class _Search:
+    """The non-linear iteration over one prepared frame."""
+
+    def __init__(
+        self, problem: SeparableProblem, response: Response, bounds: Bounds, steps: Array
+    ) -> None:
+        self.problem, self.response, self.bounds = problem, response, bounds
+        self.steps = steps
+
+    def signal(self, params: Array) -> Array:
+        return np.asarray(self.response(params), dtype=float)[self.problem.keep]
+
+    def at(self, params: Array) -> _Point | None:
+        signal = self.signal(params)
+        if not np.all(np.isfinite(signal)):
+            return None
+        return _Point(self, params, solve_linear(self.problem, signal))
+
+    def jacobian(self, params: Array, part: LinearPart, *, central: bool = False) -> Array:
+        """Weighted dI/dparam (p, n) at fixed coefficients."""
+        here = None if central else part.signal
+        rows = np.empty((params.size, self.problem.size))
+        for j, step in enumerate(self.steps):
+            up, down = params.copy(), params.copy()
+            up[j] += step if params[j] + step <= self.bounds.high[j] else 0.0
+            if (central or up[j] == params[j]) and params[j] - step >= self.bounds.low[j]:
+                down[j] -= step
+            above = self.signal(up)
+            below = here if here is not None and down[j] == params[j] else self.signal(down)
+            rows[j] = (above - below) * (part.amplitude / max(up[j] - down[j], 1e-300))
+        return rows
+
+
+def reduced_normal(problem: SeparableProblem, rows: Array, part: LinearPart) -> Array:
+    """J^T J with the linear unknowns eliminated, (p, p): of the rows less what those explain."""
+    split = len(problem.light)
+    cross = np.concatenate((problem.light @ (rows * part.signal).T, problem.dark @ rows.T))
+    known = part.inverse @ cross
+    rest = rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
+    return rest @ rest.T
+
+
+def _better(trial: _Point, point: _Point) -> bool:
+    """Whether a step lowers the cost without turning the light negative: another basin's sign."""
+    return (trial.part.positive or not point.part.positive) and trial.cost < point.cost
+
+
+def _result(
+    image: ArrayLike,
+    search: _Search,
+    descent: Descent[_Point],
+    rows: Array,
+    illumination: Array,
+    background: Array,
+) -> IntensityFit:
+    split, problem = len(illumination), search.problem
+    params, part = descent.values, descent.point.part
+    a, c = part.coefficients[:split], part.coefficients[split:]
+    dof = problem.size - params.size - len(part.coefficients)
+    chi = float(np.sqrt(part.cost / dof))
+    normal = reduced_normal(problem, rows, part)
+    covariance = max(1.0, chi) ** 2 * scaled_inverse(normal, 1e-14)
+    determined = is_determined(normal, np.sum(rows**2, axis=1))
+    spread = standard_uncertainty(covariance, determined)
+    light, dark = np.tensordot(a, illumination, 1), np.tensordot(c, background, 1)
+    signal = np.asarray(search.response(params), dtype=float)
+    model = light * signal + dark
+    residual = np.where(problem.keep, np.asarray(image, dtype=float) - model, np.nan)
+    return IntensityFit(
+        values=params, standard_uncertainty=spread, covariance=covariance, chi=chi,
+        illumination_coefficients=a, background_coefficients=c,
+        illumination_map=light, background_map=dark, signal=signal, residual=residual,
+        converged=descent.converged and bool(np.all(np.isfinite(spread))), positive=part.positive,
+    )  # fmt: skip

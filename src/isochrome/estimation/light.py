@@ -1,0 +1,287 @@
+"""The model of a frame's light: illumination and background as sums of smooth images.
+
+I = A s + C with the polariscope's signal s, A = sum_k a_k B_k and C = sum_k c_k C_k. What no-load
+frames show stands for itself, times a slow change; what they do not is a polynomial of the place.
+All who reckon with uneven light take its images from here, so that another kind of them is a change
+of this module alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isochrome.errors import InputError
+
+Array = NDArray[Any]
+
+Terms = tuple[tuple[int, int], ...]
+"""Products P_i(y) P_j(x) of Legendre's polynomials, each as (i, j)."""
+
+UNEVEN, EVEN = 2, 0
+"""Degrees of the illumination and the background of a frame that is fitted with a scene: lamps fall
+off to the corners, and what a room adds is the same all over."""
+
+DEGREES = ((2, 1), (4, 2))
+"""Degrees of both that a calibration tries, fewest unknowns first, see `smooth_starts`."""
+
+DEGREES_ON_LIGHT = ((1, 1), (2, 1))
+"""The same on a no-load frame, which leaves less to be found."""
+
+
+@dataclass(frozen=True)
+class LightModel:
+    """Images (k, rows, cols) that a frame's `illumination` A and `background` C are sums of.
+
+    `terms`, the polynomial products in both; the no-load frames `dark` and `bright` (rows, cols)
+    that they stand on, where there are any.
+    """
+
+    illumination: Array
+    background: Array
+    terms: tuple[Terms, Terms]
+    dark: Array | None = None
+    bright: Array | None = None
+
+    @property
+    def bases(self) -> dict[str, Any]:
+        """Both by name, as `fit_intensity` takes them."""
+        return {"illumination": self.illumination, "background": self.background}
+
+    @property
+    def unknowns(self) -> int:
+        """Number of coefficients."""
+        return len(self.illumination) + len(self.background)
+
+    def plain(self) -> LightModel:
+        """One amplitude for all the illumination: for a search, or a model that is poor."""
+        return replace(self, illumination=self.illumination[:1])
+
+    def of(self, terms: tuple[Terms, Terms]) -> LightModel:
+        """The light of a whole frame with other polynomial products."""
+        rows, cols = self.illumination.shape[1:]
+        return frame_light((rows, cols), self.dark, self.bright, terms=terms)
+
+    def every(self, stride: int) -> LightModel:
+        """The images at every `stride`-th pixel."""
+        return replace(
+            self,
+            illumination=self.illumination[:, ::stride, ::stride],
+            background=self.background[:, ::stride, ::stride],
+        )
+
+
+def frame_light(
+    shape: tuple[int, int],
+    dark: Array | None = None,
+    bright: Array | None = None,
+    *,
+    terms: tuple[Terms, Terms] | None = None,
+) -> LightModel:
+    """The light of a frame that is fitted with a scene, in single precision.
+
+    With both no-load frames the illumination is their difference times a plane, and the background
+    the dark one plus a constant; without, smooth polynomials stand for what is missing.
+    Parameters: `shape` (rows, cols); `dark`, `bright` (rows, cols), the no-load frames' light;
+    `terms`, the polynomial products of illumination and background, by default the lowest degrees
+    that serve.
+    """
+    if terms is None:
+        even = 1 if bright is not None and dark is None else EVEN
+        terms = total_degree(UNEVEN if bright is None else 1), total_degree(even)
+    light, below = (light_basis(shape, chosen) for chosen in terms)
+    if bright is not None:
+        light = light * (bright if dark is None else bright - dark)
+    if dark is not None:
+        below = np.concatenate((dark[None], below))
+    return LightModel(light, below, terms, dark, bright)
+
+
+def smooth_light(
+    shape: tuple[int, ...], degrees: tuple[int, int], light: ArrayLike | None = None
+) -> LightModel:
+    """The light of a calibration's image, with the degrees that its evidence asks for.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns.
+    degrees : tuple of int
+        Degrees of illumination and background, see `degrees_of`.
+    light : (rows, cols) array, optional
+        The no-load bright minus dark frame.
+
+    Returns
+    -------
+    LightModel
+        The bases.
+    """
+    size = (shape[0], shape[1])
+    bases = polynomial_basis(size, degrees[0], times=light), polynomial_basis(size, degrees[1])
+    return LightModel(*bases, (total_degree(degrees[0]), total_degree(degrees[1])))
+
+
+def degrees_of(light: ArrayLike | None) -> tuple[tuple[int, int], ...]:
+    """The degrees of illumination and background to try, fewest unknowns first.
+
+    Parameters
+    ----------
+    light : (rows, cols) array or None
+        The no-load bright minus dark frame, None where there is none.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Pairs of degrees.
+    """
+    return DEGREES if light is None else DEGREES_ON_LIGHT
+
+
+def total_degree(degree: int) -> Terms:
+    """The products P_i(y) P_j(x) with i + j up to a degree, the constant first.
+
+    Parameters
+    ----------
+    degree : int
+        The total degree.
+
+    Returns
+    -------
+    tuple of (int, int)
+        Each product as (i, j).
+    """
+    return tuple((t - j, j) for t in range(degree + 1) for j in range(t + 1))
+
+
+@lru_cache(maxsize=8)
+def light_basis(shape: tuple[int, int], terms: Terms) -> Array:
+    """Legendre products of a frame's light, float32, the same for all frames of a size.
+
+    The last ones are kept.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The frame's rows and columns.
+    terms : tuple of (int, int)
+        The products P_i(y) P_j(x), each as (i, j).
+
+    Returns
+    -------
+    (k, rows, cols) array
+        The stack, which cannot be written to.
+    """
+    basis = light_products((_unit(shape[0]), _unit(shape[1])), terms)
+    basis.flags.writeable = False
+    return basis
+
+
+def light_products(
+    places: tuple[Array, Array], terms: Terms, dtype: type[np.floating] = np.float32
+) -> Array:
+    """Legendre products P_i(y) P_j(x) on a grid.
+
+    Parameters
+    ----------
+    places : tuple of two arrays
+        The rows' y (rows,) and the columns' x (cols,), in -1..1.
+    terms : tuple of (int, int)
+        The products, each as (i, j).
+    dtype : type, default float32
+        Of the result.
+
+    Returns
+    -------
+    (k, rows, cols) array
+        The products on the grid.
+    """
+    degree = max((max(pair) for pair in terms), default=0)
+    rows, cols = (np.polynomial.legendre.legvander(p, degree).T.astype(dtype) for p in places)
+    stack = np.empty((len(terms), len(places[0]), len(places[1])), dtype)
+    for member, (i, j) in zip(stack, terms, strict=True):
+        np.multiply(rows[i][:, None], cols[j][None, :], out=member)
+    return stack
+
+
+def polynomial_basis(
+    shape: tuple[int, int],
+    degree: int,
+    *,
+    times: ArrayLike | None = None,
+    dtype: type[np.floating] = np.float64,
+) -> Array:
+    """Legendre products P_i(y) P_j(x), i + j <= degree, with x and y in -1..1 over the frame.
+
+    Parameters: `shape`, the frame's (rows, cols); `degree`, the total degree, 0 for a constant;
+    `times`, an optional image (rows, cols) that multiplies every member, such as the no-load
+    bright frame minus the no-load dark one; `dtype` of the result without that.
+    Returns the stack (k, rows, cols), k = (degree + 1)(degree + 2)/2, the constant first.
+    Raises InputError for a negative degree or an image of another shape.
+    """
+    if degree < 0:
+        raise InputError(f"degree = {degree} is not allowed: a polynomial's is 0 or more; raise it")
+    stack = light_products((_unit(shape[0]), _unit(shape[1])), total_degree(degree), dtype)
+    if times is None:
+        return stack
+    image = np.asarray(times, dtype=float)
+    if image.shape != tuple(shape):
+        raise InputError(
+            f"times has the shape {image.shape} and the frame {tuple(shape)}; give one pixel grid"
+        )
+    result: Array = stack * image
+    return result
+
+
+def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:
+    """All products of powers of the place up to a degree, at a frame's binned pixels.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the whole frame, over which the place runs from -1 to 1.
+    degree : int
+        The total degree.
+    by : int
+        Pixels a bin.
+
+    Returns
+    -------
+    (rows // by, cols // by, terms) array
+        The products.
+    """
+    y, x = (2.0 * (by * np.arange(n // by) + 0.5 * (by - 1)) / max(n - 1, 1) - 1.0 for n in shape)
+    return np.stack(
+        [
+            y[:, None] ** i * x[None, :] ** j
+            for i in range(degree + 1)
+            for j in range(degree + 1 - i)
+        ],
+        axis=-1,
+    )
+
+
+def quadratic_terms(rows: int, cols: int) -> Array:
+    """The terms 1, y, x, y², x², xy with y and x from -1 to 1 between the frame's edges.
+
+    Parameters
+    ----------
+    rows, cols : int
+        The frame's size.
+
+    Returns
+    -------
+    (6, rows, cols) array
+        The terms.
+    """
+    y = (2.0 * np.arange(rows) + 1.0)[:, None] / rows - 1.0
+    x = (2.0 * np.arange(cols) + 1.0)[None, :] / cols - 1.0
+    y, x = np.broadcast_arrays(y, x)
+    return np.stack([np.ones(y.shape), y, x, y * y, x * x, x * y])
+
+
+def _unit(count: int) -> Array:
+    return np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)

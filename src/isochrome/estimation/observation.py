@@ -1,0 +1,204 @@
+"""A captured frame made ready for a fit: light, noise, mask, and the bases of its linear part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.estimation.light import LightModel, frame_light
+from isochrome.frames import Frame, Linear, estimate_noise, full_scale, to_linear
+from isochrome.scene import Scene
+
+Array = NDArray[Any]
+Mask = NDArray[np.bool_]
+
+_SMOOTH_PX = 1.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """One prepared frame, in fractions of full scale.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    light : (rows, cols) array
+        Linear light, raw^gamma.
+    sigma : (rows, cols) array
+        Its noise.
+    valid : (rows, cols) array of bool
+        True where a pixel may be used.
+    raw, raw_sigma : (rows, cols) array
+        The same light and noise as the sensor stored them.
+    gamma : float
+        The exponent from raw to light.
+    """
+
+    name: str
+    light: Array
+    sigma: Array
+    valid: Mask
+    raw: Array
+    raw_sigma: Array
+    gamma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameData(Observation):
+    """A prepared frame to hold a scene against.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    light : (rows, cols) array
+        Linear light, raw^gamma, in fractions of full scale.
+    sigma : (rows, cols) array
+        Its noise.
+    valid : (rows, cols) array of bool
+        True where a pixel may be used.
+    raw, raw_sigma : (rows, cols) array
+        The same light and noise as the sensor stored them.
+    gamma : float
+        The exponent from raw to light.
+    lamp : LightModel
+        What its illumination and background are sums of.
+    """
+
+    lamp: LightModel
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the picture."""
+        return self.light.shape[0], self.light.shape[1]
+
+    @property
+    def illumination(self) -> Array:
+        """The illumination's images (k, rows, cols)."""
+        return self.lamp.illumination
+
+    @property
+    def background(self) -> Array:
+        """The background's images (k, rows, cols)."""
+        return self.lamp.background
+
+    def plain(self) -> FrameData:
+        """The frame with one amplitude for all its light: for a search, or a model that is poor."""
+        return replace(self, lamp=self.lamp.plain())
+
+    def toned(self, gamma: float) -> FrameData:
+        """The frame read with another exponent, and with smooth light whatever was before."""
+        level = np.maximum(self.raw, self.raw_sigma)
+        return replace(
+            self,
+            light=np.maximum(self.raw, 0.0) ** np.float32(gamma),
+            sigma=(gamma * level ** (gamma - 1.0) * self.raw_sigma).astype(np.float32),
+            lamp=frame_light(
+                self.shape, terms=self.lamp.terms if self.lamp.bright is None else None
+            ),
+            gamma=gamma,
+        )
+
+    def every(self, stride: int) -> FrameData:
+        """The frame at every `stride`-th pixel."""
+        names = ("light", "sigma", "valid", "raw", "raw_sigma")
+        thin = {name: getattr(self, name)[::stride, ::stride] for name in names}
+        return replace(self, lamp=self.lamp.every(stride), **thin)
+
+
+def observe(
+    image: Array, *, name: str, bit_depth: int | None, gamma: float, mask: Mask | None = None
+) -> Observation:
+    """Turn a frame's raw grey levels into light with its noise.
+
+    The noise is told from the frame itself. A pixel's own is that of the grey level about it, a
+    Gaussian mean in which the pixel counts for a fourteenth, not a ninth as in one over 3 x 3: a
+    weight that follows the pixel's own noise pulls every fit to the dark side.
+
+    Parameters
+    ----------
+    image : (rows, cols) array
+        Grey levels as stored.
+    name : str
+        For messages.
+    bit_depth : int or None
+        Bits of the sensor, None where the levels are fractions already.
+    gamma : float
+        Light = raw^gamma.
+    mask : (rows, cols) array of bool, optional
+        True where a pixel may be used.
+
+    Returns
+    -------
+    Observation
+        The prepared frame.
+
+    Raises
+    ------
+    InputError
+        On a blank frame.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    linear = to_linear(image, bit_depth=bit_depth, gamma=gamma, name=name, mask=mask)
+    finite = np.isfinite(image)
+    grey = np.where(finite, image, 0.0).astype(np.float32)
+    noise = estimate_noise(image, linear.valid, bit_depth=bit_depth)
+    level = gaussian_filter(grey, _SMOOTH_PX)
+    full = np.float32(full_scale(bit_depth))
+    raw_sigma = noise.sigma(level).astype(np.float32) / full
+    sigma = raw_sigma
+    if gamma != 1.0:
+        sigma = noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma).astype(np.float32)
+    # a mask is no edge of the light: a rim is looked for in all that the camera saw
+    light = np.where(finite, linear.image, np.float32(0.0))
+    return Observation(
+        name=name, light=light, sigma=sigma, valid=linear.valid, raw=grey / full,
+        raw_sigma=raw_sigma, gamma=gamma,
+    )  # fmt: skip
+
+
+def prepare_frame(
+    frame: Frame,
+    scene: Scene,
+    *,
+    bit_depth: int | None,
+    no_load: tuple[Linear | None, Linear | None] = (None, None),
+    gamma_found: bool = False,
+) -> FrameData:
+    """Observe a frame, with the light that its scene is to be held against.
+
+    Parameters
+    ----------
+    frame : Frame
+        The captured frame.
+    scene : Scene
+        The scene, for frames.gamma.
+    bit_depth : int or None
+        Bits of the sensor.
+    no_load : tuple of Linear or None, optional
+        The dark and the bright frame of no load.
+    gamma_found : bool, optional
+        Whether an unknown gamma is going to be found, and is 1 until then.
+
+    Returns
+    -------
+    FrameData
+        The prepared frame, its light as in `frame_light`.
+
+    Raises
+    ------
+    InputError
+        On a blank frame, and an unknown gamma.
+    """
+    gamma = scene.frames.first_gamma if gamma_found else scene.frames.stated_gamma
+    seen = observe(frame.image, name=frame.name, bit_depth=bit_depth, gamma=gamma, mask=frame.mask)
+    ends = [part for part in no_load if part is not None]
+    valid = np.logical_and.reduce([seen.valid, *(part.valid for part in ends)])
+    rows, cols = seen.light.shape
+    lamp = frame_light((rows, cols), *(None if part is None else part.image for part in no_load))
+    return FrameData(**(vars(seen) | {"valid": valid}), lamp=lamp)

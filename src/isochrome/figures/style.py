@@ -1,0 +1,303 @@
+"""What every picture of the program shares: size, fonts, colour maps, millimetre axes.
+
+Matplotlib's object interface on the Agg canvas only: no pyplot, no global state, so that a
+figure made in a thread or in a notebook disturbs nobody. Matplotlib is imported inside the
+functions because most commands draw nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isochrome.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+FRAME_MAP = "gray"
+VALUE_MAP = "viridis"
+DIFFERENCE_MAP = "RdBu_r"
+
+UNKNOWN_COLOUR = "#dcdcdc"
+"""Light grey, hatched, where an image holds NaN (not known)."""
+
+LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+"""Okabe and Ito's colours, told apart by colour-blind readers too."""
+
+TEXT_PT, TITLE_PT, TICK_PT = 9.5, 10.5, 8.5
+LONGEST_NAME = 48
+"""Letters of a file's name in a title."""
+_HATCH_COLOUR = "#c4c4c4"
+
+
+class Place(TypedDict):
+    """Where an image lies: keywords of `show_image`.
+
+    Attributes
+    ----------
+    pixel_mm : float or None
+        Edge of a square pixel, mm; None where it is not known.
+    left_mm : float
+        Outer edge of the first column, mm.
+    top_mm : float
+        Outer edge of the first row, mm.
+    """
+
+    pixel_mm: float | None
+    left_mm: float
+    top_mm: float
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """Make an empty white figure with constrained layout.
+
+    Parameters
+    ----------
+    width_in : float
+        Width, inches.
+    height_in : float
+        Height, inches.
+
+    Returns
+    -------
+    Figure
+        On an Agg canvas; `isochrome.output.write_figure` saves it.
+
+    Raises
+    ------
+    InputError
+        Where a side is not above zero.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    if not (width_in > 0 and height_in > 0):
+        raise InputError(f"a figure of {width_in} x {height_in} inches: give a size above zero")
+    figure = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str = "") -> None:
+    """Give one pair of axes the program's fonts, ticks and labels.
+
+    It serves plots as well as images.
+
+    Parameters
+    ----------
+    axes : Axes
+        The axes to style.
+    x_label : str, default ''
+        The horizontal quantity with its unit in brackets; empty: the label that is there stays.
+    z_label : str, default ''
+        The vertical quantity, in the same way.
+    title : str, default ''
+        Title at the left; empty: none is set.
+    """
+    axes.tick_params(labelsize=TICK_PT, length=3, width=0.7)
+    axes.set_xlabel(x_label or axes.get_xlabel(), fontsize=TEXT_PT)
+    axes.set_ylabel(z_label or axes.get_ylabel(), fontsize=TEXT_PT)
+    if title:
+        axes.set_title(title, fontsize=TITLE_PT, loc="left")
+    for spine in axes.spines.values():
+        spine.set_linewidth(0.7)
+
+
+def plain_name(name: str, longest: int = LONGEST_NAME) -> str:
+    """Write a file's name as a title may hold it: in one line, not too long, and no formula.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    longest : int, default 48
+        Letters that there is room for.
+
+    Returns
+    -------
+    str
+        The name; where it is too long, without its middle.
+    """
+    line, half = " ".join(name.splitlines()), (longest - 1) // 2
+    short = line if len(line) <= longest else f"{line[:half]}…{line[-half:]}"
+    return short.replace("$", r"\$")
+
+
+def show_image(
+    axes: Axes,
+    image: ArrayLike,
+    *,
+    pixel_mm: float | None = None,
+    left_mm: float = 0.0,
+    top_mm: float = 0.0,
+    cmap: str = VALUE_MAP,
+    vmin: float | None = None,
+    vmax: float | None = None,
+    title: str = "",
+    colour_label: str = "",
+) -> AxesImage:
+    """Draw an image at true proportions: x to the right, z down, in mm or in pixels.
+
+    NaN is left out, and the hatched light grey behind shows.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    image : array_like of shape (row, col) or (row, col, 3)
+        Values, or colours: 0 or `vmin` is black and 1 or `vmax` full light.
+    pixel_mm : float, optional
+        Edge of a square pixel, mm; without it the axes count pixels.
+    left_mm : float, default 0.0
+        Outer edge of the first column, mm.
+    top_mm : float, default 0.0
+        Outer edge of the first row, mm.
+    cmap : str, default 'viridis'
+        Matplotlib's name of the colour map.
+    vmin : float, optional
+        Lower bound of the colours; by default the smallest finite value.
+    vmax : float, optional
+        Upper bound of the colours; by default the largest finite value.
+    title : str, default ''
+        Title of the axes.
+    colour_label : str, default ''
+        Label, with its unit, of a colour bar; empty: there is none.
+
+    Returns
+    -------
+    AxesImage
+        The drawn image.
+
+    Raises
+    ------
+    InputError
+        Where the image has another shape.
+    """
+    values = np.asarray(image)
+    if values.dtype != np.float32:  # as maps are, of which a picture shows many
+        values = values.astype(float)
+    if values.ndim != 2 and values.shape[2:] != (3,):
+        raise InputError(
+            f"an image of shape {values.shape} to draw: give one 2-D image, or one in colour"
+        )
+    rows, cols = values.shape[:2]
+    pixels = values if values.ndim == 2 else _opaque(values, vmin, vmax)
+    left, top, pixel = (-0.5, -0.5, 1.0) if pixel_mm is None else (left_mm, top_mm, pixel_mm)
+    drawn = axes.imshow(
+        pixels,
+        cmap=cmap,
+        vmin=vmin,
+        vmax=vmax,
+        extent=(left, left + cols * pixel, top + rows * pixel, top),
+        origin="upper",
+        aspect="equal",
+        interpolation_stage="data",  # made smaller as numbers, not as colours, which take ten times
+    )
+    axes.patch.set(facecolor=UNKNOWN_COLOUR, edgecolor=_HATCH_COLOUR, hatch="////", linewidth=0)
+    unit = ("column (px)", "row (px)") if pixel_mm is None else ("x (mm)", "z (mm)")
+    style_axes(axes, x_label=unit[0], z_label=unit[1], title=title)
+    if colour_label:
+        add_colour_bar(drawn, colour_label)
+    return drawn
+
+
+def draw_line(axes: Axes, rows: np.ndarray, cols: np.ndarray, place: Place, **look: Any) -> None:
+    """Draw a line over an image that `show_image` has drawn at the same place.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where the image was drawn.
+    rows : ndarray of shape (n,)
+        Rows of the line's points, pixels.
+    cols : ndarray of shape (n,)
+        Columns of the line's points, pixels.
+    place : Place
+        Where the image lies.
+    **look : Any
+        Keywords of `Axes.plot`.
+    """
+    x, z, pixel = cols, rows, place["pixel_mm"]
+    if pixel:
+        x, z = place["left_mm"] + pixel * (x + 0.5), place["top_mm"] + pixel * (z + 0.5)
+    axes.plot(x, z, **look)
+
+
+def _opaque(colour: np.ndarray, vmin: float | None, vmax: float | None) -> np.ndarray:
+    """Colour as light in 0..1 with an opacity (row, col, 4): pixels that hold NaN let through."""
+    low, high = vmin or 0.0, 1.0 if vmax is None else vmax
+    known = np.isfinite(colour).all(axis=2, keepdims=True)
+    light = np.clip((np.where(known, colour, low) - low) / (high - low), 0.0, 1.0)
+    return np.concatenate([light, known], axis=2)
+
+
+def add_colour_bar(
+    drawn: AxesImage | list[AxesImage], label: str, *, length: float = 1.0
+) -> Colorbar:
+    """Add a colour bar beside the axes of one or several images.
+
+    Its ends are pointed where values of any of the images lie beyond the colours.
+
+    Parameters
+    ----------
+    drawn : AxesImage or list of AxesImage
+        One image, or several that have the same colours and share the bar.
+    label : str
+        Quantity and unit.
+    length : float, default 1.0
+        Share of the axes' common height.
+
+    Returns
+    -------
+    Colorbar
+        The bar.
+    """
+    images = drawn if isinstance(drawn, list) else [drawn]
+    low, high = images[0].get_clim()
+    shown: list[np.ndarray] = [np.ma.asarray(image.get_array()).compressed() for image in images]
+    below = any(values.size and float(values.min()) < low for values in shown)
+    above = any(values.size and float(values.max()) > high for values in shown)
+    ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    bar = images[0].axes.figure.colorbar(
+        images[0],
+        ax=[image.axes for image in images],
+        extend=ends.get((below, above), "neither"),
+        pad=0.02,
+        aspect=18.0 * max(1.0, length * len(images)),
+        shrink=length,
+        extendfrac=0.03,
+    )
+    bar.set_label(label, fontsize=TEXT_PT)
+    bar.ax.tick_params(labelsize=TICK_PT, length=3, width=0.7)
+    return bar
+
+
+def centred_limit(*differences: ArrayLike, percentile: float = 99.0) -> float:
+    """Find a symmetric colour limit for difference images: a round number, never zero.
+
+    Parameters
+    ----------
+    *differences : array_like
+        Images of any shape; NaN does not count.
+    percentile : float, default 99.0
+        Percentile of |difference| over all images that is rounded up, in per cent.
+
+    Returns
+    -------
+    float
+        1, 1.5, 2, 3, 5 or 7 times a power of ten; 1.0 where nothing is finite or all is zero.
+    """
+    parts = [np.abs(np.asarray(each, dtype=float)).ravel() for each in differences]
+    values = np.concatenate([part[np.isfinite(part)] for part in parts] or [np.zeros(0)])
+    largest = float(np.percentile(values, percentile)) if values.size else 0.0
+    if largest <= 0.0:
+        return 1.0
+    decade = 10.0 ** np.floor(np.log10(largest))
+    steps = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0]) * decade
+    return float(steps[np.searchsorted(steps, largest * (1.0 - 1e-9))])

@@ -1,0 +1,167 @@
+"""Values over frames or distance, each with its band: one picture for all that find them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.figures.style import LINE_COLOURS, new_figure, plain_name, style_axes
+from isochrome.output import FrameValues
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+Array = NDArray[Any]
+
+BAND = 2.0
+"""Half-width of a band, in standard uncertainties."""
+
+KEY_LABELS = {
+    "friction.coefficient": "friction coefficient",
+    "load.normal_n": "normal load (N)",
+    "camera.left_mm": "left edge of the picture (mm)",
+    "camera.top_mm": "top edge of the picture (mm)",
+    "wear.coefficient_mm2_per_n": "wear coefficient (mm²/N)",
+}
+"""What stands at the axis of a key."""
+
+PANEL_IN = 2.1
+"""Height of one quantity's panel in inches."""
+
+_POINTS = 1600
+"""Frames that are drawn: twice as many as a panel has pixels across."""
+_FEW = 40
+"""Frames whose points have room beside each other."""
+
+
+def frame_axis(found: FrameValues) -> tuple[Array, str]:
+    """Where frames stand on an axis, and its label: their distance where they have several.
+
+    Parameters: `found`. Returns (n,), NaN for a frame that stands still among those that slide.
+    """
+    known = found.distance_m[np.isfinite(found.distance_m)]
+    if known.size and np.ptp(known) > 0.0:
+        return found.distance_m, "sliding distance (m)"
+    return np.arange(len(found.chi), dtype=float), "frame"
+
+
+def draw_band(
+    axis: Axes, x: Array, values: Array, spread: Array, *, colour: Any = LINE_COLOURS[0],
+    **line: Any,
+) -> None:  # fmt: skip
+    """Draw values with a band of two standard uncertainties to either side.
+
+    Parameters
+    ----------
+    axis : Axes
+        Where to draw.
+    x : ndarray of shape (n,)
+        Places on the horizontal axis.
+    values : ndarray of shape (n,)
+        The values.
+    spread : ndarray of shape (n,)
+        Their standard uncertainties; where one is not finite, there is no band.
+    colour : Any, default LINE_COLOURS[0]
+        Colour of line and band.
+    **line : Any
+        Keywords of `Axes.plot`: how the line looks.
+    """
+    band = BAND * np.where(np.isfinite(spread), spread, np.nan)
+    axis.fill_between(x, values - band, values + band, color=colour, alpha=0.3, lw=0)
+    axis.plot(x, values, color=colour, **line)
+
+
+def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
+    """Draw a key over the frames, or the distance, with its band.
+
+    Frames that stand still are squares at the distance 0, key frames dots, and frames found by a
+    full search circles.
+
+    Parameters
+    ----------
+    axis : Axes
+        Where to draw.
+    found : FrameValues
+        The values of all frames.
+    key : str
+        One of its keys.
+    """
+    j = found.keys.index(key)
+    values, spread = found.values[:, j], found.standard_uncertainty[:, j]
+    place, across = frame_axis(found)
+    still = ~np.isfinite(place) & np.isfinite(values)
+    order = np.argsort(place, kind="stable")[: int(np.isfinite(place).sum())]
+    order = order[:: -(-len(order) // _POINTS)] if len(order) else order
+    # a line goes on over frames without the key, and breaks where a video's frame tells nothing
+    drawn = order[np.isfinite(values[order])] if len(order) <= _FEW else order
+    draw_band(axis, place[drawn], values[drawn], spread[drawn], lw=0.9)
+    if len(order) <= _FEW:
+        open_square: dict[str, Any] = {"fmt": "s", "mfc": "white"}
+        for frames, look in ((drawn, {"fmt": "o"}), (np.flatnonzero(still), open_square)):
+            x = np.where(np.isfinite(place[frames]), place[frames], 0.0)
+            bars = BAND * np.where(np.isfinite(spread[frames]), spread[frames], np.nan)
+            look |= {"color": LINE_COLOURS[0], "ms": 4, "capsize": 2.5, "lw": 1.0}
+            axis.errorbar(x, values[frames], yerr=bars, **look)
+    _mark(axis, found, place, values)
+    followed = spread[~found.whole] if not found.whole.all() else spread
+    known = followed[np.isfinite(followed)]
+    said = f"median u = {np.median(known):.2g}" if known.size else "not determined"
+    said += " (square: static)" * bool(still.any())
+    style_axes(axis, x_label=across, z_label=KEY_LABELS.get(key, key), title=said)
+    axis.ticklabel_format(axis="y", useOffset=False)
+
+
+def _mark(axis: Axes, found: FrameValues, place: Array, values: Array) -> None:
+    """Mark key frames, and those that were found by a full search."""
+    axis.plot(place[found.whole], values[found.whole], ".", color="black", ms=4)
+    again = found.searched
+    axis.plot(place[again], values[again], "o", mfc="none", color=LINE_COLOURS[1], ms=5)
+
+
+def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
+    """Draw each key with its band, and below them chi, on an empty figure.
+
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        Where to draw.
+    found : FrameValues
+        The values of all frames.
+    """
+    count = len(found.keys) + 1
+    axes: list[Any] = list(figure.subplots(count, 1, sharex=True, squeeze=False).flat)
+    for axis, key in zip(axes, found.keys, strict=False):
+        draw_values(axis, found, key)
+        axis.set_xlabel("")
+    place, across = frame_axis(found)
+    thin = slice(None, None, -(-len(place) // _POINTS))
+    axes[-1].plot(place[thin], found.chi[thin], color="0.3", lw=0.9)
+    _mark(axes[-1], found, place, found.chi)
+    style_axes(axes[-1], x_label=across, z_label="chi")
+    marks = "circles: found by a full search"
+    marks = f"dots: key frames; {marks}" if found.whole.any() else marks
+    figure.suptitle(f"values, band ± {BAND:g} standard uncertainties\n{marks}", fontsize=10)
+
+
+def frame_values_figure(name: str, found: FrameValues) -> Figure:
+    """Draw `draw_frame_values` as a picture of its own.
+
+    Parameters
+    ----------
+    name : str
+        Name of the scene.
+    found : FrameValues
+        The values of all frames.
+
+    Returns
+    -------
+    Figure
+        A panel a key, and one for chi.
+    """
+    figure = new_figure(9.0, PANEL_IN * (len(found.keys) + 1) + 0.8)
+    draw_frame_values(figure, found)
+    figure.suptitle(f"{plain_name(name)}: tracked {figure.get_suptitle()}", fontsize=10)
+    return figure

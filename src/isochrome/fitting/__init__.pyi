@@ -1,0 +1,52 @@
+from .api import fit
+from .causes.freeing import Freed, fit_with_causes
+from .causes.report import cause_messages
+from .frame.frame_fit import FrameFit, fit_frame, placed
+from .frame.model_frame import ModelFrame, evaluate_model
+from .frame.single_state import (
+    frame_distance,
+    frame_scene,
+    scene_at,
+    slid_until,
+    sliding_scene,
+    timed_distance,
+)
+from .frame.smooth_stress import SMOOTH_KEYS
+from .frame.unknowns import FRICTION, GAMMA, free_keys
+from .joint.frame_sequence import over_distance
+from .refusals import CORRECT
+from .result import TOO_FAR, fitted_scene
+from .tracking.api import refuse_shared, track
+from .tracking.tracker import Tracked, Tracker, VainSearch, nothing_found
+
+__all__ = [
+    "CORRECT",
+    "FRICTION",
+    "GAMMA",
+    "SMOOTH_KEYS",
+    "TOO_FAR",
+    "FrameFit",
+    "Freed",
+    "ModelFrame",
+    "Tracked",
+    "Tracker",
+    "VainSearch",
+    "cause_messages",
+    "evaluate_model",
+    "fit",
+    "fit_frame",
+    "fit_with_causes",
+    "fitted_scene",
+    "frame_distance",
+    "frame_scene",
+    "free_keys",
+    "nothing_found",
+    "over_distance",
+    "placed",
+    "refuse_shared",
+    "scene_at",
+    "slid_until",
+    "sliding_scene",
+    "timed_distance",
+    "track",
+]

@@ -1,0 +1,252 @@
+"""`fit`: a scene's unknowns from captured frames, each with its standard uncertainty."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from isochrome.fitting.figure import figure_of_frames
+from isochrome.fitting.folder import restore_fit, write_fit
+from isochrome.fitting.frame.frame_fit import placed
+from isochrome.fitting.frame.unknowns import GAMMA
+from isochrome.fitting.frame_set import PreparedFrames, light_terms
+from isochrome.fitting.joint.frame_sequence import alone_scene, make_sequence
+from isochrome.fitting.joint.joint_fit import JointFit
+from isochrome.fitting.joint.separate_fits import is_each
+from isochrome.fitting.refusals import refuse_keys
+from isochrome.fitting.result import Fit, fitted_scene
+from isochrome.fitting.stages import FrameWork, Row, joint_stage
+from isochrome.fitting.tractions.api import asked_for, with_tractions
+from isochrome.fitting.tractions.surface_fit import refuse_without_contact
+from isochrome.frames import FramesPath, absolute, input_files, open_scene_frames
+from isochrome.progress import RunProgress, Tally
+from isochrome.runs import (
+    Job,
+    RunFolder,
+    RunLayout,
+    RunOptions,
+    chunk_size,
+    refuse_without_folder,
+    rows,
+    run_identity,
+    run_job,
+    single_threaded,
+)
+from isochrome.scene import Scene, dump_scene, load_scene
+
+__all__ = ["Fit", "fit", "fitted_scene"]
+
+_PASSES = 12
+"""Times that a joint fit mostly goes through all frames."""
+
+
+def fit(
+    frames: FramesPath,
+    scene: str | Path | Scene,
+    free: list[str] | tuple[str, ...],
+    *,
+    per_frame: list[str] | tuple[str, ...] = (),
+    follow: bool = False,
+    tractions: bool = False,
+    as_stated: bool = False,
+    out: str | Path | None = None,
+    workers: int | None = 1,
+    cluster: str | None = None,
+    restart: bool = False,
+    progress: RunProgress | None = None,
+) -> Fit:
+    """Fit unknowns of a scene, named by their keys, to the intensities of captured frames.
+
+    The sum of ((I_measured - I_model)/sigma)² over all pixels is made least; background and
+    illumination are linear in it, and are solved for at each step. Each frame is fitted on its own
+    first, then all together. Frames of a worn contact are states of one run: the wear is simulated
+    with the load, friction and wear that the unknowns stand for, over all distances, in every step
+    of the fit. Where frames share neither an unknown nor a history, their own fits are the result.
+
+    Parameters
+    ----------
+    frames : str, Path or sequence of them
+        A TIFF stack, image, video, or a folder, list or glob of them, as for `open_frames`; one
+        frame a state.
+    scene : str, Path or Scene
+        A TOML file, the name of a scene of the package, or a Scene, where the fit starts.
+    free : list or tuple of str
+        Keys that all frames share, such as 'load.normal_n' (an unknown frames.gamma is one of
+        them).
+    per_frame : list or tuple of str, optional
+        Keys that have a value in each frame.
+    follow : bool, default False
+        Whether a frame is looked for where the last one was, and there alone.
+    tractions : bool, default False
+        Whether each frame's pressure and shear are found without a contact model too.
+    as_stated : bool, default False
+        Whether all that the scene states is held, and nothing else is fitted than its unknowns;
+        else what a frame asks for is fitted too and named in the warnings: the camera's roll,
+        distortion and keystone, gamma, blur, plates, band of wavelengths, a smooth stress, uneven
+        light, and dust is left out. Frames that share an unknown or a history are fitted as
+        stated.
+    out : str or Path, optional
+        Folder for fit.csv, scene.toml (fitted), fit.json, provenance.json, fit.png, run.zarr
+        (values over frame, see `open_run`), of several frames fit_over_distance.png and
+        wear_laws.csv, and with `tractions` tractions.csv, tractions.png, sigma_1_mpa.tif,
+        sigma_2_mpa.tif and fringe_order.tif.
+    workers : int or None, default 1
+        Processes on this machine; None: as many as are useful. A script that asks for more than
+        one needs the usual ``if __name__ == "__main__":``.
+    cluster : str, optional
+        Address of a Dask scheduler, in place of `workers`, such as 'tcp://host:8786'.
+    restart : bool, default False
+        Whether to begin anew where an earlier run was interrupted or is complete.
+    progress : callable, optional
+        Called with a Tally of the frames, a pass over them counting as often as there are.
+
+    Returns
+    -------
+    Fit
+        Values, standard uncertainties and Cramér-Rao bounds by key, in the units that the keys
+        name; chi, the residual over the noise; the fitted scene.
+
+    Raises
+    ------
+    InputError
+        Where a key is unknown, or two keys cannot be told apart in these frames.
+    PhysicsError
+        Where the frames do not hold the scene's fringes.
+
+    Notes
+    -----
+    What is finished is kept in ``OUT.partial`` until all is: after a crash, the same call
+    resumes from there. Source of the separable least squares: Golub & Pereyra (2003), Inverse
+    Problems 19, R1; of the bounds: Kay (1993), Fundamentals of Statistical Signal Processing I,
+    section 3.7.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> simulated = isochrome.simulate(scene, "simulated")
+    >>> start = scene.with_values({"load.normal_n": 63.0})
+    >>> found = isochrome.fit("simulated/frames.tif", start, ["load.normal_n"])
+    >>> print(f"{found.table['value'][0]:.1f} N")
+    60.0 N
+    """
+    scene = load_scene(scene)
+    shared, own = tuple(free), tuple(per_frame)
+    refuse_keys(scene, shared, own)
+    if tractions:
+        refuse_without_contact(scene)
+    refuse_without_folder(out, workers, cluster)
+    if scene.frames.gamma == "unknown":
+        scene = scene.with_values({GAMMA: scene.frames.first_gamma})
+        shared += () if GAMMA in own + shared else (GAMMA,)
+    frames = frames if isinstance(frames, str | Path) else tuple(frames)
+    files = input_files(open_scene_frames(frames, scene), scene)
+    if cluster is not None:
+        frames, scene = absolute(frames, scene)
+    with single_threaded(), closing(PreparedFrames(frames, scene)) as data:
+        task = _Task(data, shared, own, follow, tractions, as_stated, progress)
+        if out is None:
+            return task.in_memory()
+        keys = {"free": list(shared), "per_frame": list(own)}
+        options = keys | {"follow": follow, "tractions": tractions}
+        options |= {"as_stated": True} if as_stated else {}
+        identity = run_identity(dump_scene(data.given), files, options)
+        job = Job(task.work, task.layout, identity, in_turn=follow)
+        return task.to_folder(job, Path(out), RunOptions(workers, cluster, restart))
+
+
+class _Task:
+    """A fit that was begun: its frames, unknowns, and how far it is."""
+
+    def __init__(
+        self,
+        data: PreparedFrames,
+        shared: tuple[str, ...],
+        own: tuple[str, ...],
+        follow: bool,
+        tractions: bool,
+        as_stated: bool,
+        progress: RunProgress | None,
+    ) -> None:
+        sequence = make_sequence(placed(data.scene, data.shape), len(data), shared, own)
+        rows, cols = data.shape
+        self.data, self.tractions = data, tractions
+        self.free_top = "camera.top_mm" in shared + own
+        self.work = FrameWork(data, sequence, follow, as_stated)
+        self.layout = RunLayout(
+            axes={"frame": len(data)}, chunk=chunk_size(len(data), 4 * rows * cols)
+        )
+        passes = 0 if is_each(sequence) else _PASSES
+        self.steps = _Steps(progress, len(data), 1 + passes + tractions)
+
+    def in_memory(self) -> Fit:
+        """The fit, which leaves no files."""
+        found: list[Row] = []
+        left = None
+        for i in range(len(self.data)):
+            part = self.work(i, i + 1, left)
+            left = part.left
+            found += part.rows
+            self.steps.one()
+        return self._concluded(found)[0]
+
+    def to_folder(self, job: Job, out: Path, means: RunOptions) -> Fit:
+        """The fit, its files and what is kept of it on the way in a folder."""
+
+        def finish(bench: RunFolder) -> Fit:
+            result, joint = self._concluded([row for row, _ in rows(bench)])
+            write_fit(bench, job, self.data.given.name, self.data, result, joint)
+            return result
+
+        run = partial(run_job, job, out, finish, progress=self.steps.run)
+        found = run(means=means)
+        if found is None and self.tractions:  # a folder does not hold all of them
+            found = run(means=replace(means, restart=True))
+        return found or restore_fit(out, self.data.given)
+
+    def _concluded(self, found: list[Row]) -> tuple[Fit, JointFit]:
+        data, sequence = self.data, self.work.sequence
+        alone = [self.work.restored(i, row) for i, row in enumerate(found)]
+        said = [(i, text) for i, row in enumerate(found) for text in row["said"]]
+        data.lights = {i: light_terms(row["light"]) for i, row in enumerate(found) if row["light"]}
+        result, joint = joint_stage(data, sequence, alone, said, self.steps.one)
+        if self.tractions:
+            given = [placed(alone_scene(data.scene, i), data.shape) for i in range(len(data))]
+            result = with_tractions(
+                result, data, joint, given, free_top=self.free_top, told=self.steps.one
+            )
+        else:
+            result = replace(result, warnings=(*result.warnings, *asked_for(result)))
+        self.steps.end()
+        frames = data.path, data.given, frozenset(data.plain), dict(data.lights)
+        return replace(result, draw=partial(figure_of_frames, *frames, joint.scenes)), joint
+
+
+class _Steps:
+    """Progress over passes whose number is not known before."""
+
+    def __init__(self, progress: RunProgress | None, count: int, passes: int) -> None:
+        self.progress, self.count = progress, count
+        self.tally = Tally(0, count * passes, 0, 0)
+
+    def run(self, tally: Tally) -> None:
+        """How far the first pass is."""
+        self._tell(replace(tally, count=self.tally.count))
+
+    def one(self) -> None:
+        """One frame of one pass is done."""
+        done, count = self.tally.done + 1, self.tally.count
+        self._tell(replace(self.tally, done=done, count=count + self.count * (done > count)))
+
+    def end(self) -> None:
+        """All is done."""
+        self._tell(replace(self.tally, done=self.tally.count))
+
+    def _tell(self, tally: Tally) -> None:
+        self.tally = tally
+        if self.progress is not None:
+            self.progress(tally)

@@ -1,0 +1,1 @@
+"""What else a frame shows than its scene says: asked of its residual, freed, named."""

@@ -1,0 +1,190 @@
+"""A fitted frame in blocks: its residual, and how the model changes with what was held.
+
+Residuals are summed over blocks of pixels, which loses nothing of what is smooth; derivatives are
+taken at the blocks' centres, from the field that the fit ended with. Nothing is rendered again.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from isochrome.estimation import FrameData
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PIXEL, PLATES, Cause
+from isochrome.fitting.frame.frame_fit import Fitted
+from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.fitting.frame.gamma import gamma_slope
+from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, moved_scene
+from isochrome.scene import Scene
+from isochrome.stress import pixel_grid, regular_modes
+
+BLOCK = 3
+"""Pixels of a block's side: a fringe is seldom finer than three blocks."""
+
+_FILLED = 0.5
+"""Least share of a block's pixels that were fitted."""
+
+_STEP = 1e-4
+_STRESS_MPA = 0.01
+_EVEN = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
+"""Steps of what has no slope at nought: degrees, nm."""
+
+
+class FrameBlocks:
+    """Blocks of a frame (n,): `residual` over its noise, `rows` of all that was fitted (p, n).
+
+    `worst` (rows/3, cols/3), the largest residual of a pixel in each block of the picture.
+    """
+
+    def __init__(self, data: FrameData, fitted: Fitted) -> None:
+        """`data`, as it was fitted; `fitted`, with the model and the solution of its pixels."""
+        model, final = fitted.model, fitted.final
+        self.data, self.scene = data, fitted.fit.scene
+        keep, toned = model.pixels.keep, final.toned
+        place = np.full(keep.shape, -1)
+        place[keep] = np.arange(model.pixels.size)
+        count = block_sums(keep.astype(np.float32))
+        centre = np.zeros_like(keep)
+        centre[1:-1, 1:-1] = _inner(keep)
+        chosen = centre[::BLOCK, ::BLOCK] & (count > _FILLED * BLOCK**2)
+        at = place[::BLOCK, ::BLOCK][chosen]
+        self._chosen = chosen
+        root = np.sqrt(count[chosen])
+        image = np.zeros(keep.shape, np.float32)
+        image[keep] = toned.residual
+        self.residual = block_sums(image)[chosen] / root
+        self.worst = _largest_near(image)
+        image[keep] = toned.part.signal
+        self._signal_image = image
+        self.signal = toned.part.signal[at]
+        self._light = toned.weight[at] * root
+        self._bases = model.pixels.light[:, at], model.pixels.dark[:, at]
+        split = len(self._bases[0])
+        self.amplitude = toned.part.coefficients[:split].astype(np.float32) @ self._bases[0]
+        self._gain = self.amplitude * self._light
+        self._gamma_slope = gamma_slope(toned, model.gamma(final.values))[at] * root
+        self.rows = np.concatenate((
+            final.local.rows[:, at] * root,
+            self._bases[0] * (self.signal * self._light),
+            self._bases[1] * self._light,
+        ))  # fmt: skip
+        self._fields = self._thin_fields(fitted)
+
+    def _thin_fields(self, fitted: Fitted) -> tuple[Array, Array]:
+        """Stress difference and visibility at the blocks, as the fit last had them."""
+        scene = moved_scene(fitted.model.scene, fitted.fit.keys, fitted.final.values)
+        field, visibility = fitted.model.renderer.order_field(scene)
+        shown = np.broadcast_to(visibility, field.shape)
+        return np.nan_to_num(self.thin(field)), self.thin(shown)
+
+    def thin(self, image: Array) -> Array:
+        """An image (rows, cols) at the blocks (n,)."""
+        return self.pick(image[::BLOCK, ::BLOCK])
+
+    def pick(self, thinned: Array) -> Array:
+        """Images of every third pixel (..., rows/3, cols/3) at the blocks (..., n)."""
+        return np.asarray(thinned[..., self._chosen])
+
+    def image_of(self, values: Array) -> Array:
+        """Values of the blocks (n,) as an image of every third pixel, 0 elsewhere."""
+        image = np.zeros(self._chosen.shape, dtype=values.dtype)
+        image[self._chosen] = values
+        return image
+
+    def light_columns(self, illumination: Array, background: Array) -> Array:
+        """Weighted columns (k, n) of light that is not in the model, given at the blocks."""
+        return np.concatenate(
+            (illumination * (self.signal * self._light), background * self._light)
+        )
+
+    def columns(self, cause: Cause) -> Array:
+        """Weighted derivatives of the model by a cause's keys (k, n); an even one's whole step."""
+        if cause.keys[0] in _EVEN:
+            changed = dict.fromkeys(cause.keys, _EVEN[cause.keys[0]])
+            step = self._signal(self.scene.with_values(changed)) - self._here
+            return np.asarray(step * self._gain)[None]
+        return np.array([self._column(key) for key in cause.keys])
+
+    @cached_property
+    def _here(self) -> Array:
+        """The signal at the blocks, as it was fitted."""
+        return self._signal(self.scene)
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
+        """The signal's slopes at the blocks, down and across, over a pixel."""
+        down, across = np.gradient(self._signal_image)
+        return self.thin(down), self.thin(across)
+
+    def _column(self, key: str) -> Array:
+        if key == GAMMA:
+            return np.asarray(self._gamma_slope)
+        if key == BLUR:
+            return np.asarray(self.thin(_curvature(self._signal_image)) * self._gain)
+        if key in SMOOTH_KEYS:
+            added = self._smooth(key)
+            moved = self._signal(self.scene, self._fields[0] + np.complex64(_STRESS_MPA) * added)
+            return np.asarray((moved - self._here) * (self._gain / _STRESS_MPA))
+        if key == FRINGE_VALUE:
+            moved = self._signal(self.scene, self._fields[0] * np.float32(1.0 - _STEP))
+            return np.asarray((moved - self._here) * (self._gain / (_STEP * self.scene.get(key))))
+        return self._moved_column(key)
+
+    def _smooth(self, key: str) -> Array:
+        """The stress of one of the smooth ones at 1 MPa, or MPa/mm, at the blocks."""
+        x, z = self._places(self.scene)
+        mode = regular_modes(1)[SMOOTH_KEYS.index(key)]
+        return mode.difference(x, np.maximum(z, 0.0)).astype(np.complex64)
+
+    def _places(self, scene: Scene) -> tuple[Array, Array]:
+        # every third pixel's own centre, not that of the three
+        grid = pixel_grid(scene, self.data.shape).every(BLOCK)
+        x, z = (np.broadcast_to(v, self._chosen.shape)[self._chosen] for v in grid.places)
+        return x, z
+
+    def _moved_column(self, key: str) -> Array:
+        """By the picture's slope, and where the pixels look then: lens, scale and place."""
+        start = float(self.scene.get(key) or 0.0)
+        step = _STEP * (start if key == PIXEL else 60.0 if key == LENS[0] else 1.0)
+        before, after = (
+            self._places(self.scene.with_values({key: value})) for value in (start, start + step)
+        )
+        down, across = self._slopes
+        change = across * (after[0] - before[0]) + down * (after[1] - before[1])
+        return np.asarray(change * self._gain / (self.scene.get(PIXEL) * step))
+
+    def _signal(self, scene: Scene, field: Array | None = None) -> Array:
+        """The signal at the blocks for a scene's own optics, and a field (n,)."""
+        field = self._fields[0] if field is None else field
+        return scene_optics(scene).signal(field, visibility=self._fields[1])
+
+
+def _inner(keep: Mask) -> Mask:
+    """Pixels with four neighbours that were fitted, without the frame's rim."""
+    near = keep[:-2, 1:-1] & keep[2:, 1:-1] & keep[1:-1, :-2] & keep[1:-1, 2:]
+    return near & keep[1:-1, 1:-1]
+
+
+def _curvature(image: Array) -> Array:
+    """What a blur of a pixel adds to an image: half its curvature."""
+    from scipy.ndimage import laplace
+
+    return np.asarray(0.5 * laplace(image))
+
+
+def _largest_near(image: Array) -> Array:
+    """The largest size within each block (rows/3, cols/3)."""
+    from scipy.ndimage import maximum_filter
+
+    return np.asarray(maximum_filter(np.abs(image), BLOCK)[::BLOCK, ::BLOCK])
+
+
+def block_sums(image: Array) -> Array:
+    """Sums over 3 x 3 pixels about every third one."""
+    from scipy.ndimage import uniform_filter
+
+    mean = uniform_filter(image, BLOCK, mode="constant")
+    return np.asarray(mean[::BLOCK, ::BLOCK] * BLOCK**2)

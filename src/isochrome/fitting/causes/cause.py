@@ -1,0 +1,84 @@
+"""The causes that are known for a frame to differ from its scene, and what mends each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS
+from isochrome.scene import Scene
+
+PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")
+BAND = "polariscope.bandwidth_nm"
+PIXEL, FRINGE_VALUE = "camera.pixel_mm", "specimen.fringe_value_n_per_mm"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Something that a scene may leave out: its `name`, the `keys` that hold it.
+
+    `starts`, where a fit of the keys begins: an even cause, which looks the same with either sign,
+    has no slope at nought. `least`, what is too little to be worth an unknown: some 1e-3 of a
+    fringe, ten times what the model itself errs by. `free`, False where the frame cannot tell it
+    from what it is told: then it is a suspect, stays as it is, and `least` is a share of it.
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    starts: tuple[float, ...] = (0.0,)
+    least: float = 0.0
+    free: bool = True
+
+
+TINY = 1e-9
+"""A lens that does nothing: its picture is made as that of one that does."""
+
+ROLL = Cause("the camera's roll", LENS[:1], (TINY,), 0.01)
+DISTORTION = Cause("the lens's distortion", LENS[1:2], (TINY,), 1e-4)
+SIDE = Cause("a camera that looks from the side", LENS[2:3], (TINY,), 1e-4)
+ABOVE = Cause("a camera that looks from above or below", LENS[3:], (TINY,), 1e-4)
+TONE = Cause("the camera's tone curve", (GAMMA,), (1.0,), 0.001)
+# less blur than that is not told from what the pixels' own area takes
+BLURRED = Cause("blur", (BLUR,), (0.7,), 0.6)
+TURNED = Cause("quarter-wave plates that are turned", PLATES, (3.0, 3.0), 0.5)
+WIDE = Cause("the light's band of wavelengths", (BAND,), (10.0,), 3.0)
+SMOOTH = Cause("a smooth stress besides the contact's", SMOOTH_KEYS, (0.0, 0.0, 0.0), 0.004)
+SCALE = Cause("the pixel's size", (PIXEL,), least=1e-3, free=False)
+STIFF = Cause(
+    "the fringe value, the indenter's radius or the moduli",
+    (FRINGE_VALUE,),
+    least=1e-3,
+    free=False,
+)
+
+GEOMETRY = (ROLL, DISTORTION, SIDE, ABOVE)
+LOOK = Cause("how the camera looks", LENS, (TINY,) * len(LENS))
+"""All of the geometry at once: where it is far off, one part looks like another."""
+
+CAUSES = (*GEOMETRY, TONE, BLURRED, TURNED, WIDE, SMOOTH, SCALE, STIFF)
+
+
+def candidates(scene: Scene, keys: tuple[str, ...]) -> tuple[Cause, ...]:
+    """The causes that a scene can have, with those of their keys that are not unknowns already."""
+    left = (_without(cause, keys) for cause in CAUSES)
+    return tuple(c for c in left if c.keys and all(_has(scene, key) for key in c.keys))
+
+
+def _without(cause: Cause, keys: tuple[str, ...]) -> Cause:
+    """A cause with fewer keys; the same where none of them is among `keys`."""
+    if not set(cause.keys) & set(keys):
+        return cause
+    left = [(k, s) for k, s in zip(cause.keys, cause.starts, strict=True) if k not in keys]
+    return replace(cause, keys=tuple(k for k, _ in left), starts=tuple(s for _, s in left))
+
+
+def _has(scene: Scene, key: str) -> bool:
+    """Whether a key is a number, or may become one, in a scene."""
+    polariscope = scene.polariscope
+    if key in SMOOTH_KEYS:
+        return scene.indenter is not None
+    if key in PLATES:
+        return polariscope.field != "plane" and not polariscope.step
+    if key == BAND:
+        return polariscope.wavelength_nm is not None and not polariscope.several_wavelengths
+    return True

@@ -1,0 +1,144 @@
+"""The pictures that `fit` leaves: frame, model and what is left over; values over distance."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.estimation import FrameData
+from isochrome.figures import (
+    BAND,
+    DIFFERENCE_MAP,
+    FRAME_MAP,
+    LINE_COLOURS,
+    draw_values,
+    new_figure,
+    plain_name,
+    show_image,
+    style_axes,
+)
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.frame.model_frame import evaluate_model
+from isochrome.fitting.frame_set import Lights, PreparedFrames
+from isochrome.fitting.result import Fit
+from isochrome.frames import FramesPath
+from isochrome.scene import Scene
+from isochrome.stress import PixelGrid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_SHOWN, _COLUMNS = 6, 3
+
+
+def figure_of_frames(
+    path: FramesPath,
+    scene: Scene,
+    plain: frozenset[int],
+    lights: Lights,
+    scenes: tuple[Scene, ...],
+) -> Figure:
+    """`fit_figure` of frames that are read once more: they may be many.
+
+    Parameters: `path` and `scene`, of the frames; `plain` and `lights`, see PreparedFrames;
+    `scenes`. Returns a Figure. Raises InputError where the frames are not there any more.
+    """
+    with closing(PreparedFrames(path, scene)) as frames:
+        frames.plain, frames.lights = set(plain), lights
+        return fit_figure(scene.name, frames, scenes)
+
+
+def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> Figure:
+    """Captured light, fitted light, and their difference over the noise, for up to six frames.
+
+    Parameters: `name` of the scene; `frames`; their fitted one-state `scenes`. Returns a Figure.
+    """
+    shown = np.unique(np.linspace(0, len(scenes) - 1, min(_SHOWN, len(scenes))).round().astype(int))
+    wanted = {i: frames[i] for i in shown.tolist()}
+    rows, cols = wanted[0].light.shape
+    figure = new_figure(13.0, (3.9 * min(rows / cols, 1.6) + 0.75) * len(shown) + 0.5)
+    axes: Any = figure.subplots(len(shown), 3, squeeze=False)
+    for row, k in zip(axes, shown, strict=True):
+        data, seen = wanted[k], evaluate_model(wanted[k], scenes[k])
+        model = seen.background + seen.illumination * seen.signal
+        place = picture_place(seen.pixels)
+        top = float(np.percentile(data.light[data.valid], 99.8))
+        for axis, image, valid, title in (
+            (row[0], data.light, data.valid, f"frame {k}: captured"),
+            (row[1], model, seen.picture.material, "fitted model"),
+        ):
+            shown_image = np.where(valid, image, np.nan)
+            show_image(axis, shown_image, cmap=FRAME_MAP, vmin=0, vmax=top, title=title, **place)
+        show_residual(row[2], data, model, seen.mask, title=f"chi = {seen.chi:.2f}", **place)
+    figure.suptitle(f"{plain_name(name)}: fit to the intensity", fontsize=11)
+    return figure
+
+
+def picture_place(pixels: PixelGrid) -> dict[str, Any]:
+    """Where `show_image` draws a picture: the scale and the outer edges of its pixels."""
+    return {"pixel_mm": pixels.pixel_mm, "left_mm": pixels.left_mm, "top_mm": pixels.top_mm}
+
+
+def show_residual(axis: Axes, data: FrameData, model: Array, mask: Mask, **options: Any) -> None:
+    """A frame's light less a model's (rows, cols), over the noise, where the mask is True.
+
+    `options` as in `show_image`.
+    """
+    left = np.where(mask, (data.light - model) / data.sigma, np.nan)
+    label = "(captured - fitted) / noise"
+    show_image(axis, left, cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, colour_label=label, **options)
+
+
+def over_distance_figure(name: str, result: Fit) -> Figure | None:
+    """Each per-frame key over the sliding distance, and the wear between frames with its laws.
+
+    Parameters: `name` of the scene; `result`. Returns a Figure, None where nothing is per frame.
+    """
+    found = result.over_frames
+    keys = found.keys
+    count = len(keys) + (result.wear_laws is not None)
+    if len(result.frames) < 2 or not count:
+        return None
+    columns = min(_COLUMNS, -(-count // -(-count // _COLUMNS)))
+    rows = -(-count // columns)
+    figure = new_figure(4.6 * columns, 3.5 * rows + 0.4)
+    axes: list[Any] = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for axis, key in zip(axes, keys, strict=False):
+        draw_values(axis, found, key)
+    if result.wear_laws is not None:
+        _wear(axes[len(keys)], result)
+    for axis in axes[count:]:
+        axis.set_axis_off()
+    figure.suptitle(
+        f"{plain_name(name)}: values of each frame, band ± {BAND:g} standard uncertainties"
+    )
+    return figure
+
+
+def _wear(axis: Axes, result: Fit) -> None:
+    """What was worn between the frames, with its band, and what each law gives there."""
+    assert result.wear_laws is not None
+    between = result.wear_laws.between
+    edges = np.array([item["from_m"] for item in between] + [between[-1]["to_m"]])
+    value, spread = (
+        np.array([item[part] for item in between]) for part in ("value", "standard_uncertainty")
+    )
+    low, high = (np.repeat(value + sign * BAND * spread, 2) for sign in (-1.0, 1.0))
+    x = np.repeat(edges, 2)[1:-1]
+    axis.fill_between(x, low, high, color="0.35", alpha=0.35, lw=0)
+    axis.stairs(value, edges, color="0.15", lw=1.5, baseline=None, label="between frames")
+    for law, colour, style in zip(
+        result.wear_laws.laws, LINE_COLOURS[1:], ("--", "-.", ":", (0, (6, 1))), strict=False
+    ):
+        label = f"{law.law}: ln Z {law.log_evidence:+.3g}" if law.log_evidence else law.law
+        axis.stairs(law.between, edges, color=colour, ls=style, lw=1.3, baseline=None, label=label)
+    style_axes(
+        axis,
+        x_label="sliding distance (m)",
+        z_label="mean wear coefficient (mm²/N)",
+        title="worn between frames, and by each law",
+    )
+    axis.legend(frameon=False, fontsize=7.5)

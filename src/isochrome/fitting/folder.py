@@ -1,0 +1,162 @@
+"""The files that `fit` leaves, and a fit from the files of an earlier run."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isochrome.estimation import POOR_CHI
+from isochrome.fitting.figure import fit_figure, over_distance_figure
+from isochrome.fitting.frame.unknowns import WEAR
+from isochrome.fitting.frame_set import PreparedFrames
+from isochrome.fitting.joint.joint_fit import JointFit
+from isochrome.fitting.result import PARTS, Fit, Found, keys_of
+from isochrome.fitting.tracking.result import Track
+from isochrome.fitting.tractions.api import write_tractions
+from isochrome.fitting.wear_laws.law_evidence import LawFit
+from isochrome.fitting.wear_laws.law_report import WearLaws
+from isochrome.output import saved_picture, write_csv, write_figure, write_json, write_text
+from isochrome.runs import (
+    STORE,
+    Column,
+    Job,
+    RunFolder,
+    add_columns,
+    attributes,
+    column,
+    named_units,
+)
+from isochrome.scene import Scene, dump_scene, parse_scene
+
+PICTURE = "fit.png"
+
+
+def write_fit(
+    bench: RunFolder, job: Job, name: str, data: PreparedFrames, result: Fit, joint: JointFit
+) -> None:
+    """Leave a fit's files.
+
+    Parameters: `bench`, in whose folder; `job`; `name` of the scene; `data`, the frames; `result`;
+    `joint`, the fit behind it. Raises OSError.
+    """
+    folder = bench.results
+    if result.wear_laws is not None:
+        write_csv(folder / "wear_laws.csv", result.wear_laws.table())
+    write_figure(folder / PICTURE, fit_figure(name, data, joint.scenes))
+    if result.tractions:
+        write_tractions(folder, data, joint, result)
+    over_distance = over_distance_figure(name, result)
+    if over_distance is not None:
+        write_figure(folder / "fit_over_distance.png", over_distance)
+    good = [chi <= POOR_CHI for chi in result.frame_chi]
+    columns: dict[str, Any] = {
+        "chi": column(result.frame_chi, "frame", "chi"),
+        "status": column(["ok" if ok else "flagged" for ok in good], "frame", "status"),
+    }
+    for key in keys_of(result.frames):
+        for part in PARTS:
+            values = [own[key][part] if key in own else None for own in result.frames]
+            columns[column_name(key, part)] = column(values, "frame", key)
+    for key, found in result.shared.items():
+        for part in PARTS:
+            single = Column((), np.array(found[part], float), named_units(key))
+            columns[column_name(key, part)] = single
+    keep_values(folder, job, result, columns)
+
+
+def column_name(key: str, part: str) -> str:
+    """The name of a column: the key alone is its value."""
+    return key if part == PARTS[0] else f"{key} {part}"
+
+
+def keep_values(folder: Path, job: Job, result: Fit | Track, columns: dict[str, Column]) -> None:
+    """Leave what every fit leaves: fit.csv, fit.json, the fitted scene, and values over frame.
+
+    Parameters: `folder`, with the run's store; `job`; `result`; `columns` of the store. Raises
+    OSError.
+    """
+    write_csv(folder / "fit.csv", result.columns)
+    write_text(folder / "scene.toml", dump_scene(result.scene))
+    write_json(folder / "fit.json", result.to_json())
+    distances = list(result.distance_m)
+    axes = {
+        "frame": column(list(range(len(distances))), "frame", "frame"),
+        "distance_m": column(distances, "frame", "distance_m"),
+    }
+    add_columns(folder / STORE, columns, axes, attributes(job.identity))
+
+
+def kept_values(out: Path, scene: Scene) -> tuple[dict[str, Any], Scene]:
+    """A fit's JSON and its fitted scene, from the folder that an earlier run left complete.
+
+    Parameters: `out`; `scene`, as given, for its name and folder.
+    """
+    text = (out / "scene.toml").read_text("utf-8")
+    fitted = parse_scene(text, name=scene.name, folder=scene.folder)
+    return json.loads((out / "fit.json").read_text("utf-8")), fitted
+
+
+def restore_fit(out: Path, scene: Scene) -> Fit:
+    """A fit without tractions, from the folder that an earlier run left complete.
+
+    Parameters: `out`; `scene`, as given. Returns a Fit.
+    """
+    found, fitted = kept_values(out, scene)
+    rows = found["frames"]
+    single = len(rows) == 1
+    shared = {key: values for key, values in found.items() if _is_value(values)}
+    return Fit(
+        shared=_whole({k: v for k, v in shared.items() if not (single and k in rows[0])}),
+        frames=[_whole({k: v for k, v in row.items() if _is_value(v)}) for row in rows],
+        distance_m=[row["distance_m"] for row in rows],
+        frame_chi=[_number(row["chi"], np.nan) for row in rows],
+        chi=_number(found["chi"], np.nan),
+        scene=fitted,
+        other_minima=[row["other_minima"] for row in rows],
+        wear_laws=_laws(found) if "wear_laws" in found else None,
+        warnings=tuple(found["warnings"]),
+        already=True,
+        draw=partial(saved_picture, out.absolute() / PICTURE),
+    )
+
+
+def _is_value(values: Any) -> bool:
+    return isinstance(values, dict) and set(values) == set(PARTS)
+
+
+def _whole(found: dict[str, dict[str, Any]]) -> Found:
+    """JSON knows no infinity: an uncertainty that is not there is one."""
+    return {
+        key: {part: _number(own[part], np.nan if part == "value" else np.inf) for part in PARTS}
+        for key, own in found.items()
+    }
+
+
+def _number(value: float | None, unknown: float) -> float:
+    return unknown if value is None else value
+
+
+def _laws(found: dict[str, Any]) -> WearLaws:
+    """The wear laws, compared."""
+    short = WEAR.removeprefix("wear.")
+    laws = [
+        LawFit(
+            law=row["law"],
+            parameters={
+                WEAR if name == short else name: own
+                for name, own in row.items()
+                if isinstance(own, dict)
+            },
+            between=tuple(row["between"]),
+            misfit=row["misfit"],
+            freedom=row["degrees_of_freedom"],
+            chi=row["chi"],
+            log_evidence=row["log_evidence"],
+        )
+        for row in found["wear_laws"]
+    ]
+    return WearLaws(tuple(laws), tuple(found["wear_between_frames"]), found["wear_chi"])

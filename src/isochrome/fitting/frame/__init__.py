@@ -1,0 +1,1 @@
+"""One frame: its model, its unknowns and their fit."""

@@ -1,0 +1,374 @@
+"""Fit a scene's unknowns to the intensity of one frame, wherever the scene starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import (
+    RIVAL_CHI,
+    FrameData,
+    Minimum,
+    block_correlation,
+    standard_uncertainty,
+)
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.frame_model import FrameModel, RefinedFit, refine_fit
+from isochrome.fitting.frame.gamma import GammaFit
+from isochrome.fitting.frame.single_state import with_numerics
+from isochrome.fitting.frame.unknowns import (
+    BLUR,
+    GAMMA,
+    LENS,
+    fit_region,
+    free_keys,
+    moved_scene,
+    thinning,
+    values_of,
+)
+from isochrome.fitting.search.cold_start import CLEAR, search_frame
+from isochrome.scene import Scene
+from isochrome.stress import pixel_grid
+
+_NEAR_PIXELS = 9_000
+_HIDDEN_PX, _ROOM_PX = 14.0, 10.0
+EDGE_PX = 0.75
+"""Depth above which no pixel is fitted: there the surface's place decides what is seen."""
+_HALO = 2.5
+"""Standard deviations of a blur by which that depth grows (measured at 1.5 px: friction errs by 16
+of its uncertainties without, by less than one with)."""
+
+_CLOSE_CHI = 1.15
+"""Residual over noise of the coarse model, on few pixels, below which a start was the right one."""
+
+_SENSOR = (GAMMA, BLUR, *LENS)
+"""Unknowns that no start is scanned in: they hardly move a fringe, or far from the middle only."""
+
+_LEAST_BLUR_PX = 0.7
+"""Where a free blur starts at least: from none it has no slope."""
+
+_RIVALS = 3
+"""Minima of the search that are looked at more closely where its quick model cannot tell them."""
+
+_CHANCE = 100.0
+"""Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
+values are searched for (18 frames), and fringes of a single grey level in 20 000 pixels 384."""
+
+_GAMMAS = (1.0, 2.2)
+"""Where an unknown exponent starts: a sensor's own, and most photographs'."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameFit:
+    """What one frame says of its scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene with the fitted values.
+    keys : tuple of str, (p,)
+        The unknowns that were fitted.
+    values : ndarray, (p,)
+        Their values, in the units that the keys name.
+    standard_uncertainty : ndarray, (p,)
+        Their standard uncertainties, inf for what the frame does not tell.
+    covariance : ndarray, (p, p)
+        Their covariance.
+    cramer_rao_bound : ndarray, (p,)
+        The least standard uncertainties that noise like this frame's allows.
+    information : ndarray, (p, p)
+        The Fisher information of the frame's pixels, from which the bound follows.
+    freedom : int
+        Pixels less unknowns.
+    chi : float
+        Residual over noise.
+    others : tuple of Minimum
+        Other minima, by rising chi.
+    converged : bool
+        Whether the steps came to an end.
+    plain : bool
+        True where a free illumination came out negative and one amplitude for all the frame had to
+        do. The model is poor then.
+    positive : bool
+        False where even that is negative. The scene's fringes are not in the frame then, nor any
+        light that follows them by more than noise does by chance.
+    """
+
+    scene: Scene
+    keys: tuple[str, ...]
+    values: Array
+    standard_uncertainty: Array
+    covariance: Array
+    cramer_rao_bound: Array
+    information: Array
+    freedom: int
+    chi: float
+    others: tuple[Minimum, ...]
+    converged: bool
+    plain: bool
+    positive: bool
+
+
+def fit_frame(
+    data: FrameData,
+    scene: Scene,
+    keys: tuple[str, ...] | None = None,
+    *,
+    cold: bool = True,
+) -> FrameFit:
+    """Fit the unknowns of a one-state scene to one frame.
+
+    The fit begins at the scene's own values, on a thinned frame with a coarse contact. Where that
+    does not describe the frame, `search.cold_start` searches over a factor of four in load. Then
+    every trusted pixel is fitted with a fine contact. An unknown frames.gamma is an unknown more.
+
+    Parameters
+    ----------
+    data : FrameData
+        The frame.
+    scene : Scene
+        One state (see `frame_scene`), where the fit starts.
+    keys : tuple of str, (p,), optional
+        The unknowns, by default `free_keys`.
+    cold : bool, default True
+        False to search only where the scene's own values lead to no light at all.
+
+    Returns
+    -------
+    FrameFit
+        Values with their uncertainties, and the fitted scene.
+
+    Raises
+    ------
+    InputError
+        For a key that cannot be free.
+    PhysicsError
+        Where no values give fringes of the right contrast.
+    """
+    return fit_with_model(data, scene, keys, cold=cold).fit
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit with what it was made of: its `model` of the frame, and where the steps ended."""
+
+    fit: FrameFit
+    model: FrameModel
+    final: RefinedFit
+
+
+def fit_with_model(
+    data: FrameData,
+    scene: Scene,
+    keys: tuple[str, ...] | None = None,
+    *,
+    cold: bool = True,
+) -> Fitted:
+    """`fit_frame` with the model that was fitted, for those who ask its residual."""
+    keys = free_keys(scene) if keys is None else keys
+    scene = placed(scene, data.shape)
+    if BLUR in keys and scene.get(BLUR) < _LEAST_BLUR_PX:
+        scene = scene.with_values({BLUR: _LEAST_BLUR_PX})
+    known = scene.frames.gamma
+    if isinstance(known, str) and GAMMA not in keys:
+        keys = (*keys, GAMMA)
+    if GAMMA not in keys:
+        return _fit_begun(data, scene, keys, cold)
+    best: Fitted | None = None
+    for gamma in dict.fromkeys((*([] if isinstance(known, str) else [known]), *_GAMMAS)):
+        made = _fit_begun(data.toned(gamma), scene.with_values({GAMMA: gamma}), keys, cold)
+        fit = made.fit
+        if best is None or (fit.positive, -fit.chi) > (best.fit.positive, -best.fit.chi):
+            best = made
+        if best.fit.positive and best.fit.chi <= _CLOSE_CHI:
+            break
+    assert best is not None
+    return best
+
+
+def _fit_begun(data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool) -> Fitted:
+    """The fit from one scene's start, and others about it."""
+    others: tuple[Minimum, ...] = ()
+    near = _coarse(data, scene, keys)
+    if near is not None and (not cold or (near.chi <= _CLOSE_CHI and near.clear)):
+        best = near.scene
+    else:
+        best, others = _searched(data, scene, keys)
+    fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
+    model, final = _final(data, fine, keys)
+    plain = not final.positive
+    if plain:
+        model, final = _final(data.plain(), fine, keys)
+    fitted = moved_scene(fine, keys, final.values).model_copy(update={"numerics": scene.numerics})
+    told, spread = final.local.determined, final.local.covariance(final.toned)
+    fit = FrameFit(
+        scene=fitted,
+        keys=keys,
+        values=final.values,
+        standard_uncertainty=standard_uncertainty(spread, told),
+        covariance=spread,
+        cramer_rao_bound=final.local.bound,
+        information=final.local.normal,
+        freedom=final.freedom,
+        chi=final.chi,
+        others=others,
+        converged=final.converged and bool(told.all()),
+        plain=plain,
+        positive=final.positive and _is_seen(final.toned),
+    )
+    return Fitted(fit, model, final)
+
+
+def _is_seen(toned: GammaFit) -> bool:
+    """Whether more light follows the fringes than noise alone does where they are searched for.
+
+    By Wald's statistic of the illumination, aᵀ cov(a)⁻¹ a, over the noise that the residuals show.
+    """
+    part, count = toned.part, len(toned.problem.light)
+    light = part.coefficients[:count]
+    gain = float(light @ np.linalg.pinv(part.inverse[:count, :count]) @ light)
+    return gain > _CHANCE * toned.noise * block_correlation(toned.problem.keep, toned.residual)
+
+
+@dataclass(frozen=True)
+class _Coarse:
+    """Where a coarse fit led: `scene`, `values` (p,), `chi`; `clear`, light well above noise."""
+
+    scene: Scene
+    values: Array
+    chi: float
+    clear: bool
+
+
+def _coarse(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> _Coarse | None:
+    """The fit from a scene's own values to few pixels; None where the light comes out negative."""
+    stride = thinning(data.light.size, _NEAR_PIXELS)
+    region = fit_region(scene, data.shape, stride, _HIDDEN_PX)
+    coarse = with_numerics(scene, nodes_per_pixel=1, tolerance=1e-2, room=1.4)
+    assert scene.camera is not None
+    sharp = scene.camera.blur_px == 0.0 and BLUR not in keys
+    model = FrameModel(
+        data, coarse, keys, region, stride=stride, hidden_px=_HIDDEN_PX - _ROOM_PX, rough=sharp
+    )
+    found = refine_fit(model, values_of(scene, keys), tolerance=0.5, iterations=12)
+    if found is None or not found.positive:
+        return None
+    return _Coarse(
+        moved_scene(scene, keys, found.values),
+        found.values,
+        float(np.sqrt(found.toned.cost / model.pixels.size)),
+        bool(np.mean(found.toned.part.amplitude) >= CLEAR),
+    )
+
+
+def _searched(
+    data: FrameData, scene: Scene, keys: tuple[str, ...]
+) -> tuple[Scene, tuple[Minimum, ...]]:
+    """The scene that a search leads to, and the other minima by rising chi."""
+    scanned = tuple(key for key in keys if key not in _SENSOR)
+    minima = search_frame(data, scene, scanned).minima
+    first = moved_scene(scene, scanned, minima[0].values)
+    minima = tuple(
+        Minimum(values_of(moved_scene(scene, scanned, m.values), keys), m.chi) for m in minima
+    )
+    rivals = [m for m in minima if m.chi <= RIVAL_CHI * minima[0].chi][:_RIVALS]
+    if len(rivals) == 1 and not any(key in LENS for key in keys):
+        return first, minima[1:]
+    refined = [_coarse(data, moved_scene(scene, keys, m.values), keys) for m in rivals]
+    found = sorted((r for r in refined if r is not None), key=lambda r: r.chi)
+    if not found:
+        return first, minima[1:]
+    others = [Minimum(r.values, r.chi) for r in found[1:]]
+    others += [m for m in minima if m.chi > RIVAL_CHI * minima[0].chi]
+    return found[0].scene, tuple(others)
+
+
+def _final(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> tuple[FrameModel, RefinedFit]:
+    """Every trusted pixel, a fine contact, derivatives where the search ended."""
+    start = values_of(scene, keys)
+    model = FrameModel(data, scene, keys, fit_region(scene, data.shape, 1, hidden_px(scene)))
+    toned = model.keep_clear(start)
+    assert scene.camera is not None
+    if toned is not None and (scene.camera.blur_px > 0.0 or BLUR in keys):
+        model.follow_light(data, toned)
+        toned = model.at(start, near=toned.model)
+    final = refine_fit(model, start, toned=toned)
+    if final is None:
+        raise PhysicsError(
+            f"{data.name}: the scene cannot be solved where its search ended; give closer values"
+        )
+    return model, _better_side(model, final)
+
+
+def hidden_px(scene: Scene) -> float:
+    """Depth (px) above which no pixel of a scene is fitted: a blur brings the surface down."""
+    assert scene.camera is not None
+    return EDGE_PX + _HALO * scene.camera.blur_px
+
+
+def _better_side(model: FrameModel, final: RefinedFit) -> RefinedFit:
+    """The fit, or the one with plates turned to the other side, which nearly mirrors it."""
+    plates = [j for j, key in enumerate(model.keys) if key.endswith("plate_error_deg")]
+    if not plates:
+        return final
+    other = final.values.copy()
+    other[plates] *= -1.0
+    turned = refine_fit(model, other)
+    return final if turned is None or turned.toned.cost > final.toned.cost else turned
+
+
+def placed(scene: Scene, shape: tuple[int, int]) -> Scene:
+    """The scene with its picture's place written out.
+
+    Parameters
+    ----------
+    scene : Scene
+        Any scene with a camera.
+    shape : tuple of int, (2,)
+        Rows and columns of a frame.
+
+    Returns
+    -------
+    Scene
+        The same with numbers at camera.left_mm and camera.top_mm (mm).
+
+    Raises
+    ------
+    InputError
+        Where the scene's camera has other pixels.
+    """
+    grid = pixel_grid(scene, shape)
+    if (grid.rows, grid.cols) != shape:
+        raise InputError(
+            f"{scene.name}: the frames, or their frames.roi, are {shape[0]} x {shape[1]} pixels, "
+            f"and the scene's camera {grid.rows} x {grid.cols}; correct camera.height_px and "
+            "width_px, or frames.roi"
+        )
+    return scene.with_values({"camera.left_mm": grid.left_mm, "camera.top_mm": grid.top_mm})
+
+
+_SURFACE_PX = 0.5
+
+
+def cramer_rao_bound(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Array:
+    """The least standard uncertainty that any unbiased estimate of a frame's unknowns can have.
+
+    Equation: sqrt(diag(F⁻¹)), F = Σ j jᵀ over all trusted pixels of the specimen, j the derivative
+    of the stored level over its noise, less what illumination and background explain of it, which
+    nobody knows either. The noise is the frame's own, its rounding included; what its variance
+    would tell by changing with the level is left out.
+    Parameters: `data`, for its noise, its trusted pixels and its light's smoothness; `scene`, one
+    state, with the true values (or the fitted ones); `keys`, the unknowns (p,).
+    Returns the bounds (p,), in the keys' units, inf for what the frame does not tell. Raises
+    PhysicsError where the scene cannot be solved. Source: Kay (1993), Fundamentals of Statistical
+    Signal Processing I, section 3.7; Golub & Pereyra (1973) for the linear unknowns.
+    """
+    scene = with_numerics(placed(scene, data.shape))
+    values = values_of(scene, keys)
+    model = FrameModel(data, scene, keys, fit_region(scene, data.shape, 1, _SURFACE_PX))
+    toned = model.at(values)
+    if toned is None:
+        raise PhysicsError(f"{scene.name}: the scene cannot be solved at its own values")
+    return model.linearise(values, toned).bound

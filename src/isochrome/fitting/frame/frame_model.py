@@ -1,0 +1,318 @@
+r"""A scene's unknowns about one set of values: signal, derivatives, and the steps to the best ones.
+
+With the weighted derivatives J of the model at trusted pixels, less what illumination and
+background explain of them, J⊥, a residual r moves the unknowns by (J⊥ᵀ J⊥)⁻¹ J⊥ᵀ r. Once near
+enough the derivatives may stay as they are: only the residual must be exact for the fit to end
+where it should (Kaufman's variable projection, BIT 15, 1975, 49-57; Gauss and Newton).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import sqrt
+
+import numpy as np
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import (
+    STEP,
+    Damping,
+    FrameData,
+    LinearPart,
+    SeparableProblem,
+    damped_step,
+    information_bound,
+    is_determined,
+    promised_gain,
+    scaled_inverse,
+    white_covariance,
+)
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.frame.gamma import (
+    ENOUGH,
+    GammaFit,
+    Pixels,
+    clear_of_ends,
+    gamma_slope,
+    solve_with_gamma,
+    some_pixels,
+    trusted_pixels,
+)
+from isochrome.fitting.frame.renderer import SceneRenderer
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, limits, moved_scene, scales
+from isochrome.scene import Scene
+
+_SMOOTH_PX, _DIMMEST = 5.0, 0.05
+"""What is smoothed off an illumination whose slope is wanted; the least of it, over its most."""
+
+_NEAR = 0.02
+"""Last step in standard uncertainties."""
+
+_CUTOFF = 1e-12
+"""Eigenvalue over the largest below which derivatives in single precision tell nothing."""
+
+_FROZEN = 0.3
+"""Share of the last step below which the next must lie for the derivatives to be kept."""
+
+
+class FrameModel:
+    """One frame's pixels, and the scene that is rendered on them as its unknowns move."""
+
+    def __init__(
+        self,
+        data: FrameData,
+        scene: Scene,
+        keys: tuple[str, ...],
+        region: Array,
+        *,
+        stride: int = 1,
+        hidden_px: float = 0.0,
+        rough: bool = False,
+    ) -> None:
+        """`data`, whole; `scene`, one state, numbers at `keys`; `region` (rows, cols), strided.
+
+        `hidden_px`, depth above which the region shows nothing; `rough`, whether the pixels' area
+        may be left out.
+        """
+        self.scene, self.keys = scene, keys
+        self.renderer = SceneRenderer(
+            scene, data.shape, stride=stride, hidden_px=hidden_px, rough=rough
+        )
+        self.pixels: Pixels = trusted_pixels(data.every(stride) if stride > 1 else data, region)
+        self.steps = STEP * scales(scene, keys)
+        self.limits = limits(scene, keys)
+        self._light_slopes: tuple[Array, Array] | None = None
+
+    def keep_clear(self, values: Array) -> GammaFit | None:
+        """Leave out the pixels whose model at some values is near black or white.
+
+        Returns the linear solution there, None where the values make no scene.
+        """
+        toned = self.at(values)
+        if toned is None:
+            return None
+        clear = clear_of_ends(self.pixels, toned.model, self.gamma(values))
+        if clear.all() or np.count_nonzero(clear) <= ENOUGH * clear.size:
+            return toned
+        self.pixels = some_pixels(self.pixels, clear)
+        return self.solved(toned.part.signal[clear], values, toned.model[clear])
+
+    def follow_light(self, data: FrameData, toned: GammaFit) -> None:
+        """Blur the light with its fall-off A, and not the signal s alone.
+
+        Equation: G * (A s) = A (G * s) + b² ∇A·∇(G * s) for a Gaussian G of standard deviation b
+        and an A that is linear over it; ∇A/A from the solution `toned` of the frame `data`.
+        """
+        from scipy.ndimage import gaussian_filter
+
+        coefficients = toned.part.coefficients[: len(data.illumination)]
+        light = np.tensordot(coefficients.astype(np.float32), data.illumination, 1)
+        light = np.maximum(gaussian_filter(light, _SMOOTH_PX), _DIMMEST * float(light.max()))
+        down, across = np.gradient(np.log(light))
+        self._light_slopes = down, across
+
+    def gamma(self, values: Array) -> float:
+        """The exponent of the tone curve at some values."""
+        return float(values[self.keys.index(GAMMA)]) if GAMMA in self.keys else self.pixels.gamma
+
+    def signal(self, values: Array, *, visibility: Array | None = None) -> Array | None:
+        """The signal at the pixels (n,), None where the values make no scene that can be solved.
+
+        `visibility` (rows, cols), where it is known well enough.
+        """
+        try:
+            scene = moved_scene(self.scene, self.keys, values)
+            image = self.renderer.signal(scene, visibility=visibility)
+        except (InputError, PhysicsError):
+            return None
+        assert scene.camera is not None
+        if self._light_slopes is not None and scene.camera.blur_px > 0.0:
+            down, across = np.gradient(image)
+            down *= self._light_slopes[0]
+            across *= self._light_slopes[1]
+            image = image + np.float32(scene.camera.blur_px**2) * (down + across)
+        return np.asarray(image[self.pixels.keep], dtype=np.float32)
+
+    def at(self, values: Array, *, near: Array | None = None) -> GammaFit | None:
+        """The linear solution at some values (p,); `near` (n,), a model that is not far off."""
+        signal = self.signal(values)
+        return None if signal is None else self.solved(signal, values, near)
+
+    def solved(self, signal: Array, values: Array, near: Array | None = None) -> GammaFit | None:
+        """The linear solution for a signal (n,)."""
+        return solve_with_gamma(self.pixels, signal, self.gamma(values), near=near)
+
+    def linearise(self, values: Array, toned: GammaFit) -> LocalModel:
+        """Derivatives at some values, where the linear solution is known.
+
+        Raises PhysicsError where the scene cannot be solved beside them.
+        """
+        rows = np.empty((len(self.keys), self.pixels.size), np.float32)
+        # what the pixels' area takes changes little: it is not rendered for every derivative
+        _, visibility = self.renderer.order_field(moved_scene(self.scene, self.keys, values))
+        for j, key in enumerate(self.keys):
+            if key == GAMMA:
+                rows[j] = gamma_slope(toned, self.gamma(values))
+                continue
+            inside = values[j] + self.steps[j] <= self.limits.high[j]
+            for signed in np.array([1.0, -1.0] if inside else [-1.0, 1.0]) * self.steps[j]:
+                moved = np.array(values, dtype=float)
+                moved[j] += signed
+                signal = self.signal(moved, visibility=None if key == BLUR else visibility)
+                if signal is not None:
+                    break
+            else:
+                raise PhysicsError(f"{key} = {values[j]:g}: the scene cannot be solved beside it")
+            np.subtract(signal, toned.part.signal, out=rows[j])
+            rows[j] *= toned.part.amplitude / np.float32(signed)
+        return local_model(self.keys, values, toned, rows)
+
+
+@dataclass(frozen=True)
+class LocalModel:
+    """A frame's model about `values` (p,) of `keys`: what steps and uncertainties need.
+
+    `toned`, the linear solution there; `rows` (p, n), the weighted derivatives less what the linear
+    unknowns explain; `squares` (p,), their sums of squares before that.
+    """
+
+    keys: tuple[str, ...]
+    values: Array
+    toned: GammaFit
+    rows: Array
+    squares: Array
+
+    @cached_property
+    def normal(self) -> Array:
+        """Fisher information of the unknowns, the linear ones eliminated, (p, p)."""
+        return (self.rows @ self.rows.T).astype(float)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Covariance that this information allows at best, (p, p)."""
+        return scaled_inverse(self.normal, 1e-12)
+
+    @property
+    def determined(self) -> Mask:
+        """Which unknowns leave an effect that illumination and background cannot take up."""
+        return is_determined(self.normal, self.squares)
+
+    @property
+    def bound(self) -> Array:
+        """Cramér-Rao bound of each unknown (p,), inf where it is not determined."""
+        return information_bound(self.inverse, self.determined)
+
+    def covariance(self, toned: GammaFit) -> Array:
+        """Covariance of the values (p, p) where `toned` was left, see `white_covariance`."""
+        linear, keep = len(toned.part.coefficients), toned.problem.keep
+        return white_covariance(self.inverse, self.rows, toned.residual, keep, linear=linear)
+
+    def step(self, residual: Array) -> Array:
+        """Newton's step for a residual over noise (n,), from wherever that was taken."""
+        return np.asarray(self.inverse @ (self.rows @ residual).astype(float))
+
+    def size(self, step: Array) -> float:
+        """A step (p,) in standard uncertainties, those of the noise alone."""
+        return sqrt(max(0.0, float(step @ self.normal @ step)))
+
+
+def local_model(keys: tuple[str, ...], values: Array, toned: GammaFit, rows: Array) -> LocalModel:
+    """The model about `values` (p,), from the weighted derivatives `rows` (p, n), which change."""
+    squares = np.array([np.sum(np.square(row), dtype=float) for row in rows])
+    project(rows, toned.problem, toned.part)
+    return LocalModel(keys, np.array(values, float), toned, rows, squares)
+
+
+def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
+    """Take off what illumination and background explain of derivatives (p, n), in place."""
+    split = len(problem.light)
+    light = np.multiply(problem.light, part.signal, out=problem.scratch)
+    cross = np.concatenate((light @ rows.T, problem.dark @ rows.T)).astype(float)
+    known = (part.inverse @ cross).astype(rows.dtype)
+    rows -= known[:split].T @ light
+    rows -= known[split:].T @ problem.dark
+
+
+@dataclass(frozen=True)
+class RefinedFit:
+    """Where the steps ended: `values` (p,), the `local` model of the last derivatives, `toned`.
+
+    `toned` is the exact solution at the last values but a step below 0.02 standard uncertainties.
+    """
+
+    values: Array
+    local: LocalModel
+    toned: GammaFit
+    converged: bool = True
+
+    @property
+    def freedom(self) -> int:
+        """Pixels less unknowns, those of the light among them."""
+        linear = len(self.toned.part.coefficients)
+        return max(1, self.toned.residual.size - len(self.local.keys) - linear)
+
+    @property
+    def chi(self) -> float:
+        """Residual over noise."""
+        return sqrt(self.toned.cost / self.freedom)
+
+    @property
+    def positive(self) -> bool:
+        """Whether the light is light."""
+        return self.toned.part.positive
+
+
+def refine_fit(
+    model: FrameModel,
+    start: Array,
+    *,
+    toned: GammaFit | None = None,
+    tolerance: float = _NEAR,
+    iterations: int = 25,
+) -> RefinedFit | None:
+    """Damped steps with derivatives that are kept as long as they serve.
+
+    A derivative costs as much as a residual, for each unknown, and steps with those of an earlier
+    place still end where the exact residuals say: that is why this loop is not
+    `isochrome.estimation.minimise`, which takes them anew at each place.
+    Parameters: `model`; `start` (p,); `toned`, the solution there if it is known; `tolerance`, the
+    last step in standard uncertainties; `iterations`, exact residuals at most. Returns a
+    RefinedFit, None where the start makes no scene that can be solved. Raises PhysicsError where
+    only the start does.
+    """
+    values = np.clip(np.asarray(start, float), model.limits.low, model.limits.high)
+    toned = toned or model.at(values)
+    if toned is None:
+        return None
+    local = model.linearise(values, toned)
+    damping, last = Damping(0.0, least=1e-2), np.inf
+    for _ in range(iterations):
+        pull = (local.rows @ toned.residual).astype(float)
+        free = model.limits.free(values, pull) & local.determined
+        step = damped_step(local.normal, pull, damping.value, free, cutoff=_CUTOFF)
+        step = model.limits.cut(values, step)
+        size = local.size(step) / sqrt(toned.noise)
+        if size < tolerance:
+            return RefinedFit(values + step, local, toned)
+        if size > _FROZEN * last and not np.array_equal(local.values, values):
+            local, last = model.linearise(values, toned), np.inf
+            continue
+        trial = model.at(values + step, near=toned.model)
+        if trial is None or not _better(trial, toned):
+            damping, last = damping.heavier(), np.inf
+            if not np.array_equal(local.values, values):
+                local = model.linearise(values, toned)
+            continue
+        gain = promised_gain(local.normal, pull, step)
+        damping = damping.lighter(toned.cost - trial.cost, gain)
+        values, toned, last = values + step, trial, size
+    return RefinedFit(values, local, toned, converged=False)
+
+
+def _better(trial: GammaFit, toned: GammaFit) -> bool:
+    """Whether a step lowers the cost without turning the light negative: another basin's sign."""
+    if toned.part.positive and not trial.part.positive:
+        return False
+    # the costs of two points that differ by less than the noise of their sum are alike
+    return trial.cost <= toned.cost * (1.0 + 1e-6)

@@ -1,0 +1,108 @@
+"""A fitted scene held against its frame at every pixel: picture, illumination, background."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from isochrome.estimation import FrameData, evaluate
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.scene import Scene
+from isochrome.simulation import Picture, make_picture, scene_states, state_difference
+from isochrome.stress import PixelGrid, pixel_grid
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFrame:
+    """What a scene says of every pixel of a frame.
+
+    Parameters
+    ----------
+    pixels : PixelGrid
+        The picture's place and scale.
+    picture : Picture
+        Stress difference, fringe order and material at every pixel.
+    response : callable
+        Fringe order to signal, both (rows, cols), at this frame's directions and pixels.
+    signal : ndarray, (rows, cols)
+        The polariscope's signal, 0 to 1.
+    illumination : ndarray, (rows, cols)
+        The fitted illumination A of I = B + A S, in the light's unit.
+    background : ndarray, (rows, cols)
+        The fitted background B, in the light's unit.
+    mask : ndarray of bool, (rows, cols)
+        True where the pixel is trusted, of the specimen, and its fringes are not washed out.
+    chi : float
+        Residual over noise.
+    """
+
+    pixels: PixelGrid
+    picture: Picture
+    response: Callable[[Array], Array]
+    signal: Array
+    illumination: Array
+    background: Array
+    mask: Mask
+    chi: float
+
+
+def evaluate_model(data: FrameData, scene: Scene) -> ModelFrame:
+    """Render a one-state scene on the frame's own pixels, and fit the linear part to it.
+
+    Parameters
+    ----------
+    data : FrameData
+        The frame; it is read with the scene's gamma where it was read with another.
+    scene : Scene
+        One state with fitted values.
+
+    Returns
+    -------
+    ModelFrame
+        The picture, its light, and chi.
+    """
+    if scene.frames.stated_gamma != data.gamma:
+        data = data.toned(scene.frames.stated_gamma)
+    grid = pixel_grid(scene, data.shape)
+    picture = make_picture(scene, state_difference(scene, scene_states(scene)[-1], grid), grid)
+    optics = scene_optics(scene)
+
+    def response(order: Array) -> Array:
+        return optics.signal(picture.difference, order=order, visibility=picture.visibility)
+
+    signal = response(np.where(picture.material, picture.order, 0.0))
+    assert scene.camera is not None
+    if scene.camera.blur_px > 0.0:
+        from scipy.ndimage import gaussian_filter
+
+        signal = gaussian_filter(np.where(picture.material, signal, 0.0), scene.camera.blur_px)
+    mask = data.valid & picture.material & (picture.visibility > 0.5)
+    illumination, background, chi = fitted_light(data, signal, mask)
+    return ModelFrame(
+        pixels=grid,
+        picture=picture,
+        response=response,
+        signal=signal,
+        illumination=illumination,
+        background=background,
+        mask=mask,
+        chi=chi,
+    )
+
+
+def fitted_light(data: FrameData, signal: Array, mask: Mask) -> tuple[Array, Array, float]:
+    """The illumination and background (rows, cols) that fit best beside a signal, and chi."""
+    linear = evaluate(
+        data.light,
+        signal,
+        illumination=data.illumination,
+        background=data.background,
+        mask=mask,
+        sigma=data.sigma,
+    )
+    illumination = np.tensordot(linear.illumination_coefficients, data.illumination, 1)
+    background = np.tensordot(linear.background_coefficients, data.background, 1)
+    return illumination, background, linear.chi

@@ -1,0 +1,263 @@
+"""The same simulation, made quick for a fit: what did not change is not computed again.
+
+The mechanics (contact, wear) of the last few sets of values are kept, and so is the last field.
+Where the contact stands in the picture is a phase of the tractions' waves, see
+`half_plane.series`: the field is made where it is wanted, on every pixel or on a few.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from isochrome.contact import SurfaceState
+from isochrome.errors import PhysicsError
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.optics import pixel_visibility, slope_visibility
+from isochrome.scene import Scene
+from isochrome.simulation import SceneState, scene_states, state_difference
+from isochrome.specimens import specimen_model
+from isochrome.stress import (
+    PixelGrid,
+    SeriesField,
+    SeriesGrid,
+    make_series_grid,
+    pixel_grid,
+    seen_by,
+    series_difference,
+)
+
+Solve = Callable[[Scene], SceneState]
+
+_KEPT = 8
+_SLACK = 1.15
+"""Reach of a series over what its first place needs: a contact may move so far in the picture."""
+
+
+@dataclass(frozen=True)
+class _Rendered:
+    """The last field with what it was made of: `state`, and `key`, where that stood."""
+
+    state: SceneState
+    key: tuple[Any, ...]
+    field: Array
+    visibility: Array
+
+
+class SceneRenderer:
+    """Signals of a one-state scene on every `stride`-th pixel of a picture."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        shape: tuple[int, int],
+        *,
+        stride: int = 1,
+        solve: Solve | None = None,
+        hidden_px: float = 0.0,
+        rough: bool = False,
+    ) -> None:
+        """`solve` gives a scene's state; None: the scene is solved on its own.
+
+        `hidden_px`, depth above which nobody looks; `rough`, whether the pixels' area is left out.
+        """
+        self.shape, self.stride = shape, stride
+        self._hidden_px, self._rough = hidden_px, rough
+        self._solve = solve or (lambda one: scene_states(one)[-1])
+        self._camera = scene.camera
+        self._states: OrderedDict[Any, SceneState] = OrderedDict()
+        self._series: SeriesGrid | None = None
+        self._last: _Rendered | None = None
+        self._around: tuple[Any, SurfaceState, SeriesField] | None = None
+
+    def order_field(self, scene: Scene) -> tuple[Array, Array]:
+        """Stress difference (rows, cols) and visibility of the fringes at the strided pixels.
+
+        The visibility is that of the pixels' area; with a stride, and so without all pixels to
+        blur, it stands for the camera's blur too.
+        Raises PhysicsError where the scene's values cannot be solved.
+        """
+        camera = scene.camera
+        assert camera is not None
+        state = self._state(scene)
+        blur = camera.blur_px if self.stride > 1 else 0.0
+        key = (*_standing(scene), blur)
+        last = self._last
+        if last is None or last.state is not state or last.key != key:
+            made = self._field(scene, state, slopes=self.stride > 1 and not self._rough)
+            last = _Rendered(state, key, made.difference, self._visibility(scene, made, blur))
+            self._last = last
+        return last.field, last.visibility
+
+    def signal(self, scene: Scene, *, visibility: Array | None = None) -> Array:
+        """Polariscope signal at the strided pixels (rows, cols); no specimen, no light.
+
+        Parameters: `scene`; `visibility`, where it is known. Raises PhysicsError where the scene's
+        values cannot be solved.
+        """
+        if visibility is None:
+            field, visibility = self.order_field(scene)
+        else:
+            field = self.field_alone(scene)
+        if scene.indenter is None:
+            field = np.nan_to_num(field)
+        signal = scene_optics(scene).signal(field, visibility=visibility)
+        camera = scene.camera
+        assert camera is not None
+        if camera.blur_px > 0.0 and self.stride == 1:
+            from scipy.ndimage import gaussian_filter
+
+            signal[_outside(scene, self._pixels(scene))] = 0.0
+            signal = gaussian_filter(signal, camera.blur_px, mode="nearest")
+        return signal
+
+    def forget(self) -> None:
+        """Solve every scene anew: what `solve` puts it on has changed."""
+        self._states.clear()
+        self._last = None
+
+    def _state(self, scene: Scene) -> SceneState:
+        """The solved mechanics: place, optics and bulk stress do not change them."""
+        load = scene.load
+        key = (
+            scene.specimen, scene.indenter, load and (load.normal_n, load.tangential_n),
+            scene.friction, scene.wear, scene.numerics,
+        )  # fmt: skip
+        if key not in self._states:
+            # the surface nodes divide the pixels that the fit began with, whatever they become
+            self._states[key] = self._solve(scene.model_copy(update={"camera": self._camera}))
+            while len(self._states) > _KEPT:
+                self._states.popitem(last=False)
+        self._states.move_to_end(key)
+        return self._states[key]
+
+    def _pixels(self, scene: Scene) -> PixelGrid:
+        return pixel_grid(scene, self.shape).every(self.stride)
+
+    def field_alone(self, scene: Scene) -> Array:
+        """The field without its visibility; the last one if only the optics have changed.
+
+        Raises PhysicsError where the scene's values cannot be solved.
+        """
+        state, last = self._state(scene), self._last
+        if last is not None and last.state is state and last.key[:-1] == _standing(scene):
+            return last.field
+        return self._field(scene, state, slopes=False).difference
+
+    def _field(self, scene: Scene, state: SceneState, *, slopes: bool) -> SeriesField:
+        """The field of one state where the scene stands, and its slopes where they are wanted."""
+        pixels = self._pixels(scene)
+        if state.surface is None:
+            return SeriesField(state_difference(scene, state, pixels), None, None)
+        made = self._seen(state.surface, pixels, slopes)
+        regular = specimen_model(scene).added_stress(scene, state.surface, pixels)
+        if not regular:
+            return made
+        added = regular.difference(*pixels.places)
+        return replace(made, difference=made.difference + added.astype(np.complex64))
+
+    def _seen(self, surface: SurfaceState, pixels: PixelGrid, slopes: bool) -> SeriesField:
+        """The half-plane's field at the places that the pixels look at."""
+        if pixels.lens is None:
+            return self._waves(surface, pixels, slopes)
+        around = pixels.around()
+        if (
+            self._around is None
+            or self._around[0] != (around, slopes)
+            or (self._around[1] is not surface)
+        ):
+            self._around = (around, slopes), surface, self._waves(surface, around, slopes)
+        made = self._around[2]
+        slopes_seen = (None if m is None else seen_by(m, around, pixels) for m in made.slopes)
+        return SeriesField(seen_by(made.difference, around, pixels), *slopes_seen)
+
+    def _visibility(self, scene: Scene, made: SeriesField, blur: float) -> Array:
+        """What is left of the fringes' contrast by the pixels' area, and by a blur."""
+        field, pixels = made.difference, self._pixels(scene)
+        if self.stride == 1:
+            order = scene_optics(scene).order(field)
+            order[_outside(scene, pixels)] = np.nan
+            return np.nan_to_num(pixel_visibility(order)[0], copy=False, nan=1.0)
+        if made.along is None or made.down is None:
+            return np.ones((), np.float32)
+        size = np.maximum(np.abs(field), np.float32(1e-30))
+        pixel = np.float32(scene_optics(scene).order_per_mpa * pixels.pixel_mm / self.stride)
+        across, down = (
+            (field.real * slope.real + field.imag * slope.imag) * (pixel / size)
+            for slope in (made.along, made.down)
+        )
+        visibility = slope_visibility(across, down)
+        if blur > 0.0:
+            visibility *= np.exp(-2.0 * (np.pi * blur) ** 2 * (across**2 + down**2))
+        return visibility
+
+    def _waves(self, surface: SurfaceState, pixels: PixelGrid, slopes: bool) -> SeriesField:
+        """The half-plane's field; the lattice of waves is made again where it does not reach."""
+        grid = surface.grid
+        for fresh in (False, True):
+            series = self._series
+            if (
+                series is None
+                or fresh
+                or (series.nodes, series.spacing_mm) != (grid.nodes, grid.spacing_mm)
+                or series.pitch_mm != pixels.pixel_mm
+            ):
+                series = self._series = _lattice(surface, pixels)
+            try:
+                return series_difference(
+                    series,
+                    x_mm=float(pixels.x_mm[0]),
+                    z_mm=float(pixels.z_mm[0]),
+                    left_mm=grid.left_mm,
+                    pressure_mpa=surface.pressure_mpa,
+                    shear_mpa=surface.shear_mpa if surface.shear_mpa.any() else None,
+                    slopes=slopes,
+                    least_mm=self._hidden_px * pixels.pixel_mm / self.stride,
+                )
+            except ValueError:
+                if fresh:
+                    raise
+        raise AssertionError("unreachable")
+
+
+def _standing(scene: Scene) -> tuple[Any, ...]:
+    """What a field depends on besides the solved contact."""
+    camera = scene.camera
+    assert camera is not None
+    look = camera.roll_deg, camera.distortion, camera.keystone_x, camera.keystone_z
+    return scene.load, scene.specimen, camera.left_mm, camera.top_mm, camera.pixel_mm, look
+
+
+def _lattice(surface: SurfaceState, pixels: PixelGrid) -> SeriesGrid:
+    """Waves whose repetitions stay far enough from the picture."""
+    x, z = pixels.x_mm[[0, -1]], np.abs(pixels.z_mm[[0, -1]]).max()
+    ends = surface.grid.x_mm[[0, -1]]
+    reach = float(np.hypot(np.abs(x[:, None] - ends[None, :]).max(), z))
+    return make_series_grid(
+        pixels.rows,
+        pixels.cols,
+        pixels.pixel_mm,
+        nodes=surface.grid.nodes,
+        spacing_mm=surface.grid.spacing_mm,
+        reach_mm=_SLACK * reach,
+    )
+
+
+def _outside(scene: Scene, pixels: PixelGrid) -> Mask:
+    """Pixels (rows, cols) that see more than a contact's specimen."""
+    inside = specimen_model(scene).inside(pixels)
+    return np.broadcast_to(~inside, (pixels.rows, pixels.cols))
+
+
+def safe_signal(renderer: SceneRenderer, scene: Scene) -> Array:
+    """A signal, or NaN everywhere where the values cannot be solved: a fit then steps back."""
+    try:
+        return renderer.signal(scene)
+    except PhysicsError:
+        rows, cols = (-(-n // renderer.stride) for n in renderer.shape)
+        return np.full((rows, cols), np.nan)

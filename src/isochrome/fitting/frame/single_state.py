@@ -1,0 +1,244 @@
+"""Scenes of a single state, which is what one frame shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from isochrome.contact import contact_grid, wear_course
+from isochrome.errors import InputError
+from isochrome.frames import Frame
+from isochrome.scene import DistanceTable, Scene, Wear
+
+
+def is_held(scene: Scene) -> bool:
+    """Whether a given tangential force holds the contact, which then does not slide."""
+    return scene.load is not None and scene.load.tangential_n is not None
+
+
+def with_part(scene: Scene, part: str, **values: Any) -> Scene:
+    """A scene with some values of a part, such as its load, changed unchecked."""
+    return scene.model_copy(update={part: getattr(scene, part).model_copy(update=values)})
+
+
+def frame_scene(scene: Scene, state: int) -> Scene:
+    """The scene of one frame alone: its own distance, load and friction.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene of one or many states.
+    state : int
+        Which of them, counted from 0, the static state first where the scene has one.
+
+    Returns
+    -------
+    Scene
+        A scene with a single state.
+    """
+    if scene.indenter is None:
+        return scene
+    if is_held(scene):
+        return scene.model_copy(update={"wear": None})
+    distance = frame_distance(scene, state)
+    if distance is None:
+        return _loaded_at(scene.model_copy(update={"wear": None, "friction": None}), 0.0)
+    return scene_at(scene, distance)
+
+
+def frame_distance(scene: Scene, state: int) -> float | None:
+    """Sliding distance of a state.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene of one or many states.
+    state : int
+        Which of them, counted as in `frame_scene`.
+
+    Returns
+    -------
+    float or None
+        The distance (m), None where nothing slides.
+    """
+    if scene.indenter is None or is_held(scene):
+        return None
+    static_first = bool(scene.friction and scene.friction.static_state_first)
+    if static_first and state == 0:
+        return None
+    distances = scene.wear.distances_m if scene.wear else (0.0,)
+    return distances[min(state - static_first, len(distances) - 1)]
+
+
+def sliding_scene(scene: Scene) -> Scene:
+    """The scene of a video by time, all of whose frames slide: none is static first.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene of the video.
+
+    Returns
+    -------
+    Scene
+        The same without a static first state where frames.sliding_speed_mm_per_s is given.
+    """
+    if scene.frames.sliding_speed_mm_per_s is None or scene.friction is None:
+        return scene
+    return scene.with_values({"friction.static_state_first": False})
+
+
+def slid_until(scene: Scene, frame: Frame) -> float | None:
+    """The distance slid until a frame, by its time or its number.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene of the video.
+    frame : Frame
+        One of its frames.
+
+    Returns
+    -------
+    float or None
+        The distance (m), None where nothing wears.
+
+    Raises
+    ------
+    InputError
+        Where a frame has no time and needs one.
+    """
+    if scene.wear is None:
+        return None
+    speed = scene.frames.sliding_speed_mm_per_s
+    if speed is None:
+        return frame_distance(scene, frame.index)
+    return timed_distance(frame, speed)
+
+
+def timed_distance(frame: Frame, speed_mm_per_s: float) -> float:
+    """Sliding distance of a video's frame: s = v t.
+
+    Parameters
+    ----------
+    frame : Frame
+        The frame, with its time t (s).
+    speed_mm_per_s : float
+        The sliding speed v (mm/s).
+
+    Returns
+    -------
+    float
+        The distance s (m).
+
+    Raises
+    ------
+    InputError
+        Where the frame has no time.
+    """
+    if frame.time_s is None:
+        raise InputError(
+            f"frame {frame.index} ({frame.name}) has no time, which "
+            "frames.sliding_speed_mm_per_s needs; remove that key, or give a video"
+        )
+    return 1e-3 * speed_mm_per_s * frame.time_s
+
+
+def state_scene(scene: Scene, state: int) -> Scene:
+    """The scene of one state with its whole history: its distance alone, tables as they are.
+
+    Parameters: `scene`; `state`, counted as in `frame_scene`. Returns a Scene of a single state,
+    which is exactly the scene's own.
+    """
+    distance = frame_distance(scene, state)
+    if distance is None:
+        return frame_scene(scene, state)
+    if scene.friction:
+        scene = with_part(scene, "friction", static_state_first=False)
+    return with_part(scene, "wear", distances_m=(distance,)) if scene.wear else scene
+
+
+def scene_at(scene: Scene, distance_m: float) -> Scene:
+    """The scene at one sliding distance: one state; load, friction and wear as numbers.
+
+    The wear coefficient is the one that makes the same dose there under the state's constant
+    friction. A coefficient or friction that varies on the way gives the equivalent of Archard's
+    law, K/s.
+
+    Parameters
+    ----------
+    scene : Scene
+        A contact, with values that may be tables over distance.
+    distance_m : float
+        The sliding distance s (m).
+
+    Returns
+    -------
+    Scene
+        A scene with a single state.
+
+    Raises
+    ------
+    InputError
+        Where the load changes while the contact wears: no constant load has worn that scar.
+    """
+    found = _loaded_at(scene, distance_m)
+    if scene.friction:
+        mu = scene.friction_at(distance_m)
+        found = with_part(found, "friction", coefficient=mu, static_state_first=False)
+    if scene.wear:
+        wear = _wear_at(scene, scene.wear, distance_m) if distance_m > 0.0 else None
+        found = found.model_copy(update={"wear": wear})
+    return found
+
+
+def _loaded_at(scene: Scene, distance_m: float) -> Scene:
+    return with_part(scene, "load", normal_n=scene.load_at(distance_m)) if scene.load else scene
+
+
+def _wear_at(scene: Scene, wear: Wear, distance_m: float) -> Wear:
+    there = wear.model_copy(update={"distances_m": (distance_m,)})
+    course, (stop,) = wear_course(scene.model_copy(update={"wear": there}))
+    loads = course.line_load_n_per_mm
+    if stop.dose_mm_per_mpa > 0.0 and np.ptp(loads) > 1e-9 * loads.max():
+        raise InputError(
+            f"{scene.name}: load.normal_n is a table that changes before {distance_m:g} m, and "
+            "the depth worn until a frame is modelled here at one load; frames are fitted only "
+            "with a load.normal_n that is constant over distance"
+        )
+    friction = scene.friction.coefficient if scene.friction else 0.0
+    if isinstance(wear.coefficient_mm2_per_n, DistanceTable) or (
+        wear.law != "archard" and isinstance(friction, DistanceTable)
+    ):
+        equivalent = 1e-3 * stop.dose_mm_per_mpa / distance_m
+        return there.model_copy(update={"coefficient_mm2_per_n": equivalent, "law": "archard"})
+    return there
+
+
+def with_numerics(
+    scene: Scene,
+    *,
+    room: float = 1.2,
+    nodes_per_pixel: int | None = None,
+    tolerance: float | None = None,
+) -> Scene:
+    """A contact scene with a surface grid that stays the same while its values move.
+
+    A fit that ends on other numerics than a simulation's would take their difference for physics:
+    without nodes and a tolerance it is as fine as the scene is on its own.
+    Parameters: `room`, factor on the window that the scene's own values need; `nodes_per_pixel`;
+    `tolerance` of the wear. Returns a Scene; others than contacts as they are.
+    """
+    if scene.indenter is None or scene.camera is None or scene.camera.pixel_mm is None:
+        return scene
+    course, _ = wear_course(scene)
+    grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))
+    own = scene.camera.pixel_mm / nodes_per_pixel if nodes_per_pixel else grid.spacing_mm
+    return with_part(
+        scene,
+        "numerics",
+        spacing_mm=own,
+        window_mm=room * grid.spacing_mm * (grid.nodes - 1),
+        tolerance=tolerance or scene.numerics.tolerance,
+    )

@@ -1,0 +1,1 @@
+"""Several frames that share unknowns."""

@@ -1,0 +1,240 @@
+"""Several frames as functions of common unknowns: the scenes that a set of values stands for.
+
+The frames of a worn contact are states of one run. What the surface went through before a frame
+is part of that frame, so that the values of load, friction and wear at the frames' distances are
+tables over distance in one scene, and each frame is that scene at its own distance. What a frame
+owes to its history are states that are solved together, and a few numbers that it shows of it.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from isochrome.contact import wear_course
+from isochrome.errors import InputError
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.single_state import frame_distance, frame_scene, state_scene, with_part
+from isochrome.fitting.frame.unknowns import FRICTION, LOAD, WEAR
+from isochrome.scene import DistanceTable, Scene
+from isochrome.simulation import SceneState, scene_states, state_count
+
+COURSE = (LOAD, FRICTION, WEAR)
+"""Keys that may vary over distance: later frames of a run inherit what they were before."""
+
+_SUDDEN = 1e-9
+"""Share of a distance within which a stepwise value changes."""
+
+_RUNS = 12
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown: its `key`, the `frames` that it acts in, and whether all frames share it."""
+
+    key: str
+    frames: tuple[int, ...]
+    shared: bool
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """The unknowns of `count` frames of a `scene`.
+
+    Of a key that a run's course is made of, frames at one distance have one value: the course has
+    one there.
+    """
+
+    scene: Scene
+    count: int
+    unknowns: tuple[Unknown, ...]
+
+    @cached_property
+    def run(self) -> bool:
+        """Whether the frames are states of one wearing run, and not each a contact of its own."""
+        scene = self.scene
+        worn = scene.indenter is not None and scene.wear is not None
+        return worn and state_count(scene) == self.count
+
+    @cached_property
+    def distances_m(self) -> tuple[float | None, ...]:
+        """Distance of each frame (m), None for a static one."""
+        return tuple(frame_distance(self.scene, i) for i in range(self.count))
+
+    def in_course(self, key: str) -> bool:
+        """Whether a key's values over distance make the course of a run."""
+        return self.run and key in COURSE
+
+    def whole(self, values: Array) -> Scene:
+        """The scene of all frames: shared values, and tables over distance of a run's course."""
+        found: dict[str, Any] = {}
+        tables: dict[str, dict[float, float]] = {}
+        for unknown, value in zip(self.unknowns, values.tolist(), strict=True):
+            if unknown.shared:
+                found[unknown.key] = value
+            elif self.in_course(unknown.key):
+                distance = max(self.distances_m[i] or 0.0 for i in unknown.frames)
+                tables.setdefault(unknown.key, {})[distance] = value
+        for key, points in tables.items():
+            found[key] = stepwise(points) if key == WEAR else over_distance(points)
+        return self.scene.with_values(found)
+
+    def frame(self, whole: Scene, values: Array, index: int) -> Scene:
+        """The one-state scene of a frame, with its own values, in a scene of all frames."""
+        own = {
+            unknown.key: value
+            for unknown, value in zip(self.unknowns, values.tolist(), strict=True)
+            if index in unknown.frames and not unknown.shared and not self.in_course(unknown.key)
+        }
+        scene = state_scene(whole, index)
+        return scene.with_values(own) if own else scene
+
+    def acting(self, index: int) -> tuple[str, ...]:
+        """The keys of the unknowns that act in a frame."""
+        return tuple(dict.fromkeys(u.key for u in self.unknowns if index in u.frames))
+
+
+def over_distance(points: dict[float, float]) -> Any:
+    """Take values at some distances as a scene does: as a table, or as one number.
+
+    Parameters
+    ----------
+    points : dict of float to float
+        Distances (m) to values.
+
+    Returns
+    -------
+    float or dict
+        The value of a single distance, else 'distance_m', rising, and 'value', both lists.
+    """
+    rising = sorted(points)
+    if len(rising) == 1:
+        return points[rising[0]]
+    return {"distance_m": rising, "value": [points[d] for d in rising]}
+
+
+def stepwise(points: dict[float, float]) -> Any:
+    """Values that hold until some distances (m), each since the one before, as a scene takes them.
+
+    A wear coefficient between two frames is what was worn between them; one that is linear there
+    would have to swing from frame to frame to follow the noise.
+    """
+    ends = sorted(points)
+    if len(ends) == 1:
+        return points[ends[0]]
+    distance, value = [0.0], [points[ends[0]]]
+    for end, following in pairwise(ends):
+        distance += [end, end * (1.0 + _SUDDEN)]
+        value += [points[end], points[following]]
+    return {"distance_m": [*distance, ends[-1]], "value": [*value, points[ends[-1]]]}
+
+
+def make_sequence(
+    scene: Scene, count: int, shared: tuple[str, ...], own: tuple[str, ...]
+) -> Sequence:
+    """The unknowns of `count` frames: `shared` keys of all, `own` keys with a value a frame.
+
+    A frame without a key (the friction of a static one, the wear of one that has not slid) has no
+    such unknown. Raises InputError for a key that no frame has.
+    """
+    unknowns: list[Unknown] = []
+    given = Sequence(scene, count, ())
+    for key in (*shared, *own):
+        having = tuple(i for i in range(count) if _has(scene, i, key))
+        if not having:
+            raise InputError(f"{key}: no frame's scene has this key; leave it out")
+        if key in shared:
+            unknowns.append(Unknown(key, having, True))
+            continue
+        there: dict[float, list[int]] = {}
+        for i in having:
+            place = (given.distances_m[i] or 0.0) if given.in_course(key) else i
+            there.setdefault(place, []).append(i)
+        unknowns += [Unknown(key, tuple(frames), False) for frames in there.values()]
+    return Sequence(scene, count, tuple(unknowns))
+
+
+def _has(scene: Scene, index: int, key: str) -> bool:
+    one = state_scene(scene, index)
+    if key == WEAR and (one.wear is None or not one.wear.distances_m[0]):
+        return False
+    try:
+        value = one.get(key)
+    except InputError:
+        return False
+    return isinstance(value, int | float | DistanceTable)
+
+
+class SharedRun:
+    """Solves one-state scenes of a run: all states at once, of which each frame takes its own."""
+
+    def __init__(self, distances_m: tuple[float | None, ...]) -> None:
+        """`distances_m` of all frames; the last few runs are kept."""
+        self._distances = tuple(sorted({d for d in distances_m if d is not None}))
+        self._runs: OrderedDict[Any, list[SceneState]] = OrderedDict()
+
+    def __call__(self, scene: Scene) -> SceneState:
+        """The state of a one-state scene. Raises PhysicsError where its run cannot be solved."""
+        wear = scene.wear
+        if wear is None or wear.distances_m[0] not in self._distances:
+            return scene_states(scene)[-1]
+        all_of_it = wear.model_copy(update={"distances_m": self._distances})
+        key = (
+            scene.specimen, scene.indenter, scene.load, scene.friction, all_of_it, scene.numerics,
+        )  # fmt: skip
+        if key not in self._runs:
+            self._runs[key] = scene_states(scene.model_copy(update={"wear": all_of_it}))
+            while len(self._runs) > _RUNS:
+                self._runs.popitem(last=False)
+        self._runs.move_to_end(key)
+        return self._runs[key][self._distances.index(wear.distances_m[0])]
+
+
+def local_values(whole: Scene, distances_m: tuple[float | None, ...]) -> Array:
+    """What a frame of a run shows of its course: load P (N), friction mu, worn area per frame.
+
+    The worn area W = ∫ P' dK, with dh = p dK and ∫ p dx = P', is the area of the scar; a frame
+    follows its history through it all but alone: the scar's shape at one area changes a frame's
+    derivatives by some per cent (measured), and nothing else, since residuals are of the whole run.
+    Parameters: `whole`, the scene of the run; `distances_m` (frames,), None for a static state.
+    Returns (frames, 3), N, 1, mm².
+    """
+    there = sorted({d for d in distances_m if d is not None} | {0.0})
+    course, stops = wear_course(with_part(whole, "wear", distances_m=tuple(there)))
+    dose, load = course.dose_mm_per_mpa, course.line_load_n_per_mm
+    area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(dose) * (load[1:] + load[:-1]))])
+    rows = {}
+    for stop in stops:
+        k = stop.dose_mm_per_mpa
+        i = max(0, int(np.searchsorted(dose, k)) - 1)
+        worn = area[i] + 0.5 * (k - dose[i]) * (load[i] + course.at(k)[0])
+        rows[stop.distance_m] = (whole.load_at(stop.distance_m), stop.friction, worn)
+    static = (whole.load_at(0.0), 0.0, 0.0)
+    return np.array([static if d is None else rows[d] for d in distances_m])
+
+
+def alone_scene(scene: Scene, state: int) -> Scene:
+    """A frame of a run as if all its wear had been at its own load and friction.
+
+    Parameters: `scene`; `state`, counted as in `frame_scene`. Returns a one-state Scene of numbers,
+    worn by Archard's law as much as in the run: where a fit of one frame on its own starts.
+    """
+    distance = frame_distance(scene, state)
+    if distance is None or scene.wear is None:
+        return frame_scene(scene, state)
+    load, friction, worn = local_values(scene, (distance,))[0].tolist()
+    thickness = scene.specimen.thickness_mm
+    assert thickness is not None
+    found = with_part(scene, "load", normal_n=load)
+    if scene.friction:
+        found = with_part(found, "friction", coefficient=friction, static_state_first=False)
+    coefficient = worn * thickness / (1e3 * load * distance) if distance else 0.0
+    if not coefficient:
+        return found.model_copy(update={"wear": None})
+    even = {"coefficient_mm2_per_n": coefficient, "law": "archard", "distances_m": (distance,)}
+    return with_part(found, "wear", **even)

@@ -1,0 +1,219 @@
+"""Several frames fitted together: unknowns that they share, and unknowns of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.estimation import (
+    CUTOFF,
+    Bounds,
+    Damping,
+    FrameData,
+    information_bound,
+    is_determined,
+    minimise,
+    sandwich,
+    scaled_inverse,
+    standard_uncertainty,
+)
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.frame_fit import hidden_px, placed
+from isochrome.fitting.frame.single_state import with_numerics
+from isochrome.fitting.frame.unknowns import fit_region, limits, thinning
+from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
+from isochrome.fitting.joint.normal_equations import (
+    NormalEquations,
+    add_up,
+    clear_region,
+    make_renderer,
+    with_number,
+)
+from isochrome.scene import Scene
+
+_COARSE_PIXELS = 30_000
+_ITERATIONS = 20
+_EDGE_PX = 2.0
+"""Depth above which no pixel is fitted. The contrast that a pixel's area leaves is told from its
+neighbours; above 1.5 pixels one of them leaves the material as the place moves, and chi jumps."""
+_LOOSE, _TIGHT = 0.3, 0.03
+"""Last predicted step, in standard uncertainties, of the thinned frames and of the whole ones."""
+_UNSOUND = 1e-6
+"""Share of a misfit beyond the noise that the approximate derivatives do not resolve."""
+_ALIKE = 1e-6
+"""Relative difference of two costs that is none: they are sums in single precision."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointFit:
+    """Fitted unknowns of a `sequence`.
+
+    `values`, `standard_uncertainty`, `cramer_rao_bound` (p,); `covariance` (p, p); `information`
+    (p, p), J^T J over the noise variance; `chi`, residual over noise over all frames, `frame_chi`
+    of each; `cost`, the sum of squares, and its `freedom`; `scene`, with tables over distance;
+    `scenes`, of each frame; `converged`; `lost`, frames whose illumination came out negative. The
+    matrices are None where nothing ties the frames together.
+    """
+
+    sequence: Sequence
+    values: Array
+    standard_uncertainty: Array
+    cramer_rao_bound: Array
+    covariance: Array | None
+    information: Array | None
+    chi: float
+    frame_chi: tuple[float, ...]
+    cost: float
+    freedom: int
+    scene: Scene
+    scenes: tuple[Scene, ...]
+    converged: bool
+    lost: tuple[int, ...]
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknowns, in the order of the values."""
+        return self.sequence.unknowns
+
+
+def fit_jointly(
+    frames: Iterable[FrameData],
+    sequence: Sequence,
+    start: Array,
+    *,
+    shape: tuple[int, int],
+    told: Callable[[], None] = lambda: None,
+) -> JointFit:
+    """Least squares over the intensities of all frames, first thinned, then on every pixel.
+
+    Parameters: `frames`, gone through once a pass; `sequence`; `start` (p,), in the right basin;
+    `shape` (rows, cols) of a frame; `told`, called with each frame of each pass. Returns a
+    JointFit. Raises PhysicsError where the start cannot be solved or a key changes nothing.
+    """
+    problem = JointProblem(frames, sequence, start, shape, told)
+    values, _, _ = problem.solve(start, problem.coarse_stride, _LOOSE)
+    problem.keep_clear(values)
+    values, normal, converged = problem.solve(values, 1, _TIGHT)
+    return problem.result(values, normal, converged)
+
+
+class JointProblem:
+    """One least-squares problem over a set of frames, at any stride."""
+
+    def __init__(
+        self,
+        frames: Iterable[FrameData],
+        sequence: Sequence,
+        start: Array,
+        shape: tuple[int, int],
+        told: Callable[[], None],
+    ) -> None:
+        fine = with_numerics(sequence.whole(start), room=1.3).numerics
+        self.told, self.frames, self.shape = told, frames, shape
+        self.given, self.sequence = (
+            replace(sequence, scene=sequence.scene.model_copy(update={"numerics": numerics}))
+            for numerics in (sequence.scene.numerics, fine)
+        )
+        self.coarse_stride = thinning(shape[0] * shape[1], _COARSE_PIXELS)
+        self.first = self._scenes(self.sequence, start)
+        self._clear: list[Array] = []
+        ends = [
+            limits(with_number(self.first[unknown.frames[0]], unknown.key), (unknown.key,))
+            for unknown in sequence.unknowns
+        ]
+        self.bounds = Bounds(
+            np.concatenate([end.low for end in ends]), np.concatenate([end.high for end in ends])
+        )
+
+    def solve(
+        self, values: Array, stride: int, tolerance: float
+    ) -> tuple[Array, NormalEquations, bool]:
+        """Damped steps inside the bounds; the last, which is small, is taken unseen."""
+        renderer = make_renderer(self.sequence, self.first[0], self.shape, stride)
+
+        def at(where: Array) -> NormalEquations | None:
+            return add_up(
+                (data.every(stride) for data in self.frames), self.sequence, where,
+                renderer=renderer, told=self.told,
+                regions=lambda i: self._region(i, stride),
+            )  # fmt: skip
+
+        normal = at(values)
+        if normal is None:
+            raise PhysicsError(
+                "the scene cannot be solved where the frames' own fits end; give closer values"
+            )
+        found = minimise(
+            at, values, normal, damping=Damping(1e-6, least=1e-4), iterations=_ITERATIONS,
+            enough=lambda here: _enough(here, tolerance),
+            better=lambda new, old: new.cost <= old.cost * (1.0 + _ALIKE),
+            bounds=self.bounds,
+        )  # fmt: skip
+        end = found.values + found.step if found.converged else found.values
+        return end, found.point, found.converged
+
+    def keep_clear(self, values: Array) -> None:
+        """Leave out the pixels whose model at some values is near black or white, see `gamma`."""
+        renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
+        whole, found = self.sequence.whole(values), []
+        for i, data in enumerate(self.frames):
+            here, region = self.sequence.frame(whole, values, i), self._region(i, 1)
+            found.append(np.packbits(clear_region(data, here, renderer=renderer, region=region)))
+            self.told()
+        self._clear = found
+
+    def _region(self, index: int, stride: int) -> Array:
+        """The pixels of a frame that are fitted."""
+        if stride == 1 and self._clear:
+            bits = np.unpackbits(self._clear[index], count=self.shape[0] * self.shape[1])
+            return bits.reshape(self.shape).astype(bool)
+        hidden = max(_EDGE_PX, hidden_px(self.first[index]))
+        return fit_region(self.first[index], self.shape, stride, hidden)
+
+    def result(self, values: Array, normal: NormalEquations, converged: bool) -> JointFit:
+        """The fit's statistics, with the scene's own numerics back in it."""
+        inverse = scaled_inverse(normal.normal, CUTOFF)
+        determined = is_determined(normal.normal, normal.squares)
+        bound = information_bound(inverse, determined)
+        for unknown, limit in zip(self.sequence.unknowns, bound.tolist(), strict=True):
+            if unknown.shared and not np.isfinite(limit):
+                raise PhysicsError(
+                    f"{unknown.key} does not change the fringes of these frames, so that they "
+                    "cannot determine it; leave it out"
+                )
+        covariance = sandwich(inverse, normal.middle)
+        freedom = max(1, normal.freedom - values.size)
+        return JointFit(
+            sequence=self.given,
+            values=values,
+            standard_uncertainty=standard_uncertainty(covariance, determined),
+            cramer_rao_bound=bound,
+            covariance=covariance,
+            information=normal.normal,
+            chi=float(np.sqrt(normal.cost / freedom)),
+            frame_chi=normal.chi,
+            cost=normal.cost,
+            freedom=freedom,
+            scene=self.given.whole(values),
+            scenes=self._scenes(self.given, values),
+            converged=converged and bool(np.all(determined)),
+            lost=tuple(i for i, good in enumerate(normal.positive) if not good),
+        )
+
+    def _scenes(self, sequence: Sequence, values: Array) -> tuple[Scene, ...]:
+        """The scene of each frame at some values (p,)."""
+        whole = sequence.whole(values)
+        frames = range(sequence.count)
+        return tuple(placed(sequence.frame(whole, values, i), self.shape) for i in frames)
+
+
+def _enough(normal: NormalEquations, tolerance: float) -> float:
+    """The promised gain of a step below which it is the last.
+
+    That is `tolerance` in standard uncertainties, and what the derivatives do not resolve.
+    """
+    beyond = max(0.0, normal.cost - normal.freedom)
+    return tolerance**2 * max(1.0, normal.cost / normal.freedom) + _UNSOUND * beyond

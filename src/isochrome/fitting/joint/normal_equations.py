@@ -1,0 +1,248 @@
+"""The normal equations of many frames, added up frame by frame: memory holds one of them.
+
+The linear parts of different frames have nothing in common, so that each frame's are eliminated
+on their own, and what is left, J^T J and J^T r, adds up. A frame of a run shows load, friction and
+worn area; it is rendered once more for each of these, and the chain rule through `local_values`
+carries them to whatever unknowns the course is made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isochrome.estimation import STEP, FrameData, block_correlation, white_middle
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.frame_model import project
+from isochrome.fitting.frame.gamma import (
+    ENOUGH,
+    clear_of_ends,
+    gamma_slope,
+    solve_with_gamma,
+    trusted_pixels,
+)
+from isochrome.fitting.frame.renderer import SceneRenderer, safe_signal
+from isochrome.fitting.frame.unknowns import FRICTION, LOAD, WEAR, scales
+from isochrome.fitting.joint.frame_sequence import COURSE, Sequence, SharedRun, local_values
+from isochrome.scene import DistanceTable, Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalEquations:
+    """Sums over frames at one set of values: `normal` J^T J (p, p) and `gradient` J^T r (p,).
+
+    `middle` (p, p), the sum of r² j j^T over the pixels, widened by the residuals' correlation;
+    `squares` (p,), of the rows before the linear parts were eliminated; `cost`, sum of squared
+    residuals over noise; `freedom`, pixels less linear unknowns; `positive` (frames,), False where
+    a frame's illumination came out negative; `chi` (frames,), of each frame.
+    """
+
+    normal: Array
+    middle: Array
+    gradient: Array
+    squares: Array
+    cost: float
+    freedom: int
+    positive: tuple[bool, ...]
+    chi: tuple[float, ...]
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """Those of more frames."""
+        sums = {name: part + getattr(other, name) for name, part in vars(self).items()}
+        return NormalEquations(**sums)
+
+    def along(self, columns: Array) -> NormalEquations:
+        """Those of unknowns that move the directions by `columns` (directions, p)."""
+        return replace(
+            self,
+            normal=columns.T @ self.normal @ columns,
+            middle=columns.T @ self.middle @ columns,
+            gradient=columns.T @ self.gradient,
+            squares=np.einsum("ij,ik,kj->j", columns, self.squares, columns),
+        )
+
+
+def add_up(
+    frames: Iterable[FrameData],
+    sequence: Sequence,
+    values: Array,
+    *,
+    renderer: SceneRenderer,
+    regions: Callable[[int], Array],
+    told: Callable[[], None],
+) -> NormalEquations | None:
+    """The normal equations of all frames at `values` (p,); None where they cannot be solved.
+
+    Parameters: `frames`, as thin as the renderer; `sequence`; `renderer`, with the stride and the
+    shared run; `regions`, the pixels to use of a frame; `told`, called with each frame done.
+    """
+    maps = DirectionMaps(sequence, values)
+    total: NormalEquations | None = None
+    for i, data in enumerate(frames):
+        here = sequence.frame(maps.whole, values, i)
+        moved = [maps.scene(key, i) for key in maps.keys(i)]
+        part = linearise_frame(data, here, moved, renderer=renderer, region=regions(i))
+        if part is None:
+            return None
+        part = part.along(maps.columns(i))
+        total = part if total is None else total + part
+        told()
+    return total
+
+
+def linearise_frame(
+    data: FrameData, here: Scene, moved: list[Scene], *, renderer: SceneRenderer, region: Array
+) -> NormalEquations | None:
+    """One frame's normal equations along its directions: `moved` scenes less the one `here`.
+
+    Its `squares` are a matrix, of each two directions. Returns None where a scene cannot be solved.
+    Source: see `isochrome.estimation.intensity`.
+    """
+    gamma = here.frames.stated_gamma
+    free = [scene.frames.stated_gamma - gamma for scene in moved]
+    pixels = trusted_pixels(data.toned(gamma) if any(free) else data, region)
+    signal = safe_signal(renderer, here)[pixels.keep].astype(np.float32)
+    toned = solve_with_gamma(pixels, signal, gamma)
+    if toned is None:
+        return None
+    rows = np.empty((len(moved), pixels.size), np.float32)
+    for row, scene, change in zip(rows, moved, free, strict=True):
+        if change:
+            row[:] = gamma_slope(toned, gamma) * np.float32(change)
+        else:
+            np.subtract(safe_signal(renderer, scene)[pixels.keep], signal, out=row)
+            row *= toned.part.amplitude
+    if not np.isfinite(rows.sum()):
+        return None
+    squares = rows @ rows.T
+    project(rows, toned.problem, toned.part)
+    wider = block_correlation(pixels.keep, toned.residual)
+    freedom = pixels.size - len(toned.part.coefficients)
+    return NormalEquations(
+        normal=(rows @ rows.T).astype(float),
+        middle=wider * white_middle(rows, toned.residual),
+        gradient=(rows @ toned.residual).astype(float),
+        squares=squares.astype(float),
+        cost=toned.cost,
+        freedom=freedom,
+        positive=(toned.part.positive,),
+        chi=(float(np.sqrt(toned.cost / max(1, freedom))),),
+    )
+
+
+def clear_region(data: FrameData, here: Scene, *, renderer: SceneRenderer, region: Array) -> Array:
+    """A frame's region without the pixels whose model is near black or white, where noise is cut.
+
+    Parameters: `data`; `here`, its scene; `renderer`; `region` (rows, cols). Returns (rows, cols).
+    """
+    gamma = here.frames.stated_gamma
+    pixels = trusted_pixels(data, region)
+    toned = solve_with_gamma(pixels, safe_signal(renderer, here)[pixels.keep], gamma)
+    if toned is None:
+        return region
+    clear = clear_of_ends(pixels, toned.model, gamma)
+    if np.count_nonzero(clear) <= ENOUGH * clear.size:
+        return region
+    found = region.copy()
+    found[pixels.keep] = clear
+    return found
+
+
+class DirectionMaps:
+    """Directions in which each frame is rendered once more, and what they say of the unknowns.
+
+    A direction is a key moved by one step, over all distances where it is part of the course.
+    """
+
+    def __init__(self, sequence: Sequence, values: Array) -> None:
+        self.sequence, self.values = sequence, values
+        self.whole = sequence.whole(values)
+        self.course = [
+            key
+            for key in COURSE
+            if sequence.in_course(key) and key in {u.key for u in sequence.unknowns}
+        ]
+        self._steps = {u.key: self._step(u.key) for u in sequence.unknowns}
+        self._moved: dict[str, Scene] = {}
+        if self.course:
+            for key in (*self.course, WEAR):
+                step = self._steps.setdefault(key, self._step(key))
+                self._moved[key] = moved_values(self.whole, key, step)
+            self._local = local_values(self.whole, sequence.distances_m)
+            self._along = {
+                key: local_values(there, sequence.distances_m) - self._local
+                for key, there in self._moved.items()
+            }
+            self._by_unknown = self._differences()
+
+    def keys(self, index: int) -> list[str]:
+        """The directions of a frame."""
+        plain = [k for k in self.sequence.acting(index) if k not in self.course]
+        if not self.course:
+            return plain
+        _, friction, worn = (self._local[index] != 0.0).tolist()
+        sliding = self.sequence.distances_m[index] is not None
+        shown = {LOAD: True, FRICTION: sliding or friction, WEAR: worn}
+        return plain + [k for k in COURSE if shown[k] and k in self._moved]
+
+    def scene(self, key: str, index: int) -> Scene:
+        """A frame's scene moved by one step along a key."""
+        if key in self._moved:
+            return self.sequence.frame(self._moved[key], self.values, index)
+        here = self.sequence.frame(self.whole, self.values, index)
+        return moved_values(here, key, self._steps[key])
+
+    def columns(self, index: int) -> Array:
+        """Steps along each direction that one unit of each unknown makes, (directions, p)."""
+        keys = self.keys(index)
+        found = np.zeros((len(keys), len(self.sequence.unknowns)))
+        for column, unknown in enumerate(self.sequence.unknowns):
+            if index in unknown.frames and unknown.key in keys and unknown.key not in self.course:
+                found[keys.index(unknown.key), column] = 1.0 / self._steps[unknown.key]
+        inside = [k for k in keys if k in self._moved]
+        if inside:
+            which = [COURSE.index(k) for k in inside]
+            square = np.array([self._along[k][index, which] for k in inside]).T
+            rows = [keys.index(k) for k in inside]
+            found[rows] += np.linalg.solve(square, self._by_unknown[:, index, which].T)
+        return found
+
+    def _step(self, key: str) -> float:
+        """A difference step, of the scale of the key's (first) value."""
+        return STEP * float(scales(with_number(self.whole, key), (key,))[0])
+
+    def _differences(self) -> Array:
+        """Change of the local values by one unit of each unknown, (p, frames, 3)."""
+        found = np.zeros((len(self.sequence.unknowns), *self._local.shape))
+        for row, unknown in enumerate(self.sequence.unknowns):
+            if unknown.key in self.course:
+                ahead = self.values.copy()
+                ahead[row] += self._steps[unknown.key]
+                there = local_values(self.sequence.whole(ahead), self.sequence.distances_m)
+                found[row] = (there - self._local) / self._steps[unknown.key]
+        return found
+
+
+def moved_values(scene: Scene, key: str, step: float) -> Scene:
+    """A scene with a key moved by a step, over all distances where it is a table."""
+    value = scene.get(key)
+    if isinstance(value, DistanceTable):
+        return scene.with_values(
+            {key: {"distance_m": value.distance_m, "value": [v + step for v in value.value]}}
+        )
+    return scene.with_values({key: value + step})
+
+
+def with_number(scene: Scene, key: str) -> Scene:
+    """A scene with a number at a key: the first of a table over distance."""
+    value = scene.get(key)
+    return scene.with_values({key: value.value[0]}) if isinstance(value, DistanceTable) else scene
+
+
+def make_renderer(
+    sequence: Sequence, whole: Scene, shape: tuple[int, int], stride: int
+) -> SceneRenderer:
+    """A renderer of all frames of a sequence, which solves a run once for all of them."""
+    return SceneRenderer(whole, shape, stride=stride, solve=SharedRun(sequence.distances_m))

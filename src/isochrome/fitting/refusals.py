@@ -1,0 +1,141 @@
+"""What a fit refuses before it starts, and what the frames cannot tell apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.unknowns import LENS
+from isochrome.frames import FramesPath
+from isochrome.output import counted
+from isochrome.scene import DistanceTable, Scene
+from isochrome.simulation import no_model_sentence, state_count
+
+_SAME_EFFECT = {
+    "specimen.fringe_value_n_per_mm": "only load over fringe value sets the fringe order",
+    "specimen.thickness_mm": "only load and thickness together set the fringe order",
+    "camera.pixel_mm": "a larger pixel and a larger load spread the fringes alike",
+}
+"""Keys that cannot be told from the load, and why."""
+
+CORRECT = (
+    "correct the scene by what stood before the camera (load, place, pixel, field, gamma); "
+    "`isochrome check` looks at the frames"
+)
+"""What to do where nothing could be read."""
+
+_ALIKE = 0.9995
+_PLACE = ("camera.left_mm", "camera.top_mm")
+_SENSOR = ("camera.pixel_mm", "camera.blur_px", "frames.gamma")
+
+
+def refuse_keys(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> None:
+    """Refuse keys that are unknown, doubled, or have the same effect as the load.
+
+    Parameters: `scene`; `shared`, keys of all frames; `own`, keys with a value a frame. Raises
+    InputError that names the key and what to do.
+    """
+    if scene.model is None:
+        raise InputError(no_model_sentence(scene))
+    keys = shared + own
+    if not keys:
+        raise InputError("nothing to fit; name a key with --free, such as --free load.normal_n")
+    for key in keys:
+        _refuse_unfitted(scene, key, is_own=key in own)
+        if keys.count(key) > 1:
+            raise InputError(f"{key} is named twice; name it once, shared or per frame")
+    for key, reason in _SAME_EFFECT.items():
+        if key in keys and "load.normal_n" in keys:
+            raise InputError(
+                f"load.normal_n and {key} cannot both be free: {reason}; fix one of them"
+            )
+
+
+def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
+    """Refuse a key that is no number, or that does not change the simulated fringes."""
+    value = scene.get(key)
+    if key in _PLACE:
+        return
+    if isinstance(value, DistanceTable) and key != "friction.coefficient" and not is_own:
+        raise InputError(
+            f"{key} cannot be fitted: it is a table over distance in this scene; name it with "
+            "--per-frame, give it as a number, or leave it out"
+        )
+    if key.split(".")[0] in ("camera", "frames", "numerics") and key not in _SENSOR:
+        raise InputError(
+            f"{key} cannot be fitted: the fringes do not follow it; of camera and frames only "
+            f"{', '.join((*_PLACE, *_SENSOR))} can be free"
+        )
+    if key == "frames.gamma" and value == "unknown":
+        return
+    if isinstance(value, bool) or not isinstance(value, int | float | DistanceTable):
+        raise InputError(
+            f"{key} = {value!r} cannot be fitted: it is no number in this scene; give it one, or "
+            "leave it out"
+        )
+
+
+def refuse_states(path: FramesPath, count: int, scene: Scene) -> None:
+    """Raise InputError where a scene has other states than one, or one for each of `count` frames.
+
+    Parameters: `path` of the frames, for the message; `count` of them; `scene`.
+    """
+    states = state_count(scene)
+    if states not in (1, count):
+        raise InputError(
+            f"{path}: {counted(count, 'frame')}, and the scene has {counted(states, 'state')}; "
+            "give one frame a state, correct wear.distances_m, or set "
+            "frames.sliding_speed_mm_per_s for a video"
+        )
+
+
+def refuse_alike(keys: tuple[str, ...], covariance: Array) -> None:
+    """Refuse unknowns that the frames cannot tell apart, by their correlation.
+
+    Parameters: `keys` of the unknowns (p,) and their `covariance` (p, p). Raises PhysicsError that
+    names the pair.
+    """
+    spread = np.sqrt(np.diag(covariance))
+    if not np.all(spread > 0.0):
+        return
+    correlation = covariance / np.outer(spread, spread)
+    np.fill_diagonal(correlation, 0.0)
+    i, j = np.unravel_index(int(np.abs(correlation).argmax()), correlation.shape)
+    if abs(correlation[i, j]) > _ALIKE:
+        raise PhysicsError(
+            f"{keys[i]} and {keys[j]} cannot be told apart in these frames (correlation "
+            f"{correlation[i, j]:.4f}); fix one of them"
+        )
+
+
+def refuse_bent(scene: Scene, what: str) -> None:
+    """Refuse a camera that is not square where that is not in the model.
+
+    Parameters: `scene`; `what` cannot be done, and what to do. Raises InputError.
+    """
+    for key in LENS:
+        if scene.get(key):
+            raise InputError(f"{key} = {scene.get(key):g}: such frames cannot be {what}")
+
+
+def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]) -> None:
+    """Refuse what cannot be tracked through a video.
+
+    Parameters: `scene`; `keys` to track; `known`, those that can be. Raises InputError that names
+    the key and what to do.
+    """
+    if scene.indenter is None:
+        raise InputError(f"a {scene.model} cannot be tracked, only contacts can; leave --track out")
+    refuse_bent(scene, "tracked; leave --track out, and each frame is fitted by itself")
+    for key in keys:
+        if key not in known:
+            raise InputError(
+                f"{key} cannot be tracked; of a video's frames {', '.join(known)} can: fit {key} "
+                "on a few frames first, put it into the scene, and leave it out"
+            )
+    if scene.friction and scene.friction.static_state_first:
+        raise InputError(
+            "friction.static_state_first = true: tracked frames are all of one kind; set it to "
+            "false for a video that slides"
+        )

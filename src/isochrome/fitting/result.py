@@ -1,0 +1,269 @@
+"""What a fit found, and how it is written: JSON, table, scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from isochrome.estimation import ALIKE_CHI, POOR_CHI
+from isochrome.fitting.frame.frame_fit import FrameFit
+from isochrome.fitting.frame.single_state import frame_distance
+from isochrome.fitting.joint.frame_sequence import over_distance
+from isochrome.fitting.joint.joint_fit import JointFit
+from isochrome.fitting.tractions.surface_fit import Tractions
+from isochrome.fitting.wear_laws.law_report import WearLaws
+from isochrome.output import (
+    FrameValues,
+    Result,
+    counted,
+    messages_of_frames,
+    named_frames,
+    numbers,
+    over_items,
+    with_uncertainty,
+)
+from isochrome.scene import Scene
+
+Found = dict[str, dict[str, float]]
+"""Key to what is known of it, see PARTS."""
+
+PARTS = ("value", "standard_uncertainty", "cramer_rao_bound")
+
+TOO_FAR = 0.12
+"""Residual over contrast beyond which a model tells nothing: no value, and no pixel's branch.
+A right model leaves the noise, about 0.02; one that is 3 % off in load 0.05; wrong ones 0.15 on."""
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Fit(Result):
+    """Fitted unknowns.
+
+    `shared`, key to {value, standard_uncertainty, cramer_rao_bound} of what all frames share;
+    `frames`, the same for each frame's own; `distance_m` and `frame_chi`, of each frame; `chi`,
+    residual over noise over all frames; `scene`, with the fitted values; `other_minima`, of each
+    frame on its own: other values that fit nearly as well; `wear_laws`, compared, where several
+    frames tell what was worn between them; `warnings` in plain words; `tractions` of each frame,
+    where they were asked for; `already`, whether an earlier run had left it all.
+    """
+
+    shared: Found
+    frames: list[Found]
+    distance_m: list[float | None]
+    frame_chi: list[float]
+    chi: float
+    scene: Scene
+    other_minima: list[list[dict[str, float]]]
+    wear_laws: WearLaws | None
+    warnings: tuple[str, ...]
+    tractions: tuple[Tractions, ...] = ()
+    already: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as `--json` prints it; a single frame's own unknowns stand at the top too."""
+        top: dict[str, Any] = dict(self.shared)
+        if len(self.frames) == 1:
+            top |= self.frames[0]
+        frames = [
+            {"frame": i, "distance_m": distance, "chi": chi, "other_minima": others, **own}
+            for i, (own, distance, chi, others) in enumerate(
+                zip(self.frames, self.distance_m, self.frame_chi, self.other_minima, strict=True)
+            )
+        ]
+        top |= {"chi": self.chi, "warnings": list(self.warnings), "frames": frames}
+        if self.wear_laws is not None:
+            top |= {
+                "wear_law": self.wear_laws.sentence(),
+                "wear_laws": self.wear_laws.to_json(),
+                "wear_between_frames": list(self.wear_laws.between),
+                "wear_chi": self.wear_laws.chi,
+            }
+        if self.tractions:
+            found = [{"frame": i, **one.to_json()} for i, one in enumerate(self.tractions)]
+            top["tractions"] = found
+        return top
+
+    @property
+    def title(self) -> str:
+        """The scene, how many frames, and chi."""
+        many = counted(len(self.frames), "frame")
+        return f"Fit of {self.scene.name}: {many}, chi = {self.chi:.3f}"
+
+    def main_values(self) -> Iterator[tuple[str, str]]:
+        """What all frames share, and what each has of its own."""
+        for key, found in self.shared.items():
+            yield key, with_uncertainty(found["value"], found["standard_uncertainty"])
+        for key in keys_of(self.frames):
+            having = [own[key] for own in self.frames if key in own]
+            spreads = (found["standard_uncertainty"] for found in having)
+            yield key, over_items((found["value"] for found in having), spreads)
+        if self.wear_laws is not None:
+            yield "wear law", self.wear_laws.sentence()
+
+    @property
+    def over_frames(self) -> FrameValues:
+        """What each frame has of its own, NaN where a key is not of a frame."""
+        keys = keys_of(self.frames)
+        values, spreads, _ = (
+            np.array([[own[k][part] if k in own else np.nan for k in keys] for own in self.frames])
+            for part in PARTS
+        )
+        none = np.zeros(len(self.frames), dtype=bool)
+        return FrameValues(
+            keys=keys,
+            values=values,
+            standard_uncertainty=spreads,
+            chi=np.array(self.frame_chi),
+            distance_m=numbers(self.distance_m),
+            searched=none,
+            whole=none,
+        )
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """Those of fit.csv: one row for each unknown, 'all' or the frame it belongs to."""
+        rows: list[tuple[Any, ...]] = [
+            ("all", None, key, *(found[part] for part in PARTS), self.chi)
+            for key, found in self.shared.items()
+        ]
+        each = zip(self.frames, self.distance_m, self.frame_chi, strict=True)
+        for i, (own, distance, chi) in enumerate(each):
+            rows += [
+                (str(i), distance, key, *(found[part] for part in PARTS), chi)
+                for key, found in own.items()
+            ]
+        names = ("frame", "distance_m", "key", *PARTS, "chi")
+        return {name: [row[k] for row in rows] for k, name in enumerate(names)}
+
+
+def keys_of(frames: list[Found]) -> tuple[str, ...]:
+    """The keys of frames, in the order in which they come."""
+    return tuple(dict.fromkeys(key for own in frames for key in own))
+
+
+def make_result(
+    joint: JointFit,
+    alone: list[FrameFit],
+    laws: WearLaws | None = None,
+    notes: tuple[str, ...] = (),
+) -> Fit:
+    """A fit as it is reported.
+
+    Parameters: `joint`, over all frames; `alone`, the frames' own fits, for their other minima;
+    `laws`, the wear laws compared, None where they cannot be; `notes`, what else is to be said.
+    """
+    shared: Found = {}
+    own: list[Found] = [{} for _ in joint.scenes]
+    for unknown, value, spread, bound in zip(
+        joint.unknowns, joint.values, joint.standard_uncertainty, joint.cramer_rao_bound,
+        strict=True,
+    ):  # fmt: skip
+        found = dict(zip(PARTS, map(float, (value, spread, bound)), strict=True))
+        for place in [shared] if unknown.shared else [own[i] for i in unknown.frames]:
+            place[unknown.key] = found
+    # a run's course is in the scene already, as tables
+    means = {
+        key: float(np.mean([f[key]["value"] for f in own if key in f]))
+        for key in keys_of(own)
+        if not joint.sequence.in_course(key)
+    }
+    return Fit(
+        shared=shared,
+        frames=own,
+        distance_m=list(joint.sequence.distances_m),
+        frame_chi=list(joint.frame_chi),
+        chi=joint.chi,
+        scene=joint.scene.with_values(means) if means else joint.scene,
+        other_minima=[_others(fit) for fit in alone],
+        wear_laws=laws,
+        warnings=(*notes, *_warnings(joint, alone), *_of_law(joint.scene, laws)),
+    )
+
+
+def _others(fit: FrameFit) -> list[dict[str, float]]:
+    near = [m for m in fit.others if m.chi <= ALIKE_CHI * fit.chi]
+    return [dict(zip(fit.keys, m.values.tolist(), strict=True)) | {"chi": m.chi} for m in near]
+
+
+def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
+    found = []
+    poor = [i for i, chi in enumerate(joint.frame_chi) if chi > POOR_CHI]
+    if poor:
+        where = "" if len(joint.scenes) == 1 else f" ({named_frames(poor)})"
+        worst = max(joint.frame_chi)
+        found.append(
+            f"chi = {worst:.2f}{where}: the model does not describe these frames within their "
+            "noise; the uncertainties are widened by it, but a bias may remain"
+        )
+        if not any(unknown.key.startswith("camera.") for unknown in joint.unknowns):
+            found.append(
+                "the contact's place in the picture was held at the scene's; let it be found with "
+                "--per-frame camera.left_mm --per-frame camera.top_mm"
+            )
+    lost = set(joint.lost)
+    said = [(i, "the scene's fringes are not in it") for i in joint.lost]
+    said += [
+        (
+            i,
+            "no smooth illumination fits with this model, so that one amplitude stands for all "
+            "the frame; give no-load frames",
+        )
+        for i, fit in enumerate(alone)
+        if fit.plain and i not in lost
+    ]
+    said += [
+        (i, f"{len(_others(fit))} other solution(s) fit nearly as well; give the load more closely")
+        for i, fit in enumerate(alone)
+        if _others(fit)
+    ]
+    found += messages_of_frames(said)
+    if not joint.converged:
+        found.append("the fit did not converge fully")
+    return found
+
+
+def _of_law(scene: Scene, laws: WearLaws | None) -> list[str]:
+    """What to say where the frames speak against the scene's own wear law."""
+    if laws is None or scene.wear is None or not laws.speaks_against(scene.wear.law):
+        return []
+    return [
+        f"wear.law = '{scene.wear.law}' is not what the frames show: {laws.sentence()}; change the "
+        "law in the scene, and fit again"
+    ]
+
+
+def fitted_scene(scene: Scene, shared: Found, own: list[Found]) -> Scene:
+    """The scene with values of frames that were fitted each on its own.
+
+    Per-frame values become their mean; friction becomes a table over distance.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene of all frames, as given.
+    shared : dict
+        Key to {'value': float} of what all frames share.
+    own : list of dict
+        The same for each frame.
+
+    Returns
+    -------
+    Scene
+        The scene with these values.
+    """
+    values: dict[str, Any] = {key: found["value"] for key, found in shared.items()}
+    for key in keys_of(own):
+        series = [
+            (i, frame[key]["value"])
+            for i, frame in enumerate(own)
+            if key in frame and np.isfinite(frame[key]["value"])
+        ]
+        if not series:
+            continue
+        values[key] = float(np.mean([value for _, value in series]))
+        if key == "friction.coefficient" and scene.wear and len(series) > 1:
+            points = {frame_distance(scene, i) or 0.0: value for i, value in series}
+            values[key] = over_distance(points) if len(points) > 1 else values[key]
+    return scene.with_values(values)

@@ -1,0 +1,1 @@
+"""Starts for a frame whose scene is far off."""

@@ -1,0 +1,184 @@
+"""A fit's stages: each frame on its own, as chunks of a long run; then all of them together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.estimation import POOR_CHI, FrameData, Minimum
+from isochrome.fitting.causes.freeing import Freed, fit_with_causes
+from isochrome.fitting.causes.report import cause_messages
+from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, placed
+from isochrome.fitting.frame.smooth_stress import ASKED_CHI, with_smooth_stress
+from isochrome.fitting.frame.unknowns import WEAR
+from isochrome.fitting.frame_set import PreparedFrames
+from isochrome.fitting.joint.frame_sequence import Sequence, alone_scene
+from isochrome.fitting.joint.joint_fit import JointFit, fit_jointly
+from isochrome.fitting.joint.separate_fits import (
+    fit_of_each,
+    is_each,
+    refuse_untold,
+    starting_values,
+)
+from isochrome.fitting.refusals import CORRECT, refuse_alike
+from isochrome.fitting.result import Fit, make_result
+from isochrome.fitting.wear_laws.law_evidence import (
+    compare_laws,
+    mean_coefficients,
+    segment_ends,
+    segments,
+)
+from isochrome.fitting.wear_laws.law_report import WearLaws
+from isochrome.output import messages_of_frames
+from isochrome.runs import Results
+
+Told = Callable[[], None]
+_ARRAYS = ("values", "standard_uncertainty", "covariance", "cramer_rao_bound", "information")
+_PLAIN = ("keys", "freedom", "chi", "converged", "plain", "positive")
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class FrameWork:
+    """Fits frames of `data` for the unknowns of `sequence` that act in them, whoever calls it.
+
+    `follow`, whether a frame is looked for where the last one was, and there alone; `as_stated`,
+    whether nothing else is fitted.
+    Where nothing ties the frames together, that is the fit: what a frame asks for is freed in it,
+    and unknowns that it does not tell apart are refused.
+    """
+
+    data: PreparedFrames
+    sequence: Sequence
+    follow: bool = False
+    as_stated: bool = False
+
+    def __call__(self, start: int, stop: int, left: Any = None) -> Results:
+        """Frames [start, stop), each from the scene, or from where the one before ended.
+
+        `left`, the last chunk's values where frames are followed. Raises InputError, PhysicsError.
+        """
+        rows = []
+        for i, data in enumerate(self.data.some(start, stop), start):
+            fit = self._row(i, data, left)
+            rows.append(fit)
+            if self.follow:
+                values = zip(fit["keys"], fit["values"], strict=True)
+                left = dict(values) if fit["positive"] else None
+        good = [row["positive"] and row["chi"] <= POOR_CHI for row in rows]
+        more = [{"status": "ok" if ok else "flagged"} for ok in good]
+        return Results({}, rows, more, left=left)
+
+    def restored(self, index: int, row: Row) -> FrameFit:
+        """The fit of a frame, from its row."""
+        parts: dict[str, Any] = {name: np.array(row[name], dtype=float) for name in _ARRAYS}
+        parts |= {name: row[name] for name in _PLAIN} | {"keys": tuple(row["keys"])}
+        parts["others"] = tuple(Minimum(np.array(values), chi) for values, chi in row["others"])
+        start = placed(alone_scene(self.sequence.scene, index), self.data.shape)
+        found = dict(zip(row["keys"], row["values"], strict=True))
+        return FrameFit(scene=start.with_values(found), **parts)
+
+    def _row(self, index: int, data: FrameData, last: Mapping[str, float] | None) -> Row:
+        """A frame's fit as plain numbers; `last`, values to look for it at, and there alone."""
+        scene, keys = alone_scene(self.sequence.scene, index), self.sequence.acting(index)
+        if last is not None:
+            scene = scene.with_values({key: last[key] for key in keys if key in last})
+        said: tuple[str, ...] = ()
+        light = None
+        if self.as_stated or not is_each(self.sequence):
+            fit = fit_frame(data, scene, keys, cold=last is None)
+        else:
+            freed = self._explained(fit_with_causes(data, scene, keys, cold=last is None))
+            fit, said = freed.fit, cause_messages(freed)
+            light = freed.data.lamp.terms if freed.light else None
+        row = {name: getattr(fit, name).tolist() for name in _ARRAYS}
+        row |= {name: getattr(fit, name) for name in _PLAIN} | {"keys": list(fit.keys)}
+        others = [[other.values.tolist(), float(other.chi)] for other in fit.others]
+        return row | {"others": others, "said": list(said), "light": light}
+
+    def _explained(self, freed: Freed) -> Freed:
+        """What was freed, or the fit as stated where its unknowns are not told apart any more.
+
+        Raises PhysicsError where they are not even then, in a frame that is all there is.
+        """
+        stated = freed.stated.fit
+        if stated.positive or self.sequence.count == 1:
+            refuse_alike(stated.keys, stated.covariance)
+        try:
+            refuse_alike(freed.fit.keys, freed.fit.covariance)
+        except PhysicsError:
+            return freed.undone()  # chi stays, and is told
+        return freed
+
+
+def joint_stage(
+    data: PreparedFrames,
+    sequence: Sequence,
+    alone: list[FrameFit],
+    said: Iterable[tuple[int, str]],
+    told: Told,
+) -> tuple[Fit, JointFit]:
+    """All frames together, from what each says on its own.
+
+    Where nothing ties them together, their own fits are the result, and no frame is read again.
+    Parameters: `data`; `sequence`; `alone`, each frame's fit; `said` of frames, by their numbers;
+    `told`, called with each frame of each pass. Returns the Fit and the JointFit behind it. Raises
+    PhysicsError for unknowns that the frames do not tell, or not apart.
+    """
+    if not any(fit.positive for fit in alone):
+        raise PhysicsError(
+            f"{data.given.name}: nothing could be read in any of the {len(alone)} frames: the "
+            f"scene's fringes are not in them; {CORRECT}"
+        )
+    data.plain = {i for i, fit in enumerate(alone) if fit.plain}
+    if is_each(sequence):
+        for key in dict.fromkeys(u.key for u in sequence.unknowns):
+            refuse_untold(key, (f for i, f in enumerate(alone) if key in sequence.acting(i)))
+        joint = fit_of_each(sequence, alone)
+        notes = tuple(messages_of_frames(said, single=sequence.count == 1))
+        return make_result(joint, alone, None, notes), joint
+    start = starting_values(sequence, alone)
+    joint = fit_jointly(data, sequence, start, shape=data.shape, told=told)
+    joint, laws, notes = _explained(data, joint, told)
+    assert joint.covariance is not None
+    refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance)
+    return make_result(joint, alone, laws, notes), joint
+
+
+def _explained(
+    data: PreparedFrames, joint: JointFit, told: Told
+) -> tuple[JointFit, WearLaws | None, tuple[str, ...]]:
+    """The fit, with a smooth stress where it misses one, the wear laws, and what is to be said."""
+    laws = _laws(data, joint, told)
+    if laws is not None and laws.chi <= ASKED_CHI:
+        return joint, laws, ()  # what the fit misses is the wear's, and no stress besides
+    wider, notes = with_smooth_stress(data, joint, shape=data.shape, told=told)
+    if laws is not None and wider is not joint:
+        laws = _laws(data, wider, told)
+    return wider, laws, notes
+
+
+def _laws(data: PreparedFrames, joint: JointFit, told: Told) -> WearLaws | None:
+    """The wear laws, compared by what was worn between the frames; None where nothing tells."""
+    sequence = segments(joint.sequence)
+    if sequence is None:
+        return None
+    rest = [k for k, u in enumerate(joint.unknowns) if u.key != WEAR]
+    ends = segment_ends(sequence)
+    start = np.concatenate([joint.values[rest], mean_coefficients(joint.scene, ends)])
+    free = fit_jointly(data, sequence, start, shape=data.shape, told=told)
+    assert free.information is not None
+    worn = slice(len(rest), None)
+    names = ("from_m", "to_m", "value", "standard_uncertainty")
+    columns = np.array(
+        [[0.0, *ends[:-1]], ends, free.values[worn], free.standard_uncertainty[worn]]
+    )
+    between = [dict(zip(names, row, strict=True)) for row in columns.T.tolist()]
+    laws = compare_laws(
+        free.sequence, free.values, free.information, cost=free.cost, freedom=free.freedom
+    )
+    return WearLaws(laws, tuple(between), free.chi)

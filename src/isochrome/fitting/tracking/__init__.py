@@ -1,0 +1,1 @@
+"""A video's frames one after the other, each followed from the one before."""

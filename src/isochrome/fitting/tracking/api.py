@@ -1,0 +1,240 @@
+"""`fit --track`: a video's frames one after the other, each followed from the one before."""
+
+from __future__ import annotations
+
+import json
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.fitting.folder import column_name, keep_values, kept_values
+from isochrome.fitting.frame.frame_fit import placed
+from isochrome.fitting.frame.single_state import slid_until, sliding_scene
+from isochrome.fitting.refusals import refuse_keys, refuse_states
+from isochrome.fitting.tracking.result import (
+    TRACK_PARTS,
+    Track,
+    TrackRows,
+    is_good,
+    restored,
+    track_row,
+)
+from isochrome.fitting.tracking.tracker import Tracker
+from isochrome.frames import (
+    FrameReader,
+    FramesPath,
+    SequentialFrames,
+    input_files,
+    load_no_load,
+    open_scene_frames,
+    with_file_scale,
+)
+from isochrome.output import provenance, write_figure
+from isochrome.progress import RunProgress, Tally
+from isochrome.runs import (
+    Job,
+    Results,
+    RunFolder,
+    RunLayout,
+    RunOptions,
+    column,
+    environment,
+    rows,
+    run_job,
+    single_threaded,
+)
+from isochrome.scene import Scene, check_pixel, dump_scene, load_scene
+
+__all__ = ["Track", "refuse_shared", "track"]
+
+CHUNK = 250
+"""Frames that are kept together: a killed track goes on from the last of them."""
+
+
+def refuse_shared(keys: tuple[str, ...]) -> None:
+    """Refuse keys that all frames share: a frame is tracked before the others are seen.
+
+    Parameters
+    ----------
+    keys : tuple of str
+        The keys that were asked for.
+
+    Raises
+    ------
+    InputError
+        Where there is one; it names the key and what to do.
+    """
+    if keys:
+        raise InputError(
+            f"--free {keys[0]} together with --track: a tracked frame's values are its own; name "
+            f"it with --per-frame, or fit it on a few frames first and put it into the scene"
+        )
+
+
+def track(
+    frames: FramesPath,
+    scene: str | Path | Scene,
+    keys: list[str] | tuple[str, ...],
+    *,
+    out: str | Path | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    restart: bool = False,
+    progress: RunProgress | None = None,
+) -> Track:
+    """Follow keys of a contact scene through a video, each frame from the one before.
+
+    One frame is in memory. Of a worn contact, the worn area at a frame is what the tracked loads
+    and frictions have worn until then by the scene's law; its distance comes from the frames' times
+    and frames.sliding_speed_mm_per_s, or from wear.distances_m, one a frame.
+
+    Parameters
+    ----------
+    frames : str, Path or sequence of them
+        A TIFF stack, image, video, or a folder, list or glob of them, as for `open_frames`.
+    scene : str, Path or Scene
+        A TOML file, the name of a scene of the package, or a Scene, where the first frame's search
+        starts.
+    keys : list or tuple of str
+        Keys to follow: load.normal_n, load.tangential_n, load.bulk_mpa, friction.coefficient,
+        wear.coefficient_mm2_per_n, camera.left_mm, camera.top_mm.
+    out : str or Path, optional
+        Folder for fit.csv, scene.toml (the means), fit.json, provenance.json, fit.png, run.zarr
+        (values over frame, see `open_run`).
+    workers : int or None, optional
+        Only one process can follow a track: more than one is refused.
+    cluster : str, optional
+        Refused, as more than one worker is.
+    restart : bool, default False
+        Whether to begin anew where an earlier run was interrupted or is complete.
+    progress : callable, optional
+        Called with a Tally of the frames.
+
+    Returns
+    -------
+    Track
+        Values and standard uncertainties (frame, key), in the units that the keys name, and chi
+        (frame,).
+
+    Raises
+    ------
+    InputError
+        Where keys or the scene cannot be tracked, or frames are bad.
+    PhysicsError
+        Where no frame determines a value.
+
+    Notes
+    -----
+    What is finished is kept in ``OUT.partial`` until all is: after a crash, the same call
+    resumes from there. The worn area is W' = ∫ k P' ds over the sliding distance s, with the
+    wear coefficient k (mm²/N) and the load P' on a unit of thickness (N/mm): Archard (1953), J.
+    Appl. Phys. 24, 981.
+
+    Examples
+    --------
+    A video of a contact, which this page has none of:
+
+    >>> import isochrome
+    >>> found = isochrome.track(
+    ...     "recording.avi", "scene.toml", ["load.normal_n", "camera.left_mm"], out="tracked"
+    ... )  # doctest: +SKIP
+    >>> found.table  # doctest: +SKIP
+    """
+    scene = load_scene(scene)
+    keys = tuple(keys)
+    refuse_keys(scene, (), keys)
+    with single_threaded(), open_scene_frames(frames, scene) as reader:
+        scene = with_file_scale(scene, reader)
+        check_pixel(scene, reader.shape)
+        files = input_files(reader, scene)
+        identity = provenance(dump_scene(scene), files) | environment()
+        identity |= {"options": {"track": list(keys)}}
+        scene = sliding_scene(scene)
+        with closing(_TrackWork(reader, scene, keys)) as work:
+            count = reader.count(decode=False)
+            if count == 0:
+                raise InputError(f"{reader.path}: holds no frame; check the file")
+            if scene.frames.sliding_speed_mm_per_s is None:
+                refuse_states(reader.path, count, scene)
+            if out is None:
+                return _in_memory(work, count, progress)
+            layout = RunLayout(axes={"frame": count}, chunk=CHUNK)
+            job = Job(work, layout, identity, in_turn=True)
+            found = run_job(
+                job, out, lambda bench: _finish(bench, job, work),
+                means=RunOptions(workers, cluster, restart), progress=progress,
+            )  # fmt: skip
+    if found is not None:
+        return found
+    kept, fitted = kept_values(Path(out), scene)
+    return restored(kept, keys, fitted)
+
+
+class _TrackWork:
+    """Tracks chunks of frames in turn: the polynomials are made anew in each."""
+
+    def __init__(self, reader: FrameReader, scene: Scene, keys: tuple[str, ...]) -> None:
+        self.scene, self.keys, self.reader = scene, keys, reader
+        self._frames = SequentialFrames(reader)
+        self._no_load = load_no_load(scene, full_shape=reader.full_shape)
+        self._tracker()
+
+    def __call__(self, start: int, stop: int, left: Any) -> Results:
+        """Frames [start, stop), from what the frames before have `left`."""
+        tracker = self._tracker()
+        if left is not None:
+            tracker.resume(left)
+        found = []
+        for index in range(start, stop):
+            frame = self._frames.frame(index)
+            distance = slid_until(self.scene, frame)
+            found.append(track_row(index, distance, tracker.track(frame, distance)))
+        more = [{"status": "ok" if is_good(row) else "flagged"} for row in found]
+        return Results({}, found, more, {}, tracker.state())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._frames.close()
+
+    def _tracker(self) -> Tracker:
+        scene = placed(self.scene, self.reader.shape)
+        return Tracker(scene, self.keys, bit_depth=self.reader.bit_depth, no_load=self._no_load)
+
+
+def _in_memory(work: _TrackWork, count: int, progress: RunProgress | None) -> Track:
+    """All frames, in the same chunks as into a folder."""
+    found, left, flagged = TrackRows(work.keys), None, 0
+    for start in range(0, count, CHUNK):
+        stop = min(start + CHUNK, count)
+        part = work(start, stop, left)
+        left = json.loads(json.dumps(part.left))
+        for row in part.rows:
+            found.add(row)
+            flagged += not is_good(row)
+        if progress is not None:
+            progress(Tally(stop, count, 0, flagged))
+    return found.result(work.scene)
+
+
+def _finish(bench: RunFolder, job: Job, work: _TrackWork) -> Track:
+    """Make the files that need all frames, from what is kept of their chunks."""
+    found = TrackRows(work.keys)
+    for row, _ in rows(bench):
+        found.add(row)
+    result = found.result(work.scene)
+    write_figure(bench.results / "fit.png", result.figure())
+    status = [more["status"] for _, more in rows(bench)]
+    again = set(result.searched)
+    searched = [int(i in again) for i in range(len(status))]
+    columns = {
+        "chi": column(result.chi.tolist(), "frame", "chi"),
+        "searched": column(searched, "frame", "searched"),
+        "status": column(status, "frame", "status"),
+    }
+    for j, key in enumerate(result.keys):
+        for part, name in TRACK_PARTS.items():
+            values = getattr(result, name)[:, j].tolist()
+            columns[column_name(key, part)] = column(values, "frame", key)
+    keep_values(bench.results, job, result, columns)
+    return result

@@ -1,0 +1,183 @@
+"""A video's thinned pixels, prepared once, and the fields there, kept as polynomials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isochrome.estimation import FrameData
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.frame.gamma import (
+    CLEAR_SIGMAS,
+    ENOUGH,
+    GammaFit,
+    Pixels,
+    some_pixels,
+    stored,
+    trusted_pixels,
+)
+from isochrome.fitting.frame.renderer import SceneRenderer
+from isochrome.fitting.frame.single_state import with_numerics, with_part
+from isochrome.fitting.tracking.field_polynomial import FieldBox, make_field_box
+from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
+from isochrome.frames import NoiseModel
+
+HIDDEN_PX, _ROOM_PX = 8.0, 4.0
+_SHARE = 1.04
+"""A load over the mean, by which it is told what swinging loads do to a scar."""
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """Every `stride`-th pixel where a video can be trusted: `pixels` (n,) of one of its frames.
+
+    `full`, the largest grey level; `noise`, of the camera.
+    """
+
+    stride: int
+    pixels: Pixels
+    full: float
+    noise: NoiseModel
+
+    def levels(self, image: Array) -> Array:
+        """A frame's levels at the pixels (n,), fractions of full scale; NaN where it has none."""
+        thin = image[:: self.stride, :: self.stride][self.pixels.keep].astype(np.float32)
+        thin /= np.float32(self.full)
+        return thin
+
+    def look(self, model: Array) -> Look:
+        """Which pixels to use, and with what weight, about a model (n,) of the light."""
+        level = stored(model, self.pixels.gamma)
+        sigma = (self.noise.sigma(level * self.full) / self.full).astype(np.float32)
+        room = CLEAR_SIGMAS * sigma
+        clear = (level > room) & (level < 1.0 - room)
+        if np.count_nonzero(clear) <= ENOUGH * clear.size:
+            clear[:] = True
+        return Look(clear, some_pixels(replace(self.pixels, weight=1.0 / sigma), clear))
+
+    def light_of(self, toned: GammaFit, signal: Array) -> Array:
+        """The light (n,) of a linear solution at all the pixels, for their signal (n,)."""
+        split = len(self.pixels.light)
+        a, c = np.split(toned.part.coefficients.astype(np.float32), [split])
+        return np.asarray((a @ self.pixels.light) * signal + c @ self.pixels.dark)
+
+
+@dataclass(frozen=True)
+class Look:
+    """The pixels in use: `clear` (n,) of the thinned ones, `used`, with their weights and bases."""
+
+    clear: Mask
+    used: Pixels
+
+    def pixels(self, levels: Array) -> Pixels:
+        """The pixels of a frame from its thinned levels."""
+        return replace(self.used, raw=levels[self.clear])
+
+
+def thin_frame(
+    data: FrameData, region: Mask, stride: int, *, full: float, noise: NoiseModel
+) -> Thinned:
+    """The pixels of a prepared frame, whose like all of a video's frames have.
+
+    Parameters: `data`, whole; `region` (rows, cols), strided; `stride`; `full`, the largest grey
+    level; `noise`. Returns a Thinned.
+    """
+    return Thinned(stride, trusted_pixels(data.every(stride), region), full, noise)
+
+
+@dataclass
+class CachedFields:
+    """A polynomial, along which the scar grows by one load, and what another one does to it.
+
+    `exact` (axes,), the values at which it was last held to the scar, and `mark`, the area A and
+    ∫P' dA there; `load` P'_0 (N/mm); `lean` (n,), the field that ∫(P' - P'_0) dA adds per unit.
+    """
+
+    box: FieldBox
+    exact: Array
+    mark: tuple[float, float]
+    load: float = 0.0
+    lean: Array | None = None
+
+
+class FieldMaker:
+    """Fields at thinned pixels as the axes of a course move, on the scars that it has worn."""
+
+    def __init__(self, course: TrackCourse, shape: tuple[int, int], thinned: Thinned) -> None:
+        """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels."""
+        self.course, self.shape, self.thinned = course, shape, thinned
+        self._renderer: SceneRenderer | None = None
+
+    def make(
+        self, values: Array, low: Array, high: Array, degrees: tuple[int, ...]
+    ) -> CachedFields:
+        """A polynomial from `low` to `high` (axes,) for a frame of some values, see `CachedFields`.
+
+        Raises PhysicsError where a contact in it cannot be solved.
+        """
+        self._widen(high)
+        self.course.wear(values, low, high)
+        self.renderer.forget()  # the scars are others now
+        box = make_field_box(self.render, low, high, degrees, self.course.places)
+        exact = values.copy()
+        if WORN in self.course.axes:
+            # beyond the lower end the contact wears on by a mean, not as it did
+            at = self.course.axes.index(WORN)
+            exact[at] = low[at]
+        return CachedFields(box, exact, self.course.mark(values))
+
+    def exact(self, values: Array) -> Array:
+        """The field (n,) of some values on the scar that they and those before have worn."""
+        self.course.wear(values, values, values)
+        self.renderer.forget()
+        return self.render(values, False)[0]
+
+    def lean(self, kept: CachedFields) -> None:
+        """What a larger load does to the scar, see `CachedFields`."""
+        if WORN not in self.course.axes:
+            return
+        fields, middle = [], kept.box.middle
+        for share in (1.0, _SHARE):
+            kept.load, step = self.course.lean(share, middle)
+            self.renderer.forget()
+            fields.append(self.render(middle, False)[0])
+        kept.lean = (fields[1] - fields[0]) / np.float32((_SHARE - 1.0) * kept.load * step)
+
+    def render(self, values: Array, seen: bool) -> tuple[Array, Array | None]:
+        """Values to the field and the visibility at the pixels, by the mechanics."""
+        numerics = {"numerics": self.course.numerics}
+        scene = self.course.field_scene(values).model_copy(update=numerics)
+        keep = self.thinned.pixels.keep
+        if not seen:
+            return self.renderer.field_alone(scene)[keep], None
+        field, visibility = self.renderer.order_field(scene)
+        return field[keep], np.broadcast_to(visibility, field.shape)[keep]
+
+    def _widen(self, high: Array) -> None:
+        """Make the grid, and what renders on it, hold the widest contact so far."""
+        scene = self.course.field_scene(high)
+        needed = with_numerics(scene, room=1.0).numerics.window_mm or np.inf
+        before = self.course.numerics
+        wide_enough = before is not None and (before.window_mm or 0.0) >= needed
+        if wide_enough and self._renderer is not None:
+            return
+        wide = with_numerics(scene)
+        if before is not None:  # scars lie on its nodes
+            fixed = {"spacing_mm": before.spacing_mm}
+            fixed |= {"window_mm": before.window_mm} if wide_enough else {}
+            wide = with_part(wide, "numerics", **fixed)
+        self.course.use(wide)
+        self._renderer = SceneRenderer(
+            wide,
+            self.shape,
+            stride=self.thinned.stride,
+            solve=self.course.solve,
+            hidden_px=HIDDEN_PX - _ROOM_PX,
+        )
+
+    @property
+    def renderer(self) -> SceneRenderer:
+        """What renders on the widest grid so far."""
+        assert self._renderer is not None
+        return self._renderer

@@ -1,0 +1,195 @@
+"""A contact's frames near some values: a polynomial for the field, derivatives kept, steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.frame_model import LocalModel, local_model
+from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.fitting.frame.gamma import GammaFit, solve_with_gamma
+from isochrome.fitting.tracking.field_cache import CachedFields, FieldMaker, Look, Thinned
+from isochrome.fitting.tracking.field_polynomial import CHECKED, FieldBox
+from isochrome.fitting.tracking.wear_state import TrackCourse
+
+BEYOND = 1.1
+"""Half-widths of its box up to which a polynomial is used."""
+_KEPT = 12
+"""Polynomials that are kept, some 6 MB each: a load that swings comes back to them."""
+_FIELD_ERROR = 0.3
+"""What a polynomial may do to a value near its box's corners, in standard uncertainties."""
+_LARGEST, _SMALLEST, _SMALLER, _ORDER = 1.2, 0.1, 0.6, 4
+"""Sizes of a box; how much smaller the next try is at least; power of the size in the error."""
+_SLOPE = 1e-3
+"""Difference step of the signal's derivatives, in half-widths of the box."""
+_DUE, _DUE_LEAST, _DUE_MOST = 0.003, 0.001, 0.02
+"""Growth of a scar after which a polynomial is held to the exact one, at first, least and most."""
+_CLOSE, _OFF, _MORE = 0.2, 0.5, 1.5
+"""What was then found wrong, in standard uncertainties, that puts the next time off, or near,
+and by how much."""
+
+
+class TrackModel:
+    """Thinned pixels, and what they show as the axes of a course move.
+
+    Attributes: `local`, the derivatives, None where they must be made; `look`, the pixels in use.
+    """
+
+    def __init__(self, course: TrackCourse, shape: tuple[int, int], thinned: Thinned) -> None:
+        """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels."""
+        self.course, self.thinned = course, thinned
+        self._optics = scene_optics(course.scene)
+        self._boxes: list[CachedFields] = []
+        self._now: CachedFields | None = None
+        self._fields = FieldMaker(course, shape, thinned)
+        self._size, self._due = _LARGEST, _DUE
+        self.local: LocalModel | None = None
+        self.look: Look | None = None
+
+    def see(self, thinned: Thinned) -> None:
+        """Go on with the same pixels of another noise."""
+        self.thinned, self.local, self.look = thinned, None, None
+
+    def reach(self, values: Array) -> float:
+        """How far some values (axes,) are from the polynomial's middle, in half-widths."""
+        return np.inf if self._now is None else float(np.abs(self._box.place(values)).max())
+
+    def move(self, values: Array, levels: Array) -> bool:
+        """Take a polynomial that holds some values, or make it; False where that is impossible.
+
+        Parameters: `values` (axes,); `levels` (n,) of the frame, see `Thinned.levels`.
+        """
+        for kept in self._boxes:
+            if np.abs(kept.box.place(values)).max() <= 1.0:
+                self._now, self.local, self.look = kept, None, None
+                return True
+        return self._centre(values, levels)
+
+    @property
+    def _kept(self) -> CachedFields:
+        assert self._now is not None
+        return self._now
+
+    @property
+    def _box(self) -> FieldBox:
+        return self._kept.box
+
+    def _field(self, values: Array) -> tuple[Array, Array]:
+        """Field and visibility at the pixels, by the polynomial and by the loads since."""
+        kept = self._kept
+        field, seen = kept.box.at(values)
+        if kept.lean is not None:
+            area, moment = self.course.mark(values)
+            more = moment - kept.mark[1] - kept.load * (area - kept.mark[0])
+            field = field + np.float32(more) * kept.lean
+        return field, seen
+
+    def stale(self, values: Array) -> bool:
+        """Whether the scar has grown, or another load has worn it, since it was exact."""
+        kept = self._now
+        if kept is None:
+            return False
+        far = np.abs(kept.box.place(values) - kept.box.place(kept.exact)).max()
+        grown, last = self.course.grown(values, kept.exact)
+        return bool(grown + last * far > self._due)
+
+    def refresh(self, values: Array, levels: Array) -> bool:
+        """Hold the polynomial to the scar that was worn until now; False where there is none.
+
+        The exact field less the polynomial's at some values (axes,) is added to it.
+        """
+        kept = self._kept
+        try:
+            field = self._fields.exact(values)
+        except PhysicsError:
+            return False
+        near, seen = self._field(values)
+        toned = self.at(values, levels)
+        if toned is None:
+            return False
+        if self.local is None:
+            toned = self.linearise(values, levels, toned)
+        wrong = self._step_of(self._signal(field, seen) - self._signal(near, seen), toned)
+        if wrong < _CLOSE:
+            self._due = min(_DUE_MOST, _MORE * self._due)
+        elif wrong > _OFF:
+            self._due = max(_DUE_LEAST, self._due / _MORE)
+        kept.box.shift(field - kept.box.at(values)[0])
+        kept.exact, kept.mark = values.copy(), self.course.mark(values)
+        return True
+
+    def _centre(self, values: Array, levels: Array) -> bool:
+        """Make the polynomial about some values, as wide as it errs little; False if impossible."""
+        while True:
+            low, high, degrees = self.course.box(values, self._size)
+            try:
+                self._now = self._fields.make(values, low, high, degrees)
+                self.local = self.look = None
+                error = self._field_error(values, levels)
+            except PhysicsError:
+                error = np.inf
+            smallest = self._size <= _SMALLEST
+            if error <= _FIELD_ERROR or (smallest and np.isfinite(error)):
+                self._fields.lean(self._kept)
+                self._boxes = [self._kept, *self._boxes[: _KEPT - 1]]
+                return True
+            if smallest:
+                return False
+            fit = (0.5 * _FIELD_ERROR / error) ** (1.0 / _ORDER)
+            self._size = max(_SMALLEST, self._size * min(_SMALLER, fit))
+
+    def _field_error(self, values: Array, levels: Array) -> float:
+        """What the polynomial does to the values near two corners, in standard uncertainties."""
+        toned = self.at(values, levels)
+        if toned is None:
+            return float("inf")
+        toned = self.linearise(values, levels, toned)
+        worst = 0.0
+        other = np.resize([1.0, -1.0], len(values))
+        for signs in (np.ones(len(values)), other):
+            corner = self._box.middle + CHECKED * signs * self._box.half
+            field, seen = self._fields.render(corner, True)
+            assert seen is not None
+            exact, near = self._signal(field, seen), self._signal(*self._box.at(corner))
+            worst = max(worst, self._step_of(exact - near, toned))
+        return worst
+
+    def _step_of(self, change: Array, toned: GammaFit) -> float:
+        """What a change of the signal (n,) moves the values by, in standard uncertainties."""
+        local, look = self.local, self.look
+        assert local is not None and look is not None
+        return local.size(local.step(change[look.clear] * toned.part.amplitude))
+
+    def _signal(self, field: Array, visibility: Array) -> Array:
+        """The polariscope's signal at the pixels."""
+        return np.asarray(self._optics.signal(field, visibility=visibility), dtype=np.float32)
+
+    def at(self, values: Array, levels: Array) -> GammaFit | None:
+        """Illumination and background of a frame at some values."""
+        signal = self._signal(*self._field(values))
+        if self.look is None:
+            self.look = self.thinned.look(np.maximum(levels, 0.0) ** self.thinned.pixels.gamma)
+        return self._solved(signal, levels)
+
+    def _solved(self, signal: Array, levels: Array) -> GammaFit | None:
+        assert self.look is not None
+        pixels = self.look.pixels(levels)
+        return solve_with_gamma(pixels, signal[self.look.clear], pixels.gamma)
+
+    def linearise(self, values: Array, levels: Array, toned: GammaFit) -> GammaFit:
+        """Derivatives at some values, and which pixels to use there; the solution with these."""
+        field, visibility = self._field(values)
+        signal = self._signal(field, visibility)
+        self.look = self.thinned.look(self.thinned.light_of(toned, signal))
+        again = self._solved(signal, levels)
+        assert again is not None
+        rows = np.empty((self.course.count, again.residual.size), np.float32)
+        for j in range(self.course.count):
+            step = np.float32(_SLOPE * self._box.half[j])
+            across, seen = self._box.slope(values, j)
+            moved = self._signal(field + step * across, visibility + step * seen)
+            rows[j] = (moved - signal)[self.look.clear] * (again.part.amplitude / step)
+        tracked = slice(self.course.count)
+        self.local = local_model(self.course.axes[tracked], values[tracked], again, rows)
+        return again

@@ -1,0 +1,364 @@
+"""Follow a contact through a video: each frame from the last one's values, in milliseconds.
+
+The stress difference is a polynomial of the values about where they are (`field_polynomial`), so
+that a residual costs no mechanics; the derivatives are kept from frame to frame as long as they
+serve. A frame that this does not bring down to its noise is lost, and is searched for as if it were
+alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.estimation import (
+    POOR_CHI,
+    FrameData,
+    prepare_frame,
+    standard_uncertainty,
+)
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.frame_fit import fit_frame
+from isochrome.fitting.frame.frame_model import LocalModel, RefinedFit
+from isochrome.fitting.frame.gamma import GammaFit
+from isochrome.fitting.frame.unknowns import WEAR, fit_region, thinning
+from isochrome.fitting.result import TOO_FAR
+from isochrome.fitting.tracking.field_cache import HIDDEN_PX, thin_frame
+from isochrome.fitting.tracking.tracked_model import BEYOND, TrackModel
+from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
+from isochrome.frames import Frame, Linear, estimate_noise, full_scale
+from isochrome.scene import Scene
+
+_PIXELS = 20_000
+_NEAR, _FROZEN, _STEPS, _BOXES, _FAR = 0.05, 0.3, 12, 2, 1.5
+"""Last step in standard uncertainties; share of the last step below which the derivatives are
+kept; exact residuals, and polynomials, of one frame at most; how far beyond its polynomial, in
+half-widths, a step is believed."""
+_LOST = 1.1
+"""Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
+_NOISE_EVERY = 250
+_SAME = 1.05
+"""Difference of two pictures over what their noise makes of it, up to which they show the same."""
+_STRIDE = 4
+
+
+NO_FRINGES = "the scene's fringes are not in this frame"
+AGAIN = "there was no track to follow: found by a full search"
+POOR = "chi is poor: the model does not describe this frame within its noise; a bias may remain"
+FAR = "the model is too far off: no values were found"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracked:
+    """What was found in one frame of a video.
+
+    Parameters
+    ----------
+    values : ndarray, (keys,)
+        The tracked values, in the units that the keys name, NaN where nothing was found.
+    standard_uncertainty : ndarray, (keys,)
+        Their standard uncertainties, inf for what the frame does not tell.
+    cramer_rao_bound : ndarray, (keys,)
+        The least standard uncertainties that the frame's noise allows.
+    chi : float
+        Residual over noise, NaN where nothing was found, but where the model was too far off.
+    searched : bool
+        Whether the frame was found by a full search, not from the last frame.
+    positive : bool
+        False where the scene's fringes are not in the frame.
+    far : bool, default False
+        Whether the model was too far off to give values.
+    """
+
+    values: Array
+    standard_uncertainty: Array
+    cramer_rao_bound: Array
+    chi: float
+    searched: bool
+    positive: bool
+    far: bool = False
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The frame's warnings."""
+        if not self.positive:
+            return (FAR if self.far else NO_FRINGES,)
+        again = (AGAIN,) if self.searched else ()
+        return (*again, POOR) if self.chi > POOR_CHI else again
+
+
+def nothing_found(count: int, chi: float = float("nan")) -> Tracked:
+    """A frame without values.
+
+    Parameters
+    ----------
+    count : int
+        How many keys are tracked.
+    chi : float, default nan
+        Residual over noise of a model that is too far off, NaN where there is none.
+
+    Returns
+    -------
+    Tracked
+        NaN for each key.
+    """
+    nan = np.full(count, np.nan)
+    return Tracked(
+        values=nan,
+        standard_uncertainty=nan,
+        cramer_rao_bound=nan,
+        chi=chi,
+        searched=False,
+        positive=False,
+        far=bool(np.isfinite(chi)),
+    )
+
+
+class VainSearch:
+    """The last frame in which a full search found nothing, if any.
+
+    Frames that show the same are not searched anew.
+
+    Parameters
+    ----------
+    bit_depth : int or None
+        Bit depth of the sensor, None where levels are fractions of full scale.
+    """
+
+    def __init__(self, bit_depth: int | None) -> None:
+        self._bit_depth = bit_depth
+        self._last: tuple[Array, float] | None = None
+
+    def remember(self, frame: Frame) -> None:
+        """Keep a frame that was searched in vain."""
+        thin = _thin(frame)
+        model = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
+        self._last = thin, float(np.sqrt(np.nanmean(np.square(model.sigma(thin)))))
+
+    def forget(self) -> None:
+        """A frame was found: another search may be worth its time."""
+        self._last = None
+
+    def is_repeated(self, frame: Frame) -> bool:
+        """Whether a frame shows the same as the one that was searched in vain."""
+        if self._last is None:
+            return False
+        picture, noise = self._last
+        change = float(np.sqrt(np.nanmean(np.square(_thin(frame) - picture))))
+        result: bool = change <= _SAME * np.sqrt(2.0) * noise
+        return result
+
+
+def _thin(frame: Frame) -> Array:
+    """Some of a frame's pixels."""
+    return frame.image[::_STRIDE, ::_STRIDE].astype(np.float32)
+
+
+class Tracker:
+    """Tracks keys of a scene through frames given one after the other.
+
+    Parameters
+    ----------
+    scene : Scene
+        A contact, placed in its picture (see `placed`).
+    keys : tuple of str
+        The keys to track.
+    bit_depth : int or None
+        Bit depth of the sensor, None where levels are fractions of full scale.
+    no_load : tuple of Linear or None, (2,), optional
+        The dark and the bright frame without load.
+
+    Raises
+    ------
+    InputError
+        For a scene or a key that cannot be tracked.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        keys: tuple[str, ...],
+        *,
+        bit_depth: int | None,
+        no_load: tuple[Linear | None, Linear | None] = (None, None),
+    ) -> None:
+        self.scene, self.keys = scene, keys
+        self.course = TrackCourse(scene, keys)
+        self._bit_depth, self._no_load = bit_depth, no_load
+        self._vain = VainSearch(bit_depth)
+        self._values: Array | None = None
+        self._pace = np.zeros(len(keys))
+        self._model: TrackModel | None = None
+        self._reference, self._since_noise = 1.0, 0
+
+    def state(self) -> dict[str, Any]:
+        """What the next frame needs of those before it, as plain numbers for `resume`."""
+        return {
+            "values": None if self._values is None else self._values.tolist(),
+            "pace": self._pace.tolist(),
+            "reference": self._reference,
+            "course": self.course.state(),
+        }
+
+    def resume(self, state: dict[str, Any]) -> None:
+        """Go on from a `state`, with polynomials and pixels made anew from the next frame."""
+        values = state["values"]
+        self._values = None if values is None else np.array(values)
+        self._pace, self._reference = np.array(state["pace"]), float(state["reference"])
+        self.course.resume(state["course"])
+        self._model = None
+
+    def track(self, frame: Frame, distance_m: float | None) -> Tracked:
+        """The tracked values of the next frame. Raises InputError on a blank frame.
+
+        `distance_m`, slid until then, None where nothing wears.
+        """
+        if self._vain.is_repeated(frame):
+            return nothing_found(len(self.keys))
+        if self._values is None:
+            start = self.course.start(distance_m)
+        else:
+            last = self.course.moved(self._values, self._pace)
+            start = self.course.carried(last, distance_m)
+            if self._model is None:
+                self._model = self._prepare(frame, self._data(frame))
+        found = None
+        if self._model is not None:
+            self._check_noise(frame, self._model)
+            found = self._follow(frame, self._model, start)
+        lost = found is None or not (found.positive and found.chi <= _LOST * self._reference)
+        if lost:
+            found = self._search(frame, start)
+        self._pace = np.zeros(len(self.keys))
+        if found is None or not found.positive or _off(found) > TOO_FAR:
+            self._vain.remember(frame)
+            return nothing_found(len(self.keys), found.chi if found and found.positive else np.nan)
+        self._vain.forget()
+        if lost:
+            self._reference = max(1.0, found.chi)
+        if self._values is not None and not lost:
+            # as it went, so it goes on: a step less for a value that swings
+            self._pace = (found.values - self._values)[: len(self.keys)]
+        self._values = found.values
+        self.course.passed(found.values, distance_m)
+        return self._told(found, searched=lost)
+
+    def _told(self, found: RefinedFit, *, searched: bool) -> Tracked:
+        """What a frame says in its keys' own units."""
+        local = found.local
+        covariance = local.covariance(found.toned)
+        spread = standard_uncertainty(covariance, local.determined)
+        factors = self.course.reported()
+        values = found.values[: self.course.count] * factors
+        return Tracked(
+            values=values,
+            standard_uncertainty=spread * factors,
+            cramer_rao_bound=local.bound * factors,
+            chi=found.chi,
+            searched=searched,
+            positive=True,
+        )
+
+    def _search(self, frame: Frame, start: Array) -> RefinedFit | None:
+        """A frame found as if it were alone; None where the scene's fringes are not in it."""
+        data = self._data(frame)
+        free = tuple(
+            WEAR if axis == WORN else axis for axis in self.course.axes[: self.course.count]
+        )
+        even = self.course.field_scene(start)
+        keys = free if even.wear is not None else tuple(k for k in free if "wear." not in k)
+        try:
+            fit = fit_frame(data, even, keys)
+        except PhysicsError:
+            return None
+        if not fit.positive:
+            return None
+        self._model = self._prepare(frame, data)
+        begun = self.course.from_scene(fit.scene, start)
+        found = self._follow(frame, self._model, begun)
+        return self._other_past(frame, data, begun, found) if self.course.unsure else found
+
+    def _other_past(
+        self, frame: Frame, data: FrameData, begun: Array, found: RefinedFit | None
+    ) -> RefinedFit | None:
+        """The first frame of a worn contact on what its own load, or the scene's, has worn.
+
+        A load that swings shows one of its values; which load wore the scar until then, the frame
+        itself tells.
+        """
+        own, self._model = self._model, self._prepare(frame, data)
+        self.course.nominal = True
+        other = self._follow(frame, self._model, self.course.with_past(begun))
+        if other is not None and (found is None or other.toned.cost < found.toned.cost):
+            return other
+        self.course.nominal, self._model = False, own
+        return found
+
+    def _data(self, frame: Frame) -> FrameData:
+        return prepare_frame(frame, self.scene, bit_depth=self._bit_depth, no_load=self._no_load)
+
+    def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:
+        """What all frames have in common, from one that is whole."""
+        stride = max(2, thinning(data.light.size, _PIXELS))
+        thinned = thin_frame(
+            data,
+            fit_region(self.scene, data.shape, stride, HIDDEN_PX),
+            stride,
+            full=full_scale(self._bit_depth),
+            noise=estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth),
+        )
+        self._since_noise = 0
+        return TrackModel(self.course, data.shape, thinned)
+
+    def _check_noise(self, frame: Frame, model: TrackModel) -> None:
+        """Tell the camera's noise again now and then."""
+        self._since_noise += 1
+        if self._since_noise >= _NOISE_EVERY:
+            noise = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
+            model.see(replace(model.thinned, noise=noise))
+            self._since_noise = 0
+
+    def _follow(self, frame: Frame, model: TrackModel, start: Array) -> RefinedFit | None:
+        """Newton's steps from some values (axes,); None where they do not end."""
+        levels = model.thinned.levels(frame.image)
+        values, last, boxes = start.copy(), np.inf, 0
+        for _ in range(_STEPS):
+            if model.reach(values) > BEYOND:
+                far = np.isfinite(last) and model.reach(values) > _FAR
+                if far or boxes == _BOXES or not model.move(values, levels):
+                    return None
+                boxes, last = boxes + 1, np.inf
+            if model.stale(values) and not model.refresh(values, levels):
+                return None
+            toned = model.at(values, levels)
+            if toned is None:
+                return None
+            local = model.local
+            if local is None or self._turned(local, toned, values, last):
+                toned, last = model.linearise(values, levels, toned), np.inf
+                local = model.local
+            assert local is not None
+            moved = self.course.moved(values, local.step(toned.residual))
+            step = (moved - values)[: len(self.keys)]  # less what would heal a scar
+            size, values = local.size(step) / sqrt(toned.noise), moved
+            if size < _NEAR and not model.stale(values):
+                return RefinedFit(values, local, toned)
+            last = size
+        return None
+
+    def _turned(self, local: LocalModel, toned: GammaFit, values: Array, last: float) -> bool:
+        """Whether steps with the kept derivatives do not shrink fast enough."""
+        size = local.size(local.step(toned.residual)) / sqrt(toned.noise)
+        return size > _FROZEN * last and not np.array_equal(
+            local.values, values[: len(local.values)]
+        )
+
+
+def _off(found: RefinedFit) -> float:
+    """Residual over contrast, by the median contrast of the pixels: see TOO_FAR."""
+    lit = np.median(found.toned.part.amplitude)  # over the noise
+    return found.chi / float(lit) if lit > 0.0 else np.inf

@@ -1,0 +1,1 @@
+"""Surface tractions from a frame, without a contact model."""

@@ -1,0 +1,1 @@
+"""Which wear law the frames speak for."""

@@ -1,0 +1,332 @@
+"""Which wear law the frames speak for, by its evidence.
+
+Every law here has the form dh = kappa(s) p ds, so that frames tell laws apart by what was worn
+between them. The frames are fitted once with a wear coefficient of its own between each two: that
+fit's values and their information matrix hold all that the frames say, and each law is a curve
+through them, phi(theta). With Q the least square distance of a law from the values,
+
+    ln Z = -Q/2 - 1/2 ln det(J^T N J + prior) + ln prior + const,
+
+Laplace's approximation of the evidence; what all laws share, flat priors among it, cancels.
+Source: MacKay (2003), Information Theory, Inference, and Learning Algorithms, chapters 27 and 28.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from isochrome.contact import wear_course
+from isochrome.estimation import Damping, minimise
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.single_state import with_part
+from isochrome.fitting.frame.unknowns import FRICTION, WEAR
+from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
+from isochrome.scene import Scene
+
+CLEAR = 5.0
+"""Difference of ln Z that is a clear margin: odds of 150 to 1 (Kass & Raftery 1995, JASA 90, 773:
+very strong evidence)."""
+
+_SEGMENTS = 12
+_FAR, _LEAST = 4.0, 1e-2
+"""Logarithms from its start that a running-in is looked for: beyond, its table has no meaning; and
+the least last coefficient that it starts from, over the mean."""
+
+_ITERATIONS, _SETTLED = 60, 1e-3
+"""Most steps; and the last one's predicted gain, in variances and over the distance left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawFit:
+    """One law through what the frames say.
+
+    `law`; `parameters`, {value, standard_uncertainty} by name; `between`, the mean coefficient
+    (mm²/N) that it gives between the frames (n,); `misfit` Q, in noise variances, of `freedom`
+    degrees; `chi`, residual over noise over all pixels with this law; `log_evidence`, ln Z less
+    that of the preferred law.
+    """
+
+    law: str
+    parameters: dict[str, dict[str, float]]
+    between: tuple[float, ...]
+    misfit: float
+    freedom: int
+    chi: float
+    log_evidence: float
+
+
+@dataclass(frozen=True)
+class Law:
+    """A family of courses: `wear`, its parameters (m,) to [wear] values; `names` and `start` (m,).
+
+    Parameters are logarithms; `prior` (m,) their Gaussian prior's standard deviation about
+    `start`, inf for a flat one.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    start: Array
+    prior: Array
+    wear: Callable[[Array], dict[str, Any]]
+
+
+def segments(sequence: Sequence) -> Sequence | None:
+    """The same frames with a wear coefficient between each two, by Archard's law.
+
+    Returns None where fewer than two frames are worn, or the coefficient is not free: then no law
+    can be told. Of many frames some neighbours share a coefficient.
+    """
+    frames = sorted(
+        {i for u in sequence.unknowns if u.key == WEAR for i in u.frames},
+        key=lambda i: sequence.distances_m[i] or 0.0,
+    )
+    ends = sorted({sequence.distances_m[i] or 0.0 for i in frames})
+    if not sequence.run or len(ends) < 2:
+        return None
+    groups = np.array_split(np.array(ends), min(_SEGMENTS, len(ends)))
+    unknowns = [u for u in sequence.unknowns if u.key != WEAR]
+    for group in groups:
+        inside = tuple(i for i in frames if (sequence.distances_m[i] or 0.0) in group)
+        unknowns.append(Unknown(WEAR, inside, False))
+    scene = sequence.scene.with_values({"wear.law": "archard"})
+    return Sequence(scene, sequence.count, tuple(unknowns))
+
+
+def mean_coefficients(scene: Scene, ends_m: Array) -> Array:
+    """Mean of kappa between distances (mm²/N): what Archard's law would need there.
+
+    Parameters: `scene` of a run, with any law; `ends_m` (n,), rising from above 0. Returns (n,).
+    """
+    _, stops = wear_course(with_part(scene, "wear", distances_m=tuple(ends_m.tolist())))
+    dose = np.array([0.0] + [stop.dose_mm_per_mpa for stop in stops])
+    return np.diff(dose) / (1e3 * np.diff(ends_m, prepend=0.0))
+
+
+def compare_laws(
+    sequence: Sequence, values: Array, information: Array, *, cost: float, freedom: int
+) -> tuple[LawFit, ...]:
+    """The wear laws by falling evidence.
+
+    Parameters: `sequence`, of `segments`, and its fitted `values` (p,); `information` (p, p), J^T J
+    over the noise variance; `cost`, sum of squared residuals over noise, of `freedom` pixels.
+    Returns a LawFit each: 'archard', 'sarkar' and 'dissipated_energy' where there is friction, and
+    'running_in', Archard's with a coefficient that goes linearly from one value to another; the
+    prior of their ratio is a factor of e, that of the distance a factor of e about the geometric
+    mean of the worn distances.
+    """
+    fits = [
+        _fit_law(law, sequence, values, information, cost=cost, freedom=freedom)
+        for law in _laws(sequence, values)
+    ]
+    best = max(fit.log_evidence for fit in fits)
+    found = [replace(fit, log_evidence=fit.log_evidence - best) for fit in fits]
+    return tuple(sorted(found, key=lambda f: -f.log_evidence))
+
+
+def _laws(sequence: Sequence, values: Array) -> list[Law]:
+    ends = segment_ends(sequence)
+    own = values[_unknowns_of(sequence, WEAR)]
+    mean = float(own @ np.diff(ends, prepend=0.0) / ends[-1])
+
+    def plain(law: str) -> Law:
+        scene = sequence.whole(values).with_values({"wear.law": law, WEAR: mean})
+        ratio = float(np.sum(own) / np.sum(mean_coefficients(scene, ends)))
+        start = np.array([np.log(mean * ratio)])
+        return Law(
+            law, (WEAR,), start, np.array([np.inf]),
+            lambda t: {"wear.law": law, WEAR: float(np.exp(t[0]))},
+        )  # fmt: skip
+
+    found = [plain("archard")]
+    if sequence.scene.friction is not None:
+        found += [plain("sarkar"), plain("dissipated_energy")]
+    if len(ends) > 2:
+        found.append(_running_in(ends, own))
+    return found
+
+
+def _running_in(ends: Array, own: Array) -> Law:
+    """Archard's law with a coefficient that is linear in the distance until it stays."""
+    last = max(own[-1], _LEAST * float(np.mean(own)))  # where it has ceased, it has no logarithm
+    start = np.log([last, 1.0, float(np.exp(np.mean(np.log(ends))))])
+
+    def wear(t: Array) -> dict[str, Any]:
+        last, ratio, distance = np.exp(np.clip(t, start - _FAR, start + _FAR)).tolist()
+        table = {"distance_m": [0.0, distance], "value": [last * ratio, last]}
+        return {"wear.law": "archard", WEAR: table}
+
+    return Law(
+        "running_in",
+        (WEAR, "first_over_last", "running_in_distance_m"),
+        start,
+        np.array([np.inf, 1.0, 1.0]),
+        wear,
+    )
+
+
+def _unknowns_of(sequence: Sequence, key: str) -> list[int]:
+    return [k for k, u in enumerate(sequence.unknowns) if u.key == key]
+
+
+def segment_ends(sequence: Sequence) -> Array:
+    """Distances at which the segments end (n,), m."""
+    worn = [u.frames for u in sequence.unknowns if u.key == WEAR]
+    return np.array([max(sequence.distances_m[i] or 0.0 for i in frames) for frames in worn])
+
+
+def _fit_law(
+    law: Law,
+    sequence: Sequence,
+    values: Array,
+    information: Array,
+    *,
+    cost: float,
+    freedom: int,
+) -> LawFit:
+    """A law through the values that the frames say, its ln Z but for a constant.
+
+    The friction moves with the law's parameters: a law weighs what it would take to change it.
+    """
+    widened = max(1.0, cost / freedom)
+    ends, count = segment_ends(sequence), len(law.names)
+    segment, friction = (_unknowns_of(sequence, key) for key in (WEAR, FRICTION))
+    said, size = marginal(information / widened, friction + segment)
+    centre = np.concatenate([law.start, values[friction]])
+    precision = np.concatenate([1.0 / law.prior**2, np.zeros(len(friction))])
+    steps = np.concatenate([np.full(count, 1e-5), 1e-2 / size[: len(friction)]])
+
+    def curve(unknown: Array) -> Array:
+        there = values.copy()
+        there[friction] = unknown[count:]
+        scene = sequence.whole(there).with_values(law.wear(unknown[:count]))
+        there[segment] = mean_coefficients(scene, ends)
+        return (there - values)[friction + segment] * size
+
+    found = [
+        nearest_point(
+            curve, centre + np.pad(turned, (0, len(friction))), centre, steps, said, precision
+        )
+        for turned in _starts(law)
+    ]
+    best = min(found, key=lambda place: place.cost)
+    narrow = law.prior[np.isfinite(law.prior)]
+    log_z = -0.5 * (best.cost + float(np.linalg.slogdet(best.normal)[1]))
+    log_z -= float(np.log(narrow).sum())
+    spread = np.sqrt(np.diag(np.linalg.inv(best.normal)))[:count].tolist()
+    value = np.exp(best.unknown[:count]).tolist()
+    between = values[segment] + (best.here / size)[len(friction) :]
+    return LawFit(
+        law=law.name,
+        parameters={
+            name: {"value": v, "standard_uncertainty": v * u}
+            for name, v, u in zip(law.names, value, spread, strict=True)
+        },
+        between=tuple(between.tolist()),
+        misfit=best.distance,
+        freedom=len(segment) - len(law.names),
+        chi=float(np.sqrt((cost + widened * best.distance) / freedom)),
+        log_evidence=log_z,
+    )
+
+
+def _starts(law: Law) -> list[Array]:
+    """Where to begin: a law of several parameters may have several valleys."""
+    if len(law.names) == 1:
+        return [np.zeros(1)]
+    return [np.array([0.0, ratio, turn]) for ratio in (-0.7, 0.7) for turn in (-0.7, 0.7)]
+
+
+def marginal(information: Array, kept: list[int]) -> tuple[Array, Array]:
+    """What is known of some unknowns whatever the others are: the Schur complement.
+
+    Equation: N_kk - N_kr N_rr^-1 N_rk. Parameters: `information` (p, p); `kept`, indices (k,).
+    Returns it for the kept unknowns times `size`, (k, k), and `size` (k,), with which the
+    information's diagonal is one.
+    """
+    rest = [k for k in range(len(information)) if k not in kept]
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = information / np.outer(size, size)
+    cross = scaled[np.ix_(kept, rest)]
+    left = scaled[np.ix_(kept, kept)]
+    if rest:
+        left = left - cross @ np.linalg.solve(scaled[np.ix_(rest, rest)], cross.T)
+    return left, size[kept]
+
+
+@dataclass(frozen=True)
+class CurvePlace:
+    """A place `unknown` (m,) on a curve: how far it is, and in which direction it comes nearer.
+
+    The other attributes as in `nearest_point`.
+    """
+
+    curve: Callable[[Array], Array]
+    unknown: Array
+    centre: Array
+    steps: Array
+    information: Array
+    precision: Array
+
+    @cached_property
+    def here(self) -> Array:
+        """The curve there, c(u) (k,)."""
+        return self.curve(self.unknown)
+
+    @property
+    def distance(self) -> float:
+        """The first part of the cost, c^T N c."""
+        return float(self.here @ self.information @ self.here)
+
+    @cached_property
+    def cost(self) -> float:
+        """What is made least."""
+        return self.distance + float(self.precision @ (self.unknown - self.centre) ** 2)
+
+    @cached_property
+    def slope(self) -> Array:
+        """The curve's derivatives J (k, m)."""
+        slope = np.empty((len(self.here), len(self.unknown)))
+        for k, step in enumerate(self.steps):
+            ahead = self.unknown.copy()
+            ahead[k] += step
+            slope[:, k] = (self.curve(ahead) - self.here) / step
+        return slope
+
+    @cached_property
+    def normal(self) -> Array:
+        """J^T N J + Λ (m, m)."""
+        return np.asarray(self.slope.T @ self.information @ self.slope + np.diag(self.precision))
+
+    @property
+    def gradient(self) -> Array:
+        """Minus half the cost's gradient (m,)."""
+        pull = self.slope.T @ self.information @ self.here
+        return -np.asarray(pull + self.precision * (self.unknown - self.centre))
+
+
+def nearest_point(
+    curve: Callable[[Array], Array],
+    unknown: Array,
+    centre: Array,
+    steps: Array,
+    information: Array,
+    precision: Array,
+) -> CurvePlace:
+    """The point of a curve that is nearest to zero.
+
+    Equation: the least of c(u)^T N c(u) + (u - u0)^T Λ (u - u0).
+    Parameters: `curve` c, unknowns (m,) to (k,); `unknown` (m,), where it starts; `centre` u0 and
+    `precision`, the diagonal of Λ (m,), of the prior; `steps` (m,), of differences; `information`
+    N (k, k). Returns a CurvePlace.
+    """
+    first = CurvePlace(curve, unknown, centre, steps, information, precision)
+    return minimise(
+        lambda values: replace(first, unknown=values), unknown, first,
+        damping=Damping(0.0, least=1e-3), iterations=_ITERATIONS,
+        enough=lambda place: _SETTLED * (1.0 + _SETTLED * place.cost),
+    ).point  # fmt: skip

@@ -1,0 +1,52 @@
+from .checks.api import Check, check
+from .checks.findings import Finding, misfits
+from .linear import Linear, Normalised, find_outliers, normalise, to_linear
+from .mask import load_mask
+from .no_load import load_no_load, open_no_load_steps
+from .noise import NoiseModel, estimate_noise, full_scale
+from .opening import (
+    absolute,
+    channel_for,
+    check_scale,
+    input_files,
+    open_frames,
+    open_scene_frames,
+    with_file_scale,
+)
+from .readers.tiff import open_tiff
+from .reading import CHANNELS, Channel, Frame, FrameReader, FramesPath, SequentialFrames
+from .recordings import one_recording, recordings_of
+
+__all__ = [
+    "CHANNELS",
+    "Channel",
+    "Check",
+    "Finding",
+    "Frame",
+    "FrameReader",
+    "FramesPath",
+    "Linear",
+    "NoiseModel",
+    "Normalised",
+    "SequentialFrames",
+    "absolute",
+    "channel_for",
+    "check",
+    "check_scale",
+    "estimate_noise",
+    "find_outliers",
+    "full_scale",
+    "input_files",
+    "load_mask",
+    "load_no_load",
+    "misfits",
+    "normalise",
+    "one_recording",
+    "open_frames",
+    "open_no_load_steps",
+    "open_scene_frames",
+    "open_tiff",
+    "recordings_of",
+    "to_linear",
+    "with_file_scale",
+]

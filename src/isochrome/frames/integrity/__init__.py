@@ -1,0 +1,1 @@
+"""Whether a video is whole, and where each of its frames is."""

@@ -1,0 +1,127 @@
+"""Frames from image files: one, a list, or a folder in natural order."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Generator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.frames.readers import tiff
+from isochrome.frames.source import (
+    MAX_BYTES,
+    Extent,
+    Kind,
+    RawFrame,
+    Source,
+    Stamp,
+    StoredForm,
+    check_dtype,
+    check_size,
+    refusing,
+)
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".dib", ".pgm", ".ppm", ".pnm", ".webp")
+FORMATS = ("PNG", "JPEG", "BMP", "DIB", "PPM", "WEBP")
+"""Pillow's names of what is read, whatever a file is called."""
+
+WIDE = {"I": 4, "F": 4}
+"""Bytes of a channel in Pillow's wide modes."""
+
+PNG_END = b"IEND\xaeB`\x82"
+
+
+def open_images(paths: tuple[Path, ...], kind: Kind) -> Source:
+    """Read the first of some image files of one size. Returns their Source. Raises InputError."""
+    first = paths[0]
+    form = StoredForm.of(read_image(first))
+    head = tiff.open_tiff(first) if first.suffix.lower() in tiff.SUFFIXES else None
+    return Source(
+        kind=kind,
+        form=form,
+        sensor_bits=head.sensor_bits if head else None,
+        frames=partial(_frames, paths, form),
+        extent=partial(Extent, len(paths)),
+        files=paths,
+        names=tuple(p.name for p in paths),
+        pixel_mm=head.pixel_mm if head else None,
+    )
+
+
+def _frames(paths: tuple[Path, ...], form: StoredForm, start: int) -> Generator[RawFrame]:
+    for path in paths[start:]:
+        image = read_image(path)
+        form.check(path, image, "the image")
+        yield RawFrame(image, None, path.name)
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Decode one image file.
+
+    Parameters: `path`. Returns (row, col), or (row, col, 3) in RGB, uint8, uint16 or float;
+    transparency is dropped, a palette becomes RGB, and a camera's orientation mark is ignored:
+    the pixels stay where the sensor had them. Raises InputError.
+    """
+    if path.suffix.lower() in tiff.SUFFIXES:
+        return tiff.read_single(path)
+    if Stamp.of(path).size > 2 * MAX_BYTES:
+        raise InputError(f"{path}: is larger than {2 * MAX_BYTES} bytes; is it one image?")
+    with refusing(path, "not a readable image"):
+        data = path.read_bytes()
+        from PIL import Image, UnidentifiedImageError
+
+        try:
+            with Image.open(io.BytesIO(data), formats=FORMATS) as file:
+                # a telephone's JPEG with copies behind it, MPO, is read as the picture itself
+                count = 1 if file.format == "MPO" else getattr(file, "n_frames", 1)
+                if count != 1:
+                    raise InputError(
+                        f"{path}: holds {count} pictures, and one a file is wanted; save them as "
+                        "single images or as a TIFF stack"
+                    )
+                # Pillow makes 16-bit colour 8 bits and stretches PGM values: OpenCV does neither.
+                deep = file.format == "PNG" and data[24:25] == b"\x10"
+                channel = 2 if deep or "16" in file.mode else WIDE.get(file.mode, 1)
+                check_size(path, file.height, file.width, channel * len(file.getbands()))
+                if deep:
+                    file.verify()  # checksums to the end: OpenCV would decode a part in silence
+                if deep or file.format == "PPM":
+                    raw = _by_opencv(path, data)
+                else:
+                    raw = _by_pillow(path, file)
+        except UnidentifiedImageError as error:
+            raise InputError(
+                f"{path}: is not an image, whatever its name says; check the file"
+            ) from error
+    return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
+
+
+def _by_pillow(path: Path, file: Any) -> np.ndarray:
+    mode = file.mode
+    if mode in ("1", "P", "PA"):
+        file = file.convert("L" if mode == "1" else "RGB")
+    elif mode not in ("L", "LA", "RGB", "RGBA", "RGBX", "F") and not mode.startswith("I;16"):
+        raise InputError(f"{path}: colours of mode {mode} are not read; save it as grey or RGB")
+    raw = np.asarray(file)
+    if raw.ndim == 3:
+        raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
+    return raw
+
+
+def _by_opencv(path: Path, data: bytes) -> np.ndarray:
+    from isochrome.frames.readers.video_opencv import quiet_cv2
+
+    if data.startswith(b"\x89PNG") and PNG_END not in data:
+        raise InputError(f"{path}: the image breaks off; copy it again from its source")
+    cv2 = quiet_cv2()
+    raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if raw is None:
+        raise InputError(f"{path}: the image breaks off or is damaged; copy it again")
+    if raw.ndim == 3:
+        raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., 2::-1]
+    result: np.ndarray = raw
+    return result

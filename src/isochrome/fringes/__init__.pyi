@@ -1,0 +1,51 @@
+from .colour.band_model import band_light
+from .colour.band_unknowns import ColourShots
+from .colour.colour_order import ColourReading, read_colour
+from .colour.colour_table import STEP, ColourTable, measured_table, spectral_table
+from .colour.own_colours import OwnLight, find_light
+from .colour.table_file import read_table, table_columns
+from .on_branch import OrderReading, read_order
+from .single_frame.background_modulation import (
+    BackgroundModulation,
+    fit_background_modulation,
+    gamma_misfit,
+    widened,
+)
+from .single_frame.free_order import FreeReading, read_free
+from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
+from .stepped.residual_stress import ResidualStress, read_residual
+from .stepped.step_equations import make_design
+from .stepped.stepped_order import SteppedReading, read_steps
+
+__all__ = [
+    "STEP",
+    "BackgroundModulation",
+    "ColourReading",
+    "ColourShots",
+    "ColourTable",
+    "FreeReading",
+    "OrderReading",
+    "OwnLight",
+    "ResidualStress",
+    "Skeleton",
+    "SteppedReading",
+    "band_light",
+    "find_light",
+    "fit_background_modulation",
+    "gamma_misfit",
+    "make_design",
+    "measured_table",
+    "number_lines",
+    "order_contours",
+    "read_colour",
+    "read_free",
+    "read_order",
+    "read_residual",
+    "read_steps",
+    "read_table",
+    "skeleton_table",
+    "skeletons",
+    "spectral_table",
+    "table_columns",
+    "widened",
+]

@@ -1,0 +1,239 @@
+r"""Fringe order from a colour frame: three-fringe (RGB) photoelasticity.
+
+In light of several wavelengths each order has a colour of its own, as far as the fringes have
+contrast; black in the dark field is N = 0 alone. Each pixel's three signals are compared with a
+calibration table; the branch is chosen with the neighbours (`colour.colour_branch`),
+never by the nearest colour alone. The value then comes from the pixel's neighbourhood by weighted
+least squares over the channels (`isochrome.fringes.colour.colour_value`).
+Sources: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29; Quiroga, García-Botella
+& Gómez-Pedrero (2002), Applied Optics 41, 3461, for the guidance by neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from isochrome.errors import InputError
+from isochrome.fringes.colour.colour_branch import choose_orders
+from isochrome.fringes.colour.colour_signal import ColourSignal, colour_signal
+from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.fringes.colour.colour_value import JUMP, ColourValue, refine_colour
+from isochrome.fringes.on_branch import OrderReading, probability
+from isochrome.fringes.windows import Array, Mask, beside_jumps, masked
+
+BINNED_FROM = 150_000
+"""Pixels of a frame from which on branches are chosen for blocks of 2 x 2 of them."""
+
+LOST = 0.03
+"""Share of pixels whose colours are not the table's from which on nothing is read: frames that the
+table describes leave 0.6 % at most, a wrong spectrum, response or gamma 5 % on."""
+
+LOST_SPREAD = 0.05
+"""The same for a table with a scatter of its own: what the frames it was found from differ in."""
+
+STEEPEST = 0.25
+"""Fringes a pixel beyond which a pixel's mixture of colours is no longer of the second order."""
+
+_LARGEST_UNCERTAINTY = 0.03
+_LARGEST_DOUBT = 0.02
+_LARGEST_RESIDUAL = 0.05
+_LARGEST_MISFIT = 2.0
+_SMALLEST_ISLAND = 0.002
+_LEAST_CONTRAST = (0.04, 0.1)  # of fringes in white, with no-load frames and without
+_BELOW_WHITE = 0.25
+_FOUND_ENDS = 0.001  # fringes: what a quadratic surface leaves of an illumination
+_BLOCK_ERROR = 0.004  # of the table at a block's mean order
+_UNLIT_ORDER = 0.045
+_UNLIT_PX = 6
+_SPREAD = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColourReading(OrderReading):
+    """An OrderReading of a colour frame, with what it was read from.
+
+    Parameters
+    ----------
+    order : ndarray (rows, cols)
+        Fringe order, fringes; NaN where it cannot be known.
+    uncertainty : ndarray (rows, cols)
+        Standard uncertainty of the order, fringes.
+    confidence : ndarray (rows, cols)
+        Probability that the order is right to 0.05 fringe; 0 where it is not known.
+    kept : float
+        Share of the lit pixels that are known; without a no-load bright frame all pixels count as
+        lit.
+    signal : ndarray (rows, cols, channels)
+        Light with background and illumination out, 1 = full light; NaN = not trusted.
+    chi : float
+        Residual over noise of all pixels that can be read, 1 where table and frame agree.
+    misfit : ndarray (rows, cols)
+        The same about each pixel.
+    blind : bool
+        Whether illumination or background was found from the frame itself.
+    noise : float
+        Noise of the signal, the median.
+    strange : float
+        Share of the pixels whose colours are not the table's.
+    lost : bool
+        Whether these are too many: no order is known then.
+    """
+
+    signal: Array
+    chi: float
+    misfit: Array
+    blind: bool
+    noise: float
+    strange: float
+    lost: bool
+
+
+def read_colour(
+    light: Array,
+    table: ColourTable,
+    *,
+    sigma: Array | float,
+    dark: Array | None = None,
+    bright: Array | None = None,
+    valid: Mask | None = None,
+    specimen: Mask | None = None,
+) -> ColourReading:
+    """Read the absolute fringe order of a colour frame.
+
+    A pixel is not known where fewer than two channels are trusted, where its branch is in doubt by
+    over 2 %, where noise leaves more than 0.03 fringe, where light and table disagree by over twice
+    the noise and by a twentieth of the table, where fringes are finer than 4 pixels, where they
+    fade to white, beside a jump of the order, and, without `bright` and `specimen`, where wide
+    black places might be no specimen at all.
+
+    Parameters
+    ----------
+    light : ndarray (rows, cols, channels)
+        The frame, linear.
+    table : ColourTable
+        The channels' signals against order, of as many channels.
+    sigma : ndarray of the light's shape, or float
+        Noise of the light.
+    dark : ndarray of the light's shape, optional
+        The unloaded specimen in the dark field; found from the frame where missing.
+    bright : ndarray of the light's shape, optional
+        The unloaded specimen in the bright field; found from the frame where missing.
+    valid : bool ndarray of the light's shape, optional
+        Whether a value is trusted.
+    specimen : bool ndarray (rows, cols), optional
+        Where there is specimen.
+
+    Returns
+    -------
+    ColourReading
+        The order and how well it is known.
+
+    Raises
+    ------
+    InputError
+        Where shapes differ or nothing has contrast.
+    """
+    _check(light, table, valid, specimen)
+    trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)
+    if specimen is not None:
+        trusted = trusted & specimen[..., None]
+    seen = colour_signal(light, table, sigma=sigma, dark=dark, bright=bright, valid=trusted)
+    factor = 2 if trusted[..., 0].size >= BINNED_FROM else 1
+    choice = choose_orders(*_blocks(seen, factor), table)
+    return _reading(seen, refine_colour(seen, choice, factor, table), table, specimen)
+
+
+def _check(light: Array, table: ColourTable, valid: Mask | None, specimen: Mask | None) -> None:
+    channels = table.signal.shape[1]
+    if light.ndim != 3 or light.shape[2] != channels:
+        raise InputError(
+            f"a colour frame is (row, col, {channels}), as the table has {channels} channels, and "
+            f"this one is {light.shape}; give all its channels"
+        )
+    for name, mask, shape in (
+        ("valid", valid, light.shape),
+        ("specimen", specimen, light.shape[:2]),
+    ):
+        if mask is not None and mask.shape != shape:
+            raise InputError(f"the mask {name} is {mask.shape} and must be {shape}; reshape it")
+
+
+def _blocks(seen: ColourSignal, factor: int) -> tuple[Array, Array]:
+    """Means of the signal over blocks of pixels, and their variance."""
+    if factor == 1:
+        return seen.signal, seen.variance
+    trusted = np.isfinite(seen.signal)
+    count = _sums(trusted.astype(np.float32), factor)
+    signal = _sums(np.nan_to_num(seen.signal), factor)
+    variance = _sums(np.where(trusted, seen.variance, 0.0), factor)
+    some = np.maximum(count, 1.0)
+    return np.where(count > 0.0, signal / some, np.nan), np.where(
+        count > 0.0, variance / some**2 + _BLOCK_ERROR**2, 1.0
+    )
+
+
+def _sums(values: Array, factor: int) -> Array:
+    """Sums (rows, cols, channels) over blocks of pixels, which at the rim hold fewer of them."""
+    values = np.pad(values, [*((0, -n % factor) for n in values.shape[:2]), (0, 0)])
+    rows, cols, channels = values.shape
+    blocks = values.reshape(rows // factor, factor, cols // factor, factor, channels)
+    return np.asarray(blocks.sum(axis=(1, 3)))
+
+
+def _reading(
+    seen: ColourSignal, value: ColourValue, table: ColourTable, specimen: Mask | None
+) -> ColourReading:
+    """What is known of the refined orders, and how well."""
+    trusted = np.isfinite(seen.signal)
+    found = seen.order_variance + (_FOUND_ENDS * seen.blind) ** 2
+    uncertainty = np.sqrt(value.uncertainty**2 + found)
+    readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
+    span = max(1.0, float(np.ptp(table.signal)))
+    told = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
+    pixels = max(int(np.count_nonzero(readable)), 1)
+    strange = float(np.count_nonzero(readable & ~told) / pixels)
+    lost = strange >= (LOST if table.spread.max() < _SPREAD else LOST_SPREAD)
+    highest = table.highest_of(_LEAST_CONTRAST[seen.blind]) - _BELOW_WHITE
+    known = readable & told & value.agreed & (value.order < highest) & (not lost)
+    known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
+    if seen.unlit_unknown and specimen is None:
+        known &= ~_perhaps_unlit(value.order)
+    known = _without_islands(value.order, known)
+    sure = probability(uncertainty) * (1.0 - value.doubt)
+    degrees = float(value.degrees[readable].sum(dtype=float))
+    body = int(np.count_nonzero(seen.lit if specimen is None else specimen))
+    return ColourReading(
+        order=masked(value.order, known),
+        uncertainty=masked(uncertainty, known),
+        confidence=np.where(known, sure, 0.0).astype(np.float32),
+        kept=float(np.count_nonzero(known) / max(body, 1)),
+        signal=seen.signal,
+        chi=float(np.sqrt(value.chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
+        misfit=masked(value.misfit, readable),
+        blind=seen.blind,
+        noise=float(np.sqrt(np.median(seen.variance[trusted]))) if trusted.any() else float("nan"),
+        strange=strange,
+        lost=lost,
+    )
+
+
+def _perhaps_unlit(order: Array) -> Mask:
+    """Black places that might be no specimen at all, where nothing says that there is light."""
+    core = ndimage.distance_transform_edt(order < _UNLIT_ORDER) > _UNLIT_PX
+    if not core.any():
+        return np.asarray(core)
+    return np.asarray(ndimage.distance_transform_edt(~core) <= _UNLIT_PX + 4)
+
+
+def _without_islands(order: Array, known: Mask) -> Mask:
+    """Take away what is beside a jump of the order, and pieces too small to be guided."""
+    known = known & ~ndimage.binary_dilation(beside_jumps(order, JUMP), iterations=2)
+    pieces, count = ndimage.label(known)
+    if count == 0:
+        return known
+    size = np.bincount(pieces.ravel())
+    size[0] = 0
+    return np.asarray(known & (size >= _SMALLEST_ISLAND * size.sum())[pieces])

@@ -1,0 +1,215 @@
+"""The calibration table of colour photoelasticity: the channels' signals against fringe order.
+
+The table comes from the forward model's spectrum, or from a specimen whose order is known at every
+pixel, such as a beam in bending, where it is linear over the height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.ndimage import correlate1d
+
+from isochrome.errors import InputError
+from isochrome.fringes.windows import Array, Indices, Mask
+from isochrome.optics import Response, make_chain, make_light, spectral_signal
+from isochrome.scene import Polariscope
+
+STEP = 1.0 / 256.0
+"""Of a table over N: straight pieces hold cos 2 pi k N to (2 pi k/256)²/16, 9e-5 at k = 1.5."""
+
+LOWEST_CONTRAST = 0.02
+"""Contrast of the fringes, of full light, below which a table ends: all colours are white there."""
+
+LARGEST_ORDER = 12.0
+"""Where a table ends at the latest: separate lines never lose their contrast."""
+
+_DIRECTIONS = 16
+_WIDTH = 0.02
+"""Standard deviation of the Gaussian over which a measured table is pooled, fringes."""
+
+
+@dataclass(frozen=True)
+class ColourTable:
+    """Signals of the channels at N = 0, 1/256, 2/256, ..., 1 = full light.
+
+    Parameters
+    ----------
+    signal : ndarray (orders, channels)
+        The signals.
+    spread : ndarray (channels,)
+        Standard deviation of the signal at one order, from what is not the order (the direction of
+        sigma_1 between real plates; the scatter of a measured table).
+    """
+
+    signal: Array
+    spread: Array
+
+    @property
+    def highest(self) -> float:
+        """The order at the table's end."""
+        return STEP * (len(self.signal) - 1)
+
+    @property
+    def order(self) -> Array:
+        """The orders (n,) of the table."""
+        return STEP * np.arange(len(self.signal))
+
+    @property
+    def white(self) -> Array | None:
+        """The signals (channels,) of all higher orders, None where the table ends before that."""
+        tail = self.signal[-int(1.0 / STEP) :]
+        faded = np.ptp(tail, axis=0).max() < 4.0 * LOWEST_CONTRAST
+        return tail.mean(axis=0) if faded else None
+
+    def highest_of(self, contrast: float) -> float:
+        """The order up to which fringes stand out from white by `contrast`, of full light."""
+        if self.white is None:
+            return self.highest
+        away = np.abs(self.signal - self.white).max(axis=1)
+        return STEP * float(np.flatnonzero(away >= contrast)[-1])
+
+    def place(self, order: Array) -> Indices:
+        """Rows of the table that are nearest to orders (fringes)."""
+        return np.clip(np.rint(order / STEP), 0, len(self.signal) - 1).astype(np.intp)
+
+    def coloured(self, signal: Array, contrast: float) -> Mask:
+        """Where signals (..., channels) stand out from white by a contrast, of full light."""
+        if self.white is None:
+            return np.ones(signal.shape[:-1], dtype=bool)
+        return np.asarray((np.abs(np.nan_to_num(signal) - self.white) > contrast).any(axis=-1))
+
+    @property
+    def slope(self) -> Array:
+        """ds/dN (orders, channels), by central differences; 0 at N = 0, where s is even."""
+        slope = np.gradient(self.signal, STEP, axis=0)
+        slope[0] = 0.0
+        return slope
+
+
+def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
+    """Make the table from the spectrum of the light and the response of the camera.
+
+    Equation: s_c(N) = Σ_s w_cs I(N l0/l_s), see `isochrome.optics.spectral_signal`. Where real
+    plates let the direction of sigma_1 show, the table is the mean over directions and `spread` its
+    deviation. It ends where the last contrast is 2 % of full light, at N = 12 at the latest.
+    Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
+
+    Parameters
+    ----------
+    polariscope : Polariscope
+        The scene's, with light of several wavelengths, in the dark or the bright field.
+    response : Response
+        The camera's response.
+
+    Returns
+    -------
+    ColourTable
+        The table and its spread.
+
+    Raises
+    ------
+    InputError
+        Where the field is plane, a channel does not see the light, or it has one wavelength alone.
+    """
+    if polariscope.field == "plane" or not polariscope.several_wavelengths:
+        raise InputError(
+            "[polariscope]: a colour table needs light of several wavelengths in the circular "
+            "dark or bright field; give light, spectrum or lines, and field = 'dark' or 'bright'"
+        )
+    order = STEP * np.arange(int(np.ceil(LARGEST_ORDER / STEP)) + 1)
+    light = make_light(polariscope, response, highest_order=LARGEST_ORDER)
+    chains = [make_chain(polariscope, wavelength_nm=float(w)) for w in light.wavelength_nm]
+    ideal = all(chain.ideal for chain in chains)
+    turn = np.zeros(1) if ideal else np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    orders, turns = np.broadcast_arrays(order[None, :], turn[:, None])
+    assert polariscope.wavelength_nm is not None
+    signals = spectral_signal(
+        orders.copy(),
+        light,
+        chains,
+        reference_nm=polariscope.wavelength_nm,
+        direction=None if ideal else turns,
+    )
+    table, spread = signals.mean(axis=0), np.sqrt(signals.var(axis=0).mean(axis=0))
+    return ColourTable(table[: end_of_contrast(table)], spread)
+
+
+def end_of_contrast(table: Array) -> int:
+    """Rows of a table up to where its last fringe in any channel has faded.
+
+    Parameters: `table`, signals (orders, channels). Returns their number.
+    """
+    away = np.abs(table - table[-int(1.0 / STEP) :].mean(axis=0)).max(axis=1)
+    seen = np.flatnonzero(away > 0.5 * LOWEST_CONTRAST)
+    return int(min(seen[-1] + 2, len(table)))
+
+
+def measured_table(signal: Array, order: Array) -> ColourTable:
+    """Make the table from an image whose fringe order is known, such as a beam in bending.
+
+    Around each order of the table a straight line is fitted to the pixels near it, weighted by a
+    Gaussian in order of 0.02 fringe, so that neither a slope nor uneven sampling shifts it.
+
+    Parameters
+    ----------
+    signal : ndarray (rows, cols, channels)
+        The image, normalised with the no-load frames; NaN = not trusted.
+    order : ndarray (rows, cols)
+        Fringe order N; NaN where not known.
+
+    Returns
+    -------
+    ColourTable
+        The table up to the highest order seen.
+
+    Raises
+    ------
+    InputError
+        Where the orders have gaps, or do not begin at 0.
+    """
+    known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
+    n, s = order[known].astype(float), signal[known].astype(float)
+    if len(n) < 100 or n.min() > _WIDTH:
+        raise InputError(
+            "a colour table needs pixels from N = 0 on, a hundred at least; widen the picture to "
+            "where the beam is free of stress"
+        )
+    cell = np.rint(n / STEP).astype(int)
+    count = cell.max() + 1
+    offset = n - STEP * cell
+    sums = [
+        np.bincount(cell, weights=w, minlength=count)
+        for w in (np.ones_like(n), offset, *s.T, *(s * offset[:, None]).T)
+    ]
+    number, offsets = sums[:2]
+    plain, turned = np.split(np.array(sums[2:]), 2)
+    return ColourTable(_local_lines(number, offsets, plain, turned), np.zeros(s.shape[1]))
+
+
+def _local_lines(number: Array, offsets: Array, plain: Array, turned: Array) -> Array:
+    """Values (orders, channels) of lines fitted about each order of the table.
+
+    Parameters: sums over the pixels of each cell: their `number` and their `offsets` from the
+    cell's order (orders,), the signals, `plain`, and these times the offsets, `turned` (channels,
+    orders).
+    """
+    half = int(np.ceil(4.0 * _WIDTH / STEP))
+    away = STEP * np.arange(-half, half + 1)
+    bell = np.exp(-0.5 * (away / _WIDTH) ** 2)
+    summed = partial(correlate1d, axis=-1, mode="constant")
+    # the mirror image at N < 0 is not used: a line is unbiased at the end too
+    m0 = summed(number, bell)
+    m1 = summed(number, bell * away) + summed(offsets, bell)
+    m2 = summed(number, bell * away**2) + 2.0 * summed(offsets, bell * away)
+    if m0.min() < 3.0:
+        where = STEP * int(np.argmin(m0))
+        raise InputError(
+            f"a colour table needs pixels at every order, and has none near N = {where:.2f}; "
+            "give an image in which the order runs through"
+        )
+    t0 = summed(plain, bell)
+    t1 = summed(plain, bell * away) + summed(turned, bell)
+    return np.asarray(((m2 * t0 - m1 * t1) / np.maximum(m0 * m2 - m1**2, 1e-30)).T)

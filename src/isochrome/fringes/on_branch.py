@@ -1,0 +1,163 @@
+r"""Fringe order from the intensity, on the branch that a fitted model names.
+
+A pixel's light I = A f(N) + C, f = sin²(pi N) in the ideal dark field, says N only up to its sign
+and a whole number. A model that describes the frame names the branch; the value then comes from
+the light itself: N = N_model + d, with d from the pixel's own neighbourhood by weighted least
+squares, d = Σ w J r / Σ w J², r = (I - A f - C)/sigma, J = (A/sigma) df/dN, repeated until d rests.
+Pooling over a few pixels is what lifts the answer above a single pixel's noise, which has no
+answer at all on the crests, where df/dN = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from isochrome.fringes.stray_light import stray_error
+from isochrome.fringes.windows import Array, Mask, gaussian_sum, masked
+
+BRANCH = 0.25
+"""Half of a branch of sin², in fringes: a reading farther from the model has left its branch."""
+
+SURE = 0.05
+"""The error, in fringes, that `confidence` is the probability to stay within."""
+
+_WINDOW_PX = 1.7
+_WINDOWS_PX = (5.0, 5.0, 5.0, _WINDOW_PX)
+"""Over which the order is moved in turn."""
+
+_LARGEST_UNCERTAINTY = 0.03
+_LARGEST_MISFIT = 0.1
+_STEEPEST = 0.25
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class OrderReading:
+    """Fringe order of a frame.
+
+    Parameters
+    ----------
+    order : ndarray (rows, cols)
+        Fringe order, fringes; NaN where it cannot be known.
+    uncertainty : ndarray (rows, cols)
+        Standard uncertainty of the order, fringes: from the noise, the local misfit and light that
+        is not the fringes'.
+    confidence : ndarray (rows, cols)
+        Probability that the order is right to 0.05 fringe; 0 where it is not known.
+    kept : float
+        Share of the specimen's pixels that are known.
+    """
+
+    order: Array
+    uncertainty: Array
+    confidence: Array
+    kept: float
+
+
+def read_order(
+    light: Array,
+    model_order: Array,
+    response: Callable[[Array], Array],
+    *,
+    illumination: Array,
+    background: Array,
+    sigma: Array,
+    valid: Mask,
+) -> OrderReading:
+    """Read the fringe order of each pixel on the branch of a fitted model.
+
+    A pixel is not known where it is masked, where the neighbourhood's noise and light that is not
+    the fringes' leave more than 0.03 fringe, where light and model disagree by over a tenth of the
+    contrast and twice the noise, where the reading leaves its branch, or where fringes are finer
+    than four pixels.
+
+    Parameters
+    ----------
+    light : ndarray (rows, cols)
+        The frame's light.
+    model_order : ndarray (rows, cols)
+        Order N of the model, fringes; NaN outside the specimen.
+    response : callable
+        From order to ideal signal, such as sin²(pi N).
+    illumination : ndarray (rows, cols)
+        Illumination A, in the light's unit.
+    background : ndarray (rows, cols)
+        Background C, in the light's unit.
+    sigma : ndarray (rows, cols)
+        Noise of the light, in its unit.
+    valid : bool ndarray (rows, cols)
+        Whether a pixel is trusted.
+
+    Returns
+    -------
+    OrderReading
+        The order and how well it is known.
+    """
+    material = np.isfinite(model_order)
+    base = np.where(material, model_order, 0.0)
+    weight = (valid & material).astype(np.float32)
+    gain = illumination / sigma
+    shift: Array = np.zeros(light.shape, dtype=np.float32)
+    for window in _WINDOWS_PX:
+        smooth = shift
+        signal = response(base + smooth)
+        slope = gain * (response(base + smooth + _STEP) - signal) / _STEP * weight
+        before = (light - background - illumination * signal) / sigma * weight
+        information = gaussian_sum(slope * slope, window)
+        step = gaussian_sum(slope * before, window) / (information + 1.0 / BRANCH**2)
+        shift = smooth + np.clip(step, -BRANCH, BRANCH)
+    signal = response(base + shift)
+    residual = (light - background - illumination * signal) / sigma * weight
+    count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
+    misfit = np.sqrt(gaussian_sum(residual * residual, _WINDOW_PX) / count)
+    spread = np.sqrt(gaussian_sum(slope * slope, _WINDOW_PX / np.sqrt(2.0))) / np.maximum(
+        information, 1e-12
+    )
+    stray = stray_error(before, slope, gain * weight, shift=smooth)
+    uncertainty = np.hypot(spread * np.maximum(misfit, 1.0), stray)
+    known = (
+        (weight > 0.0)
+        & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
+        & (uncertainty < _LARGEST_UNCERTAINTY)
+        & (misfit * sigma < np.maximum(_LARGEST_MISFIT * illumination, 2.0 * sigma))
+        & (np.abs(shift) < BRANCH)
+        & (np.hypot(*np.gradient(np.where(material, base, np.nan))) < _STEEPEST)
+    )
+    return make_reading(np.abs(base + shift), uncertainty, known, of=material)
+
+
+def probability(uncertainty: Array) -> Array:
+    """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
+    from scipy.special import erf
+
+    return np.asarray(erf(SURE / (np.sqrt(2.0) * np.maximum(uncertainty, 1e-9))))
+
+
+def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:
+    """An OrderReading of known pixels, and which share they are of some.
+
+    Parameters: `order`, `uncertainty`, fringes; `known`, True where they are; `of`, True on the
+    pixels that could be known; all (rows, cols).
+    """
+    return OrderReading(
+        masked(order, known),
+        masked(uncertainty, known),
+        np.where(known, probability(uncertainty), 0.0).astype(np.float32),
+        float(np.count_nonzero(known) / max(1, int(np.count_nonzero(of)))),
+    )
+
+
+def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReading:
+    """A reading whose orders may be off by more: u' = (u² + e²)^(1/2).
+
+    Parameters: `reading`; `error`, a standard uncertainty to be added (rows, cols), fringes;
+    `largest`, from which a pixel is not known. Returns an OrderReading.
+    """
+    read = np.isfinite(reading.order)
+    uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
+    known = read & (uncertainty < largest)
+    found = make_reading(reading.order, uncertainty, known, of=read)
+    return replace(found, kept=reading.kept * found.kept)

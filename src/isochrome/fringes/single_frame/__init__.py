@@ -1,0 +1,1 @@
+"""The order of one monochrome frame, without a model of the specimen."""

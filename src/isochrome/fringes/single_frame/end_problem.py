@@ -1,0 +1,279 @@
+r"""Ends of the light and patches of the order as one least-squares problem.
+
+A patch's pixel has the light I = M^(1/g), M = D (1 - s) + B s, s = (1 - a cos 2 pi N)/2: D and B
+are sums of given shapes, N is a cubic of the place, g the tone exponent, and a = sinc N_x sinc N_y
+what a bin of some pixels leaves of a fringe. The cubic terms are nuisances: without them, what a
+quadratic cannot follow would be taken for light, with a certainty that it does not have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from isochrome.estimation import State, minimise_all
+from isochrome.fringes.single_frame.patches import (
+    TURN,
+    offsets,
+    patch_basis,
+    patch_prior,
+)
+from isochrome.fringes.windows import Array, Indices, Mask
+
+TERMS = 10
+"""Of a patch's order: a quadratic's six, and N_xxx, N_xxy, N_xyy, N_yyy."""
+_CUBIC = 1e-3
+"""Prior standard deviation of the cubic terms, fringes/px³."""
+_DARK_SHAPE, _BRIGHT_SHAPE = 0.02, 0.1
+"""Prior of an end's terms beyond the constant, over the contrast: stray light is nearly even, a
+lamp and a lens are not."""
+_TONE = 0.5
+_FLOOR = 0.01
+"""Of the contrast: light below it is as good as none to the power 1/g."""
+_PIVOT = 1e-3
+
+
+def _order_basis() -> Array:
+    """The cubic's terms at a patch's pixels (k, 10)."""
+    dy, dx, _ = (v.astype(float) for v in offsets())
+    third = [dx**3 / 6.0, dx * dx * dy / 2.0, dx * dy * dy / 2.0, dy**3 / 6.0]
+    return np.concatenate([patch_basis().astype(float), np.stack(third, axis=-1)], axis=-1)
+
+
+BASIS: Array = _order_basis()
+_PAIRS = (BASIS[:, :, None] * BASIS[:, None, :]).reshape(len(BASIS), -1)
+_PRIOR = np.concatenate([patch_prior().astype(float), np.full(4, _CUBIC**-2)])
+_DIAGONAL = np.arange(TERMS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EndProblem:
+    """A frame in bins of `by` pixels: `light`, `sigma`, `valid` (rows, cols), and its unknowns.
+
+    `shapes`, what the dark and the bright end are sums of (rows, cols, terms): one term where an
+    end is `given`; `tone`, whether g is unknown; `scale`, about the contrast. The unknowns' vector
+    holds the dark end's terms, the bright end's, and g.
+    """
+
+    light: Array = field(repr=False)
+    sigma: Array = field(repr=False)
+    valid: Mask = field(repr=False)
+    shapes: tuple[Array, Array] = field(repr=False)
+    given: tuple[bool, bool]
+    tone: bool
+    scale: float
+    by: int
+
+    @property
+    def free(self) -> Mask:
+        """Which of the unknowns' vector are to be found (terms,)."""
+        counts = [shape.shape[-1] for shape in self.shapes]
+        return np.repeat([*(not known for known in self.given), self.tone], [*counts, 1])
+
+    def ends(self, shapes: tuple[Array, Array], unknowns: Array) -> tuple[Array, Array]:
+        """D and B where the shapes are taken (..., terms)."""
+        cut, g = shapes[0].shape[-1], unknowns[-1]
+        dark, bright = (
+            np.maximum(end, 0.0) ** g if known and g != 1.0 else end
+            for known, end in zip(
+                self.given, (shapes[0] @ unknowns[:cut], shapes[1] @ unknowns[cut:-1]), strict=True
+            )
+        )
+        return dark, bright
+
+    def prior(self, unknowns: Array) -> tuple[Array, Array]:
+        """Inverse variances of the unknowns, and their distance from what is expected."""
+        cut = self.shapes[0].shape[-1]
+        weight = np.full(len(unknowns), (_BRIGHT_SHAPE * self.scale) ** -2)
+        weight[:cut] = (_DARK_SHAPE * self.scale) ** -2
+        weight[[0, cut]] = 0.0
+        weight[-1] = _TONE**-2
+        away = unknowns.copy()
+        away[-1] -= 1.0
+        return weight, away
+
+    def prior_cost(self, unknowns: Array) -> float:
+        """What the unknowns that are to be found cost by themselves."""
+        weight, away = self.prior(unknowns)
+        return float((weight * away**2)[self.free].sum())
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchData:
+    """Patches in use of a problem: `index` on their lattice (p,), `light`, `weight`, ends' shapes.
+
+    `window`, the sum of a patch's pixels' weights before the noise (p,); `chi` (p,); `thinned`,
+    whether every second patch was left out.
+    """
+
+    problem: EndProblem = field(repr=False)
+    index: Indices = field(repr=False)
+    light: Array = field(repr=False)
+    weight: Array = field(repr=False)
+    shapes: tuple[Array, Array] = field(repr=False)
+    middle: tuple[Array, Array] = field(repr=False)
+    window: Array = field(repr=False)
+    chi: Array = field(repr=False)
+    thinned: bool
+
+
+@dataclass(frozen=True)
+class Looked:
+    """The model at some unknowns: `cost` of each patch, `residual`, and slopes (p, k).
+
+    `slope` by the order; `columns`, by the dark end, the bright end, and g if that is unknown.
+    """
+
+    cost: Array
+    residual: Array
+    slope: Array
+    columns: tuple[Array, ...]
+
+
+def look(data: PatchData, unknowns: Array, orders: Array) -> Looked:
+    """The residuals and their slopes.
+
+    Parameters: `data`; `unknowns` (terms,); `orders`, the patches' terms (p, 10). Returns a Looked.
+    """
+    problem, g = data.problem, unknowns[-1]
+    dark, bright = problem.ends(data.shapes, unknowns)
+    angle = TURN * (orders @ BASIS.T)
+    fade = _fade(orders) if problem.by > 1 else np.ones_like(angle)
+    signal = 0.5 - 0.5 * fade * np.cos(angle)
+    linear = dark + (bright - dark) * signal
+    curved = problem.tone or g != 1.0
+    if curved:
+        linear = np.maximum(linear, _FLOOR * problem.scale)
+    light = linear ** (1.0 / g) if curved else linear
+    residual = data.light - light
+    gain = light / (g * linear) if curved else np.ones_like(linear)
+    by_ends = gain * (1.0 - signal), gain * signal
+    columns: tuple[Array, ...] = by_ends
+    if problem.tone:
+        by_tone = -np.log(linear) * light / g**2
+        for end, column, known in zip((dark, bright), by_ends, problem.given, strict=True):
+            if known:
+                by_tone = by_tone + column * end * np.log(np.maximum(end, 1e-6)) / g
+        columns = (*by_ends, by_tone)
+    cost = np.einsum("pk,pk,pk->p", data.weight, residual, residual) + (orders**2) @ _PRIOR
+    slope = gain * (bright - dark) * np.pi * fade * np.sin(angle)
+    return Looked(cost, residual, slope, columns)
+
+
+def _fade(orders: Array) -> Array:
+    """What the mean over a bin leaves of the fringes' contrast (p, k)."""
+    dx, dy = BASIS[:, 1], BASIS[:, 2]
+    along_x = orders[:, 1:2] + orders[:, 3:4] * dx + orders[:, 4:5] * dy
+    along_y = orders[:, 2:3] + orders[:, 4:5] * dx + orders[:, 5:6] * dy
+    return _sinc(along_x) * _sinc(along_y)
+
+
+def _sinc(turns: Array) -> Array:
+    """sin(pi x)/(pi x) by its series, to 1e-5 below 0.4, beyond which no fringe is followed."""
+    square = np.square(np.pi * turns)
+    return np.asarray(
+        1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0)))
+    )
+
+
+def _information(
+    data: PatchData, residual: Array, slope: Array, orders: Array
+) -> tuple[Array, Array, Array]:
+    """The patches' own normal equations (p, 10, 10), (p, 10), and weighted slopes (p, k)."""
+    weighted = data.weight * slope
+    matrix = ((weighted * slope) @ _PAIRS).reshape(-1, TERMS, TERMS)
+    matrix[:, _DIAGONAL, _DIAGONAL] += _PRIOR + _PIVOT
+    return matrix, (weighted * residual) @ BASIS - orders * _PRIOR, weighted
+
+
+def refine_ends(
+    data: PatchData, unknowns: Array, orders: Array, damping: Array, steps: int
+) -> tuple[Array, Array, Array]:
+    """Damped steps of the patches alone, each taken where it lowers the patch's cost.
+
+    Parameters as in `look`; `damping` (p,). Returns the orders, the patches' costs, the damping.
+    """
+
+    def at(orders: Array) -> State:
+        now = look(data, unknowns, orders)
+        return now.cost, now.residual, now.slope
+
+    def equations(orders: Array, now: State) -> tuple[Array, Array]:
+        _, residual, slope = now
+        matrix, pull, _ = _information(data, residual, slope, orders)
+        return matrix, pull
+
+    orders, now, damping = minimise_all(
+        at, equations, orders, damping, steps=steps, limits=(1e-6, 1e4)
+    )
+    return orders, now[0], damping
+
+
+@dataclass(frozen=True)
+class EndEquations:
+    """Normal equations of the free unknowns, every patch following.
+
+    `matrix`, `slope`; for a step x the patches' terms change by `pull` - `drag` x, (p, 10) and
+    (p, 10, terms); `spread` (p,), standard uncertainty of a patch's order with the ends known.
+    """
+
+    matrix: Array
+    slope: Array
+    pull: Array
+    drag: Array
+    spread: Array
+
+
+def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
+    """Normal equations with the patches' own terms eliminated.
+
+    The ends' shapes vary little within a patch, and in the matrix stand for those at its middle;
+    in the slope, which decides where the search comes to rest, they do not.
+    Parameters as in `look`. Returns the EndEquations.
+    """
+    problem, now = data.problem, look(data, unknowns, orders)
+    own, pull, weighted = _information(data, now.residual, now.slope, orders)
+    one = np.ones((len(orders), 1))
+    known = (*problem.given, False)
+    parts = [
+        (middle, column, exact)
+        for middle, column, exact, given in zip(
+            (*data.middle, one), now.columns, (*data.shapes, None), known, strict=False
+        )
+        if not given
+    ]
+    mixed = np.concatenate(
+        [((weighted * column) @ BASIS)[:, :, None] * at[:, None, :] for at, column, _ in parts],
+        axis=-1,
+    )
+    matrix = np.block(
+        [[(a.T * (data.weight * u * v).sum(axis=1)) @ b for b, v, _ in parts] for a, u, _ in parts]
+    )
+    light = data.weight * now.residual
+    slope = np.concatenate(
+        [
+            np.atleast_1d(
+                (light * column).sum()
+                if exact is None
+                else np.tensordot(light * column, exact, axes=2)
+            )
+            for _, column, exact in parts
+        ]
+    )
+    solved = np.linalg.solve(own, np.concatenate([mixed, pull[..., None]], axis=-1))
+    weight, away = problem.prior(unknowns)
+    free = problem.free
+    inner = np.tensordot(mixed, solved, axes=((0, 1), (0, 1)))
+    return EndEquations(
+        matrix - inner[:, :-1] + np.diag(weight[free]),
+        slope - inner[:, -1] - (weight * away)[free],
+        solved[..., -1],
+        solved[..., :-1],
+        np.sqrt(np.linalg.inv(own)[:, 0, 0]),
+    )
+
+
+def total(data: PatchData, cost: Array, unknowns: Array) -> float:
+    """The patches' costs and the unknowns' own."""
+    return float(cost.sum() + data.problem.prior_cost(unknowns))

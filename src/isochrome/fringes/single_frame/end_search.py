@@ -1,0 +1,301 @@
+"""The search for the ends of the light: damped steps on all unknowns, from several starts.
+
+A patch that touches a crest and one that crosses it fit nearly alike, and a search that starts with
+the bright end too low leaves patches on the wrong side: that is why it starts more than once, looks
+at every patch afresh now and then, and keeps the cheaper result. For that the frame is normalised
+by the ends as they stand, cut into patches and fitted by quadratics as any frame is (`patches`);
+those that can be followed are used, with their light as it is. Where two results cost about the
+same the light does not tell which is right, and their difference is an uncertainty.
+The loop is not `isochrome.estimation.minimise`: the patches follow each step by steps of their own
+and are made anew in between, and a cost is compared only as long as they are the same ones.
+Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the elimination; Levenberg
+(1944), Q. Appl. Math. 2, 164, for the damping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.estimation import damped
+from isochrome.fringes.single_frame.end_problem import (
+    TERMS,
+    EndEquations,
+    EndProblem,
+    PatchData,
+    eliminated,
+    look,
+    refine_ends,
+    total,
+)
+from isochrome.fringes.single_frame.patches import STRIDE, fit_patches, gather_patches, offsets
+from isochrome.fringes.windows import Array, Indices, Mask
+
+_ROUNDS, _EVERY = 24, 4
+"""Steps at most, and between two fresh looks at the patches."""
+_REST = 3e-4
+"""Change of the order by a step, fringes, below which the search rests."""
+_STALE = 0.02
+"""Share of patches that a fresh look may improve on at rest."""
+_READABLE = 0.03
+TONES = 0.2, 5.0
+_HEAVIEST = 1e2
+_LOST = 0.5
+"""Difference of a patch's residual over noise, squared, that counts at most in a comparison."""
+_PIXELS = float(offsets()[2].sum())
+NOT_TOLD = (
+    "this frame's fringes cannot separate its background, illumination and gamma: give both "
+    "no-load frames, or state frames.gamma"
+)
+_DOUBT = 40.0
+"""Difference of cost, about -2 ln of the likelihood, within which two results are both possible."""
+_BETTER = 0.97
+"""Share of its former cost below which a patch counts as better."""
+_MANY = 400
+"""Patches from which every second is left out: they overlap, and tell the same twice."""
+_LEAST_PATCHES = 12
+_WORST_CHI, _LEAST_FILLED, _STEEPEST, _FAINT = 30.0, 0.5, 0.35, 0.1
+
+
+@dataclass(frozen=True)
+class Found:
+    """The unknowns, their `covariance`, and the last `change` of the order.
+
+    `index` of the patches in use, `patch_cost`, residual over noise squared (p,), and what the
+    unknowns' prior adds.
+    """
+
+    unknowns: Array
+    covariance: Array
+    change: float
+    index: Indices = field(repr=False)
+    patch_cost: Array = field(repr=False)
+    prior_cost: float
+
+    @property
+    def rests(self) -> bool:
+        """Whether the search came to rest."""
+        return self.change < _REST
+
+
+def search_all(problem: EndProblem, starts: list[Array]) -> Found:
+    """The best result of several starts.
+
+    Parameters: `problem`; `starts`, vectors of its unknowns. Returns the Found; another that costs
+    about the same widens its covariance. Raises InputError where no fringe can be followed, or
+    where the fringes leave the unknowns open.
+    """
+    found = [result for start in starts if (result := _tried(problem, start)) is not None]
+    if not found:
+        raise InputError(NOT_TOLD)
+    best = found[0]
+    for other in found[1:]:
+        best = other if _dearer(best, other) > 0.0 else best
+    covariance = best.covariance
+    for other in found:
+        if _dearer(other, best) < _DOUBT:
+            away = other.unknowns - best.unknowns
+            covariance = covariance + np.outer(away, away)
+    return replace(best, covariance=covariance)
+
+
+def _tried(problem: EndProblem, start: Array) -> Found | None:
+    """What a start leads to, None where it leads to unknowns that the fringes leave open."""
+    try:
+        found = _search(problem, start)
+    except np.linalg.LinAlgError:
+        return None
+    whole = np.isfinite(found.unknowns).all() and np.isfinite(found.covariance).all()
+    return found if whole else None
+
+
+def _dearer(one: Found, other: Found) -> float:
+    """How much more a result costs than another, by the patches that both use.
+
+    No patch decides alone: one on a defect may come to rest anywhere.
+    """
+    _, a, b = np.intersect1d(one.index, other.index, return_indices=True)
+    away = np.clip(one.patch_cost[a] - other.patch_cost[b], -_LOST, _LOST)
+    return float(_PIXELS * away.sum() + one.prior_cost - other.prior_cost)
+
+
+def tone_step(problem: EndProblem, unknowns: Array) -> tuple[float, float]:
+    """Change of g from where the ends rest, and its standard uncertainty, by one linear step.
+
+    Parameters: `problem`, of unknown tone; `unknowns`, found with g held. Returns both numbers.
+    """
+    data, orders, _ = fresh_patches(problem, unknowns)
+    try:
+        normal = eliminated(data, unknowns, orders)
+        covariance = np.linalg.inv(normal.matrix)
+    except np.linalg.LinAlgError as error:
+        raise InputError(NOT_TOLD) from error
+    uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
+    return float((covariance @ normal.slope)[-1]), float(uncertainty)
+
+
+def _search(problem: EndProblem, unknowns: Array) -> Found:
+    data, orders, _ = fresh_patches(problem, unknowns)
+    damping, since, change, resting = 1e-3, 0, np.inf, False
+    own, cost = _start(data, unknowns, orders)
+    for _ in range(_ROUNDS):
+        if resting or since >= _EVERY:
+            data, orders, stale = fresh_patches(problem, unknowns, (data, orders))
+            if resting and stale < _STALE:
+                break
+            own, cost = _start(data, unknowns, orders)
+            since, resting = 0, False
+        normal = eliminated(data, unknowns, orders)
+        while True:
+            step = _damped(normal, damping)
+            tried = _followed(data, unknowns, orders, own, normal, step)
+            if tried[0] < cost or damping > _HEAVIEST:
+                break
+            damping *= 8.0
+        change = _change(normal, step)
+        resting, since = change < _REST, since + 1
+        if tried[0] < cost:
+            cost, unknowns, orders, own = tried
+            damping = max(0.1 * damping, 1e-7)
+        else:
+            damping = 1e-3
+    return _found(data, unknowns, orders, change)
+
+
+def _start(data: PatchData, unknowns: Array, orders: Array) -> tuple[Array, float]:
+    """The patches' own damping, and the cost."""
+    cost = look(data, unknowns, orders).cost
+    return np.full(len(orders), 1e-2), total(data, cost, unknowns)
+
+
+def _damped(normal: EndEquations, damping: float) -> Array:
+    return np.asarray(np.linalg.solve(damped(normal.matrix, damping), normal.slope))
+
+
+def _followed(
+    data: PatchData, unknowns: Array, orders: Array, own: Array, normal: EndEquations, step: Array
+) -> tuple[float, Array, Array, Array]:
+    """Cost and place after a step, every patch going along where that is good for it."""
+    new = unknowns.copy()
+    new[data.problem.free] += step
+    if not TONES[0] < new[-1] < TONES[1]:
+        return np.inf, unknowns, orders, own
+    along = orders + normal.pull - normal.drag @ step
+    stay, go = (look(data, new, tried).cost for tried in (orders, along))
+    nearer = np.where((go < stay)[:, None], along, orders)
+    gone, cost, own = refine_ends(data, new, nearer, own, 2)
+    return total(data, cost, new), new, gone, own
+
+
+def _change(normal: EndEquations, step: Array) -> float:
+    """What a step in the ends does to the order where it can be read, RMS, fringes."""
+    readable = normal.spread < _READABLE
+    if not readable.any():
+        return float("inf")
+    moved = np.minimum(np.abs(normal.drag[readable, 0] @ step), 0.2)
+    return float(np.sqrt(np.mean(moved**2)))
+
+
+def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Found:
+    normal = eliminated(data, unknowns, orders)
+    free = data.problem.free
+    covariance = np.zeros((len(unknowns), len(unknowns)))
+    inverse = np.linalg.inv(normal.matrix) * overlap(data)
+    if not change < _REST:
+        last = _damped(normal, 0.0)
+        inverse = inverse + np.outer(last, last)
+    covariance[np.ix_(free, free)] = inverse
+    cost = look(data, unknowns, orders).cost * np.maximum(data.chi, 1.0) ** 2
+    prior_cost = data.problem.prior_cost(unknowns)
+    return Found(unknowns, covariance, change, data.index, cost / data.window, prior_cost)
+
+
+def fresh_patches(
+    problem: EndProblem, unknowns: Array, before: tuple[PatchData, Array] | None = None
+) -> tuple[PatchData, Array, float]:
+    """Patches fitted anew at some unknowns, but kept where they were better.
+
+    Parameters: `problem`; `unknowns` (terms,); `before`, the patches in use and their orders, if
+    any. Returns the patches, their orders, and the share that was better anew. Raises InputError
+    where too few can be followed.
+    """
+    index, places, window, start, thinned = _fitted(problem, unknowns)
+    data = _data(problem, index, places, window, np.ones(len(index)), thinned)
+    orders, cost, _ = refine_ends(data, unknowns, start, np.full(len(index), 1e-2), 3)
+    stale = 1.0
+    if before is not None:
+        old = np.zeros_like(orders)
+        was = np.full(len(index), np.inf)
+        _, here, there = np.intersect1d(index, before[0].index, return_indices=True)
+        old[here] = before[1][there]
+        was[here] = look(data, unknowns, old).cost[here]
+        orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
+        stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
+    misfit = look(data, unknowns, orders).residual
+    chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
+    good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
+    if np.count_nonzero(good) < _LEAST_PATCHES:
+        raise InputError(
+            "too few fringes can be followed to find background and illumination from them; give "
+            "both no-load frames"
+        )
+    data = _data(problem, index[good], places[good], window[good], chi[good], thinned)
+    return data, orders[good], stale
+
+
+def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:
+    """Patches as `patches` fits them: index, middles, weights, terms; whether thinned."""
+    light = gather_patches(*_normalised(problem, unknowns))
+    fitted = fit_patches(light)
+    use = (light.filled > _LEAST_FILLED) & (fitted.chi.ravel() < _WORST_CHI)
+    thinned = bool(np.count_nonzero(use) > _MANY)
+    if thinned:
+        use &= (np.add.outer(*(np.arange(n) for n in fitted.chi.shape)) % 2 == 0).ravel()
+    index = np.flatnonzero(use)
+    terms = np.zeros((len(index), TERMS))
+    terms[:, :6] = fitted.terms.reshape(-1, 6)[index]
+    places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
+    return index, places[index], light.weight[index].astype(float), terms, thinned
+
+
+def _normalised(problem: EndProblem, unknowns: Array) -> tuple[Array, Array, Mask]:
+    """The frame's c = cos 2 pi N, its noise, and where it is trusted."""
+    dark, bright = problem.ends(problem.shapes, unknowns)
+    g = unknowns[-1]
+    contrast = bright - dark
+    seen = problem.valid & (contrast > _FAINT * problem.scale**g)
+    safe = np.where(seen, contrast, 1.0)
+    level = np.maximum(problem.light, problem.sigma)
+    linear = problem.light if g == 1.0 else level**g
+    sigma = 2.0 * g * level ** (g - 1.0) * problem.sigma / safe
+    return 1.0 - 2.0 * (linear - dark) / safe, sigma, seen
+
+
+def _data(
+    problem: EndProblem, index: Indices, places: Indices, window: Array, chi: Array, thinned: bool
+) -> PatchData:
+    """The patches' pixels; one that no cubic describes counts for less."""
+    dy, dx, _ = offsets()
+    rows, cols = places[:, :1] + dy, places[:, 1:] + dx
+    noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
+    dark, bright = problem.shapes
+    middle = places[:, 0], places[:, 1]
+    return PatchData(
+        problem=problem,
+        index=index,
+        light=problem.light[rows, cols],
+        weight=window / noise**2,
+        shapes=(dark[rows, cols], bright[rows, cols]),
+        middle=(dark[middle], bright[middle]),
+        window=np.maximum(window.sum(axis=1), 1e-9),
+        chi=chi,
+        thinned=thinned,
+    )
+
+
+def overlap(data: PatchData) -> float:
+    """How often a pixel was counted, being in several patches; `data`, those in use."""
+    stride = STRIDE * (np.sqrt(2.0) if data.thinned else 1.0)
+    return float(max(1.0, offsets()[2].sum() / stride**2))

@@ -1,0 +1,212 @@
+r"""Fringe order of one monochrome frame without a model of the specimen.
+
+Patches of the frame are fitted by quadratics of the order, their signs and whole numbers settled
+between neighbours, and what is left, one sign and one whole number for each connected part, is
+taken from points where the user knows the order (`[[frames.known_order]]`: a free boundary, a
+counted line). A part without such a point is left unknown: no light can tell its whole number.
+Pixels are then the mean of the patches about them; where those disagree, as beside an isotropic
+point or where fringes are finer than a patch can follow, the pixel is masked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.fringes.on_branch import OrderReading, less_sure, make_reading
+from isochrome.fringes.single_frame.patch_labels import Labels, expected_terms, label_patches
+from isochrome.fringes.single_frame.patches import (
+    HALF,
+    TURN,
+    Patches,
+    basis,
+    binned,
+    fit_patches,
+    gather_patches,
+    middles,
+    offsets,
+)
+from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored, perhaps_mirrored
+from isochrome.fringes.stray_light import stray_error
+from isochrome.fringes.windows import Array, Mask
+
+KnownPoint = tuple[float, float, float]
+"""Row and column of a pixel, and the fringe order there."""
+
+_BINNINGS = (4, 2, 1)
+_LEAST_PIXELS = 4 * (2 * HALF + 1)
+"""Pixels, after binning, of the shorter side of a frame: four patches without overlap."""
+_NEAR = 0.25
+"""Largest difference, in fringes, between a known order and the branch that is taken for it."""
+_NEGATIVE = -0.1
+_LEAST_COVER = 0.15
+_LARGEST_SPREAD, _LARGEST_UNCERTAINTY = 0.03, 0.03
+_GROUND = 1e-3
+"""Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
+
+
+@dataclass(frozen=True)
+class FreeReading:
+    """What a frame says without a model.
+
+    Parameters
+    ----------
+    reading : OrderReading
+        The order and how well it is known.
+    anchored : float
+        Share of what could be followed that hangs together with a known point.
+    misses : tuple of (row, col, order)
+        Known points where nothing could be followed, or whose order fits no branch there.
+    """
+
+    reading: OrderReading
+    anchored: float
+    misses: tuple[KnownPoint, ...]
+
+
+def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint]) -> FreeReading:
+    """Read the fringe order of a normalised frame without a model.
+
+    Parameters
+    ----------
+    wave : ndarray (rows, cols)
+        The frame as c = cos 2 pi N.
+    sigma : ndarray (rows, cols)
+        Noise of that.
+    valid : bool ndarray (rows, cols)
+        Whether a pixel is trusted.
+    known : sequence of (row, col, order)
+        Points where the order is known (pixels, fringes), at least one in each part that is wanted.
+
+    Returns
+    -------
+    FreeReading
+        The order, and what hangs together with the known points.
+
+    Raises
+    ------
+    InputError
+        Where the frame is smaller than a patch.
+    """
+    if min(wave.shape) <= 2 * HALF:
+        raise InputError(
+            f"a frame of {wave.shape[0]} x {wave.shape[1]} pixels is smaller than a patch of "
+            f"{2 * HALF + 1}; enlarge frames.roi"
+        )
+    patches, labels = _coarse_to_fine(wave, sigma, valid)
+    places = [_part_at(patches, labels, point) for point in known]
+    misses = [p for p, part in zip(known, places, strict=True) if part < 0]
+    terms = np.full_like(patches.terms, np.nan)
+    for part in sorted(set(places) - {-1}):
+        points = [p for p, at in zip(known, places, strict=True) if at == part]
+        anchor = _anchor(patches, labels, part, points)
+        if anchor is None:
+            misses += points
+            continue
+        inside = labels.part == part
+        terms[inside] = anchor[0] * labels.sign[inside][:, None] * patches.terms[inside]
+        terms[inside, 0] += anchor[0] * labels.shift[inside] + anchor[1]
+    inside = [_nearest(patches, point) for point in known]
+    terms[perhaps_mirrored(patches, terms, inside)] = np.nan
+    good = max(1, int((labels.part >= 0).sum()))
+    anchored = float(np.isfinite(terms[..., 0]).sum() / good)
+    reading = _beside_stray(_dense(patches, terms, valid), wave, sigma)
+    return FreeReading(reading, anchored, tuple(misses))
+
+
+def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
+    """A reading as uncertain as light leaves it that is not the fringes', see `stray_light`."""
+    read = np.isfinite(reading.order)
+    order = np.where(read, reading.order, 0.0)
+    weight = np.where(read, 1.0 / sigma, 0.0)
+    residual = np.where(read, wave - np.cos(TURN * order), 0.0) * weight
+    error = stray_error(residual, -TURN * np.sin(TURN * order) * weight, -2.0 * weight)
+    return less_sure(reading, error, _LARGEST_UNCERTAINTY)
+
+
+def _coarse_to_fine(wave: Array, sigma: Array, valid: Mask) -> tuple[Patches, Labels]:
+    """Patches and labels, each binning guiding the next finer one.
+
+    Where the order hardly changes, a small patch on a crest cannot tell on which side of it it
+    lies; a patch four times as wide can. Where fringes are too fine for it, binned patches fit
+    badly and guide nothing.
+    """
+    expected = None
+    binnings = [b for b in _BINNINGS if b == 1 or min(wave.shape) // b >= _LEAST_PIXELS]
+    for k, binning in enumerate(binnings):
+        frame = binned(wave, sigma, valid, binning)
+        patches = fit_patches(gather_patches(*frame), expected)
+        labels = mend_mirrored(patches, label_patches(patches))
+        if k + 1 < len(binnings):
+            ratio = binning // binnings[k + 1]
+            finer = [n // binnings[k + 1] for n in wave.shape]
+            rows, cols = ((middles(n) - 0.5 * (ratio - 1)) / ratio for n in finer)
+            expected = expected_terms(patches, labels, rows, cols, ratio)
+    return patches, labels
+
+
+def _nearest(patches: Patches, point: KnownPoint) -> tuple[int, int]:
+    return (
+        int(np.abs(patches.rows - point[0]).argmin()),
+        int(np.abs(patches.cols - point[1]).argmin()),
+    )
+
+
+def _part_at(patches: Patches, labels: Labels, point: KnownPoint) -> int:
+    """The part of the patch about a point, -1 where there is none, or it is no good."""
+    i, j = _nearest(patches, point)
+    far = max(abs(point[0] - patches.rows[i]), abs(point[1] - patches.cols[j])) > HALF
+    return -1 if far else int(labels.part[i, j])
+
+
+def _anchor(
+    patches: Patches, labels: Labels, part: int, points: list[KnownPoint]
+) -> tuple[int, float] | None:
+    """Sign and whole number of a part: the order at its known points, and else least below zero."""
+    values = np.array([_field_at(patches, labels, point) for point in points])
+    orders = np.array([order for _, _, order in points])
+    inside = labels.part == part
+    field = (labels.sign * patches.terms[..., 0] + labels.shift)[inside]
+    best, chosen = np.inf, None
+    for sign in (1, -1):
+        shifts = np.round(np.concatenate([orders - sign * values, -orders - sign * values]))
+        for shift in np.unique(shifts):
+            miss = float(np.abs(np.abs(sign * values + shift) - orders).max())
+            below = float(np.mean(sign * field + shift < _NEGATIVE))
+            if miss < _NEAR and miss + below < best:
+                best, chosen = miss + below, (sign, float(shift))
+    return chosen
+
+
+def _field_at(patches: Patches, labels: Labels, point: KnownPoint) -> float:
+    """The labelled field at a pixel, from the nearest patch."""
+    i, j = _nearest(patches, point)
+    place = basis(np.array(point[0] - patches.rows[i]), np.array(point[1] - patches.cols[j]))
+    return float(labels.sign[i, j] * (place @ patches.terms[i, j]) + labels.shift[i, j])
+
+
+def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
+    """The mean of the patches' orders at each pixel, and how far they agree."""
+    use = np.isfinite(terms[..., 0])
+    terms = np.where(use[..., None], terms, 0.0)
+    trust = np.where(use, 1.0 / (patches.spread[..., 0] ** 2 + _GROUND**2), 0.0)
+    dy, dx, window = offsets()
+    orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
+    sums = np.zeros((4, *valid.shape))
+    for k, (y, x, w) in enumerate(zip(dy, dx, window, strict=True)):
+        order = orders[:, k].reshape(trust.shape)
+        first = w * trust * order
+        at = np.ix_(patches.rows + y, patches.cols + x)
+        for total, value in zip(sums, (w * trust, first, first * order, w * use), strict=True):
+            total[at] += value
+    weight, first, second, cover = sums
+    seen = valid & (cover > _LEAST_COVER * max(float(cover.max()), 1e-9))
+    safe = np.where(seen, weight, 1.0)
+    mean = first / safe
+    spread = np.sqrt(np.maximum(second / safe - mean**2, 0.0))
+    uncertainty = np.hypot(np.sqrt(np.where(seen, cover, 1.0) / safe), spread)
+    known = seen & (spread < _LARGEST_SPREAD) & (uncertainty < _LARGEST_UNCERTAINTY)
+    return make_reading(mean, uncertainty, known, of=valid)

@@ -1,0 +1,307 @@
+r"""Local models of the fringe order: a quadratic in each of many overlapping patches.
+
+In a patch the order is N = n + g·x + x·H·x/2, and the dark field's signal s says
+c = 1 - 2 s = cos 2 pi N. Fitted by least squares, all patches at once, from a start that the
+gradient gives: with c = cos ω·x the means of ∇c ∇cᵀ and of 1 - c² are as ω ωᵀ. A patch knows its
+quadratic only up to a sign and a whole number, (n, g, H) ~ ±(n, g, H) + k, which no light can tell;
+`patch_labels` settles that between neighbours. Pooling over the patch is what reaches below a
+pixel's noise, and the quadratic what carries over the fringes' crests, where a pixel knows nothing.
+Sources: the windowed least squares of Servín, Marroquín & Cuevas (1997), Appl. Opt. 36, 4540; the
+steps are `isochrome.estimation.batched`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from isochrome.errors import InputError
+from isochrome.estimation import State, minimise_all, sandwich
+from isochrome.fringes.windows import Array, Indices, Mask, block_means
+
+HALF, STRIDE = 6, 5
+"""Half-width of a patch and distance of their middles, pixels."""
+_WINDOW = 3.0
+_FREQUENCY_WINDOW = 2.5
+_GRADIENT, _CURVATURE = 0.7, 0.02
+"""Prior standard deviations, fringes/px and fringes/px²; what bends more is no quadratic."""
+_STEEPEST = 0.35
+_ROUNDS = 8
+WORST_CHI = 1.6
+"""Residual over noise from which a quadratic does not describe its patch."""
+_FLOOR = 1e-3
+_ROUNDING = 1e-6
+"""Of sums in single precision: what they are not known to, and must not make singular."""
+TURN = 2.0 * np.pi
+BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
+"""What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
+_STEEP_BEND = 0.03
+"""the share of their own size."""
+_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""To the neighbours on the right, below, and on the two diagonals below."""
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Quadratics of the order about the patches' middles, on a lattice (m, n).
+
+    `rows` (m,), `cols` (n,): the middles, pixels; `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy
+    with x along the columns; `spread` (m, n, 6), their standard uncertainties; `chi` (m, n),
+    residual over noise; `filled` (m, n), share of the patch's pixels that are valid.
+    """
+
+    rows: Indices
+    cols: Indices
+    terms: Array = field(repr=False)
+    spread: Array = field(repr=False)
+    chi: Array = field(repr=False)
+    filled: Array = field(repr=False)
+
+
+def offsets() -> tuple[Indices, Indices, Array]:
+    """Rows and columns of a patch's pixels about its middle (k,), and their weights (k,)."""
+    dy, dx = (v.ravel() for v in np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1])
+    return dy, dx, np.exp(-(dx**2 + dy**2) / (2.0 * _WINDOW**2))
+
+
+def basis(dy: Array, dx: Array) -> Array:
+    """The quadratic's terms at places about the middle: (..., 6)."""
+    return np.stack([np.ones_like(dx), dx, dy, 0.5 * dx * dx, dx * dy, 0.5 * dy * dy], axis=-1)
+
+
+def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Array, Mask]:
+    """Means over blocks of by x by pixels; a block is valid where all of it is."""
+    if by == 1:
+        return wave, sigma, valid
+    whole = np.asarray(block_means(valid.astype(float), by) == 1.0)
+    mean = block_means(np.where(valid, wave, 0.0), by)
+    return mean, np.sqrt(block_means(sigma**2, by)) / by, whole
+
+
+@dataclass(frozen=True)
+class PatchLight:
+    """The light of every patch: `light`, `weight` (p, k), `noise` (p,), and where they are.
+
+    `gradient` (p, 2), about the order's along x and y, up to its sign, fringes a pixel.
+    """
+
+    rows: Indices
+    cols: Indices
+    light: Array = field(repr=False)
+    weight: Array = field(repr=False)
+    noise: Array = field(repr=False)
+    gradient: Array = field(repr=False)
+
+    @property
+    def filled(self) -> Array:
+        """Share of each patch's pixels that are valid (p,)."""
+        return np.asarray(np.mean(self.weight > 0.0, axis=1))
+
+    def only(self, which: Indices) -> PatchLight:
+        """Some of the patches, in one row."""
+        parts = (part[which] for part in (self.light, self.weight, self.noise, self.gradient))
+        return PatchLight(self.rows[:1], np.arange(len(which)), *parts)
+
+
+def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
+    """Cut a normalised frame into patches.
+
+    Parameters: `wave` c = cos 2 pi N (rows, cols); `sigma`, its noise (rows, cols); `valid`, True =
+    trusted. Returns a PatchLight that covers the frame from border to border. Raises InputError
+    where the frame is smaller than a patch.
+    """
+    side = 2 * HALF + 1
+    if min(wave.shape) < side:
+        raise InputError(
+            f"fringes can be followed in {side} x {side} pixels at least, not in {wave.shape}; "
+            "take a larger region, or smaller pixels"
+        )
+    dy, dx, window = offsets()
+    rows, cols = middles(wave.shape[0]), middles(wave.shape[1])
+    at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
+    pick = at[0] + dy, at[1] + dx
+    trusted = np.asarray(valid[pick])
+    gradient = [g[at][:, 0] for g in _start_gradient(np.where(valid, wave, 0.0), sigma, valid)]
+    return PatchLight(
+        rows,
+        cols,
+        np.where(trusted, wave[pick], 0.0).astype(np.float32),
+        (window * trusted).astype(np.float32),
+        np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
+        np.stack(gradient, axis=-1).astype(np.float32),
+    )
+
+
+def fit_patches(patches: PatchLight, expected: tuple[Array, Array] | None = None) -> Patches:
+    """Fit a quadratic of the order to each patch of a frame.
+
+    Parameters: `patches`; `expected`, terms that are known beforehand (m, n, 6), NaN where none
+    are, and their standard deviations. A patch that fits its expectation badly is fitted again
+    without. Returns Patches.
+    """
+    start = _start(patches)
+    mean, prior = np.zeros_like(start), np.tile(patch_prior(), (len(start), 1))
+    if expected is None:
+        return _refine(patches, start, mean, prior)
+    terms, spread = (v.reshape(-1, 6).astype(np.float32) for v in expected)
+    known = np.asarray(np.isfinite(terms).all(axis=1))
+    mean[known], prior[known] = terms[known], spread[known] ** -2
+    guided = _refine(patches, np.where(known[:, None], mean, start), mean, prior)
+    bad = np.flatnonzero(known & (guided.chi.ravel() > WORST_CHI))
+    if not len(bad):
+        return guided
+    alone = np.tile(patch_prior(), (len(bad), 1))
+    free = _refine(patches.only(bad), start[bad], np.zeros_like(start[bad]), alone)
+    better = free.chi.ravel() < guided.chi.ravel()[bad]
+    for name in ("terms", "spread", "chi"):
+        mine, new = (getattr(each, name) for each in (guided, free))
+        at = np.unravel_index(bad[better], guided.chi.shape)
+        mine[at] = new[0, better]
+    return guided
+
+
+def middles(length: int) -> Indices:
+    """Middles that cover a length from border to border, about a stride apart."""
+    count = max(2, -(-(length - 2 * HALF - 1) // STRIDE) + 1)
+    return np.unique(np.linspace(HALF, max(length - HALF - 1, HALF), count).round().astype(int))
+
+
+def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Array]:
+    """The order's gradient (x, y), up to its sign, fringes a pixel."""
+    scale = 1.0
+    dx = gaussian_filter(wave, scale, order=(0, 1))
+    dy = gaussian_filter(wave, scale, order=(1, 0))
+    smooth = np.clip(gaussian_filter(wave, 0.7), -1.0, 1.0)
+
+    def pooled(values: Array) -> Array:
+        return np.asarray(gaussian_filter(np.where(valid, values, 0.0), _FREQUENCY_WINDOW))
+
+    speed = np.maximum(pooled(1.0 - smooth**2), 0.05)
+    own = pooled(sigma**2) / (8.0 * np.pi * scale**4)  # what noise adds to a derivative's square
+    xx, yy = (pooled(dx * dx) - own) / speed, (pooled(dy * dy) - own) / speed
+    xy = pooled(dx * dy) / speed
+    largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
+    size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, _STEEPEST)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    return size * np.cos(angle), size * np.sin(angle)
+
+
+def patch_basis() -> Array:
+    """The quadratic's terms at a patch's pixels (k, 6)."""
+    dy, dx, _ = offsets()
+    return basis(dy.astype(np.float32), dx.astype(np.float32))
+
+
+def patch_prior() -> Array:
+    """Inverse variances of a quadratic's terms before anything is known (6,)."""
+    return np.array([0.0, *[_GRADIENT**-2] * 2, *[_CURVATURE**-2] * 3], dtype=np.float32)
+
+
+def _start(patches: PatchLight) -> Array:
+    """Phase at the middle for a known gradient: c = A cos ω·x - B sin ω·x, linear in A and B."""
+    light, weight, gradient = patches.light, patches.weight, patches.gradient
+    angle = TURN * (gradient @ patch_basis()[:, 1:3].T)
+    cos, sin = np.cos(angle), np.sin(angle)
+    cc, cs = (weight * cos * cos).sum(axis=1), (weight * cos * sin).sum(axis=1)
+    ss = (weight * sin * sin).sum(axis=1) + 1e-3 * weight.sum(axis=1) + 1e-9
+    lc, ls = (weight * light * cos).sum(axis=1), (weight * light * sin).sum(axis=1)
+    terms = np.zeros((len(light), 6), dtype=np.float32)
+    terms[:, 0] = np.arctan2(lc * cs - ls * cc, lc * ss - ls * cs) / TURN
+    terms[:, 1:3] = gradient
+    return terms
+
+
+def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Patches:
+    """Damped steps of all patches at once, with a normal prior on their terms."""
+    light, weight, terms_of = patches.light, patches.weight, patch_basis()
+    pairs = (terms_of[:, :, None] * terms_of[:, None, :]).reshape(len(terms_of), 36)
+    gain = (1.0 / patches.noise**2)[:, None]
+    damping = np.full(len(terms), 1e-2, dtype=np.float32)
+    diagonal = np.arange(6)
+
+    def at(terms: Array) -> tuple[Array, Array, Array]:
+        angle = TURN * (terms @ terms_of.T)
+        residual = light - np.cos(angle)
+        cost = gain[:, 0] * np.einsum("pk,pk,pk->p", weight, residual, residual)
+        return cost + ((terms - mean) ** 2 * prior).sum(axis=1), np.sin(angle), residual
+
+    def equations(terms: Array, now: State) -> tuple[Array, Array]:
+        _, sine, residual = now
+        matrix = information_of(sine)
+        slope = -TURN * gain * ((weight * residual * sine) @ terms_of) - (terms - mean) * prior
+        return matrix, slope
+
+    def information_of(sine: Array) -> Array:
+        matrix = ((weight * sine * sine) @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
+        # a patch that says much of little: in single precision the prior would be lost in it
+        matrix = matrix.astype(float)
+        matrix[:, diagonal, diagonal] *= 1.0 + _ROUNDING
+        matrix[:, diagonal, diagonal] += prior + 1e-3
+        return np.asarray(matrix)
+
+    terms, (_, sine, residual), _ = minimise_all(at, equations, terms, damping, steps=_ROUNDS)
+    # the window's weights are no variances: those of a weighted sum are the weights' squares
+    inverse = np.linalg.inv(information_of(sine))
+    squared = ((weight * sine) ** 2 @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
+    squared[:, diagonal, diagonal] += prior
+    covariance = sandwich(inverse, squared.astype(float))
+    total = np.maximum(weight.sum(axis=1), 1e-9)
+    chi = np.sqrt(np.einsum("pk,pk,pk->p", weight, residual, residual) / total) / patches.noise
+    shape = len(patches.rows), len(patches.cols)
+    return Patches(
+        patches.rows,
+        patches.cols,
+        terms.reshape(*shape, 6).astype(float),
+        np.sqrt(np.abs(np.einsum("pii->pi", covariance))).reshape(*shape, 6),
+        np.where(patches.filled > 0.0, chi, np.inf).reshape(shape),
+        patches.filled.reshape(shape),
+    )
+
+
+def neighbours(
+    patches: Patches, terms: Array
+) -> Iterator[tuple[Indices, Indices, Array, Array, Array]]:
+    """Patches and their neighbours a step on, and what both say of the order half-way.
+
+    Parameters: `patches`; `terms` (m, n, 6), theirs or their labelled ones. Yields for each step
+    the patches' numbers (k,), their neighbours', both's terms half-way (k, 6), and the variance of
+    the difference of these (k, 6).
+    """
+    m, n = patches.chi.shape
+    number = np.arange(m * n).reshape(m, n)
+    rows = patches.rows[:, None] + 0 * patches.cols
+    cols = patches.cols[None, :] + 0 * patches.rows[:, None]
+    for down, right in _STEPS:
+        here = np.s_[: m - down, max(0, -right) : n - max(right, 0)]
+        there = np.s_[down:, max(0, right) : n + min(right, 0)]
+        dy, dx = 0.5 * (rows[there] - rows[here]), 0.5 * (cols[there] - cols[here])
+        a, b = moved_patch(terms[here], dy, dx), moved_patch(terms[there], -dy, -dx)
+        variance = patches.spread[here] ** 2 + patches.spread[there] ** 2
+        numbers = number[here].ravel(), number[there].ravel()
+        yield *numbers, a.reshape(-1, 6), b.reshape(-1, 6), variance.reshape(-1, 6)
+
+
+def moved_patch(terms: Array, dy: Array, dx: Array) -> Array:
+    """A quadratic's terms (..., 6) about a place that is (dy, dx) from its middle."""
+    n, gx, gy, hxx, hxy, hyy = np.moveaxis(terms, -1, 0)
+    return np.stack(
+        [
+            n + gx * dx + gy * dy + 0.5 * hxx * dx * dx + hxy * dx * dy + 0.5 * hyy * dy * dy,
+            gx + hxx * dx + hxy * dy,
+            gy + hxy * dx + hyy * dy,
+            hxx,
+            hxy,
+            hyy,
+        ],
+        axis=-1,
+    )
+
+
+def scale_of(a: Array, b: Array, variance: Array) -> Array:
+    """How far two quadratics of one smooth field may differ, a standard deviation (..., 6)."""
+    size = np.hypot(a, b)
+    size[..., 0] = size[..., 1:3].max(axis=-1)
+    return np.asarray(np.sqrt(variance + BEND**2 + (_STEEP_BEND * size) ** 2))

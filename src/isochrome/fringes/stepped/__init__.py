@@ -1,0 +1,1 @@
+"""Order and isoclinic angle from a phase-stepped set."""

@@ -1,0 +1,235 @@
+"""What the light of a phase-stepped set says in each pixel, before any whole number is settled.
+
+Least squares over the steps gives the maps of `step_equations`, these the direction of sigma_1
+(`isoclinic`) and, with contrast and misfit, how far each pixel is to be trusted. A frame that
+cannot be trusted in a pixel, saturated there or faulty, is left out of that pixel alone, where the
+other frames still tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter
+
+from isochrome.fringes.stepped.isoclinic import Direction, find_direction
+from isochrome.fringes.stepped.step_equations import (
+    BACKGROUND,
+    COSINE,
+    CROSS,
+    CROSS_SINE,
+    SINE,
+    SINE_SINE,
+    StepDesign,
+    StepTerms,
+    make_design,
+    solve_steps,
+)
+from isochrome.fringes.windows import Array, Mask, pooled
+from isochrome.optics import Chain
+
+LARGEST_UNCERTAINTY = 0.03
+"""Fringes: a pixel whose noise is more is not known."""
+
+_PASSES = 3
+"""Solutions where the steps leave something out, each with the direction of the one before."""
+
+_LARGEST_MISFIT = 0.1
+_MOST_NOISE = 3.0
+"""Times the noise of the whole set that a pixel may have for want of some of its frames."""
+
+_LEAST_CONTRAST = 0.7
+"""Of the contrast around: a pixel's area takes that much of it at 0.45 fringe a pixel."""
+
+_DIMMEST = 0.1
+_BLOCK = 16
+_WINDOW_PX = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepLight:
+    """What a set's light says; maps (rows, cols).
+
+    `terms` and `direction`, see `step_equations` and `isoclinic`; `seen`, True where the fringes
+    can be read; `specimen`, True where light comes through at all; `contrast` A V, in the light's
+    unit; `uncertainty` of φ/2π, fringes; `chi`, residual of the light over its noise; `bridges`,
+    whether the steps tell no direction about half orders, or leave out what changes it there.
+    """
+
+    terms: StepTerms
+    direction: Direction
+    seen: Mask
+    specimen: Mask
+    contrast: Array
+    uncertainty: Array
+    chi: float
+    bridges: bool
+
+
+def measure_steps(
+    stack: Array, chains: Sequence[Chain], *, sigma: Array | float, valid: Mask | None = None
+) -> StepLight:
+    """Read δ, the direction of sigma_1 and their noise from the images of a set's steps.
+
+    Parameters: `stack` (steps, rows, cols), light in any unit; `chains`, the elements of each step;
+    `sigma`, standard deviation of the light's noise, in its unit, a number or (rows, cols);
+    `valid`, True = trusted, (rows, cols) or frame by frame, (steps, rows, cols). Returns a
+    StepLight. Raises InputError where the steps cannot tell the order.
+    """
+    design = make_design(chains)
+    light = np.asarray(stack, dtype=np.promote_types(stack.dtype, np.float32))
+    good = np.isfinite(light)
+    good = good if valid is None else good & valid
+    light, gain, turn_gain = fill_gaps(np.where(good, light, 0.0), good, design)
+    trusted, whole, swing = np.isfinite(gain), good.all(axis=0), sigma
+    if (gain > 1.0).any():
+        swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
+    twice = None
+    for _ in range(_PASSES if design.leaks else 1):
+        terms = solve_steps(light, design, twice)
+        direction = find_direction(terms, design, sigma=swing, valid=trusted)
+        twice = direction.twice
+    contrast = np.hypot(terms.cosine, np.abs(terms.sine))
+    seen = trusted & bright_enough(contrast, trusted)
+    misfit, chi = step_misfit(light, design, sigma, seen & whole)
+    direction = direction.noisier(np.maximum(misfit, 1.0))
+    uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
+    seen &= (uncertainty < LARGEST_UNCERTAINTY) & (
+        misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
+    )
+    return StepLight(
+        terms=terms,
+        direction=direction,
+        seen=seen,
+        specimen=trusted & fringed(contrast, design, sigma),
+        contrast=contrast,
+        uncertainty=uncertainty,
+        chi=chi,
+        bridges=design.leaks,
+    )
+
+
+def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:
+    """Give the frames that cannot be trusted in a pixel the light that its other frames ask for.
+
+    Equation: I_missing = M_missing x, x the least squares of the frames that are there; all frames
+    together then have the very solution x. Parameters: `light` (steps, rows, cols), nought where
+    not `good`; `good` of that shape, True = trusted; `design`. Returns the light, and how many
+    times the noise is that of a whole pixel, at most of any unknown, and on the whole of those that
+    tell the direction (rows, cols): 1 where every frame is there, NaN where the rest cannot tell
+    the order. Source: Yates (1933), Empire Journal of Experimental Agriculture 1, 129 (missing
+    observations in least squares).
+    """
+    gains = np.where(good.all(axis=0), 1.0, np.nan)[None].repeat(2, axis=0).astype(np.float32)
+    wanting = np.isnan(gains[0]) & good.any(axis=0)
+    if design.leaks or not wanting.any():
+        return light, gains[0], gains[1]
+    code = np.int64(1) << np.arange(len(light), dtype=np.int64)
+    kinds = np.tensordot(code, good[:, wanting].astype(np.int64), axes=1)
+    values, noise = light[:, wanting], np.full((2, kinds.size), np.nan, dtype=np.float32)
+    for kind in np.unique(kinds):
+        there, here = (kind & code) > 0, kinds == kind
+        inverse, *more = _part_inverse(design, there)
+        if more[0] <= _MOST_NOISE:
+            missing = design.matrix[~there][:, design.solved] @ inverse
+            chosen = values[np.ix_(there, here)]
+            values[np.ix_(~there, here)] = missing.astype(light.dtype) @ chosen
+            noise[:, here] = np.reshape(more, (2, 1))
+    filled = light.copy()
+    filled[:, wanting] = values
+    gains[:, wanting] = noise
+    return filled, gains[0], gains[1]
+
+
+def _part_inverse(design: StepDesign, there: Mask) -> tuple[Array, float, float]:
+    """Least squares over some of the frames, and the growth of the unknowns' noise by it.
+
+    The largest, and the mean of those that tell the direction; the background is not used, and
+    counts for nothing.
+    """
+    part = design.matrix[there][:, design.solved]
+    inverse = np.linalg.pinv(part)
+    if np.linalg.matrix_rank(part, tol=1e-6) < len(design.solved):
+        return inverse, float("inf"), float("inf")
+    growth = np.square(inverse).sum(axis=1) / np.diag(design.covariance)
+    unknowns = np.array(design.solved)
+    largest = growth[unknowns != BACKGROUND].max()
+    turning = growth[np.isin(unknowns, (CROSS, CROSS_SINE, SINE, SINE_SINE))].mean()
+    return inverse, float(np.sqrt(largest)), float(np.sqrt(turning))
+
+
+def bright_enough(contrast: Array, trusted: Mask) -> Mask:
+    """Where the fringes' contrast is near that of the surroundings: elsewhere they are too fine.
+
+    A pixel's area leaves sinc(g_x) sinc(g_y) of it, g the gradient in fringes a pixel; beyond half
+    a fringe a pixel phase turns back on itself, and only the contrast tells. Parameters: `contrast`
+    A V (rows, cols); `trusted`, True = usable pixels. Returns a mask (rows, cols).
+    """
+    import cv2
+
+    brightest = float(np.percentile(contrast[trusted], 90)) if trusted.any() else 0.0
+    rows, cols = (n // _BLOCK for n in contrast.shape)
+    floor = contrast > _DIMMEST * brightest
+    if min(rows, cols) < 1:
+        return np.asarray(floor)
+    cut = np.where(trusted, contrast, 0.0)[: rows * _BLOCK, : cols * _BLOCK]
+    blocks = cut.reshape(rows, _BLOCK, cols, _BLOCK).swapaxes(1, 2).reshape(rows, cols, -1)
+    usual = maximum_filter(np.percentile(blocks, 80, axis=2), 3).astype(np.float32)
+    around = cv2.resize(usual, contrast.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(floor & (contrast > _LEAST_CONTRAST * around))
+
+
+def fringed(contrast: Array, design: StepDesign, sigma: Array | float) -> Mask:
+    """Where light comes through at all, coarse fringes or fine: the specimen, not a dark surround.
+
+    Parameters: `contrast` A V (rows, cols); `design`; `sigma`, noise of the light. Returns a mask.
+    """
+    noise = sum(design.variance(j) for j in (COSINE, SINE, SINE_SINE)) * np.square(sigma)
+    power = pooled(contrast**2 - noise, _WINDOW_PX)
+    return np.asarray(power > (2.0 * _DIMMEST) ** 2 * np.percentile(power, 90))
+
+
+def step_misfit(
+    light: Array, design: StepDesign, sigma: Array | float, seen: Mask
+) -> tuple[Array, float]:
+    """Residual of the light over its noise, pooled about each pixel, and over all of them.
+
+    What no choice of the seven unknowns can explain: moved or dirty elements, a wrong gamma.
+    Parameters: `light` (steps, rows, cols); `design`; `sigma`, noise of the light; `seen`, True =
+    pixels that count. Returns the pooled residual (rows, cols), 1 where the steps leave nothing to
+    compare, and chi, NaN then.
+    """
+    left, values, _ = np.linalg.svd(design.matrix)
+    rank = int((values > 1e-6).sum())
+    free = len(light) - rank
+    if free == 0:
+        return np.ones(light.shape[1:]), float("nan")
+    over = np.tensordot(left[:, rank:].T.astype(light.dtype), light, axes=1)
+    square = (over**2).sum(axis=0) / (free * np.square(sigma))
+    weight = np.maximum(pooled(seen, _WINDOW_PX), 1e-6)
+    misfit = np.sqrt(np.maximum(pooled(np.where(seen, square, 0.0), _WINDOW_PX), 0.0) / weight)
+    return misfit, float(np.sqrt(np.mean(square[seen]))) if seen.any() else float("nan")
+
+
+def phase_uncertainty(
+    terms: StepTerms, design: StepDesign, direction: Direction, sigma: Array | float
+) -> Array:
+    """Standard uncertainty of φ/2π from the noise, φ = atan2(A sin δ, A cos δ) along the direction.
+
+    Equation: var φ = σ² gᵀ Σ g with g = (-sin φ, cos φ cos 2θ, cos φ sin 2θ)/(A V).
+    Parameters: `terms`, `design`, `direction`; `sigma`, noise of the light. Returns (rows, cols),
+    fringes. Source: propagation of uncertainty, first order (JCGM 100:2008, 5.1.2).
+    """
+    along = (terms.sine * np.conj(direction.twice)).real
+    contrast = np.hypot(terms.cosine, along) + 1e-30
+    cosine = terms.cosine / contrast
+    slopes = (-along / contrast, cosine * direction.twice.real, cosine * direction.twice.imag)
+    total = np.zeros(cosine.shape, dtype=cosine.dtype)
+    for i, first in enumerate((COSINE, SINE, SINE_SINE)):
+        total += design.variance(first) * slopes[i] ** 2
+        for j, second in enumerate((COSINE, SINE, SINE_SINE)[:i]):
+            if abs(design.variance(first, second)) > 1e-12:
+                total += 2.0 * design.variance(first, second) * slopes[i] * slopes[j]
+    return np.asarray(sigma * np.sqrt(total) / contrast / (2.0 * np.pi))

@@ -1,0 +1,224 @@
+r"""Absolute fringe order and isoclinic angle from a phase-stepped set.
+
+The steps' light gives cos δ, sin δ exp 2iθ and (1 - cos δ) exp 4iθ in every pixel
+(`step_equations`), these the continuous direction up to 90° (`isoclinic`), along which δ is signed
+and unwraps without the ambiguity (δ, θ) ~ (-δ, θ + 90°): n = (φ/2π + m) exp 2iθ does not change
+with it. The whole number m of each connected part comes from the user's known orders, from
+equilibrium and compatibility, or from a model (`anchor`, `integer_order`); a part that has none is
+left unknown. A residual stress is taken off n (`residual_stress`). Then N = |n| and θ = arg(n)/2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isochrome.estimation import POOR_CHI
+from isochrome.fringes.on_branch import OrderReading, make_reading
+from isochrome.fringes.stepped.integer_order import FieldPart, KnownOrder
+from isochrome.fringes.stepped.residual_stress import (
+    ResidualStress,
+    direction_told,
+    least_field,
+    least_spread,
+)
+from isochrome.fringes.stepped.step_field import LARGEST_TURN, SettledField, settle_field, smoothed
+from isochrome.fringes.stepped.step_light import LARGEST_UNCERTAINTY, StepLight, measure_steps
+from isochrome.fringes.windows import Array, Mask, masked
+from isochrome.optics import Chain
+
+_LEAST_ORDER = 4.0
+_TINY = 1e-9
+_SMALL = 0.15
+"""Order below which the least order that the light allows is the order."""
+
+_SMOOTHED = 0.928
+"""Of the direction's noise, which is pooled already, what smoothing n leaves: from the kernels'
+Gaussians of widths w = 1.2 and W = 1.6, W² (4/(W² + w²) - 4/(W² + 1.5 w²) + 1/(W² + 2 w²))."""
+
+_BRIDGED = 0.1
+"""Doubt of 2θ (rad) where the direction is bridged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteppedReading:
+    """What a phase-stepped set tells; maps float32, NaN = not known.
+
+    All maps are of the load alone where a residual stress was taken out.
+
+    Parameters
+    ----------
+    reading : OrderReading
+        The fringe order with its uncertainty and confidence.
+    isoclinic : ndarray (rows, cols)
+        Direction of sigma_1, degrees counter-clockwise from the image's +x, -90 to 90.
+    isoclinic_uncertainty : ndarray (rows, cols)
+        Its standard uncertainty, degrees.
+    dark_field : ndarray (rows, cols)
+        Ideal dark field (1 - cos δ)/2.
+    contrast : ndarray (rows, cols)
+        Contrast A V, in the light's unit.
+    chi : float
+        Residual of the light over its noise; NaN where the steps leave none.
+    parts : tuple of FieldPart
+        The connected parts and what settled their whole numbers.
+    warnings : tuple of str
+        What the user should know, in plain words.
+    """
+
+    reading: OrderReading
+    isoclinic: Array
+    isoclinic_uncertainty: Array
+    dark_field: Array
+    contrast: Array
+    chi: float
+    parts: tuple[FieldPart, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def order(self) -> Array:
+        """The fringe order (rows, cols)."""
+        return self.reading.order
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """n, the noise of |n| and of arg(n)/2 (fringes, rad), and where n is known (rows, cols)."""
+
+    field: Array
+    uncertainty: Array
+    turn: Array
+    known: Mask
+
+
+def read_steps(
+    stack: Array,
+    chains: Sequence[Chain],
+    *,
+    sigma: Array | float,
+    valid: Mask | None = None,
+    known_order: Sequence[KnownOrder] = (),
+    model: Callable[[], Array] | None = None,
+    residual: ResidualStress | None = None,
+) -> SteppedReading:
+    """Read fringe order and isoclinic angle of one state from the images of its steps.
+
+    Equations: the module's. A pixel is not known where it is masked, its contrast low, its noise
+    over 0.03 fringe, its fringes finer than 2.5 pixels, its part's whole number open, or the
+    residual not known.
+
+    Parameters
+    ----------
+    stack : ndarray (steps, rows, cols)
+        Light in any unit.
+    chains : sequence of Chain
+        The elements of each step, see `isochrome.optics.make_chain`.
+    sigma : ndarray (rows, cols) or float
+        Standard deviation of the light's noise, in its unit.
+    valid : bool ndarray (rows, cols) or (steps, rows, cols), optional
+        Whether a pixel is trusted, in all frames or in each of them: a frame that is not is left
+        out of that pixel.
+    known_order : sequence of (row, col, order), optional
+        Points where the user knows the order (pixels, fringes) that the frames show, residual
+        stress and all.
+    model : callable, optional
+        Called for a model's order (rows, cols) that the frames show, NaN outside it, where neither
+        the known orders nor the field itself tells the whole number.
+    residual : ResidualStress, optional
+        Residual stress that is to be taken out.
+
+    Returns
+    -------
+    SteppedReading
+        The order, the isoclinic angle, and how well they are known.
+
+    Raises
+    ------
+    InputError
+        Where the steps cannot tell the order.
+    """
+    light = measure_steps(stack, chains, sigma=sigma, valid=valid)
+    found = settle_field(
+        light,
+        known_order=known_order,
+        model=model,
+        residual=None if residual is None else residual.field,
+    )
+    return _result(light, found, _of_load(light, found, residual), residual is not None)
+
+
+def _of_load(light: StepLight, found: SettledField, residual: ResidualStress | None) -> _Parts:
+    """n of the load alone, smoothed, with its noise along and across it.
+
+    The noise of N and θ lies along and across the n that the frames show; the angle between that
+    and the load's own turns it.
+    """
+    known = found.known
+    shown = np.where(known, found.field, 0.0)
+    across = 2.0 * np.abs(shown) * light.direction.uncertainty
+    if residual is not None:
+        across = np.hypot(across, np.where(direction_told(light), 0.0, _BRIDGED * np.abs(shown)))
+    small = known & (np.abs(shown) < _SMALL)
+    # about an isotropic point and in a valley the window's direction is that of the pixels around,
+    # or noise; that of the pixel's own light is not
+    least = least_field(light.terms)
+    shown = np.where(small, least, shown)
+    across = np.where(small, least_spread(least, light.uncertainty), across)
+    field = shown if residual is None else np.where(known, shown - residual.field, 0.0)
+    field, along = smoothed(field, light.uncertainty, known)
+    size = np.maximum(np.abs(field), _TINY)
+    if residual is None:
+        gain = along / np.maximum(light.uncertainty, _TINY)
+        direction = light.direction
+        less = np.where(gain < 1.0, 1.0 - _SMOOTHED**2, 0.0) * np.square(direction.scatter)
+        turn = np.sqrt(np.square(direction.uncertainty) - less)
+        return _Parts(field, along, np.where(small, gain * across / (2.0 * size), turn), known)
+    lean = (shown / np.maximum(np.abs(shown), _TINY)) * np.conj(field / size)
+    uncertainty, swing = (
+        np.sqrt(np.square(a * lean.real) + np.square(b * lean.imag) + residual.uncertainty**2)
+        for a, b in ((along, across), (across, along))
+    )
+    known = known & (uncertainty < LARGEST_UNCERTAINTY)
+    return _Parts(field, uncertainty, swing / (2.0 * size), known)
+
+
+def _result(light: StepLight, found: SettledField, load: _Parts, apart: bool) -> SteppedReading:
+    """The maps, NaN where they are not known; `apart`, whether a residual was taken out."""
+    known, uncertainty = load.known, load.uncertainty
+    # nearer to zero its sign is noise
+    turned = known & (load.turn < LARGEST_TURN) & (np.abs(load.field) > _LEAST_ORDER * uncertainty)
+
+    specimen = known | light.specimen
+    reading = make_reading(np.abs(load.field), uncertainty, known, of=specimen)
+    if apart:
+        cosine, seen = np.cos(2.0 * np.pi * reading.order), known
+    else:
+        cosine, seen = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
+    return SteppedReading(
+        reading=reading,
+        isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
+        isoclinic_uncertainty=masked(np.degrees(load.turn), turned),
+        dark_field=masked(0.5 - 0.5 * cosine, seen),
+        contrast=light.contrast.astype(np.float32),
+        chi=light.chi,
+        parts=found.parts,
+        warnings=(*found.warnings, *_remarks(light.chi, reading.kept, found.parts)),
+    )
+
+
+def _remarks(chi: float, kept: float, parts: tuple[FieldPart, ...]) -> list[str]:
+    """What the user should know of the set as a whole."""
+    remarks = []
+    if chi > POOR_CHI:
+        remarks.append(
+            f"chi = {chi:.2f}: the steps' angles or plates do not describe these frames within "
+            "their noise (an element off, light that drifts, a wrong gamma); use them with care"
+        )
+    if kept < 0.5 and all(part.number is not None for part in parts):
+        remarks.append(
+            f"only {100 * kept:.0f} % of the specimen's pixels could be read; more steps, less "
+            "noise or finer pixels help"
+        )
+    return remarks

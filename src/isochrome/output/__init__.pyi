@@ -1,0 +1,61 @@
+from .canvas import TiffCanvas, make_canvas, open_canvas
+from .files import (
+    check_link,
+    json_pieces,
+    output_folder,
+    plain,
+    replacing,
+    staged,
+    write_json,
+    write_text,
+)
+from .frame_names import messages_of_frames, named_frames
+from .frame_values import FrameValues
+from .record import provenance, sha256, write_figure
+from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with_uncertainty
+from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
+from .scale import pixel_mm_of, read_pixel_mm
+from .tables import Floats, check_given_table, csv_text, numbers, read_csv, write_csv
+from .tiff_stack import Photometric, write_frames, write_tiff
+
+__all__ = [
+    "FIGURE_DPI",
+    "SUFFIXES",
+    "Floats",
+    "FrameValues",
+    "Photometric",
+    "Result",
+    "TiffCanvas",
+    "add_rois",
+    "check_given_table",
+    "check_link",
+    "counted",
+    "csv_text",
+    "json_pieces",
+    "load_roifile",
+    "make_canvas",
+    "messages_of_frames",
+    "named_frames",
+    "numbers",
+    "open_canvas",
+    "output_folder",
+    "over_items",
+    "pixel_mm_of",
+    "plain",
+    "provenance",
+    "read_csv",
+    "read_pixel_mm",
+    "read_roi_mask",
+    "replacing",
+    "roi_entries",
+    "saved_picture",
+    "sha256",
+    "staged",
+    "with_uncertainty",
+    "write_csv",
+    "write_figure",
+    "write_frames",
+    "write_json",
+    "write_text",
+    "write_tiff",
+]

@@ -1,0 +1,237 @@
+"""What every command gives back: a table, JSON, warnings, a figure, and a report of a few lines."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.output.tables import numbers
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+FIGURE_DPI = 150.0
+"""Dots per inch of the pictures on disk."""
+
+_MOST_VALUES = 8
+"""Values in a report, so that it has at most 12 lines."""
+_LONGEST_LINE = 110
+_HEAD = 5
+"""Rows of the table in a notebook."""
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Result:
+    """What a command found.
+
+    A class of results has `columns`, those of the table that the command writes, units in their
+    names; `warnings`, sentences; `title`, what it is; and `main_values`, what a report shows.
+
+    Parameters
+    ----------
+    draw : callable, optional
+        Makes the figure, of those that need more for it than they hold.
+    """
+
+    draw: Callable[[], Figure] | None = field(default=None, compare=False)
+
+    if TYPE_CHECKING:  # a dataclass would take these for the defaults of fields of their names
+
+        @property
+        def columns(self) -> Mapping[str, Sequence[Any]]:
+            """Name to values, as the table on disk has them."""
+
+        @property
+        def warnings(self) -> tuple[str, ...]:
+            """What to beware of, in sentences."""
+
+    @property
+    def title(self) -> str:
+        """What this is, in a line."""
+        return type(self).__name__
+
+    def main_values(self) -> Iterable[tuple[str, str]]:
+        """Names and values, with their uncertainties, that a report shows."""
+        return ()
+
+    def to_json(self) -> dict[str, Any]:
+        """What `--json` prints, besides the folder of the results."""
+        raise NotImplementedError
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """The columns of the table that the command writes, as a pandas DataFrame."""
+        import pandas
+
+        return pandas.DataFrame(dict(self.columns))
+
+    def figure(self) -> Figure:
+        """The picture that the command leaves, as a matplotlib Figure.
+
+        That of an earlier run is its file, pixel by pixel. Raises InputError where there is none.
+        """
+        if self.draw is None:
+            raise InputError(f"{self.title}: there is nothing to draw")
+        return self.draw()
+
+    def _report(self) -> list[tuple[str, str]]:
+        """The main values, of many the first ones."""
+        found = list(self.main_values())
+        more = len(found) - _MOST_VALUES
+        return found if more <= 0 else [*found[:_MOST_VALUES], (f"and {more} more", "")]
+
+    def __repr__(self) -> str:
+        """A few lines: what it is, the main values, and how many warnings there are."""
+        rows = self._report()
+        width = max((len(name) for name, _ in rows), default=0)
+        lines = [self.title, *(f"  {name.ljust(width)}  {value}" for name, value in rows)]
+        count = len(self.warnings)
+        if count:
+            lines.append(f"  {counted(count, 'warning')}: see .warnings")
+        return "\n".join(_in_a_line(line) for line in lines)
+
+    def _repr_html_(self) -> str:
+        """For a notebook: the report, the first rows of the table, and the warnings."""
+        import pandas
+
+        columns = self.columns
+        count = max((len(values) for values in columns.values()), default=0)
+        head = pandas.DataFrame({name: values[:_HEAD] for name, values in columns.items()})
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{html.escape(value)}</td></tr>"
+            for name, value in self._report()
+        )
+        messages = "".join(f"<li>{html.escape(text)}</li>" for text in self.warnings)
+        more = f"<p>{count} rows, see .table</p>" if count > _HEAD else ""
+        return (
+            f"<div><p><b>{html.escape(self.title)}</b></p><table>{rows}</table>"
+            f"{head.to_html(index=False, max_cols=12, border=0)}{more}"
+            f"{f'<ul>{messages}</ul>' if messages else ''}</div>"
+        )
+
+
+def _in_a_line(text: str) -> str:
+    """Names of files may hold a new line, and be long."""
+    indent = "  " if text.startswith("  ") else ""
+    line = indent + " ".join(text.splitlines()).strip()
+    return line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 1]}…"
+
+
+def saved_picture(path: Path) -> Figure:
+    """Make a Figure of a picture on disk, one dot a pixel.
+
+    Parameters
+    ----------
+    path : Path
+        A PNG file.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture, and nothing around it.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.image import imread
+
+    try:
+        picture = imread(path, format="png")
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{path}: no readable picture ({error}); run the command again") from error
+    rows, cols = picture.shape[:2]
+    figure = Figure(figsize=(cols / FIGURE_DPI, rows / FIGURE_DPI), dpi=FIGURE_DPI)
+    FigureCanvasAgg(figure)
+    figure.figimage(picture)
+    return figure
+
+
+def counted(count: int, item: str) -> str:
+    """Give a number of items with their noun in the right number: '1 frame', '2 frames'.
+
+    Parameters
+    ----------
+    count : int
+        How many there are.
+    item : str
+        What one of them is called.
+
+    Returns
+    -------
+    str
+        Number and noun.
+    """
+    return f"{count} {item}" if count == 1 else f"{count} {item}s"
+
+
+def with_uncertainty(value: float, spread: float) -> str:
+    """Give a value with its standard uncertainty of two digits, both to the same decimal.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    spread : float
+        Its standard uncertainty, in the same unit; NaN = not known.
+
+    Returns
+    -------
+    str
+        Such as '14.600 ± 0.066'.
+    """
+    if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
+        return f"{value:.6g} ± {spread:.2g}"
+    last = _exponent(spread) - 1  # of the uncertainty's second digit
+    largest = max(_exponent(value), last + 1) if value else last + 1
+    if -4 <= largest < 6:
+        decimals = max(0, -last)
+        value, spread = round(value, -last) + 0.0, round(spread, -last)
+        return f"{value:.{decimals}f} ± {spread:.{decimals}f}"
+    return f"{value:.{max(_exponent(value) - last, 0) if value else 0}e} ± {spread:.1e}"
+
+
+def _exponent(value: float) -> int:
+    """Power of ten of a value's first digit, once it is rounded to two."""
+    return int(f"{value:.1e}".partition("e")[2])
+
+
+def over_items(
+    values: Iterable[float | None], spreads: Iterable[float | None] = (), *, items: str = "frames"
+) -> str:
+    """Give a column as a report shows it: mean and span, with the median standard uncertainty.
+
+    Parameters
+    ----------
+    values : iterable of float or None
+        The column; None or NaN = not known.
+    spreads : iterable of float or None, optional
+        The standard uncertainties, in the same unit.
+    items : str, default 'frames'
+        What the values are of.
+
+    Returns
+    -------
+    str
+        The text, 'not known' where no value is.
+    """
+    known, each = (column[np.isfinite(column)] for column in map(numbers, (values, spreads)))
+    if not known.size:
+        return "not known"
+    mean = float(known.mean())
+    text = with_uncertainty(mean, float(np.median(each))) if each.size else f"{mean:.5g}"
+    if known.size == 1:
+        return text
+    many = f"mean of {known.size} {items}, {known.min():.5g} to {known.max():.5g}"
+    return f"{text}{' each' if each.size else ''} ({many})"

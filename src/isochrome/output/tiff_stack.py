@@ -1,0 +1,137 @@
+"""TIFF stacks that ImageJ opens with their scale."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from isochrome.errors import InputError
+from isochrome.output.files import replacing
+
+DTYPES = ("uint8", "uint16", "float32")
+IMAGEJ_LIMIT = 4_000_000_000
+"""ImageJ's TIFF ends at 4 GB; beyond, a BigTIFF is written, which Fiji opens by Bio-Formats."""
+
+Photometric = Literal["minisblack", "rgb"]
+
+
+def write_tiff(
+    path: str | Path,
+    stack: npt.ArrayLike,
+    *,
+    pixel_mm: float | None = None,
+    photometric: Photometric = "minisblack",
+) -> None:
+    """Write a stack, whole or not at all, so that ImageJ shows its scale.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    stack : array_like, shape (frame, row, col) or (frame, row, col, 3)
+        Frames of uint8, uint16 or float32 (NaN allowed), of any byte order; the second shape with
+        `photometric` 'rgb'.
+    pixel_mm : float, optional
+        The pixel's side, mm.
+    photometric : {'minisblack', 'rgb'}, default 'minisblack'
+        Whether the frames are grey or in colour.
+
+    Raises
+    ------
+    InputError
+        Where the stack is of another form or type, or the file cannot be written.
+    """
+    data = np.asarray(stack)
+    if data.ndim < 3 or data.shape[0] == 0:
+        raise InputError(
+            f"{path}: a stack is (frame, row, col) with a frame at least, not {data.shape}; "
+            "add the frame axis"
+        )
+    shape, colours = data.shape[1:], (3,) if photometric == "rgb" else ()
+    if len(shape) != 2 + len(colours) or 0 in shape or shape[2:] != colours:
+        wanted = "(row, col, 3)" if colours else "(row, col)"
+        raise InputError(f"{path}: a frame is {wanted}, not {shape}; reshape it")
+    if data.dtype.name not in DTYPES:
+        raise InputError(
+            f"{path}: frames of type {data.dtype} cannot be written; convert them to "
+            f"{' or '.join(DTYPES)}"
+        )
+    write_frames(path, data, data.shape, data.dtype, pixel_mm=pixel_mm, photometric=photometric)
+
+
+def write_frames(
+    path: str | Path,
+    frames: Iterable[np.ndarray],
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    *,
+    pixel_mm: float | None = None,
+    photometric: Photometric = "minisblack",
+    metadata: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a stack as `write_tiff` does, from frames that are there one at a time.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    frames : iterable of ndarray
+        The frames of the `dtype`, in order.
+    shape : tuple of int
+        Shape of all of them together, frames first.
+    dtype : numpy.dtype
+        Type of the frames.
+    pixel_mm : float, optional
+        The pixel's side, mm.
+    photometric : {'minisblack', 'rgb'}, default 'minisblack'
+        Whether the frames are grey or in colour.
+    metadata : mapping, optional
+        What ImageJ is to know besides the scale, by its own names.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be written.
+    """
+    import tifffile
+
+    order = dtype.newbyteorder("<")  # tifffile takes an iterator's frames as they are
+    swapped = (frame.astype(order, copy=False) for frame in frames)
+    kind, keys = stack_layout(shape, order, pixel_mm, photometric, metadata)
+    with replacing(path) as beside, tifffile.TiffWriter(beside, **kind) as tif:
+        if kind["imagej"]:
+            tif.write(swapped, shape=shape, dtype=order, **keys)
+        else:
+            for frame in swapped:
+                tif.write(frame, **keys)
+
+
+def stack_layout(
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    pixel_mm: float | None,
+    photometric: Photometric = "minisblack",
+    metadata: Mapping[str, Any] | None = None,
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """How a stack lies on disk: up to 4 GB in ImageJ's layout with its scale.
+
+    Beyond, as a BigTIFF, whose scale is in pixels per centimetre. ImageJ knows colour in 8 bits
+    only, other colours make a plain TIFF. Parameters as in `write_frames`. Returns the arguments of
+    tifffile's TiffWriter, and those of its `write`.
+    """
+    size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+    imagej = size < IMAGEJ_LIMIT and min(shape[1:3]) > 1  # tifffile turns single columns over
+    imagej &= photometric != "rgb" or dtype == np.uint8
+    keys: dict[str, Any] = {"photometric": photometric, "metadata": None}
+    if imagej:
+        unit = {} if pixel_mm is None else {"unit": "mm"}
+        keys["metadata"] = {"axes": "TYXS"[: len(shape)], **(metadata or {}), **unit}
+    if pixel_mm is not None:
+        per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
+        keys |= {"resolution": (per_unit, per_unit)}
+        keys |= {} if imagej else {"resolutionunit": "CENTIMETER"}
+    return {"imagej": imagej, "bigtiff": size >= IMAGEJ_LIMIT, "byteorder": "<"}, keys

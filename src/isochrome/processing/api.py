@@ -1,0 +1,313 @@
+"""`process`: the fringe order of every captured frame, chunk by chunk, in bounded memory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from contextlib import ExitStack, nullcontext
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from isochrome.errors import InputError
+from isochrome.frames import (
+    FrameReader,
+    FramesPath,
+    absolute,
+    input_files,
+    misfits,
+    open_scene_frames,
+    with_file_scale,
+)
+from isochrome.fringes import make_design
+from isochrome.optics import make_chain
+from isochrome.output import load_roifile
+from isochrome.processing.chunk import frame_row, layers_of, process_chunk
+from isochrome.processing.figure import figure_in_memory
+from isochrome.processing.folder import finish_set_folder
+from isochrome.processing.frame_task import (
+    FrameSource,
+    FrameTask,
+    close_kept,
+    identity_of,
+    open_set,
+    release_caches,
+    set_pixel,
+)
+from isochrome.processing.kinds.colour_light import check_colour
+from isochrome.processing.kinds.tracked import EVERY, check_tracked, tracked_states
+from isochrome.processing.processed import Processed, collect, refuse_unread, restore, tabulate_set
+from isochrome.processing.result import ProcessedFrame
+from isochrome.progress import RunProgress, Tally
+from isochrome.runs import (
+    PROVENANCE,
+    STORE,
+    Job,
+    RunFolder,
+    RunLayout,
+    RunOptions,
+    chunk_size,
+    holds_results,
+    refuse_without_folder,
+    run_job,
+    single_threaded,
+    waiting_workers,
+    working_folder,
+)
+from isochrome.scene import Scene, check_pixel, load_scene
+
+
+def process(
+    frames: FramesPath,
+    scene: str | Path | Scene,
+    out: str | Path | None = None,
+    *,
+    rois: bool = False,
+    track: bool = False,
+    every: int | None = None,
+    as_stated: bool = False,
+    workers: int | None = 1,
+    cluster: str | None = None,
+    restart: bool = False,
+    keep_going: bool = False,
+    progress: RunProgress | None = None,
+) -> Processed:
+    """Find the fringe order of every frame of a captured set.
+
+    With a model, each frame's unknowns (load, place, friction, wear) are fitted to its intensity I
+    = B + A sin²(πN) (dark field), and each pixel's order N is read on the branch that the fit
+    names. Without one, frames are normalised and their fringe skeletons found; that is said in the
+    warnings. Where the scene has [[polariscope.step]], as many frames as steps make one state,
+    whose order and isoclinic angle are read from them without any model; with frames.no_load_steps
+    the residual stress is taken out of them. The order of colour frames in light of several
+    wavelengths is read from their colours, without a model too.
+
+    Parameters
+    ----------
+    frames : str, Path or sequence of them
+        A TIFF stack, image, video, or a folder, list or glob of them, as for `open_frames`.
+    scene : str, Path or Scene
+        A TOML file, the name of a scene of the package, or a Scene, which says what stood in front
+        of the camera.
+    out : str or Path, optional
+        Folder for frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv
+        (fringe lines, where no model was fitted), isoclinic.tif (steps: degrees, direction of
+        sigma_1), residual_order.tif and residual_isoclinic.tif (of the no-load steps),
+        fitted_scene.toml (to simulate what was found), scene.toml, provenance.json, process.png and
+        run.zarr, which has all of it with named axes (see `open_run`).
+    rois : bool, default False
+        Whether skeleton.csv and skeleton.zip, the lines as ImageJ ROIs that lie on these maps, are
+        wanted of every frame.
+    track : bool, default False
+        Whether only each `every`-th frame of a contact's video is processed wholly, and load,
+        friction, wear and place are followed through the others: all have their row of frames.csv,
+        and the maps are those of the key frames.
+    every : int, optional
+        Frames from one key frame to the next, with `track`.
+    as_stated : bool, default False
+        Whether all that the scene states is held, and nothing else is fitted than its unknowns;
+        else what a frame asks for is fitted too and named in the warnings: the camera's roll,
+        distortion and keystone, gamma, blur, plates, band of wavelengths, a smooth stress, uneven
+        light, and dust is left out.
+    workers : int or None, default 1
+        Processes on this machine; None: as many as are useful. A script that asks for more than
+        one needs the usual ``if __name__ == "__main__":``.
+    cluster : str, optional
+        Address of a Dask scheduler, in place of `workers`, such as 'tcp://host:8786'.
+    restart : bool, default False
+        Whether to begin anew where an earlier run was interrupted or is complete.
+    keep_going : bool, default False
+        Whether frames that fail are left out, with the reason in their warnings, instead of ending
+        the run with the first.
+    progress : callable, optional
+        Called with a Tally of the frames.
+
+    Returns
+    -------
+    Processed
+        The table of the frames, and the fitted scene; the maps (frame, row, col) in memory only
+        without `out`. Orders are in fringes, lengths in mm, loads in N.
+
+    Raises
+    ------
+    InputError
+        Where the frames, the scene or an option are wrong; it names the file, the value and the
+        fix.
+    PhysicsError
+        Where the frames do not hold the scene's fringes.
+
+    Notes
+    -----
+    What is finished is kept in ``OUT.partial`` until all is: after a crash, the same call resumes
+    from there. The order is N = t (sigma_1 - sigma_2)/f_sigma, with the thickness t (mm) and the
+    material fringe value f_sigma (N/mm per fringe): Dally & Riley (1991), Experimental Stress
+    Analysis, section 12.2.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> simulated = isochrome.simulate(scene, "simulated")
+    >>> found = isochrome.process("simulated/frames.tif", scene)
+    >>> print(f"{found.table['load.normal_n'][0]:.1f} N")
+    60.0 N
+    """
+    scene = load_scene(scene)
+    check_scene(scene)
+    if every is not None and not track:
+        raise InputError(f"--every {every}: is for --track; add that, or leave it out")
+    if rois:
+        load_roifile()  # missing, it is to be said before hours of work
+    refuse_without_folder(out, workers, cluster)
+    if out is not None:
+        working_folder(Path(out))  # no place for results: to be said before anything is read
+    frames = frames if isinstance(frames, str | Path) else tuple(frames)
+    with single_threaded(), open_scene_frames(frames, scene) as reader, ExitStack() as opened:
+        opened.callback(close_kept)  # before the reader that it reads from is closed
+        scene = with_file_scale(scene, reader)
+        check_pixel(scene, reader.shape)
+        files = input_files(reader, scene)
+        if cluster is not None:
+            frames, scene = absolute(frames, scene)
+            reader = open_scene_frames(frames, scene)
+        every = (every or EVERY) if track else None
+        recipe = FrameTask(
+            frames=frames, scene=scene, reader=reader, key="not yet known", rois=rois,
+            as_stated=as_stated, keep_going=keep_going, every=every,
+        )  # fmt: skip
+        if out is not None and not restart and _is_done(Path(out), recipe, files):
+            return restore(scene, Path(out), reader.shape, open_set(recipe).residual)
+        several = (workers or 1) > 1 and cluster is None
+        early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
+        means = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
+        return _processed(recipe, files, out, means, progress)
+
+
+def _processed(
+    recipe: FrameTask,
+    files: Sequence[Path],
+    out: str | Path | None,
+    means: RunOptions,
+    progress: RunProgress | None,
+) -> Processed:
+    """All states of a set, in memory or into a folder."""
+    reader, every = recipe.reader, recipe.every
+    count = reader.count(decode=every is None)
+    _check_set(recipe.scene, reader, count)
+    if every is not None:
+        check_tracked(recipe.scene, reader.shape, every)
+    source = open_set(recipe)
+    if out is None:
+        return _in_memory(source, count // recipe.steps, progress)
+    identity = identity_of(recipe, files)
+    digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
+    recipe = source.recipe = replace(recipe, key=digest)  # opened, it need not be opened again
+    job = Job(partial(process_chunk, recipe), _layout(source, count // recipe.steps), identity)
+
+    def finish(bench: RunFolder) -> Processed:
+        release_caches()
+        return finish_set_folder(bench, job, recipe, reader.shape, source.residual)
+
+    found = run_job(job, out, finish, means=means, progress=progress)
+    return found or restore(recipe.scene, Path(out), reader.shape, source.residual)
+
+
+def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path]) -> bool:
+    """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
+    there = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
+    if not there or working_folder(out).exists():  # an unfinished run, or one that is at work
+        return False
+    return holds_results(out.resolve(), identity_of(recipe, files))
+
+
+def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
+    """All states, kept in memory."""
+    recipe, flagged = source.recipe, 0
+    rows, status, kept = [], [], list[ProcessedFrame]()
+    found = source.states if recipe.every is None else partial(tracked_states, source)
+    for item in found(0, count):
+        rows.append(frame_row(item, recipe))
+        status.append(item.status)
+        if isinstance(item, ProcessedFrame):
+            kept.append(item)
+        flagged += item.status != "ok"
+        if progress is not None:
+            progress(Tally(len(rows), count, 0, flagged))
+    table = tabulate_set(rows)
+    shares = [item.reading.kept if item.reading else None for item in kept]
+    refuse_unread(recipe.scene, str(source.reader.path), table, shares)
+    result = collect(recipe.scene, table, status, kept, source.reader.shape, source.residual)
+    return replace(result, draw=partial(figure_in_memory, recipe.scene, table, status, kept))
+
+
+def _layout(source: FrameSource, count: int) -> RunLayout:
+    """What a set's run leaves: its maps over frame, row and column."""
+    rows, cols = source.reader.shape
+    every = source.recipe.every
+    return RunLayout(
+        axes={"frame": count},
+        shape={"row": rows, "col": cols},
+        layers=layers_of(source.recipe.scene),
+        chunk=every or chunk_size(count, 4 * rows * cols),
+        pixel_mm=set_pixel(source),
+        every=every or 1,
+    )
+
+
+def check_scene(scene: Scene) -> None:
+    """Refuse a scene whose frames cannot be read, before they are opened.
+
+    Parameters
+    ----------
+    scene : Scene
+        What stood in front of the camera.
+
+    Raises
+    ------
+    InputError
+        Where light, field or steps cannot tell the order.
+    """
+    steps = len(scene.polariscope.step)
+    if scene.polariscope.several_wavelengths:
+        check_colour(scene)
+    elif scene.frames.colour_table is not None:
+        raise InputError(
+            f"{scene.name}: frames.colour_table is for light of several wavelengths; add "
+            "polariscope.light = 'white', or remove the table"
+        )
+    if scene.model is None and scene.polariscope.field == "plane" and not steps:
+        raise InputError(
+            f"{scene.name}: polariscope.field = 'plane': without a model, isoclinics look "
+            "like fringes; capture the circular dark or bright field, or describe the model"
+        )
+    if steps:
+        _check_steps(scene)
+    elif scene.frames.no_load_steps is not None:
+        raise InputError(
+            f"{scene.name}: frames.no_load_steps needs [[polariscope.step]], one for each of its "
+            "frames; add them, or remove the key"
+        )
+
+
+def _check_set(scene: Scene, reader: FrameReader, count: int) -> None:
+    """Refuse a set that cannot be this scene's, before the first frame is processed."""
+    if count == 0:
+        raise InputError(f"{reader.path}: holds no frame; check the file")
+    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
+    fitted = scene.model is not None and scene.rim_diameter_mm is None and not alone
+    if fitted and (scene.camera is None or scene.camera.pixel_mm is None):
+        raise InputError(f"{scene.name}: camera.pixel_mm is missing, and a fit needs it; add it")
+    for name, text in misfits(reader, scene, count):
+        raise InputError(f"{name}: {text}")
+
+
+def _check_steps(scene: Scene) -> None:
+    """Refuse steps that cannot tell the order."""
+    polariscope = scene.polariscope
+    try:
+        make_design([make_chain(polariscope, step) for step in range(len(polariscope.step))])
+    except InputError as error:
+        raise InputError(f"{scene.name}: {error}") from error

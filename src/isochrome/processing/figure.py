@@ -1,0 +1,244 @@
+"""The picture that `process` leaves: each frame with its fringes numbered, and its order.
+
+Of a tracked video: each value over the frames with its band, and some key frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.figures import (
+    FRAME_MAP,
+    LINE_COLOURS,
+    PANEL_IN,
+    VALUE_MAP,
+    Place,
+    add_colour_bar,
+    draw_frame_values,
+    draw_line,
+    new_figure,
+    plain_name,
+    show_image,
+)
+from isochrome.fringes import Skeleton, order_contours
+from isochrome.output import counted
+from isochrome.processing.processed import PICTURE, frame_values
+from isochrome.processing.result import ProcessedFrame
+from isochrome.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
+
+
+DIRECTION_MAP = "hsv"
+"""Colours of a direction: the same at -90 and at 90 degrees, and none of them the grey of NaN."""
+
+_MOST_LINES = 12
+"""Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""
+
+
+_BESIDE = 0.7
+"""Inches that an axis' numbers and label take beside a picture."""
+
+_WIDTH = 7.4
+_SHOWN, _KEY_FRAMES = 6, 3
+"""Frames of a set that are drawn, and key frames of a tracked one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """A processed frame as it is drawn: maps (rows, cols), NaN = not known, None = not read.
+
+    `label`; `chi`; `kept`, the share of pixels whose order is known; `lines`, found without an
+    order; `place`, its scale and outer corner.
+    """
+
+    label: str
+    chi: float
+    kept: float
+    normalised: np.ndarray
+    order: np.ndarray | None
+    isoclinic: np.ndarray | None
+    lines: list[Skeleton]
+    place: Place
+
+
+def process_figure(scene: Scene, items: list[Shown]) -> Figure:
+    """Captured frames with the fringes found in them; beside each its fringe order, if known.
+
+    A phase-stepped state has its dark field in the place of the frame, and its isoclinic angles.
+
+    Parameters: `scene`; `items`, up to six of the frames. Returns a Figure.
+    """
+    turned = any(item.isoclinic is not None for item in items)
+    figure = new_figure(*frames_size(items))
+    note = draw_frames(figure, items)
+    what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
+    what += ", residual stress taken out" if scene.frames.no_load_steps else ""
+    figure.suptitle(f"{plain_name(scene.name, 24)}: {what}; {note}", fontsize=11)
+    return figure
+
+
+def _grid(items: list[Shown]) -> tuple[bool, int, int]:
+    """Whether any frame has an order; rows of pictures, and pictures in a row."""
+    read = any(item.order is not None for item in items)
+    if read:
+        return read, len(items), 2 + any(item.isoclinic is not None for item in items)
+    across = min(3, len(items))
+    return read, -(-len(items) // across), across
+
+
+def frames_size(items: list[Shown]) -> tuple[float, float]:
+    """Width and height (inches) that `draw_frames` takes for some frames."""
+    read, down, across = _grid(items)
+    rows, cols = items[0].normalised.shape
+    width = 4.6 if read else 4.0
+    picture = width - _BESIDE
+    return width * across + 0.8, (picture * min(rows / cols, 1.6) + 0.75) * down + 0.5
+
+
+def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
+    """Draw frames with their fringes, and beside each its order, if known, on an empty figure.
+
+    Parameters: `figure`; `items`. Returns what the lines are, in words.
+    """
+    read, down, across = _grid(items)
+    axes: Any = figure.subplots(down, across, squeeze=False)
+    largest = max((_largest(item) for item in items), default=1.0)
+    orders, directions = list[Any](), list[Any]()
+    for k, item in enumerate(items):
+        ax = axes[k, 0] if read else axes.flat[k]
+        judged = item.order is not None and np.isfinite(item.chi)  # no model, no chi
+        name = plain_name(item.label)
+        title = f"{name}: chi = {item.chi:.2f}" if judged else name
+        show_image(ax, item.normalised, cmap=FRAME_MAP, vmin=0, vmax=1, title=title, **item.place)
+        lines = item.lines
+        if item.order is not None:
+            lines = order_contours(item.order, _line_orders(largest))
+            orders.append(show_image(
+                axes[k, 1], item.order, cmap=VALUE_MAP, vmin=0, vmax=largest,
+                title=f"fringe order, {100 * item.kept:.1f} % known", **item.place,
+            ))  # fmt: skip
+        if item.isoclinic is not None:
+            directions.append(_show_isoclinic(axes[k, 2], item.isoclinic, item.place))
+        for line in lines:
+            whole = line.kind == "dark" if line.order is None else float(line.order).is_integer()
+            colour = LINE_COLOURS[0 if whole else 1]
+            draw_line(ax, line.rows, line.cols, item.place, color=colour, lw=0.9)
+    _share_bar(orders, "fringe order N (fringes)")
+    _share_bar(directions, "counter-clockwise from x (degrees)")
+    for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
+        ax.set_visible(False)
+    first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
+    return f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
+
+
+def _line_orders(largest: float) -> np.ndarray:
+    """Orders to draw as lines: halves, or as many as can be told apart."""
+    step = 0.5 if 2.0 * largest <= _MOST_LINES else 1.0 if largest <= _MOST_LINES else 5.0
+    return np.arange(step, largest + step, step)
+
+
+def _show_isoclinic(axes: Any, isoclinic: np.ndarray, place: Place) -> Any:
+    """Direction of sigma_1, in colours that close on themselves."""
+    known = 100.0 * float(np.isfinite(isoclinic).mean())
+    return show_image(
+        axes, isoclinic, cmap=DIRECTION_MAP, vmin=-90.0, vmax=90.0,
+        title=f"direction of sigma_1, known in {known:.1f} %", **place,
+    )  # fmt: skip
+
+
+def _share_bar(images: list[Any], label: str) -> None:
+    """One colour bar for a column of maps, which have the same colours."""
+    if not images:
+        return
+    for shown in images:
+        shown.set_interpolation("nearest")
+    add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6)
+
+
+def _largest(item: Shown) -> float:
+    if item.order is None or not np.isfinite(item.order).any():
+        return 1.0
+    return float(np.nanpercentile(item.order, 99.9))
+
+
+def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
+    """The picture of a set that was processed, tracked or not.
+
+    Parameters: `scene`; `table`, the columns of frames.csv; `items`, of `shown_frames`. Returns a
+    Figure.
+    """
+    if PICTURE in table:
+        return tracked_figure(scene, table, items)
+    return process_figure(scene, items)
+
+
+def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]:
+    """The frames that are drawn: the first in which something was found, or some key frames.
+
+    Parameters: `table`, the columns of frames.csv; `status` of each frame.
+    """
+    if PICTURE not in table:
+        return [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
+    whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
+    good = [k for k in whole if status[k] != "failed"] or whole[:1]
+    places = np.linspace(0, len(good) - 1, min(_KEY_FRAMES, len(good)))
+    return [good[round(place)] for place in places]
+
+
+def shown_label(table: Mapping[str, list[Any]], k: int) -> str:
+    """What stands above a frame that is drawn."""
+    return f"frame {k}, {table['label'][k]}" if PICTURE in table else str(table["label"][k])
+
+
+def figure_in_memory(
+    scene: Scene, table: Mapping[str, list[Any]], status: list[str], frames: list[ProcessedFrame]
+) -> Figure:
+    """`set_figure` of frames that are in memory.
+
+    Parameters: `scene`; `table`, the columns of frames.csv; `status` of each frame; `frames`, of a
+    tracked video its key frames. Returns a Figure.
+    """
+    by_number = {item.index: item for item in frames}
+    items = []
+    for k in shown_frames(table, status):
+        item = by_number[k]
+        (left, top), reading = item.corner_mm(scene), item.reading
+        items.append(
+            Shown(
+                label=shown_label(table, k),
+                chi=item.chi,
+                kept=reading.kept if reading else float("nan"),
+                normalised=item.normalised,
+                order=reading.order if reading else None,
+                isoclinic=item.isoclinic,
+                lines=item.lines,
+                place={"pixel_mm": item.pixel_mm, "left_mm": left, "top_mm": top},
+            )
+        )
+    return set_figure(scene, table, items)
+
+
+def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:
+    """Tracked values with their bands and chi, and beside them some key frames.
+
+    Parameters: `scene`; `table`, the columns of frames.csv; `items`, the key frames to be shown.
+    Returns a Figure.
+    """
+    found = frame_values(table)
+    wide, high = frames_size(items)
+    figure = new_figure(_WIDTH + wide, max(high, PANEL_IN * (len(found.keys) + 1)) + 0.3)
+    parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
+    left, right = parts
+    draw_frame_values(left, found)
+    right.suptitle(f"key frames, normalised; {draw_frames(right, items)}", fontsize=10)
+    count, whole = len(found.chi), int(found.whole.sum())
+    figure.suptitle(
+        f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(whole, 'key frame')}"
+    )
+    return figure

@@ -1,0 +1,195 @@
+"""The files that `process` makes when all frames are done: tables, figure, dataset, scene."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isochrome.fringes import ResidualStress
+from isochrome.output import (
+    FIGURE_DPI,
+    add_rois,
+    replacing,
+    write_csv,
+    write_figure,
+    write_text,
+    write_tiff,
+)
+from isochrome.processing.chunk import ISOCLINIC, LINES, NORMALISED, ORDER, ROIS, lines_of
+from isochrome.processing.figure import Shown, set_figure, shown_frames, shown_label
+from isochrome.processing.frame_task import FrameTask
+from isochrome.processing.processed import (
+    FIGURE,
+    PICTURE,
+    Processed,
+    add_frame_row,
+    collect,
+    refuse_unread,
+    warnings_last,
+)
+from isochrome.runs import (
+    STORE,
+    Column,
+    Job,
+    RunFolder,
+    add_columns,
+    attributes,
+    column,
+    parts,
+    picture,
+    rows,
+)
+from isochrome.scene import Scene, dump_scene
+
+_TRACKED_DPI = 110.0
+"""Of a picture as wide as a screen."""
+
+_COORDINATES = ("frame", "name", "label", "distance_m", "time_s")
+_MORE = ("status", "time_s", "left_mm", "top_mm")
+
+
+def finish_set_folder(
+    bench: RunFolder,
+    job: Job,
+    recipe: FrameTask,
+    shape: tuple[int, int],
+    residual: ResidualStress | None = None,
+) -> Processed:
+    """Make the files that need all frames, from what is kept of their chunks.
+
+    Parameters: `bench`, where the run's chunks lie; `job`; `recipe`; `shape` (rows, cols);
+    `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError, and
+    PhysicsError where nothing could be read in any frame.
+    """
+    folder, scene = bench.results, recipe.scene
+    found: dict[str, Any] = {}
+    more: dict[str, Any] = {}
+    for number, (row, rest) in enumerate(rows(bench)):
+        add_frame_row(found, number, row)
+        add_frame_row(more, number, rest)
+    table = warnings_last(found)
+    refuse_unread(scene, str(recipe.reader.path), table, more["kept"])
+    result = collect(scene, table, more["status"], None, shape, residual)
+    write_csv(folder / "frames.csv", table)
+    _join_lines(bench, recipe)
+    if residual is not None:
+        pixel = scene.camera.pixel_mm if scene.camera else None
+        for name in ("order", "isoclinic"):
+            values = getattr(residual, name)[None]
+            write_tiff(folder / f"residual_{name}.tif", values, pixel_mm=pixel)
+    if result.fitted is not None:
+        write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
+    write_text(folder / "scene.toml", dump_scene(scene))
+    _write_columns(folder / STORE, scene, table, more, shape, job.identity)
+    draw = partial(set_figure, scene, table, _shown(bench, table, more))
+    result = replace(result, draw=draw)
+    dpi = FIGURE_DPI if recipe.every is None else _TRACKED_DPI
+    write_figure(folder / FIGURE, result.figure(), dpi=dpi)
+    return result
+
+
+def _join_lines(bench: RunFolder, recipe: FrameTask) -> None:
+    """skeleton.csv where a line was found, and skeleton.zip where it was asked for."""
+    if next(parts(bench, LINES), None) is not None:
+        with replacing(bench.results / LINES) as beside, open(beside, "wb") as file:
+            for number, part in enumerate(parts(bench, LINES)):  # the head of the first alone
+                file.write(part if number == 0 else part.partition(b"\n")[2])
+    if recipe.rois:
+        with (
+            replacing(bench.results / ROIS) as beside,
+            zipfile.ZipFile(beside, "w") as archive,
+        ):
+            for part in parts(bench, ROIS):
+                with zipfile.ZipFile(io.BytesIO(part)) as own:
+                    add_rois(archive, ((name, own.read(name)) for name in own.namelist()))
+
+
+def _shown(
+    bench: RunFolder, table: dict[str, list[Any]], more: dict[str, list[Any]]
+) -> list[Shown]:
+    """The first frames in which something was found, or some key frames, as they are drawn."""
+    good = shown_frames(table, more["status"])
+    tables = (
+        Path(file).read_bytes()
+        for index in sorted({k // bench.layout.chunk for k in good})
+        if (file := bench.part_file(LINES, index)).is_file()
+    )
+    lines = {k: own for text in tables for k, own in lines_of(text, set(good)).items()}
+    names = {layer.name for layer in bench.layout.layers}
+
+    def read(layer: str, item: int) -> np.ndarray | None:
+        there = layer in names and more["read"][item]
+        return picture(bench, layer, item) if there else None
+
+    return [
+        Shown(
+            label=shown_label(table, k),
+            chi=float(table["chi"][k]),
+            kept=more["kept"][k] if more["kept"][k] is not None else float("nan"),
+            normalised=picture(bench, NORMALISED.name, k),
+            order=read(ORDER.name, k),
+            isoclinic=read(ISOCLINIC.name, k),
+            lines=lines.get(k, []),
+            place={
+                "pixel_mm": table["pixel_mm"][k],
+                "left_mm": more["left_mm"][k],
+                "top_mm": more["top_mm"][k],
+            },
+        )
+        for k in good
+    ]
+
+
+def _write_columns(
+    store: Path,
+    scene: Scene,
+    table: Mapping[str, list[Any]],
+    more: Mapping[str, list[Any]],
+    shape: tuple[int, int],
+    identity: Mapping[str, Any],
+) -> None:
+    """Add the columns of frames.csv over frame, the axes' coordinates and the run's attributes.
+
+    x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel, of the scene's own place; left_mm
+    and top_mm over frame say where each frame was found to stand.
+    Parameters: `store`, the run's; `scene`; `table`, the columns of frames.csv; `more`, besides
+    them status, time_s, left_mm and top_mm; `shape` (rows, cols); `identity`, what the run is a
+    result of. Raises OSError.
+    """
+    found = dict(table) | {name: more[name] for name in _MORE}
+    # all are there, whatever is known of them: a dataset's axes do not come and go
+    columns = {name: column(values, "frame", name) for name, values in found.items()}
+    axes = {name: columns.pop(name) for name in _COORDINATES} | _places(scene, table, shape)
+    if PICTURE in table:
+        whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
+        axes["key_frame"] = Column(("key_frame",), np.array(whole), {})
+    add_columns(store, columns, axes, attributes(identity))
+
+
+def _places(
+    scene: Scene, table: Mapping[str, list[Any]], shape: tuple[int, int]
+) -> dict[str, Column]:
+    """Coordinates of rows and columns: numbers, and places in mm where the scale is known."""
+    axes = {
+        "row": Column(("row",), np.arange(shape[0]), {"units": "pixel"}),
+        "col": Column(("col",), np.arange(shape[1]), {"units": "pixel"}),
+    }
+    pixel = next((p for p in table["pixel_mm"] if p is not None), None)
+    if pixel is None:
+        return axes
+    camera = scene.camera
+    for name, axis, count, edge, what in (
+        ("z_mm", "row", shape[0], camera.top_mm if camera else None, "depth below the surface"),
+        ("x_mm", "col", shape[1], camera.left_mm if camera else None, "along the surface"),
+    ):
+        place = (edge or 0.0) + (np.arange(count) + 0.5) * pixel
+        origin = what if edge is not None else "from the picture's outer edge"
+        axes[name] = Column((axis,), place, {"units": "mm", "long_name": origin})
+    return axes

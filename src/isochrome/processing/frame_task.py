@@ -1,0 +1,237 @@
+"""What is done to a set: its frames, state after state, each on its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from isochrome.errors import InputError, IsochromeError
+from isochrome.estimation import light_basis, prepare_frame
+from isochrome.fitting import frame_distance, frame_scene, scene_at, timed_distance
+from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load
+from isochrome.fringes import ResidualStress
+from isochrome.processing.frame_source import Cursor
+from isochrome.processing.kinds.colour_light import (
+    colour_capture,
+    colour_frames,
+    process_colour,
+)
+from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.kinds.phase_stepped import load_residual, process_stepped
+from isochrome.processing.kinds.with_model import process_with_model
+from isochrome.processing.placement import placed_disc
+from isochrome.processing.result import Capture, ProcessedFrame, failed_frame
+from isochrome.runs import run_identity, trim_heap
+from isochrome.scene import Scene, dump_scene
+from isochrome.specimens import surface_field_grid
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameTask:
+    """A set and what is to be done to it, for any process: `frames`, the files; `scene`.
+
+    `reader` of the frames, which has counted them and so knows their places; `key`, the same for
+    the same recipe on the same content; `rois`, whether fringe lines are wanted of frames with a
+    fit too; `as_stated`, whether nothing is fitted besides the scene's unknowns; `keep_going`,
+    whether a frame that fails is left out; `every`, from one key frame of a tracked video to the
+    next, None where every frame is processed wholly.
+    """
+
+    frames: FramesPath
+    scene: Scene
+    reader: FrameReader
+    key: str
+    rois: bool = False
+    as_stated: bool = False
+    keep_going: bool = False
+    every: int | None = None
+
+    @property
+    def coloured(self) -> bool:
+        """Whether the orders are read from colours."""
+        return self.scene.polariscope.several_wavelengths
+
+    @property
+    def steps(self) -> int:
+        """Frames that make one state."""
+        return max(1, len(self.scene.polariscope.step))
+
+
+_OPENING = 20
+"""Frames that a video is decoded for in the time that it takes to open it and find a place."""
+
+
+class FrameSource:
+    """An opened set: its `reader`, what all frames share, and where its reading stands."""
+
+    def __init__(self, recipe: FrameTask) -> None:
+        """Open the files besides the frames. Raises InputError."""
+        scene = recipe.scene
+        self.recipe = recipe
+        self.reader = recipe.reader
+        self.capture = Capture(self.reader.bit_depth)
+        self.residual: ResidualStress | None = None
+        if recipe.coloured:
+            self.capture = colour_capture(scene, self.reader)
+        elif scene.polariscope.step:
+            self.residual = load_residual(scene, self.reader)
+        else:
+            dark, bright = load_no_load(scene, full_shape=self.reader.full_shape)
+            self.capture = Capture(self.reader.bit_depth, dark, bright)
+        self._cursor = Cursor[list[Frame]](self._begin, self._anew)
+
+    def _anew(self, start: int) -> int:
+        """As how many states it takes to open the set at a state."""
+        if self.reader.kind != "video":
+            return 0
+        frame = start * self.recipe.steps
+        return (frame - self.reader.first_decoded(frame) + _OPENING) // self.recipe.steps
+
+    def _begin(self, start: int) -> Iterator[list[Frame]]:
+        """The frames of one state after another, from state `start` on."""
+        if self.recipe.coloured:
+            yield from islice(colour_frames(self.recipe.frames, self.recipe.scene), start, None)
+            return
+        steps = self.recipe.steps
+        frames = self.reader.iterate(start * steps)
+        while len(together := list(islice(frames, steps))) == steps:
+            yield together
+
+    def states(self, start: int, stop: int) -> Iterator[ProcessedFrame]:
+        """What is found in the states [start, stop). Raises InputError, PhysicsError."""
+        for index, frames in self.captured(start, stop):
+            yield self.processed(index, frames)
+
+    def captured(self, start: int, stop: int) -> Iterator[tuple[int, list[Frame]]]:
+        """The frames of the states [start, stop), with the number of the state."""
+        index = start
+        for frames in self._cursor.take(start, stop):
+            yield index, frames
+            index += 1
+        if index < stop:
+            raise InputError(
+                f"{self.reader.path}: breaks off after {index * self.recipe.steps} frames, and had "
+                "more when it was counted; is it still being written?"
+            )
+
+    def processed(self, index: int, frames: list[Frame]) -> ProcessedFrame:
+        """What is found in one state's frames. Raises InputError, PhysicsError."""
+        first = replace(frames[0], index=index)
+        try:
+            return self._read(first, [first, *frames[1:]])
+        except IsochromeError as error:
+            if not self.recipe.keep_going:
+                raise
+            return failed_frame(first, str(error))
+
+    def _read(self, first: Frame, frames: list[Frame]) -> ProcessedFrame:
+        """One state, with its label and distance."""
+        scene, capture = self.recipe.scene, self.capture
+        own, label, distance = scene, None, float("nan")
+        if scene.model is not None:
+            label, distance = place_of(scene, first)
+            timed = scene.frames.sliding_speed_mm_per_s is not None
+            own = scene_at(scene, distance) if timed else frame_scene(scene, first.index)
+        if self.recipe.coloured:
+            found = process_colour(frames, own, capture)
+        elif scene.polariscope.step:
+            found = process_stepped(frames, own, capture, residual=self.residual)
+            label = None if label == first.name else label  # its own name says from where to where
+        elif scene.model is None:
+            found = process_image_only(first, own, capture)
+        else:
+            # what a key frame asked for the frames after it would have to be given too
+            stated = self.recipe.as_stated or self.recipe.every is not None
+            found = process_with_model(first, own, capture, as_stated=stated)
+        return replace(found, label=label or found.label, distance_m=distance)
+
+    def close(self) -> None:
+        """Close the files."""
+        self._cursor.close()
+        self.reader.close()
+
+
+_KEPT = threading.local()
+"""A process keeps the set that it read last, so that chunk after chunk goes on in its files."""
+
+
+def open_set(recipe: FrameTask) -> FrameSource:
+    """The opened set of a recipe, the same as long as it is asked for. Raises InputError."""
+    kept: FrameSource | None = getattr(_KEPT, "set", None)
+    if kept is None or kept.recipe.key != recipe.key:
+        close_kept()
+        kept = FrameSource(recipe)
+        _KEPT.set = kept
+    kept.recipe = recipe
+    return kept
+
+
+def close_kept() -> None:
+    """Close what this process has open."""
+    kept: FrameSource | None = getattr(_KEPT, "set", None)
+    if kept is not None:
+        kept.close()
+        _KEPT.set = None
+
+
+def release_caches() -> None:
+    """Close what this process has open, and free what its frames shared: all of them are done."""
+    close_kept()
+    light_basis.cache_clear()
+    surface_field_grid.cache_clear()
+    trim_heap()
+
+
+def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
+    """A frame's label and its distance (m). Raises InputError."""
+    speed = scene.frames.sliding_speed_mm_per_s
+    if speed is not None:
+        distance = timed_distance(frame, speed)
+        return f"{distance:.4g} m", distance
+    if scene.indenter is None:
+        return frame.name, 0.0
+    slid = frame_distance(scene, frame.index)
+    if slid and scene.wear is not None:
+        return f"{slid:g} m", slid
+    held = scene.load is not None and scene.load.tangential_n is not None
+    slides = scene.friction is not None and (slid is not None or held)
+    return "initial sliding" if slides else "static", 0.0
+
+
+def identity_of(recipe: FrameTask, files: Sequence[Path]) -> Mapping[str, Any]:
+    """What a run on a set is a result of, as provenance.json keeps it.
+
+    Parameters: `recipe`; `files`, see `frames.input_files`. Raises InputError where one is not
+    readable.
+    """
+    scene = recipe.scene
+    seed = scene.camera.seed if scene.camera else None
+    tracked = {} if recipe.every is None else {"every": recipe.every}
+    stated = {"as_stated": True} if recipe.as_stated else {}
+    return run_identity(dump_scene(scene), files, {"rois": recipe.rois} | tracked | stated, seed)
+
+
+def set_pixel(source: FrameSource) -> float | None:
+    """The side of a pixel (mm) for the scale of the stacks; None where it is not known.
+
+    A disc without camera.pixel_mm gives it by its rim, that of the first frame here.
+    """
+    scene, capture = source.recipe.scene, source.capture
+    if scene.camera is not None and scene.camera.pixel_mm is not None:
+        return scene.camera.pixel_mm
+    fitted = scene.rim_diameter_mm is not None and not scene.polariscope.step
+    if not fitted or source.recipe.coloured:
+        return None
+    first = next(iter(source.reader))
+    try:
+        data = prepare_frame(
+            first, scene, bit_depth=capture.bit_depth, no_load=(capture.dark, capture.bright)
+        )
+        placed, _ = placed_disc(scene, data)
+    except IsochromeError:  # said where the frame itself is processed
+        return None
+    return placed.camera.pixel_mm if placed.camera else None

@@ -1,0 +1,1 @@
+"""The ways of processing: one function each, imported when it is needed."""

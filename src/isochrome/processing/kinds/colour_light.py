@@ -1,0 +1,201 @@
+"""One colour frame in light of several wavelengths: its absolute fringe order, without a model."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.estimation import POOR_CHI
+from isochrome.frames import (
+    CHANNELS,
+    Frame,
+    FrameReader,
+    FramesPath,
+    Linear,
+    estimate_noise,
+    load_no_load,
+    open_scene_frames,
+    to_linear,
+)
+from isochrome.fringes import ColourReading, ColourTable, read_colour, read_table, spectral_table
+from isochrome.optics import camera_response
+from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, largest_pixel
+from isochrome.scene import Scene
+from isochrome.specimens import specimen_model
+from isochrome.stress import pixel_grid
+
+Array = NDArray[Any]
+
+_SMOOTH_PX = 1.5
+
+
+def check_colour(scene: Scene) -> None:
+    """Refuse a scene of several wavelengths whose frames do not tell colours. Raises InputError."""
+    where = f"{scene.name}: [polariscope]: light of several wavelengths"
+    if scene.camera is None or not scene.camera.colour or scene.frames.channel is not None:
+        raise InputError(
+            f"{where} can be processed by its colours alone: set camera.colour = true and leave "
+            "out frames.channel; for frames taken through a filter, give its wavelength_nm alone"
+        )
+    if scene.polariscope.step:
+        raise InputError(
+            f"{where} has no phase steps: remove [[polariscope.step]], or give wavelength_nm alone"
+        )
+    if scene.polariscope.field == "plane":
+        raise InputError(
+            f"{where} needs the circular dark or bright field: isoclinics have no colour; set "
+            "polariscope.field"
+        )
+
+
+def colour_capture(scene: Scene, reader: FrameReader) -> Capture:
+    """What all frames of a set share: the colour table, and the no-load frames.
+
+    Parameters: `scene`, see `check_colour`; `reader` of the set. Returns a Capture. Raises
+    InputError where the file is grey, or the light or a no-load frame cannot be used.
+    """
+    if reader.channel is None:
+        raise InputError(
+            f"{reader.path}: is grey, and camera.colour says that the frames have colours; give "
+            "colour frames, or for a filter's light its wavelength_nm alone"
+        )
+    assert scene.camera is not None
+    pairs = [
+        load_no_load(_one_channel(scene, name), full_shape=reader.full_shape) for name in CHANNELS
+    ]
+    dark, bright = map(_in_colour, zip(*pairs, strict=True))
+    return Capture(reader.bit_depth, dark, bright, _table(scene))
+
+
+def _in_colour(channels: Sequence[Linear | None]) -> Linear | None:
+    """The light of the channels as one of (rows, cols, 3)."""
+    known = [part for part in channels if part is not None]
+    if len(known) < len(channels):
+        return None
+    image = np.stack([part.image for part in known], axis=-1)
+    return Linear(image, np.stack([part.valid for part in known], axis=-1))
+
+
+def _table(scene: Scene) -> ColourTable:
+    """The scene's own table, or else the one that its light and camera have."""
+    assert scene.camera is not None
+    if scene.frames.colour_table is not None:
+        return read_table(scene.path(scene.frames.colour_table))
+    path = scene.path(scene.camera.response) if scene.camera.response is not None else None
+    return spectral_table(scene.polariscope, camera_response(scene.camera, path))
+
+
+def colour_frames(path: FramesPath, scene: Scene) -> Iterator[list[Frame]]:
+    """The three channels of each frame of a set, red, green and blue.
+
+    Parameters: `path` of the frames; `scene`. Yields lists of three Frames.
+    """
+    with contextlib.ExitStack() as stack:
+        readers = [
+            stack.enter_context(open_scene_frames(path, _one_channel(scene, name)))
+            for name in CHANNELS
+        ]
+        for frames in zip(*readers, strict=True):
+            yield list(frames)
+
+
+def _one_channel(scene: Scene, name: str) -> Scene:
+    found = scene.with_values({"frames.channel": name})
+    return found.model_copy(update={"folder": scene.folder, "name": scene.name})
+
+
+def process_colour(frames: Sequence[Frame], scene: Scene, capture: Capture) -> ProcessedFrame:
+    """Absolute fringe order of one colour frame.
+
+    Parameters: `frames`, its channels; `scene`, of this one state; `capture`. The scene's model,
+    if it has one, is not used. Returns a ProcessedFrame. Raises InputError on a blank frame, or
+    one that without no-load frames does not tell its illumination.
+    """
+    light, valid, sigma = _stacked(frames, scene, capture)
+    first = frames[0]
+    assert capture.table is not None
+    for part in (capture.dark, capture.bright):
+        valid = valid & part.valid if part else valid
+    try:
+        found = read_colour(
+            light,
+            capture.table,
+            sigma=sigma,
+            dark=capture.dark.image if capture.dark else None,
+            bright=capture.bright.image if capture.bright else None,
+            valid=valid,
+            specimen=_specimen(scene, first),
+        )
+    except InputError as error:
+        raise InputError(f"frame {first.index} ({first.name}): {error}") from error
+    trusted = np.isfinite(found.signal)
+    count = np.maximum(trusted.sum(axis=-1), 1)
+    mean = np.where(trusted, found.signal, 0.0).sum(axis=-1) / count
+    return ProcessedFrame(
+        **frame_fields(first, scene),
+        normalised=np.where(trusted.any(axis=-1), mean, np.nan).astype(np.float32),
+        reading=found,
+        noise=found.noise,
+        chi=found.chi,
+        warnings=_warnings(found),
+        columns={
+            "kept_share": found.kept,
+            "strange_share": found.strange,
+            **largest_pixel(found.order),
+        },
+    )
+
+
+def _stacked(
+    frames: Sequence[Frame], scene: Scene, capture: Capture
+) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Light, trusted pixels and noise of the channels, (rows, cols, 3) each."""
+    from scipy.ndimage import gaussian_filter
+
+    gamma, bit_depth = scene.frames.stated_gamma, capture.bit_depth
+    light, valid, sigma = [], [], []
+    for frame, name in zip(frames, CHANNELS, strict=True):
+        where = f"{frame.name}, {name}"
+        linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, name=where)
+        noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
+        raw = np.where(np.isfinite(frame.image), frame.image, 0.0).astype(np.float32)
+        level = gaussian_filter(raw, _SMOOTH_PX)  # a pixel's weight must not follow its own noise
+        light.append(linear.image)
+        valid.append(linear.valid)
+        sigma.append(noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma))
+    return np.stack(light, axis=-1), np.stack(valid, axis=-1), np.stack(sigma, axis=-1)
+
+
+def _specimen(scene: Scene, frame: Frame) -> NDArray[np.bool_] | None:
+    """The frame's mask, and of a contact what lies below the scene's surface; None for all else."""
+    camera, mask = scene.camera, frame.mask
+    if scene.indenter is None or camera is None or camera.pixel_mm is None:
+        return mask
+    pixels = pixel_grid(scene, (frame.image.shape[0], frame.image.shape[1]))
+    below = np.broadcast_to(specimen_model(scene).inside(pixels), frame.image.shape[:2])
+    return below & (mask is None or mask)
+
+
+def _warnings(found: ColourReading) -> tuple[str, ...]:
+    said = []
+    if found.lost:
+        said.append(
+            f"the colours of {100 * found.strange:.0f} % of the pixels are not the table's "
+            f"(chi = {found.chi:.2f}): no order was read; check the light, camera.response "
+            "and frames.gamma, or calibrate a colour table: 'isochrome calibrate colour'"
+        )
+    elif found.chi > POOR_CHI:
+        said.append(
+            f"chi = {found.chi:.2f}: the table does not describe the colours within their noise; "
+            "check camera.response and frames.gamma, and use the orders with care"
+        )
+    if found.blind:
+        said.append("illumination found from the frame itself, without both no-load frames")
+    if not found.lost and found.kept < 0.5:
+        said.append(f"only {100 * found.kept:.0f} % of the lit pixels could be read")
+    return tuple(said)

@@ -1,0 +1,241 @@
+"""A frame without a model: normalised, its fringe skeleton, and its order from known points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.frames import (
+    Frame,
+    Linear,
+    Normalised,
+    estimate_noise,
+    full_scale,
+    normalise,
+    to_linear,
+)
+from isochrome.fringes import (
+    BackgroundModulation,
+    FreeReading,
+    fit_background_modulation,
+    gamma_misfit,
+    read_free,
+    skeletons,
+    widened,
+)
+from isochrome.output import with_uncertainty
+from isochrome.processing.result import SPREAD, Capture, ProcessedFrame, frame_fields, largest_pixel
+from isochrome.scene import Scene
+
+Array = NDArray[Any]
+
+NO_ANCHOR = (
+    "no order: the light alone leaves a whole number open; give a point whose order you know "
+    "(a free corner, a counted line) as [[frames.known_order]]"
+)
+
+NOT_SETTLED = "no rest was found: give no-load frames, or mask what is not the specimen"
+OVEREXPOSED = (
+    "{:.0f} % of the specimen is saturated: no order is reported without frames.no_load_bright, as "
+    "the bright end is not in the picture; lower the exposure, or give that frame"
+)
+SIGNIFICANT, WRONG_GAMMA = 5.0, 0.1
+"""Of a stated gamma that the fringes contradict: standard uncertainties, and share of its value."""
+FLAWS = 0.015
+"""What dust, texture and compression add to any frame, over its contrast: a lossy file hides its
+noise, and what no smooth order can follow would be taken for fringes lost."""
+
+MOST_SATURATED = 0.03
+"""Share of the specimen's pixels: beyond it, without a bright no-load frame, the bright end is cut
+out of the picture, and an order beyond a bright crest may be mirrored about it."""
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
+
+    `error`, what the ends and the tone curve leave open of the signal, over and above the noise;
+    `columns` for frames.csv.
+    """
+
+    signal: Array
+    sigma: Array
+    valid: NDArray[np.bool_]
+    error: Array
+    notes: tuple[str, ...]
+    columns: dict[str, Any]
+
+
+def process_image_only(
+    frame: Frame,
+    scene: Scene,
+    capture: Capture,
+    *,
+    inside: NDArray[np.bool_] | None = None,
+) -> ProcessedFrame:
+    """Normalise a frame without a model, find its fringe skeleton, and read its order.
+
+    The order is read where `frames.known_order` gives a point that it hangs together with.
+    Parameters as in `process_with_model`; `inside`, True on the specimen where that is known.
+    Returns a ProcessedFrame, without a reading where no order is known. A frame in which no fringe
+    shows (an unloaded specimen) is kept as it is, and says so.
+    """
+    linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
+    if inside is not None:
+        linear = replace(linear, valid=linear.valid & inside)
+    blank = ProcessedFrame(
+        **frame_fields(frame, scene),
+        normalised=np.where(linear.valid, linear.image, np.nan).astype(np.float32),
+    )
+    try:
+        seen = _signal(frame, linear, scene, capture)
+    except InputError as error:
+        return replace(blank, warnings=(f"not normalised: {error}",))
+    lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
+    saturated = _saturated(frame, capture, inside)
+    if capture.bright is None and saturated > MOST_SATURATED:
+        found, warnings = None, [OVEREXPOSED.format(100.0 * saturated)]
+    else:
+        found, warnings = _read(seen, scene)
+    return replace(
+        blank,
+        normalised=seen.signal.astype(np.float32),
+        reading=found.reading if found else None,
+        lines=lines,
+        noise=float(np.median(seen.sigma[seen.valid])),
+        warnings=(*seen.notes, *warnings),
+        columns=_columns(found, seen, len(lines)),
+    )
+
+
+def _saturated(frame: Frame, capture: Capture, inside: NDArray[np.bool_] | None) -> float:
+    """Share of the specimen's pixels that are at full scale."""
+    specimen = np.ones(frame.image.shape, dtype=bool)
+    for mask in (frame.mask, inside):
+        specimen = specimen if mask is None else specimen & mask
+    return float(np.mean(frame.image[specimen] >= full_scale(capture.bit_depth)))
+
+
+def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Signal:
+    """Background and illumination out, by no-load frames where there are, else by the fringes."""
+    gamma, bit_depth = scene.frames.first_gamma, capture.bit_depth
+    model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
+    sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
+    low, high = np.percentile(linear.image[linear.valid], [1.0, 99.0])
+    sigma = np.maximum(sigma, FLAWS * (high - low))
+    given = [part for part in (capture.dark, capture.bright) if part]
+    valid = np.logical_and.reduce([linear.valid, *(part.valid for part in given)])
+    dark, bright = (part.image if part else None for part in (capture.dark, capture.bright))
+    light = np.where(valid, linear.image, 0.0)
+    tone = scene.frames.gamma == "unknown"
+    notes: list[str] = []
+    columns: dict[str, Any] = {}
+    error: Array = np.zeros(light.shape)
+    exponent, settled = 1.0, True
+    if dark is None or bright is None or tone:
+        ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
+        error, exponent, settled = ends.signal_uncertainty(light), ends.tone, ends.settled
+        notes += _found_by_fringes(ends, blind=len(given) < 2, tone=tone)
+        if tone:
+            columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
+        low_end, high_end = ends.dark, ends.bright
+    else:
+        low_end, high_end = dark, bright
+    done = normalise(
+        Linear(np.maximum(light, 0.0) ** exponent if tone else linear.image, valid),
+        Linear(low_end, valid),
+        Linear(high_end, valid),
+    )
+    # a search that found no rest says nothing of the tone, and without a reading nobody asks
+    if not tone and settled and scene.frames.known_order:
+        other, said = _contradicted(light, sigma, done, (dark, bright), gamma)
+        error, notes = np.hypot(error, other), notes + said
+    slope = exponent * np.maximum(light, sigma) ** (exponent - 1.0)
+    noise = slope * sigma / np.where(done.valid, done.contrast, 1.0)
+    return _Signal(done.signal, noise, done.valid, error, tuple(notes), columns)
+
+
+def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) -> list[str]:
+    """What to say of ends and tone curve that were found from a frame's own fringes."""
+    notes = []
+    if blind:
+        notes.append("normalised by its own fringes, without both no-load frames")
+    if tone:
+        notes.append(
+            f"gamma = {ends.tone:.3f} with a standard uncertainty of {ends.tone_uncertainty:.3f}, "
+            "found from the fringes"
+        )
+    if not ends.settled:
+        notes.append(NOT_SETTLED)
+    return notes
+
+
+def _contradicted(
+    light: Array,
+    sigma: Array,
+    done: Normalised,
+    given: tuple[Array | None, Array | None],
+    gamma: float,
+) -> tuple[Array, list[str]]:
+    """What another gamma would make of the signal, where the fringes speak for it; and a warning.
+
+    The fringes' shape is compared with that of a cosine: a wrong tone curve bends it.
+    """
+    ends = done.background, done.background + done.contrast
+    none = np.zeros(light.shape)
+    try:
+        away, spread = gamma_misfit(light, sigma, done.valid, ends)
+        if abs(away) < max(SIGNIFICANT * spread, WRONG_GAMMA):
+            return none, []
+        found = fit_background_modulation(
+            light, sigma, done.valid, dark=given[0], bright=given[1], tone=True
+        )
+    except InputError:  # no fringes to tell it from
+        return none, []
+    share = found.tone - 1.0
+    if abs(share) < max(SIGNIFICANT * found.tone_uncertainty, WRONG_GAMMA):
+        return none, []
+    linear = np.maximum(light, 0.0) ** found.tone
+    other = (linear - found.dark) / np.maximum(found.bright - found.dark, 1e-6)
+    error = np.abs(np.where(done.valid, other - done.signal, 0.0))
+    best = gamma * found.tone
+    return error, [
+        f"frames.gamma = {gamma:g} does not fit the fringes, whose shape says "
+        f"{with_uncertainty(best, gamma * found.tone_uncertainty)}: set frames.gamma = "
+        f"{best:.2g} or 'unknown'; orders that this would move are left out"
+    ]
+
+
+def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
+    """The order from the known points, and what to say of it."""
+    known = [(k.row_px, k.col_px, k.order) for k in scene.frames.known_order]
+    if not known:
+        return None, [NO_ANCHOR]
+    turn = -1.0 if scene.polariscope.field == "bright" else 1.0
+    wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
+    sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
+    found = read_free(wave, sigma, seen.valid, known)
+    found = replace(found, reading=widened(found.reading, seen.error))
+    warnings = [
+        f"frames.known_order = {order:g} at row {row}, column {col}: fits no fringe there; check it"
+        for row, col, order in found.misses
+    ]
+    if found.anchored < 0.9:
+        warnings.append(
+            f"{100 * (1.0 - found.anchored):.0f} % of what could be followed hangs together with no"
+            " known point; add [[frames.known_order]] there"
+        )
+    return found, warnings
+
+
+def _columns(found: FreeReading | None, seen: _Signal, lines: int) -> dict[str, Any]:
+    """The frame's columns of frames.csv besides those of every frame."""
+    kept = {"kept_share": found.reading.kept} if found else {}
+    columns = kept | {"fringe_lines": lines} | seen.columns
+    if found is None or not np.isfinite(found.reading.order).any():
+        return columns
+    return columns | largest_pixel(found.reading.order)

@@ -1,0 +1,153 @@
+"""One state of a phase-stepped set: its frames, one a step, to fringe order and isoclinic angle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.frames import (
+    Frame,
+    FrameReader,
+    estimate_noise,
+    open_no_load_steps,
+    to_linear,
+)
+from isochrome.fringes import ResidualStress, SteppedReading, read_residual, read_steps
+from isochrome.optics import Chain, make_chain
+from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, largest_pixel
+from isochrome.scene import Scene
+from isochrome.simulation import make_picture, scene_states, state_difference
+from isochrome.stress import pixel_grid, principal_direction
+
+Array = NDArray[Any]
+
+
+def load_residual(scene: Scene, reader: FrameReader) -> ResidualStress | None:
+    """The residual stress that the scene's no-load steps show.
+
+    Parameters: `scene`; `reader` of the captured frames, to be compared with. Returns a
+    ResidualStress,
+    None where the scene names no such set. Raises InputError where the set cannot be read, holds
+    another number of frames than there are steps, frames of another size, or nothing to read.
+    """
+    name = scene.frames.no_load_steps
+    if name is None:
+        return None
+    with open_no_load_steps(scene, reader.full_shape) as unloaded:
+        light, valid, sigma = _stacked(list(unloaded), scene, Capture(unloaded.bit_depth))
+    found = read_residual(light, _chains(scene), sigma=sigma, valid=valid)
+    if not np.isfinite(found.field).any():
+        raise InputError(
+            f"{scene.path(name)}: frames.no_load_steps has no pixel that can be read; check that "
+            "its frames are the steps of [[polariscope.step]], in order, and their light; residual "
+            "stress beyond half an order nearly all over cannot be read"
+        )
+    return found
+
+
+def process_stepped(
+    frames: Sequence[Frame],
+    scene: Scene,
+    capture: Capture,
+    *,
+    residual: ResidualStress | None,
+) -> ProcessedFrame:
+    """Fringe order and isoclinic angle of one state from the frames of its steps.
+
+    Parameters: `frames`, one a step in the scene's order; `scene`, of this one state; `capture`,
+    how the set was captured (no-load frames are not needed: the steps tell background and
+    illumination); `residual`, the stress to take out. A frame that is
+    saturated or faulty in a pixel is left out there; where the others do not tell, it is masked.
+    Returns a ProcessedFrame. Raises InputError on a blank set, or steps that cannot tell the order.
+    """
+    light, valid, sigma = _stacked(frames, scene, capture)
+    found = read_steps(
+        light,
+        _chains(scene),
+        sigma=sigma,
+        valid=valid,
+        known_order=[(k.row_px, k.col_px, k.order) for k in scene.frames.known_order],
+        model=_model(scene, (light.shape[1], light.shape[2]), residual),
+        residual=residual,
+    )
+    contrast = found.contrast[np.isfinite(found.order)]
+    return ProcessedFrame(
+        **frame_fields(replace(frames[0], name=f"{frames[0].name} to {frames[-1].name}"), scene),
+        normalised=found.dark_field,
+        reading=found.reading,
+        # of the dark field (1 - cos δ)/2, mid-way between its ends
+        noise=float(sigma / np.median(contrast)) if contrast.size else float("nan"),
+        chi=found.chi,
+        warnings=found.warnings,
+        isoclinic=found.isoclinic,
+        columns=_columns(found, residual),
+    )
+
+
+def _chains(scene: Scene) -> list[Chain]:
+    """The elements of each step."""
+    return [make_chain(scene.polariscope, step) for step in range(len(scene.polariscope.step))]
+
+
+def _stacked(frames: Sequence[Frame], scene: Scene, capture: Capture) -> tuple[Array, Array, float]:
+    """Light of the steps and where it is good (steps, rows, cols each), and the noise."""
+    gamma, bit_depth = scene.frames.stated_gamma, capture.bit_depth
+    images, valid, variance = [], [], []
+    for frame in frames:
+        linear = to_linear(frame, bit_depth=bit_depth, gamma=gamma, allow_blank=True)
+        if not linear.valid.any():
+            raise InputError(
+                f"frame {frame.name}: has no pixel that can be trusted (saturated, or masked, all "
+                "over); lower the exposure"
+            )
+        noise = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
+        sigma = noise.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
+        images.append(linear.image)
+        valid.append(linear.valid)
+        variance.append(float(np.mean(np.square(sigma[linear.valid]))))
+    light, good = np.stack(images), np.stack(valid)
+    low, high = (
+        end(np.where(good, light, np.nan), axis=0) for end in (np.fmin.reduce, np.fmax.reduce)
+    )
+    if not (high > low).any():
+        raise InputError(
+            f"frames {frames[0].name} to {frames[-1].name}: the same light in every step, or none; "
+            "check that the frames are the steps of [[polariscope.step]], in their order"
+        )
+    return light, good, float(np.sqrt(np.mean(variance)))
+
+
+def _model(
+    scene: Scene, shape: tuple[int, int], residual: ResidualStress | None
+) -> Callable[[], Array] | None:
+    """The order that frames of the scene's own model would show, for who asks; None without one."""
+    if scene.model is None or scene.camera is None or scene.camera.pixel_mm is None:
+        return None
+
+    def order() -> Array:
+        pixels = pixel_grid(scene, shape)
+        (state, *_) = scene_states(scene)
+        picture = make_picture(scene, state_difference(scene, state, pixels), pixels)
+        if residual is None:
+            return picture.order
+        twice = np.exp(2j * principal_direction(picture.difference))
+        result: Array = np.abs(picture.order * twice + residual.field)
+        return result
+
+    return order
+
+
+def _columns(found: SteppedReading, residual: ResidualStress | None) -> dict[str, Any]:
+    """The state's columns of frames.csv."""
+    columns = {
+        "kept_share": found.reading.kept,
+        "isoclinic_share": float(np.isfinite(found.isoclinic).mean()),
+        "whole_order_from": found.parts[0].source if found.parts else "none",
+        **largest_pixel(found.order),
+    }
+    return columns if residual is None else columns | {"residual_order_max": residual.largest}

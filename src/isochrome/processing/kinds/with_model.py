@@ -1,0 +1,160 @@
+"""One captured frame: the scene's model fitted to it, and its fringe order read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.estimation import ALIKE_CHI, POOR_CHI, FrameData, prepare_frame
+from isochrome.fitting import (
+    GAMMA,
+    TOO_FAR,
+    FrameFit,
+    ModelFrame,
+    cause_messages,
+    evaluate_model,
+    fit_frame,
+    fit_with_causes,
+)
+from isochrome.frames import Frame
+from isochrome.fringes import OrderReading, read_order
+from isochrome.output import counted
+from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.placement import placed_disc
+from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
+from isochrome.scene import Scene
+
+
+def process_with_model(
+    frame: Frame, scene: Scene, capture: Capture, *, as_stated: bool = False
+) -> ProcessedFrame:
+    """Fit a one-state scene to a frame, and read the fringe order on the branch it names.
+
+    Parameters: `frame`; `scene`, see `single_state.frame_scene`; `capture`, how the set
+    was captured; `as_stated`, whether nothing else is fitted than the scene's unknowns. Returns a
+    ProcessedFrame. Raises InputError on a blank frame, PhysicsError where
+    the scene's fringes are not in it.
+    """
+    data = prepare_frame(
+        frame,
+        scene,
+        bit_depth=capture.bit_depth,
+        no_load=(capture.dark, capture.bright),
+        gamma_found=True,
+    )
+    data, fit, scene, notes = _fitted(data, scene, frame, as_stated)
+    if fit.scene.frames.stated_gamma != data.gamma:
+        data = data.toned(fit.scene.frames.stated_gamma)
+    if fit.plain:
+        data = data.plain()
+    seen = evaluate_model(data, fit.scene)
+    gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
+    noise = float(np.nanmedian((data.sigma / gain)[seen.mask])) if fit.positive else float("nan")
+    lost = not fit.positive or fit.chi * noise > TOO_FAR
+    reading = _read(data, seen, lost)
+    if frame.mask is not None:
+        own = seen.picture.material & frame.mask
+        kept = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
+        reading = replace(reading, kept=kept)
+    inside = data.valid & seen.picture.material & (not lost)
+    signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
+    found = ProcessedFrame(
+        **frame_fields(frame) | {"pixel_mm": seen.pixels.pixel_mm},
+        normalised=signal.astype(np.float32),
+        reading=reading,
+        fit=fit,
+        noise=noise,
+        chi=fit.chi,
+        warnings=(*notes, *_warnings(fit, reading, lost)),
+    )
+    return _without_model(found, frame, scene, capture, data) if lost else found
+
+
+def _without_model(
+    lost: ProcessedFrame, frame: Frame, scene: Scene, capture: Capture, data: FrameData
+) -> ProcessedFrame:
+    """A frame whose fit was lost, as the image alone shows it."""
+    assert lost.fit is not None
+    # the place that the lost fit ended at says nothing: the specimen is where it began
+    inside = evaluate_model(data, scene.with_values({GAMMA: data.gamma})).picture.material
+    image = process_image_only(frame, scene, capture, inside=inside)
+    return replace(
+        lost,
+        normalised=image.normalised,
+        lines=image.lines,
+        noise=image.noise,
+        columns=image.columns,
+        fit=_without_values(lost.fit, scene),
+        warnings=(*lost.warnings, *image.warnings),
+    )
+
+
+def _fitted(
+    data: FrameData, scene: Scene, frame: Frame, as_stated: bool
+) -> tuple[FrameData, FrameFit, Scene, list[str]]:
+    """The frame as it was fitted, the fit, the scene that it began with, and what to say.
+
+    A disc's scene is placed by its rim.
+    """
+    notes: list[str] = []
+    if scene.rim_diameter_mm is not None:
+        scene, notes = placed_disc(scene, data)
+    try:
+        if as_stated:
+            return data, fit_frame(data, scene), scene, notes
+        freed = fit_with_causes(data, scene)
+        return freed.data, freed.fit, scene, [*notes, *cause_messages(freed)]
+    except PhysicsError as error:
+        raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
+
+
+def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:
+    """The order of each pixel; none where the model was lost."""
+    return read_order(
+        data.light,
+        seen.picture.order,
+        seen.response,
+        illumination=seen.illumination,
+        background=seen.background,
+        sigma=data.sigma,
+        valid=seen.mask & (seen.illumination > 0.0) & (not lost),
+    )
+
+
+def _without_values(fit: FrameFit, scene: Scene) -> FrameFit:
+    """A fit that was lost: only the place it began with is left of it, and its chi."""
+    values = [scene.get(key) if key.startswith("camera.") else None for key in fit.keys]
+    kept = np.array([np.nan if value is None else value for value in values], dtype=float)
+    return replace(fit, scene=scene, values=kept, standard_uncertainty=np.full(len(kept), np.nan))
+
+
+def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
+    found = []
+    if fit.chi > POOR_CHI:
+        found.append(
+            f"chi = {fit.chi:.2f}: the model does not describe this frame within its noise "
+            "(another load, residual stress, gamma, or the fit settled on a wrong solution); use "
+            "its orders with care"
+        )
+    if not fit.positive:
+        found.append("the scene's fringes are not in this frame")
+    elif fit.plain:
+        found.append(
+            "no smooth illumination fits with this model, so that one amplitude stands for all the "
+            "frame; give no-load frames"
+        )
+    near = [m for m in fit.others if m.chi < ALIKE_CHI * fit.chi]
+    if near:
+        found.append(
+            f"{counted(len(near), 'other solution')} fit{'s' * (len(near) == 1)} nearly as well; "
+            "give the load more closely"
+        )
+    if not fit.converged:
+        found.append("the fit did not converge fully")
+    if lost:
+        found.append("the model is too far off to name the branches: no order was read")
+    elif reading.kept < 0.5:
+        found.append(f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read")
+    return found

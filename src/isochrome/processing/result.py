@@ -1,0 +1,249 @@
+"""What `process` finds in one frame, and how it is written down."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.fitting import FrameFit, Tracked
+from isochrome.frames import Frame, Linear
+from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
+from isochrome.scene import Scene
+from isochrome.stress import pixel_grid
+
+Array = NDArray[Any]
+
+SPREAD = "standard_uncertainty"
+"""What follows a key in the name of the column that holds its uncertainty."""
+
+WHOLE, FOLLOWED, SEARCHED, NOTHING = "whole frame", "track", "search", "nothing"
+"""How a frame's values were found, in frames.csv of a tracked video."""
+
+_SHORTEST_PX = 12.0
+"""Of a fringe line: where the order is level, noise makes small loops of it."""
+
+
+@dataclass(frozen=True)
+class Capture:
+    """How a set was captured: the sensor's `bit_depth`, the `dark` and `bright` no-load frames.
+
+    Of frames whose colours tell the order, the no-load frames are (rows, cols, 3), and `table` has
+    the channels' signals against order.
+    """
+
+    bit_depth: int | None
+    dark: Linear | None = None
+    bright: Linear | None = None
+    table: ColourTable | None = None
+
+
+def largest_pixel(order: Array) -> dict[str, Any]:
+    """Columns of the largest fringe order that is known and its pixel; NaN and None where none is.
+
+    Parameters: `order` (rows, cols), fringes, NaN = not known. Returns column name to value.
+    """
+    if not np.isfinite(order).any():
+        return {"n_max": float("nan"), "n_max_row_px": None, "n_max_col_px": None}
+    row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
+    return {"n_max": float(order[row, col]), "n_max_row_px": int(row), "n_max_col_px": int(col)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetFrame:
+    """What every frame of a set has, however it was processed.
+
+    `label`, what stands above it; `time_s` since the recording began, where the file knows it;
+    `pixel_mm`, its scale; `warnings` in plain words; `failed`, whether nothing could be found.
+    """
+
+    index: int
+    name: str
+    label: str
+    distance_m: float = float("nan")
+    time_s: float | None = None
+    pixel_mm: float | None = None
+    warnings: tuple[str, ...] = ()
+    failed: bool = False
+
+    @property
+    def status(self) -> str:
+        """'ok', 'flagged' (there are warnings) or 'failed'."""
+        return "failed" if self.failed else "flagged" if self.warnings else "ok"
+
+    @property
+    def names(self) -> dict[str, Any]:
+        """The first columns of frames.csv."""
+        return {"frame": self.index, "name": self.name, "label": self.label}
+
+    @property
+    def messages(self) -> dict[str, Any]:
+        """The last column of frames.csv."""
+        return {"warnings": "; ".join(self.warnings)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessedFrame(SetFrame):
+    """What was found in one frame; maps are (row, col), NaN = not known.
+
+    Parameters
+    ----------
+    index : int
+        Number of the frame, or of the state, from 0.
+    name : str
+        Name for messages.
+    label : str
+        What stands above it in figures.
+    distance_m : float, default nan
+        Sliding distance, m.
+    time_s : float, optional
+        Time since the recording began, s, where the file knows it.
+    pixel_mm : float, optional
+        Side of a pixel, mm.
+    warnings : tuple of str, optional
+        What to beware of, in sentences.
+    failed : bool, default False
+        Whether nothing could be found in it.
+    normalised : ndarray of shape (row, col)
+        The signal 0 to 1, with background and illumination out.
+    reading : OrderReading, optional
+        The fringe order; None without a model.
+    fit : FrameFit, optional
+        The fit with its scene; None without a model.
+    lines : list of Skeleton, optional
+        The fringe skeleton, without a model.
+    noise : float, default nan
+        Noise of the signal.
+    chi : float, default nan
+        Residual over noise of the whole frame.
+    isoclinic : ndarray of shape (row, col), optional
+        Direction of sigma_1, degrees; of phase-stepped sets alone.
+    columns : dict of str to Any, optional
+        What a frame without a fit has in frames.csv besides.
+    """
+
+    normalised: Array
+    reading: OrderReading | None = None
+    fit: FrameFit | None = None
+    lines: list[Skeleton] = field(default_factory=list)
+    noise: float = float("nan")
+    chi: float = float("nan")
+    isoclinic: Array | None = None
+    columns: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def has_values(self) -> bool:
+        """Whether the frame shows the scene's model, and so has values."""
+        return self.fit is not None and bool(np.isfinite(self.fit.values).all())
+
+    def skeleton(self) -> list[Skeleton]:
+        """The fringe lines, with their orders where the frame has a reading.
+
+        Those that the frame shows; where nobody looked for them, the reading's own half orders.
+        """
+        if self.reading is None:
+            return self.lines
+        if self.lines:
+            return number_lines(self.lines, self.reading.order)
+        return order_contours(self.reading.order, min_length_px=_SHORTEST_PX)
+
+    def corner_mm(self, scene: Scene) -> tuple[float, float]:
+        """Outer edges (mm) of the first column and row, in the scene's axes; 0 where none has any.
+
+        Parameters: `scene`, the set's. Returns left and top.
+        """
+        own = scene if self.fit is None else self.fit.scene
+        if own.model is not None and own.camera is not None and own.camera.pixel_mm is not None:
+            grid = pixel_grid(own, (self.normalised.shape[0], self.normalised.shape[1]))
+            return grid.left_mm, grid.top_mm
+        return (own.camera.left_mm or 0.0, own.camera.top_mm or 0.0) if own.camera else (0.0, 0.0)
+
+    def maps(self) -> dict[str, Array]:
+        """The maps that are written to disk, by the name of their file."""
+        if self.reading is None:
+            return {"normalised": self.normalised}
+        maps = {
+            "normalised": self.normalised,
+            "fringe_order": self.reading.order,
+            "confidence": self.reading.confidence,
+        }
+        return maps if self.isoclinic is None else maps | {"isoclinic": self.isoclinic}
+
+    def _largest(self, order: Array, scene: Scene) -> dict[str, float]:
+        """The largest fringe order that is known, and its place (mm)."""
+        found, grid = largest_pixel(order), pixel_grid(scene, (order.shape[0], order.shape[1]))
+        row, col = found["n_max_row_px"], found["n_max_col_px"]
+        return {
+            "n_max": found["n_max"],
+            "n_max_x_mm": float("nan") if col is None else float(grid.x_mm[col]),
+            "n_max_z_mm": float("nan") if row is None else float(grid.z_mm[row]),
+        }
+
+    def row(self) -> dict[str, Any]:
+        """The frame's row of frames.csv."""
+        place = {"distance_m": self.distance_m, "chi": self.chi, "noise": self.noise}
+        row = self.names | place | {"pixel_mm": self.pixel_mm} | self.columns
+        if self.fit is not None and self.reading is not None and not self.columns:
+            fit, order = self.fit, self.reading.order
+            row |= {"kept_share": self.reading.kept} | self._largest(order, fit.scene)
+            row |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
+        elif not (self.failed or self.columns):
+            row["fringe_lines"] = len(self.lines)
+        return row | self.messages
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowedFrame(SetFrame):
+    """A frame between two key frames of a tracked video: its tracked values alone are known.
+
+    `keys` and `tracked`, what was found, None in a frame that failed.
+    """
+
+    keys: tuple[str, ...]
+    tracked: Tracked | None = None
+
+    reading = None
+    """Nobody reads its orders."""
+
+    def corner_mm(self, _: Scene) -> tuple[float, float]:
+        """Outer edges (mm) of the first column and row where they were tracked, else NaN."""
+        place = dict(zip(self.keys, self.tracked.values, strict=True)) if self.tracked else {}
+        left, top = (place.get(f"camera.{edge}_mm", np.nan) for edge in ("left", "top"))
+        return float(left), float(top)
+
+    def row(self) -> dict[str, Any]:
+        """The frame's row of frames.csv."""
+        row = self.names | {"picture": None, "found_by": NOTHING}
+        row |= {"distance_m": self.distance_m, "pixel_mm": self.pixel_mm}
+        tracked = self.tracked
+        if tracked is not None:
+            row["chi"] = tracked.chi
+            if np.isfinite(tracked.values).any():
+                row["found_by"] = SEARCHED if tracked.searched else FOLLOWED
+            row |= value_columns(self.keys, tracked.values, tracked.standard_uncertainty)
+        return row | self.messages
+
+
+def frame_fields(frame: Frame, scene: Scene | None = None) -> dict[str, Any]:
+    """The fields that a SetFrame has of its captured frame, and of a scene's scale."""
+    fields = {"index": frame.index, "name": frame.name, "label": frame.name, "time_s": frame.time_s}
+    return fields | {"pixel_mm": scene.camera.pixel_mm if scene and scene.camera else None}
+
+
+def failed_frame(frame: Frame, why: str) -> ProcessedFrame:
+    """A frame in which nothing could be found, and the sentence that says why."""
+    nothing = np.full(frame.image.shape[:2], np.nan, dtype=np.float32)
+    return ProcessedFrame(**frame_fields(frame), normalised=nothing, warnings=(why,), failed=True)
+
+
+def value_columns(
+    keys: Iterable[str], values: Iterable[float], spreads: Iterable[float]
+) -> dict[str, float]:
+    """Columns of values by their keys, each with its standard uncertainty beside it."""
+    found: dict[str, float] = {}
+    for key, value, spread in zip(keys, values, spreads, strict=True):
+        found |= {key: float(value), f"{key} {SPREAD}": float(spread)}
+    return found

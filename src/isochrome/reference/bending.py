@@ -1,0 +1,99 @@
+"""Four-point bending: the span between the inner rollers, in closed form.
+
+Axes: eta from the neutral axis (mid-height), positive DOWNWARD like z. The inner rollers press from
+above, the outer ones carry from below: the upper edge is compressed, the lower one stretched.
+N, mm, MPa.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isochrome.errors import InputError
+from isochrome.reference.cauchy import Floats, check_positive, coordinates
+
+_EDGE_SLACK = 1e-9  # of the half-height: an edge point's rounding must not put it outside
+
+
+def beam_moment(load_n: float, *, inner_span_mm: float, outer_span_mm: float) -> float:
+    """Bending moment between the inner rollers.
+
+    M = P (L_outer - L_inner) / 4
+
+    Source: equilibrium of half the beam; Timoshenko, Strength of Materials, part 1.
+
+    Parameters
+    ----------
+    load_n : float
+        Total load P on both inner rollers, N.
+    inner_span_mm : float
+        Distance L_inner between the inner rollers, mm.
+    outer_span_mm : float
+        Distance L_outer between the outer rollers, mm.
+
+    Returns
+    -------
+    float
+        The moment M, N mm.
+
+    Raises
+    ------
+    InputError
+        Unless P and the spans are above zero and the outer span is the longer one.
+    """
+    check_positive(load_n=load_n, inner_span_mm=inner_span_mm, outer_span_mm=outer_span_mm)
+    if not outer_span_mm > inner_span_mm:
+        raise InputError(
+            f"outer_span_mm is {outer_span_mm}, but must exceed inner_span_mm, {inner_span_mm}."
+        )
+    return load_n * (outer_span_mm - inner_span_mm) / 4.0
+
+
+def beam_stress(
+    eta_mm: ArrayLike,
+    *,
+    load_n: float,
+    inner_span_mm: float,
+    outer_span_mm: float,
+    height_mm: float,
+    thickness_mm: float,
+) -> Floats:
+    """Stress sigma_x along the beam between its inner rollers.
+
+    sigma_x = M eta / I,  I = d h³ / 12;  sigma_z = tau_xz = 0, so that
+    sigma1 - sigma2 = |sigma_x|
+
+    Source: Timoshenko & Goodier, Theory of Elasticity, pure bending.
+
+    Parameters
+    ----------
+    eta_mm : array_like, any shape
+        Distance eta from the neutral axis, downward, mm.
+    load_n : float
+        Total load P on both inner rollers, N.
+    inner_span_mm : float
+        Distance L_inner between the inner rollers, mm.
+    outer_span_mm : float
+        Distance L_outer between the outer rollers, mm.
+    height_mm : float
+        Height h of the beam, mm.
+    thickness_mm : float
+        Thickness d of the beam, mm.
+
+    Returns
+    -------
+    ndarray, shape of eta_mm
+        The stress, MPa; NaN beyond the edges.
+
+    Raises
+    ------
+    InputError
+        For h or d not above zero, for eta that is not finite, and where `beam_moment` raises it.
+    """
+    check_positive(height_mm=height_mm, thickness_mm=thickness_mm)
+    moment = beam_moment(load_n, inner_span_mm=inner_span_mm, outer_span_mm=outer_span_mm)
+    eta = coordinates("eta_mm", eta_mm)
+    stress = moment * eta / (thickness_mm * height_mm**3 / 12.0)
+    inside = np.abs(eta) <= 0.5 * height_mm * (1.0 + _EDGE_SLACK)
+    return np.asarray(np.where(inside, stress, np.nan))

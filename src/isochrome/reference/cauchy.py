@@ -1,0 +1,127 @@
+"""What the closed forms share: the stress field they return, argument checks, Cauchy transforms.
+
+A traction p(t) on the surface of a half-plane acts through its Cauchy transform
+F(s) = ∫ p(t)/(s - t) dt, s = x + iz. All of them are evaluated in the closed upper half of the
+s-plane (the body itself), where numpy's principal branches are the right ones down to z = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from isochrome.errors import InputError
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class StressField:
+    """Plane stress components at a set of points, tension positive; x to the right, z downward.
+
+    Parameters
+    ----------
+    sigma_x : ndarray, in the broadcast shape of the coordinates asked for
+        Stress along x, MPa.
+    sigma_z : ndarray, of the same shape
+        Stress along z, MPa.
+    tau_xz : ndarray, of the same shape
+        Shear stress, MPa.
+    """
+
+    sigma_x: Floats
+    sigma_z: Floats
+    tau_xz: Floats
+
+    @property
+    def principal_difference(self) -> Floats:
+        """Principal stress difference sigma1 - sigma2 >= 0 in the plane, MPa."""
+        return np.asarray(np.hypot(self.sigma_x - self.sigma_z, 2.0 * self.tau_xz))
+
+
+def check_positive(**values: float) -> None:
+    """Refuse any value that is not a finite number above zero, by its argument's name."""
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} is {value}, but must be a finite number above 0.")
+
+
+def check_finite(**values: float) -> None:
+    """Refuse any value that is not a finite number, by its argument's name."""
+    for name, value in values.items():
+        if not np.isfinite(value):
+            raise InputError(f"{name} is {value}, but must be a finite number.")
+
+
+def coordinates(name: str, values: ArrayLike) -> Floats:
+    """Coordinates as a float array; refuses what is not finite."""
+    array = np.asarray(values, dtype=np.float64)
+    if not np.all(np.isfinite(array)):
+        raise InputError(f"{name} holds NaN or infinity, but coordinates must be finite, in mm.")
+    return array
+
+
+def plane_points(x_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Floats, Floats]:
+    """Points x, z broadcast against each other; refuses shapes that do not fit."""
+    x, z = coordinates("x_mm", x_mm), coordinates("z_mm", z_mm)
+    try:
+        x, z = np.broadcast_arrays(x, z)
+    except ValueError:
+        message = f"x_mm has shape {x.shape} and z_mm {z.shape}; they must broadcast together."
+        raise InputError(message) from None
+    return x, z
+
+
+def half_plane_points(x_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Floats, Floats]:
+    """Points in the block, broadcast; refuses points above its surface."""
+    x, z = plane_points(x_mm, z_mm)
+    if np.any(z < 0.0):
+        lowest = float(z.min())
+        raise InputError(f"z_mm goes down to {lowest}, but the block fills z_mm >= 0 only.")
+    return x, z + 0.0  # -0.0 would land on the other side of the branch cut
+
+
+def complex_points(x: Floats, z: Floats) -> Complexes:
+    """The points s = x + iz."""
+    points = np.empty(np.shape(x), dtype=np.complex128)
+    points.real, points.imag = x, z
+    return points
+
+
+def edge_root(points: Complexes, half_width: float) -> Complexes:
+    """sqrt(s² - a²) with the cut on the contact, -a..a, behaving as s far away."""
+    return np.asarray(np.sqrt(points - half_width) * np.sqrt(points + half_width))
+
+
+def mcewen_terms(x: Floats, z: Floats, half_width: float) -> tuple[Complexes, Complexes, Floats]:
+    """McEwen's n + i m = sqrt(s² - a²), the same less s, and 1/(m² + n²) (0 at the very edge).
+
+    The second is -a²/(sqrt(s² - a²) + s): real part n - x and imaginary part m - z, each with all
+    its digits, since root and s lie in one quadrant.
+    """
+    points = complex_points(x, z)
+    root = edge_root(points, half_width)
+    excess = -(half_width**2) / (root + points)
+    size = np.square(root.real) + np.square(root.imag)
+    inside = size > np.finfo(np.float64).tiny
+    return root, excess, np.where(inside, 1.0 / np.where(inside, size, 1.0), 0.0)
+
+
+def stress_from_transforms(
+    transform: Complexes, slope_z: Complexes, friction: float = 0.0
+) -> StressField:
+    """Stress from the Cauchy transform F of a pressure p with the traction q = mu p along +x.
+
+    (sx - sz) - 2i txz = -(2/π) [mu F - (1 - i mu) z F'],  sx + sz = -(2/π) [mu Re F - Im F]
+    The slope comes already multiplied with z, since z F' has a limit at an edge where F' has none.
+    """
+    conjugate = -(2.0 / np.pi) * (friction * transform - (1.0 - 1j * friction) * slope_z)
+    total = -(2.0 / np.pi) * (friction * transform.real - transform.imag)
+    return StressField(
+        sigma_x=np.asarray(0.5 * (total + conjugate.real)),
+        sigma_z=np.asarray(0.5 * (total - conjugate.real)),
+        tau_xz=np.asarray(-0.5 * conjugate.imag),
+    )

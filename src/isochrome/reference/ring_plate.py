@@ -1,0 +1,170 @@
+"""Ring (annulus) under two opposite point loads on its outer rim, in closed form.
+
+Axes: origin at the ring's CENTRE, x to the right, z downward; the loads press on the top (0, -R)
+and the bottom (0, R). Plane stress or plane strain alike: the loads are in equilibrium, and the
+stresses do not depend on elastic constants. N, mm, MPa.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from isochrome.errors import InputError
+from isochrome.reference.brazilian_disc import disc_stress
+from isochrome.reference.cauchy import (
+    Complexes,
+    Floats,
+    StressField,
+    check_positive,
+    complex_points,
+    plane_points,
+)
+
+WIDEST_HOLE = 0.98
+"""Largest hole over the diameter. Bending of a thin ring is a small difference of large terms: here
+tractions of 1e-14 of the largest stress are left on its edges, and the digits go with 1/(R - a)."""
+
+_EXACT = 1e-17
+"""Share of the load's stress at which the series ends: a rounding."""
+_RIM_SLACK = 1e-9  # of the radius: a rim point's rounding must not put it outside
+
+
+class _Series(NamedTuple):
+    """Powers of (s/R)² (`grow_`) and of (a/s)² (`fall_`, the first is (a/s)⁰) in Φ and in Ψ."""
+
+    grow_phi: Floats
+    fall_phi: Floats
+    grow_psi: Floats
+    fall_psi: Floats
+
+
+def ring_stress(
+    x_mm: ArrayLike,
+    z_mm: ArrayLike,
+    *,
+    load_n: float,
+    diameter_mm: float,
+    hole_mm: float,
+    thickness_mm: float,
+) -> StressField:
+    """Stress in a ring pressed along its vertical diameter.
+
+    The disc's field in closed form takes the point loads. What it leaves on the circle of the hole,
+    r = a, is taken off by the potentials Φ = Σ A_k s^k, Ψ = Σ B_k s^k (k even, s = x - iz), whose
+    tractions vanish on the rim, r = R:
+    σr - iτrθ = Σ [(1 - k) A_k r^k + A_-k r^-k - B_(k-2) r^(k-2)] exp ikθ
+    sx + sz = 4 Re Φ,  (sx - sz) + 2i txz = -2 (s̄ Φ' + Ψ)
+    Each k takes two linear equations. Their terms fall like (a/R)^k at the hole and (a/R)^2k at the
+    rim, so that a few dozen are exact, also beside the loads.
+
+    Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity,
+    section 59 (the annulus by power series); Timoshenko & Goodier (1970), Theory of Elasticity,
+    section 46 (the disc's loads taken apart); first solved by Filon (1924), ICE Selected
+    Engineering Papers 12.
+
+    Parameters
+    ----------
+    x_mm : array_like, of a shape that broadcasts
+        Place to the right of the ring's centre, mm.
+    z_mm : array_like, of a shape that broadcasts
+        Place below the ring's centre, mm.
+    load_n : float
+        Load P, N.
+    diameter_mm : float
+        Outer diameter 2 R, mm.
+    hole_mm : float
+        Diameter of the hole 2 a, mm.
+    thickness_mm : float
+        Thickness d, mm.
+
+    Returns
+    -------
+    StressField
+        The stress in the broadcast shape, MPa; NaN outside and under the loads.
+
+    Raises
+    ------
+    InputError
+        For P, R, a or d not above zero, a above 0.98 R, or coordinates that are not finite.
+    """
+    check_positive(
+        load_n=load_n, diameter_mm=diameter_mm, hole_mm=hole_mm, thickness_mm=thickness_mm
+    )
+    if hole_mm > WIDEST_HOLE * diameter_mm:
+        raise InputError(
+            f"hole_mm is {hole_mm:g}, but must be at most {WIDEST_HOLE:g} of diameter_mm, "
+            f"{diameter_mm:g}."
+        )
+    x, z = plane_points(x_mm, z_mm)
+    disc = disc_stress(x, z, load_n=load_n, diameter_mm=diameter_mm, thickness_mm=thickness_mm)
+    ratio = hole_mm / diameter_mm
+    s = complex_points(2.0 * x / diameter_mm, -2.0 * z / diameter_mm)
+    material = np.isfinite(disc.sigma_x) & (np.abs(s) >= ratio * (1.0 - _RIM_SLACK))
+    unit = load_n / (np.pi * diameter_mm * thickness_mm)
+    total, difference = np.full(s.shape, np.nan), np.full(s.shape, complex(np.nan, np.nan))
+    total[material], difference[material] = _hole_field(s[material], ratio)
+    return StressField(
+        sigma_x=np.asarray(disc.sigma_x + 0.5 * unit * (total + difference.real)),
+        sigma_z=np.asarray(disc.sigma_z + 0.5 * unit * (total - difference.real)),
+        tau_xz=np.asarray(disc.tau_xz + 0.5 * unit * difference.imag),
+    )
+
+
+def _hole_field(s: Complexes, ratio: float) -> tuple[Floats, Complexes]:
+    """sx + sz and (sx - sz) + 2i txz of the series, over P/(2π R d), at s over the radius R."""
+    series = _ring_series(ratio)
+    grow, fall = np.square(s), np.square(ratio / s)
+    orders = 2.0 * np.arange(len(series.grow_phi))
+    phi = _power_sum(series.grow_phi, grow) + _power_sum(series.fall_phi, fall)
+    psi = _power_sum(series.grow_psi, grow) + _power_sum(series.fall_psi, fall)
+    # s Φ', so that s̄ Φ' = (s̄/s) s Φ' without a power of its own
+    slope = _power_sum(orders * series.grow_phi, grow) - _power_sum(orders * series.fall_phi, fall)
+    return 4.0 * phi.real, -2.0 * (np.conj(s) / s * slope + psi)
+
+
+def _power_sum(coefficients: Floats, power: Complexes) -> Complexes:
+    """Σ c_n p^n by Horner's rule."""
+    total = np.full(power.shape, coefficients[-1], dtype=complex)
+    for coefficient in coefficients[-2::-1]:
+        total *= power
+        total += coefficient
+    return total
+
+
+@lru_cache(maxsize=8)
+def _ring_series(ratio: float) -> _Series:
+    """The series of a hole of `ratio` a/R, for a load of 2π R d: Φ of the disc is 1 - 2/(s² + 1).
+
+    With α = A_k and γ = A_-k (R/a)^k, R = 1, ρ = a/R, the tractions D of the disc at the hole and
+    the rim's two equations for B_(k-2) and B_(-k-2) put in, k = 2, 4, ...:
+    (1 - k) (ρ^k - ρ^(k-2)) α + (1 - ρ^(2k-2)) γ = -D_k
+    (ρ^(2k+2) - 1) α + (1 + k) (ρ^(k+2) - ρ^k) γ = -D_-k ρ^(k+2)
+    """
+    # a term falls like (a/R)^(k-2); k² stands before it, which two more outweigh
+    count = 4 + int(np.ceil(np.log(_EXACT) / (2.0 * np.log(ratio))))
+    k = 2.0 * np.arange(1, count)
+    sign = (-1.0) ** np.arange(1, count)
+    thin = 1.0 - ratio**2
+    # of the disc: A_k = -2 (-1)^(k/2) for k >= 2, B_k = -2 (k + 2) (-1)^(k/2); none for k < 0
+    onto = -2.0 * sign * (1.0 - k) * ratio**k - 2.0 * sign * k * ratio ** (k - 2.0)
+    back = -2.0 * sign * ratio ** (2.0 * k + 2.0)
+    first = (k - 1.0) * ratio ** (k - 2.0) * thin, -np.expm1((2.0 * k - 2.0) * np.log(ratio))
+    second = np.expm1((2.0 * k + 2.0) * np.log(ratio)), -(k + 1.0) * ratio**k * thin
+    determinant = first[0] * second[1] - first[1] * second[0]
+    grow = (-onto * second[1] + first[1] * back) / determinant
+    fall = (-first[0] * back + second[0] * onto) / determinant
+    # k = 0: 2 A_0 = B_-2 on the rim, 2 A_0 - B_-2/ρ² = -D_0 = 2 at the hole
+    uniform = -(ratio**2) / thin
+    grow_psi = (1.0 - k) * grow + fall * ratio**k  # B_(k-2)
+    # B_(-k-2) a^(-k-2) from the hole, not from the rim: no difference of large terms
+    fall_psi = (1.0 + k) * fall + (grow - 2.0 * sign) * ratio**k
+    return _Series(
+        np.r_[uniform, grow, 0.0],
+        np.r_[0.0, fall, 0.0],
+        np.r_[grow_psi, 0.0, 0.0],
+        np.r_[0.0, -2.0 / thin, fall_psi],
+    )

@@ -1,0 +1,365 @@
+"""A long run: chunk after chunk, each kept when it is done; after a crash, it resumes there."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from isochrome.errors import InputError, IsochromeError
+from isochrome.output import write_json
+from isochrome.progress import RunProgress, Tally
+from isochrome.runs.chunks import ChunkRecord, RunFolder, check_chunk, read_record
+from isochrome.runs.job import InTurn, Job, Results, Work
+from isochrome.runs.lock import locked
+from isochrome.runs.memory import keep_steady
+from isochrome.runs.publish import check_own, publish
+from isochrome.runs.store import STORE
+from isochrome.runs.work_folder import (
+    PROVENANCE,
+    check_room,
+    has_run,
+    is_complete,
+    is_finished,
+    open_run_folder,
+    wipe,
+    working_folder,
+)
+from isochrome.runs.workers import (
+    Finished,
+    Waiting,
+    WorkersLost,
+    alone,
+    by_cluster,
+    by_processes,
+    processors,
+)
+
+T = TypeVar("T")
+
+WORTH_WORKERS_S = 20.0
+"""Seconds still to compute from which worker processes are started, each of which takes a few."""
+
+
+WORTH_KEEPING_S = 60.0
+"""Seconds of work below which a refused run leaves nothing: it is soon done again."""
+
+
+class Stopped(KeyboardInterrupt):
+    """Stopped at the keyboard; the sentence says what is kept."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """By whom and how a run is computed; none of it changes a result.
+
+    Parameters
+    ----------
+    workers : int or None, default 1
+        Processes on this machine; None: as many as there are processors where it is worth starting
+        them.
+    cluster : str, optional
+        Address of a Dask scheduler instead.
+    restart : bool, default False
+        Whether to throw away what an earlier run left.
+    keep_going : bool, default False
+        Whether to leave out items that fail instead of ending with the first.
+    waiting : Waiting, optional
+        Workers that were started before.
+    """
+
+    workers: int | None = 1
+    cluster: str | None = None
+    restart: bool = False
+    keep_going: bool = False
+    waiting: Waiting | None = None
+
+
+def refuse_without_folder(out: str | Path | None, workers: int | None, cluster: str | None) -> None:
+    """Refuse workers or a cluster where no folder is given for results.
+
+    Parameters
+    ----------
+    out : str, Path or None
+        The folder; None where there is none.
+    workers : int or None
+        Processes on this machine.
+    cluster : str or None
+        Address of a Dask scheduler.
+
+    Raises
+    ------
+    InputError
+        Where more than one process, or a cluster, is asked for without a folder.
+    """
+    if out is None and (cluster is not None or workers != 1):
+        raise InputError("workers and a cluster write to a folder: give out")
+
+
+def run_job(
+    job: Job,
+    out: str | Path,
+    finish: Callable[[RunFolder], T],
+    *,
+    means: RunOptions | None = None,
+    progress: RunProgress | None = None,
+) -> T | None:
+    """Compute a job and leave its results in a folder, all of them or none.
+
+    What is finished is kept in OUT.partial. The same call goes on with it, and ends with the same
+    bytes as if nothing had happened.
+
+    Parameters
+    ----------
+    job : Job
+        What is to be computed.
+    out : str or Path
+        The folder.
+    finish : callable
+        Makes the rest of the files in `run.results` when all chunks are there.
+    means : RunOptions, optional
+        By whom and how it is computed; by default by this process alone.
+    progress : callable, optional
+        Called with a Tally of the items.
+
+    Returns
+    -------
+    object or None
+        What `finish` returns; None where the folder holds all results already.
+
+    Raises
+    ------
+    InputError
+        Where another run is at work there, an unfinished one is of something else, or the disk is
+        full; and whatever the job raises.
+    """
+    means = means or RunOptions()
+    keep_steady()
+    if means.workers is not None and means.workers < 1:
+        raise InputError(f"--workers {means.workers}: give 1 or more")
+    if job.in_turn and (means.cluster is not None or (means.workers or 1) > 1):
+        raise InputError(
+            "--workers, --cluster: each frame is looked for from the one before, which only one "
+            "process can do; leave them out"
+        )
+    root = working_folder(Path(out))
+    target, stamps = Path(out).resolve(), stamps_of(job.identity)
+    check_apart(stamps, target)
+    with locked(root):
+        if not means.restart and is_complete(target, job):
+            wipe(root)
+            return None
+        if not has_run(root):
+            check_own(target, (STORE, *(f"{layer.name}.tif" for layer in job.layout.layers)))
+        with _saying(root, job) as state:
+            state.own = means.restart or not has_run(root)
+            run = open_run_folder(root, job, restart=means.restart)
+            found: T | None = None
+            if is_finished(run):  # and killed before all had its place
+                state.finished = True
+            else:
+                state.kept = _kept(run, means)
+                _compute(job, run, state.kept, means, progress)
+                found = finish(run)
+                check_unchanged(stamps)
+                _leave_record(run, job)
+                state.finished = True
+            publish(run, target)
+            wipe(root)
+            return found
+
+
+@dataclass
+class _State:
+    """What is kept of a run: its `kept` chunks, or all of it, `finished`.
+
+    `own`, whether the working folder holds nothing of an earlier run.
+    """
+
+    own: bool = False
+    kept: dict[int, ChunkRecord] = field(default_factory=dict)
+    finished: bool = False
+
+
+@contextmanager
+def _saying(root: Path, job: Job) -> Iterator[_State]:
+    """Say what is kept when a run ends before its time; where nothing is, leave nothing."""
+    state, start = _State(), time.perf_counter()
+    count = job.layout.count
+
+    def count_kept() -> str:
+        done = count if state.finished else sum(chunk.items for chunk in state.kept.values())
+        return f"{done} of {count} are finished and kept"
+
+    try:
+        yield state
+    except IsochromeError as error:
+        soon_again = state.own and time.perf_counter() - start < WORTH_KEEPING_S
+        if soon_again and not isinstance(error, WorkersLost):
+            state.kept.clear()
+        if not state.kept:
+            raise
+        raise type(error)(f"{error} ({count_kept()} in {root})") from error
+    except KeyboardInterrupt:
+        something = state.kept or state.finished
+        raise Stopped(
+            f"stopped; {count_kept()} in {root}; run the same command again to resume"
+            if something
+            else "stopped before anything was finished; nothing is left"
+        ) from None
+    except OSError as error:
+        raise InputError(
+            f"{root}: cannot be written ({error.strerror or error}); {count_kept()} there: make "
+            "room, or see that the drive is there, and run the same command again to resume"
+        ) from error
+    finally:
+        if state.own and not state.kept and not state.finished:
+            with suppress(OSError):
+                wipe(root)
+
+
+def _kept(run: RunFolder, means: RunOptions) -> dict[int, ChunkRecord]:
+    """The chunks that are there, whole."""
+    found = {}
+    for index in range(run.layout.chunks):
+        chunk = check_chunk(run, index)
+        # failed items are for who asked to keep going: to all others they are to be said again
+        if chunk is not None and (means.keep_going or not chunk.failed):
+            found[index] = chunk
+    return found
+
+
+def _compute(
+    job: Job,
+    run: RunFolder,
+    kept: dict[int, ChunkRecord],
+    means: RunOptions,
+    progress: RunProgress | None,
+) -> None:
+    """Compute the chunks that are not there; `kept` grows with each."""
+    before = sum(chunk.items for chunk in kept.values())
+    check_room(run.records.parent, job.layout, job.layout.count - before)
+    todo = [index for index in range(run.layout.chunks) if index not in kept]
+
+    def tell() -> None:
+        if progress is not None:
+            done = sum(chunk.items for chunk in kept.values())
+            flagged = sum(chunk.flagged for chunk in kept.values())
+            progress(Tally(done, run.layout.count, before, flagged))
+
+    tell()
+    with closing(_finished(job, run, todo, means)) as finished:
+        for index, chunk in finished:
+            kept[index] = chunk
+            tell()
+
+
+def _finished(job: Job, run: RunFolder, todo: list[int], means: RunOptions) -> Generator[Finished]:
+    """The chunks as they are finished, by whoever computes them."""
+    if not todo:
+        return
+    work = one_by_one(job, run)
+    if means.cluster is not None:
+        yield from by_cluster(work, run, todo, means.cluster)
+        return
+    workers = 1 if job.in_turn else means.workers
+    if workers is None:
+        start = time.perf_counter()
+        yield from alone(work, run, todo[:1])
+        todo = todo[1:]
+        left = (time.perf_counter() - start) * len(todo)
+        workers = processors() if left > WORTH_WORKERS_S else 1
+    workers = min(workers, len(todo))
+    if workers > 1:
+        yield from by_processes(work, run, todo, workers, means.waiting)
+    else:
+        yield from alone(work, run, todo)
+
+
+def _leave_record(run: RunFolder, job: Job) -> None:
+    """Write down what the results are of, and which they are: last, when all others are there."""
+    outputs = {
+        file.name: file.stat().st_size
+        for file in sorted(run.results.iterdir())
+        if file.is_file() and file.name != PROVENANCE
+    }
+    identity = json.loads(json.dumps(dict(job.identity)))
+    write_json(run.results / PROVENANCE, {**identity, "outputs": outputs})
+
+
+Stamps = Mapping[Path, tuple[int, int]]
+"""Size (bytes) and time of the last change (ns) of files."""
+
+
+def stamps_of(identity: Mapping[str, Any]) -> Stamps:
+    """The input files of a run's identity as they are now; those that are not there are left out.
+
+    Parameters: `identity`, as in a Job.
+    """
+    files = map(Path, identity.get("inputs_sha256") or {})
+    return {file: stamp for file in files if (stamp := _stamp(file)) is not None}
+
+
+def _stamp(file: Path) -> tuple[int, int] | None:
+    """The stamp of a file, None where it is not there."""
+    try:
+        state = file.stat()
+    except OSError:
+        return None
+    return state.st_size, state.st_mtime_ns
+
+
+def check_apart(stamps: Stamps, target: Path) -> None:
+    """Refuse an output folder in which input files lie: the next run would read results as input.
+
+    Parameters: `stamps` of the input; `target`, the resolved output folder. Raises InputError.
+    """
+    inside = [file for file in stamps if file.resolve().parent == target]
+    if inside:
+        raise InputError(
+            f"{inside[0]}: lies in the folder {target}, where the results would lie beside the "
+            "input; name another --out folder"
+        )
+
+
+def check_unchanged(stamps: Stamps) -> None:
+    """Refuse results of input that was changed while it was read. Raises InputError.
+
+    A file that is no longer there was read before, or its reader has said that it was not.
+    """
+    for file, stamp in stamps.items():
+        now = _stamp(file)
+        if now is not None and now != stamp:
+            raise InputError(
+                f"{file}: changed while it was read ({stamp[0]} bytes before, {now[0]} now); wait "
+                "until its recording has ended, and start again with --restart"
+            )
+
+
+def one_by_one(job: Job, run: RunFolder) -> Work:
+    """A job's work on a chunk, whatever it needs of the chunk before.
+
+    What a chunk leaves goes through JSON whether it is still in memory or read from its record, so
+    that a run that goes on computes with the same numbers as one that was never killed.
+    Parameters: `job`; `run`, where finished chunks lie. Returns a Work.
+    """
+    if not job.in_turn:
+        return cast(Work, job.work)
+    work, last = cast(InTurn, job.work), dict[int, Any]()
+
+    def in_turn(start: int, stop: int) -> Results:
+        index = start // run.layout.chunk
+        if index and index - 1 not in last:
+            record = read_record(run, index - 1)
+            assert record is not None
+            last[index - 1] = record["left"]
+        results = work(start, stop, last.get(index - 1))
+        last.clear()
+        last[index] = json.loads(json.dumps(results.left))
+        return results
+
+    return in_turn

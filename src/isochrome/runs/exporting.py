@@ -1,0 +1,215 @@
+"""A run's dataset for other programs: netCDF for MATLAB, TIFF for ImageJ, CSV for all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.output import replacing, staged, write_csv, write_frames
+from isochrome.runs.store import STORE, open_run
+
+if TYPE_CHECKING:
+    import xarray
+
+FORMATS = ("netcdf", "tiff", "csv")
+_PICTURE = ("row", "col")
+
+
+def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path]:
+    """Write a run's dataset in another program's format, a picture in memory at a time.
+
+    What `process`, `fit` or `sweep` left in run.zarr is written for MATLAB, ImageJ or a
+    spreadsheet.
+
+    Parameters
+    ----------
+    run : str or Path
+        Folder that process or sweep left.
+    to : {'netcdf', 'tiff', 'csv'}
+        'netcdf', one netCDF-4 file with all axes, units and attributes, which MATLAB's ncread
+        opens; 'tiff', a stack of each map, with its scale, time step and labels where ImageJ looks
+        for them; 'csv', the table of all that is known besides pictures, a row for each frame or
+        state.
+    out : str or Path, optional
+        Folder for the files; by default the run's own.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        Where the format is unknown, the run is not there, or a library is missing.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> found = isochrome.sweep(scene, {"load.normal_n": [60.0]}, "loads")
+    >>> [file.name for file in isochrome.export("loads", "csv")]
+    ['run.csv']
+    """
+    if to not in FORMATS:
+        raise InputError(f"--to {to}: is no format known here; give {', '.join(FORMATS)}")
+    place = Path(run)
+    target = Path(out) if out is not None else place
+    with open_run(place) as dataset, staged(target) as folder:
+        try:
+            files = _write(dataset, to, folder)
+        except (ValueError, KeyError, TypeError, IndexError, RuntimeError) as error:
+            if isinstance(error, InputError):
+                raise
+            reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
+            raise InputError(
+                f"{place / STORE}: cannot be read ({reason}); run the command again with --restart"
+            ) from error
+        return [target / file.relative_to(folder) for file in files]
+
+
+def _write(dataset: xarray.Dataset, to: str, folder: Path) -> list[Path]:
+    """The dataset's files of a format."""
+    if to == "netcdf":
+        return [_to_netcdf(dataset, folder / "run.nc")]
+    if to == "csv":
+        return [_to_csv(dataset, folder / "run.csv")]
+    return [
+        _to_tiff(dataset, str(name), folder / "imagej")
+        for name in sorted(dataset.data_vars, key=str)
+        if _is_picture(dataset[name])
+    ]
+
+
+def _is_picture(variable: xarray.DataArray) -> bool:
+    return variable.dims[-2:] == _PICTURE
+
+
+def _blocks(variable: xarray.DataArray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """A variable's parts, each with its place: single pictures, or else all at once."""
+    if not _is_picture(variable):
+        yield (), np.asarray(variable.values)
+        return
+    for place in product(*(range(size) for size in variable.shape[:-2])):
+        yield place, np.asarray(variable[place].values)
+
+
+def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
+    try:
+        import h5netcdf
+        import h5py
+    except ImportError as error:
+        raise InputError(
+            "netCDF needs the packages h5netcdf and h5py, which are not installed; run "
+            "'pip install isochrome[netcdf]'"
+        ) from error
+    with replacing(path) as beside, h5netcdf.File(beside, "w") as file:
+        file.dimensions = dict(dataset.sizes)
+        for name, value in dataset.attrs.items():
+            file.attrs[str(name)] = value
+        for name in sorted(dataset.variables, key=str):
+            array = dataset[name]
+            text = array.dtype.kind not in "iuf"
+            kind = h5py.string_dtype() if text else array.dtype
+            chunks = (*(1 for _ in array.dims[:-2]), *array.shape[-2:])
+            made = file.create_variable(
+                str(name), array.dims, kind, chunks=chunks if _is_picture(array) else None
+            )
+            for key, value in array.attrs.items():
+                made.attrs[str(key)] = value
+            # a coordinate beside the axes has to be named by the variables that it belongs to
+            if name not in dataset.coords:
+                beside_axes = [
+                    str(c)
+                    for c in sorted(dataset.coords, key=str)
+                    if c not in dataset.sizes and set(dataset[c].dims) <= set(array.dims)
+                ]
+                made.attrs["coordinates"] = " ".join(beside_axes)
+            for place, values in _blocks(array):
+                made[place or ...] = values.astype(object) if text else values
+    return path
+
+
+def _to_csv(dataset: xarray.Dataset, path: Path) -> Path:
+    names = [*sorted(dataset.coords, key=str), *sorted(dataset.data_vars, key=str)]
+    flat = [name for name in names if not set(_PICTURE) & set(dataset[name].dims)]
+    # of a tracked video the pictures have an axis of their own, which says nothing of its frames
+    own_axes = set().union(*(dataset[name].dims for name in flat if name in dataset.data_vars))
+    axes = [axis for axis in dataset.sizes if axis in own_axes]
+    flat = [name for name in flat if set(dataset[name].dims) <= own_axes]
+    shape = tuple(dataset.sizes[axis] for axis in axes)
+    columns: dict[str, Any] = {}
+    for name in [*axes, *(name for name in flat if name not in axes)]:
+        own = dataset[name]  # an axis without a coordinate counts from 0
+        spread = tuple(
+            size if axis in own.dims else 1 for axis, size in zip(axes, shape, strict=True)
+        )
+        columns[str(name)] = np.broadcast_to(own.values.reshape(spread), shape).ravel().tolist()
+    write_csv(path, columns)
+    return path
+
+
+def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
+    array = dataset[name]
+    folder.mkdir(exist_ok=True)
+    path = folder / f"{name}.tif"
+    shape = (int(np.prod(array.shape[:-2])), *array.shape[-2:])
+    metadata = {"Labels": _labels(dataset, array), **_interval(dataset, array)}
+    pictures = (values for _, values in _blocks(array))
+    pixel = _scale(dataset)
+    write_frames(path, pictures, shape, np.dtype("<f4"), pixel_mm=pixel, metadata=metadata)
+    return path
+
+
+def _scale(dataset: xarray.Dataset) -> float | None:
+    """The side of a pixel (mm), by the coordinates of the columns."""
+    if "x_mm" not in dataset.coords or dataset.sizes["col"] < 2:
+        return None
+    x = dataset.x_mm.values
+    return float((x[-1] - x[0]) / (len(x) - 1))
+
+
+def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
+    """What ImageJ shows above each slice."""
+    labels = _of_pictures(dataset, "label", array)
+    if labels is not None:
+        return [str(text) for text in labels]
+    axes = array.dims[:-2]
+    values = [dataset[axis].values if axis in dataset.coords else None for axis in axes]
+    places = product(*(range(size) for size in array.shape[:-2]))
+    return [
+        ", ".join(
+            f"{axis} = {k if own is None else f'{own[k]:.6g}'}"
+            for axis, own, k in zip(axes, values, place, strict=True)
+        )
+        for place in places
+    ]
+
+
+def _of_pictures(dataset: xarray.Dataset, name: str, array: xarray.DataArray) -> Any:
+    """A coordinate's values, one for each picture of an array; None where it has none of them."""
+    if name not in dataset.coords or dataset[name].ndim != 1 or array.ndim != 3:
+        return None
+    (own,), axis = dataset[name].dims, array.dims[0]
+    values = dataset[name].values
+    if axis == f"key_{own}":  # pictures of some of the frames
+        return values[dataset[axis].values]
+    return values if axis == own else None
+
+
+def _interval(dataset: xarray.Dataset, array: xarray.DataArray) -> dict[str, Any]:
+    """The time between pictures, where it is known and even to a thousandth."""
+    times = _of_pictures(dataset, "time_s", array)
+    if times is None or times.size < 2:
+        return {}
+    steps = np.diff(times)
+    if not np.isfinite(steps).all() or np.ptp(steps) > 1e-3 * abs(steps.mean()):
+        return {}
+    return {"finterval": float(steps.mean()), "tunit": "s"}

@@ -1,0 +1,48 @@
+from .imaging import Camera, Frames, KnownOrder, Roi
+from .parts import (
+    Friction,
+    Indenter,
+    Load,
+    Numerics,
+    Polariscope,
+    PolariscopeStep,
+    Spectrum,
+    Wear,
+)
+from .pixel_scale import UNDOUBTED_MM, check_pixel
+from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
+from .specimen import Specimen
+from .toml import dump_scene, load_scene, parse_scene, parse_toml, read_text, scene_names
+from .validation import check_reach, validate
+from .whole import Scene
+
+__all__ = [
+    "UNDOUBTED_MM",
+    "Camera",
+    "DistanceTable",
+    "Frames",
+    "Friction",
+    "Indenter",
+    "KnownOrder",
+    "Load",
+    "NonNegative",
+    "Numerics",
+    "Polariscope",
+    "PolariscopeStep",
+    "Positive",
+    "Roi",
+    "Scene",
+    "ScenePart",
+    "Specimen",
+    "Spectrum",
+    "Wear",
+    "check_pixel",
+    "check_reach",
+    "dump_scene",
+    "load_scene",
+    "parse_scene",
+    "parse_toml",
+    "read_text",
+    "scene_names",
+    "validate",
+]

@@ -1,0 +1,193 @@
+"""The camera of a scene, and how its captured frames are to be read."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from isochrome.errors import InputError
+from isochrome.scene.scene_values import NUMBER, Finite, NonNegative, Positive, ScenePart
+
+Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Pixels = Annotated[int, Field(ge=1, le=100_000)]
+Exponent = Annotated[float, Field(ge=0.1, le=10)]
+Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
+FileName = Annotated[str, Field(min_length=1)]
+Rows = Annotated[int, Field(ge=0, le=100_000)]
+
+
+class Camera(ScenePart):
+    """The pixel grid, and what the sensor does to the light; ideal where absent.
+
+    Parameters
+    ----------
+    width_px : int, optional
+        Columns.
+    height_px : int, optional
+        Rows.
+    left_mm : float, optional
+        Outer edge of the first column, from the centre of the contact or specimen, mm.
+    top_mm : float, optional
+        Outer edge of the first row, below the surface or the specimen's centre, mm.
+    pixel_mm : float, optional
+        Side of a square pixel, mm.
+    roll_deg : float, default 0.0
+        How far the picture is turned about its middle, counter-clockwise, degrees.
+    distortion : float, default 0.0
+        Displacement in the corners by the lens over their distance from the middle; barrel < 0.
+    keystone_x : float, default 0.0
+        Displacement at the middle of the right edge over its distance, by a camera that looks from
+        the side.
+    keystone_z : float, default 0.0
+        The same at the middle of the lower edge, by one that looks from above or below.
+    bit_depth : int, optional
+        Bits of a grey level.
+    brightness : float, default 1.0
+        Full light, as a part of full scale.
+    background : float, default 0.0
+        Stray light, as a part of full scale.
+    vignette : float, default 0.0
+        Part of the light that is lost in the corners.
+    gamma : float, default 1.0
+        The camera stores light^(1/gamma).
+    blur_px : float, default 0.0
+        Standard deviation of the Gaussian blur, px.
+    noise_grey : float, default 0.0
+        Standard deviation of the noise, grey levels.
+    full_well_electrons : float, optional
+        Electrons at full scale, for shot noise.
+    colour : bool, default False
+        Whether there are red, green and blue channels.
+    response : str, optional
+        CSV file with the sensor's response over wavelength: wavelength_nm, and red, green, blue (or
+        grey without `colour`).
+    seed : int, default 0
+        Seed of the noise.
+    """
+
+    width_px: Pixels | None = None
+    height_px: Pixels | None = None
+    left_mm: Finite | None = None
+    top_mm: Finite | None = None
+    pixel_mm: Positive | None = None
+    roll_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
+    distortion: Bend = 0.0
+    keystone_x: Bend = 0.0
+    keystone_z: Bend = 0.0
+    bit_depth: Annotated[int, Field(ge=1, le=16)] | None = None
+    brightness: Annotated[float, Field(gt=0, le=10)] = 1.0
+    background: Fraction = 0.0
+    vignette: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    gamma: Exponent = 1.0
+    blur_px: Annotated[float, Field(ge=0, le=100)] = 0.0
+    noise_grey: Annotated[float, Field(ge=0, le=65535)] = 0.0
+    full_well_electrons: Positive | None = None
+    colour: bool = False
+    response: FileName | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class Roi(ScenePart):
+    """The part of the captured frame that the camera grid stands for.
+
+    Parameters
+    ----------
+    top_px : int, default 0
+        First row, px.
+    left_px : int, default 0
+        First column, px.
+    height_px : int
+        Rows, px.
+    width_px : int
+        Columns, px.
+    """
+
+    top_px: Rows = 0
+    left_px: Rows = 0
+    height_px: Pixels
+    width_px: Pixels
+
+
+class KnownOrder(ScenePart):
+    """A pixel of the region of interest whose fringe order the user knows.
+
+    Parameters
+    ----------
+    row_px : int
+        Its row, px.
+    col_px : int
+        Its column, px.
+    order : float
+        The order, fringes.
+    """
+
+    row_px: Rows
+    col_px: Rows
+    order: NonNegative
+
+
+class Frames(ScenePart):
+    """How the captured frames are to be read; paths are relative to the scene file.
+
+    Where both `mask` and `polygon_px` are given, the specimen is inside both.
+
+    Parameters
+    ----------
+    roi : Roi, optional
+        The part of the frame that the camera's grid stands for.
+    mask : str, optional
+        An image of the frame's or the region's size, nonzero = specimen, or ImageJ rois drawn on
+        the full frame.
+    polygon_px : tuple of tuple of float, optional
+        Corners (row, col) of the specimen in the region of interest, pixel centres at whole
+        numbers.
+    no_load_dark : str, optional
+        The unloaded specimen in the dark field: the background.
+    no_load_bright : str, optional
+        The unloaded specimen in the bright field: the illumination.
+    no_load_steps : str, optional
+        A phase-stepped set of the unloaded specimen, one frame a [[polariscope.step]]: its residual
+        stress is taken out.
+    gamma : float or {'unknown'}, default 1.0
+        The camera stored light^(1/gamma); an unknown one is found from the fringes of single
+        frames.
+    channel : {'red', 'green', 'blue', 'mean'}, optional
+        The channel of colour frames that is read.
+    colour_table : str, optional
+        CSV file of the channels' signals against order, in place of a spectrum.
+    sliding_speed_mm_per_s : float, optional
+        Sliding speed of a video, mm/s: distance from the frames' times.
+    known_order : tuple of KnownOrder, optional
+        Orders that the user knows, those of the frame, residual stress included.
+    """
+
+    roi: Roi | None = None
+    mask: FileName | None = None
+    polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None
+    no_load_dark: FileName | None = None
+    no_load_bright: FileName | None = None
+    no_load_steps: FileName | None = None
+    gamma: Annotated[
+        Annotated[Exponent, Tag(NUMBER)] | Annotated[Literal["unknown"], Tag("unknown")],
+        Discriminator(lambda value: value if value == "unknown" else NUMBER),
+    ] = 1.0
+    channel: Literal["red", "green", "blue", "mean"] | None = None
+    colour_table: FileName | None = None
+    sliding_speed_mm_per_s: Positive | None = None
+    known_order: tuple[KnownOrder, ...] = ()
+
+    @property
+    def first_gamma(self) -> float:
+        """The exponent to linearise by at first: 1 where it is unknown."""
+        return 1.0 if isinstance(self.gamma, str) else self.gamma
+
+    @property
+    def stated_gamma(self) -> float:
+        """The exponent, for those who cannot find it; InputError where it is unknown."""
+        if isinstance(self.gamma, str):
+            raise InputError(
+                "frames.gamma = 'unknown': `process` and `fit` find it from single frames in light "
+                "of one wavelength; here, give a number (2.2 for most photographs)"
+            )
+        return self.gamma

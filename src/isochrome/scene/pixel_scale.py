@@ -1,0 +1,82 @@
+"""Whether the camera's pixel and the specimen are in one unit: a slip is a factor of a thousand."""
+
+from __future__ import annotations
+
+from isochrome.errors import InputError
+from isochrome.scene.scene_values import DistanceTable
+from isochrome.scene.whole import Scene
+
+NARROWEST = 0.01
+"""Width of a picture over that of what it shows, at least: a fringe is wider than that."""
+
+FINEST_MM = 1e-4
+"""A fifth of the wavelength of light: no camera resolves less, and what is less may be a slip."""
+
+UNDOUBTED_MM = 1e3 * FINEST_MM
+"""A pixel up to this is in mm, however small the contact: a slip from µm would be finer than light
+resolves."""
+
+MOST = 10_000
+"""Pixels as fine as that across a contact: its surface has hardly more nodes."""
+
+
+def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
+    """Refuse a camera.pixel_mm in which the scene's specimen cannot be seen, before any work.
+
+    A pixel is no wider than the contact (disc, beam), and a picture no narrower than a hundredth of
+    it. A measured profile's contact is known when it is solved, and is held to this then.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    shape : tuple of int or None
+        Rows and cols of its frames; None for a picture that may show as small a part as one likes.
+
+    Raises
+    ------
+    InputError
+        Where the pixel is too wide or too narrow.
+    """
+    pixel, seen = scene.camera.pixel_mm if scene.camera else None, _width(scene)
+    if pixel is None or seen is None:
+        return
+    width, what = seen
+    if pixel > max(width, UNDOUBTED_MM):
+        by = " (by load.normal_n and the radius)" if what == "the contact" else ""
+        raise InputError(
+            f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than {what}, {width:.3g} mm{by}, "
+            "which is the widest allowed; give it in mm (not in µm), or correct the specimen's size"
+        )
+    least = NARROWEST * width / max(shape) if shape else 0.0
+    if pixel < FINEST_MM:
+        least = max(least, width / MOST)
+    if pixel < least:
+        raise InputError(
+            f"{scene.name}: camera.pixel_mm = {pixel:g} is too little for {what}, {width:.3g} mm "
+            f"wide: {least:.2g} is allowed at least; give it in mm (not in m)"
+        )
+
+
+def _width(scene: Scene) -> tuple[float, str] | None:
+    """How wide is what the picture shows (mm), and what that is; None where nobody knows."""
+    specimen, indenter, load = scene.specimen, scene.indenter, scene.load
+    if scene.body_height_mm is not None:
+        return scene.body_height_mm, f"the {scene.model}"
+    if indenter is None or indenter.profile is not None:
+        return None
+    if indenter.shape == "flat" and indenter.half_width_mm is not None:
+        return 2.0 * indenter.half_width_mm, "the flat"
+    if indenter.radius_mm is None or load is None or specimen.young_gpa is None:
+        return None
+    from isochrome.reference import contact_modulus, hertz_half_width
+
+    assert specimen.thickness_mm is not None and specimen.poisson is not None
+    normal = load.normal_n
+    largest = max(normal.value) if isinstance(normal, DistanceTable) else normal
+    # plane stress widens it by a tenth at most, which is nothing beside a thousand
+    modulus = contact_modulus(
+        1e3 * specimen.young_gpa, specimen.poisson, 1e3 * indenter.young_gpa, indenter.poisson
+    )
+    half = hertz_half_width(largest / specimen.thickness_mm, indenter.radius_mm, modulus)
+    return 2.0 * half, "the contact"

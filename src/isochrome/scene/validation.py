@@ -1,0 +1,144 @@
+"""What is wrong with a settings file, as one sentence: key, value, what is allowed, the fix."""
+
+from __future__ import annotations
+
+import difflib
+import typing
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from isochrome.errors import InputError
+from isochrome.scene.scene_values import NUMBER, TABLE
+
+LARGEST = 1e30
+"""In any unit, what is beyond is a slip."""
+
+M = typing.TypeVar("M", bound=BaseModel)
+
+
+def validate(
+    model: type[M], data: dict[str, Any], label: str, *, reserved: tuple[str, ...] = ()
+) -> M:
+    """Check a dictionary against a pydantic model.
+
+    Parameters
+    ----------
+    model : type
+        The model.
+    data : dict
+        The tables of a settings file.
+    label : str
+        Name of the file, in messages.
+    reserved : tuple of str, optional
+        Names of fields that are no keys.
+
+    Returns
+    -------
+    BaseModel
+        An instance of the model.
+
+    Raises
+    ------
+    InputError
+        Where anything is wrong; it names the first mistake.
+    """
+    for key in reserved:
+        if key in data:
+            raise InputError(f"{label}: unknown key '{key}'; remove it")
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"{label}: {_sentence(model, error)}") from error
+
+
+def check_reach(data: Any, label: str, key: str = "") -> None:
+    """Refuse numbers of a settings file whose powers would be beyond all numbers.
+
+    Parameters
+    ----------
+    data : object
+        The file's tables, lists and values.
+    label : str
+        Name of the file, in messages.
+    key : str, default ''
+        Key of `data` in the file.
+
+    Raises
+    ------
+    InputError
+        Where a number is too large or too small.
+    """
+    if isinstance(data, dict):
+        for name, value in data.items():
+            check_reach(value, label, f"{key}.{name}" if key else str(name))
+    elif isinstance(data, list | tuple):
+        for number, value in enumerate(data, start=1):
+            check_reach(value, label, f"{key}[{number}]")
+    elif isinstance(data, float) and data and not 1 / LARGEST <= abs(data) <= LARGEST:
+        raise InputError(
+            f"{label}: {key} = {data:g} is not allowed: its size should lie between "
+            f"{1 / LARGEST:g} and {LARGEST:g}; correct it"
+        )
+
+
+def _sentence(model: type[BaseModel], error: ValidationError) -> str:
+    """The first mistake of a validation as one sentence, unknown keys before all others."""
+    found = error.errors(include_url=False)
+    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+    known = _keys_beside(model, first["loc"])
+    key = _dotted(first["loc"])
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    if first["type"] == "extra_forbidden":
+        near = nearest(str(first["loc"][-1]), known)
+        hint = f"did you mean '{near}'?" if near else "known here: " + ", ".join(known)
+        return f"unknown key '{key}'; {hint}{more}"
+    if first["type"] == "missing":
+        return f"the key '{key}' is missing; add it{more}"
+    message = first["msg"].removeprefix("Value error, ")
+    if not key:
+        return f"{message}{more}"
+    if first["type"] == "value_error":
+        return f"[{key}] {message}{more}"
+    allowed = message[0].lower() + message[1:]
+    return f"{key} = {_short(first['input'])} is not allowed: {allowed}; correct it{more}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _dotted(loc: tuple[int | str, ...]) -> str:
+    text = ""
+    for item in loc:
+        if isinstance(item, int):
+            text += f"[{item + 1}]"
+        elif item not in (NUMBER, TABLE):
+            text += f".{item}" if text else item
+    return text
+
+
+def _keys_beside(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
+    """Keys that are known in the table where an error's place lies."""
+    here: type[BaseModel] = model
+    for item in loc[:-1]:
+        if isinstance(item, str) and item in here.model_fields:
+            inner = _model_inside(here.model_fields[item].annotation)
+            if inner is None:
+                break
+            here = inner
+    return [k for k in here.model_fields if k not in ("folder", "name")]
+
+
+def _model_inside(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    inside = (_model_inside(a) for a in typing.get_args(annotation))
+    return next((a for a in inside if a is not None), None)
+
+
+def nearest(word: str, known: list[str]) -> str | None:
+    """The known word most like a misspelt one, or None where none is near."""
+    found = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return found[0] if found else None

@@ -1,0 +1,273 @@
+"""The scene: its parts together, and what they must have in common."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, model_validator
+
+from isochrome.errors import InputError
+from isochrome.scene.imaging import Camera, Frames
+from isochrome.scene.parts import Friction, Indenter, Load, Numerics, Polariscope, Wear
+from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
+from isochrome.scene.specimen import BODIES, Body, Specimen
+from isochrome.scene.validation import validate
+
+
+class Scene(ScenePart):
+    """What stood in front of the camera.
+
+    The parts are the tables of a scene's TOML file. Absent parts are not modelled and cost nothing.
+    A scene does not change: `with_values` gives a changed copy, checked again.
+
+    Parameters
+    ----------
+    specimen : Specimen
+        Shape, sizes (mm), Young's modulus (GPa), Poisson's ratio and fringe value (N/mm per
+        fringe).
+    indenter : Indenter, optional
+        The sliding body of a contact.
+    load : Load, optional
+        The forces, N.
+    friction : Friction, optional
+        Coulomb friction, q = mu p.
+    wear : Wear, optional
+        Wear of the specimen, dh = kappa p ds, with frames wanted at its distances (m).
+    polariscope : Polariscope, optional
+        The light and the optical elements.
+    camera : Camera, optional
+        The pixel grid (mm), and what the sensor does to the light.
+    frames : Frames, optional
+        How captured frames are to be read.
+    numerics : Numerics, optional
+        How finely the contact is computed.
+    folder : Path, optional
+        Folder to which paths in the scene are relative.
+    name : str, default 'scene'
+        Name of the scene, in titles and messages.
+
+    Raises
+    ------
+    ValidationError
+        Where parts do not fit together; `load_scene` and `parse_scene` raise InputError for it.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("line-contact-wear")
+    >>> scene.get("load.normal_n")
+    44.0
+    >>> scene.with_values({"load.normal_n": 50.0}).load_at(0.0)
+    50.0
+    """
+
+    specimen: Specimen
+    indenter: Indenter | None = None
+    load: Load | None = None
+    friction: Friction | None = None
+    wear: Wear | None = None
+    polariscope: Polariscope = Polariscope()
+    camera: Camera | None = None
+    frames: Frames = Frames()
+    numerics: Numerics = Numerics()
+    folder: Path | None = Field(default=None, exclude=True, repr=False)
+    name: str = Field(default="scene", exclude=True, repr=False)
+
+    @model_validator(mode="after")
+    def _parts_agree(self) -> Scene:
+        if self.indenter is not None and self.specimen.shape not in (None, "block"):
+            raise ValueError(
+                f"[indenter] and [specimen] shape = '{self.specimen.shape}' exclude each other: "
+                "a contact's specimen is a half-plane or a block; remove one"
+            )
+        for key in self._needed():
+            part, name = key.split(".")
+            if getattr(getattr(self, part), name, None) is None:
+                raise ValueError(f"{key} is missing, and {self._what()} needs it; add it")
+        if self.indenter is None and (self.friction or self.wear):
+            raise ValueError("[friction] and [wear] need an [indenter]; add it, or remove them")
+        if self.wear and self.wear.law == "dissipated_energy" and self.friction is None:
+            raise ValueError(
+                "wear.law = 'dissipated_energy' needs [friction], which dissipates the energy; "
+                "add it, or set wear.law = 'archard'"
+            )
+        if self.specimen.shape == "block":
+            self._check_block()
+        load = self.load
+        if load is not None and isinstance(load.normal_n, DistanceTable):
+            self._check_load_table(load)
+        if load is not None and load.tangential_n is not None:
+            self._check_tangential(load)
+        if self.specimen.shape == "beam" and load is not None:
+            inner, outer = load.inner_span_mm or 0.0, load.outer_span_mm or 0.0
+            if inner >= outer:
+                raise ValueError(
+                    f"load.inner_span_mm = {inner:g} must be less than load.outer_span_mm = "
+                    f"{outer:g}; are they swapped?"
+                )
+        return self
+
+    def _check_block(self) -> None:
+        specimen = self.specimen
+        if self.indenter is None:
+            raise ValueError(
+                "specimen.shape = 'block' is a block under a contact; add [indenter], or set "
+                "shape = 'other' for frames without a model"
+            )
+        width, left = specimen.width_mm or 0.0, specimen.left_mm
+        if left is not None and not -width < left < 0.0:
+            raise ValueError(
+                f"specimen.left_mm = {left:g}, the block's left side from the contact's centre, "
+                f"must lie between -{width:g} (minus its width) and 0; correct it"
+            )
+        if specimen.support == "sliding" and self.friction is not None:
+            raise ValueError(
+                "specimen.support = 'sliding' holds no tangential load, and [friction] makes one; "
+                "set support = 'fixed', or remove [friction]"
+            )
+
+    def _check_load_table(self, load: Load) -> None:
+        if self.indenter is None:
+            raise ValueError(
+                "load.normal_n is a table over sliding distance, and nothing slides without an "
+                "[indenter]; give load.normal_n as a number"
+            )
+        if load.tangential_n is not None:
+            raise ValueError(
+                "load.normal_n is a table over sliding distance, and load.tangential_n is for a "
+                "stuck contact; give load.normal_n as a number, or remove load.tangential_n"
+            )
+
+    def _check_tangential(self, load: Load) -> None:
+        if self.friction is None:
+            raise ValueError("load.tangential_n needs [friction]: a stuck contact's limit; add it")
+        if self.wear is not None:
+            raise ValueError(
+                "load.tangential_n is for a stuck contact, and [wear] for a sliding one; remove one"
+            )
+        held = abs(self.friction_at(0.0)) * self.load_at(0.0)
+        tangential = load.tangential_n or 0.0
+        if abs(tangential) > held:
+            raise ValueError(
+                f"load.tangential_n = {tangential:g} is more than friction can hold, "
+                f"{held:g} N; lower it, or leave it out for a sliding contact"
+            )
+
+    def _needed(self) -> tuple[str, ...]:
+        optics = ("specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "load.normal_n")
+        if self.indenter is not None:
+            block = ("specimen.width_mm", "specimen.height_mm")
+            size = block if self.specimen.shape == "block" else ()
+            return ("specimen.young_gpa", "specimen.poisson", *optics, *size)
+        return (*self._body.needs, *optics) if self._body else ()
+
+    def _what(self) -> str:
+        shape = self.specimen.shape
+        return "a contact" if self.indenter is not None and shape is None else f"a {shape}"
+
+    @property
+    def _body(self) -> Body | None:
+        """What is known of a specimen that stands by itself; None for a contact or no model."""
+        body = BODIES.get(self.specimen.shape or "")
+        asked = body is not None and body.only_with
+        return None if asked and getattr(self.specimen, asked) is None else body
+
+    @property
+    def model(self) -> str | None:
+        """Which model renders this scene: 'contact', 'disc', 'ring', 'beam', or None: no model."""
+        if self.indenter is not None:
+            return "contact"
+        return self.specimen.shape if self._body else None
+
+    @property
+    def no_model_reason(self) -> str:
+        """Why a scene without a model has none."""
+        shape = self.specimen.shape
+        if shape is None:
+            return "the scene has no [indenter] and no shape"
+        if shape in BODIES:
+            return f"a {shape} has no model without specimen.{BODIES[shape].only_with}"
+        return f"a specimen of shape '{shape}' has no model"
+
+    @property
+    def body_height_mm(self) -> float | None:
+        """Height of a specimen that a picture shows whole; None for a contact or no model."""
+        return getattr(self.specimen, self._body.height) if self._body else None
+
+    @property
+    def rim_diameter_mm(self) -> float | None:
+        """Diameter of a specimen with a round outline, which tells its place; None without one."""
+        return self.body_height_mm if self._body and self._body.has_rim else None
+
+    def friction_at(self, distance_m: Distance) -> Distance:
+        """Friction coefficient mu at a sliding distance, linear between the table's points.
+
+        Parameters: `distance_m`, the distance slid (m), a number or an array of any shape.
+        Returns mu of that shape, 0 where the scene has none.
+        """
+        return value_at(self.friction.coefficient if self.friction else 0.0, distance_m)
+
+    def load_at(self, distance_m: Distance) -> Distance:
+        """Normal load P at a sliding distance, linear between the table's points.
+
+        Parameters: `distance_m`, the distance slid (m), a number or an array of any shape.
+        Returns P (N) of that shape, 0 where the scene has none.
+        """
+        return value_at(self.load.normal_n if self.load else 0.0, distance_m)
+
+    def wear_coefficient_at(self, distance_m: Distance) -> Distance:
+        """Wear coefficient k at a sliding distance, linear between the table's points.
+
+        Parameters: `distance_m`, the distance slid (m), a number or an array of any shape.
+        Returns k (mm²/N) of that shape, 0 where the scene has none.
+        """
+        return value_at(self.wear.coefficient_mm2_per_n if self.wear else 0.0, distance_m)
+
+    def path(self, name: str) -> Path:
+        """A path named in the scene, relative to the scene's own file."""
+        return (self.folder or Path()) / name
+
+    def files(self, *, of_frames: bool) -> list[Path]:
+        """The files that the scene names, on which results depend.
+
+        Parameters: `of_frames`, whether those of [frames] are among them, which a simulation does
+        not read.
+        """
+        named = [
+            self.camera.response if self.camera else None,
+            self.indenter.profile if self.indenter else None,
+        ]
+        if of_frames:
+            own = self.frames
+            named += [own.no_load_dark, own.no_load_bright, own.no_load_steps]
+            named += [own.mask, own.colour_table]
+        return [self.path(name) for name in named if name is not None]
+
+    def get(self, key: str) -> Any:
+        """The value of a dotted key such as 'load.normal_n'; InputError on an unknown one."""
+        part, _, name = key.partition(".")
+        table = getattr(self, part, None)
+        known = part in type(self).model_fields and part not in ("folder", "name")
+        if not known or not name:
+            raise InputError(f"{key}: the scene has no such key; write it as 'load.normal_n'")
+        if table is None:
+            raise InputError(f"{key}: this scene has no [{part}]; add it")
+        if name not in type(table).model_fields:
+            raise InputError(
+                f"{key}: [{part}] has no such key; it has {', '.join(type(table).model_fields)}"
+            )
+        return getattr(table, name)
+
+    def with_values(self, values: dict[str, Any]) -> Scene:
+        """A copy with some dotted keys changed and checked again; raises InputError."""
+        parts: dict[str, dict[str, Any]] = {}
+        for key, value in values.items():
+            self.get(key)
+            part, _, name = key.partition(".")
+            parts.setdefault(part, {})[name] = value
+        data = {name: getattr(self, name) for name in self.model_fields_set}
+        for part, update in parts.items():
+            table = getattr(self, part)
+            data[part] = {n: getattr(table, n) for n in table.model_fields_set} | update
+        return validate(Scene, data, self.name)

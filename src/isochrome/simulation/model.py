@@ -1,0 +1,305 @@
+"""The chain from scene to picture: states, stress, fringe order, signal. Each step on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.contact import SurfaceState, iter_contact_states
+from isochrome.errors import InputError, PhysicsError
+from isochrome.optics import (
+    camera_response,
+    fringe_order,
+    highest_visible,
+    make_chain,
+    make_light,
+    pixel_visibility,
+    polariscope_signal,
+    spectral_signal,
+)
+from isochrome.scene import Camera, Scene
+from isochrome.specimens import specimen_model
+from isochrome.stress import PixelGrid, StressDifference, principal_direction
+
+Array = NDArray[np.floating]
+
+_TOO_FINE_SHARE = 0.03
+"""Share of the fringed pixels with fringes finer than two pixels at which a picture is refused: a
+few at the edge of a contact or beside point loads, where the stress is steep, are no harm."""
+
+_FLOAT32_BITS = 10
+"""Bits up to which single precision, 1e-5 of the signal at N = 50, is below half a grey level."""
+
+
+@dataclass(frozen=True)
+class SceneState:
+    """One state of a scene.
+
+    Parameters
+    ----------
+    label : str
+        Its name, such as 'static' or '31 m'.
+    distance_m : float
+        Distance slid, m.
+    surface : SurfaceState or None
+        What acts on the surface; None but in a contact.
+    """
+
+    label: str
+    distance_m: float
+    surface: SurfaceState | None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What the camera would see, before the camera.
+
+    Parameters
+    ----------
+    difference : ndarray of complex, shape (rows, cols)
+        Stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa.
+    order : ndarray, shape (rows, cols)
+        Fringe order N, fringes.
+    material : ndarray of bool, shape (rows, cols)
+        False where there is no specimen.
+    visibility : ndarray, shape (rows, cols)
+        Visibility of the fringes in a pixel's area.
+    too_fine : float
+        Share of the fringed pixels with fringes finer than two pixels.
+    """
+
+    difference: StressDifference
+    order: Array
+    material: NDArray[np.bool_]
+    visibility: Array
+    too_fine: float
+
+
+def scene_states(scene: Scene) -> list[SceneState]:
+    """Solve a scene's mechanics: every state, in the scene's order.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    list of SceneState
+        The states.
+
+    Raises
+    ------
+    InputError
+        Where the scene has no model.
+    PhysicsError
+        Where it cannot be solved.
+    """
+    return list(iter_scene_states(scene))
+
+
+def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
+    """Give the states of `scene_states`, each solved when it is asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    iterator of SceneState
+        The states.
+
+    Raises
+    ------
+    InputError
+        At once, where the scene has no model.
+    PhysicsError
+        As the states come, where one cannot be solved.
+    """
+    if scene.model is None:
+        raise InputError(no_model_sentence(scene))
+    if scene.indenter is None:
+        return iter((SceneState(scene.model, 0.0, None),))
+    return (SceneState(_label(s), s.distance_m, s) for s in iter_contact_states(scene))
+
+
+def state_count(scene: Scene) -> int:
+    """Count the states of a scene, without solving them.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    int
+        How many there are.
+    """
+    if scene.indenter is None:
+        return 1
+    static = scene.friction is not None and scene.friction.static_state_first
+    if scene.load is not None and scene.load.tangential_n is not None:
+        return 1
+    return int(static) + (len(scene.wear.distances_m) if scene.wear else 1)
+
+
+def no_model_sentence(scene: Scene) -> str:
+    """Say why a scene has no model, and what can be done with its frames all the same.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
+    return (
+        f"{scene.name}: {scene.no_model_reason}, so it cannot be simulated; "
+        "`isochrome process` still gives the normalised frames, the fringe skeleton, and the order "
+        "from [[frames.known_order]]"
+    )
+
+
+def _label(state: SurfaceState) -> str:
+    if not state.sliding and state.distance_m == 0.0:
+        return "static"
+    if state.distance_m == 0.0:
+        return "initial sliding"
+    return f"{state.distance_m:g} m"
+
+
+def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressDifference:
+    """Stress difference of one state on a pixel grid, with what the scene adds to the contact's.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    state : SceneState
+        The state.
+    pixels : PixelGrid
+        The pixels.
+
+    Returns
+    -------
+    ndarray of complex, shape (rows, cols)
+        The difference (sigma_x - sigma_z) + 2i tau_xz, MPa; NaN outside a specimen that is shown
+        whole, 0 above a contact's surface.
+    """
+    return specimen_model(scene).difference(scene, state.surface, pixels)
+
+
+def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) -> Picture:
+    """Make fringe order, mask and visibility of a stress field.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    difference : ndarray of complex, shape (rows, cols)
+        Stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa.
+    pixels : PixelGrid
+        The pixels.
+
+    Returns
+    -------
+    Picture
+        What the camera would see.
+    """
+    specimen = scene.specimen
+    assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
+    order = fringe_order(
+        difference,
+        thickness_mm=specimen.thickness_mm,
+        fringe_value_n_per_mm=specimen.fringe_value_n_per_mm,
+    )
+    material = np.isfinite(order)
+    if scene.model is not None:  # of any other specimen the field itself says where it is
+        material &= specimen_model(scene).inside(pixels)
+    order = order if material.all() else np.where(material, order, np.nan)
+    visibility, too_fine = pixel_visibility(order)
+    return Picture(difference, order, material, visibility, too_fine)
+
+
+def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
+    """Polariscope signal of a picture; no specimen, no light.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    picture : Picture
+        What the camera would see.
+    step : int, optional
+        Which of the polariscope's phase steps; None: dark, bright or plane field.
+
+    Returns
+    -------
+    ndarray, shape (rows, cols) or (rows, cols, 3)
+        The signal, 1 for full light; red, green and blue for a colour camera; in float64 where the
+        camera stores more than 10 bits.
+
+    Raises
+    ------
+    InputError
+        On a response file that cannot be used, or a light that a channel does not see.
+    """
+    camera, polariscope = scene.camera, scene.polariscope
+    order, whole = picture.order, picture.material.all()
+    if not whole:
+        order = np.where(picture.material, order, 0.0)
+    if camera is None or camera.bit_depth is None or camera.bit_depth > _FLOAT32_BITS:
+        order = order.astype(float)
+    coloured = camera is not None and (camera.colour or camera.response is not None)
+    if polariscope.several_wavelengths or coloured:
+        signal = _spectral(scene, picture, order, step)
+    else:
+        chain = make_chain(polariscope, step)
+        direction = None if chain.ideal else principal_direction(picture.difference)
+        signal = polariscope_signal(
+            order, chain, direction=direction, visibility=picture.visibility
+        )
+    if not whole:
+        signal[~picture.material] = 0.0
+    return signal
+
+
+def _spectral(scene: Scene, picture: Picture, order: Array, step: int | None) -> Array:
+    """The signal for several wavelengths, or in several channels."""
+    camera, polariscope = scene.camera or Camera(), scene.polariscope
+    path = scene.path(camera.response) if camera.response is not None else None
+    response = camera_response(camera, path)
+    highest = highest_visible(order, picture.visibility)
+    light = make_light(polariscope, response, highest_order=highest)
+    chains = [make_chain(polariscope, step, wavelength_nm=float(w)) for w in light.wavelength_nm]
+    ideal = all(chain.ideal for chain in chains)
+    assert polariscope.wavelength_nm is not None
+    signal = spectral_signal(
+        order,
+        light,
+        chains,
+        reference_nm=polariscope.wavelength_nm,
+        direction=None if ideal else principal_direction(picture.difference),
+        visibility=picture.visibility,
+    )
+    return signal if camera.colour else signal[..., 0]
+
+
+def refuse_too_fine(scene: Scene, picture: Picture) -> None:
+    """Raise PhysicsError where too many fringes are finer than two pixels."""
+    if picture.too_fine > _TOO_FINE_SHARE:
+        pixel = scene.camera.pixel_mm if scene.camera else None
+        raise PhysicsError(
+            f"{scene.name}: fringes finer than two pixels in {100 * picture.too_fine:.1f} % of the "
+            f"fringed picture (camera.pixel_mm = {pixel}); use smaller pixels, a lower "
+            "load.normal_n or a thinner specimen"
+        )

@@ -1,0 +1,5 @@
+from .contact import surface_field_grid
+from .interface import SpecimenModel
+from .lookup import specimen_model
+
+__all__ = ["SpecimenModel", "specimen_model", "surface_field_grid"]

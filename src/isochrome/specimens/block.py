@@ -1,0 +1,153 @@
+r"""Stress in a block of finite size: a half-plane's, and what its sides and its support add.
+
+Below a contact that is small against its distance from the block's sides, these feel its
+tractions by their resultants and first moments alone,
+
+    P = ∫ p dx,  Q = ∫ q dx,  ∫ x p dx,  ∫ x q dx,
+
+each times a regular stress found once for a block by finite elements and kept as a power series
+(see `stress.half_plane.regular`): a state then costs four multiples of it. What is left out is of
+the order (half-width/clearance)² of the correction. The contact itself is solved as a half-plane's:
+the correction bends the surface by its bending stress over Young's modulus, in the paper's block
+by 1e-4 of the cylinder's curvature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from isochrome.contact import SurfaceState
+from isochrome.errors import InputError, PhysicsError
+from isochrome.scene import Scene
+from isochrome.specimens.contact import HalfPlane
+from isochrome.stress import (
+    NO_STRESS,
+    PixelGrid,
+    PointForce,
+    RegularStress,
+    Sampled,
+    Sides,
+    corrections,
+    regular_modes,
+)
+
+FORCES = (
+    PointForce(1.0, 0.0),
+    PointForce(0.0, 1.0),
+    PointForce(1.0, 0.0, dipole=True),
+    PointForce(0.0, 1.0, dipole=True),
+)
+"""Unit normal and tangential force, and their unit first moments."""
+
+REACH = 0.6
+"""Radius over the clearance within which the series stands for the block's correction."""
+_DEGREE = 10
+_WIDEST = 0.1
+"""Largest half-width over the clearance: what is left out is below its square, 1 %."""
+
+
+@dataclass(frozen=True)
+class BlockSeries:
+    """A block's corrections: `unit`, for each of FORCES.
+
+    `misfit`, root mean square of the finite elements' stress less the series', over that stress.
+    """
+
+    unit: tuple[RegularStress, ...]
+    misfit: float
+
+
+class BlockModel(HalfPlane):
+    """A half-plane with sides and a support."""
+
+    def side_stress(
+        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid
+    ) -> RegularStress | None:
+        """What the block's sides and support add in one state.
+
+        Raises InputError where scikit-fem is not installed or a pixel lies too far off,
+        PhysicsError for a contact too wide for the block.
+        """
+        sides = block_sides(scene)
+        _check_reach(scene, sides, pixels)
+        half_width = float(np.max(np.abs(surface.edges_mm)))
+        if half_width > _WIDEST * sides.clearance:
+            raise PhysicsError(
+                f"{scene.name}: the contact reaches {half_width:.3g} mm from its centre, more than "
+                f"a tenth of its distance from the block's nearest side, {sides.clearance:.3g} mm; "
+                "a larger block, or its contact further from the sides, is needed"
+            )
+        x, dx = surface.grid.x_mm, surface.grid.spacing_mm
+        p, q = surface.pressure_mpa, surface.shear_mpa
+        moments = (p.sum(), q.sum(), x @ p, x @ q)
+        unit = block_series(sides).unit
+        parts = (s.times(dx * float(m)) for s, m in zip(unit, moments, strict=True))
+        return sum(parts, NO_STRESS)
+
+    def side_stress_of_forces(self, scene: Scene) -> tuple[RegularStress, ...]:
+        """What they add under a unit normal and a unit tangential force."""
+        return block_series(block_sides(scene)).unit[:2]
+
+
+MODEL = BlockModel()
+
+
+def block_sides(scene: Scene) -> Sides:
+    """The block of a scene."""
+    specimen = scene.specimen
+    assert specimen.width_mm is not None and specimen.height_mm is not None
+    assert specimen.poisson is not None
+    left = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
+    return Sides(
+        left,
+        left + specimen.width_mm,
+        specimen.height_mm,
+        specimen.poisson,
+        specimen.support == "sliding",
+    )
+
+
+@lru_cache(maxsize=8)
+def block_series(sides: Sides) -> BlockSeries:
+    """A block's corrections to a half-plane's stress, made once and kept.
+
+    Parameters: `sides`. Returns a BlockSeries. Raises InputError where scikit-fem is not installed.
+    """
+    reach = REACH * sides.clearance
+    sampled = corrections(sides, FORCES, within_mm=reach)
+    fitted = [_fitted(sample, reach) for sample in sampled]
+    unit, misfits = zip(*fitted, strict=True)
+    return BlockSeries(unit, max(misfits))
+
+
+def _fitted(sample: Sampled, reach: float) -> tuple[RegularStress, float]:
+    """The power series of least squares over the Gauss points, and its relative misfit."""
+    x, z, weight = sample.x / reach, sample.z / reach, np.sqrt(sample.area)
+
+    def weighted(difference: np.ndarray, trace: np.ndarray) -> np.ndarray:
+        return np.concatenate([weight * difference.real, weight * difference.imag, weight * trace])
+
+    modes = regular_modes(_DEGREE)
+    matrix = np.stack([weighted(m.difference(x, z), m.trace(x, z)) for m in modes], axis=1)
+    stress = sample.stress
+    wanted = weighted(stress.difference, stress.sigma_x + stress.sigma_z)
+    found = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    total = sum((m.times(c) for m, c in zip(modes, found, strict=True)), NO_STRESS)
+    scaled = RegularStress(tuple(complex(s / reach**n) for n, s in enumerate(total.series)))
+    return scaled, float(np.linalg.norm(matrix @ found - wanted) / np.linalg.norm(wanted))
+
+
+def _check_reach(scene: Scene, sides: Sides, pixels: PixelGrid) -> None:
+    """Raise InputError where a picture shows more of a block than its corrections hold for."""
+    across = max(abs(pixels.left_mm), abs(pixels.left_mm + pixels.cols * pixels.pixel_mm))
+    down = max(abs(pixels.top_mm), abs(pixels.top_mm + pixels.rows * pixels.pixel_mm))
+    farthest, reach = float(np.hypot(across, down)), REACH * sides.clearance
+    if farthest > reach:
+        raise InputError(
+            f"{scene.name}: the picture reaches {farthest:.3g} mm from the contact, and the stress "
+            f"of the block (specimen.shape = 'block') is known within {reach:.3g} mm; show less of "
+            "it, by camera.width_px, height_px and left_mm, or leave specimen.shape out"
+        )

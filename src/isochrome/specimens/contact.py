@@ -1,0 +1,132 @@
+"""The specimen of a contact: a half-plane under the tractions on its surface."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.contact import ContactGrid, SurfaceState
+from isochrome.scene import Scene
+from isochrome.specimens.interface import Mask, SpecimenModel
+from isochrome.stress import (
+    FieldGrid,
+    PixelGrid,
+    RegularStress,
+    ShearPeak,
+    StressComponents,
+    StressDifference,
+    components_on_grid,
+    field_dtype,
+    largest_shear,
+    make_field_grid,
+    seen_by,
+    stress_difference,
+)
+
+_SPLINE_PX = 2.0
+"""Depth that a field seen through a lens loses: its spline knows nothing above the surface."""
+
+
+class HalfPlane(SpecimenModel):
+    """A half-plane: its stress is that of the contact's tractions, and of a bulk stress."""
+
+    is_proportional = False
+
+    def components(
+        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
+    ) -> StressComponents:
+        """Stress components below the surface, 0 above it."""
+        assert surface is not None
+        plain = pixels.around()
+        stress = components_on_grid(
+            surface_field_grid(plain, surface.grid, scene.numerics.tolerance),
+            surface.pressure_mpa,
+            surface.shear_mpa if surface.shear_mpa.any() else None,
+            regular=self.added_stress(scene, surface, pixels),
+        )
+        parts = stress.sigma_x, stress.sigma_z, stress.tau_xz
+        return StressComponents(*(seen_by(part, plain, pixels) for part in parts))
+
+    def difference(
+        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
+    ) -> StressDifference:
+        """The stress difference alone, which takes half the work."""
+        assert surface is not None
+        plain = pixels.around()
+        grid = surface_field_grid(plain, surface.grid, scene.numerics.tolerance)
+        shear = surface.shear_mpa if surface.shear_mpa.any() else None
+        field = stress_difference(grid, surface.pressure_mpa, shear)
+        field = seen_by(field, plain, pixels)
+        added = self.added_stress(scene, surface, pixels)
+        if added:
+            field += added.difference(*pixels.places).astype(field.dtype)
+        return field
+
+    def inside(self, pixels: PixelGrid) -> Mask:
+        """Below the surface: a pixel that it cuts sees the indenter too."""
+        return np.asarray(pixels.places[1] >= (0.5 - 1e-6) * pixels.pixel_mm)
+
+    def trusted(self, scene: Scene, pixels: PixelGrid, hidden_mm: float) -> Mask:
+        """From `hidden_mm` below the surface on: above it the stress is steep."""
+        if pixels.lens is not None:
+            hidden_mm += _SPLINE_PX * pixels.pixel_mm
+        return np.asarray(pixels.places[1] >= hidden_mm)
+
+    def peak(
+        self,
+        scene: Scene,
+        surface: SurfaceState | None,
+        principal_difference: NDArray[np.floating],
+        pixels: PixelGrid,
+    ) -> ShearPeak:
+        """Largest shear between the pixels' centres too, the surface included."""
+        assert surface is not None
+        return largest_shear(
+            surface.grid.x_mm,
+            surface.pressure_mpa,
+            surface.shear_mpa,
+            within=pixels,
+            regular=self.added_stress(scene, surface, pixels),
+        )
+
+    def added_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
+        """The bulk stress, and what sides add."""
+        load, sides = scene.load, self.side_stress(scene, surface, pixels) or RegularStress()
+        if load is None:
+            return sides
+        slope = complex(load.bulk_along_x_mpa_per_mm or 0.0, load.bulk_along_z_mpa_per_mm or 0.0)
+        return sides + RegularStress((complex(load.bulk_mpa or 0.0), slope))
+
+
+MODEL = HalfPlane()
+
+
+@lru_cache(maxsize=1)
+def surface_field_grid(pixels: PixelGrid, grid: ContactGrid, tolerance: float) -> FieldGrid:
+    """The kernels from a contact's nodes to the pixels, as precise as the scene's tolerance asks.
+
+    The last ones are kept: the states of a scene share them. They take as much as ten pictures.
+
+    Parameters
+    ----------
+    pixels : PixelGrid
+        Where the stress is wanted.
+    grid : ContactGrid
+        The nodes on the surface.
+    tolerance : float
+        The scene's numerics.tolerance.
+
+    Returns
+    -------
+    FieldGrid
+        The kernels.
+    """
+    return make_field_grid(
+        pixels,
+        left_mm=grid.left_mm,
+        spacing_mm=grid.spacing_mm,
+        nodes=grid.nodes,
+        dtype=field_dtype(tolerance),
+    )

@@ -1,0 +1,87 @@
+"""What the other rooms ask of a specimen: its stress, where it is, what a fit may ask of it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.contact import SurfaceState
+from isochrome.scene import Scene
+from isochrome.stress import (
+    NO_STRESS,
+    PixelGrid,
+    RegularStress,
+    ShearPeak,
+    StressComponents,
+    StressDifference,
+)
+
+Mask = NDArray[np.bool_]
+
+
+class SpecimenModel(ABC):
+    """A kind of specimen. A new one with a closed form has its `components`, and little else.
+
+    Its axes are the scene's: x from its middle (or the contact's), z down from its top. `surface`,
+    what acts on it in one state, is None but in a contact.
+    """
+
+    unknowns: tuple[str, ...] = ("load.normal_n", "camera.left_mm", "camera.top_mm")
+    """What a frame can tell of any such scene; what its other parts add is not here."""
+
+    is_proportional: bool = True
+    """Whether its stress goes with load.normal_n: one coarse field serves a search for the load."""
+
+    @abstractmethod
+    def components(
+        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
+    ) -> StressComponents:
+        """Stress components (rows, cols), MPa; NaN outside the specimen."""
+
+    def difference(
+        self, scene: Scene, surface: SurfaceState | None, pixels: PixelGrid
+    ) -> StressDifference:
+        """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa; NaN outside the specimen."""
+        return self.components(scene, surface, pixels).difference
+
+    def inside(self, pixels: PixelGrid) -> Mask:
+        """Where the stress is the specimen's alone (rows, cols or 1); NaN in it says the rest."""
+        return np.ones((pixels.rows, 1), dtype=bool)
+
+    def trusted(self, scene: Scene, pixels: PixelGrid, hidden_mm: float) -> Mask:
+        """Where a fit compares (rows, cols or 1): away from where place or load is no ideal one.
+
+        `hidden_mm`, the depth below a contact's surface that is left out.
+        """
+        return self.inside(pixels)
+
+    def peak(
+        self,
+        scene: Scene,
+        surface: SurfaceState | None,
+        principal_difference: NDArray[np.floating],
+        pixels: PixelGrid,
+    ) -> ShearPeak:
+        """Largest shear in the material in view, here at the pixels' centres, and its place.
+
+        `principal_difference`, sigma_1 - sigma_2 (rows, cols), MPa; NaN outside the material.
+        """
+        shear = 0.5 * np.nan_to_num(principal_difference, nan=-1.0)
+        row, col = np.unravel_index(int(shear.argmax()), shear.shape)
+        return ShearPeak(float(shear[row, col]), *pixels.place(int(row), int(col)))
+
+    def added_stress(self, scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> RegularStress:
+        """Stress (MPa) in a contact's specimen besides a half-plane's by the tractions."""
+        return NO_STRESS
+
+    def side_stress(
+        self, scene: Scene, surface: SurfaceState, pixels: PixelGrid
+    ) -> RegularStress | None:
+        """What the sides add to a half-plane's stress under the same contact; None: no sides."""
+        return None
+
+    def side_stress_of_forces(self, scene: Scene) -> tuple[RegularStress, ...]:
+        """The same under a unit normal and a unit tangential force; empty: no sides."""
+        return ()

@@ -1,0 +1,1 @@
+"""Stress in a half-plane under surface tractions."""

@@ -1,0 +1,52 @@
+"""A half-plane's field made on a plain grid, at the places that a camera's pixels look at."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.stress.pixels import PixelGrid
+
+N = TypeVar("N", bound=np.inexact)
+
+_ABOVE = 6
+"""Rows above the surface that a field is continued over: a spline feels no more of them."""
+
+
+def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]:
+    """Interpolate a field at the places that pixels look at, by cubic splines.
+
+    The field has no values above the surface, and a jump there would ring in the spline: it is
+    continued by f(-z) = 2 f(0) - f(z), which has its value and slope.
+
+    Parameters
+    ----------
+    field : (rows, cols) array
+        Values on the grid, real or complex.
+    grid : PixelGrid
+        A plain grid whose rows lie half a pixel below the surface, and at whole pixels from there,
+        see `PixelGrid.around`.
+    pixels : PixelGrid
+        The pixels; without a lens they are the grid, and see the field as it is.
+
+    Returns
+    -------
+    (rows, cols) array
+        Values at the pixels, 0 above the surface.
+    """
+    from scipy.ndimage import map_coordinates
+
+    if pixels.lens is None:
+        return field
+    x, z = pixels.places
+    places = [(v - v0) / grid.pixel_mm - 0.5 for v, v0 in ((z, grid.top_mm), (x, grid.left_mm))]
+    first = round(-grid.top_mm / grid.pixel_mm)
+    if first > 0:
+        field = field.copy()
+        near = field[first : first + min(_ABOVE, first, len(field) - first)]
+        surface = 1.5 * near[0] - 0.5 * near[min(1, len(near) - 1)]
+        field[first - len(near) : first] = (2.0 * surface - near)[::-1]
+    found = map_coordinates(field, np.broadcast_arrays(*places), order=3, mode="nearest")
+    return np.where(z >= 0.0, found, 0).astype(field.dtype)

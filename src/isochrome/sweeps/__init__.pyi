@@ -1,0 +1,3 @@
+from .api import Swept, sweep
+
+__all__ = ["Swept", "sweep"]

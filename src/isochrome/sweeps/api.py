@@ -1,0 +1,307 @@
+"""`sweep`: every point of a grid simulated, kept point by point, into one labelled dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.output import Result, counted, numbers, read_csv, write_csv, write_text
+from isochrome.progress import RunProgress
+from isochrome.runs import (
+    STORE,
+    Column,
+    Job,
+    Layer,
+    Results,
+    RunFolder,
+    RunLayout,
+    RunOptions,
+    add_columns,
+    attributes,
+    named_units,
+    open_run,
+    rows,
+    run_identity,
+    run_job,
+    texts,
+)
+from isochrome.scene import Scene, dump_scene, load_scene
+from isochrome.simulation import simulate, state_count
+from isochrome.stress import pixel_grid
+from isochrome.sweeps.figure import sweep_figure
+from isochrome.sweeps.grid import SweepGrid, Values, make_grid
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TABLE = "sweep.csv"
+ORDER = Layer("fringe_order", "1", "fringe order N", stack=False)
+GREY = Layer("grey", "1", "grey level that the camera stores", stack=False)
+
+
+@dataclass(frozen=True, repr=False)
+class Swept(Result):
+    """A finished sweep.
+
+    Parameters
+    ----------
+    out : Path
+        Its folder.
+    points : int
+        How many points there are.
+    failed : int
+        How many points gave nothing.
+    axes : mapping of str to tuple of float
+        Values of each key that was varied, in the unit that the key names.
+    reasons : tuple of str
+        Why points failed, each reason once.
+    draw : callable, optional
+        Not used: the figure is made of the table.
+    """
+
+    out: Path
+    points: int
+    failed: int
+    axes: Mapping[str, tuple[float, ...]]
+    reasons: tuple[str, ...]
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """Those of sweep.csv: a row for each state of each point."""
+        return read_csv(self.out / TABLE)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Why points were refused."""
+        return self.reasons
+
+    @property
+    def title(self) -> str:
+        """How many points there are."""
+        refused = f", {self.failed} of them refused" if self.failed else ""
+        return f"Sweep of {counted(self.points, 'point')}{refused}: {self.out}"
+
+    def main_values(self) -> Iterator[tuple[str, str]]:
+        """The keys that were varied."""
+        for key, values in self.axes.items():
+            yield key, f"{counted(len(values), 'value')} from {min(values):g} to {max(values):g}"
+
+    def to_json(self) -> dict[str, Any]:
+        """How many points there are, the varied keys, and why points were refused."""
+        return {
+            "points": self.points,
+            "failed": self.failed,
+            "axes": {key: list(values) for key, values in self.axes.items()},
+            "reasons": list(self.reasons),
+        }
+
+    def figure(self) -> Figure:
+        """What the points give over the first of the varied keys, see `sweep_figure`."""
+        return sweep_figure(tuple(self.axes), self.columns)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """Simulates points of a grid; one that physics refuses is left empty, with the reason."""
+
+    grid: SweepGrid
+    layers: tuple[Layer, ...]
+    shape: tuple[int, int, int]
+
+    def __call__(self, start: int, stop: int) -> Results:
+        arrays: dict[str, list[np.ndarray]] = {layer.name: [] for layer in self.layers}
+        table, more = [], []
+        for index in range(start, stop):
+            history: dict[str, list[Any]] = {}
+            reason = ""
+            try:
+                found = simulate(self.grid.scene_at(index))
+                assert found.orders is not None and found.frames is not None
+                pictures = {ORDER.name: found.orders, GREY.name: found.frames}
+                history = found.history
+            except PhysicsError as error:
+                reason = str(error)
+                pictures = dict.fromkeys(arrays, np.full(self.shape, np.nan, np.float32))
+            for name, kept in arrays.items():
+                kept.append(pictures[name].astype(np.float32))
+            table.append({"history": _plain(history), "reason": reason})
+            more.append({"status": "failed" if reason else "ok"})
+        return Results({name: np.stack(kept) for name, kept in arrays.items()}, table, more)
+
+
+def sweep(
+    scene: str | Path | Scene,
+    vary: Sequence[str] | Mapping[str, Values],
+    out: str | Path,
+    *,
+    workers: int | None = 1,
+    cluster: str | None = None,
+    restart: bool = False,
+    progress: RunProgress | None = None,
+) -> Swept:
+    """Simulate a scene over a grid of values.
+
+    Every combination of the varied keys' values is a point, simulated with all its states. A point
+    whose physics is refused (a contact wider than the picture) stays empty, and its reason stands
+    in the table.
+
+    Parameters
+    ----------
+    scene : str, Path or Scene
+        A TOML file, the name of a scene of the package, or a Scene.
+    vary : sequence of str, or mapping of str to sequence of float
+        For each key 'KEY=first:last:number' (evenly from first to last, both included) or
+        'KEY=value,value,...', or a mapping of keys to values.
+    out : str or Path
+        Folder for run.zarr, whose axes are the varied keys, state, row and col, with the fringe
+        order, the grey levels (of a grey camera without phase steps) and the columns of
+        history.csv; sweep.csv, the same columns as a table; scene.toml and provenance.json.
+    workers : int or None, default 1
+        Processes on this machine; None: as many as are useful. A script that asks for more than
+        one needs the usual ``if __name__ == "__main__":``.
+    cluster : str, optional
+        Address of a Dask scheduler, in place of `workers`, such as 'tcp://host:8786'.
+    restart : bool, default False
+        Whether to begin anew where an earlier run was interrupted or is complete.
+    progress : callable, optional
+        Called with a Tally of the points.
+
+    Returns
+    -------
+    Swept
+        How many points there are and were refused, the varied values, and the reasons.
+
+    Raises
+    ------
+    InputError
+        Where a point is no scene, before anything is computed.
+    PhysicsError
+        Where every point is refused.
+
+    Notes
+    -----
+    What is finished is kept in ``OUT.partial`` until all is: after a crash, the same call resumes
+    from there.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> found = isochrome.sweep(scene, ["load.normal_n=60,80"], "loads")
+    >>> found.points, found.failed
+    (2, 0)
+    >>> with isochrome.open_run("loads") as run:
+    ...     run.n_max.dims
+    ('load.normal_n', 'state')
+    """
+    scene = load_scene(scene)
+    grid = make_grid(scene, vary)
+    layout = _layout(grid)
+    seed = scene.camera.seed if scene.camera else None
+    axes = {key: list(values) for key, values in grid.values.items()}
+    identity = run_identity(dump_scene(scene), scene.files(of_frames=False), axes, seed)
+    states, height, cols = layout.shape.values()
+    job = Job(_Work(grid, layout.layers, (states, height, cols)), layout, identity)
+    run_job(
+        job,
+        out,
+        lambda bench: _finish(bench, job, grid),
+        means=RunOptions(workers, cluster, restart),
+        progress=progress,
+    )
+    with open_run(out) as dataset:
+        reasons = [str(text) for text in dataset.reason.values.ravel() if text]
+    return Swept(Path(out), layout.count, len(reasons), grid.values, tuple(dict.fromkeys(reasons)))
+
+
+def _layout(grid: SweepGrid) -> RunLayout:
+    """The dataset's form, the same at all points. Raises InputError where it is not."""
+    count = int(np.prod(list(grid.counts.values())))
+    first = grid.scene_at(0)
+    if first.model is None or first.camera is None:
+        raise InputError(
+            f"{first.name}: a sweep needs a model and a [camera], as simulate does; add them"
+        )
+    forms = set()
+    for index in range(count):
+        own = grid.scene_at(index)
+        pixels = pixel_grid(own)
+        forms.add((state_count(own), pixels.rows, pixels.cols, len(own.polariscope.step)))
+    if len(forms) > 1:
+        raise InputError(
+            f"--vary {', '.join(grid.values)}: changes the number of states, pixels or steps, and "
+            "one dataset has one of each; run these sweeps apart"
+        )
+    ((states, rows_, cols, steps),) = forms
+    plain = not steps and not first.camera.colour
+    layers = (ORDER, GREY) if plain else (ORDER,)
+    shape = {"state": states, "row": rows_, "col": cols}
+    return RunLayout(axes=grid.counts, shape=shape, layers=layers, chunk=1)
+
+
+def _finish(bench: RunFolder, job: Job, grid: SweepGrid) -> None:
+    """Make the files that need all points, from what is kept of them.
+
+    Parameters: `bench`, where they lie; `job`; `grid`. Raises PhysicsError where every point was
+    refused, OSError.
+    """
+    table = _table(bench, grid)
+    if set(table["status"]) == {"failed"}:
+        raise PhysicsError(f"all {bench.layout.count} points were refused: {table['reason'][0]}")
+    write_csv(bench.results / TABLE, table)
+    write_text(bench.results / "scene.toml", dump_scene(grid.scene))
+    _add_table(bench, job, grid, table)
+
+
+def _table(bench: RunFolder, grid: SweepGrid) -> dict[str, list[Any]]:
+    """A row for each state of each point: the varied keys, and the columns of history.csv."""
+    names: dict[str, None] = {}
+    for row, _ in rows(bench):
+        names |= dict.fromkeys(name for name in row["history"] if name != "state")
+    keys = (*grid.values, "state", "status", *names, "reason")
+    table: dict[str, list[Any]] = {key: [] for key in keys}
+    for index, (row, more) in enumerate(rows(bench)):
+        own = grid.point(index) | {"status": more["status"], "reason": row["reason"]}
+        for state in range(bench.layout.shape["state"]):
+            for key, value in (own | {"state": state}).items():
+                table[key].append(value)
+            for name in names:
+                values = row["history"].get(name)
+                table[name].append(None if values is None else values[state])
+    return table
+
+
+def _add_table(bench: RunFolder, job: Job, grid: SweepGrid, table: dict[str, list[Any]]) -> None:
+    """The table's columns over the varied keys and state, and the axes' coordinates."""
+    shape = (*grid.counts.values(), bench.layout.shape["state"])
+    columns: dict[str, Column] = {}
+    for name, values in table.items():
+        if name in (*grid.values, "state"):
+            continue
+        text = any(isinstance(value, str) for value in values)
+        data = (texts(values) if text else numbers(values)).reshape(shape)
+        axes: tuple[str, ...] = (*grid.values, "state")
+        if name in ("status", "reason"):  # of the point, whatever its states
+            data, axes = data[..., 0], axes[:-1]
+        columns[name] = Column(axes, data, named_units(name))
+    places = {name: ((name,), np.array(own)) for name, own in grid.values.items()}
+    places["state"] = (("state",), np.arange(shape[-1]))
+    if not any(key.startswith("camera.") for key in grid.values):
+        pixels = pixel_grid(grid.scene_at(0))
+        places |= {"z_mm": (("row",), pixels.z_mm), "x_mm": (("col",), pixels.x_mm)}
+    coordinates = {name: Column(*place, named_units(name)) for name, place in places.items()}
+    add_columns(bench.results / STORE, columns, coordinates, attributes(job.identity))
+
+
+def _plain(history: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
+    return {
+        name: [v.item() if isinstance(v, np.generic) else v for v in values]
+        for name, values in history.items()
+    }

@@ -1,0 +1,145 @@
+"""What the cases measure: a row of a suite's table, each suite its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+_NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measurement: `case`, `method`, `setting`, `error` and `seconds` (NaN: has none).
+
+    `ratio`: the time of the paper's procedure at the same or smaller error over this row's; with
+    `reached` False, the time of its most accurate setting, which is not as good as this row.
+    """
+
+    case: str
+    method: str
+    setting: str
+    error: float = _NAN
+    seconds: float = _NAN
+    ratio: float = _NAN
+    reached: bool = True
+
+
+@dataclass(frozen=True)
+class FringeRow:
+    """One reading of one specimen's fringe order, against its truth.
+
+    `rms` and `median` error (fringes) and the share `wrong` by over half a fringe, of what was
+    kept; `kept`, share of the specimen's pixels; `right`, share right to 0.05 fringe of the pixels
+    that the method calls 95 % sure; `seconds`. NaN: has none.
+    """
+
+    specimen: str
+    method: str
+    rms: float = _NAN
+    median: float = _NAN
+    wrong: float = _NAN
+    kept: float = _NAN
+    right: float = _NAN
+    seconds: float = _NAN
+
+
+@dataclass(frozen=True)
+class FitRow:
+    """One quantity that a fit found, against the truth.
+
+    `problem`, `case`, `quantity`; its `error`, and the `bar` that it is to stay below (`more`:
+    above), both in `unit`; `pull`, error over standard uncertainty, root mean square (NaN: has
+    none); `cpu_ms`, processor time of one such fit, and the `evaluations` of the renderer at all
+    pixels that would take as long.
+    """
+
+    problem: str
+    case: str
+    quantity: str
+    error: float
+    bar: float
+    unit: str
+    pull: float
+    cpu_ms: float
+    evaluations: float
+    more: bool = False
+
+
+@dataclass(frozen=True)
+class TrackRow:
+    """One run of `process --track`.
+
+    `film`, its kind of file; `workers`; `frames`, and how many a second by the clock; `cpu_ms`,
+    processor time of a frame, and the shares of it that `reading` and `writing` took (NaN: spent in
+    other processes); `load_error`, relative, and `pull`, error over standard uncertainty, both root
+    mean square; `apart_per_s`, frames a second of as many runs of one worker each at the same time,
+    which share nothing but the machine (NaN: not measured).
+    """
+
+    film: str
+    workers: int
+    frames: int
+    frames_per_s: float
+    cpu_ms: float
+    reading: float
+    writing: float
+    load_error: float
+    pull: float
+    apart_per_s: float = _NAN
+
+
+@dataclass(frozen=True)
+class MemoryRow:
+    """Peak memory of a run in a process of its own.
+
+    `command`; what its `items` are and their `count`; `peak_mb`; `seconds`, by the clock.
+    """
+
+    command: str
+    items: str
+    count: int
+    peak_mb: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class ToleranceRow:
+    """One random course, its largest pressures and depths beside a run at a hundredth.
+
+    `seed` and `course`, in words; `tolerance`; the largest errors of `p_max` and `depth` over its
+    states, each over the tolerance; `refused`, the sentence, or nothing; `seconds`, processor time.
+    """
+
+    seed: int
+    course: str
+    tolerance: float
+    p_max: float
+    depth: float
+    refused: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class DefectRow:
+    """One frame of a bench that is not ours, fitted from values that are 20 % off.
+
+    `kind`, `seed`, and its `defects` by name; `found`, those that were, and whether all were
+    `named`; `load_percent`, error of the load; `load_pull`, `friction_pull`, errors over their
+    standard uncertainties; `chi`; `flagged`, whether it is said that something is left; `cost`,
+    processor time over that of the fit as stated, and `seconds`; `refused`, the sentence, or
+    nothing.
+    """
+
+    kind: str
+    seed: int
+    defects: str
+    found: str = ""
+    named: bool = False
+    load_percent: float = _NAN
+    load_pull: float = _NAN
+    friction_pull: float = _NAN
+    chi: float = _NAN
+    flagged: bool = False
+    cost: float = _NAN
+    seconds: float = _NAN
+    refused: str = ""

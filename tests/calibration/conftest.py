@@ -1,0 +1,92 @@
+"""Frames rendered here from the closed forms, by nothing that is under test."""
+
+import numpy as np
+import pytest
+
+from isochrome.calibration import Beam, as_shots, bending_from_shots, disc_from_shots
+
+F_SIGMA = 14.6
+DIAMETER = 30.0
+HEIGHT, INNER, OUTER, PIXEL = 20.0, 40.0, 100.0, 0.07
+BEAM = Beam(height_mm=HEIGHT, inner_span_mm=INNER, outer_span_mm=OUTER)
+
+
+def _camera(signal, rng, noise, background, blur, gamma):
+    rows, cols = signal.shape
+    y, x = np.mgrid[:rows, :cols]
+    away = ((y - rows / 2) ** 2 + (x - cols / 2) ** 2) / ((rows / 2) ** 2 + (cols / 2) ** 2)
+    light = background + 210.0 * (1.0 - 0.3 * away) * signal
+    if blur:
+        kernel = np.exp(-0.5 * (np.arange(-9, 10) / blur) ** 2)
+        kernel /= kernel.sum()
+        for axis in (0, 1):
+            light = np.apply_along_axis(
+                lambda v: np.convolve(np.pad(v, 9, "edge"), kernel, "valid"), axis, light
+            )
+    light = 255.0 * (light / 255.0) ** (1.0 / gamma)
+    grey = light + rng.normal(0.0, noise, light.shape)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="session")
+def beam_frame():
+    """(order at the edge, rng, ...) -> grey levels: a beam across the columns, tilted."""
+
+    def render(edge, rng, *, tilt=2.0, pixel=PIXEL, shape=(330, 440), axis_mm=0.15, bright=False,
+               noise=3.0, background=12.0, blur=0.0, gamma=1.0, residual=0.0):  # fmt: skip
+        y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+        turn = np.radians(tilt)
+        y, x = y - shape[0] / 2 - 4.0, x - shape[1] / 2
+        eta = (y * np.cos(turn) + x * np.sin(turn)) * pixel
+        order = (edge + residual) * (eta - axis_mm) / (0.5 * HEIGHT)
+        wave = np.sin(np.pi * order) ** 2
+        wave = 1.0 - wave if bright else wave
+        inside = np.abs(eta) < 0.5 * HEIGHT
+        signal = np.where(inside, wave, 1.0 if bright else 0.0)
+        return _camera(signal, rng, noise, background, blur, gamma)
+
+    return render
+
+
+@pytest.fixture(scope="session")
+def disc_frame():
+    """(centre order, rng, ...) -> grey levels: a disc pressed near the columns' direction."""
+
+    def render(centre, rng, *, angle=2.0, radius=150.0, shape=(340, 400), shift=(3.3, -6.2),
+               bright=False, noise=3.0, background=12.0, blur=0.0, gamma=1.0,
+               residual=None):  # fmt: skip
+        y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+        z, x = (y - shape[0] / 2 - shift[0]) / radius, (x - shape[1] / 2 - shift[1]) / radius
+        along = z * np.cos(np.radians(angle)) + x * np.sin(np.radians(angle))
+        square = x**2 + z**2
+        inside = square < 1.0
+        field = (1.0 - square) / ((1.0 + square) ** 2 - 4.0 * along**2 + 1e-9)
+        order = centre * np.where(inside, field, 0.0)
+        if residual is not None:
+            order = order + np.where(inside, residual(x, z), 0.0)
+        wave = np.sin(np.pi * order) ** 2
+        return _camera(1.0 - wave if bright else wave, rng, noise, background, blur, gamma)
+
+    return render
+
+
+def bending_from_images(images, loads, beam, pixel, *, uncertainty=None, **options):
+    """A beam's calibration from arrays."""
+    return bending_from_shots(
+        as_shots(images, loads, **options), beam, pixel, uncertainty=uncertainty
+    )
+
+
+def disc_from_images(images, loads, disc, *, uncertainty=None, **options):
+    """A disc's calibration from arrays."""
+    return disc_from_shots(as_shots(images, loads, **options), disc, uncertainty=uncertainty)
+
+
+def bending_load(edge_order):
+    """P of an edge order: N = 6 M/(h^2 f), M = P (Lo - Li)/4."""
+    return edge_order * F_SIGMA * HEIGHT**2 * 4.0 / (6.0 * (OUTER - INNER))
+
+
+def disc_load(centre_order):
+    """P of a centre order: N = 8 P/(pi D f)."""
+    return centre_order * np.pi * DIAMETER * F_SIGMA / 8.0

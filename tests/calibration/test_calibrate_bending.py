@@ -1,0 +1,298 @@
+"""Four-point bending: rendered beams of a known material, hostile sets, and the set's file."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.calibration import Uncertainty, calibrate_bending, load_set
+from isochrome.errors import InputError, PhysicsError
+from scene_texts import BENDING_BEAM
+
+from .conftest import BEAM, F_SIGMA, HEIGHT, INNER, OUTER, PIXEL, bending_from_images, bending_load
+
+SMALL = {"shape": (110, 147), "pixel": 0.21}
+"""The same beam at a third of the resolution: 95 pixels high, 8 fringes at most in the defaults."""
+
+
+def calibrated(frame, edges, seed=0, uncertainty=None, **options):
+    rng = np.random.default_rng(seed)
+    images = [frame(edge, rng, **options) for edge in edges]
+    loads = [bending_load(edge) for edge in edges]
+    bright = options.get("bright", False)
+    return bending_from_images(
+        images, loads, BEAM, options.get("pixel", PIXEL), bright=bright, uncertainty=uncertainty
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(beam_frame):
+    """Three loads at the full size, of which every second column is fitted."""
+    return calibrated(beam_frame, (2.0, 3.0, 4.0))
+
+
+def assert_right(found, bar):
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < bar * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+    assert 0.9 < found.chi < 1.1
+    assert abs(found.order_at_zero_load) < 4 * found.order_at_zero_load_uncertainty
+
+
+def test_a_rendered_beam_of_full_size_gives_its_fringe_value(whole):
+    assert_right(whole, 2e-4)  # u = 4e-5
+
+
+# the bars are 3 to 6 standard uncertainties of these frames; most beyond 3 are set by the fringes
+@pytest.mark.parametrize(
+    ("edges", "options", "bar"),
+    [
+        ((2.0, 4.0), SMALL | {"tilt": -4.0}, 5e-4),
+        pytest.param((2.0, 4.0), {"bright": True}, 5e-4, marks=pytest.mark.long),
+        # the beam is taller than the frame
+        pytest.param((3.0, 6.0), {"pixel": 0.04}, 5e-4, marks=pytest.mark.long),
+        ((0.6, 1.0), SMALL, 2e-3),
+        pytest.param((4.0, 9.0), {"blur": 1.5}, 5e-4, marks=pytest.mark.long),
+        ((2.0, 4.0), SMALL | {"noise": 12.0}, 1.5e-3),
+    ],
+)
+def test_rendered_beams_give_their_fringe_value(beam_frame, edges, options, bar):
+    assert_right(calibrated(beam_frame, edges, **options), bar)
+
+
+@pytest.mark.long
+def test_errors_are_as_large_as_stated_and_to_both_sides(beam_frame):
+    pulls = []
+    for seed in range(12):
+        found = calibrated(
+            beam_frame, (2.0, 4.0), seed, shape=(200, 240), pixel=0.115, tilt=seed % 5 - 2.0
+        )
+        pulls.append((found.fringe_value_n_per_mm - F_SIGMA) / found.standard_uncertainty)
+    assert max(np.abs(pulls)) < 4
+    assert 0.4 < np.std(pulls) < 1.8
+    assert 2 <= np.sum(np.array(pulls) > 0) <= 10
+
+
+def test_tilt_axis_and_orders_are_those_of_the_frame(whole):
+    for image, edge in zip(whole.images, (2.0, 3.0, 4.0), strict=True):
+        assert image.order == pytest.approx(edge, abs=1e-3)
+        assert image.predicted_order == pytest.approx(edge, abs=3e-3)
+        assert image.geometry["tilt_deg"] == pytest.approx(2.0, abs=0.02)
+        row = 330 / 2 + 4.0 + 0.15 / PIXEL / math.cos(math.radians(2.0))
+        assert image.geometry["neutral_axis_row_px"] == pytest.approx(row, abs=0.2)
+
+
+@pytest.mark.long
+def test_residual_bending_is_the_intercept(beam_frame):
+    found = calibrated(beam_frame, (1.5, 2.0, 3.0, 4.0), residual=0.3)
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=2e-3)
+    assert found.order_at_zero_load == pytest.approx(0.3, abs=0.02)
+    assert any("stays at zero load" in w for w in found.warnings)
+
+
+def test_one_load_leaves_the_order_at_zero_load_unknown(beam_frame):
+    found = calibrated(beam_frame, (4.0,), **SMALL)
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=1.5e-4)  # u = 3e-5
+    assert found.order_at_zero_load is None
+    assert found.to_json()["order_at_zero_load"] is None
+    assert any("one load only" in w for w in found.warnings)
+
+
+def test_the_budget_adds_up(beam_frame):
+    known = Uncertainty(load_percent=0.5, height_mm=0.02, span_mm=0.1, pixel_mm=1e-4)
+    found = calibrated(beam_frame, (2.0, 4.0), uncertainty=known, **SMALL)
+    parts = {b.name: b.contribution_n_per_mm / F_SIGMA for b in found.budget}
+    assert parts["load"] == pytest.approx(0.005, rel=1e-3)
+    assert parts["height"] == pytest.approx(3 * 0.02 / HEIGHT, rel=1e-3)
+    assert parts["spans"] == pytest.approx(math.sqrt(2) * 0.1 / (OUTER - INNER), rel=1e-3)
+    assert parts["pixel scale"] == pytest.approx(1e-4 / SMALL["pixel"], rel=1e-3)
+    total = math.sqrt(sum(b.contribution_n_per_mm**2 for b in found.budget))
+    assert found.standard_uncertainty == pytest.approx(total)
+    assert sum(b.share for b in found.budget) == pytest.approx(1.0)
+    assert not any("no uncertainty is given" in w for w in found.warnings)
+    bare = calibrated(beam_frame, (2.0, 4.0), **SMALL)
+    assert any("no uncertainty is given for load, height" in w for w in bare.warnings)
+
+
+@pytest.mark.long
+def test_an_unknown_tone_curve_is_found_and_said(beam_frame):
+    found = calibrated(beam_frame, (2.5, 4.0), gamma=2.2)
+    assert found.chi < 1.05
+    said = next(w for w in found.warnings if "not linear in light" in w)
+    assert float(re.search(r"gamma = ([\d.]+)", said).group(1)) == pytest.approx(2.2, abs=0.05)
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < 1e-3 * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "options", [{"blur": 2.0}, {"background": 70.0}], ids=["blur", "a tenth clipped"]
+)
+def test_blurred_and_clipped_images_are_exact_within_what_is_stated(beam_frame, options):
+    frame = beam_frame(4.0, np.random.default_rng(0), **options)
+    assert "blur" in options or 0.05 < np.mean(frame == 255) < 0.15
+    found = calibrated(beam_frame, (2.5, 4.0), **options)
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < 1e-3 * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+
+
+@pytest.mark.long
+def test_a_poor_fit_is_said_and_widens_the_uncertainty(beam_frame):
+    """A reflection on the beam: nothing of the model, but a part of every image."""
+
+    def glaring(edge, rng, **options):
+        frame = beam_frame(edge, rng, background=40.0, noise=2.0).astype(float)
+        y, x = np.mgrid[: frame.shape[0], : frame.shape[1]]
+        glare = 25.0 * np.exp(-(((y - 120) / 25.0) ** 2) - ((x - 200) / 90.0) ** 2)
+        return np.clip(np.rint(frame - 28.0 + glare), 0, 255).astype(np.uint8)
+
+    found = calibrated(glaring, (2.5, 4.0))
+    assert found.chi > 1.3
+    assert any("does not describe" in w for w in found.warnings)
+    parts = {b.name: b.contribution_n_per_mm for b in found.budget}
+    assert parts["model misfit"] > parts["image noise and fit"]
+    assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 3 * found.standard_uncertainty
+
+
+@pytest.mark.long
+def test_low_orders_are_exact_where_the_images_share_their_light(beam_frame):
+    """The bar at one fringe is 0.1 %, from several loads with the residual order free."""
+    for edges in ((0.5, 0.75, 1.0), (0.0, 0.6, 1.0)):
+        found = calibrated(beam_frame, edges)
+        error = found.fringe_value_n_per_mm - F_SIGMA
+        assert abs(error) < 1e-3 * F_SIGMA
+        assert abs(error) < 4 * found.standard_uncertainty
+
+
+@pytest.mark.long
+def test_light_that_changes_between_images_is_not_taken_for_order(beam_frame):
+    rng = np.random.default_rng(2)
+    images = [beam_frame(e, rng, background=10.0) * f for e, f in ((1.0, 1.0), (2.0, 0.8))]
+    found = bending_from_images(images, [bending_load(1.0), bending_load(2.0)], BEAM, PIXEL)
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < 2e-3 * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+
+
+@pytest.mark.long
+def test_an_unloaded_image_bounds_the_order_that_one_load_cannot_tell(beam_frame):
+    found = calibrated(beam_frame, (0.0, 4.0))
+    assert found.order_at_zero_load == 0.0
+    # noise of 1.5 % of the light over 1e5 pixels leaves a squared order of some 1e-5 open
+    assert 1e-4 < found.order_at_zero_load_uncertainty < 0.02
+    assert "order at zero load" in {b.name for b in found.budget}
+    bent = calibrated(beam_frame, (0.0, 3.0), residual=0.2)
+    assert bent.order_at_zero_load_uncertainty == pytest.approx(0.2, abs=0.01)
+    assert abs(bent.fringe_value_n_per_mm - F_SIGMA) < 2 * bent.standard_uncertainty
+
+
+@pytest.mark.long
+def test_hostile_images_are_refused(beam_frame):
+    rng = np.random.default_rng(0)
+    frames = [beam_frame(e, rng) for e in (2.0, 4.0)]
+    loads = [bending_load(e) for e in (2.0, 4.0)]
+    with pytest.raises(PhysicsError, match="swapped"):
+        bending_from_images(frames, loads[::-1], BEAM, PIXEL)
+    with pytest.raises(PhysicsError, match="lengths are in mm"):
+        bending_from_images(frames, [1e4 * p for p in loads], BEAM, PIXEL)
+    with pytest.raises(PhysicsError, match=r"no fringes|too few"):
+        bending_from_images([beam_frame(0.05, rng)], [1.0], BEAM, PIXEL)
+    with pytest.raises(PhysicsError, match=r"no fringes|too few"):
+        bending_from_images([rng.normal(100, 3, (200, 300))], [1.0], BEAM, PIXEL)
+    with pytest.raises(InputError, match="as many of each"):
+        bending_from_images(frames, [1.0], BEAM, PIXEL)
+    with pytest.raises(InputError, match="no image has a load"):
+        bending_from_images(frames, [0.0, 0.0], BEAM, PIXEL)
+    odd = [*frames, beam_frame(3.0, rng), beam_frame(4.4, rng)]
+    with pytest.raises(PhysicsError, match=r"image 4 .* the other loads predict"):
+        bending_from_images(odd, [*loads, bending_load(3.0), bending_load(5.5)], BEAM, PIXEL)
+
+
+SET = BENDING_BEAM + "[camera]\npixel_mm = 0.07\nbit_depth = 8\n"
+
+
+def write_set(folder, frame, text=SET, edges=(2.0, 3.0, 4.0), extra="", **options):
+    rng = np.random.default_rng(5)
+    for i, edge in enumerate(edges):
+        tifffile.imwrite(folder / f"b{i}.tif", frame(edge, rng, **options))
+        text += f'[[image]]\nfile = "b{i}.tif"\nload_n = {bending_load(edge)}\n'
+    path = folder / "set.toml"
+    path.write_text(text + extra, "utf-8")
+    return path
+
+
+def test_a_set_from_its_file(beam_frame, tmp_path):
+    rest = beam_frame(0.0, np.random.default_rng(1), **SMALL)
+    tifffile.imwrite(tmp_path / "rest.tif", rest)
+    extra = '[[image]]\nfile = "rest.tif"\nload_n = 0.0\n[uncertainty]\nload_percent = 0.2\n'
+    text = SET.replace("pixel_mm = 0.07", f"pixel_mm = {SMALL['pixel']}")
+    found = calibrate_bending(write_set(tmp_path, beam_frame, text, extra=extra, **SMALL))
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=4e-4)  # u of the images 9e-5
+    record = json.loads(json.dumps(found.to_json()))
+    assert record["standard_uncertainty"] == pytest.approx(0.002 * F_SIGMA, rel=0.05)
+    assert [i["file"] for i in record["images"]] == ["b0.tif", "b1.tif", "b2.tif"]
+    assert {"fringe_value_n_per_mm", "chi", "order_at_zero_load", "budget"} <= set(record)
+    assert not any("rest.tif" in w for w in record["warnings"])
+
+
+@pytest.mark.long
+def test_a_tone_curve_that_is_given_is_undone(beam_frame, tmp_path):
+    text = SET + "gamma = 2.2\n"
+    found = calibrate_bending(write_set(tmp_path, beam_frame, text, gamma=2.2))
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
+    assert found.chi < 1.3
+
+
+@pytest.mark.long
+def test_no_load_frames_take_the_unevenness(beam_frame, tmp_path):
+    rng = np.random.default_rng(8)
+    tifffile.imwrite(tmp_path / "dark.tif", beam_frame(0.0, rng))
+    tifffile.imwrite(tmp_path / "bright.tif", beam_frame(0.0, rng, bright=True))
+    text = SET + '[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
+    found = calibrate_bending(write_set(tmp_path, beam_frame, text))
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
+    assert found.chi < 1.1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("inner_span_mm = 40.0", "inner_span_mm = 140.0"), "swapped"),
+        (("height_mm", "hieght_mm"), r"hieght_mm.*height_mm"),
+        (("pixel_mm = 0.07\n", ""), "camera.pixel_mm"),
+        (("[beam]", "[disc]\ndiameter_mm = 3\n[beam]"), r"either \[beam\] or \[disc\]"),
+        (("height_mm = 20.0", "height_mm = -2"), "beam.height_mm = -2"),
+        (("[beam]", '[polariscope]\nfield = "plane"\n[beam]'), "circular dark or bright field"),
+        (
+            ("[beam]", '[polariscope]\nwavelength_nm = 587.0\nlight = "white"\n[beam]'),
+            "at one wavelength",
+        ),
+        (("bit_depth = 8", "bit_depth = 8\n[[image]]\nload_n = 3.0"), "file.*missing"),
+    ],
+)
+def test_a_wrong_set_is_refused_by_name(beam_frame, tmp_path, change, message):
+    text = SET.replace(*change) + '[[image]]\nfile = "b.tif"\nload_n = 1.0\n'
+    path = tmp_path / "set.toml"
+    path.write_text(text, "utf-8")
+    with pytest.raises(InputError, match=message) as caught:
+        load_set(path, specimen="beam")
+    assert "set.toml" in str(caught.value)
+
+
+def test_files_that_are_wrong_are_named(beam_frame, tmp_path):
+    path = tmp_path / "set.toml"
+    path.write_text(SET + '[[image]]\nfile = "none.tif"\nload_n = 1.0\n', "utf-8")
+    with pytest.raises(InputError, match=r"none\.tif"):
+        calibrate_bending(path)
+    tifffile.imwrite(tmp_path / "none.tif", np.full((60, 80), 255, np.uint8))
+    with pytest.raises(InputError, match=r"none\.tif"):
+        calibrate_bending(path)
+    with pytest.raises(InputError, match="calibrate bending"):
+        load_set(path, specimen="disc")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_set(tmp_path / "missing.toml")

@@ -1,0 +1,231 @@
+"""Orders against loads: the scatter of repeated images, by hand, and what a line is refused for.
+
+Four loads 1, 2, 3, 4 whose orders leave a line by a (+1, -1, -1, +1): that pattern is orthogonal to
+the load and to a constant, so that the line through them is the true one and all sums are short.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from isochrome.calibration import ImageFit
+from isochrome.calibration.budget import Input, uncertainty_budget
+from isochrome.calibration.order_line import fit_line
+from isochrome.errors import PhysicsError
+
+from .conftest import BEAM, F_SIGMA, bending_from_images, bending_load
+
+LOADS = np.arange(1.0, 5.0)
+PATTERN = np.array([1.0, -1.0, -1.0, 1.0])
+SPREAD_OF_LOADS = 5.0
+"""sum (P - mean)^2 = 2 (1.5^2 + 0.5^2)."""
+
+
+def bent_line(a, u):
+    return fit_line(LOADS, 0.5 * LOADS + 0.1 + a * PATTERN, u * np.ones(4))
+
+
+def test_scatter_is_that_of_paule_and_mandel():
+    """What brings chi-square to its degrees of freedom; goes wrong with 3 in place of n - 2 = 2.
+
+    Paule & Mandel (1982), J. Res. Natl. Bur. Stand. 87, 377-385, eq. 11: sum w (n - line)^2 =
+    n - 2 with w = 1/(u^2 + t^2). Equal u: 4 a^2/(u^2 + t^2) = 2, t^2 = 2 a^2 - u^2.
+    """
+    a, u = 0.02, 0.01
+    line = bent_line(a, u)
+    scatter = math.sqrt(2.0 * a**2 - u**2)
+    assert line.scatter == pytest.approx(scatter, rel=1e-9)
+    assert line.slope == pytest.approx(0.5, rel=1e-9)
+    assert line.intercept == pytest.approx(0.1, rel=1e-9)
+    assert line.slope_noise == pytest.approx(u / math.sqrt(SPREAD_OF_LOADS), rel=1e-9)
+    wide = math.hypot(u, scatter)
+    assert line.slope_uncertainty == pytest.approx(wide / math.sqrt(SPREAD_OF_LOADS), rel=1e-9)
+    # u(intercept)^2 = s^2 (1/n + mean^2/sum (P - mean)^2)
+    ends = wide * math.sqrt(0.25 + 2.5**2 / SPREAD_OF_LOADS)
+    assert line.intercept_uncertainty == pytest.approx(ends, rel=1e-9)
+
+
+def test_scatter_of_orders_that_are_not_equally_sure():
+    """Outer orders u, inner ones v, t again by hand: chi^2 = 8 a^2 w w'/(w + w') = 2.
+
+    So 4 a^2 = 1/w + 1/w' = u^2 + v^2 + 2 t^2. A mean of plain squares would give 2 a^2 - u^2.
+    """
+    a, u, v = 0.02, 0.01, 0.004
+    spread = np.array([u, v, v, u])
+    line = fit_line(LOADS, 0.5 * LOADS + 0.1 + a * PATTERN, spread)
+    assert line.scatter == pytest.approx(math.sqrt(2.0 * a**2 - 0.5 * (u**2 + v**2)), rel=1e-9)
+    assert line.slope == pytest.approx(0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize(("chi_square", "some"), [(5.9, False), (6.1, True)])
+def test_scatter_begins_at_the_95_per_cent_point(chi_square, some):
+    """Of two degrees of freedom chi-square is exponential: its 95 % point is -2 ln 0.05 = 5.991."""
+    assert -2.0 * math.log(0.05) == pytest.approx(5.991, abs=1e-3)
+    u = 0.01
+    a = u * math.sqrt(chi_square / 4.0)
+    line = bent_line(a, u)
+    assert (line.scatter > 0.0) == some
+    assert (line.slope_uncertainty > line.slope_noise * (1.0 + 1e-9)) == some
+
+
+@pytest.mark.parametrize(("chi_square", "some"), [(3.7, False), (4.0, True)])
+def test_scatter_of_three_orders_begins_at_a_95_per_cent_point_too(chi_square, some):
+    """One degree of freedom: 1.96 squared = 3.841; (1, -2, 1) is orthogonal to any line."""
+    u = 0.01
+    orders = 0.5 * LOADS[:3] + u * math.sqrt(chi_square / 6.0) * np.array([1.0, -2.0, 1.0])
+    line = fit_line(LOADS[:3], orders, np.full(3, u))
+    assert (line.scatter > 0.0) == some
+    if some:
+        assert math.hypot(line.scatter, u) == pytest.approx(u * math.sqrt(chi_square), rel=1e-9)
+
+
+def test_two_orders_have_no_scatter_and_one_no_intercept():
+    """Nothing is left to judge them by: two unknowns, two orders."""
+    two = fit_line([1.0, 3.0], [0.5, 1.9], [0.01, 0.02])
+    assert two.scatter == 0.0 and two.left_out is None
+    assert (two.slope, two.intercept) == pytest.approx((0.7, -0.2))
+    assert two.slope_uncertainty == pytest.approx(math.hypot(0.01, 0.02) / 2.0)
+    one = fit_line([2.0], [1.0], [0.01])
+    assert one.slope == pytest.approx(0.5) and one.slope_uncertainty == pytest.approx(0.005)
+    assert one.intercept is None and one.intercept_uncertainty is None
+
+
+def test_orders_of_one_light_lean_on_each_other():
+    """An error that is a part of every order turns the line about the origin, and does not average.
+
+    Covariance c^2 n n^T + v^2 with n = k P: u(k)^2 = (c k)^2 + v^2/sum (P - mean)^2, and the
+    intercept has v's part alone.
+    """
+    orders = 0.5 * LOADS
+    common, own = 0.01, 0.002
+    covariance = common**2 * np.outer(orders, orders) + own**2 * np.eye(4)
+    line = fit_line(LOADS, orders, covariance)
+    expected = math.hypot(common * 0.5, own / math.sqrt(SPREAD_OF_LOADS))
+    assert line.slope_noise == pytest.approx(expected, rel=1e-9)
+    ends = own * math.sqrt(0.25 + 2.5**2 / SPREAD_OF_LOADS)
+    assert line.intercept_uncertainty == pytest.approx(ends, rel=1e-9)
+
+
+def test_each_order_is_predicted_by_the_other_loads():
+    """Leaving out the first of P = 1, 2, 3 with n = 1, 4, 5: the line 4 + (P - 2) gives 3."""
+    line = fit_line([1.0, 2.0, 3.0], [1.0, 4.0, 5.0], [0.1, 0.1, 0.1])
+    assert line.left_out == pytest.approx((3.0, 3.0, 7.0))
+    twice = fit_line([1.0, 1.0, 2.0], [1.0, 1.0, 2.0], [0.1, 0.1, 0.1])
+    assert twice.left_out is None  # without the last there is one load only
+
+
+@pytest.fixture(scope="module")
+def off_the_line(beam_frame):
+    """Four beams whose orders leave the line of their loads by 0.03 in the pattern above."""
+    rng = np.random.default_rng(3)
+    orders = LOADS + 0.5
+    images = [beam_frame(edge, rng, shape=(64, 80), pixel=0.36) for edge in orders + 0.03 * PATTERN]
+    return bending_from_images(images, bending_load(orders), BEAM, 0.36)
+
+
+def test_repeated_images_scatter_through_the_front_door(off_the_line):
+    """t = sqrt(2) 0.03 fringe of four orders; with the root mean square or n - 1 less by 18 %."""
+    parts = {b.name: b for b in off_the_line.budget}
+    scatter = F_SIGMA * math.sqrt(2.0) * 0.03 / math.sqrt(SPREAD_OF_LOADS)
+    # an order's own uncertainty is 1 % of that; in four seeds it moves the scatter by 0.4 % at most
+    found = parts["scatter across loads"].contribution_n_per_mm
+    assert found == pytest.approx(scatter, rel=0.01)
+    noise = parts["image noise and fit"].contribution_n_per_mm
+    assert noise < 0.02 * scatter
+    total = off_the_line.standard_uncertainty
+    assert total == pytest.approx(math.hypot(found, noise), rel=1e-3)
+    assert parts["scatter across loads"].share == pytest.approx((found / total) ** 2, rel=1e-9)
+    assert abs(off_the_line.fringe_value_n_per_mm - F_SIGMA) < 4.0 * noise
+
+
+def fits(orders, misfits, u=1e-3):
+    """Images at loads 1, 2, 3 … that were fitted to these orders."""
+    return [
+        ImageFit(
+            file=f"{i}.tif",
+            load_n=i + 1.0,
+            order=float(n),
+            standard_uncertainty=u,
+            chi=1.5,
+            misfit=m,
+        )
+        for i, (n, m) in enumerate(zip(orders, misfits, strict=True))
+    ]
+
+
+def misfit_of(orders, misfits):
+    """The budget's row of the misfit, fringe/N, of orders at loads 1, 2, 3 …"""
+    found = uncertainty_budget("beam", fits(orders, misfits), 1.0, ())
+    return {b.name: b for b in found.budget}["model misfit"]
+
+
+def test_a_misfit_that_one_image_has_alone_goes_through_its_weight_in_the_line():
+    """The last of four: d slope/d order = 1.5/5 = 0.3; in proportion it would be only 1/8."""
+    alone = misfit_of(LOADS, (0.0, 0.0, 0.0, 0.02))
+    assert alone.standard_uncertainty == pytest.approx(0.3 * 0.02, rel=1e-6)
+    assert alone.contribution_n_per_mm == pytest.approx(0.3 * 0.02, rel=1e-6)  # f = 1/k, k = 1
+
+
+def test_a_misfit_widens_the_order_at_zero_load_too():
+    """d intercept/d order of the last of four is 1/4 - 2.5 x 0.3 = -1/2."""
+    found = uncertainty_budget("beam", fits(LOADS, (0.0, 0.0, 0.0, 0.02)), 1.0, ())
+    noise = 1e-3 * math.sqrt(0.25 + 2.5**2 / SPREAD_OF_LOADS)
+    assert found.order_at_zero_load_uncertainty == pytest.approx(math.hypot(0.01, noise), rel=1e-6)
+
+
+def test_a_misfit_that_all_images_share_does_not_average_out():
+    """Twelve orders, each 1 % off: taken apart, sqrt(sum (w N)^2) of it; alike, the whole 1 %."""
+    orders = np.arange(1.0, 13.0)
+    weights = (orders - 6.5) / np.sum((orders - 6.5) ** 2)
+    apart = math.sqrt(np.sum((weights * orders) ** 2))
+    assert apart < 0.7
+    assert misfit_of(orders, 0.01 * orders).standard_uncertainty == pytest.approx(0.01, rel=1e-6)
+
+
+def test_the_shares_are_parts_of_the_variance():
+    """3 % of load and 4 % of height make 5 %: shares of 0.36 and 0.64, not of 3/7 and 4/7."""
+    inputs = (Input("load", 3.0, "%", 0.01), Input("height", 0.4, "mm", 0.1))
+    found = uncertainty_budget("beam", fits(LOADS[:2], (0.0, 0.0), u=1e-9), 1.0, inputs)
+    parts = {b.name: b for b in found.budget}
+    assert found.standard_uncertainty == pytest.approx(0.05, rel=1e-6)
+    assert parts["load"].share == pytest.approx(0.36, rel=1e-6)
+    assert parts["height"].share == pytest.approx(0.64, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("orders", "refused"),
+    [
+        # three: the middle one leaves the line through all by two thirds of what it is moved
+        ((1.0, 2.1, 3.0), False),  # 0.067 of a range of 2 is 3.3 %
+        ((1.0, 2.15, 3.0), True),  # 0.1 of 2 is 5 %
+        # two: the line passes the origin by so much
+        ((1.4, 1.8), True),  # 1.0 at zero load, more than a quarter of 1.8
+        ((1.2, 2.0), False),  # 0.4, less than a quarter of 2.0
+        # four: the last is off the other loads' line
+        ((1.0, 2.0, 3.0, 4.25), False),  # 0.25 of a range of 3.25 is 8 %
+        ((1.0, 2.0, 3.0, 4.45), True),  # 0.45 of 3.45 is 13 %
+    ],
+)
+def test_a_line_that_is_none_is_refused(orders, refused):
+    images = fits(orders, [0.0] * len(orders))
+    if refused:
+        with pytest.raises(PhysicsError, match="check"):
+            uncertainty_budget("beam", images, 1.0, ())
+    else:
+        assert len(uncertainty_budget("beam", images, 1.0, ()).images) == len(orders)
+
+
+@pytest.mark.parametrize(
+    ("factor", "refused"), [(0.02, True), (0.04, False), (1900.0, False), (2100.0, True)]
+)
+def test_a_fringe_value_that_no_material_has_is_refused(factor, refused):
+    """Gelatine to glass: 0.03 to 2000 N/mm."""
+    images = fits(LOADS, [0.0] * 4)
+    if refused:
+        with pytest.raises(PhysicsError, match="no photoelastic material"):
+            uncertainty_budget("beam", images, factor, ())
+    else:
+        assert uncertainty_budget(
+            "beam", images, factor, ()
+        ).fringe_value_n_per_mm == pytest.approx(factor)

@@ -1,0 +1,126 @@
+"""What a disc's calibration is made of, each by itself: starts, rivals, rise, spread."""
+
+import numpy as np
+import pytest
+
+from isochrome.calibration import Disc, as_shots
+from isochrome.calibration.disc.disc_field import ORDERS
+from isochrome.calibration.disc.disc_fit import fit_disc
+from isochrome.calibration.disc.disc_forms import fit_disc_images, through_origin
+from isochrome.calibration.disc.disc_joint import fit_joint, make_pictures
+from isochrome.calibration.disc.disc_joint_result import centre_orders
+from isochrome.calibration.disc.disc_residual import NONE
+from isochrome.calibration.disc.disc_rim import Circle
+from isochrome.calibration.disc.disc_starts import Scan, choose_centre_orders
+from isochrome.calibration.disc.order_slope import Rise, fit_rise, overlay
+from isochrome.errors import PhysicsError
+
+from .conftest import DIAMETER, disc_load
+
+SMALL = {"shape": (100, 110), "radius": 42.0, "shift": (1.0, -2.0)}
+CIRCLE = Circle(51.0, 53.0, 42.0, 0.0)
+ANGLE = np.radians(2.0)
+
+
+def placed(orders):
+    """The true unknowns of discs of these centre orders, (n, 5)."""
+    return np.array([[n, CIRCLE.row, CIRCLE.col, CIRCLE.radius, ANGLE] for n in orders])
+
+
+def test_two_centre_orders_that_explain_an_image_alike_are_refused(disc_frame):
+    """Half the exposure at 2.4 and half at 3.0, which uneven light of degree four takes up best.
+
+    Goes wrong if the rival is judged with the light of degree two, the best with that of four: then
+    2.4 is found, with no word of 3.0.
+    """
+    rng = np.random.default_rng(0)
+    twice = 0.5 * sum(disc_frame(n, rng, **SMALL).astype(float) for n in (2.4, 3.0))
+    (shot,) = as_shots([np.rint(twice)], [disc_load(2.4)])
+    with pytest.raises(PhysicsError, match=r"two centre orders near .* explain it equally well"):
+        fit_disc(shot, CIRCLE, placed((2.4, 3.0, 2.5, 2.9)), Disc(diameter_mm=DIAMETER))
+
+
+def test_too_small_a_noise_makes_the_orders_no_surer(disc_frame):
+    """The fit's misfit counts: with a third of the noise chi is 3, and what is stated the same."""
+    rng = np.random.default_rng(0)
+    images, loads = [disc_frame(n, rng, **SMALL) for n in (2.0, 3.0)], disc_load(np.array([2, 3]))
+    spreads = []
+    for sigma in (3.0, 1.0):
+        own, shots = placed((2.0, 3.0)), as_shots(images, loads, sigma=sigma)
+        pictures = make_pictures(shots, own, NONE, pixels=3000, degrees=(2, 1))
+        orders, covariance = centre_orders(fit_joint(pictures, own, np.zeros(0)))
+        spreads.append(np.sqrt(np.diag(covariance)))
+        assert np.all(np.abs(orders - [2.0, 3.0]) < 4 * spreads[-1])
+    # three seeds: equal to 1e-3, where the first has a chi a little above 1
+    np.testing.assert_allclose(spreads[1], spreads[0], rtol=0.02)
+
+
+def scan_of(*dips):
+    """A scan whose misfit dips at some orders to some chi."""
+    chi = np.full(ORDERS.size, 10.0)
+    for order, depth in dips:
+        chi = np.minimum(chi, depth + 20.0 * np.abs(ORDERS - order))
+    return Scan(CIRCLE, np.zeros((1, 4)), chi[None, :], 10.0)
+
+
+def test_starts_follow_the_rise_that_the_pixels_show():
+    """The wrong line, 2.02 to 4.96, fits each scan a little better than the right one, 1 to 2.5."""
+    scans = [scan_of((1.0, 1.2), (2.02, 1.0)), scan_of((2.5, 1.2), (4.96, 1.0))]
+    loads = [100.0, 250.0]
+    assert choose_centre_orders(scans, loads) == pytest.approx((2.02, 4.96), abs=1e-6)
+    assert choose_centre_orders(scans, loads, rise_per_n=0.01) == pytest.approx(
+        (1.0, 2.5), abs=1e-6
+    )
+
+
+def test_a_search_with_residual_stress_starts_in_proportion_to_the_loads():
+    """Orders 0.4 above 0.01 fringe/N: the offset is the residual's, not the loads'."""
+    images = [np.zeros((20, 20))] * 3
+    loads = [100.0, 200.0, 300.0]
+    shots = as_shots(images, loads, sigma=1.0)
+    own = placed((1.4, 2.4, 3.4))
+    moved = through_origin(shots, own)
+    assert moved[:, 0] == pytest.approx((1.0, 2.0, 3.0))
+    np.testing.assert_array_equal(moved[:, 1:], own[:, 1:])
+
+
+def test_a_tone_curve_is_not_taken_for_residual_stress(disc_frame):
+    """A residual that takes away less than half of the misfit is not believed."""
+    rng = np.random.default_rng(0)
+    centres = (1.8, 2.6, 3.4)
+    images = [disc_frame(n, rng, gamma=1.3, **SMALL) for n in centres]
+    shots = as_shots(images, disc_load(np.array(centres)))
+    assert fit_disc_images(shots, placed(centres)) is None
+
+
+@pytest.mark.parametrize(
+    ("explained", "runner_up", "clear"),
+    [(0.9, 0.5, True), (0.9, 0.8, False), (0.45, 0.1, False)],
+    ids=["clear", "another is as good", "most is left"],
+)
+def test_a_rise_is_clear_where_no_other_explains_as_much(explained, runner_up, clear):
+    assert Rise(0.01, 0.0, explained, runner_up).clear is clear
+
+
+def test_orders_from_the_rise_are_off_by_what_they_say(disc_frame):
+    """Four discs that already hold stress; noise and misfit go together over four pixels.
+
+    Of twelve such discs the pulls' root mean square is 1.03; by single pixels it would be 4.
+    """
+    centres = np.array((1.5, 2.1, 2.8, 3.3, 4.1, 4.6))
+    pulls = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        p, s = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(1.0, 3.0, 2)
+
+        def residual(x, z, p=p, s=s):
+            return 0.8 * np.cos(s[0] * x + p[0]) * np.cos(s[1] * z + p[1]) + 0.5 * x * np.cos(p[2])
+
+        images = [disc_frame(n, rng, residual=residual, **SMALL) for n in centres]
+        shots, circles = as_shots(images, disc_load(centres)), [CIRCLE] * 6
+        rise = Rise(1.0 / disc_load(1.0), ANGLE, 0.9, 0.1)
+        found = fit_rise(shots, circles, overlay(shots, circles), rise, DIAMETER)
+        rises = np.array([i.order for i in found[1:]]) - found[0].order
+        spread = np.array([i.standard_uncertainty for i in found[1:]])
+        pulls.append((rises - (centres[1:] - centres[0])) / spread)
+    assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 2.0

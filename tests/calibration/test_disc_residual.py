@@ -1,0 +1,140 @@
+"""Discs with residual stress, and with misfits that are none: rendered here, tensor and all."""
+
+import numpy as np
+import pytest
+
+from isochrome.calibration import Disc
+from isochrome.calibration.disc.disc_residual import FORMS, load_field
+from isochrome.errors import PhysicsError
+from isochrome.reference import disc_stress
+
+from .conftest import DIAMETER, F_SIGMA, disc_from_images, disc_load
+
+CENTRES = (1.5, 2.0, 3.0, 4.0)
+DISC = Disc(diameter_mm=DIAMETER)
+
+
+def calibrated(images, centres=CENTRES):
+    return disc_from_images(images, [disc_load(c) for c in centres], DISC)
+
+
+def tensor_disc(centre, residual, rng, *, angle=2.0, radius=140.0, size=320):
+    """Grey levels of a disc whose load's stress and residual stress add as tensors.
+
+    `residual` (x, z) in radii is (sx - sz) + 2i txz in fringes; the stress of the loads is turned
+    by its matrix, pixel by pixel.
+    """
+    z, x = (np.mgrid[:size, :size] - size / 2 - 2.3) / radius
+    turn = np.radians(angle)
+    across = np.array([np.cos(turn), -np.sin(turn)])
+    along = np.array([np.sin(turn), np.cos(turn)])
+    inside = np.hypot(x, z) < 0.999
+    place = [np.where(inside, a[0] * x + a[1] * z, 0.0) for a in (across, along)]
+    found = disc_stress(*place, load_n=np.pi / 4, diameter_mm=2.0, thickness_mm=1.0)
+    local = np.array([[found.sigma_x, found.tau_xz], [found.tau_xz, found.sigma_z]])
+    axes = np.stack([across, along])
+    stress = centre * np.einsum("ai,abrc,bj->ijrc", axes, local, axes)
+    own = residual(x, z)
+    difference = stress[0, 0] - stress[1, 1] + own.real
+    order = np.hypot(difference, 2.0 * stress[0, 1] + own.imag)
+    light = 12.0 + 210.0 * (1.0 - 0.15 * (x**2 + z**2)) * np.sin(np.pi * order) ** 2 * inside
+    return np.rint(light + rng.normal(0.0, 3.0, light.shape))
+
+
+def test_stress_of_load_and_residual_add_as_tensors():
+    x, z = np.array([0.2, 0.5, -0.3]), np.array([0.1, -0.4, 0.6])
+    h, turn = load_field(z, x, [0.0, 0.0, 1.0, 0.0])
+    found = disc_stress(x, z, load_n=np.pi / 4, diameter_mm=2.0, thickness_mm=1.0)
+    own = 0.3 - 0.2j
+    difference = found.sigma_x - found.sigma_z + own.real
+    truth = np.hypot(difference, 2.0 * found.tau_xz + own.imag)
+    np.testing.assert_allclose(np.abs(h + turn * own), truth, rtol=1e-9)
+
+
+def test_an_axisymmetric_form_is_radial_minus_hoop():
+    angles = np.linspace(0.0, 6.0, 7)
+    members = FORMS[0].basis(0.5 * np.cos(angles), 0.5 * np.sin(angles))
+    # sigma_r - sigma_theta = s along the radius: sx - sz = s cos 2 phi, 2 txz = s sin 2 phi
+    np.testing.assert_allclose(members[2], 0.25 * np.exp(2j * angles), atol=1e-12)
+    assert FORMS[0].at_centre([0.1, 0.2, 5.0, 5.0]) == pytest.approx(0.1 + 0.2j)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("falls", [1.0, 0.0])
+def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame, falls):
+    rng = np.random.default_rng(3)
+
+    def residual(x, z):
+        return 0.3 * (1.0 - falls * (x**2 + z**2))
+
+    found = calibrated([disc_frame(c, rng, residual=residual) for c in CENTRES])
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < 5e-4 * F_SIGMA  # the bar is 2e-3
+    assert abs(error) < 4 * found.standard_uncertainty
+    assert found.order_at_zero_load == pytest.approx(0.3, abs=2e-3)  # the bar is 0.02
+    assert found.residual["centre_order"] == pytest.approx(0.3, abs=2e-3)
+    assert 0.9 < found.chi < 1.1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("round_", "uniform"), [(0.3, 0.0), (-0.6, 0.0), (0.3, 0.2 + 0.2j)])
+def test_residual_tensor(round_, uniform):
+    rng = np.random.default_rng(5)
+
+    def residual(x, z):
+        return round_ * (x + 1j * z) ** 2 + uniform
+
+    found = calibrated([tensor_disc(c, residual, rng) for c in CENTRES])
+    error = found.fringe_value_n_per_mm - F_SIGMA
+    assert abs(error) < 5e-4 * F_SIGMA
+    assert abs(error) < 4 * found.standard_uncertainty
+    # as the loads' own directions see it, which lie 2 degrees off the columns
+    along = (uniform * np.exp(2j * np.radians(2.0))).real
+    assert found.order_at_zero_load == pytest.approx(along, abs=2e-3)
+    assert found.residual["centre_order"] == pytest.approx(abs(uniform), abs=5e-3)
+    assert 0.9 < found.chi < 1.1
+
+
+@pytest.mark.long
+def test_an_unloaded_image_serves_the_residual():
+    rng = np.random.default_rng(6)
+
+    def residual(x, z):
+        return 0.4 * (x + 1j * z) ** 2 + 0.1
+
+    centres = (0.0, 1.5, 3.0)
+    found = calibrated([tensor_disc(c, residual, rng) for c in centres], centres)
+    assert len(found.images) == 2
+    assert found.residual is not None and not any("not used" in w for w in found.warnings)
+    assert any("residual stress up to" in w for w in found.warnings)
+    assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
+    assert found.order_at_zero_load == pytest.approx(0.1, abs=5e-3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("options", [{"gamma": 2.2}, {"gamma": 1 / 1.4}, {"blur": 2.0}])
+def test_a_misfit_that_is_no_residual_is_within_what_is_stated(disc_frame, options):
+    for centres in ((3.0,), (1.8, 5.0)):
+        rng = np.random.default_rng(1)
+        found = calibrated([disc_frame(c, rng, **options) for c in centres], centres)
+        error = abs(found.fringe_value_n_per_mm - F_SIGMA)
+        assert error < 1e-3 * F_SIGMA
+        assert error < 2.5 * found.standard_uncertainty
+        assert found.chi > 1.05
+        assert any(b.name == "model misfit" for b in found.budget)
+
+
+@pytest.mark.long
+def test_a_clean_disc_has_no_misfit_and_no_residual(disc_frame):
+    rng = np.random.default_rng(1)
+    found = calibrated([disc_frame(c, rng) for c in (2.0, 3.0)], (2.0, 3.0))
+    assert found.residual is None
+    assert not any(b.name == "model misfit" for b in found.budget)
+
+
+@pytest.mark.long
+def test_swapped_loads_are_not_taken_for_residual_stress(disc_frame):
+    rng = np.random.default_rng(2)
+    images = [disc_frame(c, rng) for c in CENTRES]
+    with pytest.raises(PhysicsError, match="swapped"):
+        disc_from_images(images, [disc_load(c) for c in (1.5, 3.0, 2.0, 4.0)], DISC)

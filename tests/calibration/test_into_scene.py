@@ -1,0 +1,125 @@
+"""A fringe value set in a scene file: all else in it stays, whatever its layout."""
+
+import dataclasses
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.calibration import Calibration, write_into_scene
+from isochrome.calibration.scene_file import edited
+from isochrome.cli import main
+from isochrome.errors import InputError
+from isochrome.scene import load_scene
+from scene_texts import BENDING_BEAM
+
+from .conftest import F_SIGMA, bending_load
+
+FOUND = Calibration(
+    specimen="disc", fringe_value_n_per_mm=14.61234, standard_uncertainty=0.0131, chi=1.02,
+    order_at_zero_load=0.0, order_at_zero_load_uncertainty=0.001, slope_per_n=0.005,
+    images=(), budget=(), warnings=(),
+)  # fmt: skip
+LAYOUTS = {
+    "table": "[specimen]\nthickness_mm = 4.0\nfringe_value_n_per_mm = 12.0\n\n[load]\n"
+    "normal_n = 44.0\n",
+    "comment": "# mine\n[specimen]  # block\nfringe_value_n_per_mm = 12.0e0      # per fringe\n"
+    "thickness_mm = 4.0\n",
+    "no key": "[load]\nnormal_n = 44.0\n\n[specimen]\n# the block\nthickness_mm = 4.0\n",
+    "header at the end": "[load]\nnormal_n = 44.0\n[specimen]",
+    "inline": 'specimen = { thickness_mm = 4.0, "fringe_value_n_per_mm" = 12.0 } # epoxy\n',
+    "inline, no key": "specimen = { thickness_mm = 4.0 }\n[load]\nnormal_n = 1.0\n",
+    "inline, empty": "specimen = {}\n",
+    "dotted": "specimen.thickness_mm = 4.0\nspecimen . fringe_value_n_per_mm = 12\n",
+    "dotted, no key": "specimen.thickness_mm = 4.0\nload.normal_n = 44.0\n",
+    "quoted": "[ 'specimen' ]\n\t'fringe_value_n_per_mm'=12.0#per fringe\n",
+    "named in comments": "# [specimen]\n# fringe_value_n_per_mm = 12.0\n[specimen]\n"
+    "thickness_mm = 4.0 # not fringe_value_n_per_mm = 3\n",
+    "no specimen": "[load]\nnormal_n = 44.0",
+    "empty": "",
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+def test_only_the_value_changes(name, line_end):
+    text = LAYOUTS[name].replace("\n", line_end)
+    new = edited(text, "14.612", "calibrated: ± 0.013")
+    data = tomllib.loads(text)
+    data.setdefault("specimen", {})["fringe_value_n_per_mm"] = 14.612
+    assert tomllib.loads(new) == data
+    assert new.count("calibrated: ± 0.013") == 1
+    kept = [part.strip() for part in text.splitlines() if "12" not in part and "{" not in part]
+    assert all(part in new for part in kept)
+    assert new.count("\r\n") == (new.count("\n") if "\r\n" in text else 0)
+    for comment in ("per fringe", "epoxy", "block", "mine"):
+        assert new.count(comment) == text.count(comment)
+    again = edited(new, "14.700", "calibrated: ± 0.020")
+    assert again == new.replace("14.612", "14.700").replace("0.013", "0.020")
+
+
+def test_a_file_is_written_with_its_value_rounded_to_its_uncertainty(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"[specimen]\r\nfringe_value_n_per_mm = 12.0 # per fringe\r\n")
+    assert write_into_scene(FOUND, path, source="sets/disc.toml") == 14.6123
+    text = path.read_bytes().decode("utf-8")
+    said = "calibrated: ± 0.013 (standard uncertainty), chi 1.02, disc.toml"
+    assert text == (f"[specimen]\r\nfringe_value_n_per_mm = 14.6123 # per fringe; {said}\r\n")
+    assert load_scene(path).specimen.fringe_value_n_per_mm == 14.6123
+    assert [p.name for p in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_a_link_stays_a_link(tmp_path):
+    (tmp_path / "own.toml").write_text("[specimen]\n", "utf-8")
+    (tmp_path / "scene.toml").symlink_to("own.toml")
+    write_into_scene(FOUND, tmp_path / "scene.toml")
+    assert (tmp_path / "scene.toml").is_symlink()
+    assert "14.6123" in (tmp_path / "own.toml").read_text("utf-8")
+
+
+def test_what_is_no_scene_of_ones_own_is_refused(tmp_path):
+    with pytest.raises(InputError, match="ships inside the package"):
+        write_into_scene(FOUND, "line-contact-wear")
+    with pytest.raises(InputError, match="cannot be read"):
+        write_into_scene(FOUND, tmp_path / "missing.toml")
+    other = tmp_path / "set.toml"
+    text = "[disc]\ndiameter_mm = 50.0\n"
+    other.write_text(text, "utf-8")
+    with pytest.raises(InputError, match="disc"):
+        write_into_scene(FOUND, other)
+    assert other.read_text("utf-8") == text
+
+
+def test_a_name_cannot_break_the_comment(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text("[specimen]\n", "utf-8")
+    write_into_scene(FOUND, path, source="odd\nname.toml")
+    assert load_scene(path).specimen.fringe_value_n_per_mm == 14.6123
+    exact = dataclasses.replace(FOUND, standard_uncertainty=0.0)
+    assert write_into_scene(exact, path) == 14.61234
+
+
+def test_the_command_carries_the_value_into_a_scene(tmp_path, beam_frame, monkeypatch, capsys):
+    rng = np.random.default_rng(0)
+    tifffile.imwrite(tmp_path / "beam.tif", beam_frame(2.0, rng, shape=(100, 120), pixel=0.23))
+    text = f'{BENDING_BEAM}[camera]\npixel_mm = 0.23\n[[image]]\nfile = "beam.tif"\n'
+    (tmp_path / "set.toml").write_text(f"{text}load_n = {bending_load(2.0)}\n", "utf-8")
+    scene = tmp_path / "scene.toml"
+    scene.write_text("[specimen]\nthickness_mm = 4.0\n", "utf-8")
+    monkeypatch.chdir(tmp_path)
+    command = ["isochrome", "calibrate", "bending", "set.toml", "--json", "--into"]
+    monkeypatch.setattr("sys.argv", [*command, "scene.toml"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 0
+    said = json.loads(capsys.readouterr().out)
+    written = load_scene(scene).specimen.fringe_value_n_per_mm
+    assert said["into"] == "scene.toml"
+    assert written == pytest.approx(said["fringe_value_n_per_mm"], rel=1e-5)
+    assert written == pytest.approx(F_SIGMA, rel=1e-3)  # u = 3e-4
+    monkeypatch.setattr("sys.argv", [*command, "line-contact-wear", "--out", "other"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2 and not (tmp_path / "other").exists()

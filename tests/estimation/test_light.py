@@ -1,0 +1,79 @@
+"""The light's images span what they are to: frames are written as sums of them exactly."""
+
+import numpy as np
+import pytest
+
+from isochrome.estimation import (
+    binned_polynomials,
+    degrees_of,
+    evaluate,
+    quadratic_terms,
+    smooth_light,
+)
+from isochrome.estimation.light import frame_light, polynomial_basis
+
+SHAPE = (40, 60)
+Y, X = (np.linspace(-1.0, 1.0, n) for n in SHAPE)
+Y = Y[:, None]
+RNG = np.random.default_rng(4)
+DARK = 0.1 + 0.01 * RNG.random(SHAPE)
+BRIGHT = 0.8 + 0.1 * RNG.random(SHAPE)
+SIGNAL = RNG.random(SHAPE)
+PLANE = 1.0 + 0.1 * X - 0.2 * Y
+
+
+@pytest.mark.parametrize(
+    ("dark", "bright", "image"),
+    [
+        (DARK, BRIGHT, PLANE * (BRIGHT - DARK) * SIGNAL + 0.9 * DARK + 0.02),
+        (None, BRIGHT, PLANE * BRIGHT * SIGNAL + 0.05 * PLANE),
+        (DARK, None, (PLANE - 0.3 * X * X) * SIGNAL + DARK + 0.02),
+        (None, None, (PLANE - 0.3 * X * Y) * SIGNAL + 0.02),
+    ],
+)
+def test_a_frames_light_is_a_sum_of_the_models_images(dark, bright, image):
+    model = frame_light(SHAPE, dark, bright)
+    found = evaluate(image, SIGNAL, sigma=1.0, **model.bases)
+    # single precision: images of order one are known to some 1e-7, over the square root of nothing
+    assert found.chi < 1e-6
+    assert found.positive
+    given = len(found.illumination_coefficients) + len(found.background_coefficients)
+    assert given == model.unknowns
+
+
+@pytest.mark.parametrize("light", [None, BRIGHT - DARK])
+def test_a_calibrations_light_has_more_unknowns_degree_by_degree(light):
+    few, many = (smooth_light(SHAPE, degrees, light) for degrees in degrees_of(light))
+    assert few.unknowns < many.unknowns
+    image = PLANE * (1.0 if light is None else light) * SIGNAL + 0.05 * PLANE
+    for model in (few, many):
+        assert evaluate(image, SIGNAL, sigma=1.0, **model.bases).chi < 1e-12
+
+
+def test_one_amplitude_is_the_even_part_alone():
+    plain = frame_light(SHAPE).plain()
+    assert plain.illumination.shape == (1, *SHAPE)
+    assert np.ptp(plain.illumination) == 0.0
+
+
+def test_every_third_pixel_of_the_images_is_theirs():
+    model = frame_light(SHAPE)
+    thin = model.every(3)
+    np.testing.assert_array_equal(thin.illumination, model.illumination[:, ::3, ::3])
+    np.testing.assert_array_equal(thin.background, model.background[:, ::3, ::3])
+
+
+def test_the_polynomials_of_all_rooms_span_the_same_images():
+    """Quadratics of the place: Legendre's, plain powers, and those of binned pixels."""
+    wanted = polynomial_basis(SHAPE, 2).reshape(6, -1)
+    binned = np.moveaxis(binned_polynomials(SHAPE, 2, 1), -1, 0)
+    for other in (quadratic_terms(*SHAPE), binned):
+        flat = other.reshape(6, -1)
+        left = wanted - np.linalg.lstsq(flat.T, wanted.T, rcond=None)[0].T @ flat
+        assert np.abs(left).max() < 1e-12
+
+
+def test_binned_polynomials_are_those_at_the_middles_of_bins():
+    full, half = binned_polynomials(SHAPE, 1, 1), binned_polynomials(SHAPE, 1, 4)
+    blocks = full.reshape(10, 4, 15, 4, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(half, blocks, atol=1e-14)

@@ -1,0 +1,88 @@
+"""Rendered frames of random contacts, as a laboratory's camera takes them, for tests of the fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isochrome.estimation.observation import prepare_frame
+from isochrome.fitting.frame.frame_fit import fit_frame
+from isochrome.frames import Frame
+from isochrome.scene import parse_scene
+from isochrome.simulation import make_picture, scene_states, simulate, state_difference
+from isochrome.stress import pixel_grid
+from scene_texts import PAPER_CONTACT
+
+PIXEL_MM = 0.00607
+CAMERA = f"""
+[camera]
+width_px = 659
+height_px = 494
+left_mm = -2.0
+top_mm = 0.0
+pixel_mm = {PIXEL_MM}
+bit_depth = 8
+brightness = 0.85
+background = 0.05
+vignette = 0.3
+noise_grey = 3.0
+"""
+HALF_SIZE = {"camera.width_px": 330, "camera.height_px": 247, "camera.pixel_mm": 2.0 * PIXEL_MM}
+KINDS = ("static", "slide", "worn", "bulk", "tangential", "worn, bulk")
+
+
+def random_contact(rng, kind):
+    """A scene of one state, and the values drawn for its unknowns."""
+    text = PAPER_CONTACT + CAMERA
+    true = {
+        "load.normal_n": rng.uniform(25.0, 60.0),
+        "camera.left_mm": -2.0 + rng.uniform(-0.25, 0.25),
+        "camera.top_mm": rng.uniform(-0.08, 0.05),
+    }
+    if kind in ("slide", "worn", "worn, bulk"):
+        text += "\n[friction]\ncoefficient = 0.2\n"
+        true["friction.coefficient"] = rng.uniform(0.05, 0.35) * rng.choice([-1.0, 1.0])
+    if kind.startswith("worn"):
+        text += "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [120.0]\n"
+        true["wear.coefficient_mm2_per_n"] = rng.uniform(1e-9, 4e-9)
+    if kind in ("bulk", "tangential", "worn, bulk"):
+        true["load.bulk_mpa"] = rng.uniform(-4.0, 4.0)
+    if kind == "tangential":
+        text += "\n[friction]\ncoefficient = 0.3\n"
+        true["load.tangential_n"] = rng.uniform(-0.24, 0.24) * true["load.normal_n"]
+    scene = parse_scene(text)
+    return scene.with_values(true), true
+
+
+def captured(scene, seed):
+    """The camera's frame of a scene's last state."""
+    image = simulate(scene.with_values({"camera.seed": seed})).frames[-1]
+    return Frame(0, image, None, "captured")
+
+
+def begun(rng, scene, true, *, share=0.02, place_px=5.0):
+    """The scene with values off by up to a share, and its place by some pixels."""
+    pixel = scene.camera.pixel_mm
+    start = {}
+    for key, value in true.items():
+        off = rng.uniform(-1.0, 1.0)
+        step = place_px * pixel if key.startswith("camera.") else share * abs(value)
+        start[key] = value + off * step
+    return scene.with_values(start)
+
+
+def fitted(frame, start, keys, **options):
+    """The fit of a frame from a scene's values."""
+    data = prepare_frame(frame, start, bit_depth=8, gamma_found=True)
+    return fit_frame(data, start, tuple(keys), **options)
+
+
+def orders(scene):
+    """Fringe order of a scene on its camera's pixels, by the direct simulation; NaN in air."""
+    grid = pixel_grid(scene)
+    difference = state_difference(scene, scene_states(scene)[-1], grid)
+    return make_picture(scene, difference, grid).order
+
+
+def pulls(fit, true):
+    """Errors over standard uncertainties."""
+    return (fit.values - np.array([true[key] for key in fit.keys])) / fit.standard_uncertainty

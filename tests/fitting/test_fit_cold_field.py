@@ -1,0 +1,236 @@
+"""The search's quick fields against closed forms and solved contacts; its light's elimination."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isochrome.contact import elastic_constants
+from isochrome.errors import PhysicsError
+from isochrome.estimation.observation import prepare_frame
+from isochrome.estimation.separable import evaluate
+from isochrome.fitting.frame.frame_fit import placed
+from isochrome.fitting.search.coarse_fields import (
+    THETA,
+    field_maker,
+    pressure_table,
+    search_values,
+    theta_of,
+)
+from isochrome.fitting.search.descents import SearchPixels, Space
+from isochrome.frames import Frame
+from isochrome.reference import (
+    coupled_contact,
+    coupled_stress,
+    disc_stress,
+    hertz_half_width,
+    hertz_peak_pressure,
+    sliding_hertz_stress,
+)
+from isochrome.scene import load_scene, parse_scene
+from isochrome.simulation import render, scene_states, state_difference
+from isochrome.stress import RegularStress, pixel_grid
+from scene_texts import PAPER_CONTACT, PAPER_PAIR
+
+CAMERA = """
+[camera]
+width_px = 160
+height_px = 120
+left_mm = -2.0
+top_mm = 0.02
+pixel_mm = 0.025
+"""
+FRICTION = "\n[friction]\ncoefficient = 0.3\n"
+SLIDING = PAPER_CONTACT + CAMERA + FRICTION
+HELD = SLIDING.replace("normal_n = 44.0", "normal_n = 44.0\ntangential_n = 5.0\nbulk_mpa = 2.0")
+FLAT = HELD.replace("radius_mm = 24.61", 'shape = "flat"\nhalf_width_mm = 0.4')
+WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [155.0]\n"
+DISC = """
+[specimen]
+shape = "disc"
+diameter_mm = 10.0
+thickness_mm = 6.0
+fringe_value_n_per_mm = 14.6
+
+[load]
+normal_n = 600.0
+
+[camera]
+width_px = 120
+height_px = 110
+pixel_mm = 0.1
+left_mm = -6.0
+top_mm = -0.5
+"""
+
+
+def quick(text, **changes):
+    """The scene with `changes`, and the quick field made from the unchanged one; also the places.
+
+    Returns the changed scene, its field (n,), and x, z (n,) of the pixels 0.25 mm below and deeper.
+    """
+    scene = parse_scene(text)
+    moved = scene.with_values({key.replace("__", "."): v for key, v in changes.items()})
+    grid = pixel_grid(scene).every(3)
+    keep = np.repeat((grid.z_mm > 0.25)[:, None], grid.cols, axis=1)
+    field = field_maker(scene)(grid, keep).difference(theta_of(moved)[None])[0]
+    there = pixel_grid(moved).every(3)
+    x, z = np.meshgrid(there.x_mm, there.z_mm)
+    return moved, field, x[keep], z[keep]
+
+
+def of_stress(stress):
+    return stress.sigma_x - stress.sigma_z + 2j * stress.tau_xz
+
+
+@pytest.mark.parametrize("shear", [3.0, -11.5])
+def test_a_held_contact_is_two_closed_forms_one_inside_the_other(shear):
+    # Cattaneo and Mindlin: mu p over the contact less mu p' over what sticks, under P - Q/mu.
+    changes = {"load__normal_n": 61.0, "load__tangential_n": shear, "load__bulk_mpa": -1.5}
+    scene, field, x, z = quick(HELD, camera__left_mm=-1.9, camera__top_mm=-0.03, **changes)
+    modulus, _ = elastic_constants(scene)
+    total = np.full(x.shape, -1.5 + 0j)
+    sign, stuck = np.sign(shear), 1.0 - abs(shear) / (0.3 * 61.0)
+    for share, factor in ((1.0, 1.0), (stuck, -1.0)):
+        load = 61.0 / 4.0 * share
+        pair = {
+            "half_width_mm": hertz_half_width(load, 24.61, modulus),
+            "peak_pressure_mpa": hertz_peak_pressure(load, 24.61, modulus),
+        }
+        slid = of_stress(sliding_hertz_stress(x, z, **pair, friction=0.3 * sign))
+        alone = of_stress(sliding_hertz_stress(x, z, **pair, friction=0.0))
+        total += factor * (slid - alone) + (alone if factor > 0.0 else 0.0)
+    # the pressure's table, solved on nodes: 1e-3 of the largest stress
+    assert np.abs(field - total).max() < 1e-3 * np.abs(total).max()
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.12, -0.2])
+def test_a_sliding_contact_leans_and_shifts_with_its_friction(friction):
+    scene, field, x, z = quick(SLIDING, friction__coefficient=friction, load__normal_n=27.0)
+    modulus, coupling = elastic_constants(scene)
+    beta = 0.25 * modulus * coupling
+    contact = coupled_contact(27.0 / 4.0, 24.61, modulus, friction=friction, beta=beta)
+    true = of_stress(coupled_stress(x, z, contact))
+    # table at 0.3, coupling taken as linear in the friction: its square is 1e-3 here
+    assert np.abs(field - true).max() < 2e-3 * np.abs(true).max()
+
+
+@pytest.mark.parametrize(
+    ("text", "changes", "bar"),
+    [
+        # a flat's pressure is infinite at its corners, and a short series' is not
+        (FLAT, {"load__normal_n": 70.0, "load__tangential_n": -9.0}, 0.02),
+        # worn at 5 loads and 6 doses, and straight lines between their logarithms
+        (WORN, {"load__normal_n": 70.0, "wear__coefficient_mm2_per_n": 1.2e-9}, 0.02),
+    ],
+)
+def test_other_contacts_are_near_the_solved_ones(text, changes, bar):
+    scene, field, *_ = quick(text, **changes)
+    grid = pixel_grid(scene).every(3)
+    keep = np.repeat((pixel_grid(parse_scene(text)).every(3).z_mm > 0.25)[:, None], grid.cols, 1)
+    true = state_difference(scene, scene_states(scene)[-1], grid)[keep]
+    assert np.abs(field - true).max() < bar * np.abs(true).max()
+
+
+def test_a_bulk_stress_that_changes_along_and_below_the_surface_is_in_the_quick_field():
+    slopes = "\nbulk_along_x_mpa_per_mm = 0.4\nbulk_along_z_mpa_per_mm = -0.7\n"
+    _, field, x, z = quick(HELD.replace("bulk_mpa = 2.0\n", "bulk_mpa = 2.0" + slopes))
+    _, even, *_ = quick(HELD)
+    # a series of analytic functions, c (x - i z): sigma_x falls with x where it grows with -tau
+    series = RegularStress((0j, complex(0.4, -0.7)))
+    assert np.real(series.difference(np.array(1.0), np.array(0.0))) == pytest.approx(0.4)
+    assert np.real(series.difference(np.array(0.0), np.array(1.0))) == pytest.approx(-0.7)
+    # single precision of some ten MPa
+    np.testing.assert_allclose(field - even, series.difference(x, z), atol=1e-4)
+
+
+def test_a_lopsided_indenters_contact_does_not_move_with_friction_as_an_even_ones(tmp_path):
+    """Where the profile itself leans, no share of the friction says how far the contact stands."""
+    x = np.linspace(-2.0, 2.0, 401)
+    gap = 1e3 * np.where(x < 0.0, x**2 / 50.0, x**2 / 150.0)
+    rows = "\n".join(f"{a},{b}" for a, b in zip(x, gap, strict=True))
+    (tmp_path / "leaning.csv").write_text("x_mm,gap_um\n" + rows + "\n", "utf-8")
+    text = SLIDING.replace("radius_mm = 24.61", 'profile = "leaning.csv"')
+    scene = parse_scene(text, folder=tmp_path)
+    moved = scene.with_values({"friction.coefficient": 0.05})
+    (state,) = scene_states(moved)[-1:]
+    left, right = state.surface.edges_mm
+    half, centre, _ = pressure_table(scene).at(np.log([44.0]), np.zeros(1), np.array([0.05]))
+    # the friction's own part is a twentieth of the half-width; the profile's, a third
+    assert half[0] == pytest.approx(0.5 * (right - left), rel=0.03)
+    assert centre[0] == pytest.approx(0.5 * (right + left), abs=0.05 * half[0])
+
+
+def test_what_friction_cannot_hold_is_not_searched():
+    free = np.array([0, 1], dtype=np.intp)
+    rows = np.array([[0.0, 0.29, 0.3, 0.0, 0.0, 0.0, 0.0], [0.0, -0.4, 0.3, 0.0, 0.0, 0.0, 0.0]])
+    held = Space(free, np.ones(7), held=True).allowed(rows.copy())
+    assert held[:, 1] == pytest.approx([0.29, -0.294])  # 98 % of what friction holds
+    assert held[:, 2] == pytest.approx([0.3, 0.3])
+    # friction that is searched for too grows with what it must hold
+    both = Space(np.array([0, 1, 2], dtype=np.intp), np.ones(7), held=True).allowed(rows.copy())
+    assert both[:, 1] == pytest.approx([0.29, -0.4])
+    assert both[1, 2] == pytest.approx(0.4 / 0.98)
+
+
+def test_a_disc_is_its_closed_form_at_any_load_and_place():
+    scene = parse_scene(DISC)
+    moved = scene.with_values({"load.normal_n": 900.0, "camera.left_mm": -5.8})
+    grid = pixel_grid(scene)
+    keep = np.hypot(grid.x_mm[None, :], grid.z_mm[:, None] - 5.0) < 4.0
+    field = field_maker(scene)(grid, keep).difference(theta_of(moved)[None])[0]
+    x, z = np.meshgrid(grid.x_mm + 0.2, grid.z_mm - 5.0)
+    true = disc_stress(x[keep], z[keep], load_n=900.0, diameter_mm=10.0, thickness_mm=6.0)
+    np.testing.assert_allclose(field, of_stress(true), rtol=1e-6, atol=1e-6)
+
+
+def test_nothing_is_stressed_above_the_surface():
+    scene = parse_scene(HELD)
+    grid = pixel_grid(scene)
+    theta = theta_of(scene.with_values({"camera.top_mm": -0.5}))
+    field = field_maker(scene)(grid, np.ones((120, 160), bool)).difference(theta[None])
+    air = pixel_grid(scene).z_mm - 0.52 <= 0.0
+    seen = field.reshape(120, 160)
+    assert np.all(seen[air] == 0.0) and np.all(np.abs(seen[~air]).max(axis=1) > 0.1)
+
+
+def test_values_come_back_from_their_row():
+    scene = parse_scene(HELD)
+    held = [key for key in THETA if not key.startswith("wear")]
+    values = search_values(theta_of(scene), tuple(held))
+    assert values == pytest.approx({key: scene.get(key) for key in held}, rel=1e-12)
+    worn = search_values(theta_of(parse_scene(WORN)), ("wear.coefficient_mm2_per_n",))
+    assert worn == pytest.approx({"wear.coefficient_mm2_per_n": 2e-9}, rel=1e-12)
+
+
+def test_a_scene_that_no_load_can_solve_is_refused():
+    # a tenth of the radius is the loads' own half-width: no half-plane at any of them
+    text = PAPER_PAIR.replace("24.61", "0.01") + "\n[load]\nnormal_n = 5e4\n" + CAMERA
+    with pytest.raises(PhysicsError, match="cannot be solved at any load"):
+        field_maker(parse_scene(text))
+
+
+def test_the_light_of_a_batch_is_eliminated_as_that_of_one_frame():
+    scene = placed(load_scene("line-contact-wear").model_copy(update={"wear": None}), (494, 659))
+    shape = (494, 659)
+    noisy = scene.with_values({"camera.noise_grey": 5.0, "camera.vignette": 0.3})
+    shot = next(render(noisy, scene_states(noisy), pixel_grid(noisy)))
+    data = prepare_frame(Frame(0, shot.frames[0], None, "frame"), scene, bit_depth=8)
+    usable = np.zeros(shape, dtype=bool)
+    usable[60:] = True
+    pixels = SearchPixels(data, scene, field_maker(scene), usable, 12)
+    theta = np.repeat(theta_of(scene)[None], 3, axis=0)
+    theta[:, 0] += [0.0, 0.01, -0.02]
+    signals = pixels.signal_of(theta)
+    found = pixels.misfit(signals)
+    thin, keep = data.every(12), usable[::12, ::12]
+    for signal, chi, light in zip(signals, found.chi, found.light, strict=True):
+        image = np.zeros(keep.shape)
+        image[keep] = signal
+        one = evaluate(
+            thin.light, image, illumination=thin.illumination, background=thin.background,
+            mask=keep, sigma=thin.sigma,
+        )  # fmt: skip
+        # normal equations of numbers of order 1e5 to 1e9, with a ridge of 1e-9
+        assert chi == pytest.approx(one.chi, rel=1e-5)
+        np.testing.assert_allclose(light, one.illumination_coefficients, rtol=1e-3, atol=1e-4)

@@ -1,0 +1,222 @@
+"""Unknowns of a scene from rendered frames, and the quick simulation that finds them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.fitting.api import fit
+from isochrome.fitting.frame.renderer import SceneRenderer
+from isochrome.fitting.frame.single_state import frame_scene, scene_at, with_numerics
+from isochrome.output import read_csv, write_tiff
+from isochrome.scene import load_scene, parse_scene
+from isochrome.simulation import (
+    make_picture,
+    picture_signal,
+    scene_states,
+    simulate,
+    state_difference,
+)
+from isochrome.stress import pixel_grid
+from scene_texts import PAPER_CONTACT, SMALL_CAMERA
+
+STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 3.0\nseed = 11\n"
+SLIDING = STATIC + "\n[friction]\ncoefficient = 0.25\n"
+WORN = SLIDING + "\n[wear]\ncoefficient_mm2_per_n = 2e-9\ndistances_m = [77.0, 155.0]\n"
+PLACE = {"camera.left_mm": -1.957, "camera.top_mm": 0.018}
+P_MAX = 18.758
+
+
+@pytest.fixture
+def rendered(tmp_path):
+    """Write the frames of a scene with some values changed; returns their path."""
+
+    def write(text, **values):
+        scene = parse_scene(text).with_values({k.replace("__", "."): v for k, v in values.items()})
+        path = tmp_path / "frames.tif"
+        write_tiff(path, simulate(scene).frames, pixel_mm=scene.camera.pixel_mm)
+        return path
+
+    return write
+
+
+def within(found, true, sigmas=4.0):
+    """A fitted value is the true one, to some of its own standard uncertainties."""
+    assert 0.0 < found["standard_uncertainty"] < np.inf
+    assert abs(found["value"] - true) < sigmas * found["standard_uncertainty"], (found, true)
+
+
+# Fits
+
+
+def test_load_place_and_friction_come_from_one_frame_within_their_uncertainty(rendered):
+    true = {"load.normal_n": 46.3, "friction.coefficient": 0.21, **PLACE}
+    path = rendered(SLIDING, **true)
+    found = fit(path, parse_scene(SLIDING), list(true))
+    for key, value in true.items():
+        within(found.shared[key], value)
+    assert found.shared["load.normal_n"]["standard_uncertainty"] < 0.01
+    assert found.chi == pytest.approx(1.0, abs=0.05) and found.warnings == ()
+
+
+def test_a_place_on_a_whole_pixel_is_no_trap(rendered):
+    # The fit starts where the frame was rendered: on a whole pixel of its reference grid.
+    path = rendered(SLIDING)
+    keys = ["load.normal_n", "camera.left_mm", "camera.top_mm", "friction.coefficient"]
+    found = fit(path, parse_scene(SLIDING), keys)
+    for key, value in zip(keys, (44.0, -2.0, 0.0, 0.25), strict=True):
+        within(found.shared[key], value)
+    assert found.warnings == ()
+
+
+def test_two_frames_share_the_wear_and_keep_their_own_friction(rendered, tmp_path):
+    table = {"distance_m": [77.0, 155.0], "value": [0.22, 0.27]}
+    # the steps of the wear are the same in truth and fit: their own errors do not matter here
+    text = WORN + "\n[numerics]\ntolerance = 1e-3\n"
+    path = rendered(
+        text, friction__coefficient=table, wear__coefficient_mm2_per_n=2.2e-9, load__normal_n=45.0
+    )
+    found = fit(
+        path, parse_scene(text), ["wear.coefficient_mm2_per_n", "load.normal_n"],
+        per_frame=["friction.coefficient"], out=tmp_path / "out",
+    )  # fmt: skip
+    within(found.shared["wear.coefficient_mm2_per_n"], 2.2e-9)
+    within(found.shared["load.normal_n"], 45.0)
+    for own, true in zip(found.frames, (0.22, 0.27), strict=True):
+        within(own["friction.coefficient"], true)
+    assert found.chi == pytest.approx(1.0, abs=0.03)
+
+    # What is left on disk says the same, and the fitted scene can be read again.
+    saved = json.loads((tmp_path / "out" / "fit.json").read_text("utf-8"))
+    assert set(saved["load.normal_n"]) == {"value", "standard_uncertainty", "cramer_rao_bound"}
+    assert saved == json.loads(json.dumps(found.to_json()))
+    again = load_scene(tmp_path / "out" / "scene.toml")
+    assert again.load.normal_n == found.shared["load.normal_n"]["value"]
+    assert again.friction_at(155.0) == found.frames[1]["friction.coefficient"]["value"]
+    rows = read_csv(tmp_path / "out" / "fit.csv")
+    assert [str(frame) for frame in rows["frame"]] == ["all", "all", "0", "1"]
+
+
+def test_uncertainty_is_the_spread_over_seeds(rendered):
+    values, spread = [], []
+    for seed in range(8):
+        path = rendered(STATIC, load__normal_n=45.0, camera__seed=seed)
+        found = fit(path, parse_scene(STATIC), ["load.normal_n"]).shared["load.normal_n"]
+        values.append(found["value"])
+        spread.append(found["standard_uncertainty"])
+    # Eight values: their standard deviation is known to a factor of about 1.6 either way.
+    assert 0.4 < np.std(values, ddof=1) / np.mean(spread) < 2.0
+
+
+def test_keys_that_the_frame_cannot_tell_apart_are_refused_by_their_correlation(rendered):
+    # Modulus and radius enter together: the half-width follows from radius / contact modulus.
+    path = rendered(STATIC)
+    keys = ["specimen.young_gpa", "indenter.radius_mm"]
+    with pytest.raises(PhysicsError, match=r"cannot be told apart .*correlation.*; fix one"):
+        fit(path, parse_scene(STATIC), keys)
+
+
+@pytest.mark.parametrize("text", [STATIC, WORN], ids=["one frame", "two frames"])
+def test_a_key_that_does_not_change_the_fringes_is_refused(rendered, text):
+    # Ideal plates: the wavelength stands in the scene, and in no equation.
+    text += "\n[polariscope]\nwavelength_nm = 587.0\n"
+    path = rendered(text)
+    with pytest.raises(
+        PhysicsError, match=r"polariscope.wavelength_nm does not change the fringes"
+    ):
+        fit(path, parse_scene(text), ["load.normal_n", "polariscope.wavelength_nm"])
+
+
+@pytest.mark.parametrize("other", ["specimen.fringe_value_n_per_mm", "specimen.thickness_mm"])
+def test_keys_with_the_same_effect_as_the_load_are_refused_before_the_frames_are_read(other):
+    with pytest.raises(InputError, match="cannot both be free"):
+        fit("frames-that-are-not-there.tif", parse_scene(STATIC), ["load.normal_n", other])
+
+
+# The quick simulation against the direct one
+
+
+def direct_signal(scene):
+    pixels = pixel_grid(scene)
+    difference = state_difference(scene, scene_states(scene)[-1], pixels)
+    return picture_signal(scene, make_picture(scene, difference, pixels)), pixels
+
+
+@pytest.mark.parametrize("shift_px", [(0.0, 0.0), (0.37, -0.61), (-0.5, 0.5), (6.25, -11.8)])
+def test_a_shifted_field_is_that_rendered_at_the_shifted_place(shift_px):
+    fine = with_numerics(parse_scene(SLIDING), nodes_per_pixel=8, tolerance=1e-4, room=1.2)
+    here = fine.with_values({"camera.pixel_mm": 0.0125, "numerics.spacing_mm": 0.0125 / 8})
+    renderer = SceneRenderer(here, (120, 160))
+    moved = here.with_values(
+        {
+            "camera.left_mm": -1.0 + 0.0125 * shift_px[0],
+            "camera.top_mm": 0.0 + 0.0125 * shift_px[1],
+        }
+    )
+    renderer.signal(here)
+    direct, pixels = direct_signal(moved)
+    deep = pixels.z_mm > 6 * 0.0125
+    error = (renderer.signal(moved) - direct)[deep]
+    # both in single precision: 3e-6 to 4e-6 of the light
+    assert np.abs(error).max() <= 1e-5
+
+
+def test_the_signal_has_no_jump_where_the_shift_passes_a_whole_pixel():
+    scene = with_numerics(parse_scene(SLIDING), nodes_per_pixel=3, tolerance=1e-3, room=1.2)
+    renderer = SceneRenderer(scene, (120, 160))
+    for key in ("camera.left_mm", "camera.top_mm"):
+        start = scene.get(key)
+        before, at, after = (
+            renderer.signal(scene.with_values({key: start + 0.025 * step}))[8:]
+            for step in (-1e-4, 0.0, 1e-4)
+        )
+        # A ten-thousandth of a pixel moves the finest fringe here by 5e-5 of its light.
+        assert np.abs(at - before).max() < 1.5e-4 and np.abs(after - at).max() < 1.5e-4
+
+
+def test_a_cached_signal_is_the_fresh_one_whatever_came_between():
+    scene = with_numerics(parse_scene(SLIDING), nodes_per_pixel=2, tolerance=1e-3, room=1.4)
+    renderer = SceneRenderer(scene, (120, 160), stride=2)
+    others = [{"load.normal_n": 40.0 + k} for k in range(10)]
+    others += [{"friction.coefficient": 0.1}, {"specimen.fringe_value_n_per_mm": 10.0}]
+    others += [{"camera.blur_px": 2.0}, {"camera.blur_px": 1.0}]
+    others += [{"camera.left_mm": -1.2}, {"camera.left_mm": -2.0, "camera.top_mm": 0.9}]
+    first = renderer.signal(scene)
+    for values in others:
+        moved = scene.with_values(values)
+        fresh = SceneRenderer(moved, (120, 160), stride=2).signal(moved)
+        again = renderer.signal(moved)
+        # Waves about two references a shift apart repeat elsewhere: 2e-5 to 6e-5 of the light.
+        assert np.abs(again - fresh)[8:].max() < (2e-4 if "camera.left_mm" in values else 1e-6)
+    back = SceneRenderer(scene, (120, 160), stride=2)
+    assert np.array_equal(back.signal(scene), first)
+
+
+def test_a_frames_scene_is_one_state_of_its_own():
+    scene = parse_scene(WORN.replace("= 0.25\n", "= 0.25\nstatic_state_first = true\n"))
+    static, first, last = (frame_scene(scene, k) for k in range(3))
+    assert static.wear is None and static.friction is None
+    assert first.wear.distances_m == (77.0,) and last.wear.distances_m == (155.0,)
+    assert first.friction.coefficient == 0.25
+    assert scene_at(scene, 0.0).wear is None
+
+
+@pytest.mark.parametrize("key", ["wear.coefficient_mm2_per_n", "load.normal_n"])
+def test_a_worn_signal_has_a_derivative_that_a_fit_can_use(key):
+    """Goes wrong if nodes flip into contact, or steps change, as a value moves a little."""
+    numerics = {"spacing_mm": 0.025 / 4, "tolerance": 1e-4}
+    scene = scene_at(parse_scene(WORN), 77.0)
+    scene = scene.with_values({f"numerics.{k}": v for k, v in numerics.items()})
+    renderer = SceneRenderer(scene, (120, 160))
+    slopes = []
+    for share in (1e-3, 1e-4):
+        ahead, behind = (
+            renderer.signal(scene.with_values({key: scene.get(key) * (1.0 + sign * share)}))
+            for sign in (1.0, -1.0)
+        )
+        slopes.append((ahead - behind)[2:] / (2.0 * share))
+    # 1 %: single precision over the smaller step, and steps that adapt; a fit's least squares need
+    # no better
+    difference = (slopes[0] - slopes[1]).astype(float)
+    assert np.sqrt(np.mean(difference**2)) < 0.01 * np.sqrt(np.mean(slopes[0].astype(float) ** 2))

@@ -1,0 +1,284 @@
+"""A worn sequence as one run: what frames owe to their history, and what they tell of it."""
+
+import numpy as np
+import pytest
+
+from isochrome.errors import InputError
+from isochrome.estimation.observation import prepare_frame
+from isochrome.fitting.api import fit
+from isochrome.fitting.frame.single_state import frame_distance, state_scene, with_numerics
+from isochrome.fitting.frame.unknowns import fit_region
+from isochrome.fitting.joint.frame_sequence import (
+    SharedRun,
+    alone_scene,
+    local_values,
+    make_sequence,
+    stepwise,
+)
+from isochrome.fitting.joint.joint_fit import fit_jointly
+from isochrome.fitting.joint.normal_equations import add_up, linearise_frame, make_renderer
+from isochrome.frames import Frame
+from isochrome.output import write_tiff
+from isochrome.scene import load_scene, parse_scene
+from isochrome.simulation import scene_states, simulate
+from scene_texts import PAPER_CONTACT
+
+DISTANCES = (0.0, 31.0, 77.0, 155.0, 233.0)
+RISING = {"distance_m": DISTANCES, "value": (0.12, 0.18, 0.24, 0.28, 0.30)}
+WORN = (
+    PAPER_CONTACT
+    + """
+[friction]
+coefficient = 0.25
+static_state_first = true
+
+[wear]
+coefficient_mm2_per_n = 2e-9
+distances_m = [0.0, 31.0, 77.0, 155.0, 233.0]
+
+[camera]
+width_px = 160
+height_px = 120
+left_mm = -1.97
+top_mm = 0.004
+pixel_mm = 0.025
+bit_depth = 8
+brightness = 0.85
+background = 0.05
+noise_grey = 3.0
+seed = 7
+"""
+)
+LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n"
+PLACE = ("camera.left_mm", "camera.top_mm")
+WEAR_OF = {"archard": 2e-9, "sarkar": 2e-9, "dissipated_energy": 8e-9}
+
+
+def scene(**values):
+    return parse_scene(WORN).with_values({k.replace("__", "."): v for k, v in values.items()})
+
+
+def rendered(truth):
+    """Prepared frames of a scene, in its own order."""
+    frames = simulate(truth).frames
+    return [
+        prepare_frame(Frame(i, f, None, str(i)), truth, bit_depth=8) for i, f in enumerate(frames)
+    ]
+
+
+# What a frame shows of its history
+
+
+@pytest.mark.parametrize("law", ["archard", "sarkar", "dissipated_energy"])
+def test_worn_area_is_the_integral_of_rate_and_load(law):
+    load = {"distance_m": (0.0, 100.0, 200.0), "value": (40.0, 50.0, 44.0)}
+    whole = scene(wear__law=law, friction__coefficient=RISING, load__normal_n=load)
+    found = local_values(whole, (None, 0.0, 77.0, 233.0, 31.0))
+    s = np.linspace(0.0, 233.0, 200_001)
+    mu, p = whole.friction_at(s), whole.load_at(s)
+    factor = {"archard": 1.0 + 0.0 * mu, "sarkar": np.sqrt(1 + 3 * mu**2), "dissipated_energy": mu}
+    rate = 1e3 * 2e-9 * factor[law] * p / 4.0
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s))])
+    for row, distance in zip(found[1:], (0.0, 77.0, 233.0, 31.0), strict=True):
+        # the sum's own error: (ds)^2 over the curvature's length, 1e-9
+        wanted = (
+            whole.load_at(distance),
+            whole.friction_at(distance),
+            np.interp(distance, s, area),
+        )
+        assert row == pytest.approx(wanted, rel=1e-6, abs=1e-15)
+    assert found[0].tolist() == [40.0, 0.0, 0.0]
+
+
+def test_a_scene_of_one_state_is_exactly_the_runs_own():
+    whole = scene(friction__coefficient=RISING, wear__law="sarkar")
+    whole = with_numerics(whole, nodes_per_pixel=4, tolerance=1e-4, room=1.2)
+    shared = SharedRun(tuple(frame_distance(whole, i) for i in range(6)))
+    for i, state in enumerate(scene_states(whole)):
+        one = state_scene(whole, i)
+        assert frame_distance(whole, i) == (None if i == 0 else DISTANCES[i - 1])
+        there = shared(one).surface
+        assert there.friction == state.surface.friction
+        # the run is the same one: rounding
+        assert there.pressure_mpa == pytest.approx(state.surface.pressure_mpa, abs=1e-9)
+
+
+def test_a_frame_alone_is_worn_as_much_as_in_the_run_at_its_own_load_and_friction():
+    load = {"distance_m": (0.0, 233.0), "value": (40.0, 50.0)}
+    whole = scene(friction__coefficient=RISING, wear__law="dissipated_energy", load__normal_n=load)
+    alone = alone_scene(whole, 4)
+    assert alone.load.normal_n == whole.load_at(155.0)
+    assert alone.friction.coefficient == 0.28 and alone.wear.law == "archard"
+    area = [local_values(s, (155.0,))[0, 2] for s in (alone, whole)]
+    assert area[0] == pytest.approx(area[1], rel=1e-9)
+    assert alone_scene(whole, 1).wear is None and alone_scene(whole, 0).friction is None
+
+
+def test_values_between_frames_hold_since_the_frame_before():
+    table = stepwise({31.0: 2.0, 77.0: 3.0, 155.0: 5.0})
+    at = dict(zip(table["distance_m"], table["value"], strict=True))
+    distance = np.array(list(at))
+    assert np.all(np.diff(distance) > 0.0)
+    middle = np.interp([10.0, 50.0, 100.0, 150.0], distance, list(at.values()))
+    assert middle.tolist() == [2.0, 3.0, 5.0, 5.0]
+
+
+def test_frames_at_one_distance_share_what_the_course_has_there():
+    twice = scene(wear__distances_m=(0.0, 77.0, 77.0))
+    sequence = make_sequence(twice, 4, (WEAR,), (FRICTION, LOAD, "camera.left_mm"))
+    of = {key: [u.frames for u in sequence.unknowns if u.key == key] for key in (FRICTION, LOAD)}
+    assert of[FRICTION] == [(1,), (2, 3)]
+    assert of[LOAD] == [(0, 1), (2, 3)]  # the static state stands where sliding begins
+    assert [u.frames for u in sequence.unknowns if u.key == WEAR] == [(2, 3)]
+    assert len([u for u in sequence.unknowns if u.key == "camera.left_mm"]) == 4
+
+
+# The chain rule against differences of the whole simulation
+
+
+def test_uncertainties_are_those_of_differences_through_the_whole_run():
+    truth = scene(wear__law="sarkar", friction__coefficient=RISING)
+    frames = rendered(truth)
+    fine = with_numerics(truth, nodes_per_pixel=2, tolerance=1e-4, room=1.3)
+    sequence = make_sequence(fine, 6, (WEAR, LOAD), (FRICTION,))
+    values = np.array([2e-9, 44.0, *RISING["value"]])
+    renderer = make_renderer(sequence, fine, (120, 160), 1)
+    region = fit_region(fine, (120, 160), 1, 4.0)
+    normal = add_up(
+        frames, sequence, values, renderer=renderer, regions=lambda i: region, told=lambda: None
+    )
+    # each unknown moved in the scene of all frames, and every frame rendered again
+    steps, whole = 1e-3 * values, sequence.whole(values)
+    wanted = np.zeros_like(normal.normal)
+    for i, data in enumerate(frames):
+        moved = [
+            sequence.frame(sequence.whole(ahead), ahead, i) for ahead in values + np.diag(steps)
+        ]
+        here = sequence.frame(whole, values, i)
+        part = linearise_frame(data, here, moved, renderer=renderer, region=region)
+        wanted += part.normal / np.outer(steps, steps)
+    found, exact = (np.sqrt(np.diag(np.linalg.inv(m))) for m in (normal.normal, wanted))
+    # 5 %: what a frame owes to its history besides the area that was worn
+    assert found == pytest.approx(exact, rel=0.05)
+    assert found[:2] == pytest.approx(exact[:2], rel=0.01)
+
+
+# Fits
+
+
+def within(found, true, sigmas=4.0):
+    assert 0.0 < found["standard_uncertainty"] < np.inf
+    assert abs(found["value"] - true) < sigmas * found["standard_uncertainty"], (found, true)
+
+
+def write(folder, truth):
+    path = folder / "frames.tif"
+    write_tiff(path, simulate(truth).frames, pixel_mm=truth.camera.pixel_mm)
+    return path
+
+
+def test_load_friction_and_wear_each_over_distance(tmp_path):
+    load = {"distance_m": (0.0, 77.0, 155.0), "value": (42.0, 45.0, 47.0)}
+    friction = {"distance_m": (0.0, 77.0, 155.0), "value": (0.15, 0.22, 0.29)}
+    values = {"wear__distances_m": (0.0, 77.0, 155.0), "wear__law": "sarkar"}
+    values["numerics__tolerance"] = 1e-3  # of the wear's steps, the same in truth and fit
+    truth = scene(**values, load__normal_n=load, friction__coefficient=friction)
+    told = []
+    found = fit(
+        write(tmp_path, truth), scene(**values), [WEAR], per_frame=[LOAD, FRICTION],
+        follow=True, progress=told.append,
+    )  # fmt: skip
+    within(found.shared[WEAR], 2e-9)
+    for own, true in zip(found.frames, (42.0, *load["value"]), strict=True):
+        within(own[LOAD], true)
+    for own, true in zip(found.frames[1:], friction["value"], strict=True):
+        within(own[FRICTION], true)
+    assert FRICTION not in found.frames[0] and found.distance_m == [None, 0.0, 77.0, 155.0]
+    assert found.chi == pytest.approx(1.0, abs=0.03)
+    assert all(tally.done <= tally.count for tally in told) and told[-1].done == told[-1].count
+
+    # the fitted scene is the run, with its tables
+    assert found.scene.wear.law == "sarkar" and found.scene.wear.distances_m == (0.0, 77.0, 155.0)
+    assert found.scene.load_at(155.0) == found.frames[3][LOAD]["value"]
+    assert found.scene.friction_at(77.0) == found.frames[2][FRICTION]["value"]
+
+
+def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_kept(tmp_path):
+    """Of more than eight frames each pass reads the file again."""
+    size = {"camera.width_px": 80, "camera.height_px": 60, "camera.pixel_mm": 0.05}
+    small = parse_scene(PAPER_CONTACT + WORN[WORN.index("[camera]") :]).with_values(size)
+    images = np.stack(
+        [simulate(small.with_values({"camera.seed": seed})).frames[0] for seed in range(9)]
+    )
+    write_tiff(tmp_path / "film.tif", images, pixel_mm=0.05)
+    read = fit(tmp_path / "film.tif", small, [LOAD])
+    kept = fit_jointly(
+        [
+            prepare_frame(Frame(i, f, None, str(i)), small, bit_depth=8)
+            for i, f in enumerate(images)
+        ],
+        make_sequence(small, 9, (LOAD,), ()),
+        np.array([read.shared[LOAD]["value"]]),
+        shape=(60, 80),
+    )
+    within(read.shared[LOAD], 44.0)
+    assert read.frame_chi == pytest.approx(kept.frame_chi, rel=1e-6)
+    # from there no step is left but those below a thirtieth of a standard uncertainty
+    apart = abs(read.shared[LOAD]["value"] - kept.values[0])
+    assert apart < 0.05 * kept.standard_uncertainty[0]
+    # nine frames know a load three times better than one
+    one = fit_jointly(
+        [prepare_frame(Frame(0, images[0], None, "0"), small, bit_depth=8)],
+        make_sequence(small, 1, (LOAD,), ()), np.array([44.0]), shape=(60, 80),
+    )  # fmt: skip
+    ratio = one.standard_uncertainty[0] / kept.standard_uncertainty[0]
+    assert ratio == pytest.approx(3.0, rel=0.15)
+
+
+def test_a_frame_count_that_is_not_the_scenes(tmp_path):
+    path = write(tmp_path, scene(wear__distances_m=(0.0, 77.0)))
+    with pytest.raises(InputError, match="3 frames, and the scene has 6 states"):
+        fit(path, scene(), [LOAD])
+
+
+@pytest.mark.long
+def test_pulls_of_wear_and_friction_over_seeds():
+    size = {"camera__pixel_mm": 0.0125, "camera__width_px": 320, "camera__height_px": 240}
+    truth = scene(**size, wear__law="sarkar", friction__coefficient=RISING)
+    sequence = make_sequence(truth, 6, (WEAR, LOAD), (FRICTION, *PLACE))
+    true = np.array([2e-9, 44.0, *RISING["value"], *(-1.97,) * 6, *(0.004,) * 6])
+    pulls = []
+    for seed in range(15):
+        frames = rendered(truth.with_values({"camera.seed": seed}))
+        found = fit_jointly(frames, sequence, true, shape=(240, 320))
+        assert found.chi == pytest.approx(1.0, abs=0.02)
+        assert np.all(found.standard_uncertainty < 1.2 * found.cramer_rao_bound)
+        pulls.append((found.values - true) / found.standard_uncertainty)
+    size = np.sqrt(np.mean(np.square(pulls)))
+    inside = np.mean(np.abs(pulls) < 1.96)
+    # 15 seeds x 19 unknowns: 285 pulls, of which neighbours hang together; their RMS is known to
+    # 0.05, the share to 1.5 %
+    assert 0.9 < size < 1.1 and 0.92 < inside < 0.98
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", ["archard", "sarkar", "dissipated_energy"])
+def test_a_sequence_of_the_papers_frames(tmp_path, law):
+    paper = load_scene("line-contact-wear")
+    truth = paper.with_values(
+        {
+            "camera.brightness": 0.85, "camera.background": 0.05, "camera.vignette": 0.3,
+            "camera.noise_grey": 3.0, "camera.seed": 5, "camera.left_mm": -1.97,
+            "wear.law": law, WEAR: WEAR_OF[law], FRICTION: RISING, LOAD: 44.5,
+        }
+    )  # fmt: skip
+    start = paper.with_values({"wear.law": law, WEAR: 1.1 * WEAR_OF[law]})
+    found = fit(write(tmp_path, truth), start, [WEAR, LOAD], per_frame=[FRICTION, *PLACE])
+    assert found.shared[WEAR]["value"] == pytest.approx(WEAR_OF[law], rel=0.005)
+    for own, true in zip(found.frames[1:], RISING["value"], strict=True):
+        assert own[FRICTION]["value"] == pytest.approx(true, abs=0.003)
+        within(own[FRICTION], true, sigmas=5.0)
+    within(found.shared[WEAR], WEAR_OF[law], sigmas=5.0)
+    laws = found.wear_laws
+    assert [near.law for near in laws.close] == [law]
+    assert f"the frames prefer {law}" in laws.sentence() and found.warnings == ()

@@ -1,0 +1,85 @@
+"""Tracking on worn scars: loads that swing, slowly and fast, and starts in the middle of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fitting.test_fit_track import FRICTION, LEFT, LOAD, contact, frame_of, pulls, save
+from isochrome.fitting.tracking.api import track
+from isochrome.scene import load_scene
+from isochrome.simulation import scene_states
+
+WEAR = "wear.coefficient_mm2_per_n"
+
+
+def worn_film(distance, load, friction, rng):
+    """A wearing contact whose load and friction are tables over distance, and its scene.
+
+    The steps of the truth's wear err ten times less than the scene's own would.
+    """
+    base = load_scene("line-contact-wear")
+    scene = contact().model_copy(update={"wear": base.wear})
+    start = scene.with_values({"wear.distances_m": distance.tolist(), FRICTION: float(friction[0])})
+    s = [0.0, *distance] if distance[0] > 0.0 else list(distance)
+    first = len(s) - len(distance)
+    whole = start.with_values(
+        {
+            key: {"distance_m": s, "value": [*values[:first], *values]}
+            for key, values in ((LOAD, load.tolist()), (FRICTION, friction.tolist()))
+        }
+    ).with_values({"numerics.tolerance": 1e-5})
+    return np.stack([frame_of(whole, state, rng) for state in scene_states(whole)]), start
+
+
+@pytest.mark.long
+def test_a_wearing_contact_is_followed_on_the_scar_of_its_own_history(tmp_path):
+    i = np.arange(60)
+    distance, friction = 4.0 * i, 0.1 + 0.15 * np.minimum(i / 36.0, 1.0)
+    frames, start = worn_film(distance, np.full(60, 44.0), friction, np.random.default_rng(4))
+    save(tmp_path, frames)
+    result = track(tmp_path / "film.tif", start, (LOAD, FRICTION))
+    assert result.searched == (0,)
+    assert result.distance_m == pytest.approx(distance)
+    # 0.7e-4, and 2.5e-4 at most: noise; the bars of a wear sequence are 5e-4 and 3e-3
+    assert np.sqrt(np.mean((result.values[:, 0] / 44.0 - 1.0) ** 2)) < 2e-4
+    assert np.all(np.abs(result.values[:, 1] - friction) < 7e-4)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("step_m", "count", "begin", "keys"),
+    [
+        pytest.param(0.05, 60, 0, (LOAD, FRICTION, LEFT), id="slowly"),
+        pytest.param(0.05, 30, 5, (LOAD, FRICTION, LEFT), id="from the middle of a swing"),
+        pytest.param(0.05, 40, 0, (LOAD, FRICTION, WEAR), id="with its wear coefficient"),
+        pytest.param(0.5, 40, 0, (LOAD, FRICTION, LEFT), id="2000 frames an hour"),
+        pytest.param(5.0, 20, 0, (LOAD, FRICTION), id="few frames an hour"),
+    ],
+)
+def test_a_load_that_swings_on_a_worn_scar_is_followed_with_its_uncertainty(
+    tmp_path, step_m, count, begin, keys
+):
+    i = np.arange(begin + count)
+    load = 44.0 * (1.0 + 0.05 * np.sin(2.0 * np.pi * i / 20.0))
+    friction = 0.2 + 0.01 * i / count
+    frames, start = worn_film(77.0 + step_m * i, load, friction, np.random.default_rng(6))
+    save(tmp_path, frames[begin:])
+    seen = start.wear.distances_m[begin:]
+    result = track(tmp_path / "film.tif", start.with_values({"wear.distances_m": seen}), keys)
+    assert result.searched == (0,)
+    assert np.all(np.abs(result.chi - 1.0) < 0.03)
+    truth = {
+        LOAD: load[begin:],
+        FRICTION: friction[begin:],
+        LEFT: np.full(count, -1.9),
+        WEAR: np.full(count, 2e-9),
+    }
+    # 0.7 to 0.9e-4 in all of these; the bar of a tracked load is 5e-4
+    assert np.sqrt(np.mean((result.values[:, 0] / truth[LOAD] - 1.0) ** 2)) < 2e-4
+    found = pulls(result, truth)
+    # of each key in its own unit: the RMS of n pulls scatters by 1/sqrt(2n); 0.1 is allowed for the
+    # wear's own steps
+    spread = np.sqrt(np.mean(found**2, axis=0))
+    assert np.all(np.abs(spread - 1.0) < 0.1 + 3.5 / np.sqrt(2 * count))
+    assert np.all(np.abs(found.mean(axis=0)) < 0.2 + 4.0 / np.sqrt(count))

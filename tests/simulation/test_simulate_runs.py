@@ -1,0 +1,171 @@
+"""`simulate` as a long run: killed, stopped, with workers; the same bytes whoever renders."""
+
+import numpy as np
+import pytest
+import tifffile
+
+from isochrome.errors import InputError
+from isochrome.output import read_csv
+from isochrome.runs import Stopped
+from isochrome.scene import dump_scene, load_scene
+from isochrome.simulation import simulate
+from isochrome.simulation.state_chunk import RenderWork
+from runs.counting import contents
+from runs.killing import killed_and_begun_again, needs_sigkill, start
+
+
+def scene_of(count, **values):
+    """A worn contact with noise, small and coarse, at `count` distances."""
+    return load_scene("line-contact-wear").with_values(
+        {
+            "camera.width_px": 64,
+            "camera.height_px": 48,
+            "camera.pixel_mm": 0.05,
+            "camera.left_mm": -1.6,
+            "camera.noise_grey": 2.0,
+            "numerics.spacing_mm": 0.005,
+            "numerics.tolerance": 1e-3,
+            "friction.static_state_first": False,
+            "wear.distances_m": tuple(233.0 * k / (count - 1) for k in range(count)),
+        }
+        | {key.replace("__", "."): value for key, value in values.items()}
+    )
+
+
+SCENE = scene_of(20)
+STEPS = [
+    {"polariser_deg": 90.0, "analyser_deg": 0.0},
+    {"polariser_deg": 90.0, "analyser_deg": 90.0},
+]
+KINDS = {
+    "fringes": SCENE,
+    "steps": scene_of(20, polariscope__step=STEPS),
+    "colour": scene_of(20, polariscope__light="white", camera__colour=True),
+    "no bits": scene_of(20, camera__bit_depth=None, camera__noise_grey=0.0),
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The scene's folder from an undisturbed run, which nobody changes, and what it returned."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    return out, simulate(SCENE, out)
+
+
+@pytest.mark.parametrize(
+    "kind", ["fringes", *(pytest.param(k, marks=pytest.mark.long) for k in list(KINDS)[1:])]
+)
+def test_what_is_kept_in_memory_is_what_is_written(tmp_path, kind, whole):
+    """Of 20 states there are three chunks: 8, 8 and 4."""
+    scene = KINDS[kind]
+    kept = simulate(scene)
+    out, found = whole
+    if scene is not SCENE:
+        out = tmp_path / "out"
+        found = simulate(scene, out)
+    frames = tifffile.imread(out / "frames.tif")
+    assert frames.dtype == kept.frames.dtype
+    np.testing.assert_array_equal(frames, kept.frames)
+    np.testing.assert_array_equal(tifffile.imread(out / "fringe_order.tif"), kept.orders)
+    assert {k: np.array(v).tolist() for k, v in kept.history.items()} == found.history
+    assert np.unique(read_csv(out / "pressure.csv")["state"]).tolist() == list(range(20))
+
+
+@pytest.mark.long
+def test_a_complete_simulation_is_not_rendered_again(tmp_path, monkeypatch):
+    scene = scene_of(3)
+    first = simulate(scene, tmp_path / "out")
+    before = contents(tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(RenderWork, "__call__", None)
+        again = simulate(scene, tmp_path / "out")
+    assert again.already and not first.already
+    for name, values in first.history.items():
+        if name == "label":
+            assert again.history[name] == values
+        else:  # nine digits in a table
+            np.testing.assert_allclose(again.history[name], values, rtol=1e-8)
+    assert not simulate(scene, tmp_path / "out", restart=True).already
+    assert contents(tmp_path / "out") == before
+    other = simulate(scene.with_values({"camera.seed": 5}), tmp_path / "out")
+    assert not other.already and contents(tmp_path / "out") != before
+
+
+@pytest.mark.long
+def test_another_runs_maps_do_not_stay(tmp_path):
+    scene = scene_of(2)
+    simulate(scene, tmp_path / "out", components=True)
+    assert (tmp_path / "out" / "sigma_1.tif").is_file()
+    simulate(scene, tmp_path / "out")
+    assert not (tmp_path / "out" / "sigma_1.tif").exists()
+    assert not (tmp_path / "out" / "stress.png").exists()
+
+
+def test_workers_and_clusters_need_a_folder():
+    with pytest.raises(InputError, match="give out"):
+        simulate(SCENE, workers=2)
+
+
+def stopped(tmp_path, monkeypatch, scene):
+    """A simulation that is stopped at the keyboard in its second chunk."""
+    work = RenderWork.__call__
+
+    def stop(self, start, end):
+        if start:
+            raise KeyboardInterrupt
+        return work(self, start, end)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RenderWork, "__call__", stop)
+        with pytest.raises(Stopped, match=r"8 of 20 are finished and kept in .*out\.partial"):
+            simulate(scene, tmp_path / "out")
+
+
+def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, monkeypatch, whole):
+    stopped(tmp_path, monkeypatch, SCENE)
+    with pytest.raises(InputError, match=r"the scene .* has changed; undo that"):
+        simulate(SCENE.with_values({"camera.seed": 5}), tmp_path / "out")
+    with pytest.raises(InputError, match=r"the options .* has changed; undo that"):
+        simulate(SCENE, tmp_path / "out", components=True)
+    told = []
+    simulate(SCENE, tmp_path / "out", progress=told.append)
+    assert told[0].before == 8
+    assert contents(tmp_path / "out") == contents(whole[0])
+    assert not (tmp_path / "out.partial").exists()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("components", [False, True], ids=["fringes", "components"])
+def test_two_workers_leave_the_same_files(tmp_path, components):
+    simulate(SCENE, tmp_path / "one", components=components)
+    simulate(SCENE, tmp_path / "two", components=components, workers=2)
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_a_cluster_leaves_the_same_files(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    simulate(SCENE, tmp_path / "one")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=2, processes=True, dashboard_address=None
+    ) as cluster:
+        simulate(SCENE, tmp_path / "two", cluster=cluster.scheduler_address)
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
+
+
+@pytest.mark.long
+@needs_sigkill
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
+    (tmp_path / "scene.toml").write_text(dump_scene(scene_of(300)), "utf-8")
+
+    def begin(out):
+        return start(
+            tmp_path, code, "-m", "isochrome", "simulate", "scene.toml", "--out", out,
+            "--workers", workers,
+        )  # fmt: skip
+
+    alternately = [False, True] * 2
+    kept = killed_and_begun_again(begin, tmp_path, alternately, since=0.3, seed=int(workers))
+    assert kept > 0  # else nothing was told of going on

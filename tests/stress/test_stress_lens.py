@@ -1,0 +1,119 @@
+"""A camera that is not square: where its pixels look, and the field that they see there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isochrome.benchmarks import load_benchmarks
+from isochrome.stress import (
+    PixelGrid,
+    make_field_grid,
+    pixel_grid,
+    seen_by,
+    stress_components,
+    stress_difference,
+)
+from isochrome.stress.lens import Lens
+
+OUTSIDE = load_benchmarks("outside_camera")
+Defects, seen_places = OUTSIDE.Defects, OUTSIDE.seen_places
+
+PLAIN = PixelGrid(60, 80, -0.8, 0.1, 0.02)
+LENS = Lens(right_mm=0.8, down_mm=0.6, half_width_mm=0.8, half_height_mm=0.6)
+BENT = {"roll_deg": 2.0, "distortion": -0.02, "keystone_x": 0.02, "keystone_z": -0.01}
+
+
+def test_a_lens_that_does_nothing_looks_where_the_pixels_are():
+    x, z = replace(PLAIN, lens=LENS).places
+    np.testing.assert_allclose(x, np.broadcast_to(PLAIN.x_mm[None, :], x.shape), atol=1e-15)
+    np.testing.assert_allclose(z, np.broadcast_to(PLAIN.z_mm[:, None], z.shape), atol=1e-15)
+
+
+@pytest.mark.parametrize("keys", [*([key] for key in BENT), list(BENT)])
+def test_what_a_pixel_looks_at_is_seen_there(keys):
+    """By the way from the specimen to the picture, which another program goes."""
+    bent = {key: BENT[key] for key in keys}
+    x, z = replace(PLAIN, lens=replace(LENS, **bent)).places
+    middle = PLAIN.left_mm + 0.8, PLAIN.top_mm + 0.6
+    u, v = seen_places(x - middle[0], z - middle[1], (0.8, 0.6), Defects(**bent))
+    # Newton's steps end at rounding
+    np.testing.assert_allclose(u + middle[0], np.broadcast_to(PLAIN.x_mm, u.shape), atol=1e-13)
+    np.testing.assert_allclose(
+        v + middle[1], np.broadcast_to(PLAIN.z_mm[:, None], v.shape), atol=1e-13
+    )
+
+
+def test_roll_lifts_what_lies_to_the_right():
+    """Counter-clockwise: a pixel in the middle of the right edge looks below that height."""
+    x, z = replace(PLAIN, lens=replace(LENS, roll_deg=3.0)).places
+    assert z[30, -1] > z[30, 0]
+    assert x[0, 40] > x[-1, 40]
+
+
+def test_a_barrel_brings_more_into_view_and_a_keystone_one_side():
+    x, _ = replace(PLAIN, lens=replace(LENS, distortion=-0.05)).places
+    assert x[0, 0] < PLAIN.x_mm[0] and x[0, -1] > PLAIN.x_mm[-1]
+    x, _ = replace(PLAIN, lens=replace(LENS, keystone_x=0.05)).places
+    # it grows to the right: less lies between two pixels there
+    assert x[30, -1] - x[30, -2] < x[30, 1] - x[30, 0]
+
+
+def test_strided_pixels_look_where_the_same_pixels_of_the_whole_look():
+    whole = replace(PLAIN, lens=replace(LENS, **BENT))
+    for all_, few in zip(whole.places, whole.every(3).places, strict=True):
+        np.testing.assert_allclose(few, all_[::3, ::3], atol=1e-14)
+
+
+def test_a_grid_around_holds_all_places_and_stays_for_a_small_change():
+    grids = [replace(PLAIN, lens=replace(LENS, roll_deg=angle)).around() for angle in (0.50, 0.501)]
+    assert grids[0] == grids[1]
+    x, z = replace(PLAIN, lens=replace(LENS, roll_deg=0.5)).places
+    grid = grids[0]
+    assert grid.x_mm[0] < x.min() and grid.x_mm[-1] > x.max()
+    assert grid.z_mm[0] < z.min() and grid.z_mm[-1] > z.max()
+    # rows half a pixel below the surface, which the continuation above it relies on
+    np.testing.assert_allclose((grid.z_mm / grid.pixel_mm) % 1.0, 0.5, atol=1e-9)
+
+
+def seen_error(pixel_mm, depth_mm):
+    """Largest error of a seen field from a depth on, over the largest pressure."""
+    spacing, half = pixel_mm / 2, 0.4
+    nodes = 2 * round(1.0 / spacing) + 1
+    places = spacing * (np.arange(nodes) - nodes // 2)
+    pressure = np.where(abs(places) < half, np.cos(0.5 * np.pi * places / half) ** 2, 0.0)
+    rows = round(1.2 / pixel_mm)
+    pixels = PixelGrid(rows, round(1.6 / pixel_mm), -0.8, -0.1, pixel_mm, replace(LENS, **BENT))
+    plain = pixels.around()
+    grid = make_field_grid(
+        plain, left_mm=places[0], spacing_mm=spacing, nodes=nodes, dtype=np.complex128
+    )
+    seen = seen_by(stress_difference(grid, pressure), plain, pixels)
+    x, z = pixels.places
+    deep = np.flatnonzero(z > depth_mm)[::7]
+    truth = stress_components(
+        x.flat[deep], z.flat[deep], places, pressure, np.zeros(nodes)
+    ).difference
+    assert (seen[z < 0.0] == 0.0).all() and deep.size > 200
+    return np.abs(seen.flat[deep] - truth).max()
+
+
+def test_a_field_seen_through_a_lens_is_that_of_the_places():
+    """By the direct sum there; cubic splines err by the fourth power of the pixel."""
+    coarse, fine = seen_error(0.02, 0.1), seen_error(0.01, 0.1)
+    assert coarse < 5e-5
+    assert coarse / fine > 2.0**3.5
+
+
+def test_two_pixels_below_the_surface_the_continuation_above_it_is_not_felt():
+    assert seen_error(0.01, 0.02) < 4e-4
+
+
+def test_a_picture_without_a_lens_is_made_on_its_own_grid():
+    from isochrome.scene import load_scene
+
+    scene = load_scene("line-contact-wear")
+    assert pixel_grid(scene).lens is None
+    assert pixel_grid(scene.with_values({"camera.roll_deg": 0.1})).lens is not None

@@ -1,0 +1,63 @@
+"""How sentences name frames, and what values over frames come to."""
+
+import numpy as np
+import pytest
+
+from isochrome.figures import frame_values_figure
+from isochrome.output import FrameValues, messages_of_frames, named_frames
+
+NAN = np.nan
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        ([3], "frame 3"),
+        ([3, 4], "frames 3-4"),
+        ([0, 1, 2, 4, 7, 8], "frames 0-2, 4, 7-8"),
+        (list(range(0, 18, 2)), "frames 0, 2, 4, 6, 8, 10, 12, 14 and 1 more"),
+    ],
+)
+def test_frames_are_named_by_their_spans(frames, said):
+    assert named_frames(frames) == said
+
+
+def test_a_sentence_is_said_once_with_all_its_frames():
+    said = [(0, "dark"), (1, "bright"), (2, "dark")]
+    assert messages_of_frames(said) == ["frames 0, 2: dark", "frame 1: bright"]
+    assert messages_of_frames(said[:1], single=True) == ["dark"]
+
+
+def over_frames(count, *, distance=False):
+    value = 44.0 + 0.1 * np.arange(count)
+    value[1] = NAN
+    spread = np.full((count, 1), 0.02)
+    slid = 2.0 * np.arange(count) if distance else np.full(count, NAN)
+    marks = np.arange(count) == 2
+    return FrameValues(
+        keys=("load.normal_n",), values=value[:, None], standard_uncertainty=spread,
+        chi=np.ones(count), distance_m=slid, searched=marks, whole=~marks,
+    )  # fmt: skip
+
+
+def test_values_come_to_their_mean_span_and_median_uncertainty():
+    found = over_frames(4).summary()
+    assert found["key"] == ["load.normal_n"]
+    assert found["mean"] == pytest.approx([(44.0 + 44.2 + 44.3) / 3])
+    assert (found["least"], found["most"]) == ([44.0], [pytest.approx(44.3)])
+    assert found["standard_uncertainty"] == [0.02]
+
+
+@pytest.mark.parametrize("count", [4, 100, 5000])
+@pytest.mark.parametrize("distance", [False, True])
+def test_a_picture_of_values_has_a_band_of_two_uncertainties(count, distance):
+    found = over_frames(count, distance=distance)
+    upper, lower = frame_values_figure("a contact", found).axes
+    points = upper.collections[0].get_paths()[0].vertices
+    here = points[np.isclose(points[:, 0], 0.0)]
+    assert np.ptp(here[:, 1]) == pytest.approx(0.08)  # four times 0.02
+    assert upper.get_ylabel() == "normal load (N)"
+    across = "sliding distance (m)" if distance else "frame"
+    assert lower.get_xlabel() == across and lower.get_ylabel() == "chi"
+    (again,) = [line for line in upper.lines if line.get_markerfacecolor() == "none"]
+    assert again.get_xdata().tolist() == [4.0 if distance else 2.0]

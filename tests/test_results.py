@@ -1,0 +1,413 @@
+"""What every command gives back: one interface, and the same as it leaves on disk."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+import pytest
+from matplotlib.image import imread
+from typer.testing import CliRunner
+
+import isochrome
+from isochrome.calibration import (
+    ColourCalibration,
+    calibrate_bending,
+    calibrate_disc,
+    save_calibration,
+)
+from isochrome.campaigns import process_campaign
+from isochrome.cli import app
+from isochrome.errors import InputError
+from isochrome.fitting.tracking.api import track
+from isochrome.frames import check
+from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.output import Result, over_items, write_csv, write_figure, write_json
+from isochrome.samples import samples_path
+from isochrome.scene import dump_scene, load_scene, parse_scene
+from scene_texts import SMALL_CAMERA, WORN_CONTACT
+
+LOAD, LEFT = "load.normal_n", "camera.left_mm"
+NAME = "a <b>bold<b> & long.toml"
+"""A scene's name as it must not stand in a page."""
+
+
+@dataclass(frozen=True)
+class Left:
+    """A result, and what its command left: the files' names, and the command's line."""
+
+    result: Result
+    folder: Path
+    table: str | None = None
+    json: str | None = None
+    picture: str | None = None
+    dpi: float = 150.0
+    command: tuple[Any, ...] = ()
+    again: Callable[[], Result] | None = None
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Makes a result by its name, each once."""
+    home = tmp_path_factory.mktemp("results")
+    scene, film = home / NAME, home / "film.toml"
+    scene.write_text(WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n", "utf-8")
+    distances = {"wear.distances_m": [0.5 * k for k in range(6)]}
+    film.write_text(dump_scene(load_scene(scene).with_values(distances)), "utf-8")
+    places = {"scene": scene, "film": film, "home": home}
+
+    @cache
+    def make(name: str) -> Left:
+        return MAKE[name](places, make)
+
+    return make
+
+
+def frames_of(places: dict[str, Path], which: str = "scene") -> Path:
+    folder = places["home"] / f"frames-{which}"
+    if not folder.exists():
+        isochrome.simulate(places[which], folder)
+    return folder / "frames.tif"
+
+
+def simulated(places, make):
+    run = lambda: isochrome.simulate(places["scene"], places["home"] / "simulated")  # noqa: E731
+    found, out = run(), places["home"] / "simulated"
+    command = ("simulate", places["scene"])
+    return Left(found, out, "history.csv", None, "simulation.png", command=command, again=run)
+
+
+def simulated_in_memory(places, make):
+    found = isochrome.simulate(places["scene"])
+    return Left(found, make("simulate").folder, "history.csv", None, "simulation.png")
+
+
+def processed(places, make):
+    frames, out = frames_of(places), places["home"] / "processed"
+    run = lambda: isochrome.process(frames, places["scene"], out)  # noqa: E731
+    command = ("process", frames, "--scene", places["scene"])
+    return Left(run(), out, "frames.csv", None, "process.png", command=command, again=run)
+
+
+def processed_in_memory(places, make):
+    folder = make("process").folder
+    found = isochrome.process(frames_of(places), places["scene"])
+    return Left(found, folder, "frames.csv", None, "process.png")
+
+
+def process_tracked(places, make):
+    frames, out = frames_of(places, "film"), places["home"] / "process-tracked"
+    run = lambda: isochrome.process(frames, places["film"], out, track=True, every=3)  # noqa: E731
+    command = ("process", frames, "--scene", places["film"], "--track", "--every", "3")
+    return Left(run(), out, "frames.csv", None, "process.png", 110.0, command, run)
+
+
+def process_tracked_in_memory(places, make):
+    folder = make("process track").folder
+    found = isochrome.process(frames_of(places, "film"), places["film"], track=True, every=3)
+    return Left(found, folder, "frames.csv", None, "process.png", 110.0)
+
+
+def compared(places, make):
+    one, other = make("process").folder, make("simulate").folder
+    run = lambda: isochrome.compare(one, other, places["home"] / "compared")  # noqa: E731
+    command = ("compare", one, other)
+    out = places["home"] / "compared"
+    return Left(run(), out, "metrics.csv", None, "comparison.png", command=command, again=run)
+
+
+def fitted(places, make):
+    frames, out = frames_of(places), places["home"] / "fitted"
+    run = lambda: isochrome.fit(  # noqa: E731
+        frames, places["scene"], [LOAD], per_frame=[LEFT], out=out
+    )
+    command = ("fit", frames, "--scene", places["scene"], "--free", LOAD, "--per-frame", LEFT)
+    return Left(run(), out, "fit.csv", "fit.json", "fit.png", command=command, again=run)
+
+
+def fitted_in_memory(places, make):
+    found = isochrome.fit(frames_of(places), places["scene"], [LOAD], per_frame=[LEFT])
+    return Left(found, make("fit").folder, "fit.csv", "fit.json", "fit.png")
+
+
+def fit_tracked(places, make):
+    frames, out = frames_of(places, "film"), places["home"] / "fit-tracked"
+    run = lambda: track(frames, places["film"], [LOAD, LEFT], out=out)  # noqa: E731
+    command = ("fit", frames, "--scene", places["film"], "--track")
+    command += ("--per-frame", LOAD, "--per-frame", LEFT)
+    return Left(run(), out, "fit.csv", "fit.json", "fit.png", command=command, again=run)
+
+
+def checked(places, make):
+    frames = frames_of(places)
+    run = lambda: check(frames, load_scene(places["scene"]))  # noqa: E731
+    command = ("check", frames, "--scene", places["scene"])
+    return Left(run(), places["home"], command=command, again=run)
+
+
+def swept(places, make):
+    out, vary = places["home"] / "swept", "load.normal_n=40,44"
+    run = lambda: isochrome.sweep(places["scene"], [vary], out)  # noqa: E731
+    command = ("sweep", places["scene"], "--vary", vary)
+    return Left(run(), out, "sweep.csv", command=command, again=run)
+
+
+def campaigned(places, make):
+    recordings, out = [frames_of(places), places["home"] / "none.tif"], places["home"] / "campaign"
+    found = process_campaign(recordings, places["scene"], out)
+    return Left(found, out, "summary.csv", "summary.json", "summary.png")
+
+
+def calibrated(specimen: str, run: Callable[..., Any]):
+    def make_one(places, make):
+        found, out = run(samples_path() / specimen / "set.toml"), places["home"] / specimen
+        save_calibration(found, out)
+        return Left(found, out, None, "calibration.json", "calibration.png")
+
+    return make_one
+
+
+def calibrated_colour(places, make):
+    order = 0.01 * np.arange(151)
+    signal = np.sin(np.pi * order[:, None] * [0.9, 1.0, 1.2]) ** 2
+    found = ColourCalibration(
+        colour_table=ColourTable(signal, np.full(3, 0.01)), way="own <b>colours<b> &", gamma=2.2,
+        gamma_uncertainty=0.03, wavelength_nm=540.0, bands_nm=(600.0, 540.0, 450.0),
+        widths_nm=(30.0, 30.0, 30.0), residual=0.01, strange=0.001, highest=1.5, bit_depth=8,
+        warnings=("be careful",),
+    )  # fmt: skip
+    out = places["home"] / "colour"
+    save_calibration(found, out)
+    return Left(found, out, "colour_table.csv", "calibration.json", "calibration.png")
+
+
+def benched(places, make):
+    out = places["home"] / "bench"
+    found = isochrome.bench(out, suite="fringes", quick=True)
+    return Left(found, out, "fringes.csv", None, "fringes.png")
+
+
+def demonstrated(places, make):
+    out = places["home"] / "demo"
+    found = isochrome.demo(out)
+    return Left(found, out, None, "demo.json", "comparison/comparison.png")
+
+
+MAKE: dict[str, Callable[..., Left]] = {
+    "simulate": simulated,
+    "simulate, in memory": simulated_in_memory,
+    "process": processed,
+    "process, in memory": processed_in_memory,
+    "process track": process_tracked,
+    "process track, in memory": process_tracked_in_memory,
+    "compare": compared,
+    "fit": fitted,
+    "fit, in memory": fitted_in_memory,
+    "fit track": fit_tracked,
+    "check": checked,
+    "sweep": swept,
+    "campaign": campaigned,
+    "calibrate bending": calibrated("bending", calibrate_bending),
+    "calibrate disc": calibrated("disc", calibrate_disc),
+    "calibrate colour": calibrated_colour,
+    "bench": benched,
+    "demo": demonstrated,
+}
+
+LONG = ("demo", "bench", "calibrate disc")
+
+every_result = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in MAKE]
+)
+
+
+@every_result
+def test_it_is_a_result_with_sentences_for_warnings(name, results):
+    result = results(name).result
+    assert isinstance(result, Result) and isinstance(result.warnings, tuple)
+    assert all(isinstance(text, str) and text for text in result.warnings)
+
+
+@every_result
+def test_the_table_is_the_one_on_disk(name, results):
+    left = results(name)
+    table = left.result.table
+    assert isinstance(table, pandas.DataFrame) and len(table)
+    if left.table is None:
+        return
+    with open(left.folder / left.table, newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    assert list(table) == header and len(table) == len(rows)
+    for number, column in enumerate(header):
+        cells = [row[number] for row in rows]
+        for cell, value in zip(cells, table[column].tolist(), strict=True):
+            assert same(cell, value), (column, cell, value)
+
+
+def same(cell: str, value: Any) -> bool:
+    """Whether a cell of nine digits says what a table holds; what is not known is empty there."""
+    if cell == "" or value is None:
+        known = value is not None and value == value and value not in ("", np.inf)
+        return cell == "" and not known
+    if isinstance(value, float):
+        return float(cell) == pytest.approx(value, rel=1e-8, abs=0.0)
+    return cell == str(value)
+
+
+@every_result
+def test_the_json_is_the_one_on_disk(name, results, tmp_path):
+    left = results(name)
+    write_json(tmp_path / "result.json", left.result.to_json())
+    text = (tmp_path / "result.json").read_bytes()
+    assert json.loads(text)
+    if left.json is not None:
+        assert text == (left.folder / left.json).read_bytes()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["simulate", "process", "process track", "compare", "fit", "fit track", "check", "sweep"],
+)
+def test_the_command_prints_that_json(name, results, tmp_path):
+    left = results(name)
+    assert left.again is not None
+    out = [] if name == "check" else ["--out", str(left.folder)]
+    done = CliRunner().invoke(app, [*map(str, left.command), *out, "--json"])
+    printed = json.loads(done.stdout)
+    assert printed.pop("out", str(left.folder)) == str(left.folder)
+    write_json(tmp_path / "again.json", left.again().to_json())
+    assert printed == json.loads((tmp_path / "again.json").read_text("utf-8"))
+
+
+@every_result
+def test_the_figure_is_the_picture_on_disk(name, results, tmp_path):
+    left = results(name)
+    write_figure(tmp_path / "figure.png", left.result.figure(), dpi=left.dpi)
+    drawn = imread(tmp_path / "figure.png")
+    assert min(drawn.shape[:2]) > 100 and np.ptp(drawn[..., :3]) > 0.5  # no empty page
+    if left.picture is not None:
+        np.testing.assert_array_equal(drawn, imread(left.folder / left.picture))
+
+
+@pytest.mark.parametrize("name", ["simulate", "process", "process track", "fit", "fit track"])
+def test_an_earlier_runs_figure_is_its_picture(name, results, tmp_path):
+    left = results(name)
+    assert left.again is not None
+    again = left.again()
+    assert again.already  # nothing was computed for it
+    dpi = left.dpi if name == "fit track" else 150.0
+    write_figure(tmp_path / "again.png", again.figure(), dpi=dpi)
+    np.testing.assert_array_equal(
+        imread(tmp_path / "again.png"), imread(left.folder / left.picture)
+    )
+
+
+def test_an_earlier_picture_that_is_gone_is_asked_for(tmp_path):
+    from isochrome.output import saved_picture
+
+    (tmp_path / "torn.png").write_bytes(b"\x89PNG\r\n")
+    for name in ("none.png", "torn.png"):
+        with pytest.raises(InputError, match=f"{name}: no readable picture"):
+            saved_picture(tmp_path / name)
+
+
+@every_result
+def test_its_report_is_short_and_counts_the_warnings(name, results):
+    result = results(name).result
+    lines = repr(result).splitlines()
+    assert 1 <= len(lines) <= 12 and max(map(len, lines)) <= 120
+    said = re.findall(r"^  (\d+) warnings?: see \.warnings$", repr(result), re.M)
+    assert said == ([str(len(result.warnings))] if result.warnings else [])
+
+
+def test_a_report_says_the_values_with_their_uncertainties(results):
+    result = results("fit").result
+    found = result.shared[LOAD]
+    value, spread = re.search(rf"^  {LOAD} +(\S+) ± (\S+)$", repr(result), re.M).groups()
+    assert float(value) == pytest.approx(found["value"], abs=0.05 * found["standard_uncertainty"])
+    assert float(spread) == float(f"{found['standard_uncertainty']:.2g}")
+
+
+class Page(HTMLParser):
+    """Tags that are opened and closed, one in the other, and the text between them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.text: list[str] = []
+        self.tags: set[str] = set()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        if tag not in ("br", "img", "hr"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@every_result
+def test_its_page_for_a_notebook_holds_table_and_warnings(name, results):
+    result = results(name).result
+    page = Page()
+    page.feed(result._repr_html_())
+    page.close()
+    text = "".join(page.text)
+    assert not page.open and {"div", "table", "thead"} <= page.tags
+    assert all(warning in text for warning in result.warnings)
+    assert result.title in text and next(iter(result.columns)) in text
+
+
+@pytest.mark.parametrize("name", ["simulate", "process", "fit", "campaign", "calibrate colour"])
+def test_names_are_text_on_a_page(name, results):
+    page = Page()
+    page.feed(results(name).result._repr_html_())
+    assert "<b>bold<b> &" in "".join(page.text) or "<b>colours<b> &" in "".join(page.text)
+    assert page.tags <= {"div", "p", "b", "table", "thead", "tbody", "tr", "th", "td", "ul", "li"}
+
+
+@pytest.mark.parametrize(
+    ("values", "spreads", "said"),
+    [
+        ([1.23456], [0.012], "1.235 ± 0.012"),
+        ([1.0, None, 3.0], [0.1, float("nan"), 0.3],
+         "2.00 ± 0.20 each (mean of 2 frames, 1 to 3)"),
+        ([1.0, 2.0], [], "1.5 (mean of 2 frames, 1 to 2)"),
+        ([None], [None], "not known"),
+    ],
+)  # fmt: skip
+def test_a_column_is_told_by_its_mean_span_and_median_uncertainty(values, spreads, said):
+    assert over_items(values, spreads) == said
+
+
+def test_nothing_is_drawn_where_nothing_was_fitted(tmp_path):
+    scene = parse_scene("[specimen]\nthickness_mm = 4.0\n")
+    found = process_campaign([tmp_path / "none.tif"], scene, tmp_path / "out")
+    with pytest.raises(InputError, match="neither load nor friction"):
+        found.figure()
+
+
+def test_pandas_is_imported_only_for_a_table(results, tmp_path):
+    import subprocess
+    import sys
+
+    code = """
+import sys
+from isochrome.output import Result
+from isochrome import check
+assert "pandas" not in sys.modules and "matplotlib" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    write_csv(tmp_path / "table.csv", results("check").result.columns)
