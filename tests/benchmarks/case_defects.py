@@ -72,7 +72,8 @@ def judged(kind, seed):
     names = drawn(kind, seed, rng)
     image = frame(scene, defects(names, rng), int(rng.integers(2**31)))
     data = prepare_frame(Frame(0, image, None, "bench"), scene, bit_depth=8)
-    truth = {k: scene.get(k) for k in ("load.normal_n", "friction.coefficient") if scene.get(k)}
+    known = ("load.normal_n", *(("friction.coefficient",) if scene.friction else ()))
+    truth = {key: scene.get(key) for key in known}
     begun = scene.with_values({"load.normal_n": truth["load.normal_n"] * rng.uniform(0.8, 1.2)})
     try:
         plain = time.process_time()
@@ -106,17 +107,18 @@ def judged(kind, seed):
 
 
 def contact(rng):
-    """A static or sliding contact in a picture of 659 x 494 pixels, or half of that."""
+    """A static, a sliding or a worn contact in a picture of 659 x 494 pixels."""
     values = {
         "load.normal_n": float(rng.uniform(25.0, 60.0)),
         "friction.static_state_first": False,
-        "wear.distances_m": (0.0,),
+        "friction.coefficient": float(rng.uniform(0.1, 0.3)),
+        "wear.distances_m": (float(rng.uniform(20.0, 230.0)),),
         "polariscope.wavelength_nm": 587.0,
         "camera.left_mm": float(-2.0 + rng.uniform(-0.2, 0.2)),
-        "friction.coefficient": float(rng.choice([rng.uniform(0.1, 0.3), rng.uniform(0.1, 0.3)])),
     }
     scene = load_scene("line-contact-wear").with_values(values)
-    return scene.model_copy(update={"wear": None})
+    absent = (("friction", "wear"), ("wear",), ())[rng.integers(3)]
+    return scene.model_copy(update=dict.fromkeys(absent))
 
 
 def drawn(kind, seed, rng):

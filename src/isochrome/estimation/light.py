@@ -26,6 +26,9 @@ UNEVEN, EVEN = 2, 0
 """Degrees of the illumination and the background of a frame that is fitted with a scene: lamps fall
 off to the corners, and what a room adds is the same all over."""
 
+_KEPT_TERMS = 28
+"""Products of a stack that is kept for the frames to come: 36 MB at 659 x 494."""
+
 DEGREES = ((2, 1), (4, 2))
 """Degrees of both that a calibration tries, fewest unknowns first, see `smooth_starts`."""
 
@@ -93,7 +96,7 @@ def frame_light(
     if terms is None:
         even = 1 if bright is not None and dark is None else EVEN
         terms = total_degree(UNEVEN if bright is None else 1), total_degree(even)
-    light, below = (light_basis(shape, chosen) for chosen in terms)
+    light, below = (_basis(shape, chosen) for chosen in terms)
     if bright is not None:
         light = light * (bright if dark is None else bright - dark)
     if dark is not None:
@@ -155,6 +158,13 @@ def total_degree(degree: int) -> Terms:
         Each product as (i, j).
     """
     return tuple((t - j, j) for t in range(degree + 1) for j in range(t + 1))
+
+
+def _basis(shape: tuple[int, int], terms: Terms) -> Array:
+    """Legendre products; rich ones are made anew, since kept ones fill the memory."""
+    if len(terms) <= _KEPT_TERMS:
+        return light_basis(shape, terms)
+    return light_products((_unit(shape[0]), _unit(shape[1])), terms)
 
 
 @lru_cache(maxsize=8)
