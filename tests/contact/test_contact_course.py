@@ -16,10 +16,12 @@ from isochrome.contact import (
     contact_grid,
     contact_states,
     iter_contact_states,
+    mean_wear_rate,
     wear_course,
     wear_rate,
 )
 from isochrome.contact import profile as contact_profile
+from isochrome.contact import sliding_history as history_module
 from isochrome.contact.wear import worn_states as worn_module
 from isochrome.errors import PhysicsError
 from isochrome.scene import load_scene
@@ -94,12 +96,58 @@ def test_dissipated_energy_counts_friction_of_either_sign():
 
 
 def test_the_laws_differ_by_their_factor_alone():
-    assert wear_rate("archard", 3e-9, 0.5) == 3e-9
-    assert wear_rate("sarkar", 3e-9, 0.5) == pytest.approx(3e-9 * 1.75**0.5, rel=1e-15)
-    assert wear_rate("sarkar", 3e-9, 0.0) == 3e-9
-    assert wear_rate("dissipated_energy", 3e-9, -0.5) == 1.5e-9
+    wear = scene(wear__coefficient_mm2_per_n=3e-9).wear
+
+    def rate(law, mu):
+        return wear_rate(wear.model_copy(update={"law": law}), mu, 10.0)
+
+    assert rate("archard", 0.5) == 3e-9
+    assert rate("sarkar", 0.5) == pytest.approx(3e-9 * 1.75**0.5, rel=1e-15)
+    assert rate("sarkar", 0.0) == 3e-9
+    assert rate("dissipated_energy", -0.5) == 1.5e-9
     with pytest.raises(ValueError, match="no wear law 'rabinowicz'"):
-        wear_rate("rabinowicz", 1.0, 1.0)
+        rate("rabinowicz", 1.0)
+
+
+def running_in(settled_m):
+    """A law that goes with the distance: k (1 + 4 e^(-s/s0))."""
+
+    def rate(wear, friction, distance_m):
+        return wear.coefficient_at(distance_m) * (1.0 + 4.0 * np.exp(-distance_m / settled_m))
+
+    return rate
+
+
+@pytest.mark.parametrize("settled_m", [300.0, 20.0, 0.1, 1e-4])
+def test_the_dose_of_a_law_of_the_distance_is_its_closed_form(monkeypatch, settled_m):
+    """However short the running-in: eight points over 233 m see nothing of 0.1 mm.
+
+    The end of the stretch, which the second rule looks at, does.
+    """
+    monkeypatch.setattr(history_module, "wear_rate", running_in(settled_m))
+    course, stops = wear_course(scene())
+    s = np.array([stop.distance_m for stop in stops])
+    exact = 2e-6 * (s - 4.0 * settled_m * np.expm1(-s / settled_m))
+    # each stretch's dose is held to 1e-12 of the whole
+    np.testing.assert_allclose(
+        [stop.dose_mm_per_mpa for stop in stops], exact, rtol=0, atol=1e-11 * exact[-1]
+    )
+    # a stretch a halving from 233 m to a tenth of a millimetre, a few more within the running-in
+    assert len(course.distance_m) < 50
+
+
+def test_a_search_starts_from_the_mean_rate_and_from_a_constant_one_to_its_last_bit(monkeypatch):
+    wear, mu = scene(wear__law="sarkar").wear, np.array([0.0, 0.21, -0.4])
+    np.testing.assert_array_equal(
+        mean_wear_rate(wear, mu, 233.0), wear_rate(wear, mu, np.full(3, 233.0))
+    )
+    tried = wear.model_copy(update={"coefficient_mm2_per_n": np.array([1e-9, 2e-9, 3e-9])})
+    monkeypatch.setattr(history_module, "wear_rate", running_in(20.0))
+    mean = 1.0 + 4.0 * 20.0 / 40.0 * -np.expm1(-2.0)
+    # eight points on an exponential over two of its lengths: rounding
+    np.testing.assert_allclose(
+        mean_wear_rate(tried, mu, 40.0), mean * tried.coefficient_mm2_per_n, rtol=1e-13
+    )
 
 
 def test_load_and_friction_follow_the_dose_where_it_bends_and_where_it_stops():

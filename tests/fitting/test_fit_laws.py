@@ -216,6 +216,8 @@ def test_the_sentence_names_the_law_and_its_margin():
         "the frames prefer sarkar, by a margin of 12.4 in ln Z over archard (5 is clear)"
     )
     assert laws.speaks_against("archard") and not laws.speaks_against("sarkar")
+    # a law of the scene's that was not among them
+    assert not laws.speaks_against("dissipated_energy")
 
 
 def test_the_sentence_says_what_cannot_be_told_and_what_nothing_explains():

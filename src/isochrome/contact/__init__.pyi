@@ -1,6 +1,13 @@
 from .pressure import ContactState, solve_pressure
 from .profile import ContactGrid, contact_grid, elastic_constants, line_load
-from .sliding_history import OutputState, SlidingHistory, constant_course, wear_course, wear_rate
+from .sliding_history import (
+    OutputState,
+    SlidingHistory,
+    constant_course,
+    mean_wear_rate,
+    wear_course,
+    wear_rate,
+)
 from .state import SurfaceState
 from .states import contact_states, iter_contact_states
 from .surface import Surface, displacement, make_surface
@@ -29,6 +36,7 @@ __all__ = [
     "line_load",
     "make_site",
     "make_surface",
+    "mean_wear_rate",
     "scar_history",
     "scar_on_nodes",
     "solve_pressure",

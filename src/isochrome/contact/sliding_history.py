@@ -10,13 +10,13 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from isochrome.contact.sampling import integral, kinks_of, sampled
+from isochrome.contact.sampling import integral, kinks_of, mean, sampled
 from isochrome.contact.surface import Floats
-from isochrome.scene import Scene
+from isochrome.scene import Scene, Wear
 
 Value = TypeVar("Value", float, Floats)
 
@@ -178,8 +178,11 @@ def paused_doses(course: SlidingHistory, stops: Sequence[OutputState]) -> frozen
     )
 
 
-def wear_rate(law: str, coefficient: Value, friction: Value) -> Value:
-    """Depth per pressure and distance, kappa of dh = kappa p ds.
+def wear_rate(wear: Wear, friction: Value, distance_m: Value) -> Value:
+    """Depth per pressure and distance, kappa of dh = kappa p ds: the one place of a law.
+
+    A law may go with the distance, the friction there and any key of [wear]; its dose is the
+    integral of what stands here, by as many samples as that takes.
 
     'archard', kappa = k; 'sarkar', kappa = k sqrt(1 + 3 mu²); 'dissipated_energy', kappa = k |mu|,
     since the energy dissipated per area is |mu| p ds. Sources: Archard (1953), J. Appl. Phys. 24,
@@ -188,13 +191,13 @@ def wear_rate(law: str, coefficient: Value, friction: Value) -> Value:
 
     Parameters
     ----------
-    law : {'archard', 'sarkar', 'dissipated_energy'}
-        The wear law.
-    coefficient : float or ndarray, any shape
-        Coefficient k, mm²/N; in the last law the worn volume per energy, where 1 mm³/J is 1e-3
-        mm²/N.
-    friction : float or ndarray, of the same shape
+    wear : Wear
+        The scene's [wear]: the law and its coefficient k, mm²/N; in the last law the worn volume
+        per energy, where 1 mm³/J is 1e-3 mm²/N.
+    friction : float or ndarray, any shape
         Friction coefficient mu.
+    distance_m : float or ndarray, of the same shape
+        Distance slid s, m.
 
     Returns
     -------
@@ -206,14 +209,39 @@ def wear_rate(law: str, coefficient: Value, friction: Value) -> Value:
     ValueError
         On another law.
     """
-    if law == "archard":
+    coefficient = wear.coefficient_at(distance_m)
+    if wear.law == "archard":
         return coefficient
-    if law == "sarkar":
+    if wear.law == "sarkar":
         result: Value = coefficient * (1.0 + 3.0 * friction**2) ** 0.5
         return result
-    if law == "dissipated_energy":
+    if wear.law == "dissipated_energy":
         return coefficient * abs(friction)
-    raise ValueError(f"no wear law {law!r}")
+    raise ValueError(f"no wear law {wear.law!r}")
+
+
+def mean_wear_rate(wear: Wear, friction: float | Floats, distance_m: float) -> Floats:
+    """Mean of kappa from the start to a distance, at one friction: what a search starts from.
+
+    By eight points, and exactly kappa where it does not go with the distance; `wear_course` gives
+    the dose itself.
+
+    Parameters
+    ----------
+    wear : Wear
+        The scene's [wear]; its coefficient may be an array (m,) of those that a search tries.
+    friction : float or ndarray, shape (m,)
+        Friction coefficient mu.
+    distance_m : float
+        Distance slid, m.
+
+    Returns
+    -------
+    ndarray, shape of `friction`
+        The means, mm²/N.
+    """
+    mu: Any = friction
+    return mean(lambda s: wear_rate(wear, mu, np.full(np.shape(mu), s)), distance_m)
 
 
 def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
@@ -236,8 +264,9 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
     asked = np.array(scene.wear.distances_m if scene.wear else (0.0,), dtype=float)
 
     def rate(s: Floats) -> Floats:
-        law = scene.wear.law if scene.wear else "archard"
-        return 1e3 * wear_rate(law, scene.wear_coefficient_at(s), scene.friction_at(s))
+        if scene.wear is None:
+            return np.zeros(np.shape(s))
+        return 1e3 * wear_rate(scene.wear, scene.friction_at(s), s)
 
     kinks = kinks_of(scene, float(asked.max()))
     s = sampled(scene, rate, kinks)

@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from isochrome.scene.imaging import FileName
 from isochrome.scene.scene_values import (
     Coefficient,
+    Distance,
     Finite,
     FrictionTable,
     NonNegative,
@@ -24,6 +25,7 @@ from isochrome.scene.scene_values import (
     PositiveTable,
     ScenePart,
     check_samples,
+    value_at,
 )
 from isochrome.scene.specimen import Poisson
 
@@ -130,6 +132,10 @@ class Wear(ScenePart):
     coefficient_mm2_per_n: OverDistance[NonNegative, NonNegativeTable]
     law: Literal["archard", "sarkar", "dissipated_energy"] = "archard"
     distances_m: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
+
+    def coefficient_at(self, distance_m: Distance) -> Distance:
+        """Coefficient k (mm²/N) at a sliding distance (m), linear between the table's points."""
+        return value_at(self.coefficient_mm2_per_n, distance_m)
 
 
 class PolariscopeStep(ScenePart):

@@ -126,6 +126,7 @@ def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
     """A number, or a table's linear interpolation at a distance (m), constant beyond its ends.
 
     Parameters: `value`; `distance_m`, a number or an array of any shape. Returns that shape.
+    A search puts an array of its own rows for the number, and asks at as many distances.
     """
     import numpy as np
 
@@ -133,5 +134,5 @@ def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
     if isinstance(value, DistanceTable):
         found = np.interp(distance_m, value.distance_m, value.value)
     else:
-        found = np.full(np.shape(distance_m), float(value))
+        found = np.full(np.shape(distance_m), value, dtype=float)
     return cast(Distance, found if np.ndim(distance_m) else float(found))

@@ -19,11 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.contact import SurfaceState, wear_rate
+from isochrome.contact import SurfaceState, mean_wear_rate
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.single_state import is_held, with_part
-from isochrome.scene import Scene
+from isochrome.scene import Scene, Wear
 from isochrome.simulation import scene_states
 from isochrome.specimens import specimen_model
 from isochrome.stress import PixelGrid, RegularStress
@@ -146,8 +146,9 @@ class ContactField:
         wear = self._scene.wear
         if wear is None or len(self._table.log_wear) == 1:
             return np.zeros(len(theta))
-        rate = wear_rate(wear.law, np.exp(theta[:, WEAR]), theta[:, FRICTION])
-        own = wear_rate(wear.law, np.exp(self._here[WEAR]), self._here[FRICTION])
+        rate, own = (
+            _mean_rate(wear, rows.T[WEAR], rows.T[FRICTION]) for rows in (theta, self._here)
+        )
         return np.asarray(np.log(np.maximum(rate, 1e-9 * own) / own))
 
 
@@ -229,6 +230,19 @@ def search_values(theta: Array, keys: tuple[str, ...]) -> dict[str, float]:
     }
     plain = {key: float(theta[i]) for i, key in enumerate(THETA)}
     return {key: found.get(key, plain[key]) for key in keys if key in THETA}
+
+
+def _mean_rate(wear: Wear, log_coefficient: Array, friction: Array) -> Array:
+    """Mean rates (m,) of the scene's law for ln k and mu (m,)."""
+    tried = wear.model_copy(update={"coefficient_mm2_per_n": np.exp(log_coefficient)})
+    return mean_wear_rate(tried, friction, wear.distances_m[-1])
+
+
+def _log_wear(wear: Wear, friction: float) -> Array:
+    """Logarithms of the doses at `_DOSES` times the distance, over the dose at the distance."""
+    end = wear.distances_m[-1]
+    rates = np.array([mean_wear_rate(wear, friction, end * dose) for dose in _DOSES])
+    return np.asarray(np.log(_DOSES * (rates / mean_wear_rate(wear, friction, end))))
 
 
 def _changing_bulk(scene: Scene) -> RegularStress:
@@ -315,7 +329,7 @@ def pressure_table(scene: Scene) -> PressureTable:
     kept = np.flatnonzero(np.abs(series).max(axis=(0, 1)) > _NOTHING)
     indenter = scene.indenter
     return PressureTable(
-        log_wear=np.log(_DOSES) if worn else np.zeros(1),
+        log_wear=_log_wear(wear, scene.friction_at(0.0)) if wear and worn else np.zeros(1),
         log_load=np.log([scene.load_at(0.0) * factor for factor, _ in solved]),
         log_half=table[..., 0],
         centre=table[..., 1],

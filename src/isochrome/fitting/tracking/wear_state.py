@@ -281,8 +281,7 @@ class TrackCourse:
 
     def _rate(self, friction: float, s: float) -> float:
         assert self.scene.wear is not None
-        k = float(self.scene.wear_coefficient_at(s))
-        return 1e3 * float(wear_rate(self.scene.wear.law, k, friction))
+        return 1e3 * float(wear_rate(self.scene.wear, friction, s))
 
 
 def _table(scene: Scene, key: str) -> bool:

@@ -67,8 +67,8 @@ class WearLaws:
         return told
 
     def speaks_against(self, law: str) -> bool:
-        """Whether a law is behind the preferred one by a clear margin."""
-        return law not in [close.law for close in self.close]
+        """Whether a law is behind the preferred one by a clear margin; not if none weighed it."""
+        return any(one.law == law and one.log_evidence <= -CLEAR for one in self.laws)
 
     def to_json(self) -> list[dict[str, Any]]:
         """A dictionary for each law, its parameters among its keys."""
