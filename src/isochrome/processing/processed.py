@@ -234,7 +234,7 @@ def restore(
     with open_run(out) as dataset:
         table = {name: column_values(dataset[name]) for name in names}
         status = column_values(dataset["status"])
-    table["warnings"] = ["" if said is None else said for said in table["warnings"]]
+    table["warnings"] = ["" if text is None else text for text in table["warnings"]]
     draw = partial(saved_picture, out.absolute() / FIGURE)
     found = collect(scene, table, status, None, shape, residual)
     return replace(found, already=True, draw=draw)
@@ -242,13 +242,13 @@ def restore(
 
 def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
     """What to say of the residual stress once, for all frames."""
-    said = list(residual.warnings)
+    messages = list(residual.warnings)
     if residual.largest > _NOTABLE:
-        said.append(
+        messages.append(
             f"residual stress of up to {residual.largest:.2f} fringe ({scene.frames.no_load_steps})"
             " was taken out as a tensor: all maps are the load's alone"
         )
-    return said
+    return messages
 
 
 def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -> Scene | None:

@@ -245,9 +245,9 @@ class Tracker:
             self._pace = (found.values - self._values)[: len(self.keys)]
         self._values = found.values
         self.course.passed(found.values, distance_m)
-        return self._told(found, searched=lost)
+        return self._in_own_units(found, searched=lost)
 
-    def _told(self, found: RefinedFit, *, searched: bool) -> Tracked:
+    def _in_own_units(self, found: RefinedFit, *, searched: bool) -> Tracked:
         """What a frame says in its keys' own units."""
         local = found.local
         covariance = local.covariance(found.toned)
