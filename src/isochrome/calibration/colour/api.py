@@ -25,6 +25,7 @@ from isochrome.fringes import (
     table_columns,
 )
 from isochrome.output import Result, with_uncertainty
+from isochrome.scene import check_width
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -201,6 +202,7 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
             f"{given.name}: a beam's colours need frames.no_load_dark and frames.no_load_bright; "
             "add them, or remove [beam] to use the images' own colours"
         )
+    check_width(given.name, pixel, shots.raw[0].shape[:2], beam.height_mm, "the beam")
     low, full = shots.dark**gamma, shots.bright**gamma
     orders, signals = [], []
     for item, raw, valid in zip(given.image, shots.raw, shots.valid, strict=True):
