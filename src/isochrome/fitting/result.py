@@ -13,6 +13,7 @@ from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.fitting.frame.single_state import frame_distance
 from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
+from isochrome.fitting.refusals import CORRECT
 from isochrome.fitting.tractions.surface_fit import Tractions
 from isochrome.fitting.wear_laws.law_report import WearLaws
 from isochrome.output import (
@@ -203,7 +204,7 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
                 "--per-frame camera.left_mm --per-frame camera.top_mm"
             )
     lost = set(joint.lost)
-    messages = [(i, "the scene's fringes are not in it") for i in joint.lost]
+    messages = [(i, f"the scene's fringes are not in it; {CORRECT}") for i in joint.lost]
     messages += [
         (
             i,
@@ -224,7 +225,9 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
     ]
     found += messages_of_frames(messages)
     if not joint.converged:
-        found.append("the fit did not converge fully")
+        found.append(
+            "the fit did not converge fully; begin it nearer, with load and place in the scene"
+        )
     return found
 
 

@@ -16,7 +16,7 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.refusals import CORRECT
 from isochrome.fitting.result import PARTS
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES, POOR, Tracked
-from isochrome.output import FrameValues, Result, counted, named_frames, numbers, over_items
+from isochrome.output import FrameValues, Result, counted, counted_frames, numbers, over_items
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ class TrackRows:
         for frames, text in warnings:
             if len(frames):
                 worst = f" (chi up to {max(self.chi[i] for i in frames):.2f})"
-                yield f"{named_frames(list(frames))}: {text}{worst * (text is POOR)}"
+                yield f"{counted_frames(list(frames))}: {text}{worst * (text is POOR)}"
 
 
 def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> Track:
