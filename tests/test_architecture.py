@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -389,3 +390,75 @@ isochrome.simulate(scene)
 print(len([name for name in sys.modules if name.split(".")[0] == "isochrome"]))
 """
     assert int(printed_by(code)) <= MOST_IMPORTED
+
+
+SIZES = {"fontsize", "labelsize", "size_pt", "lw", "linewidth", "linewidths", "mew"}
+"""Keywords of a drawing that are a number of points."""
+
+COLOURS_OF = {"color", "colour", "c", "facecolor", "edgecolor", "mfc", "cmap"}
+"""Keywords of a drawing that are a colour, or a map of colours."""
+
+A_COLOUR = re.compile(r"#[0-9a-fA-F]{3,8}|C\d")
+
+NO_COLOUR = {"none", "white"}
+"""What a marker is filled with that is open."""
+
+
+def looks_of(tree: ast.AST) -> Iterator[str]:
+    """Sizes and colours that a module sets by a literal of its own."""
+    for node in ast.walk(tree):
+        pairs: list[tuple[object, ast.expr]] = []
+        if isinstance(node, ast.keyword):
+            pairs = [(node.arg, node.value)]
+        elif isinstance(node, ast.Dict):
+            pairs = [(k.value, v) for k, v in zip(node.keys, node.values, strict=True)
+                     if isinstance(k, ast.Constant)]  # fmt: skip
+        elif isinstance(node, ast.Constant) and A_COLOUR.fullmatch(str(node.value)):
+            yield f"{node.lineno}: {node.value}"
+        for name, value in pairs:
+            if not isinstance(value, ast.Constant) or value.value is None:
+                continue
+            if name in SIZES and value.value != 0:  # no line at all is no look
+                yield f"{value.lineno}: {name} = {value.value}"
+            if name in COLOURS_OF and value.value not in NO_COLOUR:
+                yield f"{value.lineno}: {name} = {value.value!r}"
+
+
+def drawing(path: Path) -> bool:
+    """Whether a module draws: it imports the figures' room."""
+    return "figures" in imports_of(path) or room_of(path) == "figures"
+
+
+def test_one_file_holds_the_look_of_all_figures():
+    """Sizes, widths and colours stand in `figures/style.py`, and so do heads and legends."""
+    found = {}
+    for path in modules():
+        if not drawing(path) or path.name == "style.py":
+            continue
+        tree = ast.parse(path.read_text("utf-8"))
+        faults = list(looks_of(tree))
+        faults += [
+            f"{node.lineno}: {node.func.attr}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in ("suptitle", "legend")
+        ]
+        if faults:
+            found[path.relative_to(HOUSE).as_posix()] = faults
+    assert not found
+
+
+@pytest.mark.parametrize(
+    ("line", "count"),
+    [
+        ("axes.set_title(text, fontsize=9.5)", 1),
+        ("axes.plot(x, y, lw=1.2, color='red')", 2),
+        ("look = {'color': 'C0', 'linewidth': 0.8}", 3),
+        ("PEAK = '#009e73'", 1),
+        ("axes.plot(x, y, lw=LINE_PT, color=GREY, mfc='none')", 0),
+        ("axes.fill_between(x, low, high, color=colour, lw=0)", 0),
+    ],
+)
+def test_a_look_of_its_own_is_noticed(line, count):
+    assert len(list(looks_of(ast.parse(line)))) == count

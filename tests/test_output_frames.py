@@ -24,7 +24,7 @@ def test_frames_are_named_by_their_spans(frames, said):
 
 def test_a_sentence_is_said_once_with_all_its_frames():
     said = [(0, "dark"), (1, "bright"), (2, "dark")]
-    assert messages_of_frames(said) == ["frames 0, 2: dark", "frame 1: bright"]
+    assert messages_of_frames(said) == ["frames 0, 2 (2 in all): dark", "frame 1: bright"]
     assert messages_of_frames(said[:1], single=True) == ["dark"]
 
 
@@ -61,3 +61,29 @@ def test_a_picture_of_values_has_a_band_of_two_uncertainties(count, distance):
     assert lower.get_xlabel() == across and lower.get_ylabel() == "chi"
     (again,) = [line for line in upper.lines if line.get_markerfacecolor() == "none"]
     assert again.get_xdata().tolist() == [4.0 if distance else 2.0]
+
+
+def test_sentences_that_differ_in_their_numbers_have_one_cause():
+    found = messages_of_frames(
+        [
+            (0, "chi = 1.45: the model is poor"),
+            (1, "1 other solution fits; give the load"),
+            (2, "chi = 12: the model is poor"),
+            (3, "3 other solutions fit; give the load"),
+            (4, "chi = 2.10: the model is poor"),
+            (5, "roll_deg = 0.5 ± 0.02 in sigma_1"),
+            (6, "roll_deg = -0.31 ± 0.01 in sigma_1"),
+        ]
+    )
+    assert found == [
+        "frames 0, 2, 4 (3 in all): chi = 1.45 to 12: the model is poor",
+        "frames 1, 3 (2 in all): 1 to 3 other solutions fit; give the load",
+        "frames 5-6 (2 in all): roll_deg = -0.31 ± 0.01 to 0.5 ± 0.02 in sigma_1",
+    ]
+
+
+def test_what_a_frame_says_of_two_places_stays_apart():
+    said = [(0, "row 4: check it"), (0, "row 7: check it"), (1, "row 4: check it")]
+    assert messages_of_frames(said) == [
+        "frames 0-1 (2 in all): row 4: check it", "frame 0: row 7: check it"
+    ]  # fmt: skip

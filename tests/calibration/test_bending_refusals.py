@@ -87,20 +87,21 @@ def test_one_file_of_another_beam(beams, refused, edges, said, cause):
 
 
 @pytest.mark.parametrize(
-    ("sizes", "pixel_mm"),
+    ("sizes", "pixel_mm", "exit_code"),
     [
-        (metres(SIZES), PIXEL),
-        (metres(SIZES), 1e-3 * PIXEL),
-        (SIZES, 1e-3 * PIXEL),
-        ({**SIZES, "height_mm": HEIGHT / 1000.0}, PIXEL),
+        (metres(SIZES), PIXEL, 2),
+        (metres(SIZES), 1e-3 * PIXEL, 3),  # it has the right number of pixels
+        (SIZES, 1e-3 * PIXEL, 2),
+        ({**SIZES, "height_mm": HEIGHT / 1000.0}, PIXEL, 2),
+        (SIZES, 1e3 * PIXEL, 2),
     ],
-    ids=["the beam", "the beam and the pixel", "the pixel", "the height"],
+    ids=["the beam", "the beam and the pixel", "the pixel", "the height", "the pixel in µm"],
 )
-def test_metres_given_as_millimetres(beams, refused, sizes, pixel_mm):
+def test_metres_given_as_millimetres(beams, refused, sizes, pixel_mm, exit_code):
     edges = (2.0, 4.0)
     images = [beams[e] for e in edges]
     code, line = refused(images, loads_of(*edges), sizes=sizes, pixel_mm=pixel_mm)
-    assert code == 3 and "in mm" in line
+    assert code == exit_code and "in mm" in line
 
 
 def test_spans_in_reverse_order(beams, refused):

@@ -163,6 +163,20 @@ def test_a_blur_that_hardly_shows_is_in_the_budget_of_a_disc(disc_frame):
     assert abs(error) < 2.0 * found.standard_uncertainty
 
 
+@pytest.mark.parametrize(
+    ("pixel", "words"),
+    [(250.0, "wider than the disc.*not in µm"), (2.5e-7, "too little.*not in m")],
+)
+def test_a_disc_of_another_unit_than_its_pixel_is_refused(disc_frame, tmp_path, pixel, words):
+    """Its rim gives the scale: a pixel that cannot be was not looked at."""
+    tifffile.imwrite(tmp_path / "d.tif", disc_frame(2.0, np.random.default_rng(3)))
+    text = f"[disc]\ndiameter_mm = {DIAMETER}\nthickness_mm = 6.0\n"
+    text += f'[camera]\nbit_depth = 8\npixel_mm = {pixel}\n[[image]]\nfile = "d.tif"\n'
+    (tmp_path / "set.toml").write_text(f"{text}load_n = 300.0\n", "utf-8")
+    with pytest.raises(InputError, match=rf"set\.toml: camera\.pixel_mm = .*{words}"):
+        calibrate_disc(tmp_path / "set.toml")
+
+
 @pytest.mark.long
 def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
     rng = np.random.default_rng(3)

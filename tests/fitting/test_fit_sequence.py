@@ -145,7 +145,7 @@ def test_uncertainties_are_those_of_differences_through_the_whole_run():
     renderer = make_renderer(sequence, fine, (120, 160), 1)
     region = fit_region(fine, (120, 160), 1, 4.0)
     normal = add_up(
-        frames, sequence, values, renderer=renderer, regions=lambda i: region, told=lambda: None
+        frames, sequence, values, renderer=renderer, regions=lambda i: region, progress=lambda: None
     )
     # each unknown moved in the scene of all frames, and every frame rendered again
     steps, whole = 1e-3 * values, sequence.whole(values)
@@ -183,10 +183,10 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     values = {"wear__distances_m": (0.0, 77.0, 155.0), "wear__law": "sarkar"}
     values["numerics__tolerance"] = 1e-3  # of the wear's steps, the same in truth and fit
     truth = scene(**values, load__normal_n=load, friction__coefficient=friction)
-    told = []
+    progress = []
     found = fit(
         write(tmp_path, truth), scene(**values), [WEAR], per_frame=[LOAD, FRICTION],
-        follow=True, progress=told.append,
+        follow=True, progress=progress.append,
     )  # fmt: skip
     within(found.shared[WEAR], 2e-9)
     for own, true in zip(found.frames, (42.0, *load["value"]), strict=True):
@@ -195,7 +195,10 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
         within(own[FRICTION], true)
     assert FRICTION not in found.frames[0] and found.distance_m == [None, 0.0, 77.0, 155.0]
     assert found.chi == pytest.approx(1.0, abs=0.03)
-    assert all(tally.done <= tally.count for tally in told) and told[-1].done == told[-1].count
+    assert (
+        all(tally.done <= tally.count for tally in progress)
+        and progress[-1].done == progress[-1].count
+    )
 
     # the fitted scene is the run, with its tables
     assert found.scene.wear.law == "sarkar" and found.scene.wear.distances_m == (0.0, 77.0, 155.0)

@@ -9,6 +9,7 @@ import tifffile
 from isochrome.errors import InputError
 from isochrome.fitting.tracking.api import track
 from isochrome.fitting.tracking.field_polynomial import make_field_box
+from isochrome.fitting.tracking.tracker import NO_FRINGES
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.scene import load_scene
@@ -121,7 +122,7 @@ def test_a_frame_without_fringes_has_no_values_and_the_next_are_found(tmp_path):
     save(tmp_path, frames)
     result = track(tmp_path / "film.tif", contact(), (LOAD,))
     assert np.isnan(result.values[1]).all() and np.isnan(result.standard_uncertainty[1]).all()
-    assert "frame 1: the scene's fringes are not in this frame" in result.warnings
+    assert f"frame 1: {NO_FRINGES}" in result.warnings
     assert np.all(np.abs(result.values[[0, 2], 0] / 44.0 - 1.0) < 2e-3)
 
 

@@ -9,7 +9,7 @@ from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.frames import check, open_frames, open_scene_frames, with_file_scale
 from isochrome.output import write_tiff
 from isochrome.processing import process
-from isochrome.scene import load_scene, parse_scene
+from isochrome.scene import check_pixel, load_scene, parse_scene
 
 FRAMES = np.random.default_rng(1).integers(20, 200, (2, 40, 60)).astype(np.uint8)
 BARE = '[specimen]\nshape = "other"\n[camera]\nbit_depth = 8\n'
@@ -111,3 +111,20 @@ def test_several_series_are_refused(tmp_path):
         tif.write(FRAMES, metadata={"axes": "TYX"})
     with pytest.raises(InputError, match="2 image series"):
         open_frames(tmp_path / "s.ome.tif")
+
+
+@pytest.mark.parametrize("given", [True, False], ids=["of its frames", "of the camera"])
+@pytest.mark.parametrize(("pixel", "newtons", "allowed"), [
+    (0.22, 44.0, True),  # 145 mm, 194 contacts of 0.747 mm
+    (0.24, 44.0, False),
+    (0.09, 0.1, True),  # a light touch in a lens's wide view: 1700 contacts
+])  # fmt: skip
+def test_a_picture_is_no_wider_than_200_contacts(given, pixel, newtons, allowed):
+    values = {"camera.pixel_mm": pixel, "load.normal_n": newtons}
+    scene = load_scene("line-contact-wear").with_values(values)
+    shape = (494, 659) if given else None
+    if allowed:
+        check_pixel(scene, shape)
+        return
+    with pytest.raises(InputError, match=r"pixel_mm = 0\.24 makes the picture 158 mm.*not in µm"):
+        check_pixel(scene, shape)

@@ -1,6 +1,7 @@
 """Rows of frames become columns, small where there are many."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from hypothesis import strategies as st
 
 from isochrome.output import Floats, csv_text, json_pieces
 from isochrome.processing.processed import tabulate_set
+from isochrome.processing.result import causes_of, frame_columns, row_of_set
+from isochrome.scene import load_scene, parse_scene
 
 CELLS = st.one_of(st.none(), st.integers(), st.floats(), st.booleans(), st.sampled_from("ab"))
 ROWS = st.lists(
@@ -58,3 +61,49 @@ def test_floats_are_like_a_list_of_them():
     np.testing.assert_array_equal(np.asarray(found), values)
     long = Floats("d", [math.nan] * 5000)
     assert "".join(json_pieces(long)) == "[" + ", ".join(["null"] * 5000) + "]"
+
+
+ENDS = ("", "_row_px", "_col_px")
+CONTACT = load_scene("line-contact-wear")
+KNOWN = "[[frames.known_order]]\nrow_px = 2\ncol_px = 2\norder = 0.0\n"
+UNLOADED = parse_scene("[specimen]\nthickness_mm = 4.0\n")
+
+
+@pytest.mark.parametrize("tracked", [False, True], ids=["whole", "tracked"])
+def test_columns_are_the_scenes_whatever_is_found(tracked):
+    """A lost frame added `fringe_lines`, one with a cause its keys, a first that failed none."""
+    columns = frame_columns(CONTACT, tracked=tracked)
+    keys = ("load.normal_n", "camera.left_mm", "friction.coefficient", "wear.coefficient_mm2_per_n")
+    assert set(keys) < set(columns) and columns[-1] == "warnings"
+    assert columns.count("causes") == (not tracked)
+    rows = [{"frame": 0}, {"frame": 1, "fringe_lines": 3}, dict.fromkeys(columns, 1.0)]
+    for row in rows:
+        assert tuple(row_of_set(row, columns)) == columns
+
+
+def test_what_a_frame_asked_for_is_in_its_causes_to_the_last_digit():
+    columns = frame_columns(CONTACT)
+    value, spread = 0.1 + 0.2, 1.0 / 3.0
+    row = {
+        f"camera.roll_deg{end}": v for end, v in (("", value), (" standard_uncertainty", spread))
+    }
+    row |= {f"camera.distortion{end}": -1e-5 for end in ("", " standard_uncertainty")}
+    found = row_of_set(row | {"load.normal_n": 44.0}, columns)
+    assert found["load.normal_n"] == 44.0 and "camera.roll_deg" not in found
+    assert causes_of(found["causes"]) == {"camera.roll_deg": value, "camera.distortion": -1e-5}
+    assert causes_of("") == {}
+
+
+@pytest.mark.parametrize("tracked", [False, True], ids=["whole", "tracked"])
+def test_the_columns_are_in_the_guide(tracked):
+    text = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+    assert not [
+        n for n in frame_columns(CONTACT, tracked=tracked) if "." not in n and n not in text
+    ]
+
+
+def test_columns_follow_the_scenes_kind():
+    plain = frame_columns(UNLOADED)
+    assert plain[-2:] == ("fringe_lines", "warnings") and "kept_share" not in plain
+    known = frame_columns(parse_scene("[specimen]\nthickness_mm = 4.0\n" + KNOWN))
+    assert set(known) - set(plain) == {"kept_share", *(f"n_max{end}" for end in ENDS)}

@@ -12,6 +12,7 @@ from isochrome import open_run
 from isochrome.comparison.frame_folders import load_frame_set
 from isochrome.errors import InputError
 from isochrome.fitting import track
+from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import process
@@ -158,7 +159,7 @@ def test_other_key_frames_are_another_run(tracked):
     assert stack.shape == (2, *SHAPE)
 
 
-AGAIN = """
+TRACKED_AGAIN = """
 import sys
 if __name__ == "__main__":
     from isochrome import process
@@ -173,7 +174,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
     place = save(tmp_path / "film", film(contact(), course(14), 5))
 
     def begin(out):
-        return start(place, code, "-c", AGAIN, out, workers)
+        return start(place, code, "-c", TRACKED_AGAIN, out, workers)
 
     kept = killed_and_begun_again(begin, place, [True] * 2, since=0.2, seed=int(workers))
     assert kept > 0  # else nothing was told of going on
@@ -211,8 +212,8 @@ def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
     # a few standard uncertainties of 0.007 N
     assert load[[0, 1, 2, 3, 7]] == pytest.approx([44.0, 44.0, 70.0, 70.0, 44.0], abs=0.03)
     assert set(found.warnings) == {
-        "frames 2, 7: there was no track to follow: found by a full search",
-        "frames 4-6: the scene's fringes are not in this frame",
+        f"frames 2, 7 (2 in all): {AGAIN}",
+        f"frames 4-6 (3 in all): {NO_FRINGES}",
     }
     # neither a key frame, nor a frame that shows what was searched in vain, is searched anew
     assert [name[-3:] for name in searched] == ["[2]", "[4]", "[7]"]
@@ -243,9 +244,7 @@ def test_both_commands_that_track_say_the_same(tmp_path):
         assert np.isfinite(values.values).all(axis=1).tolist() == known
         assert np.isfinite(values.chi).tolist() == [True, True, True, False, True, True]
     assert one.searched.tolist()[1:] == other.searched.tolist()[1:] == [False] * 3 + [True, False]
-    for text in ("frame 2: the model is too far off: no values were found",
-                 "frame 3: the scene's fringes are not in this frame",
-                 "frame 4: there was no track to follow: found by a full search"):  # fmt: skip
+    for text in (f"frame 2: {FAR}", f"frame 3: {NO_FRINGES}", f"frame 4: {AGAIN}"):
         assert text in found.warnings and text in fitted.warnings
     # all but the first frame, of which process takes every pixel, hold the same pixels: Newton's
     # last step is a twentieth of a standard uncertainty at most

@@ -14,7 +14,7 @@ from isochrome.calibration.order_line import (
     check_order,
     fit_line,
     largest_order,
-    sayings,
+    order_messages,
 )
 from isochrome.calibration.result import CUTS, BudgetItem, Calibration, ImageFit
 from isochrome.errors import PhysicsError
@@ -56,14 +56,14 @@ def uncertainty_budget(
     *,
     covariance: Array | None = None,
     rest: Sequence[ResidualOrder] = (),
-    said: tuple[str, ...] = (),
+    messages: tuple[str, ...] = (),
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
 
     Parameters: `specimen`, 'beam' or 'disc'; `images`, fitted, with loads above zero;
     `factor_n2_per_mm`, N/mm per (fringe/N); `inputs`, what else is uncertain;
     `covariance` (n, n) of the orders where they were fitted together; `rest`, what unloaded
-    images show; `said`, warnings already known.
+    images show; `messages`, warnings already known.
     Returns the Calibration. Raises PhysicsError where the orders contradict the loads.
     """
     loads = [i.load_n for i in images]
@@ -97,7 +97,9 @@ def uncertainty_budget(
         images=tuple(images),
         budget=budget,
         warnings=(
-            *said, *sayings(rest, line, max(loads)), *_warnings(images, line, inputs, specimen),
+            *messages,
+            *order_messages(rest, line, max(loads)),
+            *_warnings(images, line, inputs, specimen),
         ),
     )  # fmt: skip
 
@@ -193,29 +195,29 @@ def _budget(
 def _warnings(
     images: Sequence[ImageFit], line: OrderLine, inputs: Sequence[Input], specimen: str
 ) -> tuple[str, ...]:
-    said = []
+    messages = []
     worst = max(images, key=lambda i: i.chi)
     if worst.chi > POOR_CHI:
-        said.append(
+        messages.append(
             f"the model does not describe these images within their noise: chi = {worst.chi:.2f} "
             f"for {worst.file} where 1 is right; look at the residual (gamma, residual stress, "
             "blur, saturation), and take the uncertainty as a lower bound"
         )
     if line.intercept is None:
-        said.append(
+        messages.append(
             "one load only: an order that stays at zero load cannot be separated and is not in "
             "the uncertainty; add a second load"
         )
     elif abs(line.intercept) > max(0.1, 5.0 * (line.intercept_uncertainty or 0.0)):
-        said.append(
+        messages.append(
             f"an order of {line.intercept:.3f} stays at zero load at the {CUTS[specimen].place}: "
             "the specimen has residual stress, or the loads an offset (the slope is free of both)"
             + (", or one load is wrong: a third load can tell" if len(images) == 2 else "")
         )
     missing = [i.name for i in inputs if i.standard_uncertainty is None and i.sensitivity > 0]
     if missing:
-        said.append(
+        messages.append(
             f"no uncertainty is given for {', '.join(missing)}: what the images show is included, "
             "these are not; add them under [uncertainty]"
         )
-    return tuple(said)
+    return tuple(messages)

@@ -51,7 +51,7 @@ def calibrate_channels(
             continue
         values = {name: getattr(one, name) for name in SUMMARY}
         table[channel] = values | {"wavelength_nm": _line_of(given, channel)}
-    return replace(found, channels=table, warnings=(*_sayings(table, main), *found.warnings))
+    return replace(found, channels=table, warnings=(*_messages(table, main), *found.warnings))
 
 
 def _of_channel(given: CalibrationSet, channel: str) -> tuple[Shot, ...]:
@@ -78,16 +78,16 @@ def _line_of(given: CalibrationSet, channel: str) -> float | None:
     return seen[0] if len(seen) == 1 else None
 
 
-def _sayings(table: dict[str, Any], main: str) -> tuple[str, ...]:
-    said = [
+def _messages(table: dict[str, Any], main: str) -> tuple[str, ...]:
+    messages = [
         f"colour images: the value is the {main} channel's, and each channel's is in the result; "
         "frames.channel names another"
     ]
     poor = [c for c, v in table.items() if "refused" in v or v["chi"] > POOR_CHI]
     if poor:
-        said.append(
+        messages.append(
             f"{', '.join(poor)}: one wavelength does not describe it; white light washes the "
             "fringes out with their order, and a channel may mix two lines: put a narrow filter "
             "in front of the camera"
         )
-    return tuple(said)
+    return tuple(messages)

@@ -9,12 +9,21 @@ from numpy.typing import NDArray
 
 from isochrome.calibration.result import CUTS, Calibration, Cut, ImageFit, View
 from isochrome.figures import (
+    BOLD_PT,
     DIFFERENCE_MAP,
+    FINE_PT,
     FRAME_MAP,
+    GREY,
+    INK,
     LINE_COLOURS,
+    LINE_PT,
+    NOTE_PT,
+    PALE,
+    add_legend,
     new_figure,
     show_image,
     style_axes,
+    write_head,
 )
 from isochrome.output import with_uncertainty
 
@@ -54,11 +63,8 @@ def calibration_figure(calibration: Calibration) -> Figure:
     rest = "" if order is None else f"    order at zero load {round(order, 3) + 0.0:+.3f}"
     if calibration.residual is not None:
         rest += f"    residual stress up to {calibration.residual['largest_order']:.2f} fringe"
-    figure.suptitle(
-        f"f$_\\sigma$ = {value} N/mm per fringe    $\\chi$ = {calibration.chi:.2f}{rest}",
-        fontsize=14,
-        x=0.01,
-        ha="left",
+    write_head(
+        figure, f"f$_\\sigma$ = {value} N/mm per fringe    $\\chi$ = {calibration.chi:.2f}{rest}"
     )
     return figure
 
@@ -100,10 +106,10 @@ def _image_row(axes: list[Any], item: ImageFit, where: Cut, limit: float) -> Non
     place, light, model, orders = (
         view.along_cut(v) for v in (view.position_mm, view.image, view.model, view.order)
     )
-    cut.plot(place, light, ".", ms=2, color="0.6", label="captured")
-    cut.plot(place, model, "-", lw=1, color="0.1", label="fitted")
+    cut.plot(place, light, ".", ms=2, color=PALE, label="captured")
+    cut.plot(place, model, "-", lw=LINE_PT, color=INK, label="fitted")
     twin = cut.twinx()
-    twin.plot(place, orders, "-", lw=1.4, color=LINE_COLOURS[1])
+    twin.plot(place, orders, "-", lw=BOLD_PT, color=LINE_COLOURS[1])
     twin.set_ylim(bottom=0)
     style_axes(twin, z_label="order N")
     twin.yaxis.label.set_color(LINE_COLOURS[1])
@@ -125,21 +131,23 @@ def _line(axes: Any, calibration: Calibration) -> None:
     orders = np.array([i.order for i in calibration.images])
     rest = calibration.order_at_zero_load or 0.0
     reach = np.array([0.0, loads.max() * 1.05])
-    axes.plot(reach, calibration.slope_per_n * reach + rest, "-", color="0.3", lw=1)
+    axes.plot(reach, calibration.slope_per_n * reach + rest, "-", color=GREY, lw=LINE_PT)
     axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label="from its image")
     known = [i for i in calibration.images if i.predicted_order is not None]
     if known:
         places = [i.load_n for i in known], [i.predicted_order for i in known]
-        said = "predicted by the other loads"
-        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label=said)
-        axes.legend(frameon=False, fontsize=9, loc="upper left")
+        label = "predicted by the other loads"
+        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label=label)
+        add_legend(axes, loc="upper left")
     if calibration.order_at_zero_load is not None:
         axes.plot(0.0, rest, "s", color=LINE_COLOURS[1], ms=5)
         text = f"{rest:+.4f} at zero load"
-        axes.annotate(text, (0.0, rest), (8, -3), textcoords="offset points", va="top", fontsize=9)
+        axes.annotate(
+            text, (0.0, rest), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT
+        )
     axes.set_xlim(0.0 - 0.02 * reach[1], reach[1])
     axes.margins(y=0.12)
-    axes.axhline(0.0, color="0.8", lw=0.7, zorder=0)
+    axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
     where = CUTS[calibration.specimen].place
     title = f"{calibration.slope_per_n:.6g} fringes per N"
     style_axes(axes, x_label="load (N)", z_label=f"order at the {where}", title=title)
@@ -164,7 +172,7 @@ def _misfit(axes: Any, calibration: Calibration) -> None:
         [i.load_n for i in images], scale * away, scale * spread, fmt="o", ms=4,
         color=LINE_COLOURS[0],
     )  # fmt: skip
-    axes.axhline(0.0, color="0.6", lw=0.8)
+    axes.axhline(0.0, color=PALE, lw=FINE_PT)
     title = f"measured minus {'predicted' if known else 'line'}"
     axes.margins(x=0.15)
     unit = "10⁻³ fringe" if milli else "fringes"
@@ -176,7 +184,9 @@ def _budget(axes: Any, calibration: Calibration) -> None:
     axes.barh([b.name for b in items], [b.contribution_n_per_mm for b in items], height=0.6,
               color=LINE_COLOURS[0])  # fmt: skip
     for place, item in enumerate(items):
-        axes.text(item.contribution_n_per_mm, place, f" {item.share:.0%}", va="center", fontsize=9)
+        axes.text(
+            item.contribution_n_per_mm, place, f" {item.share:.0%}", va="center", fontsize=NOTE_PT
+        )
     axes.margins(x=0.2)
     axes.set_ylim(-0.6, max(len(items), 3) - 0.4)
     axes.locator_params(axis="x", nbins=4)

@@ -13,7 +13,7 @@ from isochrome.calibration.shot import Shot, below_saturation
 from isochrome.errors import InputError
 from isochrome.estimation import observe
 from isochrome.frames import FrameReader, check_scale, load_mask, load_no_load, open_frames
-from isochrome.scene import Camera, Frames, Scene, Specimen
+from isochrome.scene import Camera, Frames, Scene, Specimen, check_width
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
 
     Parameters: `given`, the set. Returns the shots, the no-load dark frame subtracted where there
     are both. Raises InputError that names the file where one cannot be read, is saturated or is of
-    another size.
+    another size, or camera.pixel_mm is none in which the specimen can be seen.
     """
     dark, light = _no_load(given)
     shots = tuple(_shot(given, item, dark, light) for item in given.image)
@@ -39,6 +39,10 @@ def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
             f"{given.name}: the images are of different sizes (rows, columns): "
             f"{sorted(shapes)}; capture all of them alike"
         )
+    body = given.beam.height_mm if given.beam else given.disc.diameter_mm if given.disc else None
+    if given.camera.pixel_mm is not None and body is not None:
+        what = "the beam" if given.beam else "the disc"
+        check_width(given.name, given.camera.pixel_mm, shots[0].light.shape, body, what)
     return shots
 
 

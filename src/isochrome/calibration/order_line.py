@@ -161,7 +161,9 @@ def largest_order(rest: Sequence[ResidualOrder]) -> float:
     return float(np.sqrt(np.sum(weight * r**2) / np.sum(weight)))
 
 
-def sayings(rest: Sequence[ResidualOrder], line: OrderLine, load_n: float) -> tuple[str, ...]:
+def order_messages(
+    rest: Sequence[ResidualOrder], line: OrderLine, load_n: float
+) -> tuple[str, ...]:
     """Where an unloaded image contradicts the order that the loads' line leaves at zero load.
 
     Parameters: `rest`; `line`, through the loaded images; `load_n`, the largest load.
@@ -169,15 +171,15 @@ def sayings(rest: Sequence[ResidualOrder], line: OrderLine, load_n: float) -> tu
     """
     if line.intercept is None or line.intercept_uncertainty is None:
         return ()
-    said = []
+    messages = []
     r, u = line.intercept, line.intercept_uncertainty
     for item in rest:
         seen = float(np.sqrt(max(item.square, 0.0)))
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
         if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - seen) > NOTICED:
-            said.append(
+            messages.append(
                 f"{item.file} shows an order of {seen:.3f} at no load and the loads' line leaves "
                 f"{r:.3f}: the loads are off by {r / line.slope:.3g} N of {load_n:g} N (an offset "
                 "of the load cell), or one load is wrong; check them"
             )
-    return tuple(said)
+    return tuple(messages)

@@ -101,7 +101,7 @@ def write_into_scene(
     14.599
     """
     text = check_scene_file(scene)
-    value, comment = _said(calibration, source)
+    value, comment = _entry(calibration, source)
     new = edited(text, value, comment, name=str(scene))
     target = Path(scene).resolve()  # a link stays a link
     with replacing(target) as beside:
@@ -126,13 +126,13 @@ def edited(text: str, value: str, comment: str, *, name: str = "scene") -> str:
     )
 
 
-def _said(calibration: Calibration, source: str | Path | None) -> tuple[str, str]:
+def _entry(calibration: Calibration, source: str | Path | None) -> tuple[str, str]:
     """The value as text, and what the comment says of it."""
     value, spread = calibration.fringe_value_n_per_mm, calibration.standard_uncertainty
     digits = max(1, 2 - int(np.floor(np.log10(spread)))) if spread > 0 else 6
     origin = "" if source is None else f", {Path(source).name}"
-    said = f"{MARK}± {spread:.2g} (standard uncertainty), chi {calibration.chi:.2f}{origin}"
-    return f"{value:.{digits}f}", "".join(c for c in said if c.isprintable())
+    comment = f"{MARK}± {spread:.2g} (standard uncertainty), chi {calibration.chi:.2f}{origin}"
+    return f"{value:.{digits}f}", "".join(c for c in comment if c.isprintable())
 
 
 def _candidates(text: str, value: str, comment: str) -> Iterator[str]:

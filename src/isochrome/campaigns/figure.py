@@ -10,13 +10,17 @@ import numpy as np
 from isochrome.campaigns.outcome import Outcome
 from isochrome.figures import (
     BAND,
+    FINE_PT,
+    GREY,
     KEY_LABELS,
     LINE_COLOURS,
+    LINE_PT,
     VALUE_MAP,
     draw_band,
     new_figure,
     plain_name,
     style_axes,
+    write_head,
 )
 from isochrome.output import counted
 from isochrome.processing import SPREAD
@@ -59,16 +63,16 @@ def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
         left.ticklabel_format(axis="y", useOffset=False)
         style_axes(left, z_label=KEY_LABELS[key])
         style_axes(right)
-    axes[0, 0].set_title("mean, and scatter over the frames (standard deviation)", fontsize=9.5)
+    style_axes(axes[0, 0], title="mean, and scatter over the frames (standard deviation)")
     band = f", band ± {BAND:g} standard uncertainties" if len(outcomes) <= _BANDED else ""
-    axes[0, 1].set_title(f"each frame{band}", fontsize=9.5)
+    style_axes(axes[0, 1], title=f"each frame{band}")
     _name(axes[-1, 0], outcomes)
     style_axes(axes[-1, 1], x_label="sliding distance (m)" if slid else "frame")
     failed = sum(item.row["status"] == "failed" for item in outcomes)
-    said = f"{plain_name(name)}: {counted(len(outcomes), 'recording')}" + (
+    head = f"{plain_name(name)}: {counted(len(outcomes), 'recording')}" + (
         f", {failed} of them failed" if failed else ""
     )
-    figure.suptitle(said, fontsize=11)
+    write_head(figure, head)
     return figure
 
 
@@ -96,10 +100,12 @@ def _over_recordings(
         mean = item.row.get(f"{key} mean")
         if mean is None:
             foot = axes.get_xaxis_transform()
-            axes.plot(place, 0.03, "x", color="0.4", ms=5, transform=foot, clip_on=False)
+            axes.plot(place, 0.03, "x", color=GREY, ms=5, transform=foot, clip_on=False)
             continue
         scatter = item.row[f"{key} standard_deviation"] or 0.0
-        axes.errorbar(place, mean, yerr=scatter, fmt="o", color=colour, ms=4.5, capsize=3, lw=1.2)
+        axes.errorbar(
+            place, mean, yerr=scatter, fmt="o", color=colour, ms=4.5, capsize=3, lw=LINE_PT
+        )
 
 
 def _within(
@@ -114,9 +120,9 @@ def _within(
         marker = "o" if len(x) < 15 else None
         if few:
             spread = item.curves[f"{key} {SPREAD}"]
-            draw_band(axes, x, y, spread, colour=colour, lw=0.9, marker=marker, ms=3)
+            draw_band(axes, x, y, spread, colour=colour, lw=LINE_PT, marker=marker, ms=3)
         else:
-            axes.plot(x, y, color=colour, lw=0.6, alpha=0.7, marker=marker, ms=3)
+            axes.plot(x, y, color=colour, lw=FINE_PT, alpha=0.7, marker=marker, ms=3)
 
 
 def _name(axes: Axes, outcomes: Sequence[Outcome]) -> None:

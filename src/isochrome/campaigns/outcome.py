@@ -119,17 +119,17 @@ def _read(task: Task, found: Processed) -> Outcome:
         "flagged_frames": flagged,
         "duration_s": _duration_s(task.folder),
         "pixel_mm": next((p for p in table["pixel_mm"] if p is not None), None),
-        "chi_median": _told(np.median, chi),
-        "chi_max": _told(np.max, chi),
-        "kept_share": _told(np.median, kept),
+        "chi_median": _of_known(np.median, chi),
+        "chi_max": _of_known(np.max, chi),
+        "kept_share": _of_known(np.median, kept),
         "warnings": "; ".join(found.warnings),
     }
     keys = [name for name in table if f"{name} {SPREAD}" in table]
     for key in keys:
         values, spread = _known(table, key), _known(table, f"{key} {SPREAD}")
-        row[f"{key} mean"] = _told(np.mean, values)
+        row[f"{key} mean"] = _of_known(np.mean, values)
         row[f"{key} standard_deviation"] = float(values.std(ddof=1)) if values.size > 1 else None
-        row[f"{key} median_{SPREAD}"] = _told(np.median, spread)
+        row[f"{key} median_{SPREAD}"] = _of_known(np.median, spread)
     if found.failed:
         row["error"] = f"{found.failed} of {count} frames could not be processed"
     record = json.loads((task.folder / PROVENANCE).read_text("utf-8"))
@@ -146,7 +146,7 @@ def _known(table: Mapping[str, Sequence[Any]], name: str) -> Array:
     return values[np.isfinite(values)]
 
 
-def _told(measure: Any, values: Array) -> float | None:
+def _of_known(measure: Any, values: Array) -> float | None:
     return float(measure(values)) if values.size else None
 
 

@@ -51,14 +51,14 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
     drive, where they are made. Raises InputError where they cannot be written.
     """
     folder = output_folder(out)
-    table, told, picture = SUMMARIES
+    table, summary, picture = SUMMARIES
     figure = summary_figure(scene.name, outcomes)
     try:
         write_csv(beside / table, tabulate_campaign([item.row for item in outcomes]))
-        write_json(beside / told, summary_of(scene, outcomes))
+        write_json(beside / summary, summary_of(scene, outcomes))
         if figure is not None:
             write_figure(beside / picture, figure)
-        for name in (told, table, picture):  # first what says whose they are
+        for name in (summary, table, picture):  # first what says whose they are
             if (beside / name).exists():
                 os.replace(beside / name, folder / name)
             else:
@@ -77,8 +77,8 @@ def check_summary(out: Path) -> None:
     """
     there = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
     try:
-        told = json.loads((out / SUMMARIES[1]).read_text("utf-8"))
-        own = isinstance(told, dict) and "recordings" in told
+        summary = json.loads((out / SUMMARIES[1]).read_text("utf-8"))
+        own = isinstance(summary, dict) and "recordings" in summary
     except (OSError, ValueError):
         own = False
     if there and not own:

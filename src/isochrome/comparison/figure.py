@@ -19,8 +19,12 @@ from isochrome.errors import InputError
 from isochrome.figures import (
     DIFFERENCE_MAP,
     FRAME_MAP,
+    GREY,
+    INK,
+    LINE_PT,
+    NOTE_PT,
+    OVERLAY_COLOUR,
     TEXT_PT,
-    TICK_PT,
     TITLE_PT,
     Place,
     add_colour_bar,
@@ -38,7 +42,6 @@ if TYPE_CHECKING:
 
 MOST_ROWS = len(LETTERS) // 3
 
-_LINE_COLOUR = "#ff9d2e"
 _PANEL_WIDTH_IN = 3.35
 _LABEL_LENGTH = 26
 
@@ -118,7 +121,7 @@ def side_by_side(
     of_what = "fringe order (fringes)" if of_order else "signal (0 to 1)"
     add_colour_bar(differences, f"difference of {of_what}", length=min(1.0, 2.0 / len(chosen)))
     text = _foot_text(lines, len(chosen), len(pairs), place["pixel_mm"])
-    _write_line(foot, text, size_pt=TICK_PT, colour="0.3")
+    _write_line(foot, text, size_pt=NOTE_PT, colour=GREY)
     return figure
 
 
@@ -128,7 +131,7 @@ def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place
         found = order_contours(simulation.order[index])
     else:
         found = skeletons(simulation.signal[index])
-    look = {"color": _LINE_COLOUR, "linewidth": 0.8, "scalex": False, "scaley": False}
+    look = {"color": OVERLAY_COLOUR, "linewidth": LINE_PT, "scalex": False, "scaley": False}
     for line in found:
         if line.kind == "dark":
             draw_line(axes, line.rows, line.cols, place, **look)
@@ -224,7 +227,7 @@ def _caption(numbers: FrameMetrics) -> str:
     return "  ·  ".join(parts)
 
 
-def _write_line(axes: Axes, text: str, *, size_pt: float, colour: str = "black") -> None:
+def _write_line(axes: Axes, text: str, *, size_pt: float, colour: str = INK) -> None:
     """Put a line of text into an empty strip without widening the strip for it."""
     line = axes.text(0.0, 0.5, text, va="center", fontsize=size_pt, color=colour)
     line.set_in_layout(False)

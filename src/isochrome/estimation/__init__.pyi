@@ -20,11 +20,11 @@ from .least_squares import (
 )
 from .light import (
     Terms,
-    binned_polynomials,
+    binned_light,
+    channel_light,
     degrees_of,
     light_basis,
     light_products,
-    quadratic_terms,
     smooth_light,
     total_degree,
 )
@@ -61,8 +61,9 @@ __all__ = [
     "SeveralStarts",
     "State",
     "Terms",
-    "binned_polynomials",
+    "binned_light",
     "block_correlation",
+    "channel_light",
     "damped",
     "damped_step",
     "damped_steps",
@@ -84,7 +85,6 @@ __all__ = [
     "prepare",
     "prepare_frame",
     "promised_gain",
-    "quadratic_terms",
     "sandwich",
     "scaled_inverse",
     "smooth_light",

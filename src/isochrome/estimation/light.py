@@ -60,6 +60,15 @@ class LightModel:
         """Number of coefficients."""
         return len(self.illumination) + len(self.background)
 
+    @property
+    def words(self) -> str:
+        """What was fitted where a frame asked for more than the first terms, for a message."""
+        light, dark = (len(terms) for terms in self.terms)
+        return (
+            f"the light is more uneven than a quadratic: illumination of {light} and background of "
+            f"{dark} polynomials were fitted"
+        )
+
     def plain(self) -> LightModel:
         """One amplitude for all the illumination: for a search, or a model that is poor."""
         return replace(self, illumination=self.illumination[:1])
@@ -246,15 +255,15 @@ def polynomial_basis(
     return result
 
 
-def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:
-    """All products of powers of the place up to a degree, at a frame's binned pixels.
+def binned_light(shape: tuple[int, ...], by: int) -> Array:
+    """What the light of a frame that is read without a model is a sum of, at its binned pixels.
+
+    The products of powers of the place.
 
     Parameters
     ----------
     shape : tuple of int
         Rows and columns of the whole frame, over which the place runs from -1 to 1.
-    degree : int
-        The total degree.
     by : int
         Pixels a bin.
 
@@ -267,15 +276,17 @@ def binned_polynomials(shape: tuple[int, ...], degree: int, by: int) -> Array:
     return np.stack(
         [
             y[:, None] ** i * x[None, :] ** j
-            for i in range(degree + 1)
-            for j in range(degree + 1 - i)
+            for i in range(UNEVEN + 1)
+            for j in range(UNEVEN + 1 - i)
         ],
         axis=-1,
     )
 
 
-def quadratic_terms(rows: int, cols: int) -> Array:
-    """The terms 1, y, x, y², x², xy with y and x from -1 to 1 between the frame's edges.
+def channel_light(rows: int, cols: int) -> Array:
+    """What the light of a colour frame's channel is a sum of, the even light first.
+
+    The terms 1, y, x, y², x², xy with y and x from -1 to 1 between the frame's edges.
 
     Parameters
     ----------

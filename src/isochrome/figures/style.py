@@ -17,12 +17,14 @@ from isochrome.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colorbar import Colorbar
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
     from matplotlib.image import AxesImage
 
 FRAME_MAP = "gray"
 VALUE_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
+DIRECTION_MAP = "hsv"
+"""Colours of a direction: the same at -90 and at 90 degrees, and none of them the grey of NaN."""
 
 UNKNOWN_COLOUR = "#dcdcdc"
 """Light grey, hatched, where an image holds NaN (not known)."""
@@ -30,7 +32,21 @@ UNKNOWN_COLOUR = "#dcdcdc"
 LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 """Okabe and Ito's colours, told apart by colour-blind readers too."""
 
-TEXT_PT, TITLE_PT, TICK_PT = 9.5, 10.5, 8.5
+CHANNEL_COLOURS = ("#c4312a", "#2a8f3c", "#2f5fc4")
+"""Red, green and blue, dark enough for lines on white."""
+
+OVERLAY_COLOUR = "#ff9d2e"
+"""Of a line over a grey picture."""
+
+INK, GREY, PALE = "black", "0.35", "0.65"
+"""Of what has no colour: what is compared with, what stands beside, what lies behind."""
+
+HEAD_PT, TITLE_PT, TEXT_PT, NOTE_PT, TICK_PT = 11.0, 10.5, 9.5, 8.5, 8.5
+"""Sizes of a figure's head, its axes' titles and labels, a legend or note, and the ticks."""
+
+FINE_PT, LINE_PT, BOLD_PT = 0.6, 1.0, 1.4
+"""Widths of a line that guides the eye, that shows values, and that stands out."""
+
 LONGEST_NAME = 48
 """Letters of a file's name in a title."""
 _HATCH_COLOUR = "#c4c4c4"
@@ -100,13 +116,41 @@ def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str =
     title : str, default ''
         Title at the left; empty: none is set.
     """
-    axes.tick_params(labelsize=TICK_PT, length=3, width=0.7)
+    axes.tick_params(labelsize=TICK_PT, length=3, width=FINE_PT)
     axes.set_xlabel(x_label or axes.get_xlabel(), fontsize=TEXT_PT)
     axes.set_ylabel(z_label or axes.get_ylabel(), fontsize=TEXT_PT)
     if title:
         axes.set_title(title, fontsize=TITLE_PT, loc="left")
     for spine in axes.spines.values():
-        spine.set_linewidth(0.7)
+        spine.set_linewidth(FINE_PT)
+
+
+def write_head(figure: Figure | SubFigure, text: str) -> None:
+    """Write what a figure shows above it.
+
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        The figure, or a part that has a head of its own.
+    text : str
+        One line, or a few.
+    """
+    figure.suptitle(text, fontsize=HEAD_PT)
+
+
+def add_legend(holder: Axes | Figure | SubFigure, *entries: Any, **where: Any) -> None:
+    """Add a legend without a frame.
+
+    Parameters
+    ----------
+    holder : Axes, Figure or SubFigure
+        What gets it.
+    *entries : Any
+        Lines and their names, as `Axes.legend` takes them; by default all that have a label.
+    **where : Any
+        Keywords of `Axes.legend`: where it stands.
+    """
+    holder.legend(*entries, frameon=False, fontsize=NOTE_PT, **where)
 
 
 def plain_name(name: str, longest: int = LONGEST_NAME) -> str:
@@ -274,7 +318,7 @@ def add_colour_bar(
         extendfrac=0.03,
     )
     bar.set_label(label, fontsize=TEXT_PT)
-    bar.ax.tick_params(labelsize=TICK_PT, length=3, width=0.7)
+    bar.ax.tick_params(labelsize=TICK_PT, length=3, width=FINE_PT)
     return bar
 
 

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.figures.style import LINE_COLOURS, new_figure, plain_name, style_axes
+from isochrome.figures.style import (
+    GREY,
+    INK,
+    LINE_COLOURS,
+    LINE_PT,
+    new_figure,
+    plain_name,
+    style_axes,
+    write_head,
+)
 from isochrome.output import FrameValues
 
 if TYPE_CHECKING:
@@ -97,26 +106,26 @@ def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
     order = order[:: -(-len(order) // _POINTS)] if len(order) else order
     # a line goes on over frames without the key, and breaks where a video's frame tells nothing
     drawn = order[np.isfinite(values[order])] if len(order) <= _FEW else order
-    draw_band(axis, place[drawn], values[drawn], spread[drawn], lw=0.9)
+    draw_band(axis, place[drawn], values[drawn], spread[drawn], lw=LINE_PT)
     if len(order) <= _FEW:
         open_square: dict[str, Any] = {"fmt": "s", "mfc": "white"}
         for frames, look in ((drawn, {"fmt": "o"}), (np.flatnonzero(still), open_square)):
             x = np.where(np.isfinite(place[frames]), place[frames], 0.0)
             bars = BAND * np.where(np.isfinite(spread[frames]), spread[frames], np.nan)
-            look |= {"color": LINE_COLOURS[0], "ms": 4, "capsize": 2.5, "lw": 1.0}
+            look |= {"color": LINE_COLOURS[0], "ms": 4, "capsize": 2.5, "lw": LINE_PT}
             axis.errorbar(x, values[frames], yerr=bars, **look)
     _mark(axis, found, place, values)
     followed = spread[~found.whole] if not found.whole.all() else spread
     known = followed[np.isfinite(followed)]
-    said = f"median u = {np.median(known):.2g}" if known.size else "not determined"
-    said += " (square: static)" * bool(still.any())
-    style_axes(axis, x_label=across, z_label=KEY_LABELS.get(key, key), title=said)
+    title = f"median u = {np.median(known):.2g}" if known.size else "not determined"
+    title += " (square: static)" * bool(still.any())
+    style_axes(axis, x_label=across, z_label=KEY_LABELS.get(key, key), title=title)
     axis.ticklabel_format(axis="y", useOffset=False)
 
 
 def _mark(axis: Axes, found: FrameValues, place: Array, values: Array) -> None:
     """Mark key frames, and those that were found by a full search."""
-    axis.plot(place[found.whole], values[found.whole], ".", color="black", ms=4)
+    axis.plot(place[found.whole], values[found.whole], ".", color=INK, ms=4)
     again = found.searched
     axis.plot(place[again], values[again], "o", mfc="none", color=LINE_COLOURS[1], ms=5)
 
@@ -138,12 +147,12 @@ def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
         axis.set_xlabel("")
     place, across = frame_axis(found)
     thin = slice(None, None, -(-len(place) // _POINTS))
-    axes[-1].plot(place[thin], found.chi[thin], color="0.3", lw=0.9)
+    axes[-1].plot(place[thin], found.chi[thin], color=GREY, lw=LINE_PT)
     _mark(axes[-1], found, place, found.chi)
     style_axes(axes[-1], x_label=across, z_label="chi")
     marks = "circles: found by a full search"
     marks = f"dots: key frames; {marks}" if found.whole.any() else marks
-    figure.suptitle(f"values, band ± {BAND:g} standard uncertainties\n{marks}", fontsize=10)
+    write_head(figure, f"values, band ± {BAND:g} standard uncertainties\n{marks}")
 
 
 def frame_values_figure(name: str, found: FrameValues) -> Figure:
@@ -163,5 +172,5 @@ def frame_values_figure(name: str, found: FrameValues) -> Figure:
     """
     figure = new_figure(9.0, PANEL_IN * (len(found.keys) + 1) + 0.8)
     draw_frame_values(figure, found)
-    figure.suptitle(f"{plain_name(name)}: tracked {figure.get_suptitle()}", fontsize=10)
+    write_head(figure, f"{plain_name(name)}: tracked {figure.get_suptitle()}")
     return figure

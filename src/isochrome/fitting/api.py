@@ -211,13 +211,13 @@ class _Task:
     def _concluded(self, found: list[Row]) -> tuple[Fit, JointFit]:
         data, sequence = self.data, self.work.sequence
         alone = [self.work.restored(i, row) for i, row in enumerate(found)]
-        said = [(i, text) for i, row in enumerate(found) for text in row["said"]]
+        messages = [(i, text) for i, row in enumerate(found) for text in row["said"]]
         data.lights = {i: light_terms(row["light"]) for i, row in enumerate(found) if row["light"]}
-        result, joint = joint_stage(data, sequence, alone, said, self.steps.one)
+        result, joint = joint_stage(data, sequence, alone, messages, self.steps.one)
         if self.tractions:
             given = [placed(alone_scene(data.scene, i), data.shape) for i in range(len(data))]
             result = with_tractions(
-                result, data, joint, given, free_top=self.free_top, told=self.steps.one
+                result, data, joint, given, free_top=self.free_top, progress=self.steps.one
             )
         else:
             result = replace(result, warnings=(*result.warnings, *asked_for(result)))

@@ -10,14 +10,19 @@ import numpy as np
 from isochrome.estimation import FrameData
 from isochrome.figures import (
     BAND,
+    BOLD_PT,
     DIFFERENCE_MAP,
     FRAME_MAP,
+    GREY,
+    INK,
     LINE_COLOURS,
+    add_legend,
     draw_values,
     new_figure,
     plain_name,
     show_image,
     style_axes,
+    write_head,
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.model_frame import evaluate_model
@@ -73,7 +78,7 @@ def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> 
             shown_image = np.where(valid, image, np.nan)
             show_image(axis, shown_image, cmap=FRAME_MAP, vmin=0, vmax=top, title=title, **place)
         show_residual(row[2], data, model, seen.mask, title=f"chi = {seen.chi:.2f}", **place)
-    figure.suptitle(f"{plain_name(name)}: fit to the intensity", fontsize=11)
+    write_head(figure, f"{plain_name(name)}: fit to the intensity")
     return figure
 
 
@@ -112,8 +117,8 @@ def over_distance_figure(name: str, result: Fit) -> Figure | None:
         _wear(axes[len(keys)], result)
     for axis in axes[count:]:
         axis.set_axis_off()
-    figure.suptitle(
-        f"{plain_name(name)}: values of each frame, band ± {BAND:g} standard uncertainties"
+    write_head(
+        figure, f"{plain_name(name)}: values of each frame, band ± {BAND:g} standard uncertainties"
     )
     return figure
 
@@ -128,17 +133,19 @@ def _wear(axis: Axes, result: Fit) -> None:
     )
     low, high = (np.repeat(value + sign * BAND * spread, 2) for sign in (-1.0, 1.0))
     x = np.repeat(edges, 2)[1:-1]
-    axis.fill_between(x, low, high, color="0.35", alpha=0.35, lw=0)
-    axis.stairs(value, edges, color="0.15", lw=1.5, baseline=None, label="between frames")
+    axis.fill_between(x, low, high, color=GREY, alpha=0.35, lw=0)
+    axis.stairs(value, edges, color=INK, lw=BOLD_PT, baseline=None, label="between frames")
     for law, colour, style in zip(
         result.wear_laws.laws, LINE_COLOURS[1:], ("--", "-.", ":", (0, (6, 1))), strict=False
     ):
         label = f"{law.law}: ln Z {law.log_evidence:+.3g}" if law.log_evidence else law.law
-        axis.stairs(law.between, edges, color=colour, ls=style, lw=1.3, baseline=None, label=label)
+        axis.stairs(
+            law.between, edges, color=colour, ls=style, lw=BOLD_PT, baseline=None, label=label
+        )
     style_axes(
         axis,
         x_label="sliding distance (m)",
         z_label="mean wear coefficient (mm²/N)",
         title="worn between frames, and by each law",
     )
-    axis.legend(frameon=False, fontsize=7.5)
+    add_legend(axis)

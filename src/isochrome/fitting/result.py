@@ -13,6 +13,7 @@ from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.fitting.frame.single_state import frame_distance
 from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
+from isochrome.fitting.refusals import CORRECT
 from isochrome.fitting.tractions.surface_fit import Tractions
 from isochrome.fitting.wear_laws.law_report import WearLaws
 from isochrome.output import (
@@ -203,8 +204,8 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
                 "--per-frame camera.left_mm --per-frame camera.top_mm"
             )
     lost = set(joint.lost)
-    said = [(i, "the scene's fringes are not in it") for i in joint.lost]
-    said += [
+    messages = [(i, f"the scene's fringes are not in it; {CORRECT}") for i in joint.lost]
+    messages += [
         (
             i,
             "no smooth illumination fits with this model, so that one amplitude stands for all "
@@ -213,14 +214,20 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
         for i, fit in enumerate(alone)
         if fit.plain and i not in lost
     ]
-    said += [
-        (i, f"{len(_others(fit))} other solution(s) fit nearly as well; give the load more closely")
+    messages += [
+        (
+            i,
+            f"{counted(len(_others(fit)), 'other solution')} of nearly the same misfit; give the "
+            "load more closely",
+        )
         for i, fit in enumerate(alone)
         if _others(fit)
     ]
-    found += messages_of_frames(said)
+    found += messages_of_frames(messages)
     if not joint.converged:
-        found.append("the fit did not converge fully")
+        found.append(
+            "the fit did not converge fully; begin it nearer, with load and place in the scene"
+        )
     return found
 
 

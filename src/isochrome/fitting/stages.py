@@ -21,7 +21,7 @@ from isochrome.fitting.joint.joint_fit import JointFit, fit_jointly
 from isochrome.fitting.joint.separate_fits import (
     fit_of_each,
     is_each,
-    refuse_untold,
+    refuse_undetermined,
     starting_values,
 )
 from isochrome.fitting.refusals import CORRECT, refuse_alike
@@ -36,7 +36,7 @@ from isochrome.fitting.wear_laws.law_report import WearLaws
 from isochrome.output import messages_of_frames
 from isochrome.runs import Results
 
-Told = Callable[[], None]
+Progress = Callable[[], None]
 _ARRAYS = ("values", "standard_uncertainty", "covariance", "cramer_rao_bound", "information")
 _PLAIN = ("keys", "freedom", "chi", "converged", "plain", "positive")
 Row = dict[str, Any]
@@ -87,18 +87,18 @@ class FrameWork:
         scene, keys = alone_scene(self.sequence.scene, index), self.sequence.acting(index)
         if last is not None:
             scene = scene.with_values({key: last[key] for key in keys if key in last})
-        said: tuple[str, ...] = ()
+        messages: tuple[str, ...] = ()
         light = None
         if self.as_stated or not is_each(self.sequence):
             fit = fit_frame(data, scene, keys, cold=last is None)
         else:
             freed = self._explained(fit_with_causes(data, scene, keys, cold=last is None))
-            fit, said = freed.fit, cause_messages(freed)
+            fit, messages = freed.fit, cause_messages(freed)
             light = freed.data.lamp.terms if freed.light else None
         row = {name: getattr(fit, name).tolist() for name in _ARRAYS}
         row |= {name: getattr(fit, name) for name in _PLAIN} | {"keys": list(fit.keys)}
         others = [[other.values.tolist(), float(other.chi)] for other in fit.others]
-        return row | {"others": others, "said": list(said), "light": light}
+        return row | {"others": others, "said": list(messages), "light": light}
 
     def _explained(self, freed: Freed) -> Freed:
         """What was freed, or the fit as stated where its unknowns are not told apart any more.
@@ -119,15 +119,15 @@ def joint_stage(
     data: PreparedFrames,
     sequence: Sequence,
     alone: list[FrameFit],
-    said: Iterable[tuple[int, str]],
-    told: Told,
+    messages: Iterable[tuple[int, str]],
+    progress: Progress,
 ) -> tuple[Fit, JointFit]:
     """All frames together, from what each says on its own.
 
     Where nothing ties them together, their own fits are the result, and no frame is read again.
-    Parameters: `data`; `sequence`; `alone`, each frame's fit; `said` of frames, by their numbers;
-    `told`, called with each frame of each pass. Returns the Fit and the JointFit behind it. Raises
-    PhysicsError for unknowns that the frames do not tell, or not apart.
+    Parameters: `data`; `sequence`; `alone`, each frame's fit; `messages` of frames, by their
+    numbers; `progress`, called with each frame of each pass. Returns the Fit and the JointFit
+    behind it. Raises PhysicsError for unknowns that the frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in alone):
         raise PhysicsError(
@@ -137,32 +137,32 @@ def joint_stage(
     data.plain = {i for i, fit in enumerate(alone) if fit.plain}
     if is_each(sequence):
         for key in dict.fromkeys(u.key for u in sequence.unknowns):
-            refuse_untold(key, (f for i, f in enumerate(alone) if key in sequence.acting(i)))
+            refuse_undetermined(key, (f for i, f in enumerate(alone) if key in sequence.acting(i)))
         joint = fit_of_each(sequence, alone)
-        notes = tuple(messages_of_frames(said, single=sequence.count == 1))
+        notes = tuple(messages_of_frames(messages, single=sequence.count == 1))
         return make_result(joint, alone, None, notes), joint
     start = starting_values(sequence, alone)
-    joint = fit_jointly(data, sequence, start, shape=data.shape, told=told)
-    joint, laws, notes = _explained(data, joint, told)
+    joint = fit_jointly(data, sequence, start, shape=data.shape, progress=progress)
+    joint, laws, notes = _explained(data, joint, progress)
     assert joint.covariance is not None
     refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance)
     return make_result(joint, alone, laws, notes), joint
 
 
 def _explained(
-    data: PreparedFrames, joint: JointFit, told: Told
+    data: PreparedFrames, joint: JointFit, progress: Progress
 ) -> tuple[JointFit, WearLaws | None, tuple[str, ...]]:
     """The fit, with a smooth stress where it misses one, the wear laws, and what is to be said."""
-    laws = _laws(data, joint, told)
+    laws = _laws(data, joint, progress)
     if laws is not None and laws.chi <= ASKED_CHI:
         return joint, laws, ()  # what the fit misses is the wear's, and no stress besides
-    wider, notes = with_smooth_stress(data, joint, shape=data.shape, told=told)
+    wider, notes = with_smooth_stress(data, joint, shape=data.shape, progress=progress)
     if laws is not None and wider is not joint:
-        laws = _laws(data, wider, told)
+        laws = _laws(data, wider, progress)
     return wider, laws, notes
 
 
-def _laws(data: PreparedFrames, joint: JointFit, told: Told) -> WearLaws | None:
+def _laws(data: PreparedFrames, joint: JointFit, progress: Progress) -> WearLaws | None:
     """The wear laws, compared by what was worn between the frames; None where nothing tells."""
     sequence = segments(joint.sequence)
     if sequence is None:
@@ -170,7 +170,7 @@ def _laws(data: PreparedFrames, joint: JointFit, told: Told) -> WearLaws | None:
     rest = [k for k, u in enumerate(joint.unknowns) if u.key != WEAR]
     ends = segment_ends(sequence)
     start = np.concatenate([joint.values[rest], mean_coefficients(joint.scene, ends)])
-    free = fit_jointly(data, sequence, start, shape=data.shape, told=told)
+    free = fit_jointly(data, sequence, start, shape=data.shape, progress=progress)
     assert free.information is not None
     worn = slice(len(rest), None)
     names = ("from_m", "to_m", "value", "standard_uncertainty")

@@ -51,8 +51,8 @@ def stray_error(residual: Array, slope: Array, even: Array, *, shift: Array | No
         total = np.maximum(window_sum(shown * shown, steady), 1e-12)
         found = window_sum(shown * left, steady) / total
         variance = window_sum(shown * shown, steady / np.sqrt(2.0)) / total**2
-        told = np.where(variance < _TOLD**2, found**2 - _SURELY * variance, 0.0)
-        size = np.maximum(size, told)
+        clear = np.where(variance < _TOLD**2, found**2 - _SURELY * variance, 0.0)
+        size = np.maximum(size, clear)
         if follow < _AROUND_PX / 2.0:  # crests that are near
             open_ = np.minimum(open_, variance)
     pull, _ = _shift(slope, even, _WINDOW_PX)

@@ -9,7 +9,7 @@ from .files import (
     write_json,
     write_text,
 )
-from .frame_names import messages_of_frames, named_frames
+from .frame_names import counted_frames, messages_of_frames, named_frames
 from .frame_values import FrameValues
 from .record import provenance, sha256, write_figure
 from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with_uncertainty
@@ -30,6 +30,7 @@ __all__ = [
     "check_given_table",
     "check_link",
     "counted",
+    "counted_frames",
     "csv_text",
     "json_pieces",
     "load_roifile",

@@ -16,7 +16,14 @@ from isochrome.output import add_rois, csv_text, roi_entries
 from isochrome.processing.frame_task import FrameTask, open_set
 from isochrome.processing.kinds.tracked import tracked_states
 from isochrome.processing.processed import orders_are_read
-from isochrome.processing.result import NOTHING, WHOLE, FollowedFrame, ProcessedFrame
+from isochrome.processing.result import (
+    NOTHING,
+    WHOLE,
+    FollowedFrame,
+    ProcessedFrame,
+    frame_columns,
+    row_of_set,
+)
 from isochrome.runs import Layer, Results
 from isochrome.scene import Scene
 
@@ -85,11 +92,11 @@ def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) 
 
 def frame_row(item: ProcessedFrame | FollowedFrame, recipe: FrameTask) -> dict[str, Any]:
     """A frame's row of frames.csv; of a tracked video with its place in the stacks of pictures."""
-    row = item.row()
-    if recipe.every is None or isinstance(item, FollowedFrame):
-        return row
-    found_by = WHOLE if item.has_values else NOTHING
-    return item.names | {"picture": item.index // recipe.every, "found_by": found_by} | row
+    row, columns = item.row(), frame_columns(recipe.scene, tracked=recipe.every is not None)
+    if recipe.every is not None and isinstance(item, ProcessedFrame):
+        found_by = WHOLE if item.has_values else NOTHING
+        row |= {"picture": item.index // recipe.every, "found_by": found_by}
+    return row_of_set(row, columns)
 
 
 def _more(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.figures import (
+    DIRECTION_MAP,
     FRAME_MAP,
     LINE_COLOURS,
+    LINE_PT,
     PANEL_IN,
     VALUE_MAP,
     Place,
@@ -23,6 +25,7 @@ from isochrome.figures import (
     new_figure,
     plain_name,
     show_image,
+    write_head,
 )
 from isochrome.fringes import Skeleton, order_contours
 from isochrome.output import counted
@@ -33,9 +36,6 @@ from isochrome.scene import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-
-DIRECTION_MAP = "hsv"
-"""Colours of a direction: the same at -90 and at 90 degrees, and none of them the grey of NaN."""
 
 _MOST_LINES = 12
 """Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""
@@ -79,7 +79,7 @@ def process_figure(scene: Scene, items: list[Shown]) -> Figure:
     note = draw_frames(figure, items)
     what = "phase-stepped set as dark field" if turned else "captured frames, normalised"
     what += ", residual stress taken out" if scene.frames.no_load_steps else ""
-    figure.suptitle(f"{plain_name(scene.name, 24)}: {what}; {note}", fontsize=11)
+    write_head(figure, f"{plain_name(scene.name, 24)}: {what}; {note}")
     return figure
 
 
@@ -128,7 +128,7 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
         for line in lines:
             whole = line.kind == "dark" if line.order is None else float(line.order).is_integer()
             colour = LINE_COLOURS[0 if whole else 1]
-            draw_line(ax, line.rows, line.cols, item.place, color=colour, lw=0.9)
+            draw_line(ax, line.rows, line.cols, item.place, color=colour, lw=LINE_PT)
     _share_bar(orders, "fringe order N (fringes)")
     _share_bar(directions, "counter-clockwise from x (degrees)")
     for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
@@ -236,9 +236,8 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
     parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
     left, right = parts
     draw_frame_values(left, found)
-    right.suptitle(f"key frames, normalised; {draw_frames(right, items)}", fontsize=10)
+    write_head(right, f"key frames, normalised; {draw_frames(right, items)}")
     count, whole = len(found.chi), int(found.whole.sum())
-    figure.suptitle(
-        f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(whole, 'key frame')}"
-    )
+    head = f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(whole, 'key frame')}"
+    write_head(figure, head)
     return figure

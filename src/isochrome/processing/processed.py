@@ -24,7 +24,15 @@ from isochrome.output import (
     read_csv,
     saved_picture,
 )
-from isochrome.processing.result import NOTHING, SEARCHED, SPREAD, ProcessedFrame
+from isochrome.processing.result import (
+    CAUSES,
+    NOTHING,
+    SEARCHED,
+    SEPARATOR,
+    SPREAD,
+    ProcessedFrame,
+    causes_of,
+)
 from isochrome.runs import column_values, open_run
 from isochrome.scene import Scene
 from isochrome.simulation import no_model_sentence
@@ -102,7 +110,7 @@ class Processed(Result):
         for key in fitted_keys(self.columns):
             yield key, over_items(self.columns[key], self.columns[f"{key} {SPREAD}"])
         for name in ("n_max", "chi", "kept_share", "fringe_lines"):
-            if name in self.columns:
+            if any(value is not None for value in self.columns.get(name, ())):
                 yield name, over_items(self.columns[name])
 
     def to_json(self) -> dict[str, Any]:
@@ -191,7 +199,9 @@ def collect(
     warnings = [] if orders_are_read(scene) else [no_model_sentence(scene)]
     warnings += _of_residual(scene, residual) if residual is not None else []
     of_frames = zip(table["frame"], table["warnings"], strict=True)
-    warnings += messages_of_frames((number, text) for number, text in of_frames if text)
+    warnings += messages_of_frames(
+        (number, text) for number, all_ in of_frames for text in all_.split(SEPARATOR) if text
+    )
     fitted = _fitted(scene, table, shape) if scene.model and not alone else None
     return Processed(
         scene=scene, model=scene.model, columns=table, frames=frames, fitted=fitted,
@@ -210,8 +220,9 @@ def refuse_unread(
     followed = any(found != NOTHING for found in table.get("found_by", ()))
     if followed or any(kept) or not orders_are_read(scene):
         return
+    count = counted(len(table["frame"]), "frame")
     raise PhysicsError(
-        f"{name}: nothing could be read in any of its {len(table['frame'])} frames (of the first: "
+        f"{name}: nothing could be read in any of its {count} (of the first: "
         f"{table['warnings'][0]}); {CORRECT}"
     )
 
@@ -234,7 +245,9 @@ def restore(
     with open_run(out) as dataset:
         table = {name: column_values(dataset[name]) for name in names}
         status = column_values(dataset["status"])
-    table["warnings"] = ["" if said is None else said for said in table["warnings"]]
+    for name in ("warnings", CAUSES):
+        if name in table:
+            table[name] = ["" if text is None else text for text in table[name]]
     draw = partial(saved_picture, out.absolute() / FIGURE)
     found = collect(scene, table, status, None, shape, residual)
     return replace(found, already=True, draw=draw)
@@ -242,13 +255,19 @@ def restore(
 
 def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
     """What to say of the residual stress once, for all frames."""
-    said = list(residual.warnings)
+    messages = list(residual.warnings)
     if residual.largest > _NOTABLE:
-        said.append(
+        messages.append(
             f"residual stress of up to {residual.largest:.2f} fringe ({scene.frames.no_load_steps})"
             " was taken out as a tensor: all maps are the load's alone"
         )
-    return said
+    return messages
+
+
+def _values_of(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> dict[str, float]:
+    """What was fitted to a frame: the values of keys, and those that it asked for."""
+    values = {key: table[key][k] for key in keys if table[key][k] is not None}
+    return values | causes_of(table[CAUSES][k] or "" if CAUSES in table else "")
 
 
 def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -> Scene | None:
@@ -260,8 +279,8 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
     # of a tracked video the key frames count, whose every pixel was fitted
     whole = [at is not None for at in table.get(PICTURE, table["frame"])]
     own = [
-        {key: {"value": table[key][k]} for key in keys if whole[k] and table[key][k] is not None}
-        for k in range(len(whole))
+        {key: {"value": value} for key, value in _values_of(table, keys, k).items()} if at else {}
+        for k, at in enumerate(whole)
     ]
     grid = {
         "camera.pixel_mm": pixels[0],  # a disc's may come from its rim

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.fitting import FrameFit, Tracked
+from isochrome.fitting import GAMMA, FrameFit, Tracked, free_keys, sliding_scene
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
 from isochrome.scene import Scene
@@ -25,6 +25,70 @@ WHOLE, FOLLOWED, SEARCHED, NOTHING = "whole frame", "track", "search", "nothing"
 
 _SHORTEST_PX = 12.0
 """Of a fringe line: where the order is level, noise makes small loops of it."""
+
+
+SEPARATOR = " | "
+"""Between the warnings of a frame, in which there are semicolons."""
+
+CAUSES = "causes"
+"""Column of what frames asked for besides the scene's unknowns."""
+
+_LARGEST = ("n_max", "n_max_row_px", "n_max_col_px")
+
+
+def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
+    """The columns of frames.csv, which depend on the scene alone and not on what is found.
+
+    Parameters: `scene`, of the whole set; `tracked`, whether its frames are followed. Returns the
+    names in their order.
+    """
+    light, known = scene.polariscope, bool(scene.frames.known_order)
+    own: tuple[str, ...]
+    if light.several_wavelengths:
+        own = ("kept_share", "strange_share", *_LARGEST)
+    elif light.step:
+        own = ("kept_share", "isoclinic_share", "whole_order_from", *_LARGEST)
+        own += ("residual_order_max",) if scene.frames.no_load_steps is not None else ()
+    elif scene.model is not None:
+        keys = _set_keys(scene)
+        values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
+        own = ("kept_share", "n_max", "n_max_x_mm", "n_max_z_mm", *values)
+        own += () if tracked else (CAUSES,)  # a track holds to its unknowns
+    else:
+        gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
+        own = (*(("kept_share",) * known), "fringe_lines", *gamma, *(_LARGEST * known))
+    followed = ("picture", "found_by") if tracked else ()
+    place = ("distance_m", "chi", "noise", "pixel_mm")
+    return ("frame", "name", "label", *followed, *place, *own, "warnings")
+
+
+def _set_keys(scene: Scene) -> tuple[str, ...]:
+    """The unknowns of a scene's frames: each has those of its own state."""
+    keys = free_keys(sliding_scene(scene))
+    return (*keys, GAMMA) if scene.frames.gamma == "unknown" else keys
+
+
+def row_of_set(row: dict[str, Any], columns: Iterable[str]) -> dict[str, Any]:
+    """A frame's row as the set's columns have it: values of no column of theirs are its causes.
+
+    Parameters: `row`; `columns`, of `frame_columns`. Returns a value, or None, for each column.
+    """
+    found = {name: row.get(name) for name in columns}
+    if CAUSES in found:
+        asked = (key for key in row if key not in found and f"{key} {SPREAD}" in row)
+        found[CAUSES] = "; ".join(
+            f"{key} = {row[key]!r} ± {row[f'{key} {SPREAD}']!r}" for key in asked
+        )
+    return found
+
+
+def causes_of(text: str) -> dict[str, float]:
+    """The values that a cell of the column of causes holds.
+
+    Parameters: `text` of the cell. Returns key to value.
+    """
+    parts = (part.partition(" = ") for part in text.split("; ") if part)
+    return {key: float(value.partition(" ± ")[0]) for key, _, value in parts}
 
 
 @dataclass(frozen=True)
@@ -82,7 +146,7 @@ class SetFrame:
     @property
     def messages(self) -> dict[str, Any]:
         """The last column of frames.csv."""
-        return {"warnings": "; ".join(self.warnings)}
+        return {"warnings": SEPARATOR.join(self.warnings)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +253,8 @@ class ProcessedFrame(SetFrame):
         if self.fit is not None and self.reading is not None and not self.columns:
             fit, order = self.fit, self.reading.order
             row |= {"kept_share": self.reading.kept} | self._largest(order, fit.scene)
-            row |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
+            if self.has_values:  # of a lost fit, only the place that it began with is left
+                row |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
         elif not (self.failed or self.columns):
             row["fringe_lines"] = len(self.lines)
         return row | self.messages

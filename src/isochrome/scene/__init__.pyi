@@ -9,7 +9,7 @@ from .parts import (
     Spectrum,
     Wear,
 )
-from .pixel_scale import UNDOUBTED_MM, check_pixel
+from .pixel_scale import UNDOUBTED_MM, check_pixel, check_width
 from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
 from .specimen import Specimen
 from .toml import dump_scene, load_scene, parse_scene, parse_toml, read_text, scene_names
@@ -38,6 +38,7 @@ __all__ = [
     "Wear",
     "check_pixel",
     "check_reach",
+    "check_width",
     "dump_scene",
     "load_scene",
     "parse_scene",

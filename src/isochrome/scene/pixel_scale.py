@@ -16,6 +16,9 @@ UNDOUBTED_MM = 1e3 * FINEST_MM
 """A pixel up to this is in mm, however small the contact: a slip from µm would be finer than light
 resolves."""
 
+WIDEST = 200
+"""Contacts across a picture, at most, where its pixel may be a slip: frames are of a few."""
+
 MOST = 10_000
 """Pixels as fine as that across a contact: its surface has hardly more nodes."""
 
@@ -23,29 +26,67 @@ MOST = 10_000
 def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     """Refuse a camera.pixel_mm in which the scene's specimen cannot be seen, before any work.
 
-    A pixel is no wider than the contact (disc, beam), and a picture no narrower than a hundredth of
-    it. A measured profile's contact is known when it is solved, and is held to this then.
+    A pixel is no wider than the contact (disc, beam), a picture no narrower than a hundredth of it,
+    and no wider than 200 contacts. A measured profile's contact is known when it is solved, and is
+    held to this then.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     shape : tuple of int or None
-        Rows and cols of its frames; None for a picture that may show as small a part as one likes.
+        Rows and cols of its frames; None for a picture that may show as small a part as one likes,
+        whose size is the camera's.
 
     Raises
     ------
     InputError
         Where the pixel is too wide or too narrow.
     """
-    pixel, seen = scene.camera.pixel_mm if scene.camera else None, _width(scene)
-    if pixel is None or seen is None:
+    camera, seen = scene.camera, _width(scene)
+    if camera is None or camera.pixel_mm is None or seen is None:
         return
+    pixel = camera.pixel_mm
     width, what = seen
-    if pixel > max(width, UNDOUBTED_MM):
-        by = " (by load.normal_n and the radius)" if what == "the contact" else ""
+    check_width(scene.name, pixel, shape, width, what)
+    if scene.indenter is None or pixel <= UNDOUBTED_MM:
+        return
+    across = shape or (camera.height_px or 0, camera.width_px or 0)
+    picture = max(across) * pixel
+    if picture > WIDEST * width:
         raise InputError(
-            f"{scene.name}: camera.pixel_mm = {pixel:g} is wider than {what}, {width:.3g} mm{by}, "
+            f"{scene.name}: camera.pixel_mm = {pixel:g} makes the picture {picture:.3g} mm wide, "
+            f"{picture / width:.0f} times {what}, {width:.3g} mm{_by(what)}; "
+            f"{WIDEST} times are allowed; give it in mm (not in µm), or correct the specimen's size"
+        )
+
+
+def check_width(
+    name: str, pixel: float, shape: tuple[int, ...] | None, width: float, what: str
+) -> None:
+    """Refuse a camera.pixel_mm in which what the picture shows cannot be seen.
+
+    Parameters
+    ----------
+    name : str
+        The scene's or the set's name.
+    pixel : float
+        Side of a pixel, mm.
+    shape : tuple of int or None
+        Rows and cols of the frames; None for a picture that may show as small a part as one likes.
+    width : float
+        How wide is what the picture shows, mm.
+    what : str
+        What that is, such as 'the beam'.
+
+    Raises
+    ------
+    InputError
+        Where the pixel is wider, or the picture narrower than a hundredth of it.
+    """
+    if pixel > max(width, UNDOUBTED_MM):
+        raise InputError(
+            f"{name}: camera.pixel_mm = {pixel:g} is wider than {what}, {width:.3g} mm{_by(what)}, "
             "which is the widest allowed; give it in mm (not in µm), or correct the specimen's size"
         )
     least = NARROWEST * width / max(shape) if shape else 0.0
@@ -53,9 +94,14 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
         least = max(least, width / MOST)
     if pixel < least:
         raise InputError(
-            f"{scene.name}: camera.pixel_mm = {pixel:g} is too little for {what}, {width:.3g} mm "
+            f"{name}: camera.pixel_mm = {pixel:g} is too little for {what}, {width:.3g} mm "
             f"wide: {least:.2g} is allowed at least; give it in mm (not in m)"
         )
+
+
+def _by(what: str) -> str:
+    """Where a width comes from, if no key says it."""
+    return " (by load.normal_n and the radius)" if what == "the contact" else ""
 
 
 def _width(scene: Scene) -> tuple[float, str] | None:

@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.figures import (
+    BOLD_PT,
+    FINE_PT,
     FRAME_MAP,
     LINE_COLOURS,
+    add_legend,
     new_figure,
     plain_name,
     show_image,
     style_axes,
+    write_head,
 )
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid
@@ -60,10 +64,10 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
         _curves(lower.subplots(1, 2), items)
         if len(items) > 1:
             handles, labels = lower.axes[0].get_legend_handles_labels()
-            lower.legend(handles, labels, fontsize=8, frameon=False, loc="outside right center")
+            add_legend(lower, handles, labels, loc="outside right center")
     steps = len(scene.polariscope.step)
     which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
-    upper.suptitle(f"{plain_name(scene.name)}, simulated ({which})", fontsize=11)
+    write_head(upper, f"{plain_name(scene.name)}, simulated ({which})")
     return figure
 
 
@@ -75,10 +79,12 @@ def _curves(axes: np.ndarray, items: list[Rendered]) -> None:
         assert surface is not None
         x = surface.grid.x_mm
         widest = max(widest, *(abs(edge) for edge in surface.edges_mm))
-        axes[0].plot(x, surface.pressure_mpa, color=colour, lw=1.3, label=item.state.label)
-        axes[1].plot(x, 1e3 * surface.wear_depth_mm, color=colour, lw=1.3, label=item.state.label)
+        axes[0].plot(x, surface.pressure_mpa, color=colour, lw=BOLD_PT, label=item.state.label)
+        axes[1].plot(
+            x, 1e3 * surface.wear_depth_mm, color=colour, lw=BOLD_PT, label=item.state.label
+        )
     axes[1].invert_yaxis()
     for ax, name in zip(axes, ("pressure p (MPa)", "worn depth h (µm)"), strict=True):
         style_axes(ax, x_label="x (mm)", z_label=name)
         ax.set_xlim(-1.25 * widest, 1.25 * widest)
-        ax.grid(alpha=0.3, lw=0.5)
+        ax.grid(alpha=0.3, lw=FINE_PT)

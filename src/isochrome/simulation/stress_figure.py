@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.figures import (
+    BOLD_PT,
     DIFFERENCE_MAP,
+    INK,
+    LINE_COLOURS,
     add_colour_bar,
     centred_limit,
     new_figure,
     plain_name,
     show_image,
+    write_head,
 )
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid
@@ -24,7 +28,6 @@ if TYPE_CHECKING:
     from isochrome.simulation.rendering import Rendered
 
 _NAMES = {"sigma_1": r"$\sigma_1$ (MPa)", "sigma_2": r"$\sigma_2$ (MPa)"}
-_PEAK = "#009e73"
 _CARET_DOWN = 7
 """Matplotlib's marker with its tip, not its middle, at the place."""
 
@@ -66,9 +69,7 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
         bar = add_colour_bar(drawn, label)
         bar.ax.set_ylim(max(low, -limit), min(high, limit))
     marks = "× largest shear" + (", ▼ edges of contact" if scene.indenter is not None else "")
-    figure.suptitle(
-        f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}", fontsize=11
-    )
+    write_head(figure, f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}")
     return figure
 
 
@@ -86,6 +87,6 @@ def _mark(ax: Axes, item: Rendered, pixels: PixelGrid) -> None:
     right = pixels.left_mm + pixels.cols * pixels.pixel_mm
     if surface is not None and pixels.top_mm <= 0.0:
         edges = [x for x in surface.edges_mm if pixels.left_mm <= x <= right]
-        ax.plot(edges, [0.0] * len(edges), marker=_CARET_DOWN, color="black", ls="", clip_on=False)
-    ax.plot(peak.x_mm, peak.z_mm, "x", color=_PEAK, ms=8, mew=2.0, clip_on=False)
+        ax.plot(edges, [0.0] * len(edges), marker=_CARET_DOWN, color=INK, ls="", clip_on=False)
+    ax.plot(peak.x_mm, peak.z_mm, "x", color=LINE_COLOURS[2], ms=8, mew=BOLD_PT, clip_on=False)
     ax.set_xlim(pixels.left_mm, right)

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isochrome.figures import LINE_COLOURS, new_figure, style_axes
+from isochrome.figures import (
+    LINE_COLOURS,
+    LINE_PT,
+    add_legend,
+    new_figure,
+    style_axes,
+    write_head,
+)
 from isochrome.output import numbers
 
 if TYPE_CHECKING:
@@ -38,9 +45,9 @@ def sweep_figure(keys: tuple[str, ...], table: Mapping[str, list[Any]]) -> Figur
             own = (others == line[:, None]).all(axis=0)
             look = {"color": LINE_COLOURS[k % 6], "marker": _MARKERS[k // 6 % 6]}
             label = ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], line, strict=True))
-            axis.plot(x[own], y[own], lw=1.0, ms=4, label=label or None, **look)
+            axis.plot(x[own], y[own], lw=LINE_PT, ms=4, label=label or None, **look)
         style_axes(axis, x_label=keys[0], z_label=DRAWN[name])
     if 1 < len(lines) <= 12:
-        axes[0, 0].legend(frameon=False, fontsize=7.5)
-    figure.suptitle(f"last of {int(state.max()) + 1} states" if state.max() else "one state")
+        add_legend(axes[0, 0])
+    write_head(figure, f"last of {int(state.max()) + 1} states" if state.max() else "one state")
     return figure

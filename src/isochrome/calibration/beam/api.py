@@ -118,13 +118,13 @@ def bending_from_shots(
     loaded, idle = by_load(shots)
     fits, joined = _fit_all(loaded, idle, beam, pixel_mm)
     tone: Tone | None = None
-    said: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()
     if max(f.best.chi for f in fits) > DOUBTFUL_CHI:
         tone = find_tone(fits)
     if tone is not None:
         loaded, idle = ([undo_tone(s, tone.gamma) for s in group] for group in (loaded, idle))
         fits, joined = _fit_all(loaded, idle, beam, pixel_mm)
-        said = (
+        messages = (
             "the grey levels are not linear in light: gamma = "
             f"{with_uncertainty(tone.gamma, tone.standard_uncertainty)} times the one given "
             "describes the fringes, and was used; set camera.gamma to the product",
@@ -149,7 +149,13 @@ def bending_from_shots(
     orders = np.array([i.order for i in images])
     covariance = joined.covariance * np.outer(orders, orders) if joined else None
     return uncertainty_budget(
-        "beam", images, factor, inputs, covariance=covariance, rest=rest, said=(*said, *left)
+        "beam",
+        images,
+        factor,
+        inputs,
+        covariance=covariance,
+        rest=rest,
+        messages=(*messages, *left),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration.shot import Shot
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
     """Find a beam's tilt, top edge and candidate fringe slopes.
 
     Parameters: `shot`; `height_px`, the beam's height in pixels. Returns a BeamView. Raises
-    PhysicsError where no fringes rise across the height.
+    PhysicsError where no fringes rise across the height, InputError for another size.
     """
     _check_size(shot, height_px)
     tilt = _tilt(shot)
@@ -89,9 +89,10 @@ def find_beam(shot: Shot, height_px: float) -> BeamView:
 def _check_size(shot: Shot, height_px: float) -> None:
     seen = shot.light.shape[0]
     if not SMALLEST_PX <= height_px <= LARGEST_FRAMES * seen:
-        raise PhysicsError(
-            f"{shot.name}: height_mm / pixel_mm makes the beam {height_px:.3g} pixels high in a "
-            f"frame of {seen}; check that both are in mm (not m), and pixel_mm the camera's"
+        raise InputError(
+            f"{shot.name}: beam.height_mm / camera.pixel_mm makes the beam {height_px:.3g} pixels "
+            f"high in a frame of {seen}, {SMALLEST_PX:g} to {LARGEST_FRAMES * seen:g} are allowed; "
+            "check that both are in mm (not m), and pixel_mm the camera's"
         )
     if np.mean(shot.valid) < FEWEST_VALID:
         raise PhysicsError(

@@ -25,6 +25,7 @@ from isochrome.fringes import (
     table_columns,
 )
 from isochrome.output import Result, with_uncertainty
+from isochrome.scene import check_width
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -201,6 +202,7 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
             f"{given.name}: a beam's colours need frames.no_load_dark and frames.no_load_bright; "
             "add them, or remove [beam] to use the images' own colours"
         )
+    check_width(given.name, pixel, shots.raw[0].shape[:2], beam.height_mm, "the beam")
     low, full = shots.dark**gamma, shots.bright**gamma
     orders, signals = [], []
     for item, raw, valid in zip(given.image, shots.raw, shots.valid, strict=True):
@@ -256,13 +258,15 @@ def _of_light(
     assert wavelength is not None
     bands = band_light(light.numbers)
     middle = wavelength / bands.ratio
-    said = [f"orders count at {wavelength:g} nm, taken as the middle of the green channel's band"]
+    messages = [
+        f"orders count at {wavelength:g} nm, taken as the middle of the green channel's band"
+    ]
     if light.residual > _POOR_RESIDUAL:
-        said.append(
+        messages.append(
             f"the table leaves {light.residual:.3f} of full light: use its orders with care"
         )
     if np.ptp(light.brightness) > 0.1:
-        said.append("the images differ in brightness by over 10 %: keep the exposure fixed")
+        messages.append("the images differ in brightness by over 10 %: keep the exposure fixed")
     ends = shots.dark is None or shots.bright is None
     # where full light would saturate, a no-load frame cannot show it: less of it, and more signal
     full = float((light.background + light.illumination).max())
@@ -281,5 +285,5 @@ def _of_light(
         background=light.background if ends else None,
         illumination=light.illumination / scale if ends else None,
         bit_depth=depth,
-        warnings=tuple(said),
+        warnings=tuple(messages),
     )

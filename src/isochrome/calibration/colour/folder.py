@@ -9,14 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration.colour.api import ColourCalibration
-from isochrome.figures import new_figure
+from isochrome.figures import (
+    BOLD_PT,
+    CHANNEL_COLOURS,
+    GREY,
+    LINE_PT,
+    add_legend,
+    new_figure,
+    style_axes,
+    write_head,
+)
 from isochrome.frames import CHANNELS
 from isochrome.output import write_csv, write_tiff
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-COLOURS = ("#c4312a", "#2a8f3c", "#2f5fc4")
 
 
 def write_colours(calibration: ColourCalibration, folder: Path) -> None:
@@ -55,21 +62,22 @@ def colour_figure(calibration: ColourCalibration) -> Figure:
     panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=[5, 1])
     curves, strip = panels
     table = calibration.colour_table
-    for c, (name, colour) in enumerate(zip(CHANNELS, COLOURS, strict=True)):
+    for c, (name, colour) in enumerate(zip(CHANNELS, CHANNEL_COLOURS, strict=True)):
         signal, spread = table.signal[:, c], table.spread[c]
-        curves.plot(table.order, signal, color=colour, lw=1.6, label=name)
+        curves.plot(table.order, signal, color=colour, lw=BOLD_PT, label=name)
         curves.fill_between(
             table.order, signal - spread, signal + spread, color=colour, alpha=0.2, lw=0
         )
-    curves.axvline(calibration.highest, color="0.4", ls="--", lw=1.0, label="seen in the images")
-    curves.set_ylabel("signal (1 = full light)")
-    curves.legend(loc="upper right", fontsize=9)
+    curves.axvline(calibration.highest, color=GREY, ls="--", lw=LINE_PT, label="seen in the images")
+    add_legend(curves, loc="upper right")
+    style_axes(curves, z_label="signal (1 = full light)")
     shown = np.clip(table.signal / table.signal.max(), 0.0, 1.0) ** (1.0 / 2.2)
     strip.imshow(shown[None], aspect="auto", extent=(0.0, table.highest, 0.0, 1.0))
     strip.set_yticks([])
-    strip.set_xlabel(f"fringe order N at {calibration.wavelength_nm:g} nm (fringes)")
-    figure.suptitle(
+    style_axes(strip, x_label=f"fringe order N at {calibration.wavelength_nm:g} nm (fringes)")
+    write_head(
+        figure,
         f"colour table from {calibration.way}: gamma = {calibration.gamma:.3g}, "
-        f"residual {calibration.residual:.3f} of full light"
+        f"residual {calibration.residual:.3f} of full light",
     )
     return figure

@@ -124,13 +124,13 @@ def disc_from_shots(
         Where the images do not determine the value.
     """
     loaded, idle = by_load(shots)
-    said = unused(idle, "; the order at zero load is from the loaded images' line")
+    messages = unused(idle, "; the order at zero load is from the loaded images' line")
     found = _find(loaded, idle, disc)
     if found.from_rise:
-        said = (FROM_RISE, *said)
+        messages = (FROM_RISE, *messages)
     if found.residual is not None:
         size, form = found.residual["largest_order"], found.residual["form"]
-        said = (
+        messages = (
             f"residual stress up to {size:.2f} fringe is fitted ({form}); f_sigma is free of it",
         )
     known = uncertainty or Uncertainty()
@@ -142,7 +142,7 @@ def disc_from_shots(
     )
     factor = 8.0 / (np.pi * disc.diameter_mm)
     result = uncertainty_budget(
-        "disc", found.images, factor, inputs, covariance=found.covariance, said=said
+        "disc", found.images, factor, inputs, covariance=found.covariance, messages=messages
     )
     return replace(result, residual=found.residual)
 

@@ -27,25 +27,23 @@ def cause_messages(freed: Freed) -> tuple[str, ...]:
         A sentence for the causes, for richer light, for what was left out, and for suspects.
     """
     before = freed.stated.fit
-    said = [_freed_sentence(freed)] if freed.causes else []
+    messages = [_freed_sentence(freed)] if freed.causes else []
     if freed.light:
-        light, dark = (len(terms) for terms in freed.data.lamp.terms)
-        said.append(
-            f"the light is more uneven than a quadratic: illumination of {light} and background of "
-            f"{dark} polynomials were fitted; no-load frames (frames.no_load_bright, no_load_dark) "
-            "show it as it is"
+        messages.append(
+            f"{freed.data.lamp.words}; no-load frames (frames.no_load_bright, no_load_dark) show "
+            "it as it is"
         )
     if freed.outside:
-        said.append(
+        messages.append(
             f"{100.0 * freed.outside:.1f} % of the pixels were left out: dust, scratches, glare or "
             "a shadow that no light and no fringe explains"
         )
-    if said:
-        said[0] += _shift(before, freed)
+    if messages:
+        messages[0] += _shift(before, freed)
     suspects = [asked for asked in freed.asked if not asked.can_be_freed]
     if suspects:
-        said.append(_suspect_sentence(freed.fit.scene, suspects))
-    return tuple(said)
+        messages.append(_suspect_sentence(freed.fit.scene, suspects))
+    return tuple(messages)
 
 
 def _freed_sentence(freed: Freed) -> str:

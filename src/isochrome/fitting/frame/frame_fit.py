@@ -202,19 +202,19 @@ def _fit_begun(data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool)
     if plain:
         model, final = _final(data.plain(), fine, keys)
     fitted = moved_scene(fine, keys, final.values).model_copy(update={"numerics": scene.numerics})
-    told, spread = final.local.determined, final.local.covariance(final.toned)
+    determined, spread = final.local.determined, final.local.covariance(final.toned)
     fit = FrameFit(
         scene=fitted,
         keys=keys,
         values=final.values,
-        standard_uncertainty=standard_uncertainty(spread, told),
+        standard_uncertainty=standard_uncertainty(spread, determined),
         covariance=spread,
         cramer_rao_bound=final.local.bound,
         information=final.local.normal,
         freedom=final.freedom,
         chi=final.chi,
         others=others,
-        converged=final.converged and bool(told.all()),
+        converged=final.converged and bool(determined.all()),
         plain=plain,
         positive=final.positive and _is_seen(final.toned),
     )

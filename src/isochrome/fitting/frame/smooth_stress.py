@@ -58,15 +58,15 @@ def with_smooth_stress(
     joint: JointFit,
     *,
     shape: tuple[int, int],
-    told: Callable[[], None],
+    progress: Callable[[], None],
 ) -> tuple[JointFit, tuple[str, ...]]:
     """The fit with a smooth stress freed, where its chi asks for one and it explains chi.
 
     All frames share it, but for its change along the surface: that follows the friction, and each
     frame has its own; where each has its own load, each has its own of all three.
     Parameters: `frames`, gone through once a pass; `joint`, their fit; `shape` (rows, cols) of a
-    frame; `told`, called with each frame of each pass. Returns that fit or the given one, and what
-    is to be said of it.
+    frame; `progress`, called with each frame of each pass. Returns that fit or the given one, and
+    what is to be said of it.
     """
     sequence = joint.sequence
     keys = smooth_keys(sequence.scene, {u.key for u in joint.unknowns}, joint.chi)
@@ -76,7 +76,7 @@ def with_smooth_stress(
     wider = replace(sequence, scene=scene, unknowns=(*joint.unknowns, *added))
     start = np.r_[joint.values, [float(scene.get(unknown.key)) for unknown in added]]
     try:
-        smooth = fit_jointly(frames, wider, start, shape=shape, told=told)
+        smooth = fit_jointly(frames, wider, start, shape=shape, progress=progress)
         assert smooth.covariance is not None
         refuse_alike(tuple(u.key for u in smooth.unknowns), smooth.covariance)
     except PhysicsError:

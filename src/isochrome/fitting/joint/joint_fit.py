@@ -85,15 +85,15 @@ def fit_jointly(
     start: Array,
     *,
     shape: tuple[int, int],
-    told: Callable[[], None] = lambda: None,
+    progress: Callable[[], None] = lambda: None,
 ) -> JointFit:
     """Least squares over the intensities of all frames, first thinned, then on every pixel.
 
     Parameters: `frames`, gone through once a pass; `sequence`; `start` (p,), in the right basin;
-    `shape` (rows, cols) of a frame; `told`, called with each frame of each pass. Returns a
+    `shape` (rows, cols) of a frame; `progress`, called with each frame of each pass. Returns a
     JointFit. Raises PhysicsError where the start cannot be solved or a key changes nothing.
     """
-    problem = JointProblem(frames, sequence, start, shape, told)
+    problem = JointProblem(frames, sequence, start, shape, progress)
     values, _, _ = problem.solve(start, problem.coarse_stride, _LOOSE)
     problem.keep_clear(values)
     values, normal, converged = problem.solve(values, 1, _TIGHT)
@@ -109,10 +109,10 @@ class JointProblem:
         sequence: Sequence,
         start: Array,
         shape: tuple[int, int],
-        told: Callable[[], None],
+        progress: Callable[[], None],
     ) -> None:
         fine = with_numerics(sequence.whole(start), room=1.3).numerics
-        self.told, self.frames, self.shape = told, frames, shape
+        self.progress, self.frames, self.shape = progress, frames, shape
         self.given, self.sequence = (
             replace(sequence, scene=sequence.scene.model_copy(update={"numerics": numerics}))
             for numerics in (sequence.scene.numerics, fine)
@@ -137,7 +137,7 @@ class JointProblem:
         def at(where: Array) -> NormalEquations | None:
             return add_up(
                 (data.every(stride) for data in self.frames), self.sequence, where,
-                renderer=renderer, told=self.told,
+                renderer=renderer, progress=self.progress,
                 regions=lambda i: self._region(i, stride),
             )  # fmt: skip
 
@@ -162,7 +162,7 @@ class JointProblem:
         for i, data in enumerate(self.frames):
             here, region = self.sequence.frame(whole, values, i), self._region(i, 1)
             found.append(np.packbits(clear_region(data, here, renderer=renderer, region=region)))
-            self.told()
+            self.progress()
         self._clear = found
 
     def _region(self, index: int, stride: int) -> Array:

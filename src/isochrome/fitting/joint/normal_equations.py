@@ -71,12 +71,12 @@ def add_up(
     *,
     renderer: SceneRenderer,
     regions: Callable[[int], Array],
-    told: Callable[[], None],
+    progress: Callable[[], None],
 ) -> NormalEquations | None:
     """The normal equations of all frames at `values` (p,); None where they cannot be solved.
 
     Parameters: `frames`, as thin as the renderer; `sequence`; `renderer`, with the stride and the
-    shared run; `regions`, the pixels to use of a frame; `told`, called with each frame done.
+    shared run; `regions`, the pixels to use of a frame; `progress`, called with each frame done.
     """
     maps = DirectionMaps(sequence, values)
     total: NormalEquations | None = None
@@ -88,7 +88,7 @@ def add_up(
             return None
         part = part.along(maps.columns(i))
         total = part if total is None else total + part
-        told()
+        progress()
     return total
 
 

@@ -81,7 +81,7 @@ def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
     Raises PhysicsError for an unknown that no frame tells.
     """
     for unknown in sequence.unknowns:
-        refuse_untold(unknown.key, [alone[i] for i in unknown.frames])
+        refuse_undetermined(unknown.key, [alone[i] for i in unknown.frames])
     values = np.array([_mean([alone[i] for i in u.frames], u.key) for u in sequence.unknowns])
     worn = [k for k, u in enumerate(sequence.unknowns) if u.key == WEAR]
     if worn:
@@ -91,7 +91,7 @@ def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
     return values
 
 
-def refuse_untold(key: str, fits: Iterable[FrameFit]) -> None:
+def refuse_undetermined(key: str, fits: Iterable[FrameFit]) -> None:
     """Raise PhysicsError where none of some frames' own fits tells a key."""
     if not any(np.isfinite(_spread(fit, key)) for fit in fits):
         raise PhysicsError(

@@ -88,9 +88,9 @@ def make_field_box(
     made = [render(middle + half * t, end) for t, end in zip(places, ends, strict=True)]
     weights = np.linalg.pinv(np.array([_terms(t, powers) for t in places]))
     fields = np.stack([field.astype(np.complex64, copy=False) for field, _ in made])
-    told = [v for (_, v), end in zip(made, ends, strict=True) if end and v is not None]
-    seen = np.stack([np.broadcast_to(v, fields.shape[1:]).astype(np.float32) for v in told])
-    slopes = np.linalg.pinv(np.column_stack((np.ones(len(told)), places[ends])))
+    sampled = [v for (_, v), end in zip(made, ends, strict=True) if end and v is not None]
+    seen = np.stack([np.broadcast_to(v, fields.shape[1:]).astype(np.float32) for v in sampled])
+    slopes = np.linalg.pinv(np.column_stack((np.ones(len(sampled)), places[ends])))
     return FieldBox(
         middle, half, powers, _product(weights, fields), slopes.astype(np.float32) @ seen
     )

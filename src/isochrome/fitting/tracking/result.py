@@ -16,7 +16,7 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.refusals import CORRECT
 from isochrome.fitting.result import PARTS
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES, POOR, Tracked
-from isochrome.output import FrameValues, Result, counted, named_frames, numbers, over_items
+from isochrome.output import FrameValues, Result, counted, counted_frames, numbers, over_items
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
@@ -149,16 +149,16 @@ class TrackRows:
             name: np.array(part).reshape(shape) for name, part in self.parts.items()
         }
         values, spread = parts["values"], parts["standard_uncertainty"]
-        told = np.isfinite(values) & np.isfinite(spread)
-        if not told.any():
+        known = np.isfinite(values) & np.isfinite(spread)
+        if not known.any():
             raise PhysicsError(
                 f"{scene.name}: nothing could be read in any of the {len(self.chi)} frames: the "
                 f"scene's fringes are not in them; {CORRECT}"
             )
         means = {
-            key: float(values[told[:, j], j].mean())
+            key: float(values[known[:, j], j].mean())
             for j, key in enumerate(self.keys)
-            if told[:, j].any()
+            if known[:, j].any()
         }
         return Track(
             keys=self.keys,
@@ -175,11 +175,11 @@ class TrackRows:
         poor = [i for i, chi in enumerate(self.chi) if chi > POOR_CHI and i not in nothing]
         # the first frame has nothing to be followed from
         again = [i for i in self.searched if i > 0 and i not in nothing]
-        said = ((again, AGAIN), (self.empty, NO_FRINGES), (self.far, FAR), (poor, POOR))
-        for frames, text in said:
+        warnings = ((again, AGAIN), (self.empty, NO_FRINGES), (self.far, FAR), (poor, POOR))
+        for frames, text in warnings:
             if len(frames):
                 worst = f" (chi up to {max(self.chi[i] for i in frames):.2f})"
-                yield f"{named_frames(list(frames))}: {text}{worst * (text is POOR)}"
+                yield f"{counted_frames(list(frames))}: {text}{worst * (text is POOR)}"
 
 
 def restored(found: Mapping[str, Any], keys: tuple[str, ...], scene: Scene) -> Track:

@@ -46,10 +46,14 @@ _SAME = 1.05
 _STRIDE = 4
 
 
-NO_FRINGES = "the scene's fringes are not in this frame"
-AGAIN = "there was no track to follow: found by a full search"
-POOR = "chi is poor: the model does not describe this frame within its noise; a bias may remain"
-FAR = "the model is too far off: no values were found"
+_CORRECT = "correct the scene (load, place, pixel, field, gamma)"
+NO_FRINGES = f"the scene's fringes are not in this frame; {_CORRECT}"
+AGAIN = "there was no track to follow: found by a full search; compare with the frames beside it"
+POOR = (
+    "chi is poor: the model does not describe this frame within its noise; a bias may remain; "
+    "process it without --track, which looks for the cause"
+)
+FAR = f"the model is too far off: no values were found; {_CORRECT}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,9 +249,9 @@ class Tracker:
             self._pace = (found.values - self._values)[: len(self.keys)]
         self._values = found.values
         self.course.passed(found.values, distance_m)
-        return self._told(found, searched=lost)
+        return self._in_own_units(found, searched=lost)
 
-    def _told(self, found: RefinedFit, *, searched: bool) -> Tracked:
+    def _in_own_units(self, found: RefinedFit, *, searched: bool) -> Tracked:
         """What a frame says in its keys' own units."""
         local = found.local
         covariance = local.covariance(found.toned)

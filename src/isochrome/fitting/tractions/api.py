@@ -45,13 +45,13 @@ def with_tractions(
     given: list[Scene],
     *,
     free_top: bool,
-    told: Callable[[], None],
+    progress: Callable[[], None],
 ) -> Fit:
     """A fit with the tractions of each of its frames.
 
     Parameters: `result`; `frames`; `joint`, whose scenes are where each frame's search starts;
     `given`, the frames' scenes before the fit; `free_top`, whether the surface's place is found
-    too; `told`, called with each frame done. Returns a Fit.
+    too; `progress`, called with each frame done. Returns a Fit.
     """
     plain, frames.plain = frames.plain, set()  # a poor model's light is not the frame's
     found = []
@@ -60,15 +60,15 @@ def with_tractions(
         if joint.frame_chi[i] > _POOR_CHI or i in joint.lost:
             first, second = second, first
         found.append(invert_tractions(data, first, others=(second,), free_top=free_top))
-        told()
+        progress()
     frames.plain = plain
     several = len(found) > 1
-    said = [
+    messages = [
         f"tractions of frame {i}: {text}" if several else f"tractions: {text}"
         for i, one in enumerate(found)
         for text in one.warnings
     ]
-    return replace(result, tractions=tuple(found), warnings=(*result.warnings, *said))
+    return replace(result, tractions=tuple(found), warnings=(*result.warnings, *messages))
 
 
 def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, result: Fit) -> None:

@@ -9,13 +9,19 @@ import numpy as np
 
 from isochrome.estimation import FrameData
 from isochrome.figures import (
+    BOLD_PT,
     DIFFERENCE_MAP,
+    FINE_PT,
+    INK,
     LINE_COLOURS,
+    LINE_PT,
+    add_legend,
     centred_limit,
     new_figure,
     plain_name,
     show_image,
     style_axes,
+    write_head,
 )
 from isochrome.fitting.figure import picture_place, show_residual
 from isochrome.fitting.frame.fringe_optics import scene_optics
@@ -61,7 +67,7 @@ def tractions_figure(
         _draw_tractions(axes[0, 0], one, scene, f"frame {i}: tractions on the specimen")
         _draw_residual(axes[0, 1], wanted[i], one, scene, stress)
         _draw_principal(axes[1], one, stress)
-    figure.suptitle(f"{plain_name(name)}: pressure and shear without a contact model", fontsize=11)
+    write_head(figure, f"{plain_name(name)}: pressure and shear without a contact model")
     return figure
 
 
@@ -75,16 +81,18 @@ def _draw_tractions(ax: Axes, one: Tractions, scene: Scene, title: str) -> None:
         ("shear q", one.shear_mpa, one.shear_standard_uncertainty_mpa,
          surface.shear_mpa, LINE_COLOURS[1]),
     ):  # fmt: skip
-        ax.plot(surface.grid.x_mm, model, color=colour, lw=1.0, ls="--", label=f"{label}, model")
+        ax.plot(
+            surface.grid.x_mm, model, color=colour, lw=LINE_PT, ls="--", label=f"{label}, model"
+        )
         step = np.diff(one.x_mm)
         for i, j in node_runs(np.ones(len(one.x_mm), bool), step <= 1.5 * step.min(initial=np.inf)):
             x, p, u = one.x_mm[i:j], values[i:j], _WIDE * spread[i:j]
             ax.fill_between(x, p - u, p + u, color=colour, alpha=0.25, lw=0)
-            ax.plot(x, p, color=colour, lw=1.4, label=label if i == 0 else None)
-    ax.axhline(0.0, color="black", lw=0.6)
+            ax.plot(x, p, color=colour, lw=BOLD_PT, label=label if i == 0 else None)
+    ax.axhline(0.0, color=INK, lw=FINE_PT)
     ax.set_xlim(pixels.left_mm, pixels.left_mm + pixels.cols * pixels.pixel_mm)
     style_axes(ax, x_label="x (mm)", z_label="traction (MPa)", title=title)
-    ax.legend(fontsize=8.5, frameon=False)
+    add_legend(ax)
 
 
 def _draw_residual(

@@ -102,8 +102,10 @@ class Tractions:
     def sentence(self) -> str:
         """The resultants in one line."""
         parts = (("load_n", self.load_n), ("tangential_n", self.tangential_n))
-        said = [f"{key} = {with_uncertainty(m.value, m.standard_uncertainty)}" for key, m in parts]
-        return f"{', '.join(said)}, chi = {self.chi:.3f}"
+        values = [
+            f"{key} = {with_uncertainty(m.value, m.standard_uncertainty)}" for key, m in parts
+        ]
+        return f"{', '.join(values)}, chi = {self.chi:.3f}"
 
     def components(self) -> StressComponents:
         """All three stress components at every pixel (rows, cols), MPa; zero above the surface."""

@@ -195,7 +195,7 @@ def _fit_law(
     widened = max(1.0, cost / freedom)
     ends, count = segment_ends(sequence), len(law.names)
     segment, friction = (_unknowns_of(sequence, key) for key in (WEAR, FRICTION))
-    said, size = marginal(information / widened, friction + segment)
+    reduced, size = marginal(information / widened, friction + segment)
     centre = np.concatenate([law.start, values[friction]])
     precision = np.concatenate([1.0 / law.prior**2, np.zeros(len(friction))])
     steps = np.concatenate([np.full(count, 1e-5), 1e-2 / size[: len(friction)]])
@@ -209,7 +209,7 @@ def _fit_law(
 
     found = [
         nearest_point(
-            curve, centre + np.pad(turned, (0, len(friction))), centre, steps, said, precision
+            curve, centre + np.pad(turned, (0, len(friction))), centre, steps, reduced, precision
         )
         for turned in _starts(law)
     ]

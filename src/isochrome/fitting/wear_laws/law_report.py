@@ -46,25 +46,25 @@ class WearLaws:
         names = [law.law for law in self.close]
         if len(names) > 1:
             listed = f"{', '.join(names[:-1])} and {names[-1]}"
-            told = f"the frames cannot tell {listed} apart (ln Z within {CLEAR:g})"
+            text = f"the frames cannot tell {listed} apart (ln Z within {CLEAR:g})"
             if len(_BY_FRICTION & set(names)) > 1:
-                told += (
+                text += (
                     "; laws that differ by friction alone are alike where it changes little: "
                     "their coefficients make up for it"
                 )
         else:
             margin = -self.laws[1].log_evidence
-            told = (
+            text = (
                 f"the frames prefer {names[0]}, by a margin of {margin:.3g} in ln Z over "
                 f"{self.laws[1].law} ({CLEAR:g} is clear)"
             )
         if self.none_fits:
             best = self.laws[0]
-            told += (
+            text += (
                 f"; yet {best.law} leaves a misfit of {best.misfit:.3g} variances where "
                 f"{best.freedom} are expected: something else wears too"
             )
-        return told
+        return text
 
     def speaks_against(self, law: str) -> bool:
         """Whether a law is behind the preferred one by a clear margin; not if none weighed it."""

@@ -195,8 +195,8 @@ def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
     )
 
 
-def _incomplete(path: Path, told: int, there: int) -> InputError:
+def _incomplete(path: Path, named: int, there: int) -> InputError:
     return InputError(
-        f"{path}: its OME notes name {told} frames and {there} are in it; is it one of several "
+        f"{path}: its OME notes name {named} frames and {there} are in it; is it one of several "
         "files, or truncated? copy it again, or save it as one file"
     )

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import quadratic_terms
+from isochrome.estimation import channel_light
 from isochrome.fringes.colour.band_model import LIKELY, NUMBERS, band_table
-from isochrome.fringes.colour.without_references import TERMS, UNLIKE, spread_out
+from isochrome.fringes.colour.without_references import UNLIKE, spread_out
 from isochrome.fringes.windows import Array, Mask, block_means, valid_means
 
 BRIGHTNESS_OFF, GAMMA_OFF, BACKGROUND_OFF, UNEVEN = 0.02, 0.3, 0.005, 0.1
@@ -94,7 +94,7 @@ class Unknowns:
             background = dark**gamma
         if bright is not None:
             return background, bright**gamma - background
-        shape = theta[start:].reshape(3, TERMS)
+        shape = theta[start:].reshape(3, len(self.surface))
         return background, spread_out(shape, self.surface)
 
     def seen(self, theta: Array, frame: int, relief: Array) -> Seen:
@@ -131,11 +131,12 @@ class Unknowns:
             design[:, np.arange(3), start + np.arange(3)] = share
             start += 3
         if shots.bright is None:
-            terms = self.surface.reshape(TERMS, -1)[:, pixels].T
+            terms = self.surface.reshape(len(self.surface), -1)[:, pixels].T
             _, plain = self.ends(theta)
             gain = contrast / plain.reshape(-1, 3)[pixels]
+            count = len(self.surface)
             for c in range(3):
-                here = slice(start + c * TERMS, start + (c + 1) * TERMS)
+                here = slice(start + c * count, start + (c + 1) * count)
                 design[:, c, here] = (gain * ideal)[:, c, None] * terms
         return design
 
@@ -199,26 +200,26 @@ def unknowns(
     if shots.dark is None:
         parts.append(low)
         off.append(np.full(3, BACKGROUND_OFF))
-    surface = quadratic_terms(*light.shape[1:3])
+    surface = channel_light(*light.shape[1:3])
     if shots.bright is None:
         ideal = band_table(numbers, bright=bright_field, highest_order=3.0)[0].signal
         shape = _envelope(light, surface) / ideal.max(axis=0)[:, None]
         parts.append(shape.ravel())
-        off.append(np.repeat(UNEVEN * np.abs(shape[:, 0]), TERMS))
+        off.append(np.repeat(UNEVEN * np.abs(shape[:, 0]), len(surface)))
     expected = np.concatenate(parts)
     hold = np.diag(np.concatenate(off) ** -2.0)
     if shots.bright is None:
-        _hold_alike(hold, shape[:, 0])
+        _hold_alike(hold, shape)
     return Unknowns(shots, surface, expected, hold, bright_field)
 
 
 def _envelope(light: Array, surface: Array) -> Array:
-    """Coefficients (3, 6) of surfaces that nine tenths of the brightest of all frames lie under.
+    """Coefficients (3, terms) of surfaces above nine tenths of the brightest of all frames.
 
     By weights repeated until the sum of unequally weighed distances is least.
     Source: Koenker & Bassett (1978), Econometrica 46, 33.
     """
-    found = np.empty((3, TERMS))
+    found = np.empty((3, len(surface)))
     seen: Mask = np.asarray(np.isfinite(light).any(axis=0))
     top = np.where(np.isfinite(light), light, -1.0).max(axis=0)
     for c in range(3):
@@ -232,10 +233,14 @@ def _envelope(light: Array, surface: Array) -> Array:
     return found
 
 
-def _hold_alike(hold: Array, size: Array) -> None:
-    """Expect the channels' surfaces to be alike in form; added to `hold`, whose last they are."""
-    unit = np.eye(len(hold))[-3 * TERMS :]
+def _hold_alike(hold: Array, shape: Array) -> None:
+    """Expect the channels' surfaces to be alike in form; added to `hold`, whose last they are.
+
+    Parameters: `hold`; `shape`, the surfaces' coefficients (3, terms).
+    """
+    size, terms = shape[:, 0], shape.shape[1]
+    unit = np.eye(len(hold))[-shape.size :]
     for c in range(2):
-        for here in range(c * TERMS + 1, (c + 1) * TERMS):
-            row = unit[here] / (UNLIKE * size[c]) - unit[here + TERMS] / (UNLIKE * size[c + 1])
+        for here in range(c * terms + 1, (c + 1) * terms):
+            row = unit[here] / (UNLIKE * size[c]) - unit[here + terms] / (UNLIKE * size[c + 1])
             hold += np.outer(row, row)

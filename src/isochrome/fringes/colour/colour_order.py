@@ -192,12 +192,12 @@ def _reading(
     uncertainty = np.sqrt(value.uncertainty**2 + found)
     readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
-    told = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
+    described = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
     pixels = max(int(np.count_nonzero(readable)), 1)
-    strange = float(np.count_nonzero(readable & ~told) / pixels)
+    strange = float(np.count_nonzero(readable & ~described) / pixels)
     lost = strange >= (LOST if table.spread.max() < _SPREAD else LOST_SPREAD)
     highest = table.highest_of(_LEAST_CONTRAST[seen.blind]) - _BELOW_WHITE
-    known = readable & told & value.agreed & (value.order < highest) & (not lost)
+    known = readable & described & value.agreed & (value.order < highest) & (not lost)
     known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
     if seen.unlit_unknown and specimen is None:
         known &= ~_perhaps_unlit(value.order)

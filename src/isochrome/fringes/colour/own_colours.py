@@ -254,9 +254,9 @@ def _look(
     place = table.place(choice.order[inside])
     ideal, slope = table.signal[place], table.slope[place]
     away = signal[inside] - ideal
-    told = np.isfinite(choice.order)
+    readable = np.isfinite(choice.order)
     off = (signal - table.signal[table.place(np.nan_to_num(choice.order))]) ** 2
-    square = np.nanmean(off[told & ~tears], axis=1)
+    square = np.nanmean(off[readable & ~tears], axis=1)
     kept = np.flatnonzero(inside.ravel())
     picked = np.arange(len(kept))
     wanted = max(500, _SAMPLES // len(known.shots.raw))
@@ -275,7 +275,7 @@ def _look(
         away=away[picked],
         square=square,
         order=choice.order,
-        torn=float(np.mean(tears[told])) if told.any() else 1.0,
+        torn=float(np.mean(tears[readable])) if readable.any() else 1.0,
         relief=_relief_sums(inside, ideal, slope, away),
     )
 

@@ -1,7 +1,7 @@
 r"""Illumination and background of a colour frame, found from the frame itself.
 
 With no-load frames nothing of this is needed. Without: orders are looked up with a first guess of
-the background D (a number a channel) and the contrast A (a quadratic surface a channel), and both
+the background D (a number a channel) and the contrast A (a smooth surface a channel), and both
 are corrected by least squares on I_c = D_c + A_c s_c(N) in which each pixel's own order is free
 (its direction dI/dN is projected out), then orders are looked up again, and so on. The first
 rounds allow for a poor guess in the misfit that the choice of orders reckons with. What the frame
@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import quadratic_terms
+from isochrome.estimation import channel_light
 from isochrome.fringes.colour.colour_branch import choose_orders
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
@@ -41,9 +41,6 @@ COLOURFUL = 0.2
 """Contrast with white, of full light, of the orders that the fit is made on: what is white in the
 frame might be white of any order."""
 
-TERMS = 6
-"""Terms of a surface."""
-
 _FARTHEST = 20.0
 _LEAST_SLOPE = 0.5
 _MEDIAN_OF_TWO = 1.386  # of chi² with two degrees of freedom
@@ -52,7 +49,7 @@ _MEDIAN_OF_TWO = 1.386  # of chi² with two degrees of freedom
 @dataclass(frozen=True)
 class _Small:
     """The frame in blocks: `light`, its `noise`, the no-load frames `low` and `full` (rows, cols,
-    channels), blocks with `enough` trusted pixels, and the `surface` terms (6, rows, cols).
+    channels), blocks with `enough` trusted pixels, and the `surface` terms (terms, rows, cols).
     """
 
     light: Array
@@ -69,10 +66,11 @@ class _Small:
         return low, self.full - low if self.full is not None else spread_out(shape, self.surface)
 
     def parts(self, theta: Array) -> tuple[Array, Array]:
-        """The surfaces' coefficients (channels, 6), and the backgrounds (channels,)."""
+        """The surfaces' coefficients (channels, terms), and the backgrounds (channels,)."""
         channels = self.light.shape[2]
-        size = channels * TERMS if self.full is None else 0
-        return theta[:size].reshape(-1, TERMS), theta[size:]
+        terms = len(self.surface)
+        size = channels * terms if self.full is None else 0
+        return theta[:size].reshape(-1, terms), theta[size:]
 
     def design(self, ideal: Array, inside: Mask) -> Array:
         """dI/dtheta (pixels, channels, unknowns) where the table's signal is `ideal`."""
@@ -136,7 +134,7 @@ def find_ends(
     rate /= np.sum(along**2 + (root * over[inside] * _LEAST_SLOPE) ** 2, axis=1)[:, None]
     spread = np.einsum("pn,nm,pm->p", rate, covariance, rate)
     whole = replace(
-        small, light=light, low=dark, full=bright, surface=quadratic_terms(*light.shape[:2])
+        small, light=light, low=dark, full=bright, surface=channel_light(*light.shape[:2])
     )
     return *whole.ends(theta), _on_pixels(spread, inside, light.shape[:2])
 
@@ -150,7 +148,7 @@ def _small(
     mean = partial(valid_means, valid=valid, by=factor)
     low, full = (None if frame is None else mean(frame) for frame in (dark, bright))
     noise = mean(sigma) / factor
-    return _Small(mean(light), noise, low, full, count > 0.5, quadratic_terms(*count.shape[:2]))
+    return _Small(mean(light), noise, low, full, count > 0.5, channel_light(*count.shape[:2]))
 
 
 def _first_guess(small: _Small, table: ColourTable) -> Array:
@@ -166,7 +164,7 @@ def _first_guess(small: _Small, table: ColourTable) -> Array:
     gain = (highest - background) / (table.signal.max(axis=0) - table.signal.min(axis=0))
     if not (gain > 0.0).all():
         raise InputError("the frame shows no fringes to normalise by; give no-load frames")
-    shape = np.zeros((len(gain), TERMS))
+    shape = np.zeros((len(gain), len(small.surface)))
     shape[:, 0] = 0.9 * gain
     parts = ([shape.ravel()] if small.full is None else []) + (
         [lowest] if small.low is None else []
@@ -179,11 +177,12 @@ def _prior(first: Array, small: _Small) -> Array:
     shape, own = small.parts(first)
     unit = np.eye(len(first))
     rows = []
+    terms = len(small.surface)
     for c, size in enumerate(shape[:, 0]):
-        for here in range(c * TERMS + 1, (c + 1) * TERMS):
+        for here in range(c * terms + 1, (c + 1) * terms):
             rows.append(unit[here] / (UNEVEN * size))
             if c + 1 < len(shape):
-                other = unit[here + TERMS] / (UNLIKE * shape[c + 1, 0])
+                other = unit[here + terms] / (UNLIKE * shape[c + 1, 0])
                 rows.append(unit[here] / (UNLIKE * size) - other)
     rows += [unit[shape.size + c] / BACKGROUND_OFF for c in range(len(own))]
     expected = np.array(rows)
@@ -222,5 +221,5 @@ def _on_pixels(spread: Array, inside: Mask, size: tuple[int, ...]) -> Array:
 
 
 def spread_out(shape: Array, surface: Array) -> Array:
-    """Surfaces (rows, cols, channels) of coefficients (channels, 6) over terms (6, rows, cols)."""
+    """Surfaces (rows, cols, channels) of coefficients (channels, k) over terms (k, rows, cols)."""
     return np.moveaxis(np.tensordot(shape, surface, axes=1), 0, -1)

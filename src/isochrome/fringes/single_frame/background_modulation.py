@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import binned_polynomials
+from isochrome.estimation import binned_light
 from isochrome.fringes.on_branch import OrderReading, less_sure
 from isochrome.fringes.single_frame.end_problem import EndProblem
 from isochrome.fringes.single_frame.end_search import TONES, Found, search_all, tone_step
@@ -26,7 +26,6 @@ _BINNINGS = (32, 16, 8, 4, 2, 1)
 """The ends vary slowly: binned pixels tell as much, far faster, and their patches span crests."""
 _LEAST_PIXELS = 100
 """Binned pixels that the shorter side of a frame needs: eight patches or so."""
-_DEGREE = 2
 _LOW, _HIGH = 1.0, 99.0
 """Percentiles of the light at which the search for the ends starts: both occur in a frame that
 holds at least one whole fringe."""
@@ -210,7 +209,7 @@ def _problem(
     low, high = np.percentile(small[whole], [_LOW, _HIGH])
     if not high > low:
         raise InputError("the frame has no contrast; is the light on, and the specimen loaded?")
-    poly = binned_polynomials(light.shape, _DEGREE, by)
+    poly = binned_light(light.shape, by)
     shapes = tuple(
         poly if end is None else binned(end, np.ones_like(end), valid, by)[0][..., None]
         for end in ends
@@ -255,7 +254,7 @@ def _ends(
     shape: tuple[int, ...], dark: Array | None, bright: Array | None, found: Found
 ) -> BackgroundModulation:
     """The ends on all pixels."""
-    full = binned_polynomials(shape, _DEGREE, 1)
+    full = binned_light(shape, 1)
     g = float(found.unknowns[-1])
     cut = full.shape[-1] if dark is None else 1
     spread, turn = np.linalg.eigh(found.covariance)

@@ -45,13 +45,13 @@ _PER_UNIT, _ENDLESS = 100.0, 2**30
 class _Seam:
     """Least costly seam of a region `beyond` (m, n) that could be mirrored about n = crest/2.
 
-    `worse`, the sum over its edges of what mirroring would cost; `said`, that of their sizes.
+    `worse`, the sum over its edges of what mirroring would cost; `size`, that of their sizes.
     """
 
     crest: int
     beyond: Mask
     worse: float
-    said: float
+    size: float
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def perhaps_mirrored(patches: Patches, terms: Array, points: Sequence[tuple[int,
     """
     unsure = np.zeros(terms.shape[:2], dtype=bool)
     for seam in _seams(patches, terms, points):
-        if seam.crest and seam.worse <= _SETTLED * seam.said:
+        if seam.crest and seam.worse <= _SETTLED * seam.size:
             unsure |= seam.beyond & (np.abs(terms[..., 0] - 0.5 * seam.crest) > _ALIKE)
     return unsure
 
@@ -154,8 +154,8 @@ def _about(
         across = cut[ends[0]] != cut[ends[1]]
         if across.any():
             beyond = (cut[region] & known).reshape(shape)
-            said = float(np.abs(worse[across]).sum())
-            yield _Seam(crest, beyond, float(worse[across].sum()), said)
+            size = float(np.abs(worse[across]).sum())
+            yield _Seam(crest, beyond, float(worse[across].sum()), size)
 
 
 def _joints(patches: Patches, terms: Array) -> _Joints:

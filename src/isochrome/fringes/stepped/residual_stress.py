@@ -81,8 +81,8 @@ class ResidualStress:
     @property
     def isoclinic(self) -> Array:
         """Its direction of sigma_1 (rows, cols) float32, degrees; NaN where it is nearly nil."""
-        told = np.abs(self.field) > _TELLING * self.uncertainty
-        return np.where(told, 0.5 * np.degrees(np.angle(self.field)), np.nan).astype(np.float32)
+        known = np.abs(self.field) > _TELLING * self.uncertainty
+        return np.where(known, 0.5 * np.degrees(np.angle(self.field)), np.nan).astype(np.float32)
 
 
 def read_residual(
@@ -120,7 +120,7 @@ def read_residual(
     followed = settle_field(
         light, model=lambda: np.where(main, np.abs(field), np.nan), compatible=False
     )
-    clear = followed.known & direction_told(light)
+    clear = followed.known & direction_known(light)
     beyond, least = _believed(main, free, clear, np.abs(followed.field - field) > _APART)
     sharp = np.hypot(along, 2.0 * np.abs(followed.field) * light.direction.uncertainty)
     across = least_spread(field, along)
@@ -155,7 +155,7 @@ def least_spread(field: Array, along: Array) -> Array:
     return np.asarray(along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9)))
 
 
-def direction_told(light: StepLight) -> Mask:
+def direction_known(light: StepLight) -> Mask:
     """Where the steps tell the direction: without plane images, not about half orders.
 
     There sin δ, which alone tells, is of the size of what is left out. Parameters: `light`, see

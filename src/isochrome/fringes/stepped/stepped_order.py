@@ -20,7 +20,7 @@ from isochrome.fringes.on_branch import OrderReading, make_reading
 from isochrome.fringes.stepped.integer_order import FieldPart, KnownOrder
 from isochrome.fringes.stepped.residual_stress import (
     ResidualStress,
-    direction_told,
+    direction_known,
     least_field,
     least_spread,
 )
@@ -159,7 +159,7 @@ def _of_load(light: StepLight, found: SettledField, residual: ResidualStress | N
     shown = np.where(known, found.field, 0.0)
     across = 2.0 * np.abs(shown) * light.direction.uncertainty
     if residual is not None:
-        across = np.hypot(across, np.where(direction_told(light), 0.0, _BRIDGED * np.abs(shown)))
+        across = np.hypot(across, np.where(direction_known(light), 0.0, _BRIDGED * np.abs(shown)))
     small = known & (np.abs(shown) < _SMALL)
     # about an isotropic point and in a valley the window's direction is that of the pixels around,
     # or noise; that of the pixel's own light is not

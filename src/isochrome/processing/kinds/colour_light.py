@@ -182,20 +182,20 @@ def _specimen(scene: Scene, frame: Frame) -> NDArray[np.bool_] | None:
 
 
 def _warnings(found: ColourReading) -> tuple[str, ...]:
-    said = []
+    messages = []
     if found.lost:
-        said.append(
+        messages.append(
             f"the colours of {100 * found.strange:.0f} % of the pixels are not the table's "
             f"(chi = {found.chi:.2f}): no order was read; check the light, camera.response "
             "and frames.gamma, or calibrate a colour table: 'isochrome calibrate colour'"
         )
     elif found.chi > POOR_CHI:
-        said.append(
+        messages.append(
             f"chi = {found.chi:.2f}: the table does not describe the colours within their noise; "
             "check camera.response and frames.gamma, and use the orders with care"
         )
     if found.blind:
-        said.append("illumination found from the frame itself, without both no-load frames")
+        messages.append("illumination found from the frame itself, without both no-load frames")
     if not found.lost and found.kept < 0.5:
-        said.append(f"only {100 * found.kept:.0f} % of the lit pixels could be read")
-    return tuple(said)
+        messages.append(f"only {100 * found.kept:.0f} % of the lit pixels could be read")
+    return tuple(messages)

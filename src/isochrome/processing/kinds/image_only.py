@@ -152,8 +152,8 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
     )
     # a search that found no rest says nothing of the tone, and without a reading nobody asks
     if not tone and settled and scene.frames.known_order:
-        other, said = _contradicted(light, sigma, done, (dark, bright), gamma)
-        error, notes = np.hypot(error, other), notes + said
+        other, messages = _contradicted(light, sigma, done, (dark, bright), gamma)
+        error, notes = np.hypot(error, other), notes + messages
     slope = exponent * np.maximum(light, sigma) ** (exponent - 1.0)
     noise = slope * sigma / np.where(done.valid, done.contrast, 1.0)
     return _Signal(done.signal, noise, done.valid, error, tuple(notes), columns)

@@ -26,6 +26,8 @@ from isochrome.processing.placement import placed_disc
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Scene
 
+_CORRECT = "correct the scene (load, place, pixel, field, gamma)"
+
 
 def process_with_model(
     frame: Frame, scene: Scene, capture: Capture, *, as_stated: bool = False
@@ -85,7 +87,6 @@ def _without_model(
         normalised=image.normalised,
         lines=image.lines,
         noise=image.noise,
-        columns=image.columns,
         fit=_without_values(lost.fit, scene),
         warnings=(*lost.warnings, *image.warnings),
     )
@@ -139,7 +140,7 @@ def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
             "its orders with care"
         )
     if not fit.positive:
-        found.append("the scene's fringes are not in this frame")
+        found.append(f"the scene's fringes are not in this frame; {_CORRECT}")
     elif fit.plain:
         found.append(
             "no smooth illumination fits with this model, so that one amplitude stands for all the "
@@ -152,9 +153,16 @@ def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
             "give the load more closely"
         )
     if not fit.converged:
-        found.append("the fit did not converge fully")
+        found.append(
+            "the fit did not converge fully; begin it nearer, with load and place in the scene"
+        )
     if lost:
-        found.append("the model is too far off to name the branches: no order was read")
+        found.append(
+            f"the model is too far off to name the branches: no order was read; {_CORRECT}"
+        )
     elif reading.kept < 0.5:
-        found.append(f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read")
+        found.append(
+            f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; mask what is "
+            "not the specimen (frames.roi or mask), or lower the noise"
+        )
     return found
