@@ -83,7 +83,8 @@ def read_one_frame(
     Parameters: `path`; `frames` and `camera`, how it is to be read; `colour`, whether a grey one is
     refused; `light`, channel and wavelength_nm as `open_frames` takes them. Raises InputError.
     """
-    with open_frames(path, roi=frames.roi, bit_depth=camera.bit_depth, **light) as reader:
+    light |= {"rotate_deg": frames.rotate_deg, "flip": frames.flip, "roi": frames.roi}
+    with open_frames(path, bit_depth=camera.bit_depth, **light) as reader:
         if colour and reader.channel is None:
             raise InputError(f"{path}: is grey; give colour images")
         check_scale(reader, camera)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -102,6 +103,15 @@ class FrameData(Observation):
             ),
             gamma=gamma,
         )
+
+    def lying(self, move: Callable[[Array], Array]) -> FrameData:
+        """The frame, its mask and its no-load light turned or mirrored by `move`, of images."""
+        names = ("light", "sigma", "valid", "raw", "raw_sigma")
+        parts: dict[str, Any] = {name: move(getattr(self, name)) for name in names}
+        ends = (self.lamp.dark, self.lamp.bright)
+        dark, bright = (None if end is None else move(end) for end in ends)
+        rows, cols = parts["light"].shape
+        return replace(self, lamp=frame_light((rows, cols), dark, bright), **parts)
 
     def every(self, stride: int) -> FrameData:
         """The frame at every `stride`-th pixel."""

@@ -130,9 +130,10 @@ def joint_stage(
     behind it. Raises PhysicsError for unknowns that the frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in alone):
+        cause = next(iter(messages_of_frames(said, single=sequence.count == 1)), CORRECT)
         raise PhysicsError(
             f"{data.given.name}: nothing could be read in any of the {len(alone)} frames: the "
-            f"scene's fringes are not in them; {CORRECT}"
+            f"scene's fringes are not in them; {cause}"
         )
     data.plain = {i for i, fit in enumerate(alone) if fit.plain}
     if is_each(sequence):

@@ -16,6 +16,7 @@ from .opening import (
 from .readers.tiff import open_tiff
 from .reading import CHANNELS, Channel, Frame, FrameReader, FramesPath, SequentialFrames
 from .recordings import one_recording, recordings_of
+from .source import as_captured
 
 __all__ = [
     "CHANNELS",
@@ -30,6 +31,7 @@ __all__ = [
     "Normalised",
     "SequentialFrames",
     "absolute",
+    "as_captured",
     "channel_for",
     "check",
     "check_scale",

@@ -5,13 +5,14 @@ from __future__ import annotations
 import glob
 import os
 from pathlib import Path
+from typing import Literal
 
 from isochrome.errors import InputError
 from isochrome.frames.mask import load_mask
 from isochrome.frames.readers import images, tiff, video
 from isochrome.frames.reading import Channel, FrameReader, FramesPath
 from isochrome.frames.several_files import open_parts
-from isochrome.frames.source import Kind, Source, natural_key, refusing
+from isochrome.frames.source import Kind, Source, natural_key, refusing, turned
 from isochrome.scene import Camera, Roi, Scene
 
 KNOWN = images.SUFFIXES + tiff.SUFFIXES + video.SUFFIXES
@@ -25,6 +26,8 @@ def open_frames(
     *,
     channel: Channel | None = None,
     wavelength_nm: float | None = None,
+    rotate_deg: Literal[0, 90, 180, 270] = 0,
+    flip: Literal["horizontal", "vertical"] | None = None,
     roi: Roi | None = None,
     bit_depth: int | None = None,
 ) -> FrameReader:
@@ -42,8 +45,12 @@ def open_frames(
         below 580 green, else red, unknown green.
     wavelength_nm : float, optional
         Wavelength of the light, nm.
+    rotate_deg : {0, 90, 180, 270}, default 0
+        Quarter turns of each picture, counter-clockwise as it is seen, degrees.
+    flip : {'horizontal', 'vertical'}, optional
+        How the turned picture is mirrored: left to right, or top to bottom.
     roi : Roi, optional
-        The part of each frame to yield; by default all of it.
+        The part of each turned picture to yield; by default all of it.
     bit_depth : int, optional
         Bits of the sensor; by default 8 or 16 by the file's type. Give 10 or 12 for such a sensor
         in a 16-bit file.
@@ -68,7 +75,7 @@ def open_frames(
     ...     frames.kind, frames.bit_depth, frames.count()
     ('tiff', 8, 6)
     """
-    source = _source(path)
+    source = turned(_source(path), rotate_deg, flip)
     label = path if isinstance(path, str | Path) else f"{path[0]} ..."
     rows, cols = source.form.shape
     dtype = source.form.dtype
@@ -76,7 +83,7 @@ def open_frames(
         raise InputError(
             f"{label}: the roi, rows {roi.top_px} to {roi.top_px + roi.height_px} and columns "
             f"{roi.left_px} to {roi.left_px + roi.width_px}, lies outside the frame of {rows} rows "
-            f"and {cols} columns; correct frames.roi"
+            f"and {cols} columns{_after_turn(rotate_deg)}; correct frames.roi"
         )
     container = 8 * dtype.itemsize if dtype.kind == "u" else None
     if bit_depth is None:
@@ -120,6 +127,8 @@ def open_scene_frames(
         path,
         channel=scene.frames.channel,
         wavelength_nm=scene.polariscope.wavelength_nm,
+        rotate_deg=scene.frames.rotate_deg,
+        flip=scene.frames.flip,
         roi=scene.frames.roi,
         bit_depth=scene.camera.bit_depth if scene.camera else None,
     )
@@ -237,6 +246,10 @@ def channel_for(wavelength_nm: float | None) -> Channel:
     if wavelength_nm is None:
         return "green"
     return "blue" if wavelength_nm < 490 else "green" if wavelength_nm < 580 else "red"
+
+
+def _after_turn(rotate_deg: int) -> str:
+    return " after its turn by frames.rotate_deg" if rotate_deg in (90, 270) else ""
 
 
 def _source(path: FramesPath) -> Source:

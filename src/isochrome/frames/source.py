@@ -6,8 +6,9 @@ import re
 import stat
 import warnings
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -118,6 +119,61 @@ class Source:
         if self.begins is not None:
             return self.begins(start)
         return 0 if self.kind == "video" else start
+
+
+def turned(source: Source, rotate_deg: int, flip: str | None) -> Source:
+    """A source whose pictures are turned, then mirrored, before anyone looks at them.
+
+    Parameters: `source`; `rotate_deg`, quarter turns, counter-clockwise as the picture is seen;
+    `flip`, 'horizontal', 'vertical' or None. Colours are decoded before, so that a turn leaves each
+    pixel its own. Returns a Source; the same where there is nothing to do. Raises InputError for
+    other turns.
+    """
+    if rotate_deg not in (0, 90, 180, 270):
+        raise InputError(f"rotate_deg = {rotate_deg!r} is no quarter turn; give 0, 90, 180 or 270")
+    if flip not in (None, "horizontal", "vertical"):
+        raise InputError(f"flip = {flip!r} is not known; give 'horizontal' or 'vertical'")
+    if not rotate_deg and flip is None:
+        return source
+    rows, cols = source.form.shape
+    shape = (cols, rows) if rotate_deg in (90, 270) else (rows, cols)
+    frames = partial(_turned_frames, source, int(rotate_deg) // 90, flip)
+    return replace(source, form=replace(source.form, shape=shape), frames=frames)
+
+
+def _turned_frames(
+    source: Source, quarters: int, flip: str | None, start: int
+) -> Generator[RawFrame]:
+    with closing(source.frames(start)) as frames:
+        for raw in frames:
+            image = _mirrored(np.rot90(raw.image, quarters), flip)
+            yield replace(raw, image=np.ascontiguousarray(image))
+
+
+def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
+    if flip is None:
+        return image
+    return image[:, ::-1] if flip == "horizontal" else image[::-1]
+
+
+def as_captured(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:
+    """Lay a turned picture as the camera saw it.
+
+    Parameters
+    ----------
+    image : ndarray of shape (row, col) or (row, col, channel)
+        The picture, turned and mirrored.
+    rotate_deg : int
+        Its quarter turns, counter-clockwise, degrees.
+    flip : {'horizontal', 'vertical'} or None
+        How it was mirrored then.
+
+    Returns
+    -------
+    ndarray
+        The picture before that.
+    """
+    return np.ascontiguousarray(np.rot90(_mirrored(image, flip), -(rotate_deg // 90)))
 
 
 @dataclass(frozen=True)

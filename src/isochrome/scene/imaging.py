@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from isochrome.errors import InputError
 from isochrome.scene.scene_values import NUMBER, Finite, NonNegative, Positive, ScenePart
@@ -15,6 +15,12 @@ Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
 FileName = Annotated[str, Field(min_length=1)]
 Rows = Annotated[int, Field(ge=0, le=100_000)]
+# angles are written with a point elsewhere: 90.0 is 90
+Turn = Annotated[
+    Literal[0, 90, 180, 270],
+    BeforeValidator(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v),
+]
+Flip = Literal["horizontal", "vertical"]
 
 
 class Camera(ScenePart):
@@ -130,10 +136,17 @@ class KnownOrder(ScenePart):
 class Frames(ScenePart):
     """How the captured frames are to be read; paths are relative to the scene file.
 
-    Where both `mask` and `polygon_px` are given, the specimen is inside both.
+    A picture that lies otherwise than the scene is turned, then mirrored, before anything else:
+    roi, mask, known orders and the angles of plates are those of the turned picture, and no-load
+    frames are turned alike. Where both `mask` and `polygon_px` are given, the specimen is inside
+    both.
 
     Parameters
     ----------
+    rotate_deg : {0, 90, 180, 270}, default 0
+        Quarter turns of the captured picture, counter-clockwise as it is seen, degrees.
+    flip : {'horizontal', 'vertical'}, optional
+        How the turned picture is mirrored: left to right, or top to bottom.
     roi : Roi, optional
         The part of the frame that the camera's grid stands for.
     mask : str, optional
@@ -162,6 +175,8 @@ class Frames(ScenePart):
         Orders that the user knows, those of the frame, residual stress included.
     """
 
+    rotate_deg: Turn = 0
+    flip: Flip | None = None
     roi: Roi | None = None
     mask: FileName | None = None
     polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None

@@ -14,6 +14,7 @@ from isochrome.calibration.colour.bending_order import known_beam_order
 from isochrome.calibration.colour.colour_frames import read_colour_shots
 from isochrome.calibration.colour.settings import ColourSet, load_colour_set
 from isochrome.errors import InputError, PhysicsError
+from isochrome.frames import as_captured
 from isochrome.fringes import (
     STEP,
     ColourShots,
@@ -75,7 +76,8 @@ class ColourCalibration(Result):
     highest : float
         The order that the images reach.
     background, illumination : (rows, cols, 3) array, optional
-        Light of the no-load frames as found, None where they were given.
+        Light of the no-load frames as found, as the camera sees it, before frames.rotate_deg and
+        frames.flip; None where they were given.
     bit_depth : int or None
         Bits of the images.
     warnings : tuple of str, optional
@@ -271,6 +273,7 @@ def _of_light(
     # where full light would saturate, a no-load frame cannot show it: less of it, and more signal
     full = float((light.background + light.illumination).max())
     scale = max(1.0, full / _BRIGHTEST) if ends else 1.0
+    turn = given.frames.rotate_deg, given.frames.flip
     return ColourCalibration(
         colour_table=ColourTable(scale * light.table.signal, scale * light.table.spread),
         way="own colours",
@@ -282,8 +285,8 @@ def _of_light(
         residual=light.residual,
         strange=light.strange,
         highest=light.highest,
-        background=light.background if ends else None,
-        illumination=light.illumination / scale if ends else None,
+        background=as_captured(light.background, *turn) if ends else None,
+        illumination=as_captured(light.illumination / scale, *turn) if ends else None,
         bit_depth=depth,
         warnings=tuple(messages),
     )

@@ -12,6 +12,7 @@ from isochrome.estimation import POOR_CHI, FrameData, Terms, evidence_gain
 from isochrome.fitting.causes.blocks import BLOCK
 from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause
 from isochrome.fitting.causes.score import Asked, ask, richer_light
+from isochrome.fitting.causes.trials import Trial, explaining_slip, is_unexplained
 from isochrome.fitting.frame.frame_fit import (
     Fitted,
     FrameFit,
@@ -63,6 +64,9 @@ class Freed:
         Share of the pixels that was left out.
     asked : tuple of Asked, optional
         What the frame still asks for and is not freed.
+    slip : Trial, optional
+        The slip in the scene that explains the frame where the scene does not. The fit's light is
+        none then: `positive` is False.
     """
 
     data: FrameData
@@ -73,6 +77,7 @@ class Freed:
     light: bool = False
     outside: float = 0.0
     asked: tuple[Asked, ...] = ()
+    slip: Trial | None = None
 
     @property
     def fit(self) -> FrameFit:
@@ -290,7 +295,19 @@ def fit_with_causes(
     PhysicsError
         Where no values give fringes of the right contrast.
     """
-    fitted = fit_with_model(data, scene, keys, cold=cold)
+    try:
+        fitted = fit_with_model(data, scene, keys, cold=cold)
+    except PhysicsError as error:
+        slip = explaining_slip(data, scene, keys, np.inf)
+        if slip is None:
+            raise
+        raise PhysicsError(slip.sentence()) from error
+    given = data
     if fitted.fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fitted.fit.scene.frames.stated_gamma)
+    if is_unexplained(fitted):
+        slip = explaining_slip(given, scene, keys, fitted.fit.chi)
+        if slip is not None:
+            lost = replace(fitted, fit=replace(fitted.fit, positive=False))
+            return Freed(data=data, fitted=lost, given=data, stated=lost, slip=slip)
     return free_causes(data, fitted)

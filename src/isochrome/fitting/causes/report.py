@@ -24,8 +24,11 @@ def cause_messages(freed: Freed) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        A sentence for the causes, for richer light, for what was left out, and for suspects.
+        A sentence for the causes, for richer light, for what was left out, and for suspects; one
+        alone for a slip in the scene.
     """
+    if freed.slip is not None:
+        return (freed.slip.sentence(),)
     before = freed.stated.fit
     messages = [_freed_sentence(freed)] if freed.causes else []
     if freed.light:

@@ -1,0 +1,254 @@
+"""A frame that its scene does not explain: what small slip in the scene would make it do so.
+
+Each slip is tried by a search on some hundred pixels and a short fit to some thousand. What
+explains the frame is named, and never applied: such a scene is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import FrameData
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.frame_fit import Fitted, hidden_px, placed
+from isochrome.fitting.frame.frame_model import FrameModel, RefinedFit, refine_fit
+from isochrome.fitting.frame.single_state import with_numerics
+from isochrome.fitting.frame.smooth_stress import is_explained
+from isochrome.fitting.frame.unknowns import (
+    BLUR,
+    GAMMA,
+    LEFT,
+    LENS,
+    TOP,
+    fit_region,
+    free_keys,
+    moved_scene,
+    thinning,
+    values_of,
+)
+from isochrome.fitting.result import TOO_FAR
+from isochrome.fitting.search.cold_start import search_frame
+from isochrome.scene import Scene
+
+_HOPELESS, _LEAST = 10.0, 2.0
+"""Residual over noise beyond which no small cause is looked for before these: at most, at least. In
+between, half of that at which a fit is lost."""
+_LEFT = 1.0 / 16.0
+"""Part of what chi² is too large by that a slip may leave, for its small causes."""
+_ALIKE = 0.8
+"""Ratio of chi below which a later trial is the better one: mirrored pictures often look alike."""
+_PIXELS = 9_000
+_STEPS = 12
+_ACROSS = (-0.15, 0.15, -0.3, 0.3, -0.45, 0.45)
+_DOWN = (-0.25, 0.25)
+"""Places of the contact that are tried, in widths and heights of the picture."""
+_STIFFEST_GPA = 1000.0
+"""No body is stiffer: a larger modulus has another unit."""
+_MIRRORED = (0, "horizontal"), (0, "vertical")
+_GAMMAS, _SAME_GAMMA = (0.45, 2.2), 0.1
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A slip that explains a frame: `what` it is, the scene's `line` that mends it, its `chi`.
+
+    `before`, the residual over the noise as the scene stands; inf where it gave no light.
+    """
+
+    what: str
+    line: str
+    chi: float
+    before: float
+
+    def sentence(self) -> str:
+        """What is wrong with the scene, and what to write in it."""
+        stands = "no light" if np.isinf(self.before) else f"chi = {self.before:.1f}"
+        return (
+            f"{self.what}: with {self.line} the scene explains the frame (chi = {self.chi:.2f}; "
+            f"{stands} as it stands); correct the scene"
+        )
+
+
+@dataclass(frozen=True)
+class _Slip:
+    """What is tried: a frame as it would lie, and a scene."""
+
+    what: str
+    line: str
+    data: FrameData
+    scene: Scene
+
+
+def is_unexplained(fitted: Fitted) -> bool:
+    """Whether a fit is so far off that the scene itself is doubted, before its small causes are."""
+    doubted = max(_LEAST, min(_HOPELESS, 0.5 * _lost_chi(fitted.final)))
+    return not fitted.fit.positive or fitted.fit.chi > doubted
+
+
+def _lost_chi(found: RefinedFit) -> float:
+    """Residual over noise at which a frame's residual is too much of its fringes' amplitude."""
+    return TOO_FAR * float(np.mean(found.toned.part.amplitude))
+
+
+def explaining_slip(
+    data: FrameData, scene: Scene, keys: tuple[str, ...] | None, before: float
+) -> Trial | None:
+    """The slip in a scene that explains a frame far better than the scene does.
+
+    Parameters: `data`, the frame; `scene`, one state, where the fit began; `keys`, its unknowns, by
+    default `free_keys`; `before`, chi as it stands, inf where the fit gave no light. Returns None
+    where none of them does.
+    """
+    if before <= _LEAST:
+        return None  # noise alone: no scene explains it better
+    scene = placed(scene, data.shape)
+    keys = free_keys(scene) if keys is None else keys
+    keys = tuple(k for k in keys if k not in (GAMMA, BLUR, *LENS))
+    if scene.indenter is not None:
+        keys = tuple(dict.fromkeys((*keys, LEFT, TOP)))
+    best: Trial | None = None
+    for slip in _slips(data, scene):
+        found = _tried(slip, keys)
+        if found is None:
+            continue
+        chi, end = found
+        if is_explained(before, chi, left=_LEFT) and (best is None or chi < _ALIKE * best.chi):
+            line = slip.line or f"{LEFT} = {end.get(LEFT):.3g} and {TOP} = {end.get(TOP):.3g}"
+            best = Trial(slip.what, line, chi, before)
+        if best is not None and best.chi <= _LEAST:
+            break
+    return best
+
+
+def _slips(data: FrameData, scene: Scene) -> Iterator[_Slip]:
+    """All that is tried, the likeliest first."""
+    yield from _fields(data, scene)
+    yield from _turns(data, scene, ((180, None),))
+    yield from _units(data, scene, stiff=True)
+    yield from _places(data, scene)
+    yield from _turns(data, scene, _MIRRORED)
+    yield from _turns(data, scene, tuple(product((90, 270), (None, "horizontal"))))
+    if data.lamp.bright is None:
+        for gamma in _GAMMAS:
+            if abs(gamma / data.gamma - 1.0) > _SAME_GAMMA:
+                line = f"{GAMMA} = {gamma}"
+                toned = scene.with_values({GAMMA: gamma})
+                yield _Slip("the tone curve is another", line, data.toned(gamma), toned)
+    yield from _units(data, scene, stiff=False)
+
+
+def _fields(data: FrameData, scene: Scene) -> Iterator[_Slip]:
+    other = {"dark": "bright", "bright": "dark"}.get(scene.polariscope.field)
+    if other is not None and not scene.polariscope.step:
+        changed = scene.with_values({"polariscope.field": other})
+        line = f'polariscope.field = "{other}"'
+        yield _Slip(f"the picture is one of the {other} field", line, data, changed)
+
+
+def _turns(
+    data: FrameData, scene: Scene, ways: tuple[tuple[int, str | None], ...]
+) -> Iterator[_Slip]:
+    """The picture lying otherwise; a quarter turn keeps its middle where it was."""
+    camera, (rows, cols) = scene.camera, data.shape
+    assert camera is not None and camera.pixel_mm is not None and camera.left_mm is not None
+    for turn, flip in ways:
+        line, what = _lying(scene, turn, flip)
+        start = scene
+        if turn in (90, 270) and rows != cols:
+            size = {"camera.width_px": rows, "camera.height_px": cols}
+            changed = {key: value for key, value in size.items() if scene.get(key) is not None}
+            line += "".join(f" and {key} = {value}" for key, value in changed.items())
+            left = camera.left_mm + 0.5 * (cols - rows) * camera.pixel_mm
+            start = scene.with_values(changed | {LEFT: left})
+        yield _Slip(what, line, data.lying(partial(_lain, turn=turn, flip=flip)), start)
+
+
+def _lying(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
+    """The keys that turn a picture, on top of what the scene turns already, and what it is then."""
+    frames = scene.frames
+    whole, mirrored = _together((frames.rotate_deg, frames.flip), (turn, flip))
+    parts = [f"frames.rotate_deg = {whole}"] if whole != frames.rotate_deg else []
+    if mirrored != frames.flip:
+        parts.append(f'frames.flip = "{mirrored}"' if mirrored else "no frames.flip")
+    line = " and ".join(parts)
+    if (turn, flip) == (180, None) and not frames.flip:
+        line += ' (frames.flip = "vertical" instead if it is mirrored)'
+    if frames.roi or frames.mask or frames.polygon_px or frames.known_order:
+        line += ", and roi, mask and known orders placed in the turned picture,"
+    if turn == 180:
+        return line, "the picture is upside down"
+    return line, "the picture is mirrored" if turn == 0 else "the picture lies on its side"
+
+
+def _together(first: tuple[int, Any], then: tuple[int, Any]) -> tuple[int, str | None]:
+    """The one turn and flip that do what two pairs of them do, one after the other."""
+    marked = np.arange(6).reshape(2, 3)
+    wanted = _lain(_lain(marked, *first), *then)
+    ways = product((0, 90, 180, 270), (None, "horizontal", "vertical"))
+    return next(w for w in ways if np.array_equal(_lain(marked, *w), wanted))
+
+
+def _lain(image: Array, turn: int, flip: str | None) -> Array:
+    turned = np.rot90(image, turn // 90)
+    return turned if flip is None else np.flip(turned, axis=1 if flip == "horizontal" else 0)
+
+
+def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Slip]:
+    """Young's moduli in MPa or Pa: those that are `stiff` beyond all bodies, or a soft specimen's.
+
+    The second may be no slip, and is tried late.
+    """
+    if scene.indenter is None:
+        return
+    keys = ("specimen.young_gpa", "indenter.young_gpa")
+    given = {key: value for key in keys if (value := scene.get(key)) is not None}
+    wrong = [key for key, value in given.items() if value > _STIFFEST_GPA]
+    chosen = wrong if stiff else [key for key in keys[:1] if key in given and key not in wrong]
+    for group in dict.fromkeys([tuple(chosen), *((key,) for key in chosen)]):
+        shares = {key: 1e-9 if given[key] > 1e3 * _STIFFEST_GPA else 1e-3 for key in group}
+        if shares:
+            changed = {key: given[key] * share for key, share in shares.items()}
+            unit = "Pa" if 1e-9 in shares.values() else "MPa"
+            line = " and ".join(f"{key} = {value:g}" for key, value in changed.items())
+            what = f"Young's modulus is given in {unit}"
+            yield _Slip(what, line, data, scene.with_values(changed))
+
+
+def _places(data: FrameData, scene: Scene) -> Iterator[_Slip]:
+    """The contact elsewhere in the picture; where the place is an unknown, beyond the search."""
+    camera = scene.camera
+    if scene.indenter is None:
+        return
+    assert camera is not None and camera.pixel_mm is not None
+    assert camera.left_mm is not None and camera.top_mm is not None
+    height, width = (n * camera.pixel_mm for n in data.shape)
+    shifts = [(0.0, 0.0), *((x, 0.0) for x in _ACROSS), *((0.0, z) for z in _DOWN)]
+    for across, down in shifts:
+        place = {LEFT: camera.left_mm + across * width, TOP: camera.top_mm + down * height}
+        yield _Slip("the contact is elsewhere in the picture", "", data, scene.with_values(place))
+
+
+def _tried(slip: _Slip, keys: tuple[str, ...]) -> tuple[float, Scene] | None:
+    """Residual over noise of a quick fit, and where it ended; None where it explains nothing."""
+    data, scene = slip.data, slip.scene
+    try:
+        minimum = search_frame(data, scene, keys).minima[0]
+        start = with_numerics(moved_scene(scene, keys, minimum.values))
+        stride = thinning(data.light.size, _PIXELS)
+        region = fit_region(start, data.shape, stride, hidden_px(start))
+        model = FrameModel(data, start, keys, region, stride=stride)
+        found = refine_fit(model, values_of(start, keys), tolerance=0.5, iterations=_STEPS)
+    except (InputError, PhysicsError):
+        return None
+    if found is None or not found.positive:
+        return None
+    if found.chi > _lost_chi(found):
+        return None
+    return found.chi, moved_scene(start, keys, found.values)
