@@ -1,7 +1,8 @@
 from .api import fit
 from .causes.freeing import Freed, fit_with_causes
 from .causes.report import cause_messages
-from .frame.frame_fit import FrameFit, fit_frame, placed
+from .frame.frame_estimate import FrameFit
+from .frame.frame_fit import fit_frame, placed
 from .frame.model_frame import ModelFrame, evaluate_model
 from .frame.single_state import (
     frame_distance,

@@ -17,7 +17,7 @@ VALUE, SPREAD = "value", "standard_uncertainty"
 PAIRS = "stated_uncertainty"
 """The field that holds the uncertainties; no key of a file."""
 
-_LARGEST = 1e30
+_MOST = 1e30
 _UNMEASURED = ("numerics",)
 """Tables whose numbers nobody measures."""
 
@@ -102,7 +102,7 @@ def _checked(key: str, model: type[BaseModel], name: str, value: Mapping[str, An
             "standard_uncertainty; correct it"
         )
     number_like = isinstance(spread, int | float) and not isinstance(spread, bool)
-    if not number_like or not math.isfinite(spread) or not 0 <= spread <= _LARGEST:
+    if not number_like or not math.isfinite(spread) or not 0 <= spread <= _MOST:
         raise ValueError(
             f"{key}.standard_uncertainty = {spread!r} is not allowed: it is a number of 0 or "
             "more, in the unit of the key; correct it"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-TRACK_PARTS = {"value": "values"} | {name: name for name in PARTS[1:]}
+TRACK_PARTS = {"value": "values"} | {n: n for n in PARTS[1:] if n != "noise_uncertainty"}
 """What is known of a key, as tables name it, and the attribute that holds it."""
 
 
@@ -167,10 +167,16 @@ class TrackRows:
             distance_m=np.array(self.distance),
             searched=tuple(self.searched),
             scene=scene.with_values(means),
-            warnings=tuple(self._warnings()),
+            warnings=tuple(self._warnings(scene)),
         )
 
-    def _warnings(self) -> Iterator[str]:
+    def _warnings(self, scene: Scene) -> Iterator[str]:
+        if scene.uncertainties:
+            yield (
+                f"the stated uncertainties of {', '.join(scene.uncertainties)} are not in the ± of "
+                "tracked values, which is the frames' noise alone: `isochrome fit` of a few frames "
+                "gives the budget"
+            )
         nothing = {*self.empty, *self.far}
         poor = [i for i, chi in enumerate(self.chi) if chi > POOR_CHI and i not in nothing]
         # the first frame has nothing to be followed from
