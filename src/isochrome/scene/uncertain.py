@@ -24,32 +24,47 @@ _UNMEASURED = ("numerics",)
 _FORM = "{ value = 14.6, standard_uncertainty = 0.066 }"
 
 
-def split_uncertainties(model: type[BaseModel], data: Any) -> Any:
-    """Take the uncertainties out of a settings file's tables, which keep the plain values.
+def with_pairs(model: type[BaseModel], data: Any) -> Any:
+    """A scene's tables with plain values, and all uncertainties as sorted pairs under PAIRS.
 
-    An uncertainty that was stated before stays where the value is still a number.
+    An uncertainty that was stated before stays where the value is still a number. Parameters:
+    `model` of the scene; `data`, its tables. Raises ValueError, see `split_uncertainties`.
+    """
+    if not isinstance(data, dict):
+        return data
+    plain, stated = split_uncertainties(model, data)
+    found = dict(data.get(PAIRS, ())) | stated
+    kept = {key: u for key, u in found.items() if _is_number(plain, key)}
+    if kept or PAIRS in data:
+        plain[PAIRS] = tuple(sorted(kept.items()))
+    return plain
+
+
+def split_uncertainties(
+    model: type[BaseModel], data: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Take the uncertainties out of a settings file's tables, which keep the plain values.
 
     Parameters
     ----------
     model : type
-        The model of the file, with a field of pairs.
-    data : object
+        The model of the file.
+    data : dict
         The tables, as dictionaries or as parts that were checked already.
 
     Returns
     -------
-    object
-        The same with plain values, and the pairs of dotted key and uncertainty, sorted.
+    dict
+        The same with plain values.
+    dict of str to float
+        The standard uncertainties by dotted key, in the keys' units.
 
     Raises
     ------
     ValueError
         For a form that is not allowed, and for a key that is no measured number.
     """
-    if not isinstance(data, dict):
-        return data
-    found = dict(data.get(PAIRS, ()))
-    plain = dict(data)
+    plain, found = dict(data), {}
     for part, table in data.items():
         if part == PAIRS or not isinstance(table, dict):
             continue
@@ -57,12 +72,53 @@ def split_uncertainties(model: type[BaseModel], data: Any) -> Any:
         stated = {n: v for n, v in table.items() if isinstance(v, dict) and SPREAD in v}
         for name, value in stated.items():
             if own is not None and name in own.model_fields:
-                found[f"{part}.{name}"] = _checked(f"{part}.{name}", own, name, value)
+                key = f"{part}.{name}"
+                _refuse_unmeasured(key, own.model_fields[name].annotation)
+                found[key] = plain_value(key, value)[1]
         plain[part] = table | {n: v.get(VALUE) for n, v in stated.items()}
-    kept = {key: u for key, u in found.items() if _is_number(plain, key)}
-    if kept or PAIRS in data:
-        plain[PAIRS] = tuple(sorted(kept.items()))
-    return plain
+    return plain, found
+
+
+def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
+    """Take a measured number and its standard uncertainty from their form in a file.
+
+    Parameters
+    ----------
+    key : str
+        The dotted key, in messages.
+    value : mapping
+        What stands there.
+
+    Returns
+    -------
+    object
+        The plain value, which is not checked yet.
+    float
+        The standard uncertainty, in the unit of the key.
+
+    Raises
+    ------
+    ValueError
+        For a form that is not allowed.
+    """
+    if set(value) != {VALUE, SPREAD}:
+        raise ValueError(
+            f"{key} = {dict(value)!r} is not allowed: a measured number is written as {_FORM}; "
+            "correct it"
+        )
+    number, spread = value[VALUE], value[SPREAD]
+    if isinstance(number, dict | list | str):
+        raise ValueError(
+            f"{key}.value = {number!r} is not allowed: only a single number has a "
+            "standard_uncertainty; correct it"
+        )
+    number_like = isinstance(spread, int | float) and not isinstance(spread, bool)
+    if not number_like or not math.isfinite(spread) or not 0 <= spread <= _MOST:
+        raise ValueError(
+            f"{key}.standard_uncertainty = {spread!r} is not allowed: it is a number of 0 or "
+            "more, in the unit of the key; correct it"
+        )
+    return number, float(spread)
 
 
 def as_text(value: float, standard_uncertainty: float) -> str:
@@ -84,30 +140,12 @@ def _table_model(model: type[BaseModel], part: str) -> type[BaseModel] | None:
     return None
 
 
-def _checked(key: str, model: type[BaseModel], name: str, value: Mapping[str, Any]) -> float:
-    """The uncertainty of a value, refused where it is none."""
-    if key.split(".")[0] in _UNMEASURED or not _is_measured(model.model_fields[name].annotation):
+def _refuse_unmeasured(key: str, annotation: Any) -> None:
+    """Raise ValueError for a key that is no measured number."""
+    if key.split(".")[0] in _UNMEASURED or not _is_measured(annotation):
         raise ValueError(
             f"{key} is no measured number, and has no standard_uncertainty; give the plain value"
         )
-    if set(value) != {VALUE, SPREAD}:
-        raise ValueError(
-            f"{key} = {dict(value)!r} is not allowed: a measured number is written as {_FORM}; "
-            "correct it"
-        )
-    number, spread = value[VALUE], value[SPREAD]
-    if isinstance(number, dict | list | str):
-        raise ValueError(
-            f"{key}.value = {number!r} is not allowed: only a single number has a "
-            "standard_uncertainty; correct it"
-        )
-    number_like = isinstance(spread, int | float) and not isinstance(spread, bool)
-    if not number_like or not math.isfinite(spread) or not 0 <= spread <= _MOST:
-        raise ValueError(
-            f"{key}.standard_uncertainty = {spread!r} is not allowed: it is a number of 0 or "
-            "more, in the unit of the key; correct it"
-        )
-    return float(spread)
 
 
 def _is_measured(annotation: Any) -> bool:

@@ -14,7 +14,7 @@ from isochrome.scene.imaging import Camera, Frames
 from isochrome.scene.parts import Friction, Indenter, Load, Numerics, Polariscope, Wear
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
 from isochrome.scene.specimen import BODIES, Body, Specimen
-from isochrome.scene.uncertain import PAIRS, split_uncertainties
+from isochrome.scene.uncertain import PAIRS, with_pairs
 from isochrome.scene.validation import validate
 
 NO_KEYS = ("folder", "name", PAIRS)
@@ -88,7 +88,7 @@ class Scene(ScenePart):
     @model_validator(mode="before")
     @classmethod
     def _plain_values(cls, data: Any) -> Any:
-        return split_uncertainties(cls, data)
+        return with_pairs(cls, data)
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Scene:
