@@ -18,6 +18,7 @@ from .joint.frame_sequence import over_distance
 from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene
 from .tracking.api import refuse_shared, track
+from .tracking.result import untracked_inputs
 from .tracking.tracker import Tracked, Tracker, VainSearch, nothing_found
 
 __all__ = [
@@ -50,4 +51,5 @@ __all__ = [
     "sliding_scene",
     "timed_distance",
     "track",
+    "untracked_inputs",
 ]

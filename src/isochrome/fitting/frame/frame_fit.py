@@ -173,7 +173,9 @@ def _fit_begun(
     fitted = moved_scene(fine, keys, final.values).model_copy(update={"numerics": scene.numerics})
     told, noise = final.local.determined, final.local.covariance(final.toned)
     known, held = (stated.some(keys, free=free) for free in (True, False))
-    rows = model.input_rows(final.values, final.toned, held.keys)
+    rows = np.empty((0, model.pixels.size), np.float32)
+    if held.keys:
+        rows = model.input_rows(final.values, final.toned, held.keys)
     inputs = inputs_of_rows([*known.rows, *held.rows])
     sensitivity = final.local.sensitivity(known.keys, rows)
     spread = noise + (sensitivity * inputs.spread**2) @ sensitivity.T

@@ -116,6 +116,27 @@ def track_row(index: int, distance_m: float | None, found: Tracked) -> dict[str,
     return row | marks
 
 
+def untracked_inputs(scene: Scene) -> list[str]:
+    """Say what the uncertainties of tracked values leave out.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene of the video.
+
+    Returns
+    -------
+    list of str
+        A sentence where the scene states uncertainties, else none.
+    """
+    if not scene.uncertainties:
+        return []
+    return [
+        f"the stated uncertainties of {', '.join(scene.uncertainties)} are not in the ± of tracked "
+        "values, which is the frames' noise alone: `isochrome fit` of a few frames gives the budget"
+    ]
+
+
 def is_good(row: Mapping[str, Any]) -> bool:
     """Whether nothing is to be said of a frame."""
     return bool(row["positive"] and row["chi"] <= POOR_CHI)
@@ -171,12 +192,7 @@ class TrackRows:
         )
 
     def _warnings(self, scene: Scene) -> Iterator[str]:
-        if scene.uncertainties:
-            yield (
-                f"the stated uncertainties of {', '.join(scene.uncertainties)} are not in the ± of "
-                "tracked values, which is the frames' noise alone: `isochrome fit` of a few frames "
-                "gives the budget"
-            )
+        yield from untracked_inputs(scene)
         nothing = {*self.empty, *self.far}
         poor = [i for i, chi in enumerate(self.chi) if chi > POOR_CHI and i not in nothing]
         # the first frame has nothing to be followed from
