@@ -260,7 +260,9 @@ def test_a_reading_that_is_off_is_counted_as_such():
 
 
 def test_an_unknown_suite_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="speed, fringes, fit, defects, track, memory, tolerance"):
+    with pytest.raises(
+        InputError, match="speed, fringes, fit, defects, inputs, track, memory, tolerance"
+    ):
         bench(suite="colour")
 
 
@@ -275,6 +277,19 @@ def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
     report.figure([row]).savefig(tmp_path / "defects.png")
     gone = replace(row, refused="no fringes")
     assert "single 0: roll: no fringes" in report.table([gone])
+
+
+def test_inputs_suite_covers_the_truth_by_the_whole_uncertainty(tmp_path):
+    case, report = load_benchmarks("case_inputs"), load_benchmarks("report_inputs")
+    rows = [row for kind in case.cases() for row in case.frames(kind, quick=True)]
+    assert [row.kind for row in rows] == ["held", "asked"]
+    # what is held is hardly the noise's, and a frame that is asked says more
+    assert all(row.noise_percent < 0.2 * row.combined_percent for row in rows)
+    assert rows[1].combined_percent < rows[0].combined_percent and rows[1].freed
+    assert max(abs(row.load_pull) for row in rows) < 4.0
+    text = report.table([*rows, replace(rows[0], refused="no fringes")])
+    assert "load within 1.96 u" in text and "held 0: no fringes" in text
+    report.figure(rows).savefig(tmp_path / "inputs.png")
 
 
 def test_fit_suite_holds_a_fit_to_the_truth_and_writes_a_table_and_a_picture(monkeypatch, tmp_path):

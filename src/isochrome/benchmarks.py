@@ -2,7 +2,8 @@
 
 Other suites: `fringes` holds every way to the fringe order against frames whose order is known;
 `fit`, what a fit finds in frames, and what that costs, against the truth; `defects`, the same in
-frames of benches that are not ours; `track`, how many frames a second of a video `process --track`
+frames of benches that are not ours; `inputs`, whether the whole uncertainty covers inputs that are
+off by chance; `track`, how many frames a second of a video `process --track`
 does; `memory`, the peak memory of long runs; `tolerance`, whether 300 random courses of load,
 friction and wear are within the tolerance that their scenes ask for.
 
@@ -74,8 +75,9 @@ def bench(
     out : str or Path, optional
         Folder for the table and the figure, bench.csv and bench.png, of the other suites by their
         own name, as fit.csv and fit.png; by default nothing is written.
-    suite : {'speed', 'fringes', 'fit', 'defects', 'track', 'memory', 'tolerance'}, default 'speed'
-        Which cases to run.
+    suite : str, default 'speed'
+        Which cases to run: 'speed', 'fringes', 'fit', 'defects', 'inputs', 'track', 'memory' or
+        'tolerance'.
     quick : bool, default False
         Whether to run tiny cases, which only show that everything runs.
     progress : callable, optional

@@ -10,6 +10,7 @@ from . import (
     case_fit,
     case_frames,
     case_fringes,
+    case_inputs,
     case_memory,
     case_peers,
     case_pressure,
@@ -21,6 +22,7 @@ from . import (
     report_defects,
     report_fit,
     report_fringes,
+    report_inputs,
     report_memory,
     report_tolerance,
     report_track,
@@ -51,6 +53,7 @@ SUITES = {
     "fringes": Suite(case_fringes.cases, "fringes", report_fringes.table, report_fringes.figure),
     "fit": Suite(case_fit.cases, "fit", report_fit.table, report_fit.figure),
     "defects": Suite(case_defects.cases, "defects", report_defects.table, report_defects.figure),
+    "inputs": Suite(case_inputs.cases, "inputs", report_inputs.table, report_inputs.figure),
     "track": Suite(case_track.cases, "track", report_track.table, report_track.figure),
     "memory": Suite(case_memory.cases, "memory", report_memory.table, report_memory.figure),
     "tolerance": Suite(

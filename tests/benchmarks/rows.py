@@ -143,3 +143,26 @@ class DefectRow:
     cost: float = _NAN
     seconds: float = _NAN
     refused: str = ""
+
+
+@dataclass(frozen=True)
+class InputRow:
+    """One frame whose stated inputs are off by chance.
+
+    `kind`, whether they are held or fitted where the frame asks; `load_percent`, error of the load;
+    pulls, errors over the combined standard uncertainty; `combined_percent` and `noise_percent`,
+    the load's uncertainties; `freed`, whether more was fitted than asked; `chi`; `seconds` of
+    processor time; `refused`, why there is no value.
+    """
+
+    kind: str
+    seed: int
+    load_percent: float = _NAN
+    load_pull: float = _NAN
+    friction_pull: float = _NAN
+    combined_percent: float = _NAN
+    noise_percent: float = _NAN
+    freed: bool = False
+    chi: float = _NAN
+    seconds: float = _NAN
+    refused: str = ""

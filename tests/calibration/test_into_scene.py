@@ -37,6 +37,8 @@ LAYOUTS = {
     "quoted": "[ 'specimen' ]\n\t'fringe_value_n_per_mm'=12.0#per fringe\n",
     "named in comments": "# [specimen]\n# fringe_value_n_per_mm = 12.0\n[specimen]\n"
     "thickness_mm = 4.0 # not fringe_value_n_per_mm = 3\n",
+    "stated before": "[specimen]\nfringe_value_n_per_mm = { value = 12.0, "
+    "standard_uncertainty = 0.5 }  # per fringe\n",
     "no specimen": "[load]\nnormal_n = 44.0",
     "empty": "",
 }
@@ -46,18 +48,20 @@ LAYOUTS = {
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"])
 def test_only_the_value_changes(name, line_end):
     text = LAYOUTS[name].replace("\n", line_end)
-    new = edited(text, "14.612", "calibrated: ± 0.013")
+    new = edited(text, "14.612", "0.013", "calibrated: chi 1.02")
     data = tomllib.loads(text)
-    data.setdefault("specimen", {})["fringe_value_n_per_mm"] = 14.612
+    known = {"value": 14.612, "standard_uncertainty": 0.013}
+    data.setdefault("specimen", {})["fringe_value_n_per_mm"] = known
     assert tomllib.loads(new) == data
-    assert new.count("calibrated: ± 0.013") == 1
+    assert new.count("calibrated: chi 1.02") == 1
     kept = [part.strip() for part in text.splitlines() if "12" not in part and "{" not in part]
     assert all(part in new for part in kept)
     assert new.count("\r\n") == (new.count("\n") if "\r\n" in text else 0)
     for comment in ("per fringe", "epoxy", "block", "mine"):
         assert new.count(comment) == text.count(comment)
-    again = edited(new, "14.700", "calibrated: ± 0.020")
-    assert again == new.replace("14.612", "14.700").replace("0.013", "0.020")
+    again = edited(new, "14.700", "0.020", "calibrated: chi 1.10")
+    wanted = new.replace("14.612", "14.700").replace("0.013", "0.020").replace("1.02", "1.10")
+    assert again == wanted
 
 
 def test_a_file_is_written_with_its_value_rounded_to_its_uncertainty(tmp_path):
@@ -65,9 +69,12 @@ def test_a_file_is_written_with_its_value_rounded_to_its_uncertainty(tmp_path):
     path.write_bytes(b"[specimen]\r\nfringe_value_n_per_mm = 12.0 # per fringe\r\n")
     assert write_into_scene(FOUND, path, source="sets/disc.toml") == 14.6123
     text = path.read_bytes().decode("utf-8")
-    said = "calibrated: ± 0.013 (standard uncertainty), chi 1.02, disc.toml"
-    assert text == (f"[specimen]\r\nfringe_value_n_per_mm = 14.6123 # per fringe; {said}\r\n")
-    assert load_scene(path).specimen.fringe_value_n_per_mm == 14.6123
+    said = "# per fringe; calibrated: chi 1.02, disc.toml"
+    value = "{ value = 14.6123, standard_uncertainty = 0.0131 }"
+    assert text == (f"[specimen]\r\nfringe_value_n_per_mm = {value} {said}\r\n")
+    scene = load_scene(path)
+    assert scene.specimen.fringe_value_n_per_mm == 14.6123
+    assert scene.uncertainties == {"specimen.fringe_value_n_per_mm": 0.0131}
     assert [p.name for p in tmp_path.iterdir()] == ["scene.toml"]
 
 

@@ -203,7 +203,8 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
     )  # fmt: skip
     found = done.json()
     assert (done.code, done.err) == (0, "")
-    assert set(found["load.normal_n"]) == {"value", "standard_uncertainty", "cramer_rao_bound"}
+    parts = {"value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound"}
+    assert set(found["load.normal_n"]) == parts
     assert found["load.normal_n"]["value"] == pytest.approx(44.0, rel=1e-3)
     names = {"frame", "distance_m", "chi", "other_minima", "friction.coefficient"}
     assert [set(f) for f in found["frames"]] == [names] * 2

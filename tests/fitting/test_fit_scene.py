@@ -89,7 +89,8 @@ def test_two_frames_share_the_wear_and_keep_their_own_friction(rendered, tmp_pat
 
     # What is left on disk says the same, and the fitted scene can be read again.
     saved = json.loads((tmp_path / "out" / "fit.json").read_text("utf-8"))
-    assert set(saved["load.normal_n"]) == {"value", "standard_uncertainty", "cramer_rao_bound"}
+    parts = {"value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound"}
+    assert set(saved["load.normal_n"]) == parts
     assert saved == json.loads(json.dumps(found.to_json()))
     again = load_scene(tmp_path / "out" / "scene.toml")
     assert again.load.normal_n == found.shared["load.normal_n"]["value"]

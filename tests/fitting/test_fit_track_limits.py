@@ -151,6 +151,8 @@ def test_the_mean_that_the_scene_gets_is_of_the_frames_that_tell_a_key():
     result = rows.result(contact())
     assert result.scene.load.normal_n == 44.0
     assert result.scene.friction.coefficient == pytest.approx(0.3)
+    stated = contact().with_values({"load.normal_n": {"value": 44, "standard_uncertainty": 1}})
+    assert "stated uncertainties of load.normal_n are not in" in rows.result(stated).warnings[0]
     # each frame is told of once, and for what it is
     assert [text.split(":")[0] for text in result.warnings] == ["frame 3", "frame 2", "frame 3"]
     for text, said in zip(

@@ -18,7 +18,7 @@ from isochrome.calibration.order_line import (
 )
 from isochrome.calibration.result import CUTS, BudgetItem, Calibration, ImageFit
 from isochrome.errors import PhysicsError
-from isochrome.estimation import POOR_CHI
+from isochrome.estimation import POOR_CHI, variance_shares
 
 Array = NDArray[np.float64]
 
@@ -185,10 +185,10 @@ def _budget(
         for i in inputs
         if i.standard_uncertainty is not None
     ]
-    variance = sum(row[3] ** 2 for row in rows) or 1.0
+    shares = variance_shares(np.array([row[3] for row in rows]))
     return tuple(
-        BudgetItem(name, float(u), unit, float(part), float(part**2 / variance))
-        for name, u, unit, part in rows
+        BudgetItem(name, float(u), unit, float(part), float(share))
+        for (name, u, unit, part), share in zip(rows, shares, strict=True)
     )
 
 

@@ -20,6 +20,7 @@ from isochrome.figures import (
     NOTE_PT,
     PALE,
     add_legend,
+    draw_budget,
     new_figure,
     show_image,
     style_axes,
@@ -57,7 +58,8 @@ def calibration_figure(calibration: Calibration) -> Figure:
     line, misfit, budget = lower.subplots(1, 3, width_ratios=[1.5, 1, 1.2])
     _line(line, calibration)
     _misfit(misfit, calibration)
-    _budget(budget, calibration)
+    parts = {item.name: item.contribution_n_per_mm for item in calibration.budget}
+    draw_budget(budget, parts, x_label="contribution to u (N/mm)", title="uncertainty budget")
     value = with_uncertainty(calibration.fringe_value_n_per_mm, calibration.standard_uncertainty)
     order = calibration.order_at_zero_load
     rest = "" if order is None else f"    order at zero load {round(order, 3) + 0.0:+.3f}"
@@ -177,17 +179,3 @@ def _misfit(axes: Any, calibration: Calibration) -> None:
     axes.margins(x=0.15)
     unit = "10⁻³ fringe" if milli else "fringes"
     style_axes(axes, x_label="load (N)", z_label=unit, title=title)
-
-
-def _budget(axes: Any, calibration: Calibration) -> None:
-    items = [b for b in calibration.budget if b.contribution_n_per_mm > 0][::-1]
-    axes.barh([b.name for b in items], [b.contribution_n_per_mm for b in items], height=0.6,
-              color=LINE_COLOURS[0])  # fmt: skip
-    for place, item in enumerate(items):
-        axes.text(
-            item.contribution_n_per_mm, place, f" {item.share:.0%}", va="center", fontsize=NOTE_PT
-        )
-    axes.margins(x=0.2)
-    axes.set_ylim(-0.6, max(len(items), 3) - 0.4)
-    axes.locator_params(axis="x", nbins=4)
-    style_axes(axes, x_label="contribution to u (N/mm)", title="uncertainty budget")

@@ -23,7 +23,9 @@ KEY = "fringe_value_n_per_mm"
 MARK = "calibrated: "
 """What a comment of ours begins with: a second calibration replaces it."""
 
-_VALUE = re.compile(rf"""(?:"{KEY}"|'{KEY}'|{KEY})[ \t]*=[ \t]*(?P<value>[-+0-9._eE]+)""")
+_VALUE = re.compile(
+    rf"""(?:"{KEY}"|'{KEY}'|{KEY})[ \t]*=[ \t]*(?P<value>[-+0-9._eE]+|\{{[^{{}}\r\n]*\}})"""
+)
 _TABLE = re.compile(
     r"""^[ \t]*\[[ \t]*(?:"specimen"|'specimen'|specimen)[ \t]*\][^\r\n]*\r?\n?""", re.M
 )
@@ -67,8 +69,9 @@ def write_into_scene(
 ) -> float:
     """Set `specimen.fringe_value_n_per_mm` in a scene file to a calibration's value.
 
-    The value is rounded two digits beyond the uncertainty's first. A comment beside it states the
-    standard uncertainty and chi; all else in the file stays, to the byte. The file is replaced as a
+    It is written as { value = ..., standard_uncertainty = ... }, from which a fit has its prior, or
+    an input of its budget. The value is rounded two digits beyond the uncertainty's first. A
+    comment beside it states chi; all else in the file stays, to the byte. The file is replaced as a
     whole or not at all.
 
     Parameters
@@ -101,8 +104,8 @@ def write_into_scene(
     14.599
     """
     text = check_scene_file(scene)
-    value, comment = _entry(calibration, source)
-    new = edited(text, value, comment, name=str(scene))
+    value, spread, comment = _entry(calibration, source)
+    new = edited(text, value, spread, comment, name=str(scene))
     target = Path(scene).resolve()  # a link stays a link
     with replacing(target) as beside:
         beside.write_bytes(new.encode("utf-8"))
@@ -110,29 +113,32 @@ def write_into_scene(
     return float(value)
 
 
-def edited(text: str, value: str, comment: str, *, name: str = "scene") -> str:
+def edited(text: str, value: str, spread: str, comment: str, *, name: str = "scene") -> str:
     """A scene's TOML text with another fringe value.
 
-    Parameters: `text`; `value`, a TOML number; `comment` for its line, without #; `name` of the
-    file for messages. Returns the text. Raises InputError where no edit does only that.
+    Parameters: `text`; `value` and its standard uncertainty `spread`, TOML numbers; `comment` for
+    its line, without #; `name` of the file for messages. Returns the text. Raises InputError where
+    no edit does only that.
     """
     wanted = parse_toml(text, name)
-    wanted.setdefault("specimen", {})[KEY] = float(value)
-    for candidate in _candidates(text, value, comment):
+    known = {"value": float(value), "standard_uncertainty": float(spread)}
+    wanted.setdefault("specimen", {})[KEY] = known
+    written = f"{{ value = {value}, standard_uncertainty = {spread} }}"
+    for candidate in _candidates(text, written, comment):
         if _says(candidate, wanted):
             return candidate
     raise InputError(
-        f"{name}: its layout cannot be edited; set specimen.{KEY} = {value} in it by hand"
+        f"{name}: its layout cannot be edited; set specimen.{KEY} = {written} in it by hand"
     )
 
 
-def _entry(calibration: Calibration, source: str | Path | None) -> tuple[str, str]:
-    """The value as text, and what the comment says of it."""
+def _entry(calibration: Calibration, source: str | Path | None) -> tuple[str, str, str]:
+    """The value and its uncertainty as texts, and what the comment says of them."""
     value, spread = calibration.fringe_value_n_per_mm, calibration.standard_uncertainty
     digits = max(1, 2 - int(np.floor(np.log10(spread)))) if spread > 0 else 6
     origin = "" if source is None else f", {Path(source).name}"
-    comment = f"{MARK}± {spread:.2g} (standard uncertainty), chi {calibration.chi:.2f}{origin}"
-    return f"{value:.{digits}f}", "".join(c for c in comment if c.isprintable())
+    mark = "".join(c for c in f"{MARK}chi {calibration.chi:.2f}{origin}" if c.isprintable())
+    return f"{value:.{digits}f}", f"{spread:.{digits}f}", mark
 
 
 def _candidates(text: str, value: str, comment: str) -> Iterator[str]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
 from isochrome.calibration.result import CUTS
+from isochrome.calibration.stated import with_stated
 from isochrome.errors import InputError
 from isochrome.scene import (
     Camera,
@@ -87,7 +88,7 @@ class LoadedImage(ScenePart):
 
 
 class Uncertainty(ScenePart):
-    """Standard uncertainties of the inputs.
+    """Standard uncertainties of the inputs, here or beside their values.
 
     Parameters
     ----------
@@ -150,7 +151,8 @@ class CalibrationSet(ImageSet):
     image : tuple of LoadedImage
         The images and their loads, one above 0 at least.
     uncertainty : Uncertainty, optional
-        Standard uncertainties of the inputs.
+        Standard uncertainties of the inputs. A size, a span, `pixel_mm` or `load_n` may be
+        { value = 20.0, standard_uncertainty = 0.02 } instead; loads' are taken as common to all.
     """
 
     beam: Beam | None = None
@@ -160,6 +162,11 @@ class CalibrationSet(ImageSet):
     frames: Frames = Frames()
     image: Annotated[tuple[LoadedImage, ...], Field(min_length=1)]
     uncertainty: Uncertainty | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_values(cls, data: Any) -> Any:
+        return with_stated(cls, data) if isinstance(data, dict) else data
 
     @model_validator(mode="after")
     def _complete(self) -> CalibrationSet:

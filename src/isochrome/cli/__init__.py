@@ -195,7 +195,8 @@ def bench_command(
     suite: Annotated[
         str,
         typer.Argument(
-            help="speed; fringes, every way to the order; fit; defects; track; memory; tolerance."
+            help="speed; fringes, every way to the order; fit; defects; inputs; track; memory; "
+            "tolerance."
         ),
     ] = "speed",
     out: Out = Path("isochrome-bench"),

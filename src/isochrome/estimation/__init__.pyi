@@ -32,6 +32,7 @@ from .light_degree import light_unknowns, smooth_starts
 from .limits import information_bound, is_determined
 from .multistart import Minimum, SeveralStarts
 from .observation import FrameData, Observation, observe, prepare_frame
+from .priors import NOISE, BudgetInput, Prior, budget_of, no_prior, variance_shares
 from .separable import (
     MOSTLY,
     LinearPart,
@@ -47,22 +48,26 @@ __all__ = [
     "ALIKE_CHI",
     "CUTOFF",
     "MOSTLY",
+    "NOISE",
     "POOR_CHI",
     "RIVAL_CHI",
     "STEP",
     "Bounds",
+    "BudgetInput",
     "Damping",
     "FrameData",
     "IntensityFit",
     "LinearPart",
     "Minimum",
     "Observation",
+    "Prior",
     "SeparableProblem",
     "SeveralStarts",
     "State",
     "Terms",
     "binned_light",
     "block_correlation",
+    "budget_of",
     "channel_light",
     "damped",
     "damped_step",
@@ -81,6 +86,7 @@ __all__ = [
     "minimise",
     "minimise_all",
     "next_damping",
+    "no_prior",
     "observe",
     "prepare",
     "prepare_frame",
@@ -92,6 +98,7 @@ __all__ = [
     "solve_linear",
     "standard_uncertainty",
     "total_degree",
+    "variance_shares",
     "white_covariance",
     "white_middle",
 ]

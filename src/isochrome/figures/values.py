@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -174,3 +175,29 @@ def frame_values_figure(name: str, found: FrameValues) -> Figure:
     draw_frame_values(figure, found)
     write_head(figure, f"{plain_name(name)}: tracked {figure.get_suptitle()}")
     return figure
+
+
+def draw_budget(axes: Axes, parts: Mapping[str, float], *, x_label: str, title: str) -> None:
+    """Draw an uncertainty budget as bars, the first on top, each with its share.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    parts : mapping of str to float
+        What each input adds, as a standard uncertainty; none is drawn for those that add nothing.
+    x_label : str
+        Label of the contributions.
+    title : str
+        Title.
+    """
+    items = {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
+    names, sizes = list(items)[::-1], list(items.values())[::-1]
+    axes.barh(names, sizes, height=0.6, color=LINE_COLOURS[0])
+    total = sum(size**2 for size in sizes)
+    for place, size in enumerate(sizes):
+        axes.text(size, place, f" {size**2 / total:.0%}", va="center", fontsize=9)
+    axes.margins(x=0.2)
+    axes.set_ylim(-0.6, max(len(items), 3) - 0.4)
+    axes.locator_params(axis="x", nbins=4)
+    style_axes(axes, x_label=x_label, title=title)

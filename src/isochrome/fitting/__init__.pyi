@@ -1,7 +1,8 @@
 from .api import fit
 from .causes.freeing import Freed, fit_with_causes
 from .causes.report import cause_messages
-from .frame.frame_fit import FrameFit, fit_frame, placed
+from .frame.frame_estimate import FrameFit
+from .frame.frame_fit import fit_frame, placed
 from .frame.model_frame import ModelFrame, evaluate_model
 from .frame.single_state import (
     frame_distance,
@@ -17,6 +18,7 @@ from .joint.frame_sequence import over_distance
 from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene
 from .tracking.api import refuse_shared, track
+from .tracking.result import untracked_inputs
 from .tracking.tracker import Tracked, Tracker, VainSearch, nothing_found
 
 __all__ = [
@@ -49,4 +51,5 @@ __all__ = [
     "sliding_scene",
     "timed_distance",
     "track",
+    "untracked_inputs",
 ]

@@ -17,6 +17,7 @@ from isochrome.figures import (
     INK,
     LINE_COLOURS,
     add_legend,
+    draw_budget,
     draw_values,
     new_figure,
     plain_name,
@@ -149,3 +150,27 @@ def _wear(axis: Axes, result: Fit) -> None:
         title="worn between frames, and by each law",
     )
     add_legend(axis)
+
+
+def budget_figure(name: str, result: Fit) -> Figure:
+    """Each value's uncertainty budget as bars; of several frames with their own, the mean square.
+
+    Parameters: `name` of the scene; `result`, with a budget. Returns a Figure.
+    """
+    keys = tuple(dict.fromkeys(own.key for own in result.budget))
+    columns = min(_COLUMNS, len(keys))
+    rows = -(-len(keys) // columns)
+    figure = new_figure(5.0 * columns, 3.0 * rows + 0.4)
+    axes: list[Any] = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for axis, key in zip(axes, keys, strict=False):
+        squares: dict[str, list[float]] = {}
+        for own in result.budget:
+            for item in own.inputs if own.key == key else ():
+                squares.setdefault(item.input, []).append(item.contribution**2)
+        sizes = {name: float(np.sqrt(np.mean(found))) for name, found in squares.items()}
+        parts = dict(sorted(sizes.items(), key=lambda item: -item[1]))
+        draw_budget(axis, parts, x_label=f"contribution to u({key})", title=key)
+    for axis in axes[len(keys) :]:
+        axis.set_axis_off()
+    figure.suptitle(f"{plain_name(name)}: uncertainty budget")
+    return figure

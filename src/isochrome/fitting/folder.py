@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.estimation import POOR_CHI
-from isochrome.fitting.figure import fit_figure, over_distance_figure
+from isochrome.estimation import POOR_CHI, BudgetInput
+from isochrome.fitting.figure import budget_figure, fit_figure, over_distance_figure
 from isochrome.fitting.frame.unknowns import WEAR
 from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
-from isochrome.fitting.result import PARTS, Fit, Found, keys_of
+from isochrome.fitting.result import PARTS, Fit, Found, KeyBudget, keys_of
 from isochrome.fitting.tracking.result import Track
 from isochrome.fitting.tractions.api import write_tractions
 from isochrome.fitting.wear_laws.law_evidence import LawFit
@@ -47,6 +47,9 @@ def write_fit(
     if result.wear_laws is not None:
         write_csv(folder / "wear_laws.csv", result.wear_laws.table())
     write_figure(folder / PICTURE, fit_figure(name, data, joint.scenes))
+    if result.budget:
+        write_csv(folder / "budget.csv", result.budget_columns)
+        write_figure(folder / "budget.png", budget_figure(name, result))
     if result.tractions:
         write_tractions(folder, data, joint, result)
     over_distance = over_distance_figure(name, result)
@@ -109,8 +112,12 @@ def restore_fit(out: Path, scene: Scene) -> Fit:
     rows = found["frames"]
     single = len(rows) == 1
     shared = {key: values for key, values in found.items() if _is_value(values)}
+    shared = {k: v for k, v in shared.items() if not (single and k in rows[0])}
+    budget = _budgets(shared, None)
+    for i, row in enumerate(rows):
+        budget += _budgets(row, i)
     return Fit(
-        shared=_whole({k: v for k, v in shared.items() if not (single and k in rows[0])}),
+        shared=_whole(shared),
         frames=[_whole({k: v for k, v in row.items() if _is_value(v)}) for row in rows],
         distance_m=[row["distance_m"] for row in rows],
         frame_chi=[_number(row["chi"], np.nan) for row in rows],
@@ -119,13 +126,24 @@ def restore_fit(out: Path, scene: Scene) -> Fit:
         other_minima=[row["other_minima"] for row in rows],
         wear_laws=_laws(found) if "wear_laws" in found else None,
         warnings=tuple(found["warnings"]),
+        budget=tuple(budget),
+        taken_as_exact=tuple(found["taken_as_exact"]),
         already=True,
         draw=partial(saved_picture, out.absolute() / PICTURE),
     )
 
 
 def _is_value(values: Any) -> bool:
-    return isinstance(values, dict) and set(values) == set(PARTS)
+    return isinstance(values, dict) and set(PARTS) <= set(values)
+
+
+def _budgets(found: dict[str, Any], frame: int | None) -> list[KeyBudget]:
+    """The budgets of values by key, from a fit's JSON."""
+    stated = {k: v["budget"] for k, v in found.items() if _is_value(v) and "budget" in v}
+    return [
+        KeyBudget(frame, key, tuple(BudgetInput(**row) for row in rows))
+        for key, rows in stated.items()
+    ]
 
 
 def _whole(found: dict[str, dict[str, Any]]) -> Found:

@@ -45,10 +45,17 @@ def refuse_keys(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> 
         _refuse_unfitted(scene, key, is_own=key in own)
         if keys.count(key) > 1:
             raise InputError(f"{key} is named twice; name it once, shared or per frame")
-    for key, reason in _SAME_EFFECT.items():
-        if key in keys and "load.normal_n" in keys:
+        if scene.uncertainties.get(key) == 0.0:
             raise InputError(
-                f"load.normal_n and {key} cannot both be free: {reason}; fix one of them"
+                f"{key} is stated as exact (standard_uncertainty = 0) and cannot be free; leave it "
+                "out, or state its uncertainty"
+            )
+    for key, reason in _SAME_EFFECT.items():
+        pair = {key, "load.normal_n"}
+        if pair <= set(keys) and not pair & set(scene.uncertainties):
+            raise InputError(
+                f"load.normal_n and {key} cannot both be free: {reason}; fix one of them, or give "
+                "one its uncertainty in the scene: { value = ..., standard_uncertainty = ... }"
             )
 
 
@@ -90,17 +97,20 @@ def refuse_states(path: FramesPath, count: int, scene: Scene) -> None:
         )
 
 
-def refuse_alike(keys: tuple[str, ...], covariance: Array) -> None:
+def refuse_alike(keys: tuple[str, ...], covariance: Array, known: tuple[str, ...] = ()) -> None:
     """Refuse unknowns that the frames cannot tell apart, by their correlation.
 
-    Parameters: `keys` of the unknowns (p,) and their `covariance` (p, p). Raises PhysicsError that
-    names the pair.
+    Parameters: `keys` of the unknowns (p,) and their `covariance` (p, p); `known`, keys with an
+    uncertainty that the scene states: these may be alike, and their statements tell them apart.
+    Raises PhysicsError that names the pair.
     """
     spread = np.sqrt(np.diag(covariance))
     if not np.all(spread > 0.0):
         return
     correlation = covariance / np.outer(spread, spread)
     np.fill_diagonal(correlation, 0.0)
+    stated = [key in known for key in keys]
+    correlation[stated] = correlation[:, stated] = 0.0
     i, j = np.unravel_index(int(np.abs(correlation).argmax()), correlation.shape)
     if abs(correlation[i, j]) > _ALIKE:
         raise PhysicsError(

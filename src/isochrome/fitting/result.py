@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from isochrome.estimation import ALIKE_CHI, POOR_CHI
-from isochrome.fitting.frame.frame_fit import FrameFit
+from isochrome.estimation import ALIKE_CHI, POOR_CHI, BudgetInput
+from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.frame.inputs import taken_as_exact
 from isochrome.fitting.frame.single_state import frame_distance
 from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
@@ -31,18 +32,31 @@ from isochrome.scene import Scene
 Found = dict[str, dict[str, float]]
 """Key to what is known of it, see PARTS."""
 
-PARTS = ("value", "standard_uncertainty", "cramer_rao_bound")
+PARTS = ("value", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound")
+"""What is known of a value: its uncertainty, the frames' noise alone in it, the noise's least."""
 
 TOO_FAR = 0.12
 """Residual over contrast beyond which a model tells nothing: no value, and no pixel's branch.
 A right model leaves the noise, about 0.02; one that is 3 % off in load 0.05; wrong ones 0.15 on."""
 
 
+@dataclass(frozen=True)
+class KeyBudget:
+    """The uncertainty budget of one value: of its `key`, in a `frame` or, None, shared by all."""
+
+    frame: int | None
+    key: str
+    inputs: tuple[BudgetInput, ...]
+
+
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Fit(Result):
     """Fitted unknowns.
 
-    `shared`, key to {value, standard_uncertainty, cramer_rao_bound} of what all frames share;
+    `shared`, key to {value, standard_uncertainty, noise_uncertainty, cramer_rao_bound} of what all
+    frames share, where the standard uncertainty is that of the noise and of all inputs that the
+    scene states with theirs; `budget` names each input's share, of all values, empty where none is
+    stated; `taken_as_exact`, keys of the measured numbers without an uncertainty;
     `frames`, the same for each frame's own; `distance_m` and `frame_chi`, of each frame; `chi`,
     residual over noise over all frames; `scene`, with the fitted values; `other_minima`, of each
     frame on its own: other values that fit nearly as well; `wear_laws`, compared, where several
@@ -60,20 +74,24 @@ class Fit(Result):
     wear_laws: WearLaws | None
     warnings: tuple[str, ...]
     tractions: tuple[Tractions, ...] = ()
+    budget: tuple[KeyBudget, ...] = ()
+    taken_as_exact: tuple[str, ...] = ()
     already: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """The result as `--json` prints it; a single frame's own unknowns stand at the top too."""
-        top: dict[str, Any] = dict(self.shared)
+        top: dict[str, Any] = self._with_budget(None, self.shared)
+        each = [self._with_budget(i, own) for i, own in enumerate(self.frames)]
         if len(self.frames) == 1:
-            top |= self.frames[0]
+            top |= each[0]
         frames = [
             {"frame": i, "distance_m": distance, "chi": chi, "other_minima": others, **own}
             for i, (own, distance, chi, others) in enumerate(
-                zip(self.frames, self.distance_m, self.frame_chi, self.other_minima, strict=True)
+                zip(each, self.distance_m, self.frame_chi, self.other_minima, strict=True)
             )
         ]
         top |= {"chi": self.chi, "warnings": list(self.warnings), "frames": frames}
+        top["taken_as_exact"] = list(self.taken_as_exact)
         if self.wear_laws is not None:
             top |= {
                 "wear_law": self.wear_laws.sentence(),
@@ -85,6 +103,11 @@ class Fit(Result):
             found = [{"frame": i, **one.to_json()} for i, one in enumerate(self.tractions)]
             top["tractions"] = found
         return top
+
+    def _with_budget(self, frame: int | None, found: Found) -> dict[str, Any]:
+        """Values by key, each with its budget where inputs are stated."""
+        own = {b.key: [i.to_json() for i in b.inputs] for b in self.budget if b.frame == frame}
+        return {k: v | ({"budget": own[k]} if k in own else {}) for k, v in found.items()}
 
     @property
     def title(self) -> str:
@@ -102,12 +125,14 @@ class Fit(Result):
             yield key, over_items((found["value"] for found in having), spreads)
         if self.wear_laws is not None:
             yield "wear law", self.wear_laws.sentence()
+        if self.taken_as_exact:
+            yield "taken as exact", ", ".join(self.taken_as_exact)
 
     @property
     def over_frames(self) -> FrameValues:
         """What each frame has of its own, NaN where a key is not of a frame."""
         keys = keys_of(self.frames)
-        values, spreads, _ = (
+        values, spreads, *_ = (
             np.array([[own[k][part] if k in own else np.nan for k in keys] for own in self.frames])
             for part in PARTS
         )
@@ -121,6 +146,17 @@ class Fit(Result):
             searched=none,
             whole=none,
         )
+
+    @property
+    def budget_columns(self) -> dict[str, list[Any]]:
+        """Those of budget.csv: one row for each input of each value, the largest share first."""
+        rows = [
+            ("all" if b.frame is None else str(b.frame), b.key, *i.to_json().values())
+            for b in self.budget
+            for i in b.inputs
+        ]
+        names = ("frame", "key", *(f.name for f in fields(BudgetInput)))
+        return {name: [row[k] for row in rows] for k, name in enumerate(names)}
 
     @property
     def columns(self) -> dict[str, list[Any]]:
@@ -157,11 +193,11 @@ def make_result(
     """
     shared: Found = {}
     own: list[Found] = [{} for _ in joint.scenes]
-    for unknown, value, spread, bound in zip(
-        joint.unknowns, joint.values, joint.standard_uncertainty, joint.cramer_rao_bound,
-        strict=True,
+    for unknown, *parts in zip(
+        joint.unknowns, joint.values, joint.standard_uncertainty, joint.noise_uncertainty,
+        joint.cramer_rao_bound, strict=True,
     ):  # fmt: skip
-        found = dict(zip(PARTS, map(float, (value, spread, bound)), strict=True))
+        found = dict(zip(PARTS, map(float, parts), strict=True))
         for place in [shared] if unknown.shared else [own[i] for i in unknown.frames]:
             place[unknown.key] = found
     # a run's course is in the scene already, as tables
@@ -170,17 +206,38 @@ def make_result(
         for key in keys_of(own)
         if not joint.sequence.in_course(key)
     }
+    scene = joint.scene.with_values(means) if means else joint.scene
     return Fit(
         shared=shared,
         frames=own,
         distance_m=list(joint.sequence.distances_m),
         frame_chi=list(joint.frame_chi),
         chi=joint.chi,
-        scene=joint.scene.with_values(means) if means else joint.scene,
+        scene=_with_found_uncertainties(scene, shared | (own[0] if len(own) == 1 else {})),
         other_minima=[_others(fit) for fit in alone],
         wear_laws=laws,
         warnings=(*notes, *_warnings(joint, alone), *_of_law(joint.scene, laws)),
+        budget=tuple(_budgets(joint)),
+        taken_as_exact=taken_as_exact(scene, tuple(u.key for u in joint.unknowns)),
     )
+
+
+def _budgets(joint: JointFit) -> Iterator[KeyBudget]:
+    """The budgets of a fit's values; none where no input has an uncertainty."""
+    for unknown, inputs in zip(joint.unknowns, joint.budget, strict=False):
+        if inputs:
+            frames = (None,) if unknown.shared else unknown.frames
+            yield from (KeyBudget(frame, unknown.key, inputs) for frame in frames)
+
+
+def _with_found_uncertainties(scene: Scene, found: Found) -> Scene:
+    """The fitted scene with what is known now of the values that it had stated before."""
+    known = {
+        key: {part: own[part] for part in PARTS[:2]}
+        for key, own in found.items()
+        if key in scene.uncertainties and np.isfinite(own["standard_uncertainty"])
+    }
+    return scene.with_values(known) if known else scene
 
 
 def _others(fit: FrameFit) -> list[dict[str, float]]:

@@ -12,7 +12,9 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, Minimum
 from isochrome.fitting.causes.freeing import Freed, fit_with_causes
 from isochrome.fitting.causes.report import cause_messages
-from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, placed
+from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.frame.frame_fit import fit_frame, placed
+from isochrome.fitting.frame.inputs import inputs_of_rows, stated_inputs
 from isochrome.fitting.frame.smooth_stress import ASKED_CHI, with_smooth_stress
 from isochrome.fitting.frame.unknowns import WEAR
 from isochrome.fitting.frame_set import PreparedFrames
@@ -37,7 +39,10 @@ from isochrome.output import messages_of_frames
 from isochrome.runs import Results
 
 Progress = Callable[[], None]
-_ARRAYS = ("values", "standard_uncertainty", "covariance", "cramer_rao_bound", "information")
+_ARRAYS = (
+    "values", "standard_uncertainty", "covariance", "noise_uncertainty", "sensitivity",
+    "cramer_rao_bound", "information",
+)  # fmt: skip
 _PLAIN = ("keys", "freedom", "chi", "converged", "plain", "positive")
 Row = dict[str, Any]
 
@@ -77,6 +82,7 @@ class FrameWork:
         """The fit of a frame, from its row."""
         parts: dict[str, Any] = {name: np.array(row[name], dtype=float) for name in _ARRAYS}
         parts |= {name: row[name] for name in _PLAIN} | {"keys": tuple(row["keys"])}
+        parts["inputs"] = inputs_of_rows(row["inputs"])
         parts["others"] = tuple(Minimum(np.array(values), chi) for values, chi in row["others"])
         start = placed(alone_scene(self.sequence.scene, index), self.data.shape)
         found = dict(zip(row["keys"], row["values"], strict=True))
@@ -85,19 +91,22 @@ class FrameWork:
     def _row(self, index: int, data: FrameData, last: Mapping[str, float] | None) -> Row:
         """A frame's fit as plain numbers; `last`, values to look for it at, and there alone."""
         scene, keys = alone_scene(self.sequence.scene, index), self.sequence.acting(index)
+        stated = stated_inputs(scene, self.sequence.scene)
         if last is not None:
             scene = scene.with_values({key: last[key] for key in keys if key in last})
         messages: tuple[str, ...] = ()
         light = None
         if self.as_stated or not is_each(self.sequence):
-            fit = fit_frame(data, scene, keys, cold=last is None)
+            fit = fit_frame(data, scene, keys, cold=last is None, stated=stated)
         else:
-            freed = self._explained(fit_with_causes(data, scene, keys, cold=last is None))
+            freed = fit_with_causes(data, scene, keys, cold=last is None, stated=stated)
+            freed = self._explained(freed)
             fit, messages = freed.fit, cause_messages(freed)
             light = freed.data.lamp.terms if freed.light else None
         row = {name: getattr(fit, name).tolist() for name in _ARRAYS}
         row |= {name: getattr(fit, name) for name in _PLAIN} | {"keys": list(fit.keys)}
         others = [[other.values.tolist(), float(other.chi)] for other in fit.others]
+        row["inputs"] = [list(item) for item in fit.inputs.rows]
         return row | {"others": others, "said": list(messages), "light": light}
 
     def _explained(self, freed: Freed) -> Freed:
@@ -107,9 +116,9 @@ class FrameWork:
         """
         stated = freed.stated.fit
         if stated.positive or self.sequence.count == 1:
-            refuse_alike(stated.keys, stated.covariance)
+            refuse_alike(stated.keys, stated.covariance, stated.inputs.keys)
         try:
-            refuse_alike(freed.fit.keys, freed.fit.covariance)
+            refuse_alike(freed.fit.keys, freed.fit.covariance, freed.fit.inputs.keys)
         except PhysicsError:
             return freed.undone()  # chi stays, and is told
         return freed
@@ -130,7 +139,7 @@ def joint_stage(
     behind it. Raises PhysicsError for unknowns that the frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in alone):
-        cause = next(iter(messages_of_frames(said, single=sequence.count == 1)), CORRECT)
+        cause = next(iter(messages_of_frames(messages, single=sequence.count == 1)), CORRECT)
         raise PhysicsError(
             f"{data.given.name}: nothing could be read in any of the {len(alone)} frames: the "
             f"scene's fringes are not in them; {cause}"
@@ -146,7 +155,7 @@ def joint_stage(
     joint = fit_jointly(data, sequence, start, shape=data.shape, progress=progress)
     joint, laws, notes = _explained(data, joint, progress)
     assert joint.covariance is not None
-    refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance)
+    refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance, joint.known)
     return make_result(joint, alone, laws, notes), joint
 
 

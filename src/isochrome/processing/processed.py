@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.fitting import CORRECT, FRICTION, fitted_scene, over_distance
+from isochrome.fitting import CORRECT, FRICTION, fitted_scene, over_distance, untracked_inputs
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
     Floats,
@@ -198,6 +198,7 @@ def collect(
     alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
     warnings = [] if orders_are_read(scene) else [no_model_sentence(scene)]
     warnings += _of_residual(scene, residual) if residual is not None else []
+    warnings += untracked_inputs(scene) if PICTURE in table else []
     of_frames = zip(table["frame"], table["warnings"], strict=True)
     warnings += messages_of_frames(
         (number, text) for number, all_ in of_frames for text in all_.split(SEPARATOR) if text

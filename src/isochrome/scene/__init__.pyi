@@ -13,6 +13,7 @@ from .pixel_scale import UNDOUBTED_MM, check_pixel, check_width
 from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
 from .specimen import Specimen
 from .toml import dump_scene, load_scene, parse_scene, parse_toml, read_text, scene_names
+from .uncertain import plain_value, split_uncertainties
 from .validation import check_reach, validate
 from .whole import Scene
 
@@ -43,7 +44,9 @@ __all__ = [
     "load_scene",
     "parse_scene",
     "parse_toml",
+    "plain_value",
     "read_text",
     "scene_names",
+    "split_uncertainties",
     "validate",
 ]

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
+from isochrome.scene.uncertain import as_text
 from isochrome.scene.validation import check_reach, nearest, validate
-from isochrome.scene.whole import Scene
+from isochrome.scene.whole import NO_KEYS, Scene
 
 LIBRARY = resources.files("isochrome.scene") / "library"
 """The scenes that ship inside the package."""
@@ -98,7 +99,7 @@ def parse_scene(
     4.0
     """
     data = parse_toml(text, label or name)
-    scene = validate(Scene, data, label or name, reserved=("folder", "name"))
+    scene = validate(Scene, data, label or name, reserved=NO_KEYS)
     return scene.model_copy(update={"name": name, "folder": folder})
 
 
@@ -127,7 +128,19 @@ def dump_scene(scene: Scene) -> str:
     """
     import tomli_w
 
-    return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True, exclude_unset=True))
+    data = scene.model_dump(mode="json", exclude_none=True, exclude_unset=True)
+    stated = {}
+    for key, spread in scene.uncertainties.items():
+        part, _, name = key.partition(".")
+        value = data.get(part, {}).get(name)
+        if isinstance(value, int | float):
+            # a key's own place, for the writer makes a table of its own of a dictionary
+            data[part][name] = f"{{{key}}}"
+            stated[f'{name} = "{{{key}}}"\n'] = f"{name} = {as_text(value, spread)}\n"
+    text = tomli_w.dumps(data)
+    for place, line in stated.items():
+        text = text.replace(place, line)
+    return text
 
 
 def scene_names() -> list[str]:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from isochrome.errors import InputError
 from isochrome.scene.scene_values import NUMBER, TABLE
+from isochrome.scene.uncertain import PAIRS
 
 LARGEST = 1e30
 """In any unit, what is beyond is a slip."""
@@ -128,7 +129,7 @@ def _keys_beside(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str
             if inner is None:
                 break
             here = inner
-    return [k for k in here.model_fields if k not in ("folder", "name")]
+    return [k for k in here.model_fields if k not in ("folder", "name", PAIRS)]
 
 
 def _model_inside(annotation: Any) -> type[BaseModel] | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from pydantic import Field, model_validator
@@ -12,14 +14,20 @@ from isochrome.scene.imaging import Camera, Frames
 from isochrome.scene.parts import Friction, Indenter, Load, Numerics, Polariscope, Wear
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
 from isochrome.scene.specimen import BODIES, Body, Specimen
+from isochrome.scene.uncertain import PAIRS, with_pairs
 from isochrome.scene.validation import validate
+
+NO_KEYS = ("folder", "name", PAIRS)
+"""Fields of a scene that are no keys of its file."""
 
 
 class Scene(ScenePart):
     """What stood in front of the camera.
 
     The parts are the tables of a scene's TOML file. Absent parts are not modelled and cost nothing.
-    A scene does not change: `with_values` gives a changed copy, checked again.
+    A scene does not change: `with_values` gives a changed copy, checked again. Any measured number
+    may be given as {'value': 14.6, 'standard_uncertainty': 0.066}; its part then holds the plain
+    value, and `uncertainties` the rest.
 
     Parameters
     ----------
@@ -46,6 +54,8 @@ class Scene(ScenePart):
         Folder to which paths in the scene are relative.
     name : str, default 'scene'
         Name of the scene, in titles and messages.
+    stated_uncertainty : tuple of tuple of (str, float), optional
+        What `uncertainties` holds, as pairs.
 
     Raises
     ------
@@ -73,6 +83,12 @@ class Scene(ScenePart):
     numerics: Numerics = Numerics()
     folder: Path | None = Field(default=None, exclude=True, repr=False)
     name: str = Field(default="scene", exclude=True, repr=False)
+    stated_uncertainty: tuple[tuple[str, float], ...] = Field(default=(), exclude=True, repr=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_values(cls, data: Any) -> Any:
+        return with_pairs(cls, data)
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Scene:
@@ -200,6 +216,11 @@ class Scene(ScenePart):
         """Diameter of a specimen with a round outline, which tells its place; None without one."""
         return self.body_height_mm if self._body and self._body.has_rim else None
 
+    @property
+    def uncertainties(self) -> Mapping[str, float]:
+        """Standard uncertainties that the scene states, by dotted key, in the keys' units."""
+        return MappingProxyType(dict(self.stated_uncertainty))
+
     def friction_at(self, distance_m: Distance) -> Distance:
         """Friction coefficient mu at a sliding distance, linear between the table's points.
 
@@ -248,7 +269,7 @@ class Scene(ScenePart):
         """The value of a dotted key such as 'load.normal_n'; InputError on an unknown one."""
         part, _, name = key.partition(".")
         table = getattr(self, part, None)
-        known = part in type(self).model_fields and part not in ("folder", "name")
+        known = part in type(self).model_fields and part not in NO_KEYS
         if not known or not name:
             raise InputError(f"{key}: the scene has no such key; write it as 'load.normal_n'")
         if table is None:
@@ -260,7 +281,11 @@ class Scene(ScenePart):
         return getattr(table, name)
 
     def with_values(self, values: dict[str, Any]) -> Scene:
-        """A copy with some dotted keys changed and checked again; raises InputError."""
+        """A copy with some dotted keys changed and checked again; raises InputError.
+
+        Parameters: `values`, by dotted key; {'value': v, 'standard_uncertainty': u} states an
+        uncertainty too, and a plain number keeps the one that is stated.
+        """
         parts: dict[str, dict[str, Any]] = {}
         for key, value in values.items():
             self.get(key)

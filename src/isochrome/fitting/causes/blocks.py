@@ -12,10 +12,11 @@ import numpy as np
 
 from isochrome.estimation import FrameData
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PIXEL, PLATES, Cause
+from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, Cause
 from isochrome.fitting.frame.frame_fit import Fitted
 from isochrome.fitting.frame.fringe_optics import scene_optics
 from isochrome.fitting.frame.gamma import gamma_slope
+from isochrome.fitting.frame.inputs import PIXEL
 from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, moved_scene
 from isochrome.scene import Scene
@@ -71,6 +72,7 @@ class FrameBlocks:
             self._bases[0] * (self.signal * self._light),
             self._bases[1] * self._light,
         ))  # fmt: skip
+        self._held = fitted.held_rows[:, at] * root
         self._fields = self._thin_fields(fitted)
 
     def _thin_fields(self, fitted: Fitted) -> tuple[Array, Array]:
@@ -102,6 +104,8 @@ class FrameBlocks:
 
     def columns(self, cause: Cause) -> Array:
         """Weighted derivatives of the model by a cause's keys (k, n); an even one's whole step."""
+        if cause.weight:
+            return self._held
         if cause.keys[0] in _EVEN:
             changed = dict.fromkeys(cause.keys, _EVEN[cause.keys[0]])
             step = self._signal(self.scene.with_values(changed)) - self._here

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from isochrome.fitting.frame.inputs import PIXEL, StatedInputs
 from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS
 from isochrome.scene import Scene
 
 PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")
 BAND = "polariscope.bandwidth_nm"
-PIXEL, FRINGE_VALUE = "camera.pixel_mm", "specimen.fringe_value_n_per_mm"
+FRINGE_VALUE = "specimen.fringe_value_n_per_mm"
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Cause:
     has no slope at nought. `least`, what is too little to be worth an unknown: some 1e-3 of a
     fringe, ten times what the model itself errs by. `free`, False where the frame cannot tell it
     from what it is told: then it is a suspect, stays as it is, and `least` is a share of it.
+    `weight`, 1/u² of keys that the scene states with their uncertainties, which are their priors.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Cause:
     starts: tuple[float, ...] = (0.0,)
     least: float = 0.0
     free: bool = True
+    weight: tuple[float, ...] = ()
 
 
 TINY = 1e-9
@@ -51,6 +54,8 @@ STIFF = Cause(
     free=False,
 )
 
+STATED = "what the scene states with an uncertainty"
+
 GEOMETRY = (ROLL, DISTORTION, SIDE, ABOVE)
 LOOK = Cause("how the camera looks", LENS, (TINY,) * len(LENS))
 """All of the geometry at once: where it is far off, one part looks like another."""
@@ -58,10 +63,18 @@ LOOK = Cause("how the camera looks", LENS, (TINY,) * len(LENS))
 CAUSES = (*GEOMETRY, TONE, BLURRED, TURNED, WIDE, SMOOTH, SCALE, STIFF)
 
 
-def candidates(scene: Scene, keys: tuple[str, ...]) -> tuple[Cause, ...]:
-    """The causes that a scene can have, with those of their keys that are not unknowns already."""
-    left = (_without(cause, keys) for cause in CAUSES)
-    return tuple(c for c in left if c.keys and all(_has(scene, key) for key in c.keys))
+def candidates(scene: Scene, keys: tuple[str, ...], held: StatedInputs) -> tuple[Cause, ...]:
+    """The causes that a scene can have, with those of their keys that are not unknowns already.
+
+    What is `held` and has a stated uncertainty is one cause, its values together: a frame that the
+    stated values contradict tells which combinations of them are right, and the priors the others.
+    """
+    left = (_without(cause, keys + held.keys) for cause in CAUSES)
+    own = tuple(c for c in left if c.keys and all(_has(scene, key) for key in c.keys))
+    if not held.keys:
+        return own
+    weight = tuple((held.spread**-2.0).tolist())
+    return (*own, Cause(STATED, held.keys, tuple(held.values.tolist()), weight=weight))
 
 
 def _without(cause: Cause, keys: tuple[str, ...]) -> Cause:

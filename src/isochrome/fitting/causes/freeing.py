@@ -13,13 +13,14 @@ from isochrome.fitting.causes.blocks import BLOCK
 from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause
 from isochrome.fitting.causes.score import Asked, ask, richer_light
 from isochrome.fitting.causes.trials import Trial, explaining_slip, is_unexplained
+from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.frame_fit import (
     Fitted,
-    FrameFit,
     fit_with_model,
     hidden_px,
 )
 from isochrome.fitting.frame.frame_model import FrameModel, refine_fit
+from isochrome.fitting.frame.inputs import StatedInputs
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.smooth_stress import is_explained
 from isochrome.fitting.frame.unknowns import GAMMA, LENS, fit_region, values_of
@@ -148,7 +149,7 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
     """The fit with one more cause, None where that is no better."""
     data, keys, scene = _wider(freed, asked)
     try:
-        fitted = fit_with_model(data, scene, keys, cold=False)
+        fitted = fit_with_model(data, scene, keys, cold=False, stated=freed.stated.stated)
     except PhysicsError:
         return None
     fit = fitted.fit
@@ -160,7 +161,8 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
         if terms == data.lamp.terms:
             break
         data = replace(data, lamp=data.lamp.of(terms))
-        fitted = fit_with_model(data, fitted.fit.scene, keys, cold=False)
+        start = fitted.fit.scene
+        fitted = fit_with_model(data, start, keys, cold=False, stated=freed.stated.stated)
     fit = fitted.fit
     parts = () if asked.cause is None else GEOMETRY if asked.cause is LOOK else (asked.cause,)
     if parts and not any(_is_felt(fit, cause, freed.stated.fit.scene) for cause in parts):
@@ -207,13 +209,14 @@ def _tried(freed: Freed, asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
     tried = [a for a in asked if a.cause is not None and a not in lens][:_TRIED]
     tried += lights[:1] + [replace(a, cause=LOOK) for a in lens[:1]]
     valid = _wider(freed, out[0])[0].valid if out else freed.data.valid
-    base = _thin_fit(replace(freed.data, valid=valid), freed.fit.keys, freed.fit.scene)
+    stated = freed.stated.stated
+    base = _thin_fit(replace(freed.data, valid=valid), freed.fit.keys, freed.fit.scene, stated)
     if base is None:
         return ()
     scored = []
     for item in tried:
         data, keys, scene = _wider(freed, item)
-        found = _thin_fit(replace(data, valid=valid), keys, scene)
+        found = _thin_fit(replace(data, valid=valid), keys, scene, stated)
         # what leaves few pixels unexplained leaves all of them so, at a hundred times the cost
         if found is not None and not _is_hopeless(*np.sqrt((base[0], found[0]))):
             scored.append((evidence_gain(base[:2], found[:2], pixels=base[2]), item))
@@ -222,25 +225,28 @@ def _tried(freed: Freed, asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
 
 
 def _thin_fit(
-    data: FrameData, keys: tuple[str, ...], scene: Scene
+    data: FrameData, keys: tuple[str, ...], scene: Scene, stated: StatedInputs
 ) -> tuple[float, int, int] | None:
     """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
     # a lens hides some rows more: all are compared without them
     hidden = hidden_px(scene) + (_RIM_PX if pixel_grid(scene, data.shape).lens is None else 0.0)
     region = fit_region(scene, data.shape, BLOCK, hidden)
     try:
-        model = FrameModel(data, with_numerics(scene), keys, region, stride=BLOCK)
+        prior = stated.prior(keys)
+        model = FrameModel(data, with_numerics(scene), keys, region, stride=BLOCK, prior=prior)
         found = refine_fit(model, values_of(scene, keys), tolerance=0.5, iterations=_PASSES)
     except PhysicsError:
         return None
     if found is None or not found.toned.part.positive:
         return None
     size = model.pixels.size
-    return found.toned.cost / size, len(keys) + len(found.toned.part.coefficients), size
+    return found.cost / size, len(keys) + len(found.toned.part.coefficients), size
 
 
 def _is_felt(fit: FrameFit, cause: Cause, stated: Scene) -> bool:
     """Whether a cause came out at more than nothing, and more than is worth an unknown."""
+    if cause.weight:
+        return True  # what is known of it stands beside it: it may be nothing, and costs nothing
     for key in cause.keys:
         k = fit.keys.index(key)
         away = abs(fit.values[k] - (stated.frames.first_gamma if key == GAMMA else 0.0))
@@ -258,7 +264,7 @@ def _pruned(freed: Freed) -> Freed:
     gone = {key for cause in needless for key in cause.keys}
     keys = tuple(key for key in fit.keys if key not in gone)
     scene = fit.scene.with_values({key: stated.get(key) for key in gone})
-    again = fit_with_model(freed.data, scene, keys, cold=False)
+    again = fit_with_model(freed.data, scene, keys, cold=False, stated=freed.stated.stated)
     if not again.fit.positive or again.fit.chi > _SAME_CHI * fit.chi:
         return freed
     again = replace(again, fit=replace(again.fit, others=fit.others))
@@ -268,7 +274,12 @@ def _pruned(freed: Freed) -> Freed:
 
 
 def fit_with_causes(
-    data: FrameData, scene: Scene, keys: tuple[str, ...] | None = None, *, cold: bool = True
+    data: FrameData,
+    scene: Scene,
+    keys: tuple[str, ...] | None = None,
+    *,
+    cold: bool = True,
+    stated: StatedInputs | None = None,
 ) -> Freed:
     """Fit a frame, and free what it asks for besides its unknowns.
 
@@ -282,6 +293,8 @@ def fit_with_causes(
         The unknowns, by default `free_keys`.
     cold : bool, default True
         False to search only where the scene's own values lead to no light at all.
+    stated : StatedInputs, optional
+        What is known beforehand, by default what the scene states.
 
     Returns
     -------
@@ -296,7 +309,7 @@ def fit_with_causes(
         Where no values give fringes of the right contrast.
     """
     try:
-        fitted = fit_with_model(data, scene, keys, cold=cold)
+        fitted = fit_with_model(data, scene, keys, cold=cold, stated=stated)
     except PhysicsError as error:
         slip = explaining_slip(data, scene, keys, np.inf)
         if slip is None:

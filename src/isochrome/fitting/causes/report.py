@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from isochrome.fitting.causes.cause import Cause
 from isochrome.fitting.causes.freeing import Freed
 from isochrome.fitting.causes.score import Asked
-from isochrome.fitting.frame.frame_fit import FrameFit
+from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.unknowns import LOAD
 from isochrome.output import with_uncertainty
 from isochrome.scene import Scene
+
+_FAR = 4.0
+"""Standard uncertainties from what is stated that chance does not explain."""
 
 _LEAST_SHIFT = 1e-6
 """Change of the load below which nothing is said of it."""
@@ -30,7 +34,9 @@ def cause_messages(freed: Freed) -> tuple[str, ...]:
     if freed.slip is not None:
         return (freed.slip.sentence(),)
     before = freed.stated.fit
-    messages = [_freed_sentence(freed)] if freed.causes else []
+    own = tuple(cause for cause in freed.causes if not cause.weight)
+    messages = [_freed_sentence(freed, own)] if own else []
+    messages += [_stated_sentence(freed, cause) for cause in freed.causes if cause.weight]
     if freed.light:
         messages.append(
             f"{freed.data.lamp.words}; no-load frames (frames.no_load_bright, no_load_dark) show "
@@ -49,13 +55,38 @@ def cause_messages(freed: Freed) -> tuple[str, ...]:
     return tuple(messages)
 
 
-def _freed_sentence(freed: Freed) -> str:
-    """What was freed, by name, key and value."""
-    fit = freed.fit
+def _values(fit: FrameFit) -> dict[str, tuple[float, float]]:
+    """Value and standard uncertainty by key."""
     pairs = zip(fit.values.tolist(), fit.standard_uncertainty.tolist(), strict=True)
-    at = dict(zip(fit.keys, pairs, strict=True))
+    return dict(zip(fit.keys, pairs, strict=True))
+
+
+def _stated_sentence(freed: Freed, cause: Cause) -> str:
+    """What the frame says of the values that are stated with their uncertainties."""
+    at = _values(freed.fit)
+    values = ", ".join(f"{key} = {with_uncertainty(*at[key])}" for key in cause.keys)
+    text = (
+        f"the frame tells more of {len(cause.keys)} stated value(s) than their uncertainties: "
+        f"fitted too, with these as priors ({values})"
+    )
+    away = {
+        key: (at[key][0] - stated) * weight**0.5
+        for key, stated, weight in zip(cause.keys, cause.starts, cause.weight, strict=True)
+    }
+    far = [f"{key} by {pull:+.1f}" for key, pull in away.items() if abs(pull) > _FAR]
+    if far:
+        text += (
+            f"; {', '.join(far)} of its stated standard uncertainties off, which no measurement "
+            "is: measure again, or look for what else is wrong"
+        )
+    return text
+
+
+def _freed_sentence(freed: Freed, causes: tuple[Cause, ...]) -> str:
+    """What was freed, by name, key and value."""
+    at = _values(freed.fit)
     parts = []
-    for cause in freed.causes:
+    for cause in causes:
         values = ", ".join(f"{key} = {with_uncertainty(*at[key])}" for key in cause.keys)
         parts.append(f"{cause.name} ({values})")
     return f"the frame shows {' and '.join(parts)}, fitted too; state it in the scene to fix it"

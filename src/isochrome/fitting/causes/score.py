@@ -57,7 +57,8 @@ class Asked:
 
     `cause`, or None; `terms`, the light's polynomial products then, or None; `outside`, the blocks
     (rows, cols) that are left out, or None. `gain`, S over the noise; `evidence`, that less ln n
-    for each unknown; `values`, at which the cause would come out, to first order.
+    for each unknown (or, with priors, what Bayes's factor takes off); `values`, at which the cause
+    would come out, to first order.
     """
 
     gain: float
@@ -80,19 +81,22 @@ def ask(data: FrameData, fitted: Fitted) -> tuple[Asked, ...]:
     for; nothing where the frame is what its scene says.
     """
     blocks = FrameBlocks(data, fitted)
-    causes = candidates(fitted.fit.scene, fitted.fit.keys)
+    causes = candidates(fitted.fit.scene, fitted.fit.keys, fitted.held)
     columns = [blocks.columns(cause) for cause in causes]
     lights = _lights(blocks, data, _FIRST)
     groups: list[Any] = [*causes, *lights]
     columns += [blocks.light_columns(*lights[terms]) for terms in lights]
-    found = _scores(blocks, columns)
+    found = _scores(blocks, columns, [getattr(group, "weight", ()) for group in groups])
     asked = [
-        _asked(group, gain, size, values, len(blocks.residual))
-        for group, (gain, size, values) in zip(groups, found, strict=True)
+        _asked(group, gain, price, values)
+        for group, (gain, price, values) in zip(groups, found, strict=True)
     ]
     asked = [a for a in asked if not _is_slight(a, fitted.fit.scene)] + [_outliers(blocks)]
     asked.sort(key=lambda item: -item.evidence)
-    return tuple(item for item in asked if item.evidence > ASKED)
+    clear = tuple(item for item in asked if item.evidence > ASKED)
+    # what is known to be uncertain is asked before what is taken as exact is accused
+    stated = any(item.cause is not None and item.cause.weight for item in clear)
+    return tuple(item for item in clear if item.can_be_freed or not stated)
 
 
 def _is_slight(asked: Asked, scene: Scene) -> bool:
@@ -130,14 +134,21 @@ def _thin_basis(shape: tuple[int, int], terms: Terms) -> Array:
     return light_products((down, across), terms)
 
 
-def _scores(blocks: FrameBlocks, groups: list[Array]) -> list[tuple[float, int, Array]]:
-    """Gain, size and values of each group of columns (k, n), beside what is fitted."""
+def _scores(
+    blocks: FrameBlocks, groups: list[Array], weights: list[tuple[float, ...]]
+) -> list[tuple[float, float, Array]]:
+    """Gain, price and values of each group of columns (k, n), beside what is fitted."""
     products = _Products(blocks, np.concatenate(groups))
     ends = np.cumsum([len(group) for group in groups])
-    return [
-        products.score(slice(end - len(group), end))
-        for group, end in zip(groups, ends, strict=True)
-    ]
+    found = []
+    for group, end, weight in zip(groups, ends, weights, strict=True):
+        chosen = slice(end - len(group), end)
+        if weight:
+            found.append(products.score_with_prior(chosen, np.array(weight)))
+            continue
+        gain, size, values = products.score(chosen)
+        found.append((gain, size * float(np.log(len(blocks.residual))), values))
+    return found
 
 
 class _Products:
@@ -168,6 +179,18 @@ class _Products:
         inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-8, hermitian=True)
         values = scale * (inverse @ (scale * right))
         return float(values @ right) / self.noise, int(own.sum()), values
+
+    def score_with_prior(self, chosen: slice, weight: Array) -> tuple[float, float, Array]:
+        """Gain, price and values where the columns' values are known to 1/weight (variance).
+
+        With U² the prior's variances, the gain is gᵀ (M + U⁻²)⁻¹ g, and what Bayes's factor takes
+        off for the values that might have been, ln det(1 + U M U).
+        """
+        right, matrix = self.right[chosen] / self.noise, self.matrix[chosen][:, chosen] / self.noise
+        scale = weight**-0.5
+        full = np.eye(len(right)) + scale[:, None] * matrix * scale
+        values = scale * np.linalg.solve(full, scale * right)
+        return float(values @ right), float(np.linalg.slogdet(full)[1]), values
 
     def take(self, index: int) -> None:
         """Fit one column more."""
@@ -207,8 +230,8 @@ def richer_light(data: FrameData, fitted: Fitted) -> tuple[Terms, Terms]:
     return light, dark
 
 
-def _asked(group: Any, gain: float, size: int, values: Array, count: int) -> Asked:
-    evidence = gain - size * float(np.log(count))
+def _asked(group: Any, gain: float, price: float, values: Array) -> Asked:
+    evidence = gain - price
     if isinstance(group, Cause):
         return Asked(gain, evidence, cause=group, values=tuple(values.tolist()))
     return Asked(gain, evidence, terms=group)

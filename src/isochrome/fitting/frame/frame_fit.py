@@ -11,12 +11,15 @@ from isochrome.estimation import (
     RIVAL_CHI,
     FrameData,
     Minimum,
+    Prior,
     block_correlation,
     standard_uncertainty,
 )
 from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.frame_model import FrameModel, RefinedFit, refine_fit
 from isochrome.fitting.frame.gamma import GammaFit
+from isochrome.fitting.frame.inputs import StatedInputs, inputs_of_rows, stated_inputs
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
     BLUR,
@@ -60,63 +63,13 @@ _GAMMAS = (1.0, 2.2)
 """Where an unknown exponent starts: a sensor's own, and most photographs'."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FrameFit:
-    """What one frame says of its scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene with the fitted values.
-    keys : tuple of str, (p,)
-        The unknowns that were fitted.
-    values : ndarray, (p,)
-        Their values, in the units that the keys name.
-    standard_uncertainty : ndarray, (p,)
-        Their standard uncertainties, inf for what the frame does not tell.
-    covariance : ndarray, (p, p)
-        Their covariance.
-    cramer_rao_bound : ndarray, (p,)
-        The least standard uncertainties that noise like this frame's allows.
-    information : ndarray, (p, p)
-        The Fisher information of the frame's pixels, from which the bound follows.
-    freedom : int
-        Pixels less unknowns.
-    chi : float
-        Residual over noise.
-    others : tuple of Minimum
-        Other minima, by rising chi.
-    converged : bool
-        Whether the steps came to an end.
-    plain : bool
-        True where a free illumination came out negative and one amplitude for all the frame had to
-        do. The model is poor then.
-    positive : bool
-        False where even that is negative. The scene's fringes are not in the frame then, nor any
-        light that follows them by more than noise does by chance.
-    """
-
-    scene: Scene
-    keys: tuple[str, ...]
-    values: Array
-    standard_uncertainty: Array
-    covariance: Array
-    cramer_rao_bound: Array
-    information: Array
-    freedom: int
-    chi: float
-    others: tuple[Minimum, ...]
-    converged: bool
-    plain: bool
-    positive: bool
-
-
 def fit_frame(
     data: FrameData,
     scene: Scene,
     keys: tuple[str, ...] | None = None,
     *,
     cold: bool = True,
+    stated: StatedInputs | None = None,
 ) -> FrameFit:
     """Fit the unknowns of a one-state scene to one frame.
 
@@ -134,6 +87,9 @@ def fit_frame(
         The unknowns, by default `free_keys`.
     cold : bool, default True
         False to search only where the scene's own values lead to no light at all.
+    stated : StatedInputs, optional
+        What is known beforehand, by default what the scene states: of unknowns priors, else inputs
+        of the budget.
 
     Returns
     -------
@@ -147,16 +103,23 @@ def fit_frame(
     PhysicsError
         Where no values give fringes of the right contrast.
     """
-    return fit_with_model(data, scene, keys, cold=cold).fit
+    return fit_with_model(data, scene, keys, cold=cold, stated=stated).fit
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit with what it was made of: its `model` of the frame, and where the steps ended."""
+    """A fit with what it was made of: its `model` of the frame, and where the steps ended.
+
+    `held`, the inputs that are no unknowns, and `held_rows` (m, n), the derivatives by them;
+    `stated`, those and the priors.
+    """
 
     fit: FrameFit
     model: FrameModel
     final: RefinedFit
+    held: StatedInputs
+    held_rows: Array
+    stated: StatedInputs
 
 
 def fit_with_model(
@@ -165,9 +128,11 @@ def fit_with_model(
     keys: tuple[str, ...] | None = None,
     *,
     cold: bool = True,
+    stated: StatedInputs | None = None,
 ) -> Fitted:
     """`fit_frame` with the model that was fitted, for those who ask its residual."""
     keys = free_keys(scene) if keys is None else keys
+    stated = stated_inputs(scene) if stated is None else stated
     scene = placed(scene, data.shape)
     if BLUR in keys and scene.get(BLUR) < _LEAST_BLUR_PX:
         scene = scene.with_values({BLUR: _LEAST_BLUR_PX})
@@ -175,10 +140,11 @@ def fit_with_model(
     if isinstance(known, str) and GAMMA not in keys:
         keys = (*keys, GAMMA)
     if GAMMA not in keys:
-        return _fit_begun(data, scene, keys, cold)
+        return _fit_begun(data, scene, keys, cold, stated)
     best: Fitted | None = None
     for gamma in dict.fromkeys((*([] if isinstance(known, str) else [known]), *_GAMMAS)):
-        made = _fit_begun(data.toned(gamma), scene.with_values({GAMMA: gamma}), keys, cold)
+        begun = scene.with_values({GAMMA: gamma})
+        made = _fit_begun(data.toned(gamma), begun, keys, cold, stated)
         fit = made.fit
         if best is None or (fit.positive, -fit.chi) > (best.fit.positive, -best.fit.chi):
             best = made
@@ -188,29 +154,42 @@ def fit_with_model(
     return best
 
 
-def _fit_begun(data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool) -> Fitted:
+def _fit_begun(
+    data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool, stated: StatedInputs
+) -> Fitted:
     """The fit from one scene's start, and others about it."""
     others: tuple[Minimum, ...] = ()
-    near = _coarse(data, scene, keys)
+    prior = stated.prior(keys)
+    near = _coarse(data, scene, keys, prior)
     if near is not None and (not cold or (near.chi <= _CLOSE_CHI and near.clear)):
         best = near.scene
     else:
-        best, others = _searched(data, scene, keys)
+        best, others = _searched(data, scene, keys, prior)
     fine = with_numerics(best.model_copy(update={"numerics": scene.numerics}))
-    model, final = _final(data, fine, keys)
+    model, final = _final(data, fine, keys, prior)
     plain = not final.positive
     if plain:
-        model, final = _final(data.plain(), fine, keys)
+        model, final = _final(data.plain(), fine, keys, prior)
     fitted = moved_scene(fine, keys, final.values).model_copy(update={"numerics": scene.numerics})
-    determined, spread = final.local.determined, final.local.covariance(final.toned)
+    determined, noise = final.local.determined, final.local.covariance(final.toned)
+    known, held = (stated.some(keys, free=free) for free in (True, False))
+    rows = np.empty((0, model.pixels.size), np.float32)
+    if held.keys:
+        rows = model.input_rows(final.values, final.toned, held.keys)
+    inputs = inputs_of_rows([*known.rows, *held.rows])
+    sensitivity = final.local.sensitivity(known.keys, rows)
+    spread = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
     fit = FrameFit(
         scene=fitted,
         keys=keys,
         values=final.values,
         standard_uncertainty=standard_uncertainty(spread, determined),
         covariance=spread,
+        noise_uncertainty=standard_uncertainty(noise, determined),
+        inputs=inputs,
+        sensitivity=sensitivity,
         cramer_rao_bound=final.local.bound,
-        information=final.local.normal,
+        information=final.local.information,
         freedom=final.freedom,
         chi=final.chi,
         others=others,
@@ -218,7 +197,7 @@ def _fit_begun(data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool)
         plain=plain,
         positive=final.positive and _is_seen(final.toned),
     )
-    return Fitted(fit, model, final)
+    return Fitted(fit, model, final, held, rows, stated)
 
 
 def _is_seen(toned: GammaFit) -> bool:
@@ -242,7 +221,7 @@ class _Coarse:
     clear: bool
 
 
-def _coarse(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> _Coarse | None:
+def _coarse(data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior) -> _Coarse | None:
     """The fit from a scene's own values to few pixels; None where the light comes out negative."""
     stride = thinning(data.light.size, _NEAR_PIXELS)
     region = fit_region(scene, data.shape, stride, _HIDDEN_PX)
@@ -250,8 +229,9 @@ def _coarse(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> _Coarse | N
     assert scene.camera is not None
     sharp = scene.camera.blur_px == 0.0 and BLUR not in keys
     model = FrameModel(
-        data, coarse, keys, region, stride=stride, hidden_px=_HIDDEN_PX - _ROOM_PX, rough=sharp
-    )
+        data, coarse, keys, region, stride=stride, hidden_px=_HIDDEN_PX - _ROOM_PX, rough=sharp,
+        prior=prior,
+    )  # fmt: skip
     found = refine_fit(model, values_of(scene, keys), tolerance=0.5, iterations=12)
     if found is None or not found.positive:
         return None
@@ -264,7 +244,7 @@ def _coarse(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> _Coarse | N
 
 
 def _searched(
-    data: FrameData, scene: Scene, keys: tuple[str, ...]
+    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior
 ) -> tuple[Scene, tuple[Minimum, ...]]:
     """The scene that a search leads to, and the other minima by rising chi."""
     scanned = tuple(key for key in keys if key not in _SENSOR)
@@ -276,7 +256,7 @@ def _searched(
     rivals = [m for m in minima if m.chi <= RIVAL_CHI * minima[0].chi][:_RIVALS]
     if len(rivals) == 1 and not any(key in LENS for key in keys):
         return first, minima[1:]
-    refined = [_coarse(data, moved_scene(scene, keys, m.values), keys) for m in rivals]
+    refined = [_coarse(data, moved_scene(scene, keys, m.values), keys, prior) for m in rivals]
     found = sorted((r for r in refined if r is not None), key=lambda r: r.chi)
     if not found:
         return first, minima[1:]
@@ -285,10 +265,13 @@ def _searched(
     return found[0].scene, tuple(others)
 
 
-def _final(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> tuple[FrameModel, RefinedFit]:
+def _final(
+    data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior
+) -> tuple[FrameModel, RefinedFit]:
     """Every trusted pixel, a fine contact, derivatives where the search ended."""
     start = values_of(scene, keys)
-    model = FrameModel(data, scene, keys, fit_region(scene, data.shape, 1, hidden_px(scene)))
+    region = fit_region(scene, data.shape, 1, hidden_px(scene))
+    model = FrameModel(data, scene, keys, region, prior=prior)
     toned = model.keep_clear(start)
     assert scene.camera is not None
     if toned is not None and (scene.camera.blur_px > 0.0 or BLUR in keys):
@@ -316,7 +299,7 @@ def _better_side(model: FrameModel, final: RefinedFit) -> RefinedFit:
     other = final.values.copy()
     other[plates] *= -1.0
     turned = refine_fit(model, other)
-    return final if turned is None or turned.toned.cost > final.toned.cost else turned
+    return final if turned is None or turned.cost > final.cost else turned
 
 
 def placed(scene: Scene, shape: tuple[int, int]) -> Scene:

@@ -20,10 +20,12 @@ from isochrome.estimation import (
     Damping,
     FrameData,
     LinearPart,
+    Prior,
     SeparableProblem,
     damped_step,
     information_bound,
     is_determined,
+    no_prior,
     promised_gain,
     scaled_inverse,
     white_covariance,
@@ -69,18 +71,19 @@ class FrameModel:
         stride: int = 1,
         hidden_px: float = 0.0,
         rough: bool = False,
+        prior: Prior | None = None,
     ) -> None:
         """`data`, whole; `scene`, one state, numbers at `keys`; `region` (rows, cols), strided.
 
         `hidden_px`, depth above which the region shows nothing; `rough`, whether the pixels' area
-        may be left out.
+        may be left out; `prior` of the unknowns.
         """
         self.scene, self.keys = scene, keys
+        self.prior = prior or no_prior(len(keys))
         self.renderer = SceneRenderer(
             scene, data.shape, stride=stride, hidden_px=hidden_px, rough=rough
         )
         self.pixels: Pixels = trusted_pixels(data.every(stride) if stride > 1 else data, region)
-        self.steps = STEP * scales(scene, keys)
         self.limits = limits(scene, keys)
         self._light_slopes: tuple[Array, Array] | None = None
 
@@ -116,13 +119,20 @@ class FrameModel:
         """The exponent of the tone curve at some values."""
         return float(values[self.keys.index(GAMMA)]) if GAMMA in self.keys else self.pixels.gamma
 
-    def signal(self, values: Array, *, visibility: Array | None = None) -> Array | None:
+    def signal(
+        self,
+        values: Array,
+        *,
+        visibility: Array | None = None,
+        keys: tuple[str, ...] | None = None,
+    ) -> Array | None:
         """The signal at the pixels (n,), None where the values make no scene that can be solved.
 
-        `visibility` (rows, cols), where it is known well enough.
+        `visibility` (rows, cols), where it is known well enough; `keys` of the values, where they
+        are not the unknowns.
         """
         try:
-            scene = moved_scene(self.scene, self.keys, values)
+            scene = moved_scene(self.scene, self.keys if keys is None else keys, values)
             image = self.renderer.signal(scene, visibility=visibility)
         except (InputError, PhysicsError):
             return None
@@ -148,25 +158,60 @@ class FrameModel:
 
         Raises PhysicsError where the scene cannot be solved beside them.
         """
-        rows = np.empty((len(self.keys), self.pixels.size), np.float32)
+        rows = self._slopes(self.keys, values, range(len(self.keys)), toned)
+        return local_model(self.keys, values, toned, rows, self.prior)
+
+    def input_rows(self, values: Array, toned: GammaFit, inputs: tuple[str, ...]) -> Array:
+        """Derivatives by inputs (m, n) that the fit holds, less what the light explains of them.
+
+        Raises PhysicsError where the scene cannot be solved beside an input's value.
+        """
+        stated = [float(self.scene.get(key)) for key in inputs]
+        keys, count = (*self.keys, *inputs), len(self.keys)
+        rows = self._slopes(keys, np.r_[values, stated], range(count, len(keys)), toned)
+        project(rows, toned.problem, toned.part)
+        return rows
+
+    def _slopes(
+        self, keys: tuple[str, ...], values: Array, chosen: range, toned: GammaFit
+    ) -> Array:
+        """Weighted derivatives by the chosen ones of some keys, (chosen, n).
+
+        What only priors tell apart needs both sides of a value: the curvature of a fringe is a per
+        cent of a one-sided difference, and would pass for a difference of the two.
+        """
+        rows = np.empty((len(chosen), self.pixels.size), np.float32)
+        precise = self.prior.any
         # what the pixels' area takes changes little: it is not rendered for every derivative
-        _, visibility = self.renderer.order_field(moved_scene(self.scene, self.keys, values))
-        for j, key in enumerate(self.keys):
+        _, shown = self.renderer.order_field(moved_scene(self.scene, keys, values))
+        picked = tuple(keys[j] for j in chosen)
+        steps, high = STEP * scales(self.scene, picked), limits(self.scene, picked).high
+        for row, j, key, step, most in zip(rows, chosen, picked, steps, high, strict=True):
             if key == GAMMA:
-                rows[j] = gamma_slope(toned, self.gamma(values))
+                row[:] = gamma_slope(toned, self.gamma(values))
                 continue
-            inside = values[j] + self.steps[j] <= self.limits.high[j]
-            for signed in np.array([1.0, -1.0] if inside else [-1.0, 1.0]) * self.steps[j]:
-                moved = np.array(values, dtype=float)
-                moved[j] += signed
-                signal = self.signal(moved, visibility=None if key == BLUR else visibility)
-                if signal is not None:
-                    break
-            else:
+            first = step if values[j] + step <= most else -step
+            visibility = None if key == BLUR or precise else shown
+            signal = self._beside(keys, values, j, first, visibility)
+            second = None
+            if signal is None or precise:
+                second = self._beside(keys, values, j, -first, visibility)
+            if signal is None and second is None:
                 raise PhysicsError(f"{key} = {values[j]:g}: the scene cannot be solved beside it")
-            np.subtract(signal, toned.part.signal, out=rows[j])
-            rows[j] *= toned.part.amplitude / np.float32(signed)
-        return local_model(self.keys, values, toned, rows)
+            ahead = toned.part.signal if signal is None else signal
+            behind = toned.part.signal if second is None else second
+            np.subtract(ahead, behind, out=row)
+            sides = (signal is not None) + (second is not None)
+            row *= toned.part.amplitude / np.float32(first * sides)
+        return rows
+
+    def _beside(
+        self, keys: tuple[str, ...], values: Array, j: int, step: float, visibility: Array | None
+    ) -> Array | None:
+        """The signal (n,) a step beside one of some keys' values, None where it cannot be."""
+        moved = np.array(values, dtype=float)
+        moved[j] += step
+        return self.signal(moved, visibility=visibility, keys=keys)
 
 
 @dataclass(frozen=True)
@@ -174,7 +219,7 @@ class LocalModel:
     """A frame's model about `values` (p,) of `keys`: what steps and uncertainties need.
 
     `toned`, the linear solution there; `rows` (p, n), the weighted derivatives less what the linear
-    unknowns explain; `squares` (p,), their sums of squares before that.
+    unknowns explain; `squares` (p,), their sums of squares before that; `prior` of the unknowns.
     """
 
     keys: tuple[str, ...]
@@ -182,11 +227,19 @@ class LocalModel:
     toned: GammaFit
     rows: Array
     squares: Array
+    prior: Prior
+
+    @cached_property
+    def information(self) -> Array:
+        """Fisher information of the frame's pixels, the linear unknowns eliminated, (p, p)."""
+        # what a prior alone tells apart differs by less than single precision resolves
+        rows = self.rows.astype(float) if self.prior.any else self.rows
+        return np.asarray((rows @ rows.T).astype(float))
 
     @cached_property
     def normal(self) -> Array:
-        """Fisher information of the unknowns, the linear ones eliminated, (p, p)."""
-        return (self.rows @ self.rows.T).astype(float)
+        """The same with what is known beforehand, (p, p)."""
+        return np.asarray(self.information + self.prior.normal)
 
     @cached_property
     def inverse(self) -> Array:
@@ -195,8 +248,8 @@ class LocalModel:
 
     @property
     def determined(self) -> Mask:
-        """Which unknowns leave an effect that illumination and background cannot take up."""
-        return is_determined(self.normal, self.squares)
+        """Which unknowns are stated, or leave an effect that the light cannot take up."""
+        return is_determined(self.information, self.squares) | (self.prior.weight > 0.0)
 
     @property
     def bound(self) -> Array:
@@ -204,9 +257,20 @@ class LocalModel:
         return information_bound(self.inverse, self.determined)
 
     def covariance(self, toned: GammaFit) -> Array:
-        """Covariance of the values (p, p) where `toned` was left, see `white_covariance`."""
+        """Covariance of the values by noise (p, p) where `toned` was left: `white_covariance`."""
         linear, keep = len(toned.part.coefficients), toned.problem.keep
         return white_covariance(self.inverse, self.rows, toned.residual, keep, linear=linear)
+
+    def sensitivity(self, stated: tuple[str, ...], held: Array) -> Array:
+        """Change of the values over that of what is known beforehand, (p, stated + held).
+
+        Parameters: `stated`, the keys with a prior; `held` (m, n), derivatives by inputs that the
+        fit holds, see `FrameModel.input_rows`. Equation: see `isochrome.estimation.priors`.
+        """
+        own = [self.keys.index(key) for key in stated]
+        cross = (self.rows @ held.T).astype(float)
+        prior = self.inverse[:, own] * self.prior.weight[own]
+        return np.asarray(np.hstack((prior, -self.inverse @ cross)))
 
     def step(self, residual: Array) -> Array:
         """Newton's step for a residual over noise (n,), from wherever that was taken."""
@@ -217,11 +281,18 @@ class LocalModel:
         return sqrt(max(0.0, float(step @ self.normal @ step)))
 
 
-def local_model(keys: tuple[str, ...], values: Array, toned: GammaFit, rows: Array) -> LocalModel:
+def local_model(
+    keys: tuple[str, ...],
+    values: Array,
+    toned: GammaFit,
+    rows: Array,
+    prior: Prior | None = None,
+) -> LocalModel:
     """The model about `values` (p,), from the weighted derivatives `rows` (p, n), which change."""
     squares = np.array([np.sum(np.square(row), dtype=float) for row in rows])
     project(rows, toned.problem, toned.part)
-    return LocalModel(keys, np.array(values, float), toned, rows, squares)
+    prior = prior or no_prior(len(keys))
+    return LocalModel(keys, np.array(values, float), toned, rows, squares, prior)
 
 
 def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
@@ -251,6 +322,11 @@ class RefinedFit:
         """Pixels less unknowns, those of the light among them."""
         linear = len(self.toned.part.coefficients)
         return max(1, self.toned.residual.size - len(self.local.keys) - linear)
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares, the prior's with it."""
+        return self.toned.cost + self.local.prior.cost(self.values)
 
     @property
     def chi(self) -> float:
@@ -288,7 +364,7 @@ def refine_fit(
     local = model.linearise(values, toned)
     damping, last = Damping(0.0, least=1e-2), np.inf
     for _ in range(iterations):
-        pull = (local.rows @ toned.residual).astype(float)
+        pull = (local.rows @ toned.residual).astype(float) + model.prior.gradient(values)
         free = model.limits.free(values, pull) & local.determined
         step = damped_step(local.normal, pull, damping.value, free, cutoff=_CUTOFF)
         step = model.limits.cut(values, step)
@@ -299,20 +375,24 @@ def refine_fit(
             local, last = model.linearise(values, toned), np.inf
             continue
         trial = model.at(values + step, near=toned.model)
-        if trial is None or not _better(trial, toned):
+        known = model.prior.cost(values), model.prior.cost(values + step)
+        if trial is None or not _better(trial, toned, known):
             damping, last = damping.heavier(), np.inf
             if not np.array_equal(local.values, values):
                 local = model.linearise(values, toned)
             continue
         gain = promised_gain(local.normal, pull, step)
-        damping = damping.lighter(toned.cost - trial.cost, gain)
+        damping = damping.lighter(toned.cost + known[0] - trial.cost - known[1], gain)
         values, toned, last = values + step, trial, size
     return RefinedFit(values, local, toned, converged=False)
 
 
-def _better(trial: GammaFit, toned: GammaFit) -> bool:
-    """Whether a step lowers the cost without turning the light negative: another basin's sign."""
+def _better(trial: GammaFit, toned: GammaFit, known: tuple[float, float]) -> bool:
+    """Whether a step lowers the cost without turning the light negative: another basin's sign.
+
+    `known`, what the prior adds to the cost before and after.
+    """
     if toned.part.positive and not trial.part.positive:
         return False
     # the costs of two points that differ by less than the noise of their sum are alike
-    return trial.cost <= toned.cost * (1.0 + 1e-6)
+    return trial.cost + known[1] <= (toned.cost + known[0]) * (1.0 + 1e-6)

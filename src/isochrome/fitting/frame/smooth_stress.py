@@ -78,7 +78,7 @@ def with_smooth_stress(
     try:
         smooth = fit_jointly(frames, wider, start, shape=shape, progress=progress)
         assert smooth.covariance is not None
-        refuse_alike(tuple(u.key for u in smooth.unknowns), smooth.covariance)
+        refuse_alike(tuple(u.key for u in smooth.unknowns), smooth.covariance, smooth.known)
     except PhysicsError:
         return joint, ()  # the frames cannot tell it from the other unknowns: chi stays and is told
     if not is_explained(joint.chi, smooth.chi):

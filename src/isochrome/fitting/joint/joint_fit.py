@@ -11,8 +11,10 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     CUTOFF,
     Bounds,
+    BudgetInput,
     Damping,
     FrameData,
+    budget_of,
     information_bound,
     is_determined,
     minimise,
@@ -22,8 +24,10 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_fit import hidden_px, placed
+from isochrome.fitting.frame.inputs import StatedInputs, inputs_of_rows, stated_inputs
+from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics
-from isochrome.fitting.frame.unknowns import fit_region, limits, thinning
+from isochrome.fitting.frame.unknowns import WEAR, fit_region, limits, thinning
 from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
 from isochrome.fitting.joint.normal_equations import (
     NormalEquations,
@@ -51,11 +55,13 @@ _ALIKE = 1e-6
 class JointFit:
     """Fitted unknowns of a `sequence`.
 
-    `values`, `standard_uncertainty`, `cramer_rao_bound` (p,); `covariance` (p, p); `information`
-    (p, p), J^T J over the noise variance; `chi`, residual over noise over all frames, `frame_chi`
-    of each; `cost`, the sum of squares, and its `freedom`; `scene`, with tables over distance;
-    `scenes`, of each frame; `converged`; `lost`, frames whose illumination came out negative. The
-    matrices are None where nothing ties the frames together.
+    `values`, `standard_uncertainty`, `noise_uncertainty` by the frames' noise alone,
+    `cramer_rao_bound` (p,); `covariance` (p, p); `information` (p, p), J^T J over the noise
+    variance; `chi`, residual over noise over all frames, `frame_chi` of each; `cost`, the sum of
+    squares, and its `freedom`; `scene`, with tables over distance; `scenes`, of each frame;
+    `converged`; `lost`, frames whose illumination came out negative; `budget` of each unknown,
+    empty where no input has an uncertainty; `known`, the keys of inputs that have. The matrices are
+    None where nothing ties the frames together.
     """
 
     sequence: Sequence
@@ -72,6 +78,9 @@ class JointFit:
     scenes: tuple[Scene, ...]
     converged: bool
     lost: tuple[int, ...]
+    noise_uncertainty: Array
+    budget: tuple[tuple[BudgetInput, ...], ...] = ()
+    known: tuple[str, ...] = ()
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -117,6 +126,11 @@ class JointProblem:
             replace(sequence, scene=sequence.scene.model_copy(update={"numerics": numerics}))
             for numerics in (sequence.scene.numerics, fine)
         )
+        self.stated = stated_inputs(sequence.scene)
+        # what was worn between two frames is not the coefficient that was measured
+        own = [u.key if u.shared or u.key != WEAR else "" for u in sequence.unknowns]
+        self.prior = self.stated.prior(tuple(own))
+        self.held = self.stated.some(tuple(u.key for u in sequence.unknowns), free=False)
         self.coarse_stride = thinning(shape[0] * shape[1], _COARSE_PIXELS)
         self.first = self._scenes(self.sequence, start)
         self._clear: list[Array] = []
@@ -135,11 +149,8 @@ class JointProblem:
         renderer = make_renderer(self.sequence, self.first[0], self.shape, stride)
 
         def at(where: Array) -> NormalEquations | None:
-            return add_up(
-                (data.every(stride) for data in self.frames), self.sequence, where,
-                renderer=renderer, progress=self.progress,
-                regions=lambda i: self._region(i, stride),
-            )  # fmt: skip
+            found = self._sums(self.sequence, where, renderer, stride)
+            return found and found.known(self.prior, where)
 
         normal = at(values)
         if normal is None:
@@ -154,6 +165,16 @@ class JointProblem:
         )  # fmt: skip
         end = found.values + found.step if found.converged else found.values
         return end, found.point, found.converged
+
+    def _sums(
+        self, sequence: Sequence, values: Array, renderer: SceneRenderer, stride: int
+    ) -> NormalEquations | None:
+        """The frames' normal equations at some values."""
+        return add_up(
+            (data.every(stride) for data in self.frames), sequence, values,
+            renderer=renderer, progress=self.progress, exact=self.prior.any,
+            regions=lambda i: self._region(i, stride),
+        )  # fmt: skip
 
     def keep_clear(self, values: Array) -> None:
         """Leave out the pixels whose model at some values is near black or white, see `gamma`."""
@@ -176,7 +197,8 @@ class JointProblem:
     def result(self, values: Array, normal: NormalEquations, converged: bool) -> JointFit:
         """The fit's statistics, with the scene's own numerics back in it."""
         inverse = scaled_inverse(normal.normal, CUTOFF)
-        determined = is_determined(normal.normal, normal.squares)
+        information = normal.normal - self.prior.normal if self.prior.any else normal.normal
+        determined = is_determined(information, normal.squares) | (self.prior.weight > 0.0)
         bound = information_bound(inverse, determined)
         for unknown, limit in zip(self.sequence.unknowns, bound.tolist(), strict=True):
             if unknown.shared and not np.isfinite(limit):
@@ -184,24 +206,62 @@ class JointProblem:
                     f"{unknown.key} does not change the fringes of these frames, so that they "
                     "cannot determine it; leave it out"
                 )
-        covariance = sandwich(inverse, normal.middle)
+        noise = sandwich(inverse, normal.middle)
+        inputs, sensitivity = self._sensitivity(values, inverse)
+        covariance = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
+        noise_spread = standard_uncertainty(noise, determined)
         freedom = max(1, normal.freedom - values.size)
+        cost = normal.cost - normal.prior_cost
         return JointFit(
             sequence=self.given,
             values=values,
             standard_uncertainty=standard_uncertainty(covariance, determined),
             cramer_rao_bound=bound,
             covariance=covariance,
-            information=normal.normal,
-            chi=float(np.sqrt(normal.cost / freedom)),
+            information=information,
+            chi=float(np.sqrt(cost / freedom)),
             frame_chi=normal.chi,
-            cost=normal.cost,
+            cost=cost,
             freedom=freedom,
             scene=self.given.whole(values),
             scenes=self._scenes(self.given, values),
             converged=converged and bool(np.all(determined)),
             lost=tuple(i for i, good in enumerate(normal.positive) if not good),
+            noise_uncertainty=noise_spread,
+            budget=tuple(
+                budget_of(own, inputs.rows, row) if inputs.keys else ()
+                for own, row in zip(noise_spread.tolist(), sensitivity, strict=True)
+            ),
+            known=inputs.keys,
         )
+
+    def _sensitivity(self, values: Array, inverse: Array) -> tuple[StatedInputs, Array]:
+        """What is known beforehand (m,), and the values' change with it (p, m).
+
+        A key that each frame has of its own has one statement for all of them. Raises PhysicsError
+        where the scene cannot be solved beside an input that is held.
+        """
+        unknowns, held = self.sequence.unknowns, self.held
+        keys = [u.key for u in unknowns]
+        stated = self.stated.some(tuple(keys), free=True)
+        weights = self.prior.weight
+        columns = [
+            inverse[:, own] @ weights[own]
+            for own in ([k for k, key in enumerate(keys) if key == one] for one in stated.keys)
+        ]
+        if held.keys:
+            every = tuple(range(self.sequence.count))
+            added = tuple(Unknown(key, every, True) for key in held.keys)
+            wider = replace(self.sequence, unknowns=(*unknowns, *added))
+            renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
+            sums = self._sums(wider, np.r_[values, held.values], renderer, 1)
+            if sums is None:
+                raise PhysicsError(
+                    f"{', '.join(held.keys)}: the scene cannot be solved beside these stated values"
+                )
+            columns += list(-(inverse @ sums.normal[: len(keys), len(keys) :]).T)
+        rows = inputs_of_rows([*stated.rows, *held.rows])
+        return rows, np.array(columns).reshape(-1, len(keys)).T
 
     def _scenes(self, sequence: Sequence, values: Array) -> tuple[Scene, ...]:
         """The scene of each frame at some values (p,)."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.estimation import STEP, FrameData, block_correlation, white_middle
+from isochrome.estimation import STEP, FrameData, Prior, block_correlation, white_middle
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import project
 from isochrome.fitting.frame.gamma import (
@@ -36,7 +36,8 @@ class NormalEquations:
     `middle` (p, p), the sum of r² j j^T over the pixels, widened by the residuals' correlation;
     `squares` (p,), of the rows before the linear parts were eliminated; `cost`, sum of squared
     residuals over noise; `freedom`, pixels less linear unknowns; `positive` (frames,), False where
-    a frame's illumination came out negative; `chi` (frames,), of each frame.
+    a frame's illumination came out negative; `chi` (frames,), of each frame; `prior_cost`, what is
+    known beforehand of the unknowns adds to the cost.
     """
 
     normal: Array
@@ -47,11 +48,25 @@ class NormalEquations:
     freedom: int
     positive: tuple[bool, ...]
     chi: tuple[float, ...]
+    prior_cost: float = 0.0
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Those of more frames."""
         sums = {name: part + getattr(other, name) for name, part in vars(self).items()}
         return NormalEquations(**sums)
+
+    def known(self, prior: Prior, values: Array) -> NormalEquations:
+        """Those with a prior of the unknowns, at their values (p,)."""
+        if not prior.any:
+            return self
+        cost = prior.cost(values)
+        return replace(
+            self,
+            normal=self.normal + prior.normal,
+            gradient=self.gradient + prior.gradient(values),
+            cost=self.cost + cost,
+            prior_cost=cost,
+        )
 
     def along(self, columns: Array) -> NormalEquations:
         """Those of unknowns that move the directions by `columns` (directions, p)."""
@@ -72,18 +87,21 @@ def add_up(
     renderer: SceneRenderer,
     regions: Callable[[int], Array],
     progress: Callable[[], None],
+    exact: bool = False,
 ) -> NormalEquations | None:
     """The normal equations of all frames at `values` (p,); None where they cannot be solved.
 
     Parameters: `frames`, as thin as the renderer; `sequence`; `renderer`, with the stride and the
-    shared run; `regions`, the pixels to use of a frame; `progress`, called with each frame done.
+    shared run; `regions`, the pixels to use of a frame; `progress`, called with each frame done;
+    `exact`, whether products are in double precision.
     """
     maps = DirectionMaps(sequence, values)
     total: NormalEquations | None = None
     for i, data in enumerate(frames):
         here = sequence.frame(maps.whole, values, i)
         moved = [maps.scene(key, i) for key in maps.keys(i)]
-        part = linearise_frame(data, here, moved, renderer=renderer, region=regions(i))
+        region = regions(i)
+        part = linearise_frame(data, here, moved, renderer=renderer, region=region, exact=exact)
         if part is None:
             return None
         part = part.along(maps.columns(i))
@@ -93,7 +111,13 @@ def add_up(
 
 
 def linearise_frame(
-    data: FrameData, here: Scene, moved: list[Scene], *, renderer: SceneRenderer, region: Array
+    data: FrameData,
+    here: Scene,
+    moved: list[Scene],
+    *,
+    renderer: SceneRenderer,
+    region: Array,
+    exact: bool = False,
 ) -> NormalEquations | None:
     """One frame's normal equations along its directions: `moved` scenes less the one `here`.
 
@@ -118,10 +142,11 @@ def linearise_frame(
         return None
     squares = rows @ rows.T
     project(rows, toned.problem, toned.part)
+    precise = rows.astype(float) if exact else rows
     wider = block_correlation(pixels.keep, toned.residual)
     freedom = pixels.size - len(toned.part.coefficients)
     return NormalEquations(
-        normal=(rows @ rows.T).astype(float),
+        normal=(precise @ precise.T).astype(float),
         middle=wider * white_middle(rows, toned.residual),
         gradient=(rows @ toned.residual).astype(float),
         squares=squares.astype(float),

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from isochrome.errors import PhysicsError
+from isochrome.estimation import budget_of
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_fit import FrameFit
+from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.unknowns import LOAD, WEAR
 from isochrome.fitting.joint.frame_sequence import COURSE, Sequence, Unknown, local_values
 from isochrome.fitting.joint.joint_fit import JointFit
@@ -49,10 +50,11 @@ def fit_of_each(sequence: Sequence, alone: list[FrameFit]) -> JointFit:
     added = tuple(Unknown(key, (i,), shared) for key, i in places)
     wider = replace(sequence, unknowns=(*sequence.unknowns, *added))
     first = [(alone[unknown.frames[0]], unknown.key) for unknown in wider.unknowns]
-    values, spread, bound = (
+    values, spread, noise, bound = (
         np.array([getattr(fit, name)[fit.keys.index(key)] for fit, key in first])
-        for name in ("values", "standard_uncertainty", "cramer_rao_bound")
+        for name in ("values", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound")
     )
+    known = tuple(dict.fromkeys(key for fit in alone for key in fit.inputs.keys))
     cost = sum(fit.chi**2 * fit.freedom for fit in alone)
     freedom = sum(fit.freedom for fit in alone)
     return JointFit(
@@ -70,6 +72,12 @@ def fit_of_each(sequence: Sequence, alone: list[FrameFit]) -> JointFit:
         scenes=tuple(fit.scene for fit in alone),
         converged=all(fit.converged for fit in alone),
         lost=tuple(i for i, fit in enumerate(alone) if not fit.positive),
+        noise_uncertainty=noise,
+        budget=tuple(
+            budget_of(own, fit.inputs.rows, fit.sensitivity[fit.keys.index(key)]) if known else ()
+            for own, (fit, key) in zip(noise.tolist(), first, strict=True)
+        ),
+        known=known,
     )
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-TRACK_PARTS = {"value": "values"} | {name: name for name in PARTS[1:]}
+TRACK_PARTS = {"value": "values"} | {n: n for n in PARTS[1:] if n != "noise_uncertainty"}
 """What is known of a key, as tables name it, and the attribute that holds it."""
 
 
@@ -116,6 +116,27 @@ def track_row(index: int, distance_m: float | None, found: Tracked) -> dict[str,
     return row | marks
 
 
+def untracked_inputs(scene: Scene) -> list[str]:
+    """Say what the uncertainties of tracked values leave out.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene of the video.
+
+    Returns
+    -------
+    list of str
+        A sentence where the scene states uncertainties, else none.
+    """
+    if not scene.uncertainties:
+        return []
+    return [
+        f"the stated uncertainties of {', '.join(scene.uncertainties)} are not in the ± of tracked "
+        "values, which is the frames' noise alone: `isochrome fit` of a few frames gives the budget"
+    ]
+
+
 def is_good(row: Mapping[str, Any]) -> bool:
     """Whether nothing is to be said of a frame."""
     return bool(row["positive"] and row["chi"] <= POOR_CHI)
@@ -167,10 +188,11 @@ class TrackRows:
             distance_m=np.array(self.distance),
             searched=tuple(self.searched),
             scene=scene.with_values(means),
-            warnings=tuple(self._warnings()),
+            warnings=tuple(self._warnings(scene)),
         )
 
-    def _warnings(self) -> Iterator[str]:
+    def _warnings(self, scene: Scene) -> Iterator[str]:
+        yield from untracked_inputs(scene)
         nothing = {*self.empty, *self.far}
         poor = [i for i, chi in enumerate(self.chi) if chi > POOR_CHI and i not in nothing]
         # the first frame has nothing to be followed from

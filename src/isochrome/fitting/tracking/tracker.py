@@ -25,6 +25,7 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.fitting.frame.frame_model import LocalModel, RefinedFit
 from isochrome.fitting.frame.gamma import GammaFit
+from isochrome.fitting.frame.inputs import inputs_of_rows
 from isochrome.fitting.frame.unknowns import WEAR, fit_region, thinning
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.field_cache import HIDDEN_PX, thin_frame
@@ -276,7 +277,8 @@ class Tracker:
         even = self.course.field_scene(start)
         keys = free if even.wear is not None else tuple(k for k in free if "wear." not in k)
         try:
-            fit = fit_frame(data, even, keys)
+            # a tracked value has the frame's uncertainty alone, and no prior
+            fit = fit_frame(data, even, keys, stated=inputs_of_rows(()))
         except PhysicsError:
             return None
         if not fit.positive:

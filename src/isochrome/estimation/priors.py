@@ -1,0 +1,156 @@
+"""What is known beforehand: as priors in a fit, and as inputs of an uncertainty budget.
+
+With J the derivatives of a model by its unknowns, and D by an input that is held, over the noise,
+and P = diag(1/u²) of the unknowns that have a prior, the fit's values move by
+
+    c = -(JᵀJ + P)⁻¹ Jᵀ D  of a held input,   c = (JᵀJ + P)⁻¹ P  of a stated unknown.
+
+Sources: JCGM 100:2008 (GUM), 5.1 and 5.2, for u² = Σ (c u)²; JCGM 102:2011, 6.2, for the inputs of
+an implicit model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Gaussian priors of a fit's unknowns.
+
+    Parameters
+    ----------
+    values : (p,) array
+        The stated values.
+    weight : (p,) array
+        1/u², 0 where nothing is stated.
+    """
+
+    values: Array
+    weight: Array
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is stated."""
+        return bool(self.weight.any())
+
+    @property
+    def normal(self) -> Array:
+        """What is added to the normal equations, (p, p)."""
+        return np.diag(self.weight)
+
+    def gradient(self, values: Array) -> Array:
+        """What is added to their right side at some values, (p,)."""
+        return np.asarray(self.weight * (self.values - values))
+
+    def cost(self, values: Array) -> float:
+        """The sum of ((value - stated)/u)²."""
+        return float(np.sum(self.weight * (self.values - values) ** 2))
+
+
+def no_prior(count: int) -> Prior:
+    """The prior of unknowns of which nothing is stated.
+
+    Parameters
+    ----------
+    count : int
+        How many they are.
+
+    Returns
+    -------
+    Prior
+        No weights.
+    """
+    return Prior(np.zeros(count), np.zeros(count))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetInput:
+    """What one input adds to the standard uncertainty of a value.
+
+    Parameters
+    ----------
+    input : str
+        Its key, or 'image noise'.
+    value : float, optional
+        Its stated value, None of noise.
+    standard_uncertainty : float
+        Its standard uncertainty; of noise, what it adds to the value.
+    sensitivity : float
+        Change of the value over that of the input.
+    share : float
+        Its part of the value's variance, 0 to 1.
+    """
+
+    input: str
+    value: float | None
+    standard_uncertainty: float
+    sensitivity: float
+    share: float
+
+    @property
+    def contribution(self) -> float:
+        """What it adds, |c| u, in the value's unit."""
+        return abs(self.sensitivity) * self.standard_uncertainty
+
+    def to_json(self) -> dict[str, Any]:
+        """Its fields by name."""
+        return asdict(self)
+
+
+NOISE = "image noise"
+"""How a budget calls what the images' noise adds."""
+
+
+def variance_shares(contributions: Array) -> Array:
+    """The part of a variance that each of some contributions is.
+
+    Parameters
+    ----------
+    contributions : (n,) array
+        Standard uncertainties that add in squares.
+
+    Returns
+    -------
+    (n,) array
+        Their shares, 0 where nothing contributes.
+    """
+    squares = np.square(np.asarray(contributions, dtype=float))
+    total = float(squares.sum())
+    return np.asarray(squares / total if total > 0.0 else squares)
+
+
+def budget_of(
+    noise: float, inputs: tuple[tuple[str, float, float], ...], sensitivity: Array
+) -> tuple[BudgetInput, ...]:
+    """The budget of one value, the largest share first.
+
+    Parameters
+    ----------
+    noise : float
+        What the images' noise adds.
+    inputs : tuple of tuple, (m,)
+        Each input's key, stated value and standard uncertainty.
+    sensitivity : (m,) array
+        Change of the value over that of each input.
+
+    Returns
+    -------
+    tuple of BudgetInput
+        The noise and the inputs.
+    """
+    rows: list[tuple[str, float | None, float, float]] = [(NOISE, None, noise, 1.0)]
+    rows += [(*row, float(c)) for row, c in zip(inputs, sensitivity, strict=True)]
+    parts = np.array([u * c for _, _, u, c in rows])
+    shares = variance_shares(parts) if np.all(np.isfinite(parts)) else np.full(len(rows), np.nan)
+    items = [
+        BudgetInput(input=key, value=value, standard_uncertainty=u, sensitivity=c, share=float(s))
+        for (key, value, u, c), s in zip(rows, shares, strict=True)
+    ]
+    return tuple(sorted(items, key=lambda item: -item.share))

@@ -1,0 +1,119 @@
+"""What a scene states of its measured numbers: priors of a fit, or inputs of its budget."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.estimation import Prior
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LEFT, LENS, TOP, WEAR
+from isochrome.scene import Scene
+
+PIXEL = "camera.pixel_mm"
+_FOLLOWED = (LEFT, TOP, PIXEL, BLUR, GAMMA, *LENS)
+"""What fringes follow of the camera and the frames; all measured numbers of other tables."""
+
+_MATTER = (
+    "specimen.young_gpa", "specimen.poisson", "specimen.thickness_mm",
+    "specimen.fringe_value_n_per_mm", "specimen.diameter_mm", "specimen.hole_mm",
+    "specimen.height_mm", "specimen.width_mm", "indenter.radius_mm", "indenter.half_width_mm",
+    "indenter.young_gpa", "indenter.poisson", "load.normal_n", "load.tangential_n",
+    "load.bulk_mpa", "load.inner_span_mm", "load.outer_span_mm", "friction.coefficient",
+    "wear.coefficient_mm2_per_n", LEFT, TOP, PIXEL,
+)  # fmt: skip
+"""Measured numbers that the fringes of some scene follow."""
+
+_OF_CONTACT = ("specimen.young_gpa", "specimen.poisson")
+_OF_BLOCK = ("specimen.height_mm", "specimen.width_mm")
+
+
+@dataclass(frozen=True)
+class StatedInputs:
+    """Measured numbers with their uncertainties: `keys` (m,), `values` (m,), `spread` (m,)."""
+
+    keys: tuple[str, ...]
+    values: Array
+    spread: Array
+
+    def prior(self, keys: tuple[str, ...]) -> Prior:
+        """The prior of some unknowns (p,)."""
+        at = {key: k for k, key in enumerate(self.keys)}
+        values, weight = np.zeros(len(keys)), np.zeros(len(keys))
+        for j, key in enumerate(keys):
+            if key in at:
+                values[j], weight[j] = self.values[at[key]], self.spread[at[key]] ** -2.0
+        return Prior(values, weight)
+
+    def some(self, keys: tuple[str, ...], *, free: bool) -> StatedInputs:
+        """Those that are unknowns of a fit, among `keys`, or those that it holds."""
+        chosen = [k for k, key in enumerate(self.keys) if (key in keys) == free]
+        return StatedInputs(
+            tuple(self.keys[k] for k in chosen), self.values[chosen], self.spread[chosen]
+        )
+
+    @property
+    def rows(self) -> tuple[tuple[str, float, float], ...]:
+        """Key, value and standard uncertainty of each, as plain numbers."""
+        columns = self.keys, self.values.tolist(), self.spread.tolist()
+        return tuple(zip(*columns, strict=True))
+
+
+def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
+    """The measured numbers of a scene that have an uncertainty and move its fringes.
+
+    Parameters: `scene`; `given`, what one frame's scene was made of, whose wear may be counted by
+    another law. A key that the scene has not, or has as a table, is none of them.
+    """
+    found = []
+    for key, spread in scene.uncertainties.items():
+        try:
+            value = scene.get(key)
+        except InputError:
+            continue
+        outside = key.split(".")[0] in ("camera", "frames") and key not in _FOLLOWED
+        if key == WEAR and given is not None and isinstance(value, int | float):
+            stated = given.get(key)
+            spread *= value / stated if isinstance(stated, float) and stated else 0.0
+        if spread > 0.0 and isinstance(value, int | float) and not outside:
+            found.append((key, float(value), spread))
+    return inputs_of_rows(found)
+
+
+def inputs_of_rows(rows: Iterable[tuple[str, float, float]]) -> StatedInputs:
+    """Stated inputs from their keys, values and standard uncertainties."""
+    columns = tuple(zip(*rows, strict=True))
+    keys, values, spread = columns or ((), (), ())
+    return StatedInputs(tuple(keys), np.array(values, float), np.array(spread, float))
+
+
+def taken_as_exact(scene: Scene, keys: tuple[str, ...]) -> tuple[str, ...]:
+    """Keys of the measured numbers that move a scene's fringes, and that a fit takes as exact.
+
+    Parameters: `scene`; `keys`, the fit's unknowns. Numbers with a stated uncertainty, 0 too, are
+    none of them.
+    """
+    exact = []
+    for key in _MATTER:
+        if key in keys or key in scene.uncertainties or not _is_used(scene, key):
+            continue
+        try:
+            value = scene.get(key)
+        except InputError:
+            continue
+        if value is not None:
+            exact.append(key)
+    return tuple(exact)
+
+
+def _is_used(scene: Scene, key: str) -> bool:
+    """Whether a scene's model has a key in it."""
+    contact = scene.indenter is not None
+    if key in _OF_CONTACT:
+        return contact
+    if key in _OF_BLOCK:
+        return not contact or scene.specimen.shape is not None
+    return True

@@ -1,0 +1,163 @@
+"""Measured numbers with what is not known of them: { value = 14.6, standard_uncertainty = 0.066 }.
+
+A scene keeps the plain number, so that all who use it see a float, and beside it the standard
+uncertainties by their dotted keys.
+"""
+
+from __future__ import annotations
+
+import math
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+VALUE, SPREAD = "value", "standard_uncertainty"
+PAIRS = "stated_uncertainty"
+"""The field that holds the uncertainties; no key of a file."""
+
+_MOST = 1e30
+_UNMEASURED = ("numerics",)
+"""Tables whose numbers nobody measures."""
+
+_FORM = "{ value = 14.6, standard_uncertainty = 0.066 }"
+
+
+def with_pairs(model: type[BaseModel], data: Any) -> Any:
+    """A scene's tables with plain values, and all uncertainties as sorted pairs under PAIRS.
+
+    An uncertainty that was stated before stays where the value is still a number. Parameters:
+    `model` of the scene; `data`, its tables. Raises ValueError, see `split_uncertainties`.
+    """
+    if not isinstance(data, dict):
+        return data
+    plain, stated = split_uncertainties(model, data)
+    found = dict(data.get(PAIRS, ())) | stated
+    kept = {key: u for key, u in found.items() if _is_number(plain, key)}
+    if kept or PAIRS in data:
+        plain[PAIRS] = tuple(sorted(kept.items()))
+    return plain
+
+
+def split_uncertainties(
+    model: type[BaseModel], data: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Take the uncertainties out of a settings file's tables, which keep the plain values.
+
+    Parameters
+    ----------
+    model : type
+        The model of the file.
+    data : dict
+        The tables, as dictionaries or as parts that were checked already.
+
+    Returns
+    -------
+    dict
+        The same with plain values.
+    dict of str to float
+        The standard uncertainties by dotted key, in the keys' units.
+
+    Raises
+    ------
+    ValueError
+        For a form that is not allowed, and for a key that is no measured number.
+    """
+    plain, found = dict(data), {}
+    for part, table in data.items():
+        if part == PAIRS or not isinstance(table, dict):
+            continue
+        own = _table_model(model, part)
+        stated = {n: v for n, v in table.items() if isinstance(v, dict) and SPREAD in v}
+        for name, value in stated.items():
+            if own is not None and name in own.model_fields:
+                key = f"{part}.{name}"
+                _refuse_unmeasured(key, own.model_fields[name].annotation)
+                found[key] = plain_value(key, value)[1]
+        plain[part] = table | {n: v.get(VALUE) for n, v in stated.items()}
+    return plain, found
+
+
+def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
+    """Take a measured number and its standard uncertainty from their form in a file.
+
+    Parameters
+    ----------
+    key : str
+        The dotted key, in messages.
+    value : mapping
+        What stands there.
+
+    Returns
+    -------
+    object
+        The plain value, which is not checked yet.
+    float
+        The standard uncertainty, in the unit of the key.
+
+    Raises
+    ------
+    ValueError
+        For a form that is not allowed.
+    """
+    if set(value) != {VALUE, SPREAD}:
+        raise ValueError(
+            f"{key} = {dict(value)!r} is not allowed: a measured number is written as {_FORM}; "
+            "correct it"
+        )
+    number, spread = value[VALUE], value[SPREAD]
+    if isinstance(number, dict | list | str):
+        raise ValueError(
+            f"{key}.value = {number!r} is not allowed: only a single number has a "
+            "standard_uncertainty; correct it"
+        )
+    number_like = isinstance(spread, int | float) and not isinstance(spread, bool)
+    if not number_like or not math.isfinite(spread) or not 0 <= spread <= _MOST:
+        raise ValueError(
+            f"{key}.standard_uncertainty = {spread!r} is not allowed: it is a number of 0 or "
+            "more, in the unit of the key; correct it"
+        )
+    return number, float(spread)
+
+
+def as_text(value: float, standard_uncertainty: float) -> str:
+    """A value with its uncertainty as it stands in a TOML file."""
+    import tomli_w
+
+    lines = tomli_w.dumps({VALUE: value, SPREAD: standard_uncertainty}).split("\n")
+    return "{ " + ", ".join(line for line in lines if line) + " }"
+
+
+def _table_model(model: type[BaseModel], part: str) -> type[BaseModel] | None:
+    """The model of a table, None where there is no such table or its numbers are not measured."""
+    if part not in model.model_fields:
+        return None
+    annotation = model.model_fields[part].annotation
+    for kind in (annotation, *typing.get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+    return None
+
+
+def _refuse_unmeasured(key: str, annotation: Any) -> None:
+    """Raise ValueError for a key that is no measured number."""
+    if key.split(".")[0] in _UNMEASURED or not _is_measured(annotation):
+        raise ValueError(
+            f"{key} is no measured number, and has no standard_uncertainty; give the plain value"
+        )
+
+
+def _is_measured(annotation: Any) -> bool:
+    """Whether a key holds one number that is no count."""
+    if typing.get_origin(annotation) is tuple:
+        return False
+    return annotation is float or any(_is_measured(a) for a in typing.get_args(annotation))
+
+
+def _is_number(data: Mapping[str, Any], key: str) -> bool:
+    """Whether tables hold a plain number at a dotted key."""
+    part, _, name = key.partition(".")
+    table = data.get(part)
+    value = table.get(name) if isinstance(table, dict) else getattr(table, name, None)
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,126 @@
+"""Frames whose stated inputs are off by chance: whether the whole uncertainty covers the truth.
+
+Truth is `outside_camera`, which shares no code with the package's optics and camera. A frame is
+rendered at its true inputs; the scene states each of them drawn about the truth with its stated
+uncertainty, the load too, as a load cell gives it.
+"""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.estimation import prepare_frame
+from isochrome.fitting import fit_frame, fit_with_causes
+from isochrome.frames import Frame
+from isochrome.scene import parse_scene
+
+from .outside_camera import Defects, frame
+from .rows import InputRow
+
+FRAMES = 1000
+COVERED = 1.96
+"""Standard uncertainties that hold 95 of 100 of a normal distribution."""
+
+STATED = {
+    "camera.pixel_mm": 0.002,
+    "specimen.thickness_mm": 0.005,
+    "specimen.fringe_value_n_per_mm": 0.005,
+    "specimen.young_gpa": 0.02,
+    "indenter.radius_mm": 0.001,
+    "load.normal_n": 0.005,
+}
+"""Relative standard uncertainties of the inputs: caliper, calibration, data sheet, load cell."""
+
+_TRUTHS = ((44.0, 0.2), (32.0, 0.12), (56.0, 0.28))
+"""Loads (N) and friction coefficients of the frames, in turn."""
+
+_SCENE = """
+[specimen]
+young_gpa = 2.1
+poisson = 0.4
+thickness_mm = 4.0
+fringe_value_n_per_mm = 14.6
+[indenter]
+radius_mm = 24.61
+young_gpa = 210.0
+poisson = 0.3
+[load]
+normal_n = 44.0
+[friction]
+coefficient = 0.2
+[camera]
+width_px = 220
+height_px = 165
+left_mm = -2.0
+top_mm = 0.1
+pixel_mm = 0.018
+bit_depth = 8
+"""
+
+
+def cases():
+    """All that is stated held, with its budget; and fitted with its priors where a frame asks."""
+    return {name: partial(frames, name) for name in ("held", "asked")}
+
+
+def frames(kind, quick, seeds=None):
+    """A row for each frame, or with `quick` for the first."""
+    seeds = range(FRAMES) if seeds is None else seeds
+    return [judged(kind, seed) for seed in (seeds[:1] if quick else seeds)]
+
+
+def true_scene(seed):
+    """The scene of a frame as it truly is."""
+    load, friction = _TRUTHS[seed % len(_TRUTHS)]
+    values = {"load.normal_n": load, "friction.coefficient": friction}
+    return parse_scene(_SCENE).with_values(values)
+
+
+def stated_scene(true, rng):
+    """The scene as its user states it: each input off by chance, with its uncertainty."""
+    values = {}
+    for key, relative in STATED.items():
+        spread = relative * true.get(key)
+        stated = true.get(key) + spread * rng.normal()
+        values[key] = {"value": stated, "standard_uncertainty": spread}
+    return true.with_values(values)
+
+
+def judged(kind, seed):
+    """The row of one frame."""
+    true = true_scene(seed)
+    rng = np.random.default_rng([seed, 16])
+    image = frame(true, Defects(), int(rng.integers(2**31)))
+    scene = stated_scene(true, rng)
+    data = prepare_frame(Frame(0, image, None, "bench"), scene, bit_depth=8)
+    start = time.process_time()
+    try:
+        found = fit_frame(data, scene) if kind == "held" else fit_with_causes(data, scene).fit
+    except PhysicsError as error:
+        return InputRow(kind, seed, refused=str(error))
+    seconds = time.process_time() - start
+    at = {key: found.keys.index(key) for key in ("load.normal_n", "friction.coefficient")}
+    pulls = {
+        key: (found.values[k] - true.get(key)) / found.standard_uncertainty[k]
+        for key, k in at.items()
+    }
+    load = at["load.normal_n"]
+    return InputRow(
+        kind,
+        seed,
+        load_percent=100.0 * (found.values[load] / true.load_at(0.0) - 1.0),
+        load_pull=pulls["load.normal_n"],
+        friction_pull=pulls["friction.coefficient"],
+        combined_percent=100.0 * found.standard_uncertainty[load] / true.load_at(0.0),
+        noise_percent=100.0 * found.noise_uncertainty[load] / true.load_at(0.0),
+        freed=len(found.keys) > len(_KEYS),
+        chi=found.chi,
+        seconds=seconds,
+    )
+
+
+_KEYS = ("load.normal_n", "friction.coefficient", "camera.left_mm", "camera.top_mm")

@@ -1,0 +1,117 @@
+"""Measured numbers with a standard uncertainty: plain for all users, kept beside, written back."""
+
+import pickle
+
+import pytest
+
+from isochrome.errors import InputError
+from isochrome.scene import dump_scene, parse_scene
+
+TEXT = """
+[specimen]
+shape = "disc"
+diameter_mm = 40.0
+thickness_mm = { value = 6, standard_uncertainty = 0.02 }
+fringe_value_n_per_mm = { value = 14.6, standard_uncertainty = 0.066 }
+[load]
+normal_n = { value = 300.0, standard_uncertainty = 0 }
+[camera]
+pixel_mm = { value = 0.1, standard_uncertainty = 2e-4 }
+[frames]
+gamma = { value = 1.1, standard_uncertainty = 0.01 }
+"""
+
+
+def test_values_are_plain_and_uncertainties_stand_beside_them():
+    scene = parse_scene(TEXT)
+    assert scene.specimen.thickness_mm == 6.0
+    assert isinstance(scene.specimen.thickness_mm, float)
+    assert scene.get("frames.gamma") == 1.1
+    assert scene.uncertainties == {
+        "camera.pixel_mm": 2e-4,
+        "frames.gamma": 0.01,
+        "load.normal_n": 0.0,
+        "specimen.fringe_value_n_per_mm": 0.066,
+        "specimen.thickness_mm": 0.02,
+    }
+
+
+def test_uncertainties_do_not_change():
+    scene = parse_scene(TEXT)
+    with pytest.raises(TypeError):
+        scene.uncertainties["load.normal_n"] = 1.0
+    assert isinstance(hash(scene), int)
+
+
+def test_written_text_reads_as_the_same_scene():
+    scene = parse_scene(TEXT)
+    text = dump_scene(scene)
+    assert "thickness_mm = { value = 6.0, standard_uncertainty = 0.02 }\n" in text
+    assert parse_scene(text) == scene
+    assert pickle.loads(pickle.dumps(scene)) == scene
+
+
+def test_a_scene_without_uncertainties_is_written_as_before():
+    plain = parse_scene(TEXT).with_values({}).model_copy(update={"stated_uncertainty": ()})
+    assert "standard_uncertainty" not in dump_scene(plain)
+
+
+def test_changed_values_keep_uncertainties_and_may_state_new_ones():
+    scene = parse_scene(TEXT)
+    moved = scene.with_values({"specimen.thickness_mm": 5.0})
+    assert moved.uncertainties == scene.uncertainties
+    stated = {"value": 5.0, "standard_uncertainty": 0.5}
+    known = scene.with_values({"specimen.thickness_mm": stated, "load.bulk_mpa": 1.0})
+    assert known.uncertainties == scene.uncertainties | {"specimen.thickness_mm": 0.5}
+    assert known.specimen.thickness_mm == 5.0
+
+
+def test_an_uncertainty_goes_with_its_number():
+    scene = parse_scene(TEXT).with_values({"frames.gamma": "unknown", "camera.pixel_mm": None})
+    assert not {"frames.gamma", "camera.pixel_mm"} & set(scene.uncertainties)
+
+
+def test_a_table_over_distance_has_none():
+    text = """
+[specimen]
+[load]
+normal_n = { distance_m = [0, 1], value = [3, 4], standard_uncertainty = 0.1 }
+"""
+    with pytest.raises(InputError, match=r"load\.normal_n = .* is not allowed: a measured number"):
+        parse_scene(text)
+
+
+@pytest.mark.parametrize("spread", ["-1", "nan", "inf", "'much'", "true", "1e40"])
+def test_wrong_uncertainties_are_refused_by_key_and_value(spread):
+    text = f"[specimen]\nthickness_mm = {{ value = 6, standard_uncertainty = {spread} }}"
+    with pytest.raises(InputError, match=r"specimen\.thickness_mm\.standard_uncertainty = .* 0 or"):
+        parse_scene(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[camera]\nbit_depth", r"camera\.bit_depth is no measured number"),
+        ("[camera]\nseed", r"camera\.seed is no measured number"),
+        ("[numerics]\ntolerance", r"numerics\.tolerance is no measured number"),
+        ("[wear]\ndistances_m", r"wear\.distances_m is no measured number"),
+        ("[specimen]\nthicknes_mm", r"unknown key 'specimen\.thicknes_mm'; did you mean 'thick"),
+        ("[speciment]\nthickness_mm", r"unknown key 'speciment'; did you mean 'specimen'"),
+    ],
+)
+def test_what_is_not_measured_has_no_uncertainty(text, message):
+    with pytest.raises(InputError, match=message):
+        parse_scene(f"{text} = {{ value = 8, standard_uncertainty = 1 }}")
+
+
+def test_values_are_checked_as_plain_ones():
+    text = "[specimen]\nthickness_mm = { value = -6, standard_uncertainty = 0.02 }"
+    with pytest.raises(InputError, match=r"specimen\.thickness_mm = -6 is not allowed"):
+        parse_scene(text)
+    with pytest.raises(InputError, match="only a single number"):
+        parse_scene("[specimen]\nthickness_mm = { value = [6], standard_uncertainty = 0.02 }")
+
+
+def test_no_table_of_a_file_is_called_like_the_pairs():
+    with pytest.raises(InputError, match="unknown key 'stated_uncertainty'"):
+        parse_scene("stated_uncertainty = [['specimen.thickness_mm', 1.0]]\n[specimen]")
