@@ -13,6 +13,7 @@ from isochrome.figures.style import (
     INK,
     LINE_COLOURS,
     LINE_PT,
+    NOTE_PT,
     new_figure,
     plain_name,
     style_axes,
@@ -196,7 +197,7 @@ def draw_budget(axes: Axes, parts: Mapping[str, float], *, x_label: str, title: 
     axes.barh(names, sizes, height=0.6, color=LINE_COLOURS[0])
     total = sum(size**2 for size in sizes)
     for place, size in enumerate(sizes):
-        axes.text(size, place, f" {size**2 / total:.0%}", va="center", fontsize=9)
+        axes.text(size, place, f" {size**2 / total:.0%}", va="center", fontsize=NOTE_PT)
     axes.margins(x=0.2)
     axes.set_ylim(-0.6, max(len(items), 3) - 0.4)
     axes.locator_params(axis="x", nbins=4)

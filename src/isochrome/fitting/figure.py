@@ -172,5 +172,5 @@ def budget_figure(name: str, result: Fit) -> Figure:
         draw_budget(axis, parts, x_label=f"contribution to u({key})", title=key)
     for axis in axes[len(keys) :]:
         axis.set_axis_off()
-    figure.suptitle(f"{plain_name(name)}: uncertainty budget")
+    write_head(figure, f"{plain_name(name)}: uncertainty budget")
     return figure
