@@ -17,6 +17,7 @@ from isochrome.fitting.causes.cause import SCALE, STIFF
 from isochrome.fitting.causes.freeing import fit_with_causes
 from isochrome.fitting.causes.report import cause_messages
 from isochrome.frames import Frame
+from isochrome.processing.result import causes_of
 from isochrome.scene import load_scene
 
 OUTSIDE = load_benchmarks("outside_camera")
@@ -209,8 +210,10 @@ def test_a_simulated_roll_is_found_by_process(tmp_path):
     found = process(tmp_path / "seen" / "frames.tif", scene)
     (item,) = found.frames
     assert "the camera's roll (camera.roll_deg = -0." in item.warnings[0]
-    assert found.columns["camera.roll_deg"][0] == pytest.approx(-0.5, abs=0.02)
+    (causes,) = found.columns["causes"]
+    assert causes_of(causes)["camera.roll_deg"] == pytest.approx(-0.5, abs=0.02)
+    assert found.fitted.camera.roll_deg == causes_of(causes)["camera.roll_deg"]
     assert found.columns["load.normal_n"][0] == pytest.approx(LOAD, rel=1e-4)
     stated = process(tmp_path / "seen" / "frames.tif", scene, as_stated=True)
-    assert "camera.roll_deg" not in stated.columns
+    assert stated.columns["causes"] == [""]
     assert abs(stated.columns["load.normal_n"][0] / LOAD - 1.0) > 3e-4
