@@ -270,3 +270,11 @@ def test_a_roi_of_the_unturned_picture_is_refused_with_the_turn_named(tmp_path):
     )
     with pytest.raises(InputError, match=r"90 rows and 40 columns after its turn by frames.rot"):
         open_scene_frames(tmp_path / "f.tif", scene)
+
+
+@pytest.mark.parametrize(("shape", "named"), [((80, 60), True), ((60, 81), False)])
+def test_a_picture_on_its_side_is_told_from_one_of_another_size(tmp_path, contact, shape, named):
+    tifffile.imwrite(tmp_path / "f.tif", np.zeros(shape, np.uint8))
+    scene = parse_scene(contact[2].split("[frames]")[0])
+    (found,) = (f.text for f in check(tmp_path / "f.tif", scene).findings if "camera is" in f.text)
+    assert ("frames.rotate_deg = 90 or 270" in found) is named

@@ -163,6 +163,8 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
         after = "after the roi" if reader.roi else "(no frames.roi is set)"
         text = f"frames are {rows} rows x {cols} columns {after} and the scene's camera is "
         text += f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi"
+        if wanted == (cols, rows):
+            text += ", or turn pictures that lie on their side by frames.rotate_deg = 90 or 270"
         yield str(reader.path), text
     if wear is None or scene.frames.sliding_speed_mm_per_s is not None:
         return
