@@ -198,9 +198,9 @@ def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
     searched = []
     search = isochrome.fitting.tracking.tracker.fit_frame
 
-    def noted(data, *more):
+    def noted(data, *more, **options):
         searched.append(data.name)
-        return search(data, *more)
+        return search(data, *more, **options)
 
     monkeypatch.setattr(isochrome.fitting.tracking.tracker, "fit_frame", noted)
     found = process(place / "film.tif", place / "scene.toml", place / "out", track=True, every=8)
