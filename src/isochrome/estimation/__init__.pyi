@@ -32,6 +32,7 @@ from .light_degree import light_unknowns, smooth_starts
 from .limits import information_bound, is_determined
 from .multistart import Minimum, SeveralStarts
 from .observation import FrameData, Observation, observe, prepare_frame
+from .score_products import ASKED, RICHEST, ScoreProducts
 from .separable import (
     MOSTLY,
     LinearPart,
@@ -45,9 +46,11 @@ from .separable import (
 
 __all__ = [
     "ALIKE_CHI",
+    "ASKED",
     "CUTOFF",
     "MOSTLY",
     "POOR_CHI",
+    "RICHEST",
     "RIVAL_CHI",
     "STEP",
     "Bounds",
@@ -57,6 +60,7 @@ __all__ = [
     "LinearPart",
     "Minimum",
     "Observation",
+    "ScoreProducts",
     "SeparableProblem",
     "SeveralStarts",
     "State",
