@@ -97,8 +97,9 @@ def calibrate_disc(source: str | Path | CalibrationSet) -> Calibration:
     >>> isochrome.calibrate_disc(samples_path() / "disc" / "set.toml")  # doctest: +SKIP
     Calibration from 3 images of a disc
       fringe_value_n_per_mm  14.599 ± 0.044
-      chi                    0.994
-      order_at_zero_load     -0.000125 ± 0.000056
+      chi                    0.991
+      order_at_zero_load     -0.000086 ± 0.000055
+      1 warning: see .warnings
     """
     given = load_set(source, specimen="disc")
     disc = given.disc
