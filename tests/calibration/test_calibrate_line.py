@@ -5,13 +5,16 @@ the load and to a constant, so that the line through them is the true one and al
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from isochrome.calibration import ImageFit
 from isochrome.calibration.budget import Input, uncertainty_budget
+from isochrome.calibration.held_out import widened_to_held_out
 from isochrome.calibration.order_line import fit_line
+from isochrome.calibration.result import BudgetItem, Calibration
 from isochrome.errors import PhysicsError
 
 from .conftest import BEAM, F_SIGMA, bending_from_images, bending_load
@@ -134,7 +137,10 @@ def test_repeated_images_scatter_through_the_front_door(off_the_line):
     noise = parts["image noise and fit"].contribution_n_per_mm
     assert noise < 0.02 * scatter
     total = off_the_line.standard_uncertainty
-    assert total == pytest.approx(math.hypot(found, noise), rel=1e-3)
+    # the held-out loads ask for some more: the lowest is 3 times its uncertainty off the others
+    more = parts["held-out loads"].contribution_n_per_mm
+    assert total == pytest.approx(math.sqrt(found**2 + noise**2 + more**2), rel=1e-3)
+    assert more < found
     assert parts["scatter across loads"].share == pytest.approx((found / total) ** 2, rel=1e-9)
     assert abs(off_the_line.fringe_value_n_per_mm - F_SIGMA) < 4.0 * noise
 
@@ -229,3 +235,46 @@ def test_a_fringe_value_that_no_material_has_is_refused(factor, refused):
         assert uncertainty_budget(
             "beam", images, factor, ()
         ).fringe_value_n_per_mm == pytest.approx(factor)
+
+
+def calibration_of(orders, uncertainty, spread=1e-3):
+    """A calibration of loads 100 to 600 N with these orders."""
+    images = [
+        ImageFit(
+            file=f"{i}.tif", load_n=100.0 * (i + 1), order=n, standard_uncertainty=spread, chi=1.0
+        )
+        for i, n in enumerate(orders)
+    ]
+    line = fit_line([i.load_n for i in images], orders, [spread] * len(orders))
+    images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
+    return Calibration(
+        specimen="beam", fringe_value_n_per_mm=14.6, standard_uncertainty=14.6 * uncertainty,
+        chi=1.0, order_at_zero_load=0.0, order_at_zero_load_uncertainty=spread,
+        slope_per_n=line.slope, images=tuple(images), warnings=(),
+        budget=(BudgetItem("image noise and fit", 1.0, "", 14.6 * uncertainty, 1.0),),
+    )  # fmt: skip
+
+
+def test_a_held_out_load_that_contradicts_the_value_widens_it():
+    """Five loads on a line, the third off by 5 %: another line cannot tell it better than that."""
+    orders = [0.5 * (i + 1) for i in range(6)]
+    orders[2] *= 1.05
+    found = widened_to_held_out(calibration_of(orders, 0.001))
+    # it is off the others' line by 0.075 of 1.575, which are three standard uncertainties then
+    assert found.standard_uncertainty / 14.6 >= 0.075 / 1.575 / 3.0 * 0.99
+    for image in found.images:
+        off = abs(image.order - image.predicted_order)
+        assert off < 3.001 * image.predicted_uncertainty
+    assert found.budget[-1].name == "held-out loads"
+    assert sum(item.share for item in found.budget) == pytest.approx(1.0)
+    assert "2.tif at 300 N" in found.warnings[0]
+
+
+def test_held_out_loads_that_agree_change_nothing():
+    orders = [0.5 * (i + 1) for i in range(6)]
+    orders[2] *= 1.05
+    enough, exact = calibration_of(orders, 0.03), calibration_of([0.5, 1.0, 1.5], 0.001)
+    for before in (enough, exact):
+        found = widened_to_held_out(before)
+        assert found.standard_uncertainty == before.standard_uncertainty
+        assert found.budget == before.budget and not found.warnings

@@ -38,9 +38,12 @@ CUTS = {
 
 VALUES = (
     "fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zero_load",
-    "order_at_zero_load_uncertainty", "residual", "channels",
+    "order_at_zero_load_uncertainty", "residual", "channels", "causes",
 )  # fmt: skip
-IMAGE_COLUMNS = ("file", "load_n", "order", "standard_uncertainty", "chi", "predicted_order")
+IMAGE_COLUMNS = (
+    "file", "load_n", "order", "standard_uncertainty", "chi", "predicted_order",
+    "predicted_uncertainty",
+)  # fmt: skip
 """What `calibration.json` holds of a calibration, and of each image besides its geometry."""
 
 
@@ -86,6 +89,8 @@ class ImageFit:
         Root mean square of the residual over the noise.
     predicted_order : float, optional
         The order by the other loads' line, fringes; None below three loads.
+    predicted_uncertainty : float, optional
+        Standard uncertainty of the difference to that, by both and by the value's own, fringes.
     geometry : dict, optional
         The fitted places in pixels and angles in degrees, by name.
     view : View, optional
@@ -100,6 +105,7 @@ class ImageFit:
     standard_uncertainty: float
     chi: float
     predicted_order: float | None = None
+    predicted_uncertainty: float | None = None
     geometry: dict[str, float] = field(default_factory=dict)
     view: View | None = None
     misfit: float = 0.0
@@ -149,6 +155,8 @@ class Calibration(Result):
         A residual stress that was fitted as a field, None where none was.
     channels : dict, optional
         Each channel's value of colour images, None where only one was read.
+    causes : tuple of dict, optional
+        What the images asked for besides: key, cause, value and standard_uncertainty of each.
     """
 
     specimen: str
@@ -163,6 +171,7 @@ class Calibration(Result):
     warnings: tuple[str, ...]
     residual: dict[str, Any] | None = None
     channels: dict[str, Any] | None = None
+    causes: tuple[dict[str, Any], ...] = ()
 
     @property
     def columns(self) -> dict[str, list[Any]]:
@@ -198,7 +207,7 @@ class Calibration(Result):
 
         Returns a dictionary with `fringe_value_n_per_mm`, `standard_uncertainty`, `chi`,
         `order_at_zero_load` (None where unknown), `order_at_zero_load_uncertainty`, `residual`,
-        `channels`, `images`, `budget` and `warnings`.
+        `channels`, `causes`, `images`, `budget` and `warnings`.
         """
         images = [{n: getattr(i, n) for n in IMAGE_COLUMNS} | i.geometry for i in self.images]
         return {name: getattr(self, name) for name in VALUES} | {

@@ -33,6 +33,7 @@ from .limits import information_bound, is_determined
 from .multistart import Minimum, SeveralStarts
 from .observation import FrameData, Observation, observe, prepare_frame
 from .priors import NOISE, BudgetInput, Prior, budget_of, no_prior, variance_shares
+from .score_products import ASKED, RICHEST, ScoreProducts
 from .separable import (
     MOSTLY,
     LinearPart,
@@ -46,10 +47,12 @@ from .separable import (
 
 __all__ = [
     "ALIKE_CHI",
+    "ASKED",
     "CUTOFF",
     "MOSTLY",
     "NOISE",
     "POOR_CHI",
+    "RICHEST",
     "RIVAL_CHI",
     "STEP",
     "Bounds",
@@ -61,6 +64,7 @@ __all__ = [
     "Minimum",
     "Observation",
     "Prior",
+    "ScoreProducts",
     "SeparableProblem",
     "SeveralStarts",
     "State",

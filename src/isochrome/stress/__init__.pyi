@@ -13,6 +13,7 @@ from .half_plane.pixel_sums import (
 from .half_plane.point_force import PointForce
 from .half_plane.regular import NO_STRESS, RegularStress, regular_modes, uniform_stress
 from .half_plane.series import SeriesField, SeriesGrid, make_series_grid, series_difference
+from .lens import Lens
 from .peak import ShearPeak, largest_shear
 from .pixels import PixelGrid, pixel_grid
 from .seen import seen_by
@@ -20,6 +21,7 @@ from .seen import seen_by
 __all__ = [
     "NO_STRESS",
     "FieldGrid",
+    "Lens",
     "PixelGrid",
     "PointForce",
     "RegularStress",

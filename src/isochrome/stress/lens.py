@@ -34,9 +34,20 @@ _PASSES = 6
 
 @dataclass(frozen=True, kw_only=True)
 class Lens:
-    """A camera's roll (degrees), keystone and distortion, see above.
+    """A camera's roll, keystone and distortion.
 
-    `right_mm`, `down_mm`: the picture's middle, from its left and upper edge; half its size.
+    Parameters
+    ----------
+    right_mm, down_mm : float
+        The picture's middle from its left and upper edge, mm.
+    half_width_mm, half_height_mm : float
+        Half its size, mm.
+    roll_deg : float, default 0.0
+        How far it is turned about its middle, counter-clockwise, degrees.
+    distortion : float, default 0.0
+        Displacement in the corners over their distance from the middle.
+    keystone_x, keystone_z : float, default 0.0
+        Displacement at the middle of the right and of the lower edge over its distance.
     """
 
     right_mm: float

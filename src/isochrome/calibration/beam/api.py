@@ -8,22 +8,39 @@ eta = h/2, rises with the load by k = 3 (Lo - Li)/(2 h^2 f_sigma) fringes per N.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.calibration.beam.beam_edges import (
+    BeamPicture,
+    beam_pictures,
+    check_beam_scale,
+    edge_distance,
+)
 from isochrome.calibration.beam.beam_fit import PIXELS, BeamFit, beam_image, fit_beam
 from isochrome.calibration.beam.beam_gamma import Tone, find_tone, undo_tone
 from isochrome.calibration.beam.beam_joint import BeamJointFit, fit_beam_images
 from isochrome.calibration.beam.beam_misfit import band_misfit, check_span
+from isochrome.calibration.beam.beam_set import (
+    beam_set_images,
+    check_set_span,
+    fit_beam_set,
+    set_pictures,
+)
 from isochrome.calibration.budget import Input, uncertainty_budget
 from isochrome.calibration.channels import calibrate_channels
+from isochrome.calibration.held_out import widened_to_held_out
 from isochrome.calibration.order_line import ResidualOrder
-from isochrome.calibration.result import Calibration
+from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import Beam, CalibrationSet, Uncertainty, load_set
 from isochrome.calibration.shot import Shot, by_load, unused
+from isochrome.calibration.whole_set.set_result import causes, sentences, stated_values
 from isochrome.output import with_uncertainty
+from isochrome.scene import Camera, Polariscope
 
 Array = NDArray[np.float64]
 
@@ -83,12 +100,21 @@ def calibrate_bending(source: str | Path | CalibrationSet) -> Calibration:
     assert beam is not None and pixel_mm is not None
     return calibrate_channels(
         given,
-        lambda shots: bending_from_shots(shots, beam, pixel_mm, uncertainty=given.uncertainty),
-    )
+        lambda shots: bending_from_shots(
+            shots, beam, pixel_mm, uncertainty=given.uncertainty, camera=given.camera,
+            polariscope=given.polariscope,
+        ),
+    )  # fmt: skip
 
 
 def bending_from_shots(
-    shots: Sequence[Shot], beam: Beam, pixel_mm: float, *, uncertainty: Uncertainty | None = None
+    shots: Sequence[Shot],
+    beam: Beam,
+    pixel_mm: float,
+    *,
+    uncertainty: Uncertainty | None = None,
+    camera: Camera | None = None,
+    polariscope: Polariscope | None = None,
 ) -> Calibration:
     """`calibrate_bending` on shots, see `as_shots`.
 
@@ -102,6 +128,10 @@ def bending_from_shots(
         Size of a pixel, mm.
     uncertainty : Uncertainty, optional
         Standard uncertainties of the inputs.
+    camera : Camera, optional
+        What is known of the lens and the blur.
+    polariscope : Polariscope, optional
+        What is known of the light's wavelength and band.
 
     Returns
     -------
@@ -111,12 +141,59 @@ def bending_from_shots(
     Raises
     ------
     InputError
-        Where no shot has a load.
+        Where no shot has a load, or the beam's edges contradict its height and the pixel's size.
     PhysicsError
         Where the images do not determine the value.
     """
     loaded, idle = by_load(shots)
+    scope = polariscope or Polariscope()
+    held = stated_values(camera or Camera(), scope)
     fits, joined = _fit_all(loaded, idle, beam, pixel_mm)
+    whole = fit_beam_set(fits, held)
+    if whole is None:
+        images, covariance, messages, pictures = _plain(fits, joined, loaded, idle, beam, pixel_mm)
+        found: tuple[dict[str, Any], ...] = ()
+    else:
+        check_set_span(whole)
+        images, covariance = beam_set_images(whole, fits, pixel_mm, doubtful=DOUBTFUL_CHI)
+        found = causes(whole, scope.wavelength_nm)
+        messages = sentences(whole, found)
+        pictures = set_pictures(whole, fits)
+    distance = edge_distance(pictures)
+    if distance is not None:
+        check_beam_scale(distance, beam, pixel_mm, uncertainty)
+    rest, left = _rest(idle, joined)
+    arm = beam.outer_span_mm - beam.inner_span_mm
+    factor = 1.5 * arm / beam.height_mm**2
+    known = uncertainty or Uncertainty()
+    inputs = (
+        Input("load", known.load_percent, "%", 0.01),
+        Input("height", known.height_mm, "mm", 3.0 / beam.height_mm),
+        Input("spans", known.span_mm, "mm", float(np.sqrt(2.0)) / arm),
+        Input("pixel scale", known.pixel_mm, "mm", 1.0 / pixel_mm),
+        Input("thickness", known.thickness_mm, "mm", 0.0),
+    )
+    result = uncertainty_budget(
+        "beam",
+        images,
+        factor,
+        inputs,
+        covariance=covariance,
+        rest=rest,
+        messages=(*messages, *left),
+    )
+    return widened_to_held_out(replace(result, causes=found))
+
+
+def _plain(
+    fits: Sequence[BeamFit],
+    joined: BeamJointFit | None,
+    loaded: Sequence[Shot],
+    idle: Sequence[Shot],
+    beam: Beam,
+    pixel_mm: float,
+) -> tuple[list[ImageFit], Array | None, tuple[str, ...], list[BeamPicture]]:
+    """The images' results as they are fitted at first, or with another tone."""
     tone: Tone | None = None
     messages: tuple[str, ...] = ()
     if max(f.best.chi for f in fits) > DOUBTFUL_CHI:
@@ -135,28 +212,9 @@ def bending_from_shots(
     if max(f.best.chi for f in fits) > DOUBTFUL_CHI:
         misfit = np.hypot(misfit, _misfit(fits, joined))
     images = [beam_image(f, pixel_mm, misfit=m) for f, m in zip(fits, misfit, strict=True)]
-    rest, left = _rest(idle, joined)
-    arm = beam.outer_span_mm - beam.inner_span_mm
-    factor = 1.5 * arm / beam.height_mm**2
-    known = uncertainty or Uncertainty()
-    inputs = (
-        Input("load", known.load_percent, "%", 0.01),
-        Input("height", known.height_mm, "mm", 3.0 / beam.height_mm),
-        Input("spans", known.span_mm, "mm", float(np.sqrt(2.0)) / arm),
-        Input("pixel scale", known.pixel_mm, "mm", 1.0 / pixel_mm),
-        Input("thickness", known.thickness_mm, "mm", 0.0),
-    )
     orders = np.array([i.order for i in images])
     covariance = joined.covariance * np.outer(orders, orders) if joined else None
-    return uncertainty_budget(
-        "beam",
-        images,
-        factor,
-        inputs,
-        covariance=covariance,
-        rest=rest,
-        messages=(*messages, *left),
-    )
+    return images, covariance, messages, beam_pictures(fits)
 
 
 def _fit_all(

@@ -28,12 +28,23 @@ from isochrome.calibration.disc.disc_forms import (
 from isochrome.calibration.disc.disc_joint_result import joint_images, residual_of
 from isochrome.calibration.disc.disc_misfit import slope_misfit
 from isochrome.calibration.disc.disc_rim import Circle
+from isochrome.calibration.disc.disc_set import (
+    check_diameter,
+    disc_set_images,
+    fit_disc_set,
+    pooled_chi,
+    set_misfit,
+)
 from isochrome.calibration.disc.disc_starts import check_scans, choose_centre_orders, scan_disc
 from isochrome.calibration.disc.order_slope import fit_rise, overlay, rise_with_load
+from isochrome.calibration.held_out import widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import CalibrationSet, Disc, Uncertainty, load_set
 from isochrome.calibration.shot import Shot, by_load, unused
+from isochrome.calibration.whole_set.set_model import SetFit
+from isochrome.calibration.whole_set.set_result import causes, sentences, stated_values
 from isochrome.errors import PhysicsError
+from isochrome.scene import Camera, Polariscope
 
 Array = NDArray[np.float64]
 
@@ -86,19 +97,29 @@ def calibrate_disc(source: str | Path | CalibrationSet) -> Calibration:
     >>> isochrome.calibrate_disc(samples_path() / "disc" / "set.toml")  # doctest: +SKIP
     Calibration from 3 images of a disc
       fringe_value_n_per_mm  14.599 ± 0.044
-      chi                    0.994
-      order_at_zero_load     -0.000125 ± 0.000056
+      chi                    0.991
+      order_at_zero_load     -0.000086 ± 0.000055
+      1 warning: see .warnings
     """
     given = load_set(source, specimen="disc")
     disc = given.disc
     assert disc is not None
     return calibrate_channels(
-        given, lambda shots: disc_from_shots(shots, disc, uncertainty=given.uncertainty)
-    )
+        given,
+        lambda shots: disc_from_shots(
+            shots, disc, uncertainty=given.uncertainty, camera=given.camera,
+            polariscope=given.polariscope,
+        ),
+    )  # fmt: skip
 
 
 def disc_from_shots(
-    shots: Sequence[Shot], disc: Disc, *, uncertainty: Uncertainty | None = None
+    shots: Sequence[Shot],
+    disc: Disc,
+    *,
+    uncertainty: Uncertainty | None = None,
+    camera: Camera | None = None,
+    polariscope: Polariscope | None = None,
 ) -> Calibration:
     """`calibrate_disc` on shots, see `as_shots`.
 
@@ -110,6 +131,10 @@ def disc_from_shots(
         The disc's sizes, mm.
     uncertainty : Uncertainty, optional
         Standard uncertainties of the inputs.
+    camera : Camera, optional
+        What is known of the lens and the blur, and a pixel's size, which the rim is held against.
+    polariscope : Polariscope, optional
+        What is known of the light's wavelength and band.
 
     Returns
     -------
@@ -119,13 +144,20 @@ def disc_from_shots(
     Raises
     ------
     InputError
-        Where no shot has a load.
+        Where no shot has a load, or the rim contradicts the diameter and the pixel's size.
     PhysicsError
         Where the images do not determine the value.
     """
     loaded, idle = by_load(shots)
     messages = unused(idle, "; the order at zero load is from the loaded images' line")
-    found = _find(loaded, idle, disc)
+    camera, scope = camera or Camera(), polariscope or Polariscope()
+    found = _find(loaded, idle, disc, stated_values(camera, scope))
+    if camera.pixel_mm is not None and not found.from_rise:
+        check_diameter(found.images, disc, camera.pixel_mm, uncertainty)
+    freed: tuple[dict[str, Any], ...] = ()
+    if found.whole is not None:
+        freed = causes(found.whole, scope.wavelength_nm)
+        messages = (*sentences(found.whole, freed), *messages)
     if found.from_rise:
         messages = (FROM_RISE, *messages)
     if found.residual is not None:
@@ -144,13 +176,13 @@ def disc_from_shots(
     result = uncertainty_budget(
         "disc", found.images, factor, inputs, covariance=found.covariance, messages=messages
     )
-    return replace(result, residual=found.residual)
+    return widened_to_held_out(replace(result, residual=found.residual, causes=freed))
 
 
 @dataclass(frozen=True)
 class _Found:
     """The images' fits, their orders' `covariance`, the slope's relative `misfit`, the residual,
-    and whether the orders are `from_rise`, see `fit_rise`.
+    whether the orders are `from_rise`, see `fit_rise`, and the `whole` set's fit they are of.
     """
 
     images: Sequence[ImageFit]
@@ -158,9 +190,12 @@ class _Found:
     misfit: float = 0.0
     residual: dict[str, Any] | None = None
     from_rise: bool = False
+    whole: SetFit | None = None
 
 
-def _find(loaded: Sequence[Shot], idle: Sequence[Shot], disc: Disc) -> _Found:
+def _find(
+    loaded: Sequence[Shot], idle: Sequence[Shot], disc: Disc, held: dict[str, float]
+) -> _Found:
     """The loaded images' orders, each by itself, all together, or from their rise with the load."""
     scans = [scan_disc(shot) for shot in loaded]
     circles = [s.circle for s in scans]
@@ -184,11 +219,24 @@ def _find(loaded: Sequence[Shot], idle: Sequence[Shot], disc: Disc) -> _Found:
             check_scans(scans, loaded)
             raise
         return _Found(fit_rise(loaded, circles, overlaid, clear, disc.diameter_mm), from_rise=True)
-    if np.mean([i.chi**2 for i in images]) <= BARELY**2:
+    whole = fit_disc_set(loaded, images, held)
+    if whole is not None and whole.chi <= BARELY:
+        return _of_whole(whole, circles, disc)
+    if pooled_chi(images) <= BARELY:
         return _Found(images)
     own = own_unknowns(images)
     found = _together(loaded, idle, own, circles, disc)
+    # what the light explains as well is no residual stress
+    if whole is not None and (found is None or whole.chi < pooled_chi(found.images)):
+        return _of_whole(whole, circles, disc)
     return found or _Found(images, misfit=slope_misfit(plain_fit(loaded, own)[0]))
+
+
+def _of_whole(whole: SetFit, circles: Sequence[Circle], disc: Disc) -> _Found:
+    """What a whole set's fit found."""
+    images, covariance = disc_set_images(whole, [c.radius for c in circles], disc.diameter_mm)
+    misfit = set_misfit(whole) if whole.chi > BARELY else 0.0
+    return _Found(images, covariance, misfit, whole=whole)
 
 
 def _together(

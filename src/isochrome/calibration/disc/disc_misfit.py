@@ -81,7 +81,7 @@ def _blocks(fit: JointDisc) -> tuple[Array, Array]:
         )
         place = np.r_[OWN * i : OWN * (i + 1), shared, start : start + sizes[i]]
         start += sizes[i]
-        block = _block_of(fit, i)
+        block = block_of(picture.rows, picture.cols, fit.own[i])
         for b in range(BLOCKS):
             here = np.ascontiguousarray(rows[:, block == b])
             grams[b][np.ix_(place, place)] += here @ here.T
@@ -89,10 +89,12 @@ def _blocks(fit: JointDisc) -> tuple[Array, Array]:
     return grams, gradients
 
 
-def _block_of(fit: JointDisc, index: int) -> NDArray[np.intp]:
-    """The block of each pixel (n,): ring and sector, folded into one quarter of the disc."""
-    picture = fit.pictures[index]
-    _, *sides = disc_places(picture.rows, picture.cols, fit.own[index, 1:])
+def block_of(rows: Array, cols: Array, own: Array) -> NDArray[np.intp]:
+    """The block of each pixel (n,): ring and sector, folded into one quarter of the disc.
+
+    Parameters: `rows`, `cols` (n,), px; `own` (5,), the image's unknowns.
+    """
+    _, *sides = disc_places(rows, cols, own[1:])
     along, across = np.abs(sides)
     ring = np.searchsorted(RINGS, np.hypot(along, across))
     sector = np.minimum(np.arctan2(across, along) / (0.5 * np.pi) * SECTORS, SECTORS - 1)

@@ -1,13 +1,6 @@
-r"""Which causes a fit's residual asks for: score tests on the frame's blocks, without a new fit.
+"""Which causes a fit's residual asks for: score tests on the frame's blocks, without a new fit.
 
-At the fit the weighted residual r is normal to all fitted unknowns' derivatives A. A cause with
-derivatives D would lower r·r, to first order, by
-
-    S = gᵀ M⁻¹ g,    g = D⊥ᵀ r,    M = D⊥ᵀ D⊥,
-
-D⊥ the part of D that A cannot take up, and would come out at M⁻¹ g. Without the cause S/σ² is χ² of
-as many degrees of freedom as D has columns. All of it follows from one matrix of products.
-Source: Rao (1948), Proc. Camb. Phil. Soc. 44, 50-57.
+See `isochrome.estimation` for the test.
 """
 
 from __future__ import annotations
@@ -18,24 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.estimation import FrameData, Terms, light_products, total_degree
+from isochrome.estimation import (
+    ASKED,
+    RICHEST,
+    FrameData,
+    ScoreProducts,
+    Terms,
+    light_products,
+    total_degree,
+)
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks
 from isochrome.fitting.causes.cause import Cause, candidates
 from isochrome.fitting.frame.frame_fit import Fitted
 from isochrome.scene import Scene
 
-ASKED = 2.5
-"""What a cause must gain over ln n for each of its unknowns (Schwarz's criterion): of twelve causes
-one is found by chance in 200 frames. More would leave what moves the load by many of its standard
-uncertainties, where the two are alike."""
-
 _SUSPECTED = 10.0
 """Evidence from which a scale is accused: unlike what is freed, it is not tried by a fit."""
 _FIRST = 6, 4
 """Degrees of illumination and background that every frame is asked for."""
-_RICHEST = 24, 8
-"""Degrees up to which light is made richer where a frame asks for it, product by product."""
 _OUTLIER = 6.0
 """Residual of a block, in standard deviations of a block's, beyond which it is no accident."""
 _BESIDE = 2.5
@@ -44,9 +38,6 @@ _WORST_OF_NINE = 3.5
 """Mean square of the largest of nine residuals of noise alone."""
 _MAD = 1.4826
 """Standard deviation over the median of the sizes, of a normal distribution."""
-_TAKEN = 1e-6
-"""Part of a column's square that must be left by what is fitted."""
-_MOST_TERMS = 120
 _MOST_OUT = 0.15
 """Largest share of the blocks that may be left out as outliers."""
 
@@ -138,7 +129,7 @@ def _scores(
     blocks: FrameBlocks, groups: list[Array], weights: list[tuple[float, ...]]
 ) -> list[tuple[float, float, Array]]:
     """Gain, price and values of each group of columns (k, n), beside what is fitted."""
-    products = _Products(blocks, np.concatenate(groups))
+    products = ScoreProducts([(blocks.rows, np.concatenate(groups), blocks.residual)])
     ends = np.cumsum([len(group) for group in groups])
     found = []
     for group, end, weight in zip(groups, ends, weights, strict=True):
@@ -151,55 +142,6 @@ def _scores(
     return found
 
 
-class _Products:
-    """Products of columns (k, n) with each other and the residual, the fitted rows taken off."""
-
-    def __init__(self, blocks: FrameBlocks, columns: Array) -> None:
-        fitted = len(blocks.rows)
-        stacked = np.concatenate((blocks.rows, columns, blocks.residual[None]))
-        stacked = stacked.astype(np.float32)
-        gram = (stacked @ stacked.T).astype(float)
-        self.size = np.diag(gram)[fitted:-1].copy()
-        taken = gram[:fitted, :fitted]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(taken), 1e-300))
-        inverse = np.linalg.pinv(taken * np.outer(scale, scale), 1e-10, hermitian=True)
-        inverse *= np.outer(scale, scale)
-        cross = gram[:fitted, fitted:]
-        rest = gram[fitted:, fitted:] - cross.T @ inverse @ cross
-        self.matrix, self.right, left = rest[:-1, :-1], rest[:-1, -1], rest[-1, -1]
-        self.noise = max(1.0, float(left) / max(1, stacked.shape[1] - fitted))
-
-    def score(self, chosen: slice | list[int]) -> tuple[float, int, Array]:
-        """Gain over the noise, number of columns that are not taken up, values to first order."""
-        right, matrix = self.right[chosen], self.matrix[chosen][:, chosen]
-        own = np.diag(matrix) > _TAKEN * self.size[chosen]
-        if not own.any():
-            return 0.0, len(right), np.zeros(len(right))
-        scale = np.where(own, 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300)), 0.0)
-        inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-8, hermitian=True)
-        values = scale * (inverse @ (scale * right))
-        return float(values @ right) / self.noise, int(own.sum()), values
-
-    def score_with_prior(self, chosen: slice, weight: Array) -> tuple[float, float, Array]:
-        """Gain, price and values where the columns' values are known to 1/weight (variance).
-
-        With U² the prior's variances, the gain is gᵀ (M + U⁻²)⁻¹ g, and what Bayes's factor takes
-        off for the values that might have been, ln det(1 + U M U).
-        """
-        right, matrix = self.right[chosen] / self.noise, self.matrix[chosen][:, chosen] / self.noise
-        scale = weight**-0.5
-        full = np.eye(len(right)) + scale[:, None] * matrix * scale
-        values = scale * np.linalg.solve(full, scale * right)
-        return float(values @ right), float(np.linalg.slogdet(full)[1]), values
-
-    def take(self, index: int) -> None:
-        """Fit one column more."""
-        row, value = self.matrix[index].copy(), self.right[index]
-        size = row[index]
-        self.matrix -= np.outer(row, row) / size
-        self.right -= row * (value / size)
-
-
 def richer_light(data: FrameData, fitted: Fitted) -> tuple[Terms, Terms]:
     """The light that a frame asks for, product by product: each the one with the most evidence.
 
@@ -209,21 +151,11 @@ def richer_light(data: FrameData, fitted: Fitted) -> tuple[Terms, Terms]:
     blocks = FrameBlocks(data, fitted)
     more = [
         [term for term in total_degree(degree) if term not in own]
-        for degree, own in zip(_RICHEST, data.lamp.terms, strict=True)
+        for degree, own in zip(RICHEST, data.lamp.terms, strict=True)
     ]
     bases = _light_bases(blocks, data, (tuple(more[0]), tuple(more[1])))
-    products = _Products(blocks, blocks.light_columns(*bases))
-    least = np.log(len(blocks.residual)) + ASKED
-    chosen: list[int] = []
-    while len(chosen) < _MOST_TERMS:
-        size = np.diag(products.matrix)
-        free = size > _TAKEN * products.size
-        gains = np.where(free, products.right**2 / np.where(free, size, 1.0), 0.0) / products.noise
-        best = int(gains.argmax())
-        if gains[best] < least:
-            break
-        products.take(best)
-        chosen.append(best)
+    columns = blocks.light_columns(*bases)
+    chosen = ScoreProducts([(blocks.rows, columns, blocks.residual)]).one_by_one()
     added = [[more[0][i] for i in chosen if i < len(more[0])]]
     added.append([more[1][i - len(more[0])] for i in chosen if i >= len(more[0])])
     light, dark = ((*own, *new) for own, new in zip(data.lamp.terms, added, strict=True))

@@ -1,0 +1,137 @@
+"""From a whole set's fit to its misfit, its images' maps, and what it found, in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibration.whole_set.set_model import BAND, BLUR, GAMMA, SetFit
+from isochrome.estimation import jackknife_variance, scaled_inverse
+from isochrome.output import with_uncertainty
+
+Array = NDArray[np.float64]
+
+FULL_WIDTH = 2.3548
+"""Width at half height of a Gaussian over its standard deviation."""
+
+NAMES = {
+    "camera.distortion": "the lens's distortion",
+    "camera.keystone_x": "a camera that looks from the side",
+    "camera.keystone_z": "a camera that looks from above or below",
+    BAND: "the light's band of wavelengths",
+    BLUR: "blur",
+    GAMMA: "the camera's tone curve",
+}
+
+
+def jackknife(fit: SetFit, blocks: list[NDArray[np.intp]], weights: Array) -> Array:
+    """Variances (k,) of sums of unknowns beyond the noise's, by leaving out block after block.
+
+    To first order in what is left out. Parameters: `blocks` (m,) of (n,), the block of each pixel;
+    `weights` (k, p) of the unknowns in each sum.
+    """
+    point, count = fit.point, 1 + max(int(b.max()) for b in blocks)
+    size, full = len(fit.values), len(fit.values) + len(point.linear[0])
+    grams, pulls = np.zeros((count, full, full)), np.zeros((count, full))
+    for i, (left, block) in enumerate(zip(point.linear[2], blocks, strict=True)):
+        rows = np.concatenate((point.rows(i), point.columns(i)))
+        place = np.concatenate((point.columns_of(i), np.arange(size, full)))
+        for b in range(count):
+            here = np.ascontiguousarray(rows[:, block == b])
+            grams[b][np.ix_(place, place)] += here @ here.T
+            pulls[b][place] += here @ left[block == b]
+    whole, pull = grams.sum(axis=0), pulls.sum(axis=0)
+    padded = np.pad(weights, ((0, 0), (0, full - size)))
+    moved = [
+        padded @ (scaled_inverse(whole - gram, 1e-14) @ (pull - own))
+        for gram, own in zip(grams, pulls, strict=True)
+    ]
+    noise = np.einsum("kp,pq,kq->k", padded, scaled_inverse(whole, 1e-14), padded)
+    noise *= max(1.0, fit.chi) ** 2 * fit.correlation
+    variance = jackknife_variance(np.array(moved)) - noise
+    return np.asarray(np.maximum(variance, 0.0))
+
+
+def image_maps(fit: SetFit, index: int) -> dict[str, Any]:
+    """An image's `image`, `model`, `residual` and `order` maps on the fit's pixels, NaN outside."""
+    model, point = fit.model, fit.point
+    own, image = model.images[index], model.shots[index].light[np.ix_(model.rows, model.cols)]
+    residual, order = np.full((2, *own.mask.shape), np.nan)
+    residual[own.mask] = point.linear[2][index] * own.sigma
+    table, _, shared = model.split(fit.values)
+    order[own.mask] = np.abs(model.kind.order(table[index], *model.places(index, shared)))
+    return {"image": image, "model": image - residual, "residual": residual, "order": order}
+
+
+def image_chi(fit: SetFit, index: int) -> float:
+    """Residual over noise of one image."""
+    left = fit.point.linear[2][index]
+    share = fit.unknowns / len(fit.model.shots)
+    return float(np.sqrt(left @ left / max(1.0, left.size - share)))
+
+
+def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ...]:
+    """What was freed: key, value and standard uncertainty as a scene states them.
+
+    A band's width needs the `wavelength_nm`; without, it is a share of it, and has no key.
+    """
+    found = []
+    for key, (value, spread) in fit.shared.items():
+        name: str | None = key
+        if key in (BAND, BLUR):
+            value, spread = float(np.sqrt(value)), 0.5 * spread / float(np.sqrt(value))
+            factor = 1.0 / float(np.sqrt(2.0) * np.pi)
+            if key == BAND:
+                factor *= FULL_WIDTH * (wavelength_nm or 1.0)
+                name = key if wavelength_nm else None
+            value, spread = factor * value, factor * spread
+        found.append(
+            {"key": name, "cause": NAMES[key], "value": value, "standard_uncertainty": spread}
+        )
+    return tuple(found)
+
+
+def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]:
+    """What was found and used, a sentence each."""
+    messages = []
+    for item in found:
+        value = with_uncertainty(item["value"], item["standard_uncertainty"])
+        if item["key"] == GAMMA:
+            messages.append(
+                f"the grey levels are not linear in light: gamma = {value} times the one given "
+                "describes the fringes, and was used; set camera.gamma to the product"
+            )
+        elif item["key"]:
+            messages.append(
+                f"{item['cause']}: {item['key']} = {value} describes the fringes, and was used; "
+                "set it in the set"
+            )
+        else:
+            messages.append(
+                f"{item['cause']}: {value} of the wavelength (full width at half height) describes "
+                "the fringes, and was used; set polariscope.wavelength_nm and bandwidth_nm"
+            )
+    count = sum(len(t) for t in fit.model.terms)
+    plain = 9 if fit.model.shots[0].no_load_light is None else 6
+    if count > plain:
+        messages.append(
+            f"the light is more uneven than a quadratic: {count - plain} more products describe it"
+        )
+    if fit.left_out > 0:
+        messages.append(f"{fit.left_out:.2%} of the pixels fit nothing (dust, glare): left out")
+    return tuple(messages)
+
+
+def stated_values(camera: Any, polariscope: Any) -> dict[str, float]:
+    """What a set states of its camera and its light, as the model holds it."""
+    held = {
+        f"camera.{name}": float(getattr(camera, name))
+        for name in ("distortion", "keystone_x", "keystone_z")
+    }
+    wavelength, band = polariscope.wavelength_nm, polariscope.bandwidth_nm
+    if wavelength and band:
+        held[BAND] = 2.0 * (np.pi * band / FULL_WIDTH / wavelength) ** 2
+    held[BLUR] = 2.0 * (np.pi * camera.blur_px) ** 2
+    return {key: value for key, value in held.items() if value}
