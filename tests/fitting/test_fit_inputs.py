@@ -111,6 +111,18 @@ def test_a_prior_far_sharper_than_the_frame_is_the_value():
     assert found.noise_uncertainty[0] < 1e-8
 
 
+def test_a_prior_as_sharp_as_the_frame_meets_it_half_way():
+    scene, image = contact()
+    plain = fit_frame(data_of(image, scene), scene, KEYS, cold=False)
+    spread = plain.cramer_rao_bound[0]
+    off = {"value": plain.values[0] + 4.0 * spread, "standard_uncertainty": spread}
+    known = scene.with_values({LOAD: off})
+    found = fit_frame(data_of(image, known), known, KEYS, cold=False)
+    # a twentieth of the distance for derivatives by both sides with a prior, by one without
+    assert found.values[0] - plain.values[0] == pytest.approx(2.0 * spread, abs=0.2 * spread)
+    assert found.cramer_rao_bound[0] == pytest.approx(spread / np.sqrt(2.0), rel=0.05)
+
+
 def test_a_prior_far_wider_than_the_frame_changes_nothing():
     scene, image = contact()
     plain = fit_frame(data_of(image, scene), scene, KEYS, cold=False)
