@@ -1,6 +1,8 @@
 from .batched import State, damped_steps, minimise_all, next_damping
 from .covariance import (
     block_correlation,
+    information_bound,
+    is_determined,
     jackknife_variance,
     sandwich,
     standard_uncertainty,
@@ -29,7 +31,6 @@ from .light import (
     total_degree,
 )
 from .light_degree import light_unknowns, smooth_starts
-from .limits import information_bound, is_determined
 from .multistart import Minimum, SeveralStarts
 from .observation import FrameData, Observation, observe, prepare_frame
 from .priors import NOISE, BudgetInput, Prior, budget_of, no_prior, variance_shares

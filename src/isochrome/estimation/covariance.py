@@ -1,4 +1,7 @@
-"""Covariance of fitted unknowns, as the residuals show it and not as the weights hoped."""
+"""Covariance of fitted unknowns, as the residuals show it and not as the weights hoped.
+
+Also what data can tell at best: which unknowns they determine, and the Cramér-Rao bound of those.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,9 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 _BLOCK_PX = 4
+
+UNDETERMINED = 1e-10
+"""Part of a parameter's effect that illumination and background must leave to determine it."""
 
 
 def white_middle(rows: Array, residual: Array) -> Array:
@@ -153,3 +159,45 @@ def standard_uncertainty(covariance: Array, determined: NDArray[np.bool_]) -> Ar
         The standard uncertainties, inf where an unknown is not determined.
     """
     return np.where(determined, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
+
+
+def is_determined(information: Array, squares: Array) -> NDArray[np.bool_]:
+    """Which unknowns leave an effect that the linear ones cannot take up.
+
+    Parameters
+    ----------
+    information : (p, p) array
+        Normal equations, the linear unknowns eliminated.
+    squares : (p,) array
+        Their diagonal with the linear unknowns known.
+
+    Returns
+    -------
+    (p,) array of bool
+        True where an unknown is determined.
+    """
+    return np.asarray(np.diag(information) > UNDETERMINED * squares)
+
+
+def information_bound(inverse: Array, determined: NDArray[np.bool_]) -> Array:
+    """The Cramér-Rao bound: no unbiased estimate has a smaller standard uncertainty.
+
+    It is sqrt(diag(F⁻¹)).
+
+    Parameters
+    ----------
+    inverse : (p, p) array
+        Inverse F⁻¹ of the Fisher information.
+    determined : (p,) array of bool
+        Which unknowns are determined, see `is_determined`.
+
+    Returns
+    -------
+    (p,) array
+        The bound, inf where an unknown is not determined.
+
+    Notes
+    -----
+    Source: Kay (1993), Fundamentals of Statistical Signal Processing I, section 3.7.
+    """
+    return standard_uncertainty(inverse, determined)

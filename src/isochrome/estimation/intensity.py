@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.estimation.covariance import standard_uncertainty
+from isochrome.estimation.covariance import is_determined, standard_uncertainty
 from isochrome.estimation.least_squares import Bounds, Damping, Descent, minimise
-from isochrome.estimation.limits import is_determined
 from isochrome.estimation.separable import (
     LinearPart,
     SeparableProblem,
