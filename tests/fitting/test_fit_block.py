@@ -1,5 +1,7 @@
 """Frames of a block of finite size, their stress by finite elements, fitted as a half-plane's."""
 
+import re
+
 import numpy as np
 import pytest
 import tifffile
@@ -47,7 +49,8 @@ def test_a_half_plane_reads_the_load_of_a_block_once_its_smooth_stress_is_fitted
 
     # what was freed is told, and what it was for: the half-plane alone is 1 % off
     (said,) = found.warnings
-    assert "load.normal_n comes out +1." in said and all(key in said for key in SMOOTH)
+    assert re.search(r"load\.normal_n comes out \+1(\.\d)? % off", said)
+    assert all(key in said for key in SMOOTH)
     # finite elements of the whole block give 0.134 MPa: tests/stress/test_stress_block.py
     assert found.shared[SMOOTH[0]]["value"] == pytest.approx(0.134, abs=0.004)
 

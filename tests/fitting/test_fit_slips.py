@@ -110,7 +110,7 @@ TABLE = (upside_down, bright_for_dark, modulus_in_mpa)
 def test_process_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
     place = files(tmp_path, *slip(image))
     code, said = refused("process", *place, "--out", str(tmp_path / "out"))
-    assert code == 3 and "nothing could be read in any of its 1 frames" in said
+    assert code == 3 and "nothing could be read in any of its 1 frame " in said
     assert SLIPS[slip] in said and HELD in said
 
 

@@ -49,7 +49,7 @@ wrong_set("set of a height of 1e-300", "height_mm = 20.0", "height_mm = 1e-300",
 wrong_set("set of a height of 1e300", "height_mm = 20.0", "height_mm = 1e300", "height_mm")
 wrong_set("set of 5000 digits", "load_n = 150.0", f"load_n = {'9' * 5000}", "set.toml")
 wrong_set("set that is no beam", "[beam]", "[beem]", "beem", "beam")
-wrong_set("set of a pixel as large as the beam", "= 0.5", "= 50.0", "a.png", "mm", code=3)
+wrong_set("set of a pixel as large as the beam", "= 0.5", "= 50.0", "camera.pixel_mm", "in mm")
 
 
 @hostile(SETS, "a.png", "constant")

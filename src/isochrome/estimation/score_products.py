@@ -31,9 +31,6 @@ RICHEST = 24, 8
 _TAKEN = 1e-6
 """Part of a column's square that must be left by what is fitted."""
 
-_MOST = 120
-"""Columns that are taken one by one at the most."""
-
 
 class ScoreProducts:
     """Products of columns with each other and the residual, what is fitted taken off.
@@ -116,8 +113,13 @@ class ScoreProducts:
         values = scale * np.linalg.solve(full, scale * right)
         return float(values @ right), float(np.linalg.slogdet(full)[1]), values
 
-    def one_by_one(self) -> list[int]:
+    def one_by_one(self, most: int) -> list[int]:
         """The columns that are asked for, each the one with the most evidence beside those before.
+
+        Parameters
+        ----------
+        most : int
+            So many at the most.
 
         Returns
         -------
@@ -126,7 +128,7 @@ class ScoreProducts:
         """
         least = np.log(self.count) + ASKED
         chosen: list[int] = []
-        while len(chosen) < _MOST:
+        while len(chosen) < most:
             size = np.diag(self.matrix)
             free = size > _TAKEN * self.size
             gains = np.where(free, self.right**2 / np.where(free, size, 1.0), 0.0) / self.noise

@@ -45,6 +45,7 @@ _LARGE = 1.03
 _ODD = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
 
+_MOST_TERMS = 120
 _MOST_ODD = 0.1
 
 
@@ -137,7 +138,7 @@ def _with_light(fit: SetFit) -> SetFit:
     """The fit with the light that is asked for, product by product, until none is."""
     for _ in range(_LIGHTS):
         more = _more(fit.model.terms, RICHEST)
-        chosen = _products(fit, (), more).one_by_one()
+        chosen = _products(fit, (), more).one_by_one(_MOST_TERMS)
         if not chosen:
             break
         count = len(more[0])

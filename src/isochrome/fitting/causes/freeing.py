@@ -41,6 +41,9 @@ _PASSES = 12
 _RIM_PX = 2.0
 _LIGHTS = 4
 """How often light is made richer in a row: what is asked for changes a little with the fit."""
+_FEW_TERMS, _MOST_TERMS = 12, 120
+"""Products by which it is made richer: where it is tried beside other causes, since a hundred take up
+what a roll does, and once it has been chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,8 +90,8 @@ class Freed:
 
     @cached_property
     def richer(self) -> tuple[Terms, Terms]:
-        """The light that the frame asks for, which is both tried and taken."""
-        return richer_light(self.data, self.fitted)
+        """The light that the frame asks for most, which is both tried and taken first."""
+        return richer_light(self.data, self.fitted, _FEW_TERMS)
 
     def undone(self) -> Freed:
         """The fit as the scene states it."""
@@ -157,7 +160,7 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
     if not (fit.positive and not fit.plain and clear and fit.chi < freed.fit.chi):
         return None
     for _ in range(_LIGHTS if asked.terms is not None else 0):
-        terms = richer_light(data, fitted)
+        terms = richer_light(data, fitted, _MOST_TERMS)
         if terms == data.lamp.terms:
             break
         data = replace(data, lamp=data.lamp.of(terms))

@@ -142,11 +142,11 @@ def _scores(
     return found
 
 
-def richer_light(data: FrameData, fitted: Fitted) -> tuple[Terms, Terms]:
+def richer_light(data: FrameData, fitted: Fitted, most: int) -> tuple[Terms, Terms]:
     """The light that a frame asks for, product by product: each the one with the most evidence.
 
-    Parameters: `data`, the frame as it was fitted; `fitted`. Returns the terms of illumination and
-    background, the frame's own first.
+    Parameters: `data`, the frame as it was fitted; `fitted`; `most`, by so many products. Returns
+    the terms of illumination and background, the frame's own first.
     """
     blocks = FrameBlocks(data, fitted)
     more = [
@@ -155,7 +155,7 @@ def richer_light(data: FrameData, fitted: Fitted) -> tuple[Terms, Terms]:
     ]
     bases = _light_bases(blocks, data, (tuple(more[0]), tuple(more[1])))
     columns = blocks.light_columns(*bases)
-    chosen = ScoreProducts([(blocks.rows, columns, blocks.residual)]).one_by_one()
+    chosen = ScoreProducts([(blocks.rows, columns, blocks.residual)]).one_by_one(most)
     added = [[more[0][i] for i in chosen if i < len(more[0])]]
     added.append([more[1][i - len(more[0])] for i in chosen if i >= len(more[0])])
     light, dark = ((*own, *new) for own, new in zip(data.lamp.terms, added, strict=True))
