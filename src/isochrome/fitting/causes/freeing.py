@@ -42,7 +42,7 @@ _RIM_PX = 2.0
 _LIGHTS = 4
 """How often light is made richer in a row: what is asked for changes a little with the fit."""
 _FEW_TERMS, _MOST_TERMS = 12, 120
-"""Products by which it is made richer: where it is tried beside other causes, since a hundred take up
+"""Products by which it is made richer: where it is tried beside others, since a hundred take up
 what a roll does, and once it has been chosen."""
 
 
