@@ -177,6 +177,13 @@ def test_noise_that_is_no_cause_frees_nothing():
         assert max(map(abs, pulls(freed.fit))) < 4.0
 
 
+def test_a_blur_too_little_to_be_freed_is_not_taken_for_a_band_of_light():
+    """A band of 4.9 nm was found in the sample disc, whose camera blurs by 0.4 px."""
+    freed, _, _ = fitted(Defects(blur_px=0.45))
+    assert not freed.causes
+    assert max(map(abs, pulls(freed.fit))) < 4.0
+
+
 @pytest.mark.long
 def test_three_defects_at_once():
     defects = Defects(roll_deg=-0.5, spot=0.3, band_nm=20.0, noise=2.0)

@@ -135,12 +135,18 @@ class ScoreProducts:
             best = int(gains.argmax())
             if gains[best] < least:
                 break
-            self._take(best)
+            self.take(best)
             chosen.append(best)
         return chosen
 
-    def _take(self, index: int) -> None:
-        """Fit one column more."""
+    def take(self, index: int) -> None:
+        """Fit one column more.
+
+        Parameters
+        ----------
+        index : int
+            Which of them.
+        """
         row, value = self.matrix[index].copy(), self.right[index]
         size = row[index]
         self.matrix -= np.outer(row, row) / size

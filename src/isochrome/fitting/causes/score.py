@@ -22,7 +22,7 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks
-from isochrome.fitting.causes.cause import Cause, candidates
+from isochrome.fitting.causes.cause import BLURRED, Cause, candidates
 from isochrome.fitting.frame.frame_fit import Fitted
 from isochrome.scene import Scene
 
@@ -77,7 +77,11 @@ def ask(data: FrameData, fitted: Fitted) -> tuple[Asked, ...]:
     lights = _lights(blocks, data, _FIRST)
     groups: list[Any] = [*causes, *lights]
     columns += [blocks.light_columns(*lights[terms]) for terms in lights]
-    found = _scores(blocks, columns, [getattr(group, "weight", ()) for group in groups])
+    products = ScoreProducts([(blocks.rows, np.concatenate(columns), blocks.residual)])
+    if BLURRED in causes:
+        _take_little_blur(products, sum(len(c) for c in columns[: causes.index(BLURRED)]))
+    weights = [getattr(group, "weight", ()) for group in groups]
+    found = _scores(products, [len(c) for c in columns], weights)
     asked = [
         _asked(group, gain, price, values)
         for group, (gain, price, values) in zip(groups, found, strict=True)
@@ -85,7 +89,7 @@ def ask(data: FrameData, fitted: Fitted) -> tuple[Asked, ...]:
     asked = [a for a in asked if not _is_slight(a, fitted.fit.scene)] + [_outliers(blocks)]
     asked.sort(key=lambda item: -item.evidence)
     clear = tuple(item for item in asked if item.evidence > ASKED)
-    # what is known to be uncertain is asked before what is taken as exact is accused
+    # what is known to be uncertain is asked before what is exact is accused
     stated = any(item.cause is not None and item.cause.weight for item in clear)
     return tuple(item for item in clear if item.can_be_freed or not stated)
 
@@ -125,20 +129,25 @@ def _thin_basis(shape: tuple[int, int], terms: Terms) -> Array:
     return light_products((down, across), terms)
 
 
+def _take_little_blur(products: ScoreProducts, index: int) -> None:
+    """Fit a blur that is asked for and too little to be freed: it looks like a band of light."""
+    gain, _, (square,) = products.score([index])
+    if gain > np.log(products.count) + ASKED and 0.0 < square < BLURRED.least**2:
+        products.take(index)
+
+
 def _scores(
-    blocks: FrameBlocks, groups: list[Array], weights: list[tuple[float, ...]]
+    products: ScoreProducts, sizes: list[int], weights: list[tuple[float, ...]]
 ) -> list[tuple[float, float, Array]]:
-    """Gain, price and values of each group of columns (k, n), beside what is fitted."""
-    products = ScoreProducts([(blocks.rows, np.concatenate(groups), blocks.residual)])
-    ends = np.cumsum([len(group) for group in groups])
+    """Gain, price and values of each group of columns, beside what is fitted."""
     found = []
-    for group, end, weight in zip(groups, ends, weights, strict=True):
-        chosen = slice(end - len(group), end)
+    for size, end, weight in zip(sizes, np.cumsum(sizes), weights, strict=True):
+        chosen = slice(end - size, end)
         if weight:
             found.append(products.score_with_prior(chosen, np.array(weight)))
             continue
-        gain, size, values = products.score(chosen)
-        found.append((gain, size * float(np.log(len(blocks.residual))), values))
+        gain, number, values = products.score(chosen)
+        found.append((gain, number * float(np.log(products.count)), values))
     return found
 
 
