@@ -89,7 +89,7 @@ def ask(data: FrameData, fitted: Fitted) -> tuple[Asked, ...]:
     asked = [a for a in asked if not _is_slight(a, fitted.fit.scene)] + [_outliers(blocks)]
     asked.sort(key=lambda item: -item.evidence)
     clear = tuple(item for item in asked if item.evidence > ASKED)
-    # what is known to be uncertain is asked before what is exact is accused
+    # what is known to be uncertain is asked before what is taken as exact is accused
     stated = any(item.cause is not None and item.cause.weight for item in clear)
     return tuple(item for item in clear if item.can_be_freed or not stated)
 
