@@ -35,6 +35,9 @@ _CLEAR = 3.5
 """Standard uncertainties from what is stated below which a cause is not kept free."""
 _LITTLE = 0.9
 """Part of what chi² is too large by that is left where a cause has explained little."""
+_HALF = 0.5
+"""The same above which light is not made as rich as it asks for: a hundred products take up some of
+anything."""
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit without a needless cause must stay."""
 _PASSES = 12
@@ -130,9 +133,9 @@ def _freed(freed: Freed) -> Freed:
     return freed
 
 
-def _is_hopeless(before: float, after: float) -> bool:
+def _is_hopeless(before: float, after: float, left: float = _LITTLE) -> bool:
     """Whether a frame stays far from its model, and a cause took little of that away."""
-    return after > POOR_CHI and not is_explained(before, after, left=_LITTLE)
+    return after > POOR_CHI and not is_explained(before, after, left=left)
 
 
 def _widest(freed: Freed, asked: tuple[Asked, ...]) -> Freed | None:
@@ -159,13 +162,8 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
     clear = bool(np.isfinite(fit.standard_uncertainty).all())
     if not (fit.positive and not fit.plain and clear and fit.chi < freed.fit.chi):
         return None
-    for _ in range(_LIGHTS if asked.terms is not None else 0):
-        terms = richer_light(data, fitted, _MOST_TERMS)
-        if terms == data.lamp.terms:
-            break
-        data = replace(data, lamp=data.lamp.of(terms))
-        start = fitted.fit.scene
-        fitted = fit_with_model(data, start, keys, cold=False, stated=freed.stated.stated)
+    if asked.terms is not None and not _is_hopeless(freed.fit.chi, fit.chi, left=_HALF):
+        data, fitted = _with_all_light(data, fitted)
     fit = fitted.fit
     parts = () if asked.cause is None else GEOMETRY if asked.cause is LOOK else (asked.cause,)
     if parts and not any(_is_felt(fit, cause, freed.stated.fit.scene) for cause in parts):
@@ -182,6 +180,21 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
         outside=float(outside),
         asked=(),
     )
+
+
+def _with_all_light(data: FrameData, fitted: Fitted) -> tuple[FrameData, Fitted]:
+    """A frame whose light is made as rich as it asks for, and its fit."""
+    for _ in range(_LIGHTS):
+        terms = richer_light(data, fitted, _MOST_TERMS)
+        if terms == data.lamp.terms:
+            break
+        more = replace(data, lamp=data.lamp.of(terms))
+        fit = fitted.fit
+        again = fit_with_model(more, fit.scene, fit.keys, cold=False, stated=fitted.stated)
+        if not again.fit.positive or again.fit.chi > fit.chi:
+            break
+        data, fitted = more, again
+    return data, fitted
 
 
 def _wider(freed: Freed, asked: Asked) -> tuple[FrameData, tuple[str, ...], Scene]:
