@@ -143,15 +143,15 @@ def test_blurred_and_clipped_images_are_exact_within_what_is_stated(beam_frame, 
 
 @pytest.mark.long
 def test_a_poor_fit_is_said_and_widens_the_uncertainty(beam_frame):
-    """A reflection on the beam: nothing of the model, but a part of every image."""
+    """Interference in a plate of glass: stripes finer than any light, in every image."""
 
-    def glaring(edge, rng, **options):
+    def striped(edge, rng, **options):
         frame = beam_frame(edge, rng, background=40.0, noise=2.0).astype(float)
         y, x = np.mgrid[: frame.shape[0], : frame.shape[1]]
-        glare = 25.0 * np.exp(-(((y - 120) / 25.0) ** 2) - ((x - 200) / 90.0) ** 2)
-        return np.clip(np.rint(frame - 28.0 + glare), 0, 255).astype(np.uint8)
+        stripes = 6.0 * np.sin(2.0 * np.pi * (y + 0.2 * x) / 45.0)
+        return np.clip(np.rint(frame - 20.0 + stripes), 0, 255).astype(np.uint8)
 
-    found = calibrated(glaring, (2.5, 4.0))
+    found = calibrated(striped, (2.5, 4.0))
     assert found.chi > 1.3
     assert any("does not describe" in w for w in found.warnings)
     parts = {b.name: b.contribution_n_per_mm for b in found.budget}

@@ -191,4 +191,5 @@ def _edge(away: Array, image: Array, model: Array, noise: Array) -> tuple[float,
         variance = float(np.linalg.inv(found.jac.T @ found.jac)[0, 0]) * chi2
     except np.linalg.LinAlgError:
         return None
-    return float(found.x[0]), float(np.sqrt(variance))
+    # a singular matrix whose rounding passes for an inverse has a negative one
+    return (float(found.x[0]), float(np.sqrt(variance))) if variance > 0.0 else None

@@ -115,7 +115,7 @@ class SetModel:
         places = [np.linspace(-1.0, 1.0, n) for n in self.shape]
         axes = places[0][self.rows], places[1][self.cols]
         light, dark = (light_products(axes, chosen, np.float64) for chosen in terms)
-        lamp = self.shots[0].lamp(np.ix_(self.rows, self.cols))
+        lamp = self.shots[0].lamp(*np.ix_(self.rows, self.cols))
         light = light if lamp is None else light * lamp
         found: list[tuple[Array, Array]] = [
             (light[:, i.mask] / i.sigma, dark[:, i.mask] / i.sigma) for i in self.images
