@@ -9,7 +9,7 @@ from .covariance import (
     white_covariance,
     white_middle,
 )
-from .evidence import ALIKE_CHI, POOR_CHI, RIVAL_CHI, evidence_gain
+from .evidence import ALIKE_CHI, POOR_CHI, RIVAL_CHI, evidence_gain, stays_poor
 from .intensity import STEP, IntensityFit, fit_intensity
 from .least_squares import (
     CUTOFF,
@@ -102,6 +102,7 @@ __all__ = [
     "smooth_starts",
     "solve_linear",
     "standard_uncertainty",
+    "stays_poor",
     "total_degree",
     "variance_shares",
     "white_covariance",

@@ -20,6 +20,24 @@ RIVAL_CHI = 1.3
 own model, or its fewer unknowns of light, do not decide between them."""
 
 
+def stays_poor(before: float, after: float, left: float) -> bool:
+    """Whether more unknowns leave a model poor, and took little of its misfit away.
+
+    Parameters
+    ----------
+    before, after : float
+        Residual over noise without and with them.
+    left : float
+        Share of chi² - 1 from which that is little.
+
+    Returns
+    -------
+    bool
+        True where chi is still above `POOR_CHI`, and chi² - 1 at least that share of what it was.
+    """
+    return after > POOR_CHI and after**2 - 1.0 >= left * (before**2 - 1.0)
+
+
 def evidence_gain(old: tuple[float, int], new: tuple[float, int], *, pixels: int) -> float:
     """What Bayes' information criterion gains by another model; it is the better one above 0.
 

@@ -21,7 +21,7 @@ from isochrome.calibration.whole_set.set_model import (
     SetFit,
     SetModel,
 )
-from isochrome.estimation import ASKED, RICHEST, ScoreProducts, Terms, total_degree
+from isochrome.estimation import ASKED, RICHEST, ScoreProducts, Terms, stays_poor, total_degree
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,12 @@ _LARGE = 1.03
 _ODD = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
 
-_MOST_TERMS = 120
+_FEW_TERMS, _MOST_TERMS = 12, 120
+"""Products by which light is made richer: at first, and once these have explained much."""
+
+_LITTLE, _HALF = 0.9, 0.5
+"""Parts of what chi² is too large by, left by what explains little, and by what does not much."""
+
 _MOST_ODD = 0.1
 
 
@@ -65,6 +70,7 @@ def free_set(model: SetModel, start: Array, *, rival: float) -> SetFit | None:
     if fit.chi > _LARGE:
         fit = _without_specks(fit)
     for _ in range(_ROUNDS):
+        before = fit.chi
         keys, light = asked(fit)
         if keys:
             wider, begun = fit.model.freed(fit.values, (*fit.model.free, *keys))
@@ -77,6 +83,8 @@ def free_set(model: SetModel, start: Array, *, rival: float) -> SetFit | None:
         else:
             break
         fit = _without_specks(fit)
+        if stays_poor(before, fit.chi, _LITTLE):
+            return None
     fit = _pruned(fit)
     if not (fit.converged and fit.point.positive) or fit.chi > _ALIKE * rival:
         return None
@@ -136,19 +144,31 @@ def _products(fit: SetFit, keys: tuple[str, ...], terms: tuple[Terms, Terms]) ->
 
 def _with_light(fit: SetFit) -> SetFit:
     """The fit with the light that is asked for, product by product, until none is."""
+    before = fit.chi
+    fit = _lit(fit, _FEW_TERMS)
+    if stays_poor(before, fit.chi, _HALF):
+        return fit  # a hundred products take up some of anything, and explain it no better
     for _ in range(_LIGHTS):
-        more = _more(fit.model.terms, RICHEST)
-        chosen = _products(fit, (), more).one_by_one(_MOST_TERMS)
-        if not chosen:
+        richer = _lit(fit, _MOST_TERMS)
+        if richer is fit:
             break
-        count = len(more[0])
-        new = (
-            tuple(more[0][i] for i in chosen if i < count),
-            tuple(more[1][i - count] for i in chosen if i >= count),
-        )
-        light, dark = ((*own, *some) for own, some in zip(fit.model.terms, new, strict=True))
-        fit = replace(fit.model, terms=(light, dark)).fit(fit.values)
+        fit = richer
     return fit
+
+
+def _lit(fit: SetFit, most: int) -> SetFit:
+    """The fit with light richer by so many products at the most; itself where none is asked for."""
+    more = _more(fit.model.terms, RICHEST)
+    chosen = _products(fit, (), more).one_by_one(most)
+    if not chosen:
+        return fit
+    count = len(more[0])
+    new = (
+        tuple(more[0][i] for i in chosen if i < count),
+        tuple(more[1][i - count] for i in chosen if i >= count),
+    )
+    light, dark = ((*own, *some) for own, some in zip(fit.model.terms, new, strict=True))
+    return replace(fit.model, terms=(light, dark)).fit(fit.values)
 
 
 def _without_specks(fit: SetFit) -> SetFit:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import POOR_CHI, FrameData, Terms, evidence_gain
+from isochrome.estimation import POOR_CHI, FrameData, Terms, evidence_gain, stays_poor
 from isochrome.fitting.causes.blocks import BLOCK
 from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause
 from isochrome.fitting.causes.score import Asked, ask, richer_light
@@ -22,7 +22,6 @@ from isochrome.fitting.frame.frame_fit import (
 from isochrome.fitting.frame.frame_model import FrameModel, refine_fit
 from isochrome.fitting.frame.inputs import StatedInputs
 from isochrome.fitting.frame.single_state import with_numerics
-from isochrome.fitting.frame.smooth_stress import is_explained
 from isochrome.fitting.frame.unknowns import GAMMA, LENS, fit_region, values_of
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
@@ -127,15 +126,10 @@ def _freed(freed: Freed) -> Freed:
         asked = ask(freed.data, freed.fitted)
         freed = replace(freed, asked=asked)
         wider = _widest(freed, asked)
-        if wider is None or _is_hopeless(freed.fit.chi, wider.fit.chi):
+        if wider is None or stays_poor(freed.fit.chi, wider.fit.chi, _LITTLE):
             break
         freed = wider
     return freed
-
-
-def _is_hopeless(before: float, after: float, left: float = _LITTLE) -> bool:
-    """Whether a frame stays far from its model, and a cause took little of that away."""
-    return after > POOR_CHI and not is_explained(before, after, left=left)
 
 
 def _widest(freed: Freed, asked: tuple[Asked, ...]) -> Freed | None:
@@ -162,7 +156,7 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
     clear = bool(np.isfinite(fit.standard_uncertainty).all())
     if not (fit.positive and not fit.plain and clear and fit.chi < freed.fit.chi):
         return None
-    if asked.terms is not None and not _is_hopeless(freed.fit.chi, fit.chi, left=_HALF):
+    if asked.terms is not None and not stays_poor(freed.fit.chi, fit.chi, _HALF):
         data, fitted = _with_all_light(data, fitted)
     fit = fitted.fit
     parts = () if asked.cause is None else GEOMETRY if asked.cause is LOOK else (asked.cause,)
@@ -229,12 +223,12 @@ def _tried(freed: Freed, asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
     base = _thin_fit(replace(freed.data, valid=valid), freed.fit.keys, freed.fit.scene, stated)
     if base is None:
         return ()
-    scored = []
+    scored, before = [], float(np.sqrt(base[0]))
     for item in tried:
         data, keys, scene = _wider(freed, item)
         found = _thin_fit(replace(data, valid=valid), keys, scene, stated)
         # what leaves few pixels unexplained leaves all of them so, at a hundred times the cost
-        if found is not None and not _is_hopeless(*np.sqrt((base[0], found[0]))):
+        if found is not None and not stays_poor(before, float(np.sqrt(found[0])), _LITTLE):
             scored.append((evidence_gain(base[:2], found[:2], pixels=base[2]), item))
     scored.sort(key=lambda pair: -pair[0])
     return (*(item for gain, item in scored if gain > 0.0), *out)
