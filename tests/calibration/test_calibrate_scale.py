@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tifffile
+from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 import isochrome
@@ -117,6 +118,14 @@ def test_exact_places_give_the_exact_camera_however_they_are_counted(turn):
     # places that agree to the last digit are no promise: .005 px each, over 100 px, by 88 points
     assert 1e-6 < fit.spread["spacing_px"] / fit.values["spacing_px"] < 2e-5
     assert fit.shortening == 0.0
+
+
+def test_a_large_soft_picture_is_read_as_a_small_one(saved):
+    """Each pixel as six by six: 1800 x 2400 of them, with edges ten pixels wide."""
+    shown = drawn(1)
+    large = gaussian_filter(np.kron(chessboard(shown, 1), np.ones((6, 6))), 3.0)
+    found = calibrate_scale(saved(large.astype(np.float32) / 255.0), **BOARD)
+    holds(found, replace(shown, pixel_mm=shown.pixel_mm / 6.0))
 
 
 def test_pictures_share_the_camera_and_lie_each_for_itself(saved):

@@ -27,6 +27,10 @@ _SMOOTH_PX, _SMOOTH_SHARE = 1.5, 0.05
 the refinement takes gradients between neighbouring pixels, and is .035 px off where edges are
 sharp, .015 px after it."""
 
+_LOOKED_AT_PX = 600
+"""Longest side that corners are first looked for in: in large pictures, whose edges are many
+pixels wide, OpenCV takes long and may find none. They are refined in the whole picture."""
+
 _LEAST_DOT = 12.0
 """Area of a dot, px: a smaller one is noise."""
 
@@ -63,10 +67,16 @@ def _corners(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Ar
     """A chessboard's inner corners, each refined where all gradients about it point past it."""
     import cv2
 
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
-    if not found:
+    sure = cv2.CALIB_CB_ACCURACY
+    hard = sure | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE  # finds less in noise
+    small = -(-max(grey.shape) // _LOOKED_AT_PX)
+    for block, flags in ((small, sure), (small, hard), (1, sure)):
+        found, corners = cv2.findChessboardCornersSB(_binned(grey, block), size, flags=flags)
+        if found:
+            break
+    else:
         return None
+    corners = np.asarray((corners + 0.5) * block - 0.5, dtype=np.float32)
     places = corners.reshape(size[1], size[0], 2)
     near = _nearest(places)
     half = int(np.clip(_WINDOW * near, _SMALLEST_WINDOW, _LARGEST_WINDOW))
@@ -75,6 +85,13 @@ def _corners(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Ar
     end = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
     refined = cv2.cornerSubPix(level, corners.copy(), (half, half), (-1, -1), end)
     return np.asarray(refined, dtype=float)
+
+
+def _binned(grey: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
+    """The means of square blocks of pixels; what is over at the right and below is cut."""
+    rows, cols = (n // block for n in grey.shape)
+    cut = grey[: rows * block, : cols * block].reshape(rows, block, cols, block)
+    return np.asarray(np.rint(cut.mean(axis=(1, 3))), dtype=np.uint8)
 
 
 def _dots(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Array | None:
