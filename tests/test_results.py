@@ -19,10 +19,12 @@ from matplotlib.image import imread
 from typer.testing import CliRunner
 
 import isochrome
+from calibration.target_pictures import Shown, dots
 from isochrome.calibration import (
     ColourCalibration,
     calibrate_bending,
     calibrate_disc,
+    calibrate_scale,
     save_calibration,
 )
 from isochrome.campaigns import process_campaign
@@ -31,7 +33,7 @@ from isochrome.errors import InputError
 from isochrome.fitting.tracking.api import track
 from isochrome.frames import check
 from isochrome.fringes.colour.colour_table import ColourTable
-from isochrome.output import Result, over_items, write_csv, write_figure, write_json
+from isochrome.output import Result, over_items, write_csv, write_figure, write_json, write_tiff
 from isochrome.samples import samples_path
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
@@ -190,6 +192,21 @@ def calibrated_colour(places, make):
     return Left(found, out, "colour_table.csv", "calibration.json", "calibration.png")
 
 
+def calibrated_scale(places, make):
+    """A picture whose name must not stand in a page as it is."""
+    shown, picture = Shown(), places["home"] / "a <b>bold<b> & board.tif"
+    write_tiff(picture, dots(shown)[None])
+    size = {"columns": shown.columns, "rows": shown.rows, "spacing_mm": shown.spacing_mm}
+    run = lambda: calibrate_scale(picture, target="dots", **size)  # noqa: E731
+    out = places["home"] / "scale"
+    found = run()
+    save_calibration(found, out, source=[picture])
+    options = [str(part) for key, value in size.items()
+               for part in (f"--{key.replace('_', '-')}", value)]  # fmt: skip
+    command = ("calibrate", "scale", picture, "--target", "dots", *options)
+    return Left(found, out, None, "scale.json", "scale.png", command=command, again=run)
+
+
 def benched(places, make):
     out = places["home"] / "bench"
     found = isochrome.bench(out, suite="fringes", quick=True)
@@ -219,6 +236,7 @@ MAKE: dict[str, Callable[..., Left]] = {
     "calibrate bending": calibrated("bending", calibrate_bending),
     "calibrate disc": calibrated("disc", calibrate_disc),
     "calibrate colour": calibrated_colour,
+    "calibrate scale": calibrated_scale,
     "bench": benched,
     "demo": demonstrated,
 }
@@ -275,8 +293,9 @@ def test_the_json_is_the_one_on_disk(name, results, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["simulate", "process", "process track", "compare", "fit", "fit track", "check", "sweep"],
-)
+    ["simulate", "process", "process track", "compare", "fit", "fit track", "check", "sweep",
+     "calibrate scale"],
+)  # fmt: skip
 def test_the_command_prints_that_json(name, results, tmp_path):
     left = results(name)
     assert left.again is not None

@@ -1,5 +1,11 @@
 from .benchmarks import bench
-from .calibration import calibrate_bending, calibrate_colour, calibrate_disc, write_into_scene
+from .calibration import (
+    calibrate_bending,
+    calibrate_colour,
+    calibrate_disc,
+    calibrate_scale,
+    write_into_scene,
+)
 from .campaigns import process_campaign
 from .comparison import compare
 from .demonstration import demo
@@ -20,6 +26,7 @@ __all__ = [
     "calibrate_bending",
     "calibrate_colour",
     "calibrate_disc",
+    "calibrate_scale",
     "check",
     "compare",
     "demo",

@@ -21,7 +21,8 @@ from isochrome.samples import samples_path
 
 COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
-    ("calibrate", "bending"), ("calibrate", "disc"), ("fit",), ("check",), ("bench",),
+    ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "scale"), ("fit",), ("check",),
+    ("bench",),
 ]  # fmt: skip
 
 HISTORY = (

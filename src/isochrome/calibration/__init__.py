@@ -1,4 +1,4 @@
-"""The material fringe value from a beam or a disc, and colour tables from colour images."""
+"""The material fringe value from a beam or a disc, colour tables, and the scale of a camera."""
 
 import lazy_loader
 

@@ -5,6 +5,8 @@ from .disc.api import calibrate_disc, disc_from_shots
 from .disc.disc_rim import Circle, find_rim, fit_circle
 from .folder import save_calibration
 from .result import Calibration, ImageFit
+from .scale.api import calibrate_scale
+from .scale.result import MeasuredValue, ScaleCalibration, ScalePicture
 from .scene_file import check_scene_file, write_into_scene
 from .settings import Beam, CalibrationSet, Disc, LoadedImage, Uncertainty, load_set
 from .shot import Shot, as_shots
@@ -19,6 +21,9 @@ __all__ = [
     "Disc",
     "ImageFit",
     "LoadedImage",
+    "MeasuredValue",
+    "ScaleCalibration",
+    "ScalePicture",
     "Shot",
     "Uncertainty",
     "as_shots",
@@ -26,6 +31,7 @@ __all__ = [
     "calibrate_bending",
     "calibrate_colour",
     "calibrate_disc",
+    "calibrate_scale",
     "check_scene_file",
     "disc_from_shots",
     "find_rim",

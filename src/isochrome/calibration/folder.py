@@ -1,22 +1,26 @@
-"""A calibration on disk: calibration.json, its figure, and where it came from."""
+"""A calibration on disk: its JSON, its figure, and where it came from."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from isochrome.calibration.colour.api import ColourCalibration
 from isochrome.calibration.colour.folder import write_colours
 from isochrome.calibration.result import Calibration
+from isochrome.calibration.scale.result import ScaleCalibration
 from isochrome.output import provenance, staged, write_figure, write_json
 
 
 def save_calibration(
-    calibration: Calibration | ColourCalibration,
+    calibration: Calibration | ColourCalibration | ScaleCalibration,
     out: str | Path,
     *,
-    source: str | Path | None = None,
+    source: str | Path | Sequence[str | Path] | None = None,
 ) -> None:
     """Write calibration.json, calibration.png and provenance.json, all or none.
+
+    Of a scale the first two are scale.json and scale.png.
 
     Of colours also colour_table.csv and, where background and illumination were found,
     background.tif and illumination.tif, to be named as a scene's no-load frames for frames of the
@@ -24,22 +28,23 @@ def save_calibration(
 
     Parameters
     ----------
-    calibration : Calibration or ColourCalibration
+    calibration : Calibration, ColourCalibration or ScaleCalibration
         The calibration.
     out : str or Path
         The folder.
-    source : str or Path, optional
-        The calibration set, for its hash.
+    source : str, Path or sequence of them, optional
+        The calibration set, or a scale's images, for their hashes.
 
     Raises
     ------
     InputError
         Where the folder cannot be written.
     """
+    name = "scale" if isinstance(calibration, ScaleCalibration) else "calibration"
+    inputs = [source] if isinstance(source, str | Path) else list(source or ())
     with staged(out) as folder:
-        write_json(folder / "calibration.json", calibration.to_json())
-        inputs = [] if source is None else [Path(source)]
+        write_json(folder / f"{name}.json", calibration.to_json())
         write_json(folder / "provenance.json", provenance(None, inputs))
-        write_figure(folder / "calibration.png", calibration.figure())
+        write_figure(folder / f"{name}.png", calibration.figure())
         if isinstance(calibration, ColourCalibration):
             write_colours(calibration, folder)

@@ -196,6 +196,17 @@ class Calibration(Result):
         if self.residual is not None:
             yield "residual stress", f"up to {self.residual['largest_order']:.3f} fringes"
 
+    @property
+    def scene_values(self) -> dict[str, tuple[float, float]]:
+        """What `--into` sets: key, value and standard uncertainty."""
+        key = "specimen.fringe_value_n_per_mm"
+        return {key: (self.fringe_value_n_per_mm, self.standard_uncertainty)}
+
+    @property
+    def scene_comment(self) -> str:
+        """What a scene's comment states of the value."""
+        return f"chi {self.chi:.2f}"
+
     def figure(self) -> Figure:
         """See `calibration_figure`."""
         from isochrome.calibration.figure import calibration_figure

@@ -1,7 +1,7 @@
-"""A calibrated fringe value set in a scene file, whose comments and layout stay as they are.
+"""Calibrated values set in a scene file, whose comments and layout stay as they are.
 
 TOML allows one key in many layouts. Every plausible place in the text is tried, and the first
-edit is taken after which the file says what it said before, but for this one value.
+edit is taken after which the file says what it said before, but for the one value.
 """
 
 from __future__ import annotations
@@ -15,26 +15,21 @@ from typing import Any
 import numpy as np
 
 from isochrome.calibration.result import Calibration
+from isochrome.calibration.scale.result import LENS, ScaleCalibration
 from isochrome.errors import InputError
 from isochrome.output import replacing
-from isochrome.scene import parse_scene, parse_toml, read_text, scene_names
+from isochrome.scene import Scene, parse_scene, parse_toml, read_text, scene_names
 
-KEY = "fringe_value_n_per_mm"
 MARK = "calibrated: "
 """What a comment of ours begins with: a second calibration replaces it."""
 
-_VALUE = re.compile(
-    rf"""(?:"{KEY}"|'{KEY}'|{KEY})[ \t]*=[ \t]*(?P<value>[-+0-9._eE]+|\{{[^{{}}\r\n]*\}})"""
-)
-_TABLE = re.compile(
-    r"""^[ \t]*\[[ \t]*(?:"specimen"|'specimen'|specimen)[ \t]*\][^\r\n]*\r?\n?""", re.M
-)
-_DOTTED = re.compile(r"""^[ \t]*(?:"specimen"|'specimen'|specimen)[ \t]*\.""", re.M)
-_INLINE = re.compile(r"""(?:"specimen"|'specimen'|specimen)[ \t]*=[ \t]*\{[ \t]*(?P<rest>\}?)""")
+CLEAR = 3.0
+"""Standard uncertainties beyond which a value is no nothing: a lens's value below is not written,
+unless the scene states another."""
 
 
 def check_scene_file(path: str | Path) -> str:
-    """Text of a scene file that a fringe value may be written into, line ends as they are.
+    """Text of a scene file that calibrated values may be written into, line ends as they are.
 
     Parameters
     ----------
@@ -65,34 +60,41 @@ def check_scene_file(path: str | Path) -> str:
 
 
 def write_into_scene(
-    calibration: Calibration, scene: str | Path, *, source: str | Path | None = None
+    calibration: Calibration | ScaleCalibration,
+    scene: str | Path,
+    *,
+    source: str | Path | None = None,
 ) -> float:
     """Set `specimen.fringe_value_n_per_mm` in a scene file to a calibration's value.
 
+    Of a scale it is `camera.pixel_mm`, and `camera.distortion`, `camera.keystone_x` and
+    `camera.keystone_z` where they are beyond three of their uncertainties, or the file states them.
+
     It is written as { value = ..., standard_uncertainty = ... }, from which a fit has its prior, or
     an input of its budget. The value is rounded two digits beyond the uncertainty's first. A
-    comment beside it states chi; all else in the file stays, to the byte. The file is replaced as a
-    whole or not at all.
+    comment beside it states chi, or a scale's residual; all else in the file stays, to the byte.
+    The file is replaced as a whole or not at all.
 
     Parameters
     ----------
-    calibration : Calibration
-        What `calibrate_bending` or `calibrate_disc` found.
+    calibration : Calibration or ScaleCalibration
+        What `calibrate_bending`, `calibrate_disc` or `calibrate_scale` found.
     scene : str or Path
         The TOML file.
     source : str or Path, optional
-        The calibration set, which the comment names.
+        The calibration set or image, which the comment names.
 
     Returns
     -------
     float
-        The value written, N/mm per fringe.
+        The value written, N/mm per fringe; of a scale mm a pixel.
 
     Raises
     ------
     InputError
         Where the scene is one of the package, or the file is missing, is no scene or cannot be
-        written, or its layout cannot be edited.
+        written, or its layout cannot be edited; or where its frames are not the whole pictures
+        that a scale is of.
 
     Examples
     --------
@@ -104,63 +106,122 @@ def write_into_scene(
     14.599
     """
     text = check_scene_file(scene)
-    value, spread, comment = _entry(calibration, source)
-    new = edited(text, value, spread, comment, name=str(scene))
+    if isinstance(calibration, ScaleCalibration):
+        _check_picture(calibration, parse_scene(text, folder=Path(scene).parent), str(scene))
+    comment = _comment(calibration, source)
+    entries = [(key, _rounded(*value)) for key, value in _to_write(calibration, text)]
+    for key, entry in reversed(entries):  # each is put on top of its table
+        text = edited(text, *entry, comment, name=str(scene), key=key)
     target = Path(scene).resolve()  # a link stays a link
     with replacing(target) as beside:
-        beside.write_bytes(new.encode("utf-8"))
+        beside.write_bytes(text.encode("utf-8"))
         shutil.copymode(target, beside)
-    return float(value)
+    return float(entries[0][1][0])
 
 
-def edited(text: str, value: str, spread: str, comment: str, *, name: str = "scene") -> str:
-    """A scene's TOML text with another fringe value.
+def edited(
+    text: str,
+    value: str,
+    spread: str,
+    comment: str,
+    *,
+    name: str = "scene",
+    key: str = "specimen.fringe_value_n_per_mm",
+) -> str:
+    """A scene's TOML text with another value of a key.
 
     Parameters: `text`; `value` and its standard uncertainty `spread`, TOML numbers; `comment` for
-    its line, without #; `name` of the file for messages. Returns the text. Raises InputError where
-    no edit does only that.
+    its line, without #; `name` of the file for messages; `key`, table and name. Returns
+    the text. Raises InputError where no edit does only that.
     """
     wanted = parse_toml(text, name)
     known = {"value": float(value), "standard_uncertainty": float(spread)}
-    wanted.setdefault("specimen", {})[KEY] = known
+    table, _, entry = key.partition(".")
+    wanted.setdefault(table, {})[entry] = known
     written = f"{{ value = {value}, standard_uncertainty = {spread} }}"
-    for candidate in _candidates(text, written, comment):
+    for candidate in _candidates(text, (table, entry), written, comment):
         if _says(candidate, wanted):
             return candidate
-    raise InputError(
-        f"{name}: its layout cannot be edited; set specimen.{KEY} = {written} in it by hand"
+    raise InputError(f"{name}: its layout cannot be edited; set {key} = {written} in it by hand")
+
+
+def _to_write(
+    calibration: Calibration | ScaleCalibration, text: str
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """The first value, and of the others those that are clear or that the scene states."""
+    stated = parse_toml(text, "scene")
+    for k, (key, (value, spread)) in enumerate(calibration.scene_values.items()):
+        table, _, entry = key.partition(".")
+        if k == 0 or abs(value) > CLEAR * spread or entry in stated.get(table, {}):
+            yield key, (value, spread)
+
+
+def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> None:
+    """Refuse a scene whose frames are turned, cut or of another size than a scale's pictures."""
+    camera, frames = scene.camera, scene.frames
+    bent = any(
+        abs(found.value) > CLEAR * found.standard_uncertainty
+        for key, found in calibration.values.items()
+        if key in LENS
     )
+    moved = [key for key in ("roi", "rotate_deg", "flip") if getattr(frames, key)]
+    if bent and moved:
+        raise InputError(
+            f"{name}: has frames.{moved[0]}, and the lens that was found counts from the middle of "
+            "the whole picture as the camera gives it; calibrate with pictures that are turned and "
+            "cut as the frames are, and leave it out of the scene"
+        )
+    size = (camera.height_px, camera.width_px) if camera and not moved else (None, None)
+    if any(own not in (None, seen) for own, seen in zip(size, calibration.shape, strict=True)):
+        raise InputError(
+            f"{name}: its camera has {size[1]} x {size[0]} pixels, and the target's picture "
+            f"{calibration.shape[1]} x {calibration.shape[0]}; calibrate with a picture of the "
+            "same size"
+        )
 
 
-def _entry(calibration: Calibration, source: str | Path | None) -> tuple[str, str, str]:
-    """The value and its uncertainty as texts, and what the comment says of them."""
-    value, spread = calibration.fringe_value_n_per_mm, calibration.standard_uncertainty
+def _rounded(value: float, spread: float) -> tuple[str, str]:
+    """A value and its uncertainty as texts, two digits beyond the uncertainty's first."""
     digits = max(1, 2 - int(np.floor(np.log10(spread)))) if spread > 0 else 6
+    return f"{value:.{digits}f}", f"{spread:.{digits}f}"
+
+
+def _comment(calibration: Calibration | ScaleCalibration, source: str | Path | None) -> str:
+    """What the comment says of the values."""
     origin = "" if source is None else f", {Path(source).name}"
-    mark = "".join(c for c in f"{MARK}chi {calibration.chi:.2f}{origin}" if c.isprintable())
-    return f"{value:.{digits}f}", f"{spread:.{digits}f}", mark
+    mark = f"{MARK}{calibration.scene_comment}{origin}"
+    return "".join(c for c in mark if c.isprintable())
 
 
-def _candidates(text: str, value: str, comment: str) -> Iterator[str]:
+def _quoted(name: str) -> str:
+    """A pattern for a name of TOML, plain or in quotes."""
+    return rf"""(?:"{name}"|'{name}'|{name})"""
+
+
+def _candidates(text: str, key: tuple[str, str], value: str, comment: str) -> Iterator[str]:
     """Edits that may be the right one: the value where the key stands, else the key put in."""
-    for found in _VALUE.finditer(text):
+    table, entry = _quoted(key[0]), _quoted(key[1])
+    stated = rf"{entry}[ \t]*=[ \t]*(?P<value>[-+0-9._eE]+|\{{[^{{}}\r\n]*\}})"
+    for found in re.finditer(stated, text):
         start, end = found.span("value")
         yield from _with_comment(text[:start] + value, text[end:], comment)
     line_end = "\r\n" if "\r\n" in text else "\n"
-    line = f"{KEY} = {value}"
-    for found in _TABLE.finditer(text):
+    line = f"{key[1]} = {value}"
+    head = rf"^[ \t]*\[[ \t]*{table}[ \t]*\][^\r\n]*\r?\n?"
+    for found in re.finditer(head, text, re.M):
         before = text[: found.end()]
         before += "" if before.endswith("\n") else line_end
         yield f"{before}{line}  # {comment}{line_end}{text[found.end() :]}"
-    for found in _INLINE.finditer(text):
+    inline = rf"{table}[ \t]*=[ \t]*\{{[ \t]*(?P<rest>\}}?)"
+    for found in re.finditer(inline, text):
         start = found.start("rest")
         comma = " " if found["rest"] else ", "
         yield from _with_comment(text[:start] + line + comma, text[start:], comment)
-    for found in _DOTTED.finditer(text):
+    for found in re.finditer(rf"^[ \t]*{table}[ \t]*\.", text, re.M):
         before, after = text[: found.start()], text[found.start() :]
-        yield f"{before}specimen.{line}  # {comment}{line_end}{after}"
+        yield f"{before}{key[0]}.{line}  # {comment}{line_end}{after}"
     gap = "" if not text or text.endswith("\n") else line_end
-    yield f"{text}{gap}{line_end}[specimen]{line_end}{line}  # {comment}{line_end}"
+    yield f"{text}{gap}{line_end}[{key[0]}]{line_end}{line}  # {comment}{line_end}"
 
 
 def _with_comment(before: str, after: str, comment: str) -> Iterator[str]:

@@ -8,14 +8,48 @@ from typing import Annotated, Any
 
 import typer
 
-from isochrome.cli.options import Json, Out, SetArgument
-from isochrome.console import print_calibration, print_json, print_result, steps
+from isochrome.cli.options import Json, Out, SetArgument, with_options
+from isochrome.console import (
+    print_calibration,
+    print_json,
+    print_result,
+    print_warnings,
+    steps,
+)
 
 calibrate_app = typer.Typer(
-    help="Calibrate the material fringe value, or a colour table.",
+    help="Calibrate the material fringe value, a colour table, or the camera's scale.",
     no_args_is_help=True,
     add_completion=False,
 )
+
+Into = Annotated[Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")]
+
+
+def _length(name: str, text: str) -> tuple[Any, Any]:
+    return float | None, typer.Option(name, help=text, show_default=False)
+
+
+SCALE = {
+    "target": (
+        str | None,
+        typer.Option("--target", help="What the images show: chessboard or dots."),
+    ),
+    "columns": (
+        int | None,
+        typer.Option("--columns", help="Inner corners (or dots) in a row of the target."),
+    ),
+    "rows": (int | None, typer.Option("--rows", help="The same in a column.")),
+    "spacing_mm": _length("--spacing-mm", "From corner to corner or from dot to dot, mm."),
+    "spacing_uncertainty_mm": _length(
+        "--spacing-uncertainty-mm", "Standard uncertainty of that, mm."
+    ),
+    "edges_mm": _length(
+        "--edges-mm", "Instead of a target: the distance of two parallel edges, mm."
+    ),
+    "edges_uncertainty_mm": _length("--edges-uncertainty-mm", "Standard uncertainty of that, mm."),
+}
+"""What a scale is taken from: type and option of each, by the name that the function takes."""
 
 
 def _fringe_value_command(specimen: str) -> Callable[..., None]:
@@ -24,9 +58,7 @@ def _fringe_value_command(specimen: str) -> Callable[..., None]:
     def command(
         settings: SetArgument,
         out: Out = Path("isochrome-calibrate"),
-        into: Annotated[
-            Path | None, typer.Option("--into", help="Scene file (TOML) to set the value in.")
-        ] = None,
+        into: Into = None,
         as_json: Json = False,
     ) -> None:
         from isochrome import calibration
@@ -80,3 +112,39 @@ def _print_colours(result: Any) -> None:
     typer.echo(f"colour table to N = {result.colour_table.highest:.2f} from {result.way}")
     typer.echo(f"gamma = {result.gamma:.3f}: set frames.gamma to it where the table is used")
     typer.echo(f"residual = {result.residual:.3f} of full light")
+
+
+@calibrate_app.command("scale")
+@with_options(SCALE)
+def scale_command(
+    images: Annotated[
+        list[str],
+        typer.Argument(metavar="IMAGE...", help="Pictures of a target or two edges, of one size."),
+    ],
+    out: Out = Path("isochrome-calibrate"),
+    into: Into = None,
+    *,
+    as_json: Json = False,
+    **options: Any,
+) -> None:
+    """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
+    from isochrome import calibration
+
+    with steps(quiet=True) as say:
+        say("calibrating")
+        if into is not None:
+            calibration.check_scene_file(into)  # before the work, not after it
+        result = calibration.calibrate_scale(images, **options)
+        calibration.save_calibration(result, out, source=images)
+        if into is not None:
+            calibration.write_into_scene(result, into, source=images[0])
+    if as_json:
+        places = {"out": out} if into is None else {"out": out, "into": into}
+        print_json({**places, **result.to_json()})
+        return
+    for name, value in result.main_values():
+        typer.echo(f"{name} = {value}")
+    for key in result.taken_as_exact:
+        typer.echo(f"taken as exact: {key}")
+    print_warnings(list(result.warnings))
+    typer.echo(f"results: {out}" if into is None else f"results: {out}; values set in {into}")

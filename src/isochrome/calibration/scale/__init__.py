@@ -1,0 +1,1 @@
+"""The camera's scale and lens from a picture of a target, or of two edges."""
