@@ -78,14 +78,16 @@ def ask(data: FrameData, fitted: Fitted) -> tuple[Asked, ...]:
     groups: list[Any] = [*causes, *lights]
     columns += [blocks.light_columns(*lights[terms]) for terms in lights]
     products = ScoreProducts([(blocks.rows, np.concatenate(columns), blocks.residual)])
+    blur = None
     if BLURRED in causes:
-        _take_little_blur(products, sum(len(c) for c in columns[: causes.index(BLURRED)]))
+        blur = _little_blur(products, sum(len(c) for c in columns[: causes.index(BLURRED)]))
     weights = [getattr(group, "weight", ()) for group in groups]
     found = _scores(products, [len(c) for c in columns], weights)
     asked = [
         _asked(group, gain, price, values)
         for group, (gain, price, values) in zip(groups, found, strict=True)
     ]
+    asked = [blur if blur is not None and a.cause is BLURRED else a for a in asked]
     asked = [a for a in asked if not _is_slight(a, fitted.fit.scene)] + [_outliers(blocks)]
     asked.sort(key=lambda item: -item.evidence)
     clear = tuple(item for item in asked if item.evidence > ASKED)
@@ -129,11 +131,18 @@ def _thin_basis(shape: tuple[int, int], terms: Terms) -> Array:
     return light_products((down, across), terms)
 
 
-def _take_little_blur(products: ScoreProducts, index: int) -> None:
-    """Fit a blur that is asked for and too little to be freed: it looks like a band of light."""
-    gain, _, (square,) = products.score([index])
-    if gain > np.log(products.count) + ASKED and 0.0 < square < BLURRED.least**2:
-        products.take(index)
+def _little_blur(products: ScoreProducts, index: int) -> Asked | None:
+    """A blur that is asked for and too little to be freed, which is fitted before others are asked.
+
+    It looks like a band of light. Parameters: `products`; `index` of its column. Returns what it
+    gains, None where it is not asked for, or large enough to be freed.
+    """
+    gain, _, values = products.score([index])
+    blur = _asked(BLURRED, gain, float(np.log(products.count)), values)
+    if blur.evidence <= ASKED or not 0.0 < blur.values[0] < BLURRED.least**2:
+        return None
+    products.take(index)
+    return blur
 
 
 def _scores(
