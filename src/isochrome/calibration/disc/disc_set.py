@@ -23,7 +23,7 @@ from isochrome.calibration.result import ImageFit
 from isochrome.calibration.settings import Disc, Uncertainty
 from isochrome.calibration.shot import Shot
 from isochrome.calibration.whole_set.set_causes import free_set
-from isochrome.calibration.whole_set.set_model import Kind, SetFit, SetModel
+from isochrome.calibration.whole_set.set_model import BLUR, Kind, SetFit, SetModel
 from isochrome.calibration.whole_set.set_result import (
     image_chi,
     image_maps,
@@ -35,6 +35,10 @@ Array = NDArray[np.float64]
 
 PIXELS = 40_000
 """Pixels of the square about the disc that are fitted with the whole set."""
+
+_MOST_BLUR = 2.0 * np.pi**2 * 1.0**2
+"""Largest blur that is described, as 2 pi² sigma² of one pixel: at two the value errs by 14 of its
+uncertainties, though chi is 1.01."""
 
 RIM_PX = 0.5
 """What a rim itself is uncertain by: a bevel, and how a point load's field fits to the disc's."""
@@ -69,7 +73,10 @@ def fit_disc_set(
     # each image's contrast, over that of its model
     levels = np.array([np.nanstd(i.view.model) if i.view else 1.0 for i in images])
     start = np.concatenate([own.ravel(), np.log(levels[1:] / levels[0])])
-    return free_set(model, start, rival=pooled_chi(images))
+    whole = free_set(model, start, rival=pooled_chi(images))
+    if whole is not None and whole.shared.get(BLUR, (0.0, 0.0))[0] > _MOST_BLUR:
+        return None  # what it carries over the rim is in no model: light and lens would take it up
+    return whole
 
 
 def pooled_chi(images: Sequence[ImageFit]) -> float:
