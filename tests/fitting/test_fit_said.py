@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import HALF, is_explained
 from isochrome.estimation.multistart import Minimum
 from isochrome.estimation.observation import prepare_frame
 from isochrome.fitting.api import fit
@@ -17,7 +18,7 @@ from isochrome.fitting.folder import restore_fit
 from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.fitting.frame.gamma import Pixels, clear_of_ends
 from isochrome.fitting.frame.single_state import timed_distance
-from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS, is_explained, smooth_keys
+from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS, smooth_keys
 from isochrome.fitting.frame.unknowns import fit_region
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.separate_fits import fit_of_each, refuse_undetermined
@@ -102,7 +103,8 @@ def test_a_smooth_stress_is_asked_for_from_a_chi_of_1_03(chi, keys):
 
 def test_a_smooth_stress_is_kept_that_explains_half_of_what_chi_squared_is_too_large_by():
     before = np.sqrt(1.8)
-    assert is_explained(before, np.sqrt(1.39)) and not is_explained(before, np.sqrt(1.41))
+    assert is_explained(before, np.sqrt(1.39), HALF)
+    assert not is_explained(before, np.sqrt(1.41), HALF)
 
 
 def test_the_band_of_a_figure_is_two_standard_uncertainties_wide(alone):

@@ -20,8 +20,8 @@ from isochrome.fitting.api import fit
 from isochrome.fitting.causes import trials
 from isochrome.fitting.causes.freeing import fit_with_causes
 from isochrome.fitting.causes.report import cause_messages
-from isochrome.fitting.causes.trials import _lain, _together
-from isochrome.frames import Frame
+from isochrome.fitting.causes.trials import _together
+from isochrome.frames import Frame, as_turned
 from isochrome.scene import dump_scene, parse_scene
 
 ROWS, COLS = 124, 166
@@ -184,8 +184,8 @@ def test_a_slip_is_named_that_leaves_a_sixteenth_of_what_chi_squared_is_too_larg
 @pytest.mark.parametrize("then", [(180, None), (90, None), (0, "vertical"), (270, "horizontal")])
 def test_a_turn_on_top_of_the_scenes_own_is_named_as_one(first, then):
     marked = np.arange(12).reshape(3, 4)
-    both = _lain(_lain(marked, *first), *then)
-    np.testing.assert_array_equal(_lain(marked, *_together(first, then)), both)
+    both = as_turned(as_turned(marked, *first), *then)
+    np.testing.assert_array_equal(as_turned(marked, *_together(first, then)), both)
 
 
 def test_a_turned_scene_is_named_with_what_its_keys_should_be(image):

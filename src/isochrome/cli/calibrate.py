@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -63,20 +64,11 @@ def _fringe_value_command(specimen: str) -> Callable[..., None]:
     ) -> None:
         from isochrome import calibration
 
-        with steps(quiet=True) as say:
-            say("calibrating")
-            if into is not None:
-                calibration.check_scene_file(into)  # before the work, not after it
-            result = getattr(calibration, f"calibrate_{specimen}")(settings)
-            calibration.save_calibration(result, out, source=settings)
-            if into is not None:
-                calibration.write_into_scene(result, into, source=settings)
-        if as_json:
-            places = {"out": out} if into is None else {"out": out, "into": into}
-            print_json({**places, **result.to_json()})
-            return
-        print_calibration(result)
-        typer.echo(f"results: {out}" if into is None else f"results: {out}; value set in {into}")
+        run = partial(getattr(calibration, f"calibrate_{specimen}"), settings)
+        result = _calibrated(run, settings, out, into, as_json)
+        if not as_json:
+            print_calibration(result)
+            typer.echo(_left(out, into, "value"))
 
     return command
 
@@ -130,21 +122,40 @@ def scale_command(
     """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
     from isochrome import calibration
 
-    with steps(quiet=True) as say:
-        say("calibrating")
-        if into is not None:
-            calibration.check_scene_file(into)  # before the work, not after it
-        result = calibration.calibrate_scale(images, **options)
-        calibration.save_calibration(result, out, source=images)
-        if into is not None:
-            calibration.write_into_scene(result, into, source=images[0])
+    result = _calibrated(
+        partial(calibration.calibrate_scale, images, **options), images, out, into, as_json
+    )
     if as_json:
-        places = {"out": out} if into is None else {"out": out, "into": into}
-        print_json({**places, **result.to_json()})
         return
     for name, value in result.main_values():
         typer.echo(f"{name} = {value}")
     for key in result.taken_as_exact:
         typer.echo(f"taken as exact: {key}")
     print_warnings(list(result.warnings))
-    typer.echo(f"results: {out}" if into is None else f"results: {out}; values set in {into}")
+    typer.echo(_left(out, into, "values"))
+
+
+def _calibrated(
+    run: Callable[[], Any], source: str | list[str], out: Path, into: Path | None, as_json: bool
+) -> Any:
+    """What a calibration of a `source` gives, left in `out` and in a scene, and printed as JSON."""
+    from isochrome import calibration
+
+    with steps(quiet=True) as say:
+        say("calibrating")
+        if into is not None:
+            calibration.check_scene_file(into)  # before the work, not after it
+        result = run()
+        calibration.save_calibration(result, out, source=source)
+        if into is not None:
+            first = source[0] if isinstance(source, list) else source
+            calibration.write_into_scene(result, into, source=first)
+    if as_json:
+        places = {"out": out} if into is None else {"out": out, "into": into}
+        print_json({**places, **result.to_json()})
+    return result
+
+
+def _left(out: Path, into: Path | None, what: str) -> str:
+    """Where the results are, and in which scene `what` was set."""
+    return f"results: {out}" if into is None else f"results: {out}; {what} set in {into}"

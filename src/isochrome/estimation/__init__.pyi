@@ -9,7 +9,16 @@ from .covariance import (
     white_covariance,
     white_middle,
 )
-from .evidence import ALIKE_CHI, POOR_CHI, RIVAL_CHI, evidence_gain, stays_poor
+from .evidence import (
+    ALIKE_CHI,
+    HALF,
+    LITTLE,
+    POOR_CHI,
+    RIVAL_CHI,
+    evidence_gain,
+    is_explained,
+    stays_poor,
+)
 from .intensity import STEP, IntensityFit, fit_intensity
 from .least_squares import (
     CUTOFF,
@@ -27,14 +36,16 @@ from .light import (
     degrees_of,
     light_basis,
     light_products,
+    missing_terms,
     smooth_light,
     total_degree,
+    with_chosen_terms,
 )
 from .light_degree import light_unknowns, smooth_starts
 from .multistart import Minimum, SeveralStarts
 from .observation import FrameData, Observation, observe, prepare_frame
 from .priors import NOISE, BudgetInput, Prior, budget_of, no_prior, variance_shares
-from .score_products import ASKED, RICHEST, ScoreProducts
+from .score_products import ASKED, FEW_TERMS, FIRST_DEGREES, MOST_TERMS, RICHEST, ScoreProducts
 from .separable import (
     MOSTLY,
     LinearPart,
@@ -50,7 +61,12 @@ __all__ = [
     "ALIKE_CHI",
     "ASKED",
     "CUTOFF",
+    "FEW_TERMS",
+    "FIRST_DEGREES",
+    "HALF",
+    "LITTLE",
     "MOSTLY",
+    "MOST_TERMS",
     "NOISE",
     "POOR_CHI",
     "RICHEST",
@@ -84,12 +100,14 @@ __all__ = [
     "fit_intensity",
     "information_bound",
     "is_determined",
+    "is_explained",
     "jackknife_variance",
     "light_basis",
     "light_products",
     "light_unknowns",
     "minimise",
     "minimise_all",
+    "missing_terms",
     "next_damping",
     "no_prior",
     "observe",
@@ -107,4 +125,5 @@ __all__ = [
     "variance_shares",
     "white_covariance",
     "white_middle",
+    "with_chosen_terms",
 ]

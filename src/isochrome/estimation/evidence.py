@@ -20,6 +20,31 @@ RIVAL_CHI = 1.3
 own model, or its fewer unknowns of light, do not decide between them."""
 
 
+LITTLE, HALF = 0.9, 0.5
+"""Shares of chi² - 1 that are left: by what explains little, and by what does not explain much.
+
+The first is not kept, the second not gone on with: a hundred products of light take up some of
+anything."""
+
+
+def is_explained(before: float, after: float, left: float) -> bool:
+    """Tell whether chi² - 1 fell below a share of what it was.
+
+    Parameters
+    ----------
+    before, after : float
+        Residual over noise without and with more unknowns.
+    left : float
+        The share.
+
+    Returns
+    -------
+    bool
+        True where it did.
+    """
+    return after**2 - 1.0 < left * (before**2 - 1.0)
+
+
 def stays_poor(before: float, after: float, left: float) -> bool:
     """Whether more unknowns leave a model poor, and took little of its misfit away.
 
@@ -35,7 +60,7 @@ def stays_poor(before: float, after: float, left: float) -> bool:
     bool
         True where chi is still above `POOR_CHI`, and chi² - 1 at least that share of what it was.
     """
-    return after > POOR_CHI and after**2 - 1.0 >= left * (before**2 - 1.0)
+    return after > POOR_CHI and not is_explained(before, after, left)
 
 
 def evidence_gain(old: tuple[float, int], new: tuple[float, int], *, pixels: int) -> float:

@@ -8,6 +8,7 @@ of this module alone.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -167,6 +168,53 @@ def total_degree(degree: int) -> Terms:
         Each product as (i, j).
     """
     return tuple((t - j, j) for t in range(degree + 1) for j in range(t + 1))
+
+
+def missing_terms(own: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
+    """List the products up to some degrees that a light has not.
+
+    Parameters
+    ----------
+    own : (terms, terms)
+        Products of the illumination and of the background.
+    degrees : (int, int)
+        Total degrees of both.
+
+    Returns
+    -------
+    (terms, terms)
+        The others of each.
+    """
+    light, dark = (
+        tuple(term for term in total_degree(degree) if term not in terms)
+        for degree, terms in zip(degrees, own, strict=True)
+    )
+    return light, dark
+
+
+def with_chosen_terms(
+    own: tuple[Terms, Terms], more: tuple[Terms, Terms], chosen: Iterable[int]
+) -> tuple[Terms, Terms]:
+    """Add to a light's products some of those that it has not.
+
+    Parameters
+    ----------
+    own : (terms, terms)
+        Products of the illumination and of the background.
+    more : (terms, terms)
+        What may be added, see `missing_terms`.
+    chosen : iterable of int
+        Which of these, counted through both; they are added in this order.
+
+    Returns
+    -------
+    (terms, terms)
+        All products, a light's own first.
+    """
+    count, order = len(more[0]), tuple(chosen)
+    light = tuple(more[0][i] for i in order if i < count)
+    dark = tuple(more[1][i - count] for i in order if i >= count)
+    return (*own[0], *light), (*own[1], *dark)
 
 
 def _basis(shape: tuple[int, int], terms: Terms) -> Array:

@@ -25,8 +25,15 @@ ASKED = 2.5
 one is found by chance in 200 frames. More would leave what moves the load by many of its standard
 uncertainties, where the two are alike."""
 
+FIRST_DEGREES = 6, 4
+"""Degrees of illumination and background that every light is asked for."""
+
 RICHEST = 24, 8
 """Degrees of illumination and background up to which light is made richer, product by product."""
+
+FEW_TERMS, MOST_TERMS = 12, 120
+"""Products by which light is made richer: beside other causes, since a hundred take up what a roll
+does, and once some have explained much."""
 
 _TAKEN = 1e-6
 """Part of a column's square that must be left by what is fitted."""

@@ -16,7 +16,7 @@ from .opening import (
 from .readers.tiff import open_tiff
 from .reading import CHANNELS, Channel, Frame, FrameReader, FramesPath, SequentialFrames
 from .recordings import one_recording, recordings_of
-from .source import as_captured
+from .source import as_captured, as_turned
 
 __all__ = [
     "CHANNELS",
@@ -32,6 +32,7 @@ __all__ = [
     "SequentialFrames",
     "absolute",
     "as_captured",
+    "as_turned",
     "channel_for",
     "check",
     "check_scale",

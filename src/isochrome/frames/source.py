@@ -137,16 +137,16 @@ def turned(source: Source, rotate_deg: int, flip: str | None) -> Source:
         return source
     rows, cols = source.form.shape
     shape = (cols, rows) if rotate_deg in (90, 270) else (rows, cols)
-    frames = partial(_turned_frames, source, int(rotate_deg) // 90, flip)
+    frames = partial(_turned_frames, source, int(rotate_deg), flip)
     return replace(source, form=replace(source.form, shape=shape), frames=frames)
 
 
 def _turned_frames(
-    source: Source, quarters: int, flip: str | None, start: int
+    source: Source, rotate_deg: int, flip: str | None, start: int
 ) -> Generator[RawFrame]:
     with closing(source.frames(start)) as frames:
         for raw in frames:
-            image = _mirrored(np.rot90(raw.image, quarters), flip)
+            image = as_turned(raw.image, rotate_deg, flip)
             yield replace(raw, image=np.ascontiguousarray(image))
 
 
@@ -154,6 +154,26 @@ def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
     if flip is None:
         return image
     return image[:, ::-1] if flip == "horizontal" else image[::-1]
+
+
+def as_turned(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:
+    """Turn a picture, then mirror it.
+
+    Parameters
+    ----------
+    image : ndarray of shape (row, col) or (row, col, channel)
+        The picture as the camera saw it.
+    rotate_deg : int
+        Quarter turns, counter-clockwise as the picture is seen, degrees.
+    flip : {'horizontal', 'vertical'} or None
+        How it is mirrored then.
+
+    Returns
+    -------
+    ndarray
+        A view of it that lies so.
+    """
+    return _mirrored(np.rot90(image, rotate_deg // 90), flip)
 
 
 def as_captured(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:

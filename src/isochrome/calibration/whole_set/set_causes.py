@@ -21,12 +21,23 @@ from isochrome.calibration.whole_set.set_model import (
     SetFit,
     SetModel,
 )
-from isochrome.estimation import ASKED, RICHEST, ScoreProducts, Terms, stays_poor, total_degree
+from isochrome.estimation import (
+    ASKED,
+    FEW_TERMS,
+    FIRST_DEGREES,
+    HALF,
+    LITTLE,
+    MOST_TERMS,
+    RICHEST,
+    ScoreProducts,
+    Terms,
+    missing_terms,
+    stays_poor,
+    total_degree,
+    with_chosen_terms,
+)
 
 Array = NDArray[np.float64]
-
-_FIRST = 6, 4
-"""Degrees of illumination and background that every set is asked for."""
 
 _ROUNDS, _LIGHTS, _PASSES, _TONES = 8, 4, 4, 2
 _CLEAR = 3.5
@@ -44,12 +55,6 @@ _LARGE = 1.03
 
 _ODD = 6.0
 """Residual in noises beyond which a pixel is no accident, and is left out with its neighbours."""
-
-_FEW_TERMS, _MOST_TERMS = 12, 120
-"""Products by which light is made richer: at first, and once these have explained much."""
-
-_LITTLE, _HALF = 0.9, 0.5
-"""Parts of what chi² is too large by, left by what explains little, and by what does not much."""
 
 _MOST_ODD = 0.1
 
@@ -83,7 +88,7 @@ def free_set(model: SetModel, start: Array, *, rival: float) -> SetFit | None:
         else:
             break
         fit = _without_specks(fit)
-        if stays_poor(before, fit.chi, _LITTLE):
+        if stays_poor(before, fit.chi, LITTLE):
             return None
     fit = _pruned(fit)
     if not (fit.converged and fit.point.positive) or fit.chi > _ALIKE * rival:
@@ -99,7 +104,7 @@ def asked(fit: SetFit) -> tuple[tuple[str, ...], bool]:
     held = tuple(key for key in SHARED if key not in fit.model.free)
     if fit.model.shots[0].no_load_light is not None:
         held = tuple(key for key in held if key != GAMMA)  # the no-load frames would need it too
-    lights = _more(fit.model.terms, _FIRST)
+    lights = missing_terms(fit.model.terms, FIRST_DEGREES)
     products = _products(fit, held, lights)
     lens = [i for i, key in enumerate(held) if key in LENS]
     groups = [[i] for i, key in enumerate(held) if key not in LENS]
@@ -116,14 +121,6 @@ def asked(fit: SetFit) -> tuple[tuple[str, ...], bool]:
     if evidence[best] < ASKED:
         return (), False
     return tuple(held[i] for i in groups[best] if i < len(held)), groups[best][0] >= len(held)
-
-
-def _more(own: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
-    light, dark = (
-        tuple(term for term in total_degree(degree) if term not in terms)
-        for degree, terms in zip(degrees, own, strict=True)
-    )
-    return light, dark
 
 
 def _products(fit: SetFit, keys: tuple[str, ...], terms: tuple[Terms, Terms]) -> ScoreProducts:
@@ -145,11 +142,11 @@ def _products(fit: SetFit, keys: tuple[str, ...], terms: tuple[Terms, Terms]) ->
 def _with_light(fit: SetFit) -> SetFit:
     """The fit with the light that is asked for, product by product, until none is."""
     before = fit.chi
-    fit = _lit(fit, _FEW_TERMS)
-    if stays_poor(before, fit.chi, _HALF):
+    fit = _lit(fit, FEW_TERMS)
+    if stays_poor(before, fit.chi, HALF):
         return fit  # a hundred products take up some of anything, and explain it no better
     for _ in range(_LIGHTS):
-        richer = _lit(fit, _MOST_TERMS)
+        richer = _lit(fit, MOST_TERMS)
         if richer is fit:
             break
         fit = richer
@@ -158,17 +155,12 @@ def _with_light(fit: SetFit) -> SetFit:
 
 def _lit(fit: SetFit, most: int) -> SetFit:
     """The fit with light richer by so many products at the most; itself where none is asked for."""
-    more = _more(fit.model.terms, RICHEST)
+    more = missing_terms(fit.model.terms, RICHEST)
     chosen = _products(fit, (), more).one_by_one(most)
     if not chosen:
         return fit
-    count = len(more[0])
-    new = (
-        tuple(more[0][i] for i in chosen if i < count),
-        tuple(more[1][i - count] for i in chosen if i >= count),
-    )
-    light, dark = ((*own, *some) for own, some in zip(fit.model.terms, new, strict=True))
-    return replace(fit.model, terms=(light, dark)).fit(fit.values)
+    terms = with_chosen_terms(fit.model.terms, more, chosen)
+    return replace(fit.model, terms=terms).fit(fit.values)
 
 
 def _without_specks(fit: SetFit) -> SetFit:

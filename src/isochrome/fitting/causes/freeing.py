@@ -8,7 +8,17 @@ from functools import cached_property
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import POOR_CHI, FrameData, Terms, evidence_gain, stays_poor
+from isochrome.estimation import (
+    FEW_TERMS,
+    HALF,
+    LITTLE,
+    MOST_TERMS,
+    POOR_CHI,
+    FrameData,
+    Terms,
+    evidence_gain,
+    stays_poor,
+)
 from isochrome.fitting.causes.blocks import BLOCK
 from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause
 from isochrome.fitting.causes.score import Asked, ask, richer_light
@@ -32,20 +42,12 @@ _LARGE = 1.03
 _TRIED = 5
 _CLEAR = 3.5
 """Standard uncertainties from what is stated below which a cause is not kept free."""
-_LITTLE = 0.9
-"""Part of what chi² is too large by that is left where a cause has explained little."""
-_HALF = 0.5
-"""The same above which light is not made as rich as it asks for: a hundred products take up some of
-anything."""
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit without a needless cause must stay."""
 _PASSES = 12
 _RIM_PX = 2.0
 _LIGHTS = 4
 """How often light is made richer in a row: what is asked for changes a little with the fit."""
-_FEW_TERMS, _MOST_TERMS = 12, 120
-"""Products by which it is made richer: where it is tried beside others, since a hundred take up
-what a roll does, and once it has been chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +95,7 @@ class Freed:
     @cached_property
     def richer(self) -> tuple[Terms, Terms]:
         """The light that the frame asks for most, which is both tried and taken first."""
-        return richer_light(self.data, self.fitted, _FEW_TERMS)
+        return richer_light(self.data, self.fitted, FEW_TERMS)
 
     def undone(self) -> Freed:
         """The fit as the scene states it."""
@@ -126,7 +128,7 @@ def _freed(freed: Freed) -> Freed:
         asked = ask(freed.data, freed.fitted)
         freed = replace(freed, asked=asked)
         wider = _widest(freed, asked)
-        if wider is None or stays_poor(freed.fit.chi, wider.fit.chi, _LITTLE):
+        if wider is None or stays_poor(freed.fit.chi, wider.fit.chi, LITTLE):
             break
         freed = wider
     return freed
@@ -156,7 +158,7 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
     clear = bool(np.isfinite(fit.standard_uncertainty).all())
     if not (fit.positive and not fit.plain and clear and fit.chi < freed.fit.chi):
         return None
-    if asked.terms is not None and not stays_poor(freed.fit.chi, fit.chi, _HALF):
+    if asked.terms is not None and not stays_poor(freed.fit.chi, fit.chi, HALF):
         data, fitted = _with_all_light(data, fitted)
     fit = fitted.fit
     parts = () if asked.cause is None else GEOMETRY if asked.cause is LOOK else (asked.cause,)
@@ -179,7 +181,7 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
 def _with_all_light(data: FrameData, fitted: Fitted) -> tuple[FrameData, Fitted]:
     """A frame whose light is made as rich as it asks for, and its fit."""
     for _ in range(_LIGHTS):
-        terms = richer_light(data, fitted, _MOST_TERMS)
+        terms = richer_light(data, fitted, MOST_TERMS)
         if terms == data.lamp.terms:
             break
         more = replace(data, lamp=data.lamp.of(terms))
@@ -228,7 +230,7 @@ def _tried(freed: Freed, asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
         data, keys, scene = _wider(freed, item)
         found = _thin_fit(replace(data, valid=valid), keys, scene, stated)
         # what leaves few pixels unexplained leaves all of them so, at a hundred times the cost
-        if found is not None and not stays_poor(before, float(np.sqrt(found[0])), _LITTLE):
+        if found is not None and not stays_poor(before, float(np.sqrt(found[0])), LITTLE):
             scored.append((evidence_gain(base[:2], found[:2], pixels=base[2]), item))
     scored.sort(key=lambda pair: -pair[0])
     return (*(item for gain, item in scored if gain > 0.0), *out)

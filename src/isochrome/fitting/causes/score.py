@@ -13,12 +13,14 @@ import numpy as np
 
 from isochrome.estimation import (
     ASKED,
+    FIRST_DEGREES,
     RICHEST,
     FrameData,
     ScoreProducts,
     Terms,
     light_products,
-    total_degree,
+    missing_terms,
+    with_chosen_terms,
 )
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks
@@ -28,8 +30,6 @@ from isochrome.scene import Scene
 
 _SUSPECTED = 10.0
 """Evidence from which a scale is accused: unlike what is freed, it is not tried by a fit."""
-_FIRST = 6, 4
-"""Degrees of illumination and background that every frame is asked for."""
 _OUTLIER = 6.0
 """Residual of a block, in standard deviations of a block's, beyond which it is no accident."""
 _BESIDE = 2.5
@@ -74,7 +74,7 @@ def ask(data: FrameData, fitted: Fitted) -> tuple[Asked, ...]:
     blocks = FrameBlocks(data, fitted)
     causes = candidates(fitted.fit.scene, fitted.fit.keys, fitted.held)
     columns = [blocks.columns(cause) for cause in causes]
-    lights = _lights(blocks, data, _FIRST)
+    lights = _lights(blocks, data)
     groups: list[Any] = [*causes, *lights]
     columns += [blocks.light_columns(*lights[terms]) for terms in lights]
     products = ScoreProducts([(blocks.rows, np.concatenate(columns), blocks.residual)])
@@ -104,12 +104,9 @@ def _is_slight(asked: Asked, scene: Scene) -> bool:
     return asked.evidence < _SUSPECTED or abs(asked.values[0]) < slight
 
 
-def _lights(blocks: FrameBlocks, data: FrameData, degrees: tuple[int, int]) -> dict[Any, Any]:
+def _lights(blocks: FrameBlocks, data: FrameData) -> dict[Any, Any]:
     """Light that a frame's model has not, by its terms: more illumination, background, both."""
-    more = [
-        tuple(term for term in total_degree(degree) if term not in own)
-        for degree, own in zip(degrees, data.lamp.terms, strict=True)
-    ]
+    more = missing_terms(data.lamp.terms, FIRST_DEGREES)
     return {pair: _light_bases(blocks, data, pair) for pair in ((more[0], ()), ((), more[1]))}
 
 
@@ -167,17 +164,10 @@ def richer_light(data: FrameData, fitted: Fitted, most: int) -> tuple[Terms, Ter
     the terms of illumination and background, the frame's own first.
     """
     blocks = FrameBlocks(data, fitted)
-    more = [
-        [term for term in total_degree(degree) if term not in own]
-        for degree, own in zip(RICHEST, data.lamp.terms, strict=True)
-    ]
-    bases = _light_bases(blocks, data, (tuple(more[0]), tuple(more[1])))
-    columns = blocks.light_columns(*bases)
+    more = missing_terms(data.lamp.terms, RICHEST)
+    columns = blocks.light_columns(*_light_bases(blocks, data, more))
     chosen = ScoreProducts([(blocks.rows, columns, blocks.residual)]).one_by_one(most)
-    added = [[more[0][i] for i in chosen if i < len(more[0])]]
-    added.append([more[1][i - len(more[0])] for i in chosen if i >= len(more[0])])
-    light, dark = ((*own, *new) for own, new in zip(data.lamp.terms, added, strict=True))
-    return light, dark
+    return with_chosen_terms(data.lamp.terms, more, chosen)
 
 
 def _asked(group: Any, gain: float, price: float, values: Array) -> Asked:

@@ -15,12 +15,10 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import FrameData
-from isochrome.fitting.arrays import Array
+from isochrome.estimation import FrameData, is_explained
 from isochrome.fitting.frame.frame_fit import Fitted, hidden_px, placed
 from isochrome.fitting.frame.frame_model import FrameModel, RefinedFit, refine_fit
 from isochrome.fitting.frame.single_state import with_numerics
-from isochrome.fitting.frame.smooth_stress import is_explained
 from isochrome.fitting.frame.unknowns import (
     BLUR,
     GAMMA,
@@ -35,6 +33,7 @@ from isochrome.fitting.frame.unknowns import (
 )
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.search.cold_start import search_frame
+from isochrome.frames import as_turned
 from isochrome.scene import Scene
 
 _HOPELESS, _LEAST = 10.0, 2.0
@@ -167,7 +166,7 @@ def _turns(
             line += "".join(f" and {key} = {value}" for key, value in changed.items())
             left = camera.left_mm + 0.5 * (cols - rows) * camera.pixel_mm
             start = scene.with_values(changed | {LEFT: left})
-        yield _Slip(what, line, data.lying(partial(_lain, turn=turn, flip=flip)), start)
+        yield _Slip(what, line, data.lying(partial(as_turned, rotate_deg=turn, flip=flip)), start)
 
 
 def _lying(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
@@ -190,14 +189,9 @@ def _lying(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
 def _together(first: tuple[int, Any], then: tuple[int, Any]) -> tuple[int, str | None]:
     """The one turn and flip that do what two pairs of them do, one after the other."""
     marked = np.arange(6).reshape(2, 3)
-    wanted = _lain(_lain(marked, *first), *then)
+    wanted = as_turned(as_turned(marked, *first), *then)
     ways = product((0, 90, 180, 270), (None, "horizontal", "vertical"))
-    return next(w for w in ways if np.array_equal(_lain(marked, *w), wanted))
-
-
-def _lain(image: Array, turn: int, flip: str | None) -> Array:
-    turned = np.rot90(image, turn // 90)
-    return turned if flip is None else np.flip(turned, axis=1 if flip == "horizontal" else 0)
+    return next(w for w in ways if np.array_equal(as_turned(marked, *w), wanted))
 
 
 def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Slip]:

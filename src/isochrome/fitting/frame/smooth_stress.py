@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import FrameData
+from isochrome.estimation import HALF, FrameData, is_explained
 from isochrome.fitting.frame.fringe_optics import scene_optics
 from isochrome.fitting.joint.frame_sequence import Unknown
 from isochrome.fitting.joint.joint_fit import JointFit, fit_jointly
@@ -32,20 +32,12 @@ ASKED_CHI = 1.03
 """Residual over noise beyond which a smooth stress is tried: 1.00 to 1.01 is a right model's. At
 1.03 a smooth stress that is left out shifts the load by some 0.1 %."""
 
-_KEPT_SHARE = 0.5
-"""It is kept where chi² - 1 falls below this share of what it was."""
-
 
 def smooth_keys(scene: Scene, keys: Iterable[str], chi: float) -> tuple[str, ...]:
     """The smooth stress's keys that a fit should free beside `keys`; none where chi is right."""
     if scene.indenter is None or not chi > ASKED_CHI:
         return ()
     return tuple(key for key in SMOOTH_KEYS if key not in keys)
-
-
-def is_explained(before: float, after: float, left: float = _KEPT_SHARE) -> bool:
-    """Whether chi² - 1 fell below a share, `left`, of what it was."""
-    return after**2 - 1.0 < left * (before**2 - 1.0)
 
 
 def with_zeros(scene: Scene, keys: tuple[str, ...]) -> Scene:
@@ -81,7 +73,7 @@ def with_smooth_stress(
         refuse_alike(tuple(u.key for u in smooth.unknowns), smooth.covariance, smooth.known)
     except PhysicsError:
         return joint, ()  # the frames cannot tell it from the other unknowns: chi stays and is told
-    if not is_explained(joint.chi, smooth.chi):
+    if not is_explained(joint.chi, smooth.chi, HALF):
         return joint, ()
     loads = [
         (before, after)
