@@ -1,6 +1,7 @@
 from .batched import State, damped_steps, minimise_all, next_damping
+from .correlation import block_correlation, line_correlation, local_noise
 from .covariance import (
-    block_correlation,
+    gradient_covariance,
     information_bound,
     is_determined,
     jackknife_variance,
@@ -98,6 +99,7 @@ __all__ = [
     "evaluate_prepared",
     "evidence_gain",
     "fit_intensity",
+    "gradient_covariance",
     "information_bound",
     "is_determined",
     "is_explained",
@@ -105,6 +107,8 @@ __all__ = [
     "light_basis",
     "light_products",
     "light_unknowns",
+    "line_correlation",
+    "local_noise",
     "minimise",
     "minimise_all",
     "missing_terms",

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from isochrome.estimation.correlation import block_correlation, line_correlation
 
-_BLOCK_PX = 4
+Array = NDArray[Any]
 
 UNDETERMINED = 1e-10
 """Part of a parameter's effect that illumination and background must leave to determine it."""
@@ -35,6 +35,41 @@ def white_middle(rows: Array, residual: Array) -> Array:
     """
     weighted = rows * residual
     return np.asarray((weighted @ weighted.T).astype(float))
+
+
+def gradient_covariance(rows: Array, residual: Array, keep: NDArray[np.bool_]) -> Array:
+    """The gradient's covariance as the residuals show it, with what neighbours and lines share.
+
+    White's middle, times the residuals' correlation over blocks; and where rows or columns have a
+    noise of their own, Σ g gᵀ of their sums g = Σ r j along each.
+
+    Parameters
+    ----------
+    rows : (p, n) array
+        Derivatives j, over the noise.
+    residual : (n,) array
+        Residuals r, over the noise.
+    keep : (rows, cols) array of bool
+        Where the n pixels are.
+
+    Returns
+    -------
+    (p, p) array
+        The covariance.
+
+    Notes
+    -----
+    Source: White (1980), Econometrica 48, 817-838; Cameron, Gelbach & Miller (2011), J. Bus. Econ.
+    Stat. 29, 238-249, for sums along two directions.
+    """
+    middle = white_middle(rows, residual) * block_correlation(keep, residual)
+    for axis in (0, 1):
+        if line_correlation(keep, residual, axis) == 1.0:
+            continue
+        line = np.nonzero(keep)[1 - axis]
+        sums = np.array([np.bincount(line, row * residual) for row in rows])
+        middle += sums @ sums.T
+    return middle
 
 
 def sandwich(inverse: Array, middle: Array) -> Array:
@@ -64,7 +99,7 @@ def white_covariance(
 ) -> Array:
     """Covariance of the values, right whatever the weights were.
 
-    N⁻¹ (Σ r² j jᵀ) N⁻¹ n/(n - k), widened by the residuals' correlation over blocks.
+    N⁻¹ M N⁻¹ n/(n - k), M of `gradient_covariance`.
 
     Parameters
     ----------
@@ -86,39 +121,10 @@ def white_covariance(
 
     Notes
     -----
-    Source: White (1980), Econometrica 48, 817-838; MacKinnon & White (1985), J. Econometrics 29,
-    305-325, for n/(n - k).
+    Source: MacKinnon & White (1985), J. Econometrics 29, 305-325, for n/(n - k).
     """
     freedom = residual.size / max(1, residual.size - len(rows) - linear)
-    wider = freedom * block_correlation(keep, residual)
-    return sandwich(inverse, white_middle(rows, residual)) * wider
-
-
-def block_correlation(keep: NDArray[np.bool_], residual: Array) -> float:
-    """Variance of the residuals' sums over blocks of 4 x 4 pixels, over that of independent ones.
-
-    Parameters
-    ----------
-    keep : (rows, cols) array of bool
-        Where the n pixels are.
-    residual : (n,) array
-        Their residuals.
-
-    Returns
-    -------
-    float
-        The ratio, 1 at least: neighbours that differ more than by chance do not make a value more
-        certain.
-    """
-    rows, cols = (n - n % _BLOCK_PX for n in keep.shape)
-    if rows == 0 or cols == 0:
-        return 1.0
-    image = np.zeros(keep.shape, np.float32)
-    image[keep] = residual
-    blocks = image[:rows, :cols].reshape(rows // _BLOCK_PX, _BLOCK_PX, cols // _BLOCK_PX, _BLOCK_PX)
-    alone = float(np.sum(np.square(blocks), dtype=float))
-    together = float(np.sum(np.square(blocks.sum(axis=(1, 3))), dtype=float))
-    return max(1.0, together / max(alone, 1e-300))
+    return sandwich(inverse, gradient_covariance(rows, residual, keep)) * freedom
 
 
 def jackknife_variance(values: Array) -> Array:

@@ -68,9 +68,12 @@ class FrameData(Observation):
         The exponent from raw to light.
     lamp : LightModel
         What its illumination and background are sums of.
+    noise_ratio : float, default 1.0
+        The noise over what the picture's finest part shows, which compression takes away.
     """
 
     lamp: LightModel
+    noise_ratio: float = 1.0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -102,6 +105,16 @@ class FrameData(Observation):
                 self.shape, terms=self.lamp.terms if self.lamp.bright is None else None
             ),
             gamma=gamma,
+        )
+
+    def with_noise(self, ratio: float) -> FrameData:
+        """The frame with so many times its noise."""
+        share = np.float32(ratio)
+        return replace(
+            self,
+            sigma=share * self.sigma,
+            raw_sigma=share * self.raw_sigma,
+            noise_ratio=ratio * self.noise_ratio,
         )
 
     def lying(self, move: Callable[[Array], Array]) -> FrameData:

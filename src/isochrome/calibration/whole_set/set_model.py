@@ -25,6 +25,7 @@ from isochrome.estimation import (
     Terms,
     block_correlation,
     light_products,
+    line_correlation,
     minimise,
     scaled_inverse,
     total_degree,
@@ -358,9 +359,7 @@ class SetFit:
         """
         ratios = []
         for image, left in zip(self.model.images, self.point.linear[2], strict=True):
-            whole = np.zeros(image.mask.shape)
-            whole[image.mask] = left
-            rows = float(np.sum(whole.sum(axis=1) ** 2)) / float(np.sum(left**2))
+            rows = line_correlation(image.mask, left, 1)
             ratios.append((rows, block_correlation(image.mask, left)))
         ratio = float(np.mean(ratios, axis=0).max())
         return ratio if ratio > _CORRELATED else 1.0

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isochrome.estimation import FrameData
+from isochrome.estimation import FrameData, line_correlation
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, Cause
 from isochrome.fitting.frame.frame_fit import Fitted
@@ -27,6 +27,9 @@ BLOCK = 3
 
 _FILLED = 0.5
 """Least share of a block's pixels that were fitted."""
+
+_OWN_NOISE = 1.5
+"""Variance of rows' sums, over that of independent pixels, from which rows have their own noise."""
 
 _STEP = 1e-4
 _STRESS_MPA = 0.01
@@ -72,8 +75,23 @@ class FrameBlocks:
             self._bases[0] * (self.signal * self._light),
             self._bases[1] * self._light,
         ))  # fmt: skip
+        self._noisy = [
+            axis for axis in (0, 1) if line_correlation(keep, toned.residual, axis) > _OWN_NOISE
+        ]
         self._held = fitted.held_rows[:, at] * root
         self._fields = self._thin_fields(fitted)
+
+    def part(self, columns: Array) -> tuple[Array, Array, Array]:
+        """What is fitted (p, n), some `columns` (k, n) that are not, and the residual (n,).
+
+        Where rows or columns of the picture have a noise of their own, each one's mean is taken off
+        all of them: it tells nothing.
+        """
+        rows, residual = self.rows, self.residual[None]
+        for axis in self._noisy:
+            lines = np.nonzero(self._chosen)[1 - axis]
+            rows, columns, residual = (_without_means(v, lines) for v in (rows, columns, residual))
+        return rows, columns, residual[0]
 
     def _thin_fields(self, fitted: Fitted) -> tuple[Array, Array]:
         """Stress difference and visibility at the blocks, as the fit last had them."""
@@ -164,6 +182,16 @@ class FrameBlocks:
         """The signal at the blocks for a scene's own optics, and a field (n,)."""
         field = self._fields[0] if field is None else field
         return scene_optics(scene).signal(field, visibility=self._fields[1])
+
+
+def _without_means(values: Array, lines: Array) -> Array:
+    """Values (k, n) less their means over each line (n,) of the picture."""
+    from scipy.sparse import csr_array
+
+    count = np.bincount(lines)
+    there = csr_array((np.ones(len(lines)), (np.arange(len(lines)), lines)))
+    means = (values @ there) / np.maximum(count, 1)
+    return np.asarray(values - means[:, lines], values.dtype)
 
 
 def _inner(keep: Mask) -> Mask:

@@ -327,7 +327,7 @@ def fit_with_causes(
         if slip is None:
             raise
         raise PhysicsError(slip.sentence()) from error
-    given = data
+    given = data = data.with_noise(fitted.fit.noise_ratio / data.noise_ratio)
     if fitted.fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fitted.fit.scene.frames.stated_gamma)
     if is_unexplained(fitted):

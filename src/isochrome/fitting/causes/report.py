@@ -49,6 +49,11 @@ def cause_messages(freed: Freed) -> tuple[str, ...]:
         )
     if messages:
         messages[0] += _shift(before, freed)
+    if freed.fit.noise_ratio > 1.0:
+        messages.append(
+            f"noise is {freed.fit.noise_ratio:.1f} times what neighbouring pixels show: the "
+            "picture was compressed, resampled or made of colours, and that is counted"
+        )
     suspects = [asked for asked in freed.asked if not asked.can_be_freed]
     if suspects:
         messages.append(_suspect_sentence(freed.fit.scene, suspects))

@@ -77,7 +77,7 @@ def ask(data: FrameData, fitted: Fitted) -> tuple[Asked, ...]:
     lights = _lights(blocks, data)
     groups: list[Any] = [*causes, *lights]
     columns += [blocks.light_columns(*lights[terms]) for terms in lights]
-    products = ScoreProducts([(blocks.rows, np.concatenate(columns), blocks.residual)])
+    products = ScoreProducts([blocks.part(np.concatenate(columns))])
     blur = None
     if BLURRED in causes:
         blur = _little_blur(products, sum(len(c) for c in columns[: causes.index(BLURRED)]))
@@ -166,7 +166,7 @@ def richer_light(data: FrameData, fitted: Fitted, most: int) -> tuple[Terms, Ter
     blocks = FrameBlocks(data, fitted)
     more = missing_terms(data.lamp.terms, RICHEST)
     columns = blocks.light_columns(*_light_bases(blocks, data, more))
-    chosen = ScoreProducts([(blocks.rows, columns, blocks.residual)]).one_by_one(most)
+    chosen = ScoreProducts([blocks.part(columns)]).one_by_one(most)
     return with_chosen_terms(data.lamp.terms, more, chosen)
 
 

@@ -51,6 +51,8 @@ class FrameFit:
     positive : bool
         False where even that is negative. The scene's fringes are not in the frame then, nor any
         light that follows them by more than noise does by chance.
+    noise_ratio : float, default 1.0
+        The noise over what the frame's finest part shows, which compression takes away.
     """
 
     scene: Scene
@@ -69,3 +71,4 @@ class FrameFit:
     converged: bool
     plain: bool
     positive: bool
+    noise_ratio: float = 1.0

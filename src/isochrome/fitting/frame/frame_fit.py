@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from isochrome.estimation import (
     Minimum,
     Prior,
     block_correlation,
+    local_noise,
     standard_uncertainty,
 )
 from isochrome.fitting.arrays import Array
@@ -58,6 +59,9 @@ _RIVALS = 3
 _CHANCE = 100.0
 """Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
 values are searched for (18 frames), and fringes of a single grey level in 20 000 pixels 384."""
+
+_LOUDER = 1.1
+"""Local noise, over what the picture's finest part shows, that chance does not reach."""
 
 _GAMMAS = (1.0, 2.2)
 """Where an unknown exponent starts: a sensor's own, and most photographs'."""
@@ -136,6 +140,22 @@ def fit_with_model(
     scene = placed(scene, data.shape)
     if BLUR in keys and scene.get(BLUR) < _LEAST_BLUR_PX:
         scene = scene.with_values({BLUR: _LEAST_BLUR_PX})
+    made = _fit_toned(data, scene, keys, cold, stated)
+    ratio = local_noise(
+        made.model.pixels.keep,
+        made.final.toned.residual,
+        made.model.pixels.raw * made.model.pixels.weight,
+    )
+    if ratio < _LOUDER:
+        return made
+    again = _fit_toned(data.with_noise(ratio), made.fit.scene, keys, False, stated)
+    return replace(again, fit=replace(again.fit, others=made.fit.others))
+
+
+def _fit_toned(
+    data: FrameData, scene: Scene, keys: tuple[str, ...], cold: bool, stated: StatedInputs
+) -> Fitted:
+    """The fit, from each exponent in turn where that is unknown until one explains the frame."""
     known = scene.frames.gamma
     if isinstance(known, str) and GAMMA not in keys:
         keys = (*keys, GAMMA)
@@ -196,6 +216,7 @@ def _fit_begun(
         converged=final.converged and bool(determined.all()),
         plain=plain,
         positive=final.positive and _is_seen(final.toned),
+        noise_ratio=data.noise_ratio,
     )
     return Fitted(fit, model, final, held, rows, stated)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.estimation import STEP, FrameData, Prior, block_correlation, white_middle
+from isochrome.estimation import STEP, FrameData, Prior, gradient_covariance
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import project
 from isochrome.fitting.frame.gamma import (
@@ -143,11 +143,10 @@ def linearise_frame(
     squares = rows @ rows.T
     project(rows, toned.problem, toned.part)
     precise = rows.astype(float) if exact else rows
-    wider = block_correlation(pixels.keep, toned.residual)
     freedom = pixels.size - len(toned.part.coefficients)
     return NormalEquations(
         normal=(precise @ precise.T).astype(float),
-        middle=wider * white_middle(rows, toned.residual),
+        middle=gradient_covariance(rows, toned.residual, pixels.keep),
         gradient=(rows @ toned.residual).astype(float),
         squares=squares.astype(float),
         cost=toned.cost,
