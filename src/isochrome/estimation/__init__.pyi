@@ -1,5 +1,5 @@
 from .batched import State, damped_steps, minimise_all, next_damping
-from .correlation import block_correlation, line_correlation, local_noise
+from .correlation import block_correlation, line_correlation, line_noise, local_noise
 from .covariance import (
     gradient_covariance,
     information_bound,
@@ -108,6 +108,7 @@ __all__ = [
     "light_products",
     "light_unknowns",
     "line_correlation",
+    "line_noise",
     "local_noise",
     "minimise",
     "minimise_all",

@@ -77,6 +77,33 @@ def line_correlation(keep: Mask, residual: Array, axis: int) -> float:
     return ratio if ratio > 1.0 + _CLEAR * np.sqrt(2.0 / max(1, sums)) else 1.0
 
 
+def line_noise(keep: Mask, residual: Array, axis: int) -> float:
+    """Variance that rows or columns have of their own, over that of independent pixels' sums.
+
+    By the differences of neighbouring lines: what a model misses hardly changes from one to the
+    next.
+
+    Parameters
+    ----------
+    keep : (rows, cols) array of bool
+        Where the n pixels are.
+    residual : (n,) array
+        Their residuals.
+    axis : int
+        1 for rows, 0 for columns.
+
+    Returns
+    -------
+    float
+        The ratio; 1 where each line's pixels are independent.
+    """
+    image = np.zeros(keep.shape, np.float32)
+    image[keep] = residual
+    sums = image.sum(axis=axis, dtype=float)
+    alone = float(np.sum(np.square(image), dtype=float)) / max(1, len(sums))
+    return float(np.mean(np.square(np.diff(sums)))) / max(2.0 * alone, 1e-300)
+
+
 def _sum_ratio(parts: Array) -> tuple[int, float]:
     """Number of parts (parts, n), and the sum of their sums' squares over that of all squares."""
     alone = float(np.sum(np.square(parts), dtype=float))

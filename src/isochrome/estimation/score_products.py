@@ -61,6 +61,7 @@ class ScoreProducts:
         inverse = np.linalg.pinv(taken * np.outer(scale, scale), 1e-10, hermitian=True)
         inverse *= np.outer(scale, scale)
         cross = gram[:fitted, fitted:]
+        self._taken_up = inverse @ cross[:, :-1]
         rest = gram[fitted:, fitted:] - cross.T @ inverse @ cross
         self.count = count
         self.matrix, self.right, left = rest[:-1, :-1], rest[:-1, -1], rest[-1, -1]
@@ -91,6 +92,23 @@ class ScoreProducts:
         inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-8, hermitian=True)
         values = scale * (inverse @ (scale * right))
         return float(values @ right) / self.noise, int(own.sum()), values
+
+    def shift(self, chosen: slice | list[int], values: Array) -> Array:
+        """How far what is fitted would move if some columns came out at their values.
+
+        Parameters
+        ----------
+        chosen : slice or list of int
+            The columns.
+        values : (k,) array
+            Their values.
+
+        Returns
+        -------
+        (p,) array
+            The change, to first order.
+        """
+        return np.asarray(-self._taken_up[:, chosen] @ values)
 
     def score_with_prior(self, chosen: slice, weight: Array) -> tuple[float, float, Array]:
         """What some columns gain whose values are known beforehand.

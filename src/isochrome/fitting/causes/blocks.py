@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isochrome.estimation import FrameData, line_correlation
+from isochrome.estimation import FrameData, line_noise
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, Cause
 from isochrome.fitting.frame.frame_fit import Fitted
@@ -76,7 +76,7 @@ class FrameBlocks:
             self._bases[1] * self._light,
         ))  # fmt: skip
         self._noisy = [
-            axis for axis in (0, 1) if line_correlation(keep, toned.residual, axis) > _OWN_NOISE
+            axis for axis in (0, 1) if line_noise(keep, toned.residual, axis) > _OWN_NOISE
         ]
         self._held = fitted.held_rows[:, at] * root
         self._fields = self._thin_fields(fitted)

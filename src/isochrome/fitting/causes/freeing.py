@@ -19,6 +19,7 @@ from isochrome.estimation import (
     evidence_gain,
     stays_poor,
 )
+from isochrome.fitting.arrays import Array
 from isochrome.fitting.causes.blocks import BLOCK
 from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause
 from isochrome.fitting.causes.score import Asked, ask, richer_light
@@ -72,6 +73,8 @@ class Freed:
         Share of the pixels that was left out.
     asked : tuple of Asked, optional
         What the frame still asks for and is not freed.
+    undecided : ndarray, (p, p), optional
+        What the covariance lacks for causes and light that the frame neither asks for nor excludes.
     slip : Trial, optional
         The slip in the scene that explains the frame where the scene does not. The fit's light is
         none then: `positive` is False.
@@ -85,12 +88,14 @@ class Freed:
     light: bool = False
     outside: float = 0.0
     asked: tuple[Asked, ...] = ()
+    undecided: Array | None = None
     slip: Trial | None = None
 
     @property
     def fit(self) -> FrameFit:
         """The fit."""
-        return self.fitted.fit
+        fit = self.fitted.fit
+        return fit if self.undecided is None else fit.less_sure(self.undecided)
 
     @cached_property
     def richer(self) -> tuple[Terms, Terms]:
@@ -125,8 +130,8 @@ def free_causes(data: FrameData, fitted: Fitted) -> Freed:
 def _freed(freed: Freed) -> Freed:
     """What is asked for freed, one after the other, the one with the most evidence first."""
     for _ in range(_ROUNDS):
-        asked = ask(freed.data, freed.fitted)
-        freed = replace(freed, asked=asked)
+        asked, undecided = ask(freed.data, freed.fitted)
+        freed = replace(freed, asked=asked, undecided=undecided)
         wider = _widest(freed, asked)
         if wider is None or stays_poor(freed.fit.chi, wider.fit.chi, LITTLE):
             break
@@ -175,6 +180,7 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
         light=freed.light or asked.terms is not None,
         outside=float(outside),
         asked=(),
+        undecided=None,
     )
 
 
@@ -269,7 +275,7 @@ def _is_felt(fit: FrameFit, cause: Cause, stated: Scene) -> bool:
 
 def _pruned(freed: Freed) -> Freed:
     """Without the causes that came out at nothing beside the others."""
-    fit, stated = freed.fit, freed.stated.fit.scene
+    fit, stated = freed.fitted.fit, freed.stated.fit.scene
     needless = tuple(c for c in freed.causes if not _is_felt(fit, c, stated))
     if not needless:
         return freed
@@ -282,7 +288,7 @@ def _pruned(freed: Freed) -> Freed:
     again = replace(again, fit=replace(again.fit, others=fit.others))
     causes = tuple(cause for cause in freed.causes if cause not in needless)
     # without some, others may come out at nothing too
-    return _pruned(replace(freed, fitted=again, causes=causes))
+    return _pruned(replace(freed, fitted=again, causes=causes, undecided=None))
 
 
 def fit_with_causes(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from isochrome.estimation import Minimum
 from isochrome.fitting.arrays import Array
@@ -72,3 +74,13 @@ class FrameFit:
     plain: bool
     positive: bool
     noise_ratio: float = 1.0
+
+    def less_sure(self, more: Array) -> FrameFit:
+        """The same with a covariance that is larger by `more` (p, p), as if by noise."""
+        variance = np.diag(more)
+        return replace(
+            self,
+            covariance=self.covariance + more,
+            standard_uncertainty=np.sqrt(self.standard_uncertainty**2 + variance),
+            noise_uncertainty=np.sqrt(self.noise_uncertainty**2 + variance),
+        )
