@@ -12,6 +12,7 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, Minimum
 from isochrome.fitting.causes.freeing import Freed, fit_with_causes
 from isochrome.fitting.causes.report import cause_messages
+from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.frame_fit import fit_frame, placed
 from isochrome.fitting.frame.inputs import inputs_of_rows, stated_inputs
@@ -109,7 +110,7 @@ class FrameWork:
         row["inputs"] = [list(item) for item in fit.inputs.rows]
         return row | {"others": others, "said": list(messages), "light": light}
 
-    def _explained(self, freed: Freed) -> Freed:
+    def _explained(self, freed: Freed[FrameSolution]) -> Freed[FrameSolution]:
         """What was freed, or the fit as stated where its unknowns are not told apart any more.
 
         Raises PhysicsError where they are not even then, in a frame that is all there is.
