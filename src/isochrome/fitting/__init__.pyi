@@ -12,8 +12,7 @@ from .frame.single_state import (
     sliding_scene,
     timed_distance,
 )
-from .frame.smooth_stress import SMOOTH_KEYS
-from .frame.unknowns import FRICTION, GAMMA, free_keys
+from .frame.unknowns import FRICTION, GAMMA, SMOOTH_KEYS, free_keys
 from .joint.frame_sequence import over_distance
 from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.estimation import FrameData, Terms, prepare_frame
+from isochrome.fitting.arrays import Mask
 from isochrome.fitting.frame.single_state import sliding_scene, timed_distance
 from isochrome.fitting.refusals import refuse_states
 from isochrome.frames import (
@@ -38,7 +40,7 @@ class PreparedFrames:
     It may be handed to other processes. Attributes: `path`; `reader`; `given`, the scene, with the
     frames' scale; `scene`, with the frames' own distances too where their times tell them; `shape`
     (rows, cols); `plain`, indices of frames that get one amplitude for all their light,
-    and `lights` of those that get a richer one.
+    and `lights` of those that get a richer one; `outside` (rows, cols), pixels that are left out.
     """
 
     def __init__(self, path: FramesPath, scene: Scene) -> None:
@@ -52,6 +54,7 @@ class PreparedFrames:
         self._count = self.reader.count()
         self.plain: set[int] = set()
         self.lights: Lights = {}
+        self.outside: Mask | None = None
         self.shape = self.reader.shape
         if self._count == 0:
             raise InputError(f"{path}: holds no frame; check the file")
@@ -82,7 +85,21 @@ class PreparedFrames:
         for i, data in enumerate(kept if there else self._read(start, stop), start):
             if i in self.lights:
                 data = replace(data, lamp=data.lamp.of(self.lights[i]))
+            if self.outside is not None:
+                data = replace(data, valid=data.valid & ~self.outside)
             yield data.plain() if i in self.plain else data
+
+    def seen(self, terms: tuple[Terms, Terms] | None, outside: Mask | None) -> PreparedFrames:
+        """The same frames with some light in all of them, and without some pixels.
+
+        Parameters: `terms` of the light, None for that of today; `outside` (rows, cols) or None.
+        """
+        view = copy(self)
+        if terms is not None:
+            view.lights = dict.fromkeys(range(self._count), terms)
+        if outside is not None:
+            view.outside = outside if self.outside is None else outside | self.outside
+        return view
 
     def close(self) -> None:
         """Close the file."""

@@ -18,8 +18,7 @@ from isochrome.fitting.frame.fringe_optics import scene_optics
 from isochrome.fitting.frame.gamma import GammaFit, Pixels, gamma_slope
 from isochrome.fitting.frame.inputs import PIXEL
 from isochrome.fitting.frame.renderer import SceneRenderer
-from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, SMOOTH_KEYS
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid, regular_modes
 
