@@ -19,7 +19,7 @@ from isochrome.fitting.causes.solution import (
 )
 from isochrome.fitting.frame.inputs import StatedInputs
 from isochrome.fitting.frame.unknowns import LOAD, SMOOTH_KEYS
-from isochrome.fitting.frame_set import PreparedFrames
+from isochrome.fitting.frame_set import FrameSet
 from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
 from isochrome.fitting.joint.joint_fit import JointFit, JointProblem
 from isochrome.fitting.refusals import refuse_alike
@@ -34,7 +34,7 @@ class JointSolution:
     `problem`, that was solved; `progress`, called with each frame of each pass.
     """
 
-    data: PreparedFrames
+    data: FrameSet
     problem: JointProblem
     fit: JointFit
     progress: Callable[[], None]
@@ -142,7 +142,7 @@ class JointSolution:
         sequence = replace(sequence, scene=scene, unknowns=unknowns)
         return solve_jointly(other.data, sequence, start, self.progress)
 
-    def _changed(self, change: Change) -> tuple[PreparedFrames, Sequence, Array]:
+    def _changed(self, change: Change) -> tuple[FrameSet, Sequence, Array]:
         """Frames, unknowns and values to begin with."""
         outside = change.outside
         if outside is not None:
@@ -157,7 +157,7 @@ class JointSolution:
 
 
 def solve_jointly(
-    data: PreparedFrames, sequence: Sequence, start: Array, progress: Callable[[], None]
+    data: FrameSet, sequence: Sequence, start: Array, progress: Callable[[], None]
 ) -> JointSolution:
     """Fit frames together, and keep what can be asked.
 
