@@ -100,7 +100,7 @@ def find_apparatus(
         What was found; the scene as it is where the frames ask for nothing, or show nothing.
     """
     scene = placed(scene, reader.shape)
-    bare = scene.model_copy(update={"uncertainties": {}})  # a track has no priors
+    bare = scene.model_copy(update={"stated_uncertainty": ()})  # a track has no priors
     places = (0,) if scene.wear is not None else tuple(sorted({0, count // 2, count - 1}))
     frames = list(_frames_at(reader, places))
     if not frames:
@@ -133,7 +133,7 @@ def _alone(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> FrameFit | N
     """A frame's own fit, None where the scene's fringes are not in it."""
     try:
         fit = fit_frame(data, scene, keys, stated=inputs_of_rows(()))
-    except (InputError, PhysicsError):
+    except PhysicsError:
         return None
     return fit if fit.positive and not fit.plain else None
 

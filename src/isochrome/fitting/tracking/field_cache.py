@@ -107,9 +107,18 @@ class CachedFields:
 class FieldMaker:
     """Fields at thinned pixels as the axes of a course move, on the scars that it has worn."""
 
-    def __init__(self, course: TrackCourse, shape: tuple[int, int], thinned: Thinned) -> None:
-        """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels."""
-        self.course, self.shape, self.thinned = course, shape, thinned
+    def __init__(
+        self,
+        course: TrackCourse,
+        shape: tuple[int, int],
+        thinned: Thinned,
+        steps: dict[str, float],
+    ) -> None:
+        """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels.
+
+        `steps` of keys that are held, by which the fields beside are made.
+        """
+        self.course, self.shape, self.thinned, self._steps = course, shape, thinned, steps
         self._renderer: SceneRenderer | None = None
 
     def make(
@@ -128,7 +137,8 @@ class FieldMaker:
             # beyond the lower end the contact wears on by a mean, not as it did
             at = self.course.axes.index(WORN)
             exact[at] = low[at]
-        return CachedFields(box, exact, self.course.mark(values))
+        beside = self._beside(box.middle)
+        return CachedFields(box, exact, self.course.mark(values), beside=beside)
 
     def exact(self, values: Array) -> Array:
         """The field (n,) of some values on the scar that they and those before have worn."""
@@ -147,16 +157,17 @@ class FieldMaker:
             fields.append(self.render(middle, False)[0])
         kept.lean = (fields[1] - fields[0]) / np.float32((_SHARE - 1.0) * kept.load * step)
 
-    def beside(self, kept: CachedFields, steps: dict[str, float]) -> None:
-        """What steps of keys that are held add to field and visibility, in the box's middle."""
-        if not steps:
-            return
-        middle = kept.box.middle
+    def _beside(self, middle: Array) -> dict[str, tuple[Array, Array]]:
+        """What the steps of what is held add to field and visibility at some values (axes,)."""
+        if not self._steps:
+            return {}
         here, seen = self.render(middle, True)
-        for key, step in steps.items():
+        found = {}
+        for key, step in self._steps.items():
             there, shown = self.render(middle, True, {key: step})
             assert seen is not None and shown is not None
-            kept.beside[key] = there - here, shown - seen
+            found[key] = there - here, shown - seen
+        return found
 
     def render(
         self, values: Array, seen: bool, steps: dict[str, float] | None = None

@@ -63,7 +63,8 @@ class TrackModel:
         self._optics = scene_optics(course.scene)
         self._boxes: list[CachedFields] = []
         self._now: CachedFields | None = None
-        self._fields = FieldMaker(course, shape, thinned)
+        shown = {key: step for key, step in self._steps.items() if key != GAMMA}
+        self._fields = FieldMaker(course, shape, thinned, shown)
         self._size, self._due = _LARGEST, _DUE
         self.local: LocalModel | None = None
         self.look: Look | None = None
@@ -153,8 +154,6 @@ class TrackModel:
             smallest = self._size <= _SMALLEST
             if error <= _FIELD_ERROR or (smallest and np.isfinite(error)):
                 self._fields.lean(self._kept)
-                shown = {key: step for key, step in self._steps.items() if key != GAMMA}
-                self._fields.beside(self._kept, shown)
                 self._boxes = [self._kept, *self._boxes[: _KEPT - 1]]
                 return True
             if smallest:
