@@ -17,6 +17,7 @@ from .joint.frame_sequence import over_distance
 from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene
 from .tracking.api import refuse_shared, track
+from .tracking.apparatus import Apparatus, find_apparatus
 from .tracking.result import untracked_inputs
 from .tracking.tracker import Tracked, Tracker, VainSearch, nothing_found
 
@@ -26,6 +27,7 @@ __all__ = [
     "GAMMA",
     "SMOOTH_KEYS",
     "TOO_FAR",
+    "Apparatus",
     "FrameFit",
     "Freed",
     "ModelFrame",
@@ -34,6 +36,7 @@ __all__ = [
     "VainSearch",
     "cause_messages",
     "evaluate_model",
+    "find_apparatus",
     "fit",
     "fit_frame",
     "fit_with_causes",

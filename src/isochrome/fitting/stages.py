@@ -139,7 +139,8 @@ def joint_stage(
     Where nothing ties them together, their own fits are the result, and no frame is read again.
     Parameters: `data`; `sequence`; `alone`, each frame's fit; `messages` of frames, by their
     numbers; `progress`, called with each frame of each pass; `as_stated`, whether nothing else is
-    fitted. Returns the Fit and the JointFit behind it. Raises PhysicsError for unknowns that the frames do not tell, or not apart.
+    fitted. Returns the Fit and the JointFit behind it. Raises PhysicsError for unknowns that the
+    frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in alone):
         cause = next(iter(messages_of_frames(messages, single=sequence.count == 1)), CORRECT)

@@ -192,9 +192,7 @@ class FrameSolution:
         data, keys, scene = self._changed(change)
         fitted = fit_with_model(data, scene, keys, cold=False, stated=self.fitted.stated)
         # other minima are those of the first search
-        return FrameSolution(
-            data, replace(fitted, fit=replace(fitted.fit, others=self.fit.others))
-        )
+        return FrameSolution(data, replace(fitted, fit=replace(fitted.fit, others=self.fit.others)))
 
     def trial(self, change: Change) -> tuple[float, int, int] | None:
         """Mean squared residual, unknowns and pixels of a fit to every third pixel."""

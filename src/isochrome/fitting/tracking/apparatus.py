@@ -60,6 +60,21 @@ class Apparatus:
     outside: Mask | None = None
     warnings: tuple[str, ...] = ()
 
+    @property
+    def stated(self) -> Scene:
+        """The scene, that states the uncertainties of what was found too."""
+        return self.scene.with_values(
+            {key: {"value": v, "standard_uncertainty": u} for key, (v, u) in self.values.items()}
+        )
+
+    @property
+    def values(self) -> dict[str, tuple[float, float]]:
+        """Value and standard uncertainty of what was found, by key."""
+        if self.covariance is None:
+            return {}
+        spread = np.sqrt(np.diag(self.covariance)).tolist()
+        return {key: (self.scene.get(key), u) for key, u in zip(self.keys, spread, strict=True)}
+
     def seen(self, data: FrameData) -> FrameData:
         """A frame with the light and the pixels that are taken."""
         if self.terms is not None:
@@ -100,6 +115,8 @@ def find_apparatus(
         What was found; the scene as it is where the frames ask for nothing, or show nothing.
     """
     scene = placed(scene, reader.shape)
+    if isinstance(scene.frames.gamma, str):
+        return Apparatus(scene=scene)  # each whole frame finds its own
     bare = scene.model_copy(update={"stated_uncertainty": ()})  # a track has no priors
     places = (0,) if scene.wear is not None else tuple(sorted({0, count // 2, count - 1}))
     frames = list(_frames_at(reader, places))
