@@ -153,8 +153,8 @@ def joint_stage(
         for key in dict.fromkeys(u.key for u in sequence.unknowns):
             refuse_undetermined(key, (f for i, f in enumerate(alone) if key in sequence.acting(i)))
         joint = fit_of_each(sequence, alone)
-        notes = tuple(messages_of_frames(messages, single=sequence.count == 1))
-        return make_result(joint, alone, None, notes), joint
+        said = tuple(messages_of_frames(messages, single=sequence.count == 1))
+        return make_result(joint, alone, None, said), joint
     start = starting_values(sequence, alone)
     now = solve_jointly(data, sequence, start, progress)
     apart = _worn_apart(now)

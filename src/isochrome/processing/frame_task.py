@@ -141,8 +141,7 @@ class FrameSource:
         own, label, distance = scene, None, float("nan")
         if scene.model is not None:
             label, distance = place_of(scene, first)
-            timed = scene.frames.sliding_speed_mm_per_s is not None
-            own = scene_at(scene, distance) if timed else frame_scene(scene, first.index)
+            own = own_scene(scene, first)
         if self.recipe.coloured:
             found = process_colour(frames, own, capture)
         elif scene.polariscope.step:
@@ -193,6 +192,14 @@ def release_caches() -> None:
     light_basis.cache_clear()
     surface_field_grid.cache_clear()
     trim_heap()
+
+
+def own_scene(scene: Scene, frame: Frame) -> Scene:
+    """The scene of a frame alone, by its time or its number. Raises InputError."""
+    speed = scene.frames.sliding_speed_mm_per_s
+    if speed is not None:
+        return scene_at(scene, timed_distance(frame, speed))
+    return frame_scene(scene, frame.index)
 
 
 def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks
 from isochrome.fitting.causes.score import LightTerms
@@ -107,7 +107,10 @@ class JointSolution:
     def again(self, change: Change) -> JointSolution:
         """The fit with a change. Raises PhysicsError where it cannot be made."""
         data, sequence, start = self._changed(change)
-        return solve_jointly(data, sequence, start, self.progress)
+        try:
+            return solve_jointly(data, sequence, start, self.progress)
+        except InputError as error:  # a value at the end of what is allowed
+            raise PhysicsError(str(error)) from error
 
     def trial(self, change: Change) -> tuple[float, int, int] | None:
         """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
@@ -120,7 +123,7 @@ class JointSolution:
                 data, sequence, start, data.shape, self.progress, margin_px=margin
             )
             _, sums, _ = problem.solve(start, BLOCK, TRIAL_TOLERANCE)
-        except PhysicsError:
+        except (InputError, PhysicsError):
             return None
         if not all(sums.positive):
             return None

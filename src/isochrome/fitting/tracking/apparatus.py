@@ -14,8 +14,9 @@ from isochrome.fitting.causes.cause import BAND, PLATES, SMOOTH
 from isochrome.fitting.causes.freeing import Freed, free_causes
 from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import LightTerms
+from isochrome.fitting.causes.trials import is_lost
 from isochrome.fitting.frame.frame_estimate import FrameFit
-from isochrome.fitting.frame.frame_fit import fit_frame, placed
+from isochrome.fitting.frame.frame_fit import fit_with_model, placed
 from isochrome.fitting.frame.inputs import inputs_of_rows
 from isochrome.fitting.frame.single_state import scene_at, slid_until
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS
@@ -149,10 +150,10 @@ def _frames_at(reader: FrameReader, places: tuple[int, ...]) -> Iterator[Frame]:
 def _alone(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> FrameFit | None:
     """A frame's own fit, None where the scene's fringes are not in it."""
     try:
-        fit = fit_frame(data, scene, keys, stated=inputs_of_rows(()))
+        fitted = fit_with_model(data, scene, keys, stated=inputs_of_rows(()))
     except PhysicsError:
         return None
-    return fit if fit.positive and not fit.plain else None
+    return None if is_lost(fitted) or fitted.fit.plain else fitted.fit
 
 
 def _asked(

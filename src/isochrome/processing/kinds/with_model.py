@@ -121,6 +121,20 @@ def _fitted(
         raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
 
 
+def frame_causes(frame: Frame, scene: Scene, capture: Capture) -> list[str] | None:
+    """What `process` will say of a frame's causes; None where the scene's fringes are not in it.
+
+    Parameters: as of `process_with_model`. Raises InputError on a blank frame, PhysicsError where
+    no values give fringes of the right contrast.
+    """
+    no_load = capture.dark, capture.bright
+    data = prepare_frame(
+        frame, scene, bit_depth=capture.bit_depth, no_load=no_load, gamma_found=True
+    )
+    _, fit, _, notes = _fitted(data, scene, frame, as_stated=False)
+    return notes if fit.positive or notes else None
+
+
 def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:
     """The order of each pixel; none where the model was lost."""
     return read_order(
