@@ -31,9 +31,9 @@ from isochrome.campaigns import process_campaign
 from isochrome.cli import app
 from isochrome.errors import InputError
 from isochrome.fitting.tracking.api import track
-from isochrome.frames import check
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.output import Result, over_items, write_csv, write_figure, write_json, write_tiff
+from isochrome.processing import check
 from isochrome.samples import samples_path
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from scene_texts import SMALL_CAMERA, WORN_CONTACT

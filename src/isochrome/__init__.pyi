@@ -10,8 +10,8 @@ from .campaigns import process_campaign
 from .comparison import compare
 from .demonstration import demo
 from .fitting import fit, track
-from .frames import check, open_frames
-from .processing import process
+from .frames import open_frames
+from .processing import check, process
 from .runs import export, open_run
 from .scene import Scene, dump_scene, load_scene, parse_scene, scene_names
 from .simulation import simulate

@@ -10,7 +10,7 @@ from typing import Any
 
 from isochrome.calibration import calibrate_bending, calibrate_disc, save_calibration
 from isochrome.comparison import compare
-from isochrome.frames import check
+from isochrome.frames import look_through
 from isochrome.output import Result, output_folder, with_uncertainty, write_json
 from isochrome.processing import process
 from isochrome.samples import samples_path
@@ -93,7 +93,7 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
     paper = simulate("line-contact-wear", folder / "paper-simulated")
     say("checking the sample frames")
     scene = load_scene(contact / "scene.toml")
-    checked = check(contact / "captured.tif", scene)
+    checked = look_through(contact / "captured.tif", scene)
     say("reading the fringe order of the sample frames")
     found = process(contact / "captured.tif", scene, folder / "experiment")
     assert found.fitted is not None

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS, smooth_keys
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import HALF, is_explained
@@ -18,7 +19,6 @@ from isochrome.fitting.folder import restore_fit
 from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.fitting.frame.gamma import Pixels, clear_of_ends
 from isochrome.fitting.frame.single_state import timed_distance
-from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS, smooth_keys
 from isochrome.fitting.frame.unknowns import fit_region
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.separate_fits import fit_of_each, refuse_undetermined

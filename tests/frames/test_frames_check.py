@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.frames import check
+from isochrome.frames import look_through
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
 from scene_texts import PAPER_CONTACT
@@ -37,7 +37,7 @@ def fringe(i=0, full=255, level=0.9):
 
 def checked(tmp_path, frames, toml=PLAIN, dtype=np.uint8, **options):
     write_tiff(tmp_path / "f.tif", np.stack(frames).astype(dtype), **options)
-    return check(tmp_path / "f.tif", parse_scene(toml, folder=tmp_path))
+    return look_through(tmp_path / "f.tif", parse_scene(toml, folder=tmp_path))
 
 
 def texts(check, level):
@@ -137,7 +137,7 @@ def test_no_load_frames_of_other_size_or_exposure_are_reported(tmp_path):
 
 
 def test_unreadable_path_is_a_finding_and_not_an_exception(tmp_path):
-    nothing = check(tmp_path / "none.tif", parse_scene(PLAIN))
+    nothing = look_through(tmp_path / "none.tif", parse_scene(PLAIN))
     assert not nothing.ok and nothing.count == 0 and "none.tif" in texts(nothing, "error")
 
 

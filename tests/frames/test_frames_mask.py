@@ -13,9 +13,9 @@ from isochrome.calibration.settings import load_set
 from isochrome.errors import InputError
 from isochrome.estimation.observation import prepare_frame
 from isochrome.frames import (
-    check,
     load_mask,
     load_no_load,
+    look_through,
     open_scene_frames,
     to_linear,
 )
@@ -252,10 +252,10 @@ def test_check_judges_the_specimen_and_says_how_much_of_the_frame_it_is(tmp_path
     frame[~DISC] = 255  # a lamp beside the specimen
     write_tiff(tmp_path / "f.tif", frame[None])
     save(tmp_path / "m.png", DISC)
-    checked = check(tmp_path / "f.tif", scene_of(tmp_path, 'mask = "m.png"'))
+    checked = look_through(tmp_path / "f.tif", scene_of(tmp_path, 'mask = "m.png"'))
     text = " | ".join(f.text for f in checked.findings)
     assert f"{100 * DISC[CUT].mean():.1f} % of the pixels" in text and "saturated" not in text
-    plain = check(tmp_path / "f.tif", scene_of(tmp_path))
+    plain = look_through(tmp_path / "f.tif", scene_of(tmp_path))
     assert any("saturated" in f.text for f in plain.findings)
-    wrong = check(tmp_path / "f.tif", scene_of(tmp_path, 'mask = "gone.png"'))
+    wrong = look_through(tmp_path / "f.tif", scene_of(tmp_path, 'mask = "gone.png"'))
     assert not wrong.ok and "gone.png" in wrong.findings[0].text

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isochrome.frames import check, open_frames
+from isochrome.frames import look_through, open_frames
 from isochrome.scene import parse_scene
 
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
@@ -23,7 +23,7 @@ def test_ring_bitmaps_that_opencv_does_not_read_come_in_order_of_load():
 
 
 def test_ring_set_is_checked_in_plain_words():
-    checked = check(REAL / "ring-five-loads", parse_scene('[specimen]\nshape = "ring"\n'))
+    checked = look_through(REAL / "ring-five-loads", parse_scene('[specimen]\nshape = "ring"\n'))
     assert checked.ok and checked.count == 5
     assert any("a ring has no model without specimen.hole_mm" in f.text for f in checked.findings)
 

@@ -6,7 +6,7 @@ import tifffile
 
 from isochrome.errors import InputError
 from isochrome.fitting.frame_set import PreparedFrames
-from isochrome.frames import check, open_frames, open_scene_frames, with_file_scale
+from isochrome.frames import look_through, open_frames, open_scene_frames, with_file_scale
 from isochrome.output import write_tiff
 from isochrome.processing import process
 from isochrome.scene import check_pixel, load_scene, parse_scene
@@ -28,7 +28,7 @@ def test_another_pixel_size_in_the_scene_is_refused_with_both_named(tmp_path, ou
     with pytest.raises(InputError, match=r"camera\.pixel_mm"):
         process(path, scene, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    found = check(path, scene)
+    found = look_through(path, scene)
     assert not found.ok and found.count == 2  # the rest is looked at all the same
     assert any("names 0.01 mm" in f.text for f in found.findings if f.level == "error")
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation.observation import prepare_frame
-from isochrome.frames import check, open_frames
+from isochrome.frames import look_through, open_frames
 from isochrome.output import read_csv, write_tiff
 from isochrome.processing import process
 from isochrome.processing.placement import placed_disc
@@ -307,7 +307,7 @@ def test_a_real_disc_that_its_model_does_not_describe_is_refused_with_its_chi(tm
     for name in ("DSC_0008.jpg", "DSC_0014.jpg"):
         shutil.copy(REAL / "disc-seven-loads" / name, frames / name)
     (tmp_path / "scene.toml").write_text(REAL_DISC, "utf-8")
-    assert check(frames, load_scene(tmp_path / "scene.toml")).ok
+    assert look_through(frames, load_scene(tmp_path / "scene.toml")).ok
     said = r"nothing could be read in any of its 2 frames .*chi = \d.*does not describe this frame"
     with pytest.raises(PhysicsError, match=said):
         process(frames, tmp_path / "scene.toml", tmp_path / "experiment")
@@ -335,7 +335,7 @@ def test_light_that_cannot_be_read_is_refused_before_the_frames(light, words):
 def test_real_ring_is_checked_and_normalised_and_said_to_have_no_model(tmp_path):
     scene = parse_scene('[specimen]\nshape = "ring"\n\n[frames]\nchannel = "green"\n', name="ring")
     reason = "a ring has no model without specimen.hole_mm"
-    checked = check(REAL / "ring-five-loads", scene)
+    checked = look_through(REAL / "ring-five-loads", scene)
     assert checked.ok and any(reason in f.text for f in checked.findings)
     found = process(REAL / "ring-five-loads", scene, tmp_path / "out")
     assert reason in found.warnings[0]

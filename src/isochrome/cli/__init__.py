@@ -145,7 +145,6 @@ def fit_command(
     recording, keys = one_recording(frames, join=join), tuple(per_frame or ())
     if track:
         refuse_shared(tuple(free or ()))
-        options.pop("as_stated")  # what is followed is fitted as it is stated
         with run_bar("tracking") as progress:
             tracked = follow_keys(recording, scene, keys, out=out, progress=progress, **options)
         print_result(tracked, out, as_json, lambda found: print_columns(found.summary()))
@@ -163,8 +162,9 @@ def check_command(
     frames: FramesArgument, scene: SceneOption, join: Join = False, as_json: Json = False
 ) -> None:
     """Say in plain words what is wrong with frames, before a long run."""
-    from isochrome.frames import check, recordings_of
+    from isochrome.frames import recordings_of
     from isochrome.output import counted
+    from isochrome.processing import check
     from isochrome.scene import load_scene
 
     described, recordings = load_scene(scene), recordings_of(frames, join=join)

@@ -44,28 +44,27 @@ class ScoreProducts:
 
     Parameters
     ----------
-    parts : iterable of (fitted, columns, residual)
-        The data in one part or more: derivatives (p, n) by what is fitted, and (k, n) by what is
-        not, and the residual (n,), all over the noise. The p and k are the same in all parts.
+    parts : iterable of (own, fitted, columns, residual)
+        The data in one part or more: derivatives (q, n) by what is fitted to this part alone, such
+        as a frame's light, (p, n) by what is fitted to all of them, and (k, n) by what is not, and
+        the residual (n,), all over the noise. The p and k are the same in all parts.
     """
 
-    def __init__(self, parts: Iterable[tuple[Array, Array, Array]]) -> None:
-        gram, count, fitted = np.zeros((1, 1)), 0, 0
-        for rows, columns, residual in parts:
-            stacked = np.concatenate((rows, columns, residual[None])).astype(np.float32)
-            gram = gram + (stacked @ stacked.T).astype(float)
-            count, fitted = count + stacked.shape[1], len(rows)
-        self.size = np.diag(gram)[fitted:-1].copy()
-        taken = gram[:fitted, :fitted]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(taken), 1e-300))
-        inverse = np.linalg.pinv(taken * np.outer(scale, scale), 1e-10, hermitian=True)
-        inverse *= np.outer(scale, scale)
-        cross = gram[:fitted, fitted:]
-        self._taken_up = inverse @ cross[:, :-1]
-        rest = gram[fitted:, fitted:] - cross.T @ inverse @ cross
+    def __init__(self, parts: Iterable[tuple[Array, Array, Array, Array]]) -> None:
+        gram, size, count, fitted, shared = np.zeros((1, 1)), np.zeros(1), 0, 0, 0
+        for own, rows, columns, residual in parts:
+            stacked = np.concatenate((own, rows, columns, residual[None])).astype(np.float32)
+            products = (stacked @ stacked.T).astype(float)
+            shared = len(rows)
+            size = size + np.diag(products)[len(own) + shared : -1]
+            gram = gram + _taken_off(products, len(own))
+            count, fitted = count + stacked.shape[1], fitted + len(own)
+        self.size = size
+        self._taken_up = _explained(gram, shared)[:, :-1]
+        rest = _taken_off(gram, shared)
         self.count = count
         self.matrix, self.right, left = rest[:-1, :-1], rest[:-1, -1], rest[-1, -1]
-        self.noise = max(1.0, float(left) / max(1, count - fitted))
+        self.noise = max(1.0, float(left) / max(1, count - fitted - shared))
 
     def score(self, chosen: slice | list[int]) -> tuple[float, int, Array]:
         """What some columns gain together.
@@ -94,7 +93,7 @@ class ScoreProducts:
         return float(values @ right) / self.noise, int(own.sum()), values
 
     def shift(self, chosen: slice | list[int], values: Array) -> Array:
-        """How far what is fitted would move if some columns came out at their values.
+        """How far what is fitted to all parts would move if some columns came out at their values.
 
         Parameters
         ----------
@@ -176,3 +175,17 @@ class ScoreProducts:
         size = row[index]
         self.matrix -= np.outer(row, row) / size
         self.right -= row * (value / size)
+
+
+def _taken_off(gram: Array, fitted: int) -> Array:
+    """Products (k, k) of columns, less what the `fitted` first ones of (fitted + k) explain."""
+    cross = gram[:fitted, fitted:]
+    return np.asarray(gram[fitted:, fitted:] - cross.T @ _explained(gram, fitted))
+
+
+def _explained(gram: Array, fitted: int) -> Array:
+    """What the `fitted` first columns of (fitted + k) come out at for each of the others."""
+    taken, cross = gram[:fitted, :fitted], gram[:fitted, fitted:]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(taken), 1e-300))
+    inverse = np.linalg.pinv(taken * np.outer(scale, scale), 1e-10, hermitian=True)
+    return np.asarray((inverse * np.outer(scale, scale)) @ cross)

@@ -12,12 +12,12 @@ from .frame.single_state import (
     sliding_scene,
     timed_distance,
 )
-from .frame.smooth_stress import SMOOTH_KEYS
-from .frame.unknowns import FRICTION, GAMMA, free_keys
+from .frame.unknowns import FRICTION, GAMMA, SMOOTH_KEYS, free_keys
 from .joint.frame_sequence import over_distance
 from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene
 from .tracking.api import refuse_shared, track
+from .tracking.apparatus import Apparatus, find_apparatus
 from .tracking.result import untracked_inputs
 from .tracking.tracker import Tracked, Tracker, VainSearch, nothing_found
 
@@ -27,6 +27,7 @@ __all__ = [
     "GAMMA",
     "SMOOTH_KEYS",
     "TOO_FAR",
+    "Apparatus",
     "FrameFit",
     "Freed",
     "ModelFrame",
@@ -35,6 +36,7 @@ __all__ = [
     "VainSearch",
     "cause_messages",
     "evaluate_model",
+    "find_apparatus",
     "fit",
     "fit_frame",
     "fit_with_causes",

@@ -213,7 +213,9 @@ class _Task:
         alone = [self.work.restored(i, row) for i, row in enumerate(found)]
         messages = [(i, text) for i, row in enumerate(found) for text in row["said"]]
         data.lights = {i: light_terms(row["light"]) for i, row in enumerate(found) if row["light"]}
-        result, joint = joint_stage(data, sequence, alone, messages, self.steps.one)
+        result, joint = joint_stage(
+            data, sequence, alone, messages, self.steps.one, as_stated=self.work.as_stated
+        )
         if self.tractions:
             given = [placed(alone_scene(data.scene, i), data.shape) for i in range(len(data))]
             result = with_tractions(

@@ -137,7 +137,6 @@ def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]
     """
     if scene.indenter is None:
         raise InputError(f"a {scene.model} cannot be tracked, only contacts can; leave --track out")
-    refuse_bent(scene, "tracked; leave --track out, and each frame is fitted by itself")
     for key in keys:
         if key not in known:
             raise InputError(

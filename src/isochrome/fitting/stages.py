@@ -10,16 +10,17 @@ import numpy as np
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, Minimum
-from isochrome.fitting.causes.freeing import Freed, fit_with_causes
+from isochrome.fitting.causes.freeing import Freed, fit_with_causes, free_causes
 from isochrome.fitting.causes.report import cause_messages
+from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.frame_fit import fit_frame, placed
 from isochrome.fitting.frame.inputs import inputs_of_rows, stated_inputs
-from isochrome.fitting.frame.smooth_stress import ASKED_CHI, with_smooth_stress
 from isochrome.fitting.frame.unknowns import WEAR
 from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.frame_sequence import Sequence, alone_scene
-from isochrome.fitting.joint.joint_fit import JointFit, fit_jointly
+from isochrome.fitting.joint.joint_fit import JointFit
+from isochrome.fitting.joint.joint_solution import JointSolution, solve_jointly
 from isochrome.fitting.joint.separate_fits import (
     fit_of_each,
     is_each,
@@ -43,7 +44,7 @@ _ARRAYS = (
     "values", "standard_uncertainty", "covariance", "noise_uncertainty", "sensitivity",
     "cramer_rao_bound", "information",
 )  # fmt: skip
-_PLAIN = ("keys", "freedom", "chi", "converged", "plain", "positive")
+_PLAIN = ("keys", "freedom", "chi", "converged", "plain", "positive", "noise_ratio")
 Row = dict[str, Any]
 
 
@@ -109,7 +110,7 @@ class FrameWork:
         row["inputs"] = [list(item) for item in fit.inputs.rows]
         return row | {"others": others, "said": list(messages), "light": light}
 
-    def _explained(self, freed: Freed) -> Freed:
+    def _explained(self, freed: Freed[FrameSolution]) -> Freed[FrameSolution]:
         """What was freed, or the fit as stated where its unknowns are not told apart any more.
 
         Raises PhysicsError where they are not even then, in a frame that is all there is.
@@ -130,13 +131,16 @@ def joint_stage(
     alone: list[FrameFit],
     messages: Iterable[tuple[int, str]],
     progress: Progress,
+    *,
+    as_stated: bool = False,
 ) -> tuple[Fit, JointFit]:
     """All frames together, from what each says on its own.
 
     Where nothing ties them together, their own fits are the result, and no frame is read again.
     Parameters: `data`; `sequence`; `alone`, each frame's fit; `messages` of frames, by their
-    numbers; `progress`, called with each frame of each pass. Returns the Fit and the JointFit
-    behind it. Raises PhysicsError for unknowns that the frames do not tell, or not apart.
+    numbers; `progress`, called with each frame of each pass; `as_stated`, whether nothing else is
+    fitted. Returns the Fit and the JointFit behind it. Raises PhysicsError for unknowns that the
+    frames do not tell, or not apart.
     """
     if not any(fit.positive for fit in alone):
         cause = next(iter(messages_of_frames(messages, single=sequence.count == 1)), CORRECT)
@@ -145,44 +149,49 @@ def joint_stage(
             f"scene's fringes are not in them; {cause}"
         )
     data.plain = {i for i, fit in enumerate(alone) if fit.plain}
+    data.noises = {i: fit.noise_ratio for i, fit in enumerate(alone) if fit.noise_ratio > 1.0}
     if is_each(sequence):
         for key in dict.fromkeys(u.key for u in sequence.unknowns):
             refuse_undetermined(key, (f for i, f in enumerate(alone) if key in sequence.acting(i)))
         joint = fit_of_each(sequence, alone)
-        notes = tuple(messages_of_frames(messages, single=sequence.count == 1))
-        return make_result(joint, alone, None, notes), joint
+        said = tuple(messages_of_frames(messages, single=sequence.count == 1))
+        return make_result(joint, alone, None, said), joint
     start = starting_values(sequence, alone)
-    joint = fit_jointly(data, sequence, start, shape=data.shape, progress=progress)
-    joint, laws, notes = _explained(data, joint, progress)
+    now = solve_jointly(data, sequence, start, progress)
+    apart = _worn_apart(now)
+    notes: tuple[str, ...] = ()
+    joint = now.fit
+    if not as_stated:
+        # what a law of wear leaves is no cause: asked is the fit that needs none
+        freed = free_causes(now if apart is None else apart)
+        notes = cause_messages(freed)
+        if not freed.is_plain:
+            now = freed.now if apart is None else now.joined(freed.now)
+            apart = None if apart is None else freed.now
+            data.lights, data.outside = now.data.lights, now.data.outside
+        joint = freed.fit if apart is None else now.fit
     assert joint.covariance is not None
     refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance, joint.known)
+    laws = None if apart is None else _laws(apart.fit)
     return make_result(joint, alone, laws, notes), joint
 
 
-def _explained(
-    data: PreparedFrames, joint: JointFit, progress: Progress
-) -> tuple[JointFit, WearLaws | None, tuple[str, ...]]:
-    """The fit, with a smooth stress where it misses one, the wear laws, and what is to be said."""
-    laws = _laws(data, joint, progress)
-    if laws is not None and laws.chi <= ASKED_CHI:
-        return joint, laws, ()  # what the fit misses is the wear's, and no stress besides
-    wider, notes = with_smooth_stress(data, joint, shape=data.shape, progress=progress)
-    if laws is not None and wider is not joint:
-        laws = _laws(data, wider, progress)
-    return wider, laws, notes
-
-
-def _laws(data: PreparedFrames, joint: JointFit, progress: Progress) -> WearLaws | None:
-    """The wear laws, compared by what was worn between the frames; None where nothing tells."""
-    sequence = segments(joint.sequence)
+def _worn_apart(now: JointSolution) -> JointSolution | None:
+    """The fit with a wear coefficient between each two frames; None where nothing tells it."""
+    sequence = segments(now.fit.sequence)
     if sequence is None:
         return None
-    rest = [k for k, u in enumerate(joint.unknowns) if u.key != WEAR]
-    ends = segment_ends(sequence)
-    start = np.concatenate([joint.values[rest], mean_coefficients(joint.scene, ends)])
-    free = fit_jointly(data, sequence, start, shape=data.shape, progress=progress)
+    rest = [k for k, u in enumerate(now.fit.unknowns) if u.key != WEAR]
+    worn = mean_coefficients(now.fit.scene, segment_ends(sequence))
+    start = np.concatenate([now.fit.values[rest], worn])
+    return solve_jointly(now.data, sequence, start, now.progress)
+
+
+def _laws(free: JointFit) -> WearLaws:
+    """The wear laws, compared by what was worn between the frames of a fit without one."""
+    ends = segment_ends(free.sequence)
     assert free.information is not None
-    worn = slice(len(rest), None)
+    worn = [k for k, u in enumerate(free.unknowns) if u.key == WEAR]
     names = ("from_m", "to_m", "value", "standard_uncertainty")
     columns = np.array(
         [[0.0, *ends[:-1]], ends, free.values[worn], free.standard_uncertainty[worn]]

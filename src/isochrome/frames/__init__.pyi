@@ -1,4 +1,4 @@
-from .checks.api import Check, check
+from .checks.api import Check, look_through
 from .checks.findings import Finding, misfits
 from .linear import Linear, Normalised, find_outliers, normalise, to_linear
 from .mask import load_mask
@@ -34,7 +34,6 @@ __all__ = [
     "as_captured",
     "as_turned",
     "channel_for",
-    "check",
     "check_scale",
     "estimate_noise",
     "find_outliers",
@@ -42,6 +41,7 @@ __all__ = [
     "input_files",
     "load_mask",
     "load_no_load",
+    "look_through",
     "misfits",
     "normalise",
     "one_recording",

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from isochrome.errors import InputError
+from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
 from isochrome.frames import (
     FrameReader,
     FramesPath,
@@ -200,6 +201,8 @@ def _processed(
     if every is not None:
         check_tracked(recipe.scene, reader.shape, every)
     source = open_set(recipe)
+    if every is not None and not recipe.as_stated:
+        recipe = source.recipe = replace(recipe, apparatus=_apparatus_of(source, count))
     if out is None:
         return _in_memory(source, count // recipe.steps, progress)
     identity = identity_of(recipe, files)
@@ -213,6 +216,13 @@ def _processed(
 
     found = run_job(job, out, finish, means=means, progress=progress)
     return found or restore(recipe.scene, Path(out), reader.shape, source.residual)
+
+
+def _apparatus_of(source: FrameSource, count: int) -> Apparatus:
+    """What the frames of a video have in common, asked of a few of its `count` frames."""
+    scene, capture = sliding_scene(source.recipe.scene), source.capture
+    no_load = capture.dark, capture.bright
+    return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
 
 
 def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path]) -> bool:

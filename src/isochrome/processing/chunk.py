@@ -18,6 +18,7 @@ from isochrome.processing.kinds.tracked import tracked_states
 from isochrome.processing.processed import orders_are_read
 from isochrome.processing.result import (
     NOTHING,
+    SPREAD,
     WHOLE,
     FollowedFrame,
     ProcessedFrame,
@@ -96,6 +97,9 @@ def frame_row(item: ProcessedFrame | FollowedFrame, recipe: FrameTask) -> dict[s
     if recipe.every is not None and isinstance(item, ProcessedFrame):
         found_by = WHOLE if item.has_values else NOTHING
         row |= {"picture": item.index // recipe.every, "found_by": found_by}
+        held = {} if recipe.apparatus is None else recipe.apparatus.values
+        for key, (value, spread) in held.items():
+            row |= {key: value, f"{key} {SPREAD}": spread}
     return row_of_set(row, columns)
 
 

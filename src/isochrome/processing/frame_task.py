@@ -11,7 +11,7 @@ from typing import Any
 
 from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis, prepare_frame
-from isochrome.fitting import frame_distance, frame_scene, scene_at, timed_distance
+from isochrome.fitting import Apparatus, frame_distance, frame_scene, scene_at, timed_distance
 from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load
 from isochrome.fringes import ResidualStress
 from isochrome.processing.frame_source import Cursor
@@ -38,7 +38,8 @@ class FrameTask:
     the same recipe on the same content; `rois`, whether fringe lines are wanted of frames with a
     fit too; `as_stated`, whether nothing is fitted besides the scene's unknowns; `keep_going`,
     whether a frame that fails is left out; `every`, from one key frame of a tracked video to the
-    next, None where every frame is processed wholly.
+    next, None where every frame is processed wholly, and then its `apparatus`, what all of its
+    frames have in common.
     """
 
     frames: FramesPath
@@ -49,6 +50,12 @@ class FrameTask:
     as_stated: bool = False
     keep_going: bool = False
     every: int | None = None
+    apparatus: Apparatus | None = None
+
+    @property
+    def held_scene(self) -> Scene:
+        """The scene with what all frames have in common."""
+        return self.scene if self.apparatus is None else self.apparatus.stated
 
     @property
     def coloured(self) -> bool:
@@ -130,12 +137,11 @@ class FrameSource:
 
     def _read(self, first: Frame, frames: list[Frame]) -> ProcessedFrame:
         """One state, with its label and distance."""
-        scene, capture = self.recipe.scene, self.capture
+        scene, capture = self.recipe.held_scene, self.capture
         own, label, distance = scene, None, float("nan")
         if scene.model is not None:
             label, distance = place_of(scene, first)
-            timed = scene.frames.sliding_speed_mm_per_s is not None
-            own = scene_at(scene, distance) if timed else frame_scene(scene, first.index)
+            own = own_scene(scene, first)
         if self.recipe.coloured:
             found = process_colour(frames, own, capture)
         elif scene.polariscope.step:
@@ -144,9 +150,11 @@ class FrameSource:
         elif scene.model is None:
             found = process_image_only(first, own, capture)
         else:
-            # what a key frame asked for the frames after it would have to be given too
+            # what belongs to the apparatus was asked before, of a few frames for all of them
             stated = self.recipe.as_stated or self.recipe.every is not None
-            found = process_with_model(first, own, capture, as_stated=stated)
+            found = process_with_model(
+                first, own, capture, as_stated=stated, apparatus=self.recipe.apparatus
+            )
         return replace(found, label=label or found.label, distance_m=distance)
 
     def close(self) -> None:
@@ -184,6 +192,14 @@ def release_caches() -> None:
     light_basis.cache_clear()
     surface_field_grid.cache_clear()
     trim_heap()
+
+
+def own_scene(scene: Scene, frame: Frame) -> Scene:
+    """The scene of a frame alone, by its time or its number. Raises InputError."""
+    speed = scene.frames.sliding_speed_mm_per_s
+    if speed is not None:
+        return scene_at(scene, timed_distance(frame, speed))
+    return frame_scene(scene, frame.index)
 
 
 def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:

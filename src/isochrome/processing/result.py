@@ -53,7 +53,7 @@ def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
         keys = _set_keys(scene)
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
         own = ("kept_share", "n_max", "n_max_x_mm", "n_max_z_mm", *values)
-        own += () if tracked else (CAUSES,)  # a track holds to its unknowns
+        own += (CAUSES,)
     else:
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
         own = (*(("kept_share",) * known), "fringe_lines", *gamma, *(_LARGEST * known))

@@ -128,13 +128,13 @@ def _products(fit: SetFit, keys: tuple[str, ...], terms: tuple[Terms, Terms]) ->
     point, size = fit.point, len(fit.values)
     bases = fit.model.weighted(terms)
 
-    def parts() -> Iterator[tuple[Array, Array, Array]]:
+    def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
         for i, left in enumerate(point.linear[2]):
             rows = np.zeros((size, left.size))
             rows[point.columns_of(i)] = point.rows(i)
             fitted = np.concatenate((rows, point.columns(i)))
             more = np.concatenate((point.shared_rows(i, keys), point.columns(i, bases[i])))
-            yield fitted, more, left
+            yield fitted[:0], fitted, more, left
 
     return ScoreProducts(parts())
 

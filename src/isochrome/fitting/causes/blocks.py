@@ -6,6 +6,7 @@ taken at the blocks' centres, from the field that the fit ended with. Nothing is
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,12 +14,11 @@ import numpy as np
 from isochrome.estimation import FrameData, line_noise
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, Cause
-from isochrome.fitting.frame.frame_fit import Fitted
 from isochrome.fitting.frame.fringe_optics import scene_optics
-from isochrome.fitting.frame.gamma import gamma_slope
+from isochrome.fitting.frame.gamma import GammaFit, Pixels, gamma_slope
 from isochrome.fitting.frame.inputs import PIXEL
-from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, moved_scene
+from isochrome.fitting.frame.renderer import SceneRenderer
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, SMOOTH_KEYS
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid, regular_modes
 
@@ -33,23 +33,43 @@ _OWN_NOISE = 1.5
 
 _STEP = 1e-4
 _STRESS_MPA = 0.01
-_EVEN = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
+EVEN = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
 """Steps of what has no slope at nought: degrees, nm."""
 
 
-class FrameBlocks:
-    """Blocks of a frame (n,): `residual` over its noise, `rows` of all that was fitted (p, n).
+@dataclass(frozen=True, kw_only=True)
+class SolvedFrame:
+    """A frame where a fit ended, be it of this frame or of several.
 
-    `worst` (rows/3, cols/3), the largest residual of a pixel in each block of the picture.
+    `data`, as it was fitted; its `scene`, one state with the fitted values; `pixels` that were
+    fitted, their solution `toned`, and the `renderer` of them; `rows` (d, pixels), weighted
+    derivatives along the directions that the frame was moved in, and `along` (d, p + m), what one
+    unit of each of the p `unknowns`, and then of the m inputs that are held, makes of them.
     """
 
-    def __init__(self, data: FrameData, fitted: Fitted) -> None:
-        """`data`, as it was fitted; `fitted`, with the model and the solution of its pixels."""
-        model, final = fitted.model, fitted.final
-        self.data, self.scene = data, fitted.fit.scene
-        keep, toned = model.pixels.keep, final.toned
+    data: FrameData
+    scene: Scene
+    pixels: Pixels
+    toned: GammaFit
+    renderer: SceneRenderer
+    rows: Array
+    along: Array
+    unknowns: int
+
+
+class FrameBlocks:
+    """Blocks of a frame (n,): `residual` over its noise, `rows` of the unknowns (p, n).
+
+    `light_rows` (l, n), of its own light; `worst` (rows/3, cols/3), the largest residual of a pixel
+    in each block of the picture.
+    """
+
+    def __init__(self, solved: SolvedFrame) -> None:
+        self.data, self.scene = solved.data, solved.scene
+        pixels, toned = solved.pixels, solved.toned
+        keep = pixels.keep
         place = np.full(keep.shape, -1)
-        place[keep] = np.arange(model.pixels.size)
+        place[keep] = np.arange(pixels.size)
         count = block_sums(keep.astype(np.float32))
         centre = np.zeros_like(keep)
         centre[1:-1, 1:-1] = _inner(keep)
@@ -65,38 +85,36 @@ class FrameBlocks:
         self._signal_image = image
         self.signal = toned.part.signal[at]
         self._light = toned.weight[at] * root
-        self._bases = model.pixels.light[:, at], model.pixels.dark[:, at]
-        split = len(self._bases[0])
-        self.amplitude = toned.part.coefficients[:split].astype(np.float32) @ self._bases[0]
-        self._gain = self.amplitude * self._light
-        self._gamma_slope = gamma_slope(toned, model.gamma(final.values))[at] * root
-        self.rows = np.concatenate((
-            final.local.rows[:, at] * root,
-            self._bases[0] * (self.signal * self._light),
-            self._bases[1] * self._light,
-        ))  # fmt: skip
+        bases = pixels.light[:, at], pixels.dark[:, at]
+        self.light_rows = self.light_columns(*bases)
+        amplitude = toned.part.coefficients[: len(bases[0])].astype(np.float32) @ bases[0]
+        self.brightness = float(np.mean(amplitude))
+        self._gain = amplitude * self._light
+        self._gamma_slope = gamma_slope(toned, self.scene.frames.stated_gamma)[at] * root
+        every = solved.along.T.astype(np.float32) @ (solved.rows[:, at] * root)
+        self.rows, self._held = np.split(every, [solved.unknowns])
         self._noisy = [
             axis for axis in (0, 1) if line_noise(keep, toned.residual, axis) > _OWN_NOISE
         ]
-        self._held = fitted.held_rows[:, at] * root
-        self._fields = self._thin_fields(fitted)
+        self._fields = self._thin_fields(solved.renderer)
 
-    def part(self, columns: Array) -> tuple[Array, Array, Array]:
-        """What is fitted (p, n), some `columns` (k, n) that are not, and the residual (n,).
+    def part(self, columns: Array) -> tuple[Array, Array, Array, Array]:
+        """`light_rows`, `rows`, some `columns` (k, n) that are not fitted, and the residual (n,).
 
         Where rows or columns of the picture have a noise of their own, each one's mean is taken off
         all of them: it tells nothing.
         """
-        rows, residual = self.rows, self.residual[None]
+        light, rows, residual = self.light_rows, self.rows, self.residual[None]
         for axis in self._noisy:
             lines = np.nonzero(self._chosen)[1 - axis]
-            rows, columns, residual = (_without_means(v, lines) for v in (rows, columns, residual))
-        return rows, columns, residual[0]
+            light, rows, columns, residual = (
+                _without_means(values, lines) for values in (light, rows, columns, residual)
+            )
+        return light, rows, columns, residual[0]
 
-    def _thin_fields(self, fitted: Fitted) -> tuple[Array, Array]:
+    def _thin_fields(self, renderer: SceneRenderer) -> tuple[Array, Array]:
         """Stress difference and visibility at the blocks, as the fit last had them."""
-        scene = moved_scene(fitted.model.scene, fitted.fit.keys, fitted.final.values)
-        field, visibility = fitted.model.renderer.order_field(scene)
+        field, visibility = renderer.order_field(self.scene)
         shown = np.broadcast_to(visibility, field.shape)
         return np.nan_to_num(self.thin(field)), self.thin(shown)
 
@@ -124,8 +142,8 @@ class FrameBlocks:
         """Weighted derivatives of the model by a cause's keys (k, n); an even one's whole step."""
         if cause.weight:
             return self._held
-        if cause.keys[0] in _EVEN:
-            changed = dict.fromkeys(cause.keys, _EVEN[cause.keys[0]])
+        if cause.keys[0] in EVEN:
+            changed = dict.fromkeys(cause.keys, EVEN[cause.keys[0]])
             step = self._signal(self.scene.with_values(changed)) - self._here
             return np.asarray(step * self._gain)[None]
         return np.array([self._column(key) for key in cause.keys])

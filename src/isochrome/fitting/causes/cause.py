@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from isochrome.fitting.frame.inputs import PIXEL, StatedInputs
-from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS
+from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, SMOOTH_KEYS
 from isochrome.scene import Scene
 
 PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")

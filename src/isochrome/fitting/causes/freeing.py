@@ -1,9 +1,13 @@
-"""A frame's fit with what the frame itself asks for: nothing is freed where nothing is asked."""
+"""A fit with what its frames themselves ask for: nothing is freed where nothing is asked.
+
+The fit may be of one frame, or of several together, see `Solution`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -15,27 +19,20 @@ from isochrome.estimation import (
     MOST_TERMS,
     POOR_CHI,
     FrameData,
-    Terms,
     evidence_gain,
     stays_poor,
 )
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.causes.blocks import BLOCK
-from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause
-from isochrome.fitting.causes.score import Asked, ask, richer_light
+from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause, candidates
+from isochrome.fitting.causes.score import Asked, LightTerms, ask, richer_light
+from isochrome.fitting.causes.solution import Change, FrameSolution, Solution, change_for
 from isochrome.fitting.causes.trials import Trial, explaining_slip, is_unexplained
-from isochrome.fitting.frame.frame_estimate import FrameFit
-from isochrome.fitting.frame.frame_fit import (
-    Fitted,
-    fit_with_model,
-    hidden_px,
-)
-from isochrome.fitting.frame.frame_model import FrameModel, refine_fit
+from isochrome.fitting.frame.frame_fit import fit_with_model
 from isochrome.fitting.frame.inputs import StatedInputs
-from isochrome.fitting.frame.single_state import with_numerics
-from isochrome.fitting.frame.unknowns import GAMMA, LENS, fit_region, values_of
+from isochrome.fitting.frame.unknowns import GAMMA, LENS
 from isochrome.scene import Scene
-from isochrome.stress import pixel_grid
+
+S = TypeVar("S", bound=Solution)
 
 _ROUNDS, _PRUNINGS = 6, 3
 _LARGE = 1.03
@@ -45,26 +42,20 @@ _CLEAR = 3.5
 """Standard uncertainties from what is stated below which a cause is not kept free."""
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit without a needless cause must stay."""
-_PASSES = 12
-_RIM_PX = 2.0
 _LIGHTS = 4
 """How often light is made richer in a row: what is asked for changes a little with the fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Freed:
-    """A fit with what its frame asked for.
+class Freed(Generic[S]):
+    """A fit with what its frames asked for.
 
     Parameters
     ----------
-    data : FrameData
-        The frame, with the light and the pixels that were taken.
-    fitted : Fitted
-        Its fit.
-    given : FrameData
-        The frame as the scene states it.
-    stated : Fitted
-        Its fit then.
+    now : Solution
+        The fit, with the light and the pixels that were taken.
+    stated : Solution
+        The fit as the scene states it.
     causes : tuple of Cause, optional
         Those that were freed, in order.
     light : bool, default False
@@ -72,18 +63,16 @@ class Freed:
     outside : float, default 0.0
         Share of the pixels that was left out.
     asked : tuple of Asked, optional
-        What the frame still asks for and is not freed.
+        What the frames still ask for and is not freed.
     undecided : ndarray, (p, p), optional
-        What the covariance lacks for causes and light that the frame neither asks for nor excludes.
+        What the covariance lacks for causes and light that the frames neither ask for nor exclude.
     slip : Trial, optional
         The slip in the scene that explains the frame where the scene does not. The fit's light is
         none then: `positive` is False.
     """
 
-    data: FrameData
-    fitted: Fitted
-    given: FrameData
-    stated: Fitted
+    now: S
+    stated: S
     causes: tuple[Cause, ...] = ()
     light: bool = False
     outside: float = 0.0
@@ -92,29 +81,38 @@ class Freed:
     slip: Trial | None = None
 
     @property
-    def fit(self) -> FrameFit:
-        """The fit."""
-        fit = self.fitted.fit
-        return fit if self.undecided is None else fit.less_sure(self.undecided)
+    def fit(self) -> Any:
+        """The fit: a FrameFit, or what else the solution is of."""
+        return self.now.fit if self.undecided is None else self.now.fit.less_sure(self.undecided)
+
+    @property
+    def data(self) -> Any:
+        """The frame or frames, with the light and the pixels that were taken."""
+        return self.now.data
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether nothing was freed, and nothing left out."""
+        return not (self.causes or self.light or self.outside)
 
     @cached_property
-    def richer(self) -> tuple[Terms, Terms]:
-        """The light that the frame asks for most, which is both tried and taken first."""
-        return richer_light(self.data, self.fitted, FEW_TERMS)
+    def richer(self) -> LightTerms:
+        """The light that the frames ask for most, which is both tried and taken first."""
+        return richer_light(self.now.blocks(), self.now.terms, FEW_TERMS)
 
-    def undone(self) -> Freed:
-        """The fit as the scene states it."""
-        return Freed(data=self.given, fitted=self.stated, given=self.given, stated=self.stated)
+    def undone(self) -> Freed[S]:
+        """The fit as the scene states it, less sure by all that its frames ask for."""
+        return Freed(now=self.stated, stated=self.stated, undecided=_asked(self.stated)[1])
 
 
-def free_causes(data: FrameData, fitted: Fitted) -> Freed:
-    """Free what a frame asks for, one cause after the other, until it asks for nothing.
+def free_causes(solution: S) -> Freed[S]:
+    """Free what frames ask for, one cause after the other, until they ask for nothing.
 
-    Parameters: `data`, a frame; `fitted`, its fit. Returns Freed, with the fit that was given where
-    the frame asks for nothing, or its light came out negative.
+    Parameters: `solution`, their fit. Returns Freed, with the fit that was given where the frames
+    ask for nothing, or their light came out negative.
     """
-    freed = Freed(data=data, fitted=fitted, given=data, stated=fitted)
-    if not fitted.fit.positive or fitted.fit.plain:
+    freed = Freed(now=solution, stated=solution)
+    if not solution.is_bright:
         return freed
     for _ in range(_PRUNINGS):
         freed = _freed(freed)
@@ -124,27 +122,34 @@ def free_causes(data: FrameData, fitted: Fitted) -> Freed:
         freed = fewer  # without what was needless, something else may be asked for
     more = any(asked.can_be_freed for asked in freed.asked)
     # a frame that nothing explains has no causes, only another contact or another scene
-    return freed.undone() if more and freed.fit.chi > POOR_CHI else freed
+    return freed.undone() if more and freed.now.chi > POOR_CHI else freed
 
 
-def _freed(freed: Freed) -> Freed:
+def _freed(freed: Freed[S]) -> Freed[S]:
     """What is asked for freed, one after the other, the one with the most evidence first."""
     for _ in range(_ROUNDS):
-        asked, undecided = ask(freed.data, freed.fitted)
+        now = freed.now
+        asked, undecided = _asked(now)
         freed = replace(freed, asked=asked, undecided=undecided)
         wider = _widest(freed, asked)
-        if wider is None or stays_poor(freed.fit.chi, wider.fit.chi, LITTLE):
+        if wider is None or stays_poor(now.chi, wider.now.chi, LITTLE):
             break
         freed = wider
     return freed
 
 
-def _widest(freed: Freed, asked: tuple[Asked, ...]) -> Freed | None:
+def _asked(now: Solution) -> tuple[tuple[Asked, ...], Array]:
+    """What a fit's frames ask for, see `ask`."""
+    causes = candidates(now.scene, now.keys, now.held)
+    return ask(now.blocks(), causes, now.scene, now.terms)
+
+
+def _widest(freed: Freed[S], asked: tuple[Asked, ...]) -> Freed[S] | None:
     """The fit with the best of what is asked for, None where none of it can be freed."""
     open_ = tuple(a for a in asked if a.can_be_freed)
     if not open_ or not asked[0].can_be_freed:
         return None
-    order = open_ if freed.fit.chi < _LARGE else _tried(freed, open_)
+    order = open_ if freed.now.chi < _LARGE else _tried(freed, open_)
     for item in order[:2]:
         wider = _with(freed, item)
         if wider is not None:
@@ -152,30 +157,26 @@ def _widest(freed: Freed, asked: tuple[Asked, ...]) -> Freed | None:
     return None
 
 
-def _with(freed: Freed, asked: Asked) -> Freed | None:
+def _with(freed: Freed[S], asked: Asked) -> Freed[S] | None:
     """The fit with one more cause, None where that is no better."""
-    data, keys, scene = _wider(freed, asked)
+    before = freed.now
     try:
-        fitted = fit_with_model(data, scene, keys, cold=False, stated=freed.stated.stated)
+        now = before.again(_change(freed, asked))
     except PhysicsError:
         return None
-    fit = fitted.fit
-    clear = bool(np.isfinite(fit.standard_uncertainty).all())
-    if not (fit.positive and not fit.plain and clear and fit.chi < freed.fit.chi):
+    if not (now.is_sound and now.chi < before.chi):
         return None
-    if asked.terms is not None and not stays_poor(freed.fit.chi, fit.chi, HALF):
-        data, fitted = _with_all_light(data, fitted)
-    fit = fitted.fit
+    if asked.terms is not None and not stays_poor(before.chi, now.chi, HALF):
+        now = _with_all_light(now)
     parts = () if asked.cause is None else GEOMETRY if asked.cause is LOOK else (asked.cause,)
-    if parts and not any(_is_felt(fit, cause, freed.stated.fit.scene) for cause in parts):
+    if parts and not any(_is_felt(now, cause, freed.stated.scene) for cause in parts):
         return None
     outside = freed.outside
     if asked.outside is not None:
-        outside = 1.0 - data.valid.sum() / max(1, freed.data.valid.sum()) * (1.0 - outside)
+        outside = 1.0 - now.pixels / max(1, before.pixels) * (1.0 - outside)
     return replace(
         freed,
-        data=data,
-        fitted=replace(fitted, fit=replace(fit, others=freed.fit.others)),
+        now=now,
         causes=(*freed.causes, *(c for c in parts if c not in freed.causes)),
         light=freed.light or asked.terms is not None,
         outside=float(outside),
@@ -184,38 +185,25 @@ def _with(freed: Freed, asked: Asked) -> Freed | None:
     )
 
 
-def _with_all_light(data: FrameData, fitted: Fitted) -> tuple[FrameData, Fitted]:
-    """A frame whose light is made as rich as it asks for, and its fit."""
+def _change(freed: Freed[S], asked: Asked) -> Change:
+    """What makes the fit one with what is asked for."""
+    return change_for(freed.now, asked, freed.richer if asked.terms is not None else None)
+
+
+def _with_all_light(solution: S) -> S:
+    """A fit whose light is made as rich as its frames ask for."""
     for _ in range(_LIGHTS):
-        terms = richer_light(data, fitted, MOST_TERMS)
-        if terms == data.lamp.terms:
+        terms = richer_light(solution.blocks(), solution.terms, MOST_TERMS)
+        if terms == solution.terms:
             break
-        more = replace(data, lamp=data.lamp.of(terms))
-        fit = fitted.fit
-        again = fit_with_model(more, fit.scene, fit.keys, cold=False, stated=fitted.stated)
-        if not again.fit.positive or again.fit.chi > fit.chi:
+        again = solution.again(Change(terms=terms))
+        if not again.is_sound or again.chi > solution.chi:
             break
-        data, fitted = more, again
-    return data, fitted
+        solution = again
+    return solution
 
 
-def _wider(freed: Freed, asked: Asked) -> tuple[FrameData, tuple[str, ...], Scene]:
-    """Data, unknowns and scene to begin with, for what is asked."""
-    data, fit = freed.data, freed.fit
-    if asked.outside is not None:
-        rows, cols = data.valid.shape
-        # each block lies about its pixel
-        out = np.repeat(np.repeat(asked.outside, BLOCK, 0), BLOCK, 1)
-        out = np.pad(out, ((0, BLOCK), (0, BLOCK)), mode="edge")[1 : rows + 1, 1 : cols + 1]
-        return replace(data, valid=data.valid & ~out), fit.keys, fit.scene
-    if asked.cause is None:
-        return replace(data, lamp=data.lamp.of(freed.richer)), fit.keys, fit.scene
-    pairs = zip(asked.cause.keys, asked.cause.starts, strict=True)
-    start = {key: fit.scene.get(key) or value for key, value in pairs if key not in fit.keys}
-    return data, (*fit.keys, *start), fit.scene.with_values(start)
-
-
-def _tried(freed: Freed, asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
+def _tried(freed: Freed[S], asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
     """What is asked for by the evidence of its own fit to some pixels, the best first.
 
     Blocks that no noise explains may be dust, or where a cause is felt most: all are compared
@@ -226,15 +214,13 @@ def _tried(freed: Freed, asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
     lights = [a for a in asked if a.terms is not None]
     tried = [a for a in asked if a.cause is not None and a not in lens][:_TRIED]
     tried += lights[:1] + [replace(a, cause=LOOK) for a in lens[:1]]
-    valid = _wider(freed, out[0])[0].valid if out else freed.data.valid
-    stated = freed.stated.stated
-    base = _thin_fit(replace(freed.data, valid=valid), freed.fit.keys, freed.fit.scene, stated)
+    outside = out[0].outside if out else None
+    base = freed.now.trial(Change(outside=outside))
     if base is None:
         return ()
     scored, before = [], float(np.sqrt(base[0]))
     for item in tried:
-        data, keys, scene = _wider(freed, item)
-        found = _thin_fit(replace(data, valid=valid), keys, scene, stated)
+        found = freed.now.trial(replace(_change(freed, item), outside=outside))
         # what leaves few pixels unexplained leaves all of them so, at a hundred times the cost
         if found is not None and not stays_poor(before, float(np.sqrt(found[0])), LITTLE):
             scored.append((evidence_gain(base[:2], found[:2], pixels=base[2]), item))
@@ -242,53 +228,31 @@ def _tried(freed: Freed, asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
     return (*(item for gain, item in scored if gain > 0.0), *out)
 
 
-def _thin_fit(
-    data: FrameData, keys: tuple[str, ...], scene: Scene, stated: StatedInputs
-) -> tuple[float, int, int] | None:
-    """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
-    # a lens hides some rows more: all are compared without them
-    hidden = hidden_px(scene) + (_RIM_PX if pixel_grid(scene, data.shape).lens is None else 0.0)
-    region = fit_region(scene, data.shape, BLOCK, hidden)
-    try:
-        prior = stated.prior(keys)
-        model = FrameModel(data, with_numerics(scene), keys, region, stride=BLOCK, prior=prior)
-        found = refine_fit(model, values_of(scene, keys), tolerance=0.5, iterations=_PASSES)
-    except PhysicsError:
-        return None
-    if found is None or not found.toned.part.positive:
-        return None
-    size = model.pixels.size
-    return found.cost / size, len(keys) + len(found.toned.part.coefficients), size
-
-
-def _is_felt(fit: FrameFit, cause: Cause, stated: Scene) -> bool:
+def _is_felt(solution: Solution, cause: Cause, stated: Scene) -> bool:
     """Whether a cause came out at more than nothing, and more than is worth an unknown."""
     if cause.weight:
         return True  # what is known of it stands beside it: it may be nothing, and costs nothing
     for key in cause.keys:
-        k = fit.keys.index(key)
-        away = abs(fit.values[k] - (stated.frames.first_gamma if key == GAMMA else 0.0))
-        if away > max(_CLEAR * fit.standard_uncertainty[k], cause.least):
-            return True
+        nothing = stated.frames.first_gamma if key == GAMMA else 0.0
+        for value, spread in solution.values_of_key(key):
+            if abs(value - nothing) > max(_CLEAR * spread, cause.least):
+                return True
     return False
 
 
-def _pruned(freed: Freed) -> Freed:
+def _pruned(freed: Freed[S]) -> Freed[S]:
     """Without the causes that came out at nothing beside the others."""
-    fit, stated = freed.fitted.fit, freed.stated.fit.scene
-    needless = tuple(c for c in freed.causes if not _is_felt(fit, c, stated))
+    now, stated = freed.now, freed.stated.scene
+    needless = tuple(c for c in freed.causes if not _is_felt(now, c, stated))
     if not needless:
         return freed
-    gone = {key for cause in needless for key in cause.keys}
-    keys = tuple(key for key in fit.keys if key not in gone)
-    scene = fit.scene.with_values({key: stated.get(key) for key in gone})
-    again = fit_with_model(freed.data, scene, keys, cold=False, stated=freed.stated.stated)
-    if not again.fit.positive or again.fit.chi > _SAME_CHI * fit.chi:
+    held = {key: stated.get(key) for cause in needless for key in cause.keys}
+    again = now.again(Change(held=held))
+    if not again.is_bright or again.chi > _SAME_CHI * now.chi:
         return freed
-    again = replace(again, fit=replace(again.fit, others=fit.others))
     causes = tuple(cause for cause in freed.causes if cause not in needless)
     # without some, others may come out at nothing too
-    return _pruned(replace(freed, fitted=again, causes=causes, undecided=None))
+    return _pruned(replace(freed, now=again, causes=causes, undecided=None))
 
 
 def fit_with_causes(
@@ -298,7 +262,7 @@ def fit_with_causes(
     *,
     cold: bool = True,
     stated: StatedInputs | None = None,
-) -> Freed:
+) -> Freed[FrameSolution]:
     """Fit a frame, and free what it asks for besides its unknowns.
 
     Parameters
@@ -339,6 +303,7 @@ def fit_with_causes(
     if is_unexplained(fitted):
         slip = explaining_slip(given, scene, keys, fitted.fit.chi)
         if slip is not None:
-            lost = replace(fitted, fit=replace(fitted.fit, positive=False))
-            return Freed(data=data, fitted=lost, given=data, stated=lost, slip=slip)
-    return free_causes(data, fitted)
+            unlit = replace(fitted, fit=replace(fitted.fit, positive=False))
+            lost = FrameSolution(data, unlit)
+            return Freed(now=lost, stated=lost, slip=slip)
+    return free_causes(FrameSolution(data, fitted))

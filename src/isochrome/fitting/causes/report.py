@@ -1,14 +1,15 @@
-"""What is said of the causes that a frame asked for: what was freed, and what is suspected."""
+"""What is said of the causes that frames asked for: what was freed, and what is suspected."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from isochrome.fitting.causes.cause import Cause
 from isochrome.fitting.causes.freeing import Freed
 from isochrome.fitting.causes.score import Asked
-from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.causes.solution import Solution
 from isochrome.fitting.frame.unknowns import LOAD
 from isochrome.output import with_uncertainty
-from isochrome.scene import Scene
 
 _FAR = 4.0
 """Standard uncertainties from what is stated that chance does not explain."""
@@ -17,13 +18,13 @@ _LEAST_SHIFT = 1e-6
 """Change of the load below which nothing is said of it."""
 
 
-def cause_messages(freed: Freed) -> tuple[str, ...]:
-    """Say what was freed in a frame, and what is suspected and cannot be.
+def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
+    """Say what was freed in one frame, or in several together, and what is suspected and cannot be.
 
     Parameters
     ----------
     freed : Freed
-        A fit with what its frame asked for.
+        A fit with what its frames asked for.
 
     Returns
     -------
@@ -33,13 +34,12 @@ def cause_messages(freed: Freed) -> tuple[str, ...]:
     """
     if freed.slip is not None:
         return (freed.slip.sentence(),)
-    before = freed.stated.fit
     own = tuple(cause for cause in freed.causes if not cause.weight)
     messages = [_freed_sentence(freed, own)] if own else []
     messages += [_stated_sentence(freed, cause) for cause in freed.causes if cause.weight]
     if freed.light:
         messages.append(
-            f"{freed.data.lamp.words}; no-load frames (frames.no_load_bright, no_load_dark) show "
+            f"{freed.now.light_words}; no-load frames (frames.no_load_bright, no_load_dark) show "
             "it as it is"
         )
     if freed.outside:
@@ -48,34 +48,46 @@ def cause_messages(freed: Freed) -> tuple[str, ...]:
             "a shadow that no light and no fringe explains"
         )
     if messages:
-        messages[0] += _shift(before, freed)
-    if freed.fit.noise_ratio > 1.0:
+        messages[0] += _shift(freed)
+    louder = freed.now.noise_ratio
+    if louder > 1.0:
         messages.append(
-            f"noise is {freed.fit.noise_ratio:.1f} times what neighbouring pixels show: the "
-            "picture was compressed, resampled or made of colours, and that is counted"
+            f"noise is {louder:.1f} times what neighbouring pixels show: the picture was "
+            "compressed, resampled or made of colours, and that is counted"
         )
     suspects = [asked for asked in freed.asked if not asked.can_be_freed]
     if suspects:
-        messages.append(_suspect_sentence(freed.fit.scene, suspects))
+        messages.append(_suspect_sentence(freed.now, suspects))
     return tuple(messages)
 
 
-def _values(fit: FrameFit) -> dict[str, tuple[float, float]]:
-    """Value and standard uncertainty by key."""
-    pairs = zip(fit.values.tolist(), fit.standard_uncertainty.tolist(), strict=True)
-    return dict(zip(fit.keys, pairs, strict=True))
+def _who(solution: Solution) -> str:
+    return "the frame" if solution.count == 1 else "the frames"
 
 
-def _stated_sentence(freed: Freed, cause: Cause) -> str:
+def _verb(solution: Solution, verb: str) -> str:
+    """What one frame does, or several."""
+    return f"{_who(solution)} {verb}{'s' * (solution.count == 1)}"
+
+
+def _said(solution: Solution, key: str) -> str:
+    """A key with its value, or with the least and the most of several frames' own."""
+    found = sorted(solution.values_of_key(key))
+    return f"{key} = " + " to ".join(
+        with_uncertainty(*pair) for pair in dict.fromkeys((found[0], found[-1]))
+    )
+
+
+def _stated_sentence(freed: Freed[Any], cause: Cause) -> str:
     """What the frame says of the values that are stated with their uncertainties."""
-    at = _values(freed.fit)
-    values = ", ".join(f"{key} = {with_uncertainty(*at[key])}" for key in cause.keys)
+    now = freed.now
+    values = ", ".join(_said(now, key) for key in cause.keys)
     text = (
-        f"the frame tells more of {len(cause.keys)} stated value(s) than their uncertainties: "
+        f"{_verb(now, 'tell')} more of {len(cause.keys)} stated value(s) than their uncertainties: "
         f"fitted too, with these as priors ({values})"
     )
     away = {
-        key: (at[key][0] - stated) * weight**0.5
+        key: (now.values_of_key(key)[0][0] - stated) * weight**0.5
         for key, stated, weight in zip(cause.keys, cause.starts, cause.weight, strict=True)
     }
     far = [f"{key} by {pull:+.1f}" for key, pull in away.items() if abs(pull) > _FAR]
@@ -87,31 +99,34 @@ def _stated_sentence(freed: Freed, cause: Cause) -> str:
     return text
 
 
-def _freed_sentence(freed: Freed, causes: tuple[Cause, ...]) -> str:
+def _freed_sentence(freed: Freed[Any], causes: tuple[Cause, ...]) -> str:
     """What was freed, by name, key and value."""
-    at = _values(freed.fit)
     parts = []
     for cause in causes:
-        values = ", ".join(f"{key} = {with_uncertainty(*at[key])}" for key in cause.keys)
+        values = ", ".join(_said(freed.now, key) for key in cause.keys)
         parts.append(f"{cause.name} ({values})")
-    return f"the frame shows {' and '.join(parts)}, fitted too; state it in the scene to fix it"
+    shows = _verb(freed.now, "show")
+    return f"{shows} {' and '.join(parts)}, fitted too; state it in the scene to fix it"
 
 
-def _shift(before: FrameFit, freed: Freed) -> str:
+def _shift(freed: Freed[Any]) -> str:
     """What the load would have been as the scene stood."""
-    text = f"; chi = {before.chi:.2f} as stated, {freed.fit.chi:.2f} now"
-    if LOAD not in before.keys or LOAD not in freed.fit.keys:
+    before, now = freed.stated, freed.now
+    text = f"; chi = {before.chi:.2f} as stated, {now.chi:.2f} now"
+    if LOAD not in before.keys or LOAD not in now.keys:
         return text
-    old, new = (float(f.values[f.keys.index(LOAD)]) for f in (before, freed.fit))
-    share = old / new - 1.0
-    if abs(share) > _LEAST_SHIFT:
-        text += f"; as stated, {LOAD} comes out {100.0 * share:+.2g} % off"
+    pairs = zip(before.values_of_key(LOAD), now.values_of_key(LOAD), strict=True)
+    shares = [old / new - 1.0 for (old, _), (new, _) in pairs]
+    most = max(shares, key=abs)
+    if abs(most) > _LEAST_SHIFT:
+        out = "comes out" if len(shares) == 1 else "comes out up to"
+        text += f"; as stated, {LOAD} {out} {100.0 * most:+.2g} % off"
     return text
 
 
-def _suspect_sentence(scene: Scene, suspects: list[Asked]) -> str:
+def _suspect_sentence(solution: Solution, suspects: list[Asked]) -> str:
     """The lengths and moduli that a frame contradicts, of which it cannot tell which is wrong."""
-    parts = []
+    scene, parts = solution.scene, []
     for asked in suspects:
         assert asked.cause is not None
         (key,), (value,) = asked.cause.keys, asked.values
@@ -120,6 +135,7 @@ def _suspect_sentence(scene: Scene, suspects: list[Asked]) -> str:
     if scene.indenter is not None:
         wrong += ", the moduli or indenter.radius_mm"
     return (
-        f"the frame contradicts the scale ({' or '.join(parts)} would mend it): {wrong} is wrong, "
-        "and the frame cannot tell which; measure them again, the load depends on it"
+        f"{_verb(solution, 'contradict')} the scale ({' or '.join(parts)} would mend it): {wrong} "
+        f"is wrong, and {_who(solution)} cannot tell which; measure them again, the load depends "
+        "on it"
     )

@@ -5,6 +5,7 @@ See `isochrome.estimation` for the test.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -15,7 +16,6 @@ from isochrome.estimation import (
     ASKED,
     FIRST_DEGREES,
     RICHEST,
-    FrameData,
     ScoreProducts,
     Terms,
     light_products,
@@ -23,10 +23,12 @@ from isochrome.estimation import (
     with_chosen_terms,
 )
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks
-from isochrome.fitting.causes.cause import BLURRED, Cause, candidates
-from isochrome.fitting.frame.frame_fit import Fitted
+from isochrome.fitting.causes.blocks import BLOCK, EVEN, FrameBlocks
+from isochrome.fitting.causes.cause import BLURRED, Cause
 from isochrome.scene import Scene
+
+LightTerms = tuple[Terms, Terms]
+"""Polynomial products of illumination and background."""
 
 _SUSPECTED = 10.0
 """Evidence from which a scale is accused: unlike what is freed, it is not tried by a fit."""
@@ -55,7 +57,7 @@ class Asked:
     gain: float
     evidence: float
     cause: Cause | None = None
-    terms: tuple[Terms, Terms] | None = None
+    terms: LightTerms | None = None
     outside: Mask | None = None
     values: tuple[float, ...] = ()
 
@@ -65,31 +67,41 @@ class Asked:
         return self.cause is None or self.cause.free
 
 
-def ask(data: FrameData, fitted: Fitted) -> tuple[tuple[Asked, ...], Array]:
-    """What a fit's residual asks for, the one with the most evidence first; and what that leaves.
+def ask(
+    frames: Iterable[FrameBlocks], causes: tuple[Cause, ...], scene: Scene, terms: LightTerms
+) -> tuple[tuple[Asked, ...], Array]:
+    """What the residual of one frame, or of several together, asks for; and what that leaves.
 
-    Parameters: `data`, the frame as it was fitted; `fitted`. Returns what noise alone does not ask
-    for, nothing where the frame is what its scene says; and `_undecided` (p, p).
+    Parameters: `frames`, that share whatever is freed; `causes` that they can have; their `scene`;
+    `terms` of their light. Returns what noise alone does not ask for, the one with the most
+    evidence first, nothing where the frames are what their scene says; and what the covariance
+    (p, p) lacks for what they neither ask for nor exclude, see `_undecided`.
     """
-    blocks = FrameBlocks(data, fitted)
-    causes = candidates(fitted.fit.scene, fitted.fit.keys, fitted.held)
-    columns = [blocks.columns(cause) for cause in causes]
-    lights = _lights(blocks, data)
+    lights = _lights(terms)
     groups: list[Any] = [*causes, *lights]
-    columns += [blocks.light_columns(*lights[terms]) for terms in lights]
-    products = ScoreProducts([blocks.part(np.concatenate(columns))])
+    sizes = [1 if c.keys[0] in EVEN and not c.weight else len(c.keys) for c in causes]
+    sizes += [len(light) + len(dark) for light, dark in lights]
+    found_outside: list[Asked] = []
+
+    def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
+        for blocks in frames:
+            columns = [blocks.columns(cause) for cause in causes]
+            columns += [blocks.light_columns(*_light_bases(blocks, pair)) for pair in lights]
+            found_outside.append(_outliers(blocks))
+            yield blocks.part(np.concatenate(columns))
+
+    products = ScoreProducts(parts())
     blur = None
     if BLURRED in causes:
-        blur = _little_blur(products, sum(len(c) for c in columns[: causes.index(BLURRED)]))
-    weights = [getattr(group, "weight", ()) for group in groups]
-    found = _scores(products, [len(c) for c in columns], weights)
+        blur = _little_blur(products, sum(sizes[: causes.index(BLURRED)]))
+    found = _scores(products, sizes, [getattr(group, "weight", ()) for group in groups])
     asked = [
         _asked(group, gain, price, values)
         for group, (gain, price, values) in zip(groups, found, strict=True)
     ]
     asked = [blur if blur is not None and a.cause is BLURRED else a for a in asked]
-    left = _undecided(products, asked, [len(c) for c in columns])[: len(fitted.fit.keys)]
-    asked = [a for a in asked if not _is_slight(a, fitted.fit.scene)] + [_outliers(blocks)]
+    left = _undecided(products, asked, sizes)
+    asked = [a for a in asked if not _is_slight(a, scene)] + [_outside_of_all(found_outside)]
     asked.sort(key=lambda item: -item.evidence)
     clear = tuple(item for item in asked if item.evidence > ASKED)
     # what is known to be uncertain is asked before what is taken as exact is accused
@@ -123,6 +135,18 @@ def _undecided(products: ScoreProducts, asked: list[Asked], sizes: list[int]) ->
     return np.array(moves).T
 
 
+def _outside_of_all(found: list[Asked]) -> Asked:
+    """What frames gain without the blocks that are odd in any of them: dust lies on the glass."""
+    odd = [item for item in found if item.outside is not None]
+    if not odd:
+        return Asked(0.0, 0.0)
+    gain, evidence = (sum(getattr(a, name) for a in odd) for name in ("gain", "evidence"))
+    outside = np.logical_or.reduce([a.outside for a in odd if a.outside is not None])
+    if outside.mean() > _MOST_OUT:
+        return Asked(0.0, 0.0)
+    return Asked(gain, evidence, outside=outside)
+
+
 def _is_slight(asked: Asked, scene: Scene) -> bool:
     """Whether a suspect is off by so little that noise, or the model itself, may be."""
     if asked.cause is None or asked.can_be_freed:
@@ -131,18 +155,17 @@ def _is_slight(asked: Asked, scene: Scene) -> bool:
     return asked.evidence < _SUSPECTED or abs(asked.values[0]) < slight
 
 
-def _lights(blocks: FrameBlocks, data: FrameData) -> dict[Any, Any]:
-    """Light that a frame's model has not, by its terms: more illumination, background, both."""
-    more = missing_terms(data.lamp.terms, FIRST_DEGREES)
-    return {pair: _light_bases(blocks, data, pair) for pair in ((more[0], ()), ((), more[1]))}
+def _lights(terms: LightTerms) -> list[LightTerms]:
+    """Light that a frame's model has not, by its terms: more illumination, more background."""
+    light, dark = missing_terms(terms, FIRST_DEGREES)
+    return [(light, ()), ((), dark)]
 
 
-def _light_bases(
-    blocks: FrameBlocks, data: FrameData, terms: tuple[Terms, Terms]
-) -> tuple[Array, Array]:
-    """The images of some light at the blocks, (k, n) each."""
-    light, dark = (blocks.pick(_thin_basis(data.shape, chosen)) for chosen in terms)
-    lamp = data.lamp
+def _light_bases(blocks: FrameBlocks, terms: LightTerms) -> tuple[Array, Array]:
+    """The images of some light at the blocks, (k, n) each, as bright as the frame's own."""
+    shares = (blocks.pick(_thin_basis(blocks.data.shape, chosen)) for chosen in terms)
+    light, dark = (np.float32(blocks.brightness) * image for image in shares)
+    lamp = blocks.data.lamp
     if lamp.bright is not None:
         light = light * blocks.thin(lamp.bright if lamp.dark is None else lamp.bright - lamp.dark)
     return light, dark
@@ -184,17 +207,20 @@ def _scores(
     return found
 
 
-def richer_light(data: FrameData, fitted: Fitted, most: int) -> tuple[Terms, Terms]:
-    """The light that a frame asks for, product by product: each the one with the most evidence.
+def richer_light(frames: Iterable[FrameBlocks], terms: LightTerms, most: int) -> LightTerms:
+    """The light that frames ask for, product by product: each the one with the most evidence.
 
-    Parameters: `data`, the frame as it was fitted; `fitted`; `most`, by so many products. Returns
-    the terms of illumination and background, the frame's own first.
+    Parameters: `frames`; `terms` of their light; `most`, by so many products. Returns the terms of
+    illumination and background, the frames' own first.
     """
-    blocks = FrameBlocks(data, fitted)
-    more = missing_terms(data.lamp.terms, RICHEST)
-    columns = blocks.light_columns(*_light_bases(blocks, data, more))
-    chosen = ScoreProducts([blocks.part(columns)]).one_by_one(most)
-    return with_chosen_terms(data.lamp.terms, more, chosen)
+    more = missing_terms(terms, RICHEST)
+
+    def parts() -> Iterator[tuple[Array, Array, Array, Array]]:
+        for blocks in frames:
+            columns = blocks.light_columns(*_light_bases(blocks, more))
+            yield blocks.part(columns)
+
+    return with_chosen_terms(terms, more, ScoreProducts(parts()).one_by_one(most))
 
 
 def _asked(group: Any, gain: float, price: float, values: Array) -> Asked:

@@ -91,6 +91,11 @@ def is_unexplained(fitted: Fitted) -> bool:
     return not fitted.fit.positive or fitted.fit.chi > doubted
 
 
+def is_lost(fitted: Fitted) -> bool:
+    """Whether a fit is so far off that its values say nothing."""
+    return not fitted.fit.positive or fitted.fit.chi > _lost_chi(fitted.final)
+
+
 def _lost_chi(found: RefinedFit) -> float:
     """Residual over noise at which a frame's residual is too much of its fringes' amplitude."""
     return TOO_FAR * float(np.mean(found.toned.part.amplitude))

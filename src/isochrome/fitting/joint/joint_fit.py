@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import (
     CUTOFF,
+    NOISE,
     Bounds,
     BudgetInput,
     Damping,
@@ -23,6 +24,7 @@ from isochrome.estimation import (
     standard_uncertainty,
 )
 from isochrome.fitting.arrays import Array
+from isochrome.fitting.causes.blocks import SolvedFrame
 from isochrome.fitting.frame.frame_fit import hidden_px, placed
 from isochrome.fitting.frame.inputs import StatedInputs, inputs_of_rows, stated_inputs
 from isochrome.fitting.frame.renderer import SceneRenderer
@@ -30,10 +32,12 @@ from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import WEAR, fit_region, limits, thinning
 from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
 from isochrome.fitting.joint.normal_equations import (
+    DirectionMaps,
     NormalEquations,
     add_up,
     clear_region,
     make_renderer,
+    solved_along,
     with_number,
 )
 from isochrome.scene import Scene
@@ -87,6 +91,26 @@ class JointFit:
         """The unknowns, in the order of the values."""
         return self.sequence.unknowns
 
+    def less_sure(self, more: Array) -> JointFit:
+        """The same with a covariance that is larger by `more` (p, p), as if by noise."""
+        assert self.covariance is not None
+        variance = np.diag(more)
+        noise = np.sqrt(self.noise_uncertainty**2 + variance)
+        return replace(
+            self,
+            covariance=self.covariance + more,
+            standard_uncertainty=np.sqrt(self.standard_uncertainty**2 + variance),
+            noise_uncertainty=noise,
+            budget=tuple(map(_budget_with, noise.tolist(), self.budget)),
+        )
+
+
+def _budget_with(noise: float, budget: tuple[BudgetInput, ...]) -> tuple[BudgetInput, ...]:
+    """A budget with another noise; an empty one stays empty."""
+    known = [item for item in budget if item.input != NOISE]
+    rows = tuple((item.input, item.value or 0.0, item.standard_uncertainty) for item in known)
+    return budget_of(noise, rows, np.array([item.sensitivity for item in known])) if budget else ()
+
 
 def fit_jointly(
     frames: Iterable[FrameData],
@@ -102,11 +126,7 @@ def fit_jointly(
     `shape` (rows, cols) of a frame; `progress`, called with each frame of each pass. Returns a
     JointFit. Raises PhysicsError where the start cannot be solved or a key changes nothing.
     """
-    problem = JointProblem(frames, sequence, start, shape, progress)
-    values, _, _ = problem.solve(start, problem.coarse_stride, _LOOSE)
-    problem.keep_clear(values)
-    values, normal, converged = problem.solve(values, 1, _TIGHT)
-    return problem.result(values, normal, converged)
+    return JointProblem(frames, sequence, start, shape, progress).fitted(start)
 
 
 class JointProblem:
@@ -119,9 +139,13 @@ class JointProblem:
         start: Array,
         shape: tuple[int, int],
         progress: Callable[[], None],
+        *,
+        margin_px: float = 0.0,
     ) -> None:
+        """`margin_px`, rows at the surface that are left out besides."""
         fine = with_numerics(sequence.whole(start), room=1.3).numerics
         self.progress, self.frames, self.shape = progress, frames, shape
+        self._margin_px = margin_px
         self.given, self.sequence = (
             replace(sequence, scene=sequence.scene.model_copy(update={"numerics": numerics}))
             for numerics in (sequence.scene.numerics, fine)
@@ -141,6 +165,13 @@ class JointProblem:
         self.bounds = Bounds(
             np.concatenate([end.low for end in ends]), np.concatenate([end.high for end in ends])
         )
+
+    def fitted(self, start: Array) -> JointFit:
+        """The fit, first to thinned frames. Raises PhysicsError, see `fit_jointly`."""
+        values, _, _ = self.solve(start, self.coarse_stride, _LOOSE)
+        self.keep_clear(values)
+        values, normal, converged = self.solve(values, 1, _TIGHT)
+        return self.result(values, normal, converged)
 
     def solve(
         self, values: Array, stride: int, tolerance: float
@@ -191,7 +222,7 @@ class JointProblem:
         if stride == 1 and self._clear:
             bits = np.unpackbits(self._clear[index], count=self.shape[0] * self.shape[1])
             return bits.reshape(self.shape).astype(bool)
-        hidden = max(_EDGE_PX, hidden_px(self.first[index]))
+        hidden = max(_EDGE_PX, hidden_px(self.first[index])) + self._margin_px
         return fit_region(self.first[index], self.shape, stride, hidden)
 
     def result(self, values: Array, normal: NormalEquations, converged: bool) -> JointFit:
@@ -250,9 +281,7 @@ class JointProblem:
             for own in ([k for k, key in enumerate(keys) if key == one] for one in stated.keys)
         ]
         if held.keys:
-            every = tuple(range(self.sequence.count))
-            added = tuple(Unknown(key, every, True) for key in held.keys)
-            wider = replace(self.sequence, unknowns=(*unknowns, *added))
+            wider = self._with_held()
             renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
             sums = self._sums(wider, np.r_[values, held.values], renderer, 1)
             if sums is None:
@@ -262,6 +291,41 @@ class JointProblem:
             columns += list(-(inverse @ sums.normal[: len(keys), len(keys) :]).T)
         rows = inputs_of_rows([*stated.rows, *held.rows])
         return rows, np.array(columns).reshape(-1, len(keys)).T
+
+    def _with_held(self) -> Sequence:
+        """The sequence with what is stated and held as unknowns of all frames, behind its own."""
+        every = tuple(range(self.sequence.count))
+        added = tuple(Unknown(key, every, True) for key in self.held.keys)
+        return replace(self.sequence, unknowns=(*self.sequence.unknowns, *added))
+
+    def solved_frames(self, values: Array) -> Iterator[SolvedFrame]:
+        """Each frame where a fit ended: its residual, and its derivatives by all that is in it.
+
+        Raises PhysicsError where a scene beside its own cannot be solved.
+        """
+        sequence = self._with_held()
+        values = np.r_[values, self.held.values]
+        maps = DirectionMaps(sequence, values)
+        renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
+        for i, data in enumerate(self.frames):
+            here = placed(sequence.frame(maps.whole, values, i), self.shape)
+            moved = [maps.scene(key, i) for key in maps.keys(i)]
+            region = self._region(i, 1)
+            solved = solved_along(data, here, moved, renderer=renderer, region=region)
+            if solved is None:
+                raise PhysicsError(f"{data.name}: the scene cannot be solved beside its values")
+            pixels, toned, rows = solved
+            yield SolvedFrame(
+                data=data,
+                scene=here,
+                pixels=pixels,
+                toned=toned,
+                renderer=renderer,
+                rows=rows,
+                along=maps.columns(i),
+                unknowns=len(self.sequence.unknowns),
+            )
+            self.progress()
 
     def _scenes(self, sequence: Sequence, values: Array) -> tuple[Scene, ...]:
         """The scene of each frame at some values (p,)."""

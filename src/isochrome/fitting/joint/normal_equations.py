@@ -18,6 +18,8 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import project
 from isochrome.fitting.frame.gamma import (
     ENOUGH,
+    GammaFit,
+    Pixels,
     clear_of_ends,
     gamma_slope,
     solve_with_gamma,
@@ -124,22 +126,10 @@ def linearise_frame(
     Its `squares` are a matrix, of each two directions. Returns None where a scene cannot be solved.
     Source: see `isochrome.estimation.intensity`.
     """
-    gamma = here.frames.stated_gamma
-    free = [scene.frames.stated_gamma - gamma for scene in moved]
-    pixels = trusted_pixels(data.toned(gamma) if any(free) else data, region)
-    signal = safe_signal(renderer, here)[pixels.keep].astype(np.float32)
-    toned = solve_with_gamma(pixels, signal, gamma)
-    if toned is None:
+    solved = solved_along(data, here, moved, renderer=renderer, region=region)
+    if solved is None:
         return None
-    rows = np.empty((len(moved), pixels.size), np.float32)
-    for row, scene, change in zip(rows, moved, free, strict=True):
-        if change:
-            row[:] = gamma_slope(toned, gamma) * np.float32(change)
-        else:
-            np.subtract(safe_signal(renderer, scene)[pixels.keep], signal, out=row)
-            row *= toned.part.amplitude
-    if not np.isfinite(rows.sum()):
-        return None
+    pixels, toned, rows = solved
     squares = rows @ rows.T
     project(rows, toned.problem, toned.part)
     precise = rows.astype(float) if exact else rows
@@ -154,6 +144,30 @@ def linearise_frame(
         positive=(toned.part.positive,),
         chi=(float(np.sqrt(toned.cost / max(1, freedom))),),
     )
+
+
+def solved_along(
+    data: FrameData, here: Scene, moved: list[Scene], *, renderer: SceneRenderer, region: Array
+) -> tuple[Pixels, GammaFit, Array] | None:
+    """A frame's pixels, their light, and the weighted derivatives along its directions (d, n).
+
+    Parameters and None: as of `linearise_frame`.
+    """
+    gamma = here.frames.stated_gamma
+    free = [scene.frames.stated_gamma - gamma for scene in moved]
+    pixels = trusted_pixels(data.toned(gamma) if any(free) else data, region)
+    signal = safe_signal(renderer, here)[pixels.keep].astype(np.float32)
+    toned = solve_with_gamma(pixels, signal, gamma)
+    if toned is None:
+        return None
+    rows = np.empty((len(moved), pixels.size), np.float32)
+    for row, scene, change in zip(rows, moved, free, strict=True):
+        if change:
+            row[:] = gamma_slope(toned, gamma) * np.float32(change)
+        else:
+            np.subtract(safe_signal(renderer, scene)[pixels.keep], signal, out=row)
+            row *= toned.part.amplitude
+    return (pixels, toned, rows) if np.isfinite(rows.sum()) else None
 
 
 def clear_region(data: FrameData, here: Scene, *, renderer: SceneRenderer, region: Array) -> Array:

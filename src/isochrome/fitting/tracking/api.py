@@ -12,6 +12,7 @@ from isochrome.fitting.folder import column_name, keep_values, kept_values
 from isochrome.fitting.frame.frame_fit import placed
 from isochrome.fitting.frame.single_state import slid_until, sliding_scene
 from isochrome.fitting.refusals import refuse_keys, refuse_states
+from isochrome.fitting.tracking.apparatus import Apparatus, find_apparatus
 from isochrome.fitting.tracking.result import (
     TRACK_PARTS,
     Track,
@@ -77,6 +78,7 @@ def track(
     scene: str | Path | Scene,
     keys: list[str] | tuple[str, ...],
     *,
+    as_stated: bool = False,
     out: str | Path | None = None,
     workers: int | None = None,
     cluster: str | None = None,
@@ -99,6 +101,11 @@ def track(
     keys : list or tuple of str
         Keys to follow: load.normal_n, load.tangential_n, load.bulk_mpa, friction.coefficient,
         wear.coefficient_mm2_per_n, camera.left_mm, camera.top_mm.
+    as_stated : bool, default False
+        Whether all that the scene states is held; else the first, the middle and the last frame are
+        asked for what belongs to the apparatus (the camera's roll, distortion and keystone, gamma,
+        blur, plates, band of wavelengths, uneven light, dust), and what is found is held in all
+        frames and named in the warnings. Of a contact that wears only the first is asked.
     out : str or Path, optional
         Folder for fit.csv, scene.toml (the means), fit.json, provenance.json, fit.png, run.zarr
         (values over frame, see `open_run`).
@@ -149,14 +156,16 @@ def track(
         check_pixel(scene, reader.shape)
         files = input_files(reader, scene)
         identity = provenance(dump_scene(scene), files) | environment()
-        identity |= {"options": {"track": list(keys)}}
-        scene = sliding_scene(scene)
-        with closing(_TrackWork(reader, scene, keys)) as work:
+        options = {"track": list(keys)} | ({"as_stated": True} if as_stated else {})
+        identity |= {"options": options}
+        with closing(_TrackWork(reader, sliding_scene(scene), keys)) as work:
             count = reader.count(decode=False)
             if count == 0:
                 raise InputError(f"{reader.path}: holds no frame; check the file")
             if scene.frames.sliding_speed_mm_per_s is None:
-                refuse_states(reader.path, count, scene)
+                refuse_states(reader.path, count, work.scene)
+            if not as_stated:
+                work.ask(count)
             if out is None:
                 return _in_memory(work, count, progress)
             layout = RunLayout(axes={"frame": count}, chunk=CHUNK)
@@ -178,7 +187,15 @@ class _TrackWork:
         self.scene, self.keys, self.reader = scene, keys, reader
         self._frames = SequentialFrames(reader)
         self._no_load = load_no_load(scene, full_shape=reader.full_shape)
+        self.apparatus = Apparatus(scene=placed(scene, reader.shape))
         self._tracker()
+
+    def ask(self, count: int) -> None:
+        """Ask a few of the frames what belongs to the apparatus."""
+        self.apparatus = find_apparatus(
+            self.reader, self.scene, self.keys, count=count, no_load=self._no_load
+        )
+        self.scene = self.apparatus.scene
 
     def __call__(self, start: int, stop: int, left: Any) -> Results:
         """Frames [start, stop), from what the frames before have `left`."""
@@ -198,13 +215,18 @@ class _TrackWork:
         self._frames.close()
 
     def _tracker(self) -> Tracker:
-        scene = placed(self.scene, self.reader.shape)
-        return Tracker(scene, self.keys, bit_depth=self.reader.bit_depth, no_load=self._no_load)
+        return Tracker(
+            self.apparatus.scene,
+            self.keys,
+            bit_depth=self.reader.bit_depth,
+            no_load=self._no_load,
+            apparatus=self.apparatus,
+        )
 
 
 def _in_memory(work: _TrackWork, count: int, progress: RunProgress | None) -> Track:
     """All frames, in the same chunks as into a folder."""
-    found, left, flagged = TrackRows(work.keys), None, 0
+    found, left, flagged = TrackRows(work.keys, work.apparatus.warnings), None, 0
     for start in range(0, count, CHUNK):
         stop = min(start + CHUNK, count)
         part = work(start, stop, left)
@@ -219,7 +241,7 @@ def _in_memory(work: _TrackWork, count: int, progress: RunProgress | None) -> Tr
 
 def _finish(bench: RunFolder, job: Job, work: _TrackWork) -> Track:
     """Make the files that need all frames, from what is kept of their chunks."""
-    found = TrackRows(work.keys)
+    found = TrackRows(work.keys, work.apparatus.warnings)
     for row, _ in rows(bench):
         found.add(row)
     result = found.result(work.scene)

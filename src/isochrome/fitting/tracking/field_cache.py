@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from isochrome.fitting.frame.single_state import with_numerics, with_part
 from isochrome.fitting.tracking.field_polynomial import FieldBox, make_field_box
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
 from isochrome.frames import NoiseModel
+from isochrome.scene import Scene
 
 HIDDEN_PX, _ROOM_PX = 8.0, 4.0
 _SHARE = 1.04
@@ -91,7 +92,8 @@ class CachedFields:
     """A polynomial, along which the scar grows by one load, and what another one does to it.
 
     `exact` (axes,), the values at which it was last held to the scar, and `mark`, the area A and
-    ∫P' dA there; `load` P'_0 (N/mm); `lean` (n,), the field that ∫(P' - P'_0) dA adds per unit.
+    ∫P' dA there; `load` P'_0 (N/mm); `lean` (n,), the field that ∫(P' - P'_0) dA adds per unit;
+    `beside`, by what is held, what its step adds to field and visibility (n,).
     """
 
     box: FieldBox
@@ -99,14 +101,24 @@ class CachedFields:
     mark: tuple[float, float]
     load: float = 0.0
     lean: Array | None = None
+    beside: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
 
 class FieldMaker:
     """Fields at thinned pixels as the axes of a course move, on the scars that it has worn."""
 
-    def __init__(self, course: TrackCourse, shape: tuple[int, int], thinned: Thinned) -> None:
-        """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels."""
-        self.course, self.shape, self.thinned = course, shape, thinned
+    def __init__(
+        self,
+        course: TrackCourse,
+        shape: tuple[int, int],
+        thinned: Thinned,
+        steps: dict[str, float],
+    ) -> None:
+        """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels.
+
+        `steps` of keys that are held, by which the fields beside are made.
+        """
+        self.course, self.shape, self.thinned, self._steps = course, shape, thinned, steps
         self._renderer: SceneRenderer | None = None
 
     def make(
@@ -125,7 +137,8 @@ class FieldMaker:
             # beyond the lower end the contact wears on by a mean, not as it did
             at = self.course.axes.index(WORN)
             exact[at] = low[at]
-        return CachedFields(box, exact, self.course.mark(values))
+        beside = self._beside(box.middle)
+        return CachedFields(box, exact, self.course.mark(values), beside=beside)
 
     def exact(self, values: Array) -> Array:
         """The field (n,) of some values on the scar that they and those before have worn."""
@@ -144,15 +157,33 @@ class FieldMaker:
             fields.append(self.render(middle, False)[0])
         kept.lean = (fields[1] - fields[0]) / np.float32((_SHARE - 1.0) * kept.load * step)
 
-    def render(self, values: Array, seen: bool) -> tuple[Array, Array | None]:
-        """Values to the field and the visibility at the pixels, by the mechanics."""
+    def _beside(self, middle: Array) -> dict[str, tuple[Array, Array]]:
+        """What the steps of what is held add to field and visibility at some values (axes,)."""
+        if not self._steps:
+            return {}
+        here, seen = self.render(middle, True)
+        found = {}
+        for key, step in self._steps.items():
+            there, shown = self.render(middle, True, {key: step})
+            assert seen is not None and shown is not None
+            found[key] = there - here, shown - seen
+        return found
+
+    def render(
+        self, values: Array, seen: bool, steps: dict[str, float] | None = None
+    ) -> tuple[Array, Array | None]:
+        """Values to the field and the visibility at the pixels, by the mechanics.
+
+        `steps` of keys besides the axes.
+        """
         numerics = {"numerics": self.course.numerics}
-        scene = self.course.field_scene(values).model_copy(update=numerics)
+        scene = stepped_scene(self.course.field_scene(values), steps or {})
+        scene = scene.model_copy(update=numerics)
         keep = self.thinned.pixels.keep
         if not seen:
             return self.renderer.field_alone(scene)[keep], None
-        field, visibility = self.renderer.order_field(scene)
-        return field[keep], np.broadcast_to(visibility, field.shape)[keep]
+        made, visibility = self.renderer.order_field(scene)
+        return made[keep], np.broadcast_to(visibility, made.shape)[keep]
 
     def _widen(self, high: Array) -> None:
         """Make the grid, and what renders on it, hold the widest contact so far."""
@@ -181,3 +212,8 @@ class FieldMaker:
         """What renders on the widest grid so far."""
         assert self._renderer is not None
         return self._renderer
+
+
+def stepped_scene(scene: Scene, steps: dict[str, float]) -> Scene:
+    """A scene with steps added to some of its keys."""
+    return scene.with_values({key: scene.get(key) + step for key, step in steps.items()})

@@ -145,8 +145,9 @@ def is_good(row: Mapping[str, Any]) -> bool:
 class TrackRows:
     """Results so far, as bare numbers: hours of video are some megabytes."""
 
-    def __init__(self, keys: tuple[str, ...]) -> None:
-        self.keys = keys
+    def __init__(self, keys: tuple[str, ...], said: tuple[str, ...] = ()) -> None:
+        """`keys` that are tracked; `said`, what is to be said of all frames."""
+        self.keys, self._said = keys, said
         self.parts = {name: array("d") for name in TRACK_PARTS.values()}
         self.chi, self.distance = array("d"), array("d")
         self.searched, self.empty, self.far = array("l"), array("l"), array("l")
@@ -192,6 +193,7 @@ class TrackRows:
         )
 
     def _warnings(self, scene: Scene) -> Iterator[str]:
+        yield from self._said
         yield from untracked_inputs(scene)
         nothing = {*self.empty, *self.far}
         poor = [i for i, chi in enumerate(self.chi) if chi > POOR_CHI and i not in nothing]

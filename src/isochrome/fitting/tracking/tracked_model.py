@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from isochrome.errors import PhysicsError
+from isochrome.estimation import STEP
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import LocalModel, local_model
 from isochrome.fitting.frame.fringe_optics import scene_optics
-from isochrome.fitting.frame.gamma import GammaFit, solve_with_gamma
-from isochrome.fitting.tracking.field_cache import CachedFields, FieldMaker, Look, Thinned
+from isochrome.fitting.frame.gamma import GammaFit, gamma_slope, solve_with_gamma
+from isochrome.fitting.frame.unknowns import GAMMA, scales
+from isochrome.fitting.tracking.field_cache import (
+    CachedFields,
+    FieldMaker,
+    Look,
+    Thinned,
+    stepped_scene,
+)
 from isochrome.fitting.tracking.field_polynomial import CHECKED, FieldBox
 from isochrome.fitting.tracking.wear_state import TrackCourse
 
@@ -33,16 +41,30 @@ and by how much."""
 class TrackModel:
     """Thinned pixels, and what they show as the axes of a course move.
 
-    Attributes: `local`, the derivatives, None where they must be made; `look`, the pixels in use.
+    Attributes: `local`, the derivatives, None where they must be made, and `held_rows` (m, n),
+    those by what is held; `look`, the pixels in use.
     """
 
-    def __init__(self, course: TrackCourse, shape: tuple[int, int], thinned: Thinned) -> None:
-        """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels."""
+    def __init__(
+        self,
+        course: TrackCourse,
+        shape: tuple[int, int],
+        thinned: Thinned,
+        held: tuple[str, ...] = (),
+    ) -> None:
+        """`course`; `shape` (rows, cols) of a frame; `thinned`, its pixels.
+
+        `held`, keys of the apparatus whose values are known with an uncertainty.
+        """
         self.course, self.thinned = course, thinned
+        steps = (STEP * scales(course.scene, held)).tolist()
+        self._steps = dict(zip(held, steps, strict=True))
+        self.held_rows = np.empty((0, 0), np.float32)
         self._optics = scene_optics(course.scene)
         self._boxes: list[CachedFields] = []
         self._now: CachedFields | None = None
-        self._fields = FieldMaker(course, shape, thinned)
+        shown = {key: step for key, step in self._steps.items() if key != GAMMA}
+        self._fields = FieldMaker(course, shape, thinned, shown)
         self._size, self._due = _LARGEST, _DUE
         self.local: LocalModel | None = None
         self.look: Look | None = None
@@ -192,4 +214,21 @@ class TrackModel:
             rows[j] = (moved - signal)[self.look.clear] * (again.part.amplitude / step)
         tracked = slice(self.course.count)
         self.local = local_model(self.course.axes[tracked], values[tracked], again, rows)
+        self.held_rows = self._by_held(field, visibility, again)
         return again
+
+    def _by_held(self, field: Array, visibility: Array, toned: GammaFit) -> Array:
+        """Derivatives by what is held (m, n), about a field and its visibility."""
+        assert self.look is not None
+        clear = self.look.clear
+        rows = np.empty((len(self._steps), toned.residual.size), np.float32)
+        here = self._signal(field, visibility)
+        for row, (key, step) in zip(rows, self._steps.items(), strict=True):
+            if key == GAMMA:
+                row[:] = gamma_slope(toned, self.thinned.pixels.gamma)
+                continue
+            more, seen = self._kept.beside[key]
+            optics = scene_optics(stepped_scene(self.course.scene, {key: step}))
+            moved = optics.signal(field + more, visibility=visibility + seen)
+            row[:] = (moved - here)[clear] * (toned.part.amplitude / np.float32(step))
+        return rows

@@ -28,10 +28,11 @@ from isochrome.fitting.frame.gamma import GammaFit
 from isochrome.fitting.frame.inputs import inputs_of_rows
 from isochrome.fitting.frame.unknowns import WEAR, fit_region, thinning
 from isochrome.fitting.result import TOO_FAR
+from isochrome.fitting.tracking.apparatus import Apparatus, NoLoad
 from isochrome.fitting.tracking.field_cache import HIDDEN_PX, thin_frame
 from isochrome.fitting.tracking.tracked_model import BEYOND, TrackModel
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
-from isochrome.frames import Frame, Linear, estimate_noise, full_scale
+from isochrome.frames import Frame, estimate_noise, full_scale
 from isochrome.scene import Scene
 
 _PIXELS = 20_000
@@ -176,6 +177,8 @@ class Tracker:
         Bit depth of the sensor, None where levels are fractions of full scale.
     no_load : tuple of Linear or None, (2,), optional
         The dark and the bright frame without load.
+    apparatus : Apparatus, optional
+        What else the frames have in common, with the scene in it.
 
     Raises
     ------
@@ -189,9 +192,11 @@ class Tracker:
         keys: tuple[str, ...],
         *,
         bit_depth: int | None,
-        no_load: tuple[Linear | None, Linear | None] = (None, None),
+        no_load: NoLoad = (None, None),
+        apparatus: Apparatus | None = None,
     ) -> None:
         self.scene, self.keys = scene, keys
+        self._apparatus = apparatus or Apparatus(scene=scene)
         self.course = TrackCourse(scene, keys)
         self._bit_depth, self._no_load = bit_depth, no_load
         self._vain = VainSearch(bit_depth)
@@ -256,6 +261,10 @@ class Tracker:
         """What a frame says in its keys' own units."""
         local = found.local
         covariance = local.covariance(found.toned)
+        if self._apparatus.covariance is not None:
+            assert self._model is not None
+            by_held = local.sensitivity((), self._model.held_rows)
+            covariance = covariance + by_held @ self._apparatus.covariance @ by_held.T
         spread = standard_uncertainty(covariance, local.determined)
         factors = self.course.reported()
         values = found.values[: self.course.count] * factors
@@ -305,7 +314,9 @@ class Tracker:
         return found
 
     def _data(self, frame: Frame) -> FrameData:
-        return prepare_frame(frame, self.scene, bit_depth=self._bit_depth, no_load=self._no_load)
+        return self._apparatus.seen(
+            prepare_frame(frame, self.scene, bit_depth=self._bit_depth, no_load=self._no_load)
+        )
 
     def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:
         """What all frames have in common, from one that is whole."""
@@ -318,7 +329,7 @@ class Tracker:
             noise=estimate_noise(frame.image, data.valid, bit_depth=self._bit_depth),
         )
         self._since_noise = 0
-        return TrackModel(self.course, data.shape, thinned)
+        return TrackModel(self.course, data.shape, thinned, self._apparatus.keys)
 
     def _check_noise(self, frame: Frame, model: TrackModel) -> None:
         """Tell the camera's noise again now and then."""

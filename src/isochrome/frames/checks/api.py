@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from isochrome.errors import InputError
@@ -50,6 +50,10 @@ class Check(Result):
     shape: tuple[int, int] | None
     light: Survey | None = None
 
+    def with_more(self, findings: Iterable[Finding]) -> Check:
+        """The same with more findings."""
+        return replace(self, findings=_sorted((*self.findings, *findings)))
+
     @property
     def columns(self) -> dict[str, list[Any]]:
         """A row a finding: how grave, of which frame, and a sentence."""
@@ -89,8 +93,8 @@ class Check(Result):
         return all(f.level != "error" for f in self.findings)
 
 
-def check(path: FramesPath, scene: Scene) -> Check:
-    """Look through captured frames once, and say what is wrong with them for this scene.
+def look_through(path: FramesPath, scene: Scene) -> Check:
+    """Look through captured frames once, without a model: what is wrong with them for this scene.
 
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
     in one pass with one frame in memory.
@@ -114,7 +118,8 @@ def check(path: FramesPath, scene: Scene) -> Check:
     ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
     ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
     >>> simulated = isochrome.simulate(scene, "simulated")
-    >>> found = isochrome.check("simulated/frames.tif", scene)
+    >>> from isochrome.frames import look_through
+    >>> found = look_through("simulated/frames.tif", scene)
     >>> found.ok, found.count
     (True, 1)
     """

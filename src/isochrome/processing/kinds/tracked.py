@@ -89,7 +89,9 @@ class KeyFrames:
         """`source`, where frames are processed wholly too."""
         self.source, self.capture = source, source.capture
         self.recipe: FrameTask = source.recipe
-        self.scene = placed(sliding_scene(self.recipe.scene), source.reader.shape)
+        apparatus = self.recipe.apparatus
+        given = self.recipe.scene if apparatus is None else apparatus.scene
+        self.scene = placed(sliding_scene(given), source.reader.shape)
         self.keys = free_keys(self.scene)
         self._tracker: Tracker | None = None
         self._vain = VainSearch(source.capture.bit_depth)
@@ -111,6 +113,7 @@ class KeyFrames:
             self.keys,
             bit_depth=self.capture.bit_depth,
             no_load=(self.capture.dark, self.capture.bright),
+            apparatus=self.recipe.apparatus,
         )
         distance = slid_until(self.scene, frame)
         if begun.wear is None:

@@ -11,6 +11,7 @@ from isochrome.estimation import ALIKE_CHI, POOR_CHI, FrameData, prepare_frame
 from isochrome.fitting import (
     GAMMA,
     TOO_FAR,
+    Apparatus,
     FrameFit,
     ModelFrame,
     cause_messages,
@@ -30,12 +31,18 @@ _CORRECT = "correct the scene (load, place, pixel, field, gamma)"
 
 
 def process_with_model(
-    frame: Frame, scene: Scene, capture: Capture, *, as_stated: bool = False
+    frame: Frame,
+    scene: Scene,
+    capture: Capture,
+    *,
+    as_stated: bool = False,
+    apparatus: Apparatus | None = None,
 ) -> ProcessedFrame:
     """Fit a one-state scene to a frame, and read the fringe order on the branch it names.
 
     Parameters: `frame`; `scene`, see `single_state.frame_scene`; `capture`, how the set
-    was captured; `as_stated`, whether nothing else is fitted than the scene's unknowns. Returns a
+    was captured; `as_stated`, whether nothing else is fitted than the scene's unknowns;
+    `apparatus`, what the frame has in common with the others of its video. Returns a
     ProcessedFrame. Raises InputError on a blank frame, PhysicsError where
     the scene's fringes are not in it.
     """
@@ -46,6 +53,9 @@ def process_with_model(
         no_load=(capture.dark, capture.bright),
         gamma_found=True,
     )
+    said: tuple[str, ...] = ()
+    if apparatus is not None:
+        data, said = apparatus.seen(data), apparatus.warnings
     data, fit, scene, notes = _fitted(data, scene, frame, as_stated)
     if fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fit.scene.frames.stated_gamma)
@@ -69,7 +79,7 @@ def process_with_model(
         fit=fit,
         noise=noise,
         chi=fit.chi,
-        warnings=(*notes, *_warnings(fit, reading, lost)),
+        warnings=(*said, *notes, *_warnings(fit, reading, lost)),
     )
     return _without_model(found, frame, scene, capture, data) if lost else found
 
@@ -109,6 +119,20 @@ def _fitted(
         return freed.data, freed.fit, scene, [*notes, *cause_messages(freed)]
     except PhysicsError as error:
         raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
+
+
+def frame_causes(frame: Frame, scene: Scene, capture: Capture) -> list[str] | None:
+    """What `process` will say of a frame's causes; None where the scene's fringes are not in it.
+
+    Parameters: as of `process_with_model`. Raises InputError on a blank frame, PhysicsError where
+    no values give fringes of the right contrast.
+    """
+    no_load = capture.dark, capture.bright
+    data = prepare_frame(
+        frame, scene, bit_depth=capture.bit_depth, no_load=no_load, gamma_found=True
+    )
+    _, fit, _, notes = _fitted(data, scene, frame, as_stated=False)
+    return notes if fit.positive or notes else None
 
 
 def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:

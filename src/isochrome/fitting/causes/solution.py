@@ -1,0 +1,251 @@
+"""A fit that is asked for causes: what it must tell, and how it is made anew with more unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.estimation import FrameData
+from isochrome.fitting.arrays import Array, Mask
+from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame
+from isochrome.fitting.causes.score import Asked, LightTerms
+from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.frame.frame_fit import Fitted, fit_with_model, hidden_px
+from isochrome.fitting.frame.frame_model import FrameModel, refine_fit
+from isochrome.fitting.frame.inputs import StatedInputs
+from isochrome.fitting.frame.single_state import with_numerics
+from isochrome.fitting.frame.unknowns import fit_region, moved_scene, values_of
+from isochrome.scene import Scene
+from isochrome.stress import pixel_grid
+
+TRIAL_TOLERANCE = 0.5
+"""Last step of a trial, in standard uncertainties."""
+_PASSES = 12
+RIM_PX = 2.0
+"""Rows at the surface that trials leave out: a lens hides some more, and all are compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """What a fit is made anew with.
+
+    `added`, where keys begin that become unknowns; `held`, keys that are unknowns no more, and
+    their values; `terms` of the light; `outside` (rows/3, cols/3), blocks that are left out.
+    """
+
+    added: dict[str, float] = field(default_factory=dict)
+    held: dict[str, Any] = field(default_factory=dict)
+    terms: LightTerms | None = None
+    outside: Mask | None = None
+
+
+class Solution(Protocol):
+    """A fit of one frame, or of several together, that can be asked and made anew."""
+
+    @property
+    def fit(self) -> Any:
+        """The fit itself."""
+
+    @property
+    def data(self) -> Any:
+        """The frame or frames, with the light and the pixels that were taken."""
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+
+    @property
+    def light_words(self) -> str:
+        """What is said of the light."""
+
+    @property
+    def chi(self) -> float:
+        """Residual over noise."""
+
+    @property
+    def noise_ratio(self) -> float:
+        """The noise over what the frames' finest part shows."""
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with the fitted values."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys that were fitted."""
+
+    @property
+    def held(self) -> StatedInputs:
+        """What is stated with an uncertainty, and held."""
+
+    @property
+    def terms(self) -> LightTerms:
+        """The polynomial products of the light."""
+
+    @property
+    def pixels(self) -> int:
+        """Pixels that may be used."""
+
+    @property
+    def is_bright(self) -> bool:
+        """Whether its light is light, and more than one amplitude."""
+
+    @property
+    def is_sound(self) -> bool:
+        """The same, and whether each value is determined."""
+
+    def values_of_key(self, key: str) -> list[tuple[float, float]]:
+        """Value and standard uncertainty of a key, one for each time that it was fitted."""
+
+    def blocks(self) -> Iterator[FrameBlocks]:
+        """Each of its frames in blocks."""
+
+    def again(self, change: Change) -> Self:
+        """The fit with a change. Raises PhysicsError where it cannot be made."""
+
+    def trial(self, change: Change) -> tuple[float, int, int] | None:
+        """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
+
+
+@dataclass(frozen=True)
+class FrameSolution:
+    """The fit of one frame: its `data`, with the light and the pixels that were taken."""
+
+    data: FrameData
+    fitted: Fitted
+    count: int = 1
+
+    @property
+    def light_words(self) -> str:
+        """What is said of the light."""
+        return self.data.lamp.words
+
+    @property
+    def fit(self) -> FrameFit:
+        """The fit."""
+        return self.fitted.fit
+
+    @property
+    def chi(self) -> float:
+        """Residual over noise."""
+        return self.fit.chi
+
+    @property
+    def noise_ratio(self) -> float:
+        """The noise over what the frame's finest part shows."""
+        return self.fit.noise_ratio
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with the fitted values."""
+        return self.fit.scene
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys that were fitted."""
+        return self.fit.keys
+
+    @property
+    def held(self) -> StatedInputs:
+        """What is stated with an uncertainty, and held."""
+        return self.fitted.held
+
+    @property
+    def terms(self) -> LightTerms:
+        """The polynomial products of the light."""
+        return self.data.lamp.terms
+
+    @property
+    def pixels(self) -> int:
+        """Pixels that may be used."""
+        return int(self.data.valid.sum())
+
+    @property
+    def is_bright(self) -> bool:
+        """Whether its light is light, and more than one amplitude."""
+        return self.fit.positive and not self.fit.plain
+
+    @property
+    def is_sound(self) -> bool:
+        """The same, and whether each value is determined."""
+        return self.is_bright and bool(np.isfinite(self.fit.standard_uncertainty).all())
+
+    def values_of_key(self, key: str) -> list[tuple[float, float]]:
+        """Value and standard uncertainty of a key."""
+        k = self.fit.keys.index(key)
+        return [(float(self.fit.values[k]), float(self.fit.standard_uncertainty[k]))]
+
+    def blocks(self) -> Iterator[FrameBlocks]:
+        """The frame in blocks."""
+        model, final = self.fitted.model, self.fitted.final
+        rows = np.concatenate((final.local.rows, self.fitted.held_rows))
+        yield FrameBlocks(
+            SolvedFrame(
+                data=self.data,
+                scene=moved_scene(model.scene, self.fit.keys, final.values),
+                pixels=model.pixels,
+                toned=final.toned,
+                renderer=model.renderer,
+                rows=rows,
+                along=np.eye(len(rows)),
+                unknowns=len(self.fit.keys),
+            )
+        )
+
+    def again(self, change: Change) -> FrameSolution:
+        """The fit with a change. Raises PhysicsError where it cannot be made."""
+        data, keys, scene = self._changed(change)
+        fitted = fit_with_model(data, scene, keys, cold=False, stated=self.fitted.stated)
+        # other minima are those of the first search
+        return FrameSolution(data, replace(fitted, fit=replace(fitted.fit, others=self.fit.others)))
+
+    def trial(self, change: Change) -> tuple[float, int, int] | None:
+        """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
+        data, keys, scene = self._changed(change)
+        bent = pixel_grid(scene, data.shape).lens is not None
+        region = fit_region(scene, data.shape, BLOCK, hidden_px(scene) + (not bent) * RIM_PX)
+        try:
+            prior = self.fitted.stated.prior(keys)
+            model = FrameModel(data, with_numerics(scene), keys, region, stride=BLOCK, prior=prior)
+            start = values_of(scene, keys)
+            found = refine_fit(model, start, tolerance=TRIAL_TOLERANCE, iterations=_PASSES)
+        except PhysicsError:
+            return None
+        if found is None or not found.toned.part.positive:
+            return None
+        size = model.pixels.size
+        return found.cost / size, len(keys) + len(found.toned.part.coefficients), size
+
+    def _changed(self, change: Change) -> tuple[FrameData, tuple[str, ...], Scene]:
+        """Data, unknowns and scene to begin with."""
+        data = self.data
+        if change.terms is not None:
+            data = replace(data, lamp=data.lamp.of(change.terms))
+        if change.outside is not None:
+            data = replace(data, valid=data.valid & ~whole_picture(change.outside, data.shape))
+        keys = tuple(key for key in self.fit.keys if key not in change.held)
+        scene = self.fit.scene.with_values(change.added | change.held)
+        return data, (*keys, *change.added), scene
+
+
+def change_for(solution: Solution, asked: Asked, light: LightTerms | None = None) -> Change:
+    """What makes a fit one with what is asked: `light`, the terms where it is richer light."""
+    if asked.outside is not None:
+        return Change(outside=asked.outside)
+    if asked.cause is None:
+        return Change(terms=light)
+    pairs = zip(asked.cause.keys, asked.cause.starts, strict=True)
+    new = {key: value for key, value in pairs if key not in solution.keys}
+    return Change(added={key: solution.scene.get(key) or value for key, value in new.items()})
+
+
+def whole_picture(outside: Array, shape: tuple[int, int]) -> Mask:
+    """Blocks (rows/3, cols/3) as pixels of a picture of a `shape` (rows, cols)."""
+    rows, cols = shape
+    # each block lies about its pixel
+    out = np.repeat(np.repeat(outside, BLOCK, 0), BLOCK, 1)
+    return np.pad(out, ((0, BLOCK), (0, BLOCK)), mode="edge")[1 : rows + 1, 1 : cols + 1]

@@ -1,0 +1,86 @@
+"""`check`: what is wrong with frames, and what one of them asks for, before a long run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.frames import (
+    Check,
+    Finding,
+    FramesPath,
+    load_no_load,
+    look_through,
+    open_scene_frames,
+    with_file_scale,
+)
+from isochrome.processing.frame_task import own_scene
+from isochrome.processing.kinds.with_model import frame_causes
+from isochrome.processing.result import Capture
+from isochrome.runs import single_threaded
+from isochrome.scene import Scene
+
+_TRIED = 4
+"""Frames at the most in which the scene's fringes are looked for: one takes seconds."""
+
+
+def check(path: FramesPath, scene: Scene) -> Check:
+    """Look through captured frames once, and say what is wrong with them for this scene.
+
+    Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
+    in one pass with one frame in memory. Where they can be the scene's, and it has a model, the
+    first frame that shows its fringes is fitted, and what it asks for besides what the scene states
+    is a warning, as `process` says it: the key that mends it, and its value.
+
+    Parameters
+    ----------
+    path : str, Path or sequence of them
+        The frames, as for `open_frames`.
+    scene : Scene
+        What stood in front of the camera, as `load_scene` gives it.
+
+    Returns
+    -------
+    Check
+        The findings, errors first; frames that cannot be read are a finding, not an exception.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> simulated = isochrome.simulate(scene, "simulated")
+    >>> found = isochrome.check("simulated/frames.tif", scene)
+    >>> found.ok, found.count
+    (True, 1)
+    """
+    found = look_through(path, scene)
+    light = scene.polariscope
+    alone = bool(light.step) or light.several_wavelengths  # their states tell the order themselves
+    if not found.ok or not found.count or scene.model is None or alone:
+        return found
+    with single_threaded():
+        return found.with_more(_asked(path, scene))
+
+
+def _asked(path: FramesPath, scene: Scene) -> Iterator[Finding]:
+    """What the first frame that shows the scene's fringes asks for."""
+    with open_scene_frames(path, scene) as reader:
+        scene = with_file_scale(scene, reader)
+        dark, bright = load_no_load(scene, full_shape=reader.full_shape)
+        capture = Capture(reader.bit_depth, dark, bright)
+        refused = None
+        for frame in islice(reader, _TRIED):
+            try:
+                said = frame_causes(frame, own_scene(scene, frame), capture)
+            except (InputError, PhysicsError) as error:
+                refused = refused or Finding("warning", str(error), frame.index)
+                continue
+            if said is not None:
+                where = f"frame {frame.index}: " if reader.count(decode=False) > 1 else ""
+                yield from (Finding("warning", where + text, frame.index) for text in said)
+                return
+        if refused is not None:
+            yield refused
