@@ -132,7 +132,7 @@ def _freed(freed: Freed[S]) -> Freed[S]:
         asked, undecided = _asked(now)
         freed = replace(freed, asked=asked, undecided=undecided)
         wider = _widest(freed, asked)
-        if wider is None or stays_poor(now.chi, wider.now.chi, LITTLE):
+        if wider is None:
             break
         freed = wider
     return freed
@@ -152,7 +152,9 @@ def _widest(freed: Freed[S], asked: tuple[Asked, ...]) -> Freed[S] | None:
     order = open_ if freed.now.chi < _LARGE else _tried(freed, open_)
     for item in order[:2]:
         wider = _with(freed, item)
-        if wider is not None:
+        # what is odd may hide what a cause explains: a trial has told that without it
+        alone = item.outside is not None
+        if wider is not None and not (alone and stays_poor(freed.now.chi, wider.now.chi, LITTLE)):
             return wider
     return None
 
