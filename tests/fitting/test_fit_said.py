@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from isochrome.fitting.frame.smooth_stress import SMOOTH_KEYS, smooth_keys
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import HALF, is_explained
@@ -94,11 +93,6 @@ def test_other_solutions_are_told_that_fit_within_five_per_cent_as_well(alone, s
 def test_one_frame_that_did_not_converge_is_enough_to_be_told(alone):
     warnings = result_of(alone, replace(alone, converged=False)).warnings
     assert any(text.startswith("the fit did not converge fully; ") for text in warnings)
-
-
-@pytest.mark.parametrize(("chi", "keys"), [(1.029, ()), (1.031, SMOOTH_KEYS)])
-def test_a_smooth_stress_is_asked_for_from_a_chi_of_1_03(chi, keys):
-    assert smooth_keys(scene(), (LOAD,), chi) == keys
 
 
 def test_a_smooth_stress_is_kept_that_explains_half_of_what_chi_squared_is_too_large_by():

@@ -18,9 +18,9 @@ import isochrome.samples as samples
 from isochrome.calibration import calibrate_bending, calibrate_disc, load_set
 from isochrome.demonstration import read_truth
 from isochrome.frames import (
-    check,
     estimate_noise,
     load_no_load,
+    look_through,
     normalise,
     open_frames,
     to_linear,
@@ -237,7 +237,7 @@ def test_contact_scene_is_nominal_and_its_frames_pass_the_check():
     nominal = load_scene("line-contact-wear")
     for part in ("specimen", "indenter", "load", "friction", "wear", "polariscope", "camera"):
         assert getattr(scene, part) == getattr(nominal, part)
-    checked = check(CONTACT / "captured.tif", scene)
+    checked = look_through(CONTACT / "captured.tif", scene)
     assert checked.count == 6 and {f.level for f in checked.findings} <= {"note"}
     assert read_pixel_mm(CONTACT / "captured.tif") == pytest.approx(0.00607, rel=1e-6)
 

@@ -50,7 +50,7 @@ AS_STATED = (
     bool,
     typer.Option(
         "--as-stated",
-        help="Hold all that the scene states; else what a frame asks for (the camera's roll, "
+        help="Hold all that the scene states; else what the frames ask for (the camera's roll, "
         "uneven light, a band, ...) is fitted too, and said.",
     ),
 )

@@ -85,8 +85,8 @@ def fit(
         Whether all that the scene states is held, and nothing else is fitted than its unknowns;
         else what a frame asks for is fitted too and named in the warnings: the camera's roll,
         distortion and keystone, gamma, blur, plates, band of wavelengths, a smooth stress, uneven
-        light, and dust is left out. Frames that share an unknown or a history are fitted as
-        stated.
+        light, and dust is left out. Frames that share an unknown or a history are asked together,
+        and what they ask for is one unknown of all of them.
     out : str or Path, optional
         Folder for fit.csv, scene.toml (fitted), fit.json, provenance.json, fit.png, run.zarr
         (values over frame, see `open_run`), of several frames fit_over_distance.png and

@@ -15,6 +15,7 @@ from isochrome.frames import (
     open_scene_frames,
     with_file_scale,
 )
+from isochrome.output import named_frames
 from isochrome.processing.frame_task import own_scene
 from isochrome.processing.kinds.with_model import frame_causes
 from isochrome.processing.result import Capture
@@ -71,16 +72,17 @@ def _asked(path: FramesPath, scene: Scene) -> Iterator[Finding]:
         scene = with_file_scale(scene, reader)
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
         capture = Capture(reader.bit_depth, dark, bright)
-        refused = None
+        vain, refused = [], None
         for frame in islice(reader, _TRIED):
+            said = None
             try:
                 said = frame_causes(frame, own_scene(scene, frame), capture)
             except (InputError, PhysicsError) as error:
-                refused = refused or Finding("warning", str(error), frame.index)
-                continue
+                refused = refused or str(error)
             if said is not None:
                 where = f"frame {frame.index}: " if reader.count(decode=False) > 1 else ""
                 yield from (Finding("warning", where + text, frame.index) for text in said)
                 return
-        if refused is not None:
-            yield refused
+            vain.append(frame.index)
+        text = refused or "the scene's fringes are not there; correct the scene, if they should be"
+        yield Finding("warning", f"{named_frames(vain)}: {text}")

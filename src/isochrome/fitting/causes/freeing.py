@@ -1,6 +1,6 @@
 """A fit with what its frames themselves ask for: nothing is freed where nothing is asked.
 
-The fit may be of one frame, or of several together, see `Solution`.
+The fit may be of one frame, or of several together, see `Askable`.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from isochrome.estimation import (
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause, candidates
 from isochrome.fitting.causes.score import Asked, LightTerms, ask, richer_light
-from isochrome.fitting.causes.solution import Change, FrameSolution, Solution, change_for
+from isochrome.fitting.causes.solution import Askable, Change, FrameSolution, change_for
 from isochrome.fitting.causes.trials import Trial, explaining_slip, is_unexplained
 from isochrome.fitting.frame.frame_fit import fit_with_model
 from isochrome.fitting.frame.inputs import StatedInputs
 from isochrome.fitting.frame.unknowns import GAMMA, LENS
 from isochrome.scene import Scene
 
-S = TypeVar("S", bound=Solution)
+S = TypeVar("S", bound=Askable)
 
 _ROUNDS, _PRUNINGS = 6, 3
 _LARGE = 1.03
@@ -52,9 +52,9 @@ class Freed(Generic[S]):
 
     Parameters
     ----------
-    now : Solution
+    now : Askable
         The fit, with the light and the pixels that were taken.
-    stated : Solution
+    stated : Askable
         The fit as the scene states it.
     causes : tuple of Cause, optional
         Those that were freed, in order.
@@ -230,7 +230,7 @@ def _tried(freed: Freed[S], asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
     return (*(item for gain, item in scored if gain > 0.0), *out)
 
 
-def _is_felt(solution: Solution, cause: Cause, stated: Scene) -> bool:
+def _is_felt(solution: Askable, cause: Cause, stated: Scene) -> bool:
     """Whether a cause came out at more than nothing, and more than is worth an unknown."""
     if cause.weight:
         return True  # what is known of it stands beside it: it may be nothing, and costs nothing
@@ -305,7 +305,7 @@ def fit_with_causes(
     if is_unexplained(fitted):
         slip = explaining_slip(given, scene, keys, fitted.fit.chi)
         if slip is not None:
-            unlit = replace(fitted, fit=replace(fitted.fit, positive=False))
-            lost = FrameSolution(data, unlit)
-            return Freed(now=lost, stated=lost, slip=slip)
+            lost = replace(fitted, fit=replace(fitted.fit, positive=False))
+            unlit = FrameSolution(data, lost)
+            return Freed(now=unlit, stated=unlit, slip=slip)
     return free_causes(FrameSolution(data, fitted))

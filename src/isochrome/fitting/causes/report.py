@@ -7,7 +7,7 @@ from typing import Any
 from isochrome.fitting.causes.cause import Cause
 from isochrome.fitting.causes.freeing import Freed
 from isochrome.fitting.causes.score import Asked
-from isochrome.fitting.causes.solution import Solution
+from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.frame.unknowns import LOAD
 from isochrome.output import with_uncertainty
 
@@ -61,16 +61,16 @@ def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
     return tuple(messages)
 
 
-def _who(solution: Solution) -> str:
+def _who(solution: Askable) -> str:
     return "the frame" if solution.count == 1 else "the frames"
 
 
-def _verb(solution: Solution, verb: str) -> str:
+def _verb(solution: Askable, verb: str) -> str:
     """What one frame does, or several."""
     return f"{_who(solution)} {verb}{'s' * (solution.count == 1)}"
 
 
-def _said(solution: Solution, key: str) -> str:
+def _said(solution: Askable, key: str) -> str:
     """A key with its value, or with the least and the most of several frames' own."""
     found = sorted(solution.values_of_key(key))
     return f"{key} = " + " to ".join(
@@ -124,7 +124,7 @@ def _shift(freed: Freed[Any]) -> str:
     return text
 
 
-def _suspect_sentence(solution: Solution, suspects: list[Asked]) -> str:
+def _suspect_sentence(solution: Askable, suspects: list[Asked]) -> str:
     """The lengths and moduli that a frame contradicts, of which it cannot tell which is wrong."""
     scene, parts = solution.scene, []
     for asked in suspects:

@@ -43,7 +43,7 @@ class Change:
     outside: Mask | None = None
 
 
-class Solution(Protocol):
+class Askable(Protocol):
     """A fit of one frame, or of several together, that can be asked and made anew."""
 
     @property
@@ -232,7 +232,7 @@ class FrameSolution:
         return data, (*keys, *change.added), scene
 
 
-def change_for(solution: Solution, asked: Asked, light: LightTerms | None = None) -> Change:
+def change_for(solution: Askable, asked: Asked, light: LightTerms | None = None) -> Change:
     """What makes a fit one with what is asked: `light`, the terms where it is richer light."""
     if asked.outside is not None:
         return Change(outside=asked.outside)

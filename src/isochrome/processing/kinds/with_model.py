@@ -122,7 +122,7 @@ def _fitted(
 
 
 def frame_causes(frame: Frame, scene: Scene, capture: Capture) -> list[str] | None:
-    """What `process` will say of a frame's causes; None where the scene's fringes are not in it.
+    """What `process` will say of how a scene explains a frame; None where it shows no fringes.
 
     Parameters: as of `process_with_model`. Raises InputError on a blank frame, PhysicsError where
     no values give fringes of the right contrast.
@@ -132,7 +132,7 @@ def frame_causes(frame: Frame, scene: Scene, capture: Capture) -> list[str] | No
         frame, scene, bit_depth=capture.bit_depth, no_load=no_load, gamma_found=True
     )
     _, fit, _, notes = _fitted(data, scene, frame, as_stated=False)
-    return notes if fit.positive or notes else None
+    return [*notes, *_of_chi(fit)] if fit.positive or notes else None
 
 
 def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:
@@ -155,14 +155,19 @@ def _without_values(fit: FrameFit, scene: Scene) -> FrameFit:
     return replace(fit, scene=scene, values=kept, standard_uncertainty=np.full(len(kept), np.nan))
 
 
-def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
-    found = []
+def _of_chi(fit: FrameFit) -> list[str]:
+    """What is said where the model leaves more than the frame's noise."""
     if fit.chi > POOR_CHI:
-        found.append(
+        return [
             f"chi = {fit.chi:.2f}: the model does not describe this frame within its noise "
             "(another load, residual stress, gamma, or the fit settled on a wrong solution); use "
             "its orders with care"
-        )
+        ]
+    return []
+
+
+def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
+    found = _of_chi(fit)
     if not fit.positive:
         found.append(f"the scene's fringes are not in this frame; {_CORRECT}")
     elif fit.plain:

@@ -1,0 +1,72 @@
+"""`check` asks the first frame that shows fringes, and says what `process` will say of it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from isochrome import check, process
+from isochrome.benchmarks import load_benchmarks
+from isochrome.cli import app
+from isochrome.output import write_tiff
+from isochrome.scene import dump_scene, load_scene
+
+OUTSIDE = load_benchmarks("outside_camera")
+ROWS, COLS = 124, 165
+
+
+def bench():
+    """A static contact of 4 mm x 3 mm in view."""
+    scene = load_scene("line-contact-wear").with_values(
+        {
+            "load.normal_n": 47.3,
+            "polariscope.wavelength_nm": 587.0,
+            "camera.width_px": COLS,
+            "camera.height_px": ROWS,
+            "camera.pixel_mm": 4.0 / COLS,
+        }
+    )
+    return scene.model_copy(update={"wear": None, "friction": None})
+
+
+def dark(count):
+    """Frames of a camera that sees nothing but its noise."""
+    return np.random.default_rng(0).integers(50, 60, (count, ROWS, COLS)).astype(np.uint8)
+
+
+def saved(folder, *frames):
+    write_tiff(folder / "frames.tif", np.stack(frames), pixel_mm=4.0 / COLS)
+    return folder / "frames.tif"
+
+
+def asked(found):
+    return [f for f in found.findings if "the frame shows" in f.text or "fringes are not" in f.text]
+
+
+@pytest.mark.parametrize("before", [0, 1])
+def test_the_first_frame_with_fringes_is_asked_and_the_key_is_named(tmp_path, before):
+    image = OUTSIDE.frame(bench(), OUTSIDE.Defects(distortion=0.005), 1)
+    path = saved(tmp_path, *dark(before), image)
+    (finding,) = asked(check(path, bench()))
+    assert finding.level == "warning" and finding.frame == before
+    value = float(re.search(r"camera\.distortion = (\S+) ", finding.text).group(1))
+    assert value == pytest.approx(0.005, abs=1.75e-3)  # five of its uncertainties, of so few pixels
+    if not before:
+        (said,) = process(path, bench()).warnings
+        assert finding.text == said
+
+
+def test_what_its_scene_says_is_asked_for_nothing_and_the_command_ends_well(tmp_path):
+    path = saved(tmp_path, OUTSIDE.frame(bench(), OUTSIDE.Defects(), 1))
+    (tmp_path / "scene.toml").write_text(dump_scene(bench()), "utf-8")
+    assert not asked(check(path, bench()))
+    run = CliRunner().invoke(app, ["check", str(path), "--scene", str(tmp_path / "scene.toml")])
+    assert run.exit_code == 0 and "no error found" in run.output
+
+
+def test_frames_without_the_scenes_fringes_are_said_to_have_none(tmp_path):
+    (finding,) = asked(check(saved(tmp_path, *dark(2)), bench()))
+    assert finding.level == "warning" and finding.text.startswith("frames 0-1: ")
