@@ -45,3 +45,16 @@ def test_what_each_part_has_of_its_own_is_fitted_there():
     assert products.count == sum(value.size for *_, value in parts)
     # two of their own in each of three parts, and three of all
     assert products.noise == pytest.approx(max(1.0, before / (products.count - 9)), rel=1e-4)
+
+
+def test_what_is_fitted_moves_as_it_does_with_a_column_more():
+    parts = list(data(np.random.default_rng(6)))
+    products = ScoreProducts(parts)
+    _, before = cost_of(parts, [])
+    for chosen in ([0], [1], [0, 1]):
+        _, after = cost_of(parts, chosen)
+        shared = slice(6, 9)  # behind two own ones of each of three parts
+        values = products.score(chosen)[2]
+        moved = after[: before.size][shared] - before[shared]
+        # products are in single precision
+        assert products.shift(chosen, values) == pytest.approx(moved, rel=1e-3, abs=1e-5)

@@ -13,7 +13,7 @@ import pytest
 
 from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
-from isochrome.fitting.causes.cause import SCALE, STIFF
+from isochrome.fitting.causes.cause import ABOVE, SCALE, STIFF, WIDE
 from isochrome.fitting.causes.freeing import fit_with_causes
 from isochrome.fitting.causes.report import cause_messages
 from isochrome.frames import Frame
@@ -224,3 +224,46 @@ def test_a_simulated_roll_is_found_by_process(tmp_path):
     stated = process(tmp_path / "seen" / "frames.tif", scene, as_stated=True)
     assert stated.columns["causes"] == [""]
     assert abs(stated.columns["load.normal_n"][0] / LOAD - 1.0) > 3e-4
+
+
+@pytest.mark.parametrize(("noise", "quality"), [(3.0, 80), (3.0, 90), (1.0, 85)])
+def test_a_compressed_picture_keeps_its_chi_and_its_pulls(noise, quality):
+    """Its finest part is gone, from which noise is told elsewhere: chi was 2.3 to 5.0."""
+    freed, _, said = fitted(Defects(noise=noise, jpeg=quality))
+    assert freed.fit.chi < 1.25  # what is left of 8 x 8 blocks is not the same in all of them
+    assert not freed.causes and not freed.light
+    assert np.all(np.abs(pulls(freed.fit)) < 3.0)
+    assert any(" times what neighbouring pixels show" in text for text in said)
+
+
+def test_a_clean_picture_has_the_noise_that_its_pixels_show():
+    freed, _, said = fitted(Defects())
+    assert freed.fit.noise_ratio == 1.0 and not said
+
+
+def test_rows_with_a_noise_of_their_own_are_counted():
+    """The uncertainty grows by what rows share, and nothing is freed for it: pulls were 4."""
+    found = []
+    for seed in range(2):
+        freed, _, _ = fitted(Defects(row_noise=1.0), seed=seed)
+        assert not freed.causes
+        found += pulls(freed.fit)
+    # four values: chi² of 4 degrees of freedom is below 18.5 in 999 of 1000
+    assert np.sum(np.square(found)) < 18.5
+
+
+def test_dust_does_not_hide_what_a_lens_and_a_band_do():
+    defects = Defects(dust=30, keystone_z=0.01, band_nm=25.0)
+    freed, _, _ = fitted(defects)
+    assert {cause.name for cause in freed.causes} >= {ABOVE.name, WIDE.name}
+    assert freed.outside > 0.0 and freed.fit.chi < 1.05
+    assert np.all(np.abs(pulls(freed.fit)) < 3.0)
+
+
+@pytest.mark.parametrize(("keystone", "seed"), [(4e-4, 0), (2e-4, 1)])
+def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone, seed):
+    """It errs by five and ten standard uncertainties as it is held, and noise may do as much."""
+    freed, stated, _ = fitted(Defects(keystone_z=keystone), seed=seed)
+    assert not freed.causes
+    assert abs(pulls(stated)[0]) > 4.0
+    assert np.all(np.abs(pulls(freed.fit)) < 3.0)

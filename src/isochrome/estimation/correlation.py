@@ -20,6 +20,12 @@ _CLEAR = 4.0
 _LOCAL_PX = 16
 """Side of the blocks in which noise is told from what changes slowly: two of a JPEG's."""
 
+_LOUDER = 1.1
+"""Noise over what was expected that chance does not reach."""
+
+_MOST = 4.0
+"""Variance of a block, over the median, beyond which it is no noise."""
+
 _PLANE, _CUBIC = 1, 3
 """Degrees of what is taken off a residual, and off the picture itself, in such a block."""
 
@@ -115,8 +121,10 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
     """Standard deviation of the noise, whatever is wrong with the model that left a residual.
 
     What a model misses is smooth over blocks of 16 x 16 pixels almost everywhere; noise is not,
-    not even that of a compressed picture, whose finest part is gone. So it is the median over the
-    blocks of what a plane leaves of the residual, or a cubic of the picture, whichever is less.
+    not even that of a compressed picture, whose finest part is gone. So it is told by what a plane
+    leaves of the residual in a block, or a cubic of the picture, whichever is less. Where half of
+    the blocks show no more than was expected, that is the noise; else it is their mean, since
+    compression leaves more where there is more to see.
 
     Parameters
     ----------
@@ -130,16 +138,20 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
     Returns
     -------
     float
-        The standard deviation; 0 where no block is full.
+        The standard deviation; 1 where it is no more than expected, or no block is full.
     """
     full = _blocks(keep, np.ones(residual.size, np.float32), _LOCAL_PX).all(axis=1)
     if not full.any():
-        return 0.0
+        return 1.0
     left = [
         _rest(_blocks(keep, values, _LOCAL_PX)[full], degree)
         for values, degree in ((residual, _PLANE), (picture, _CUBIC))
     ]
-    return float(np.sqrt(np.median(np.minimum(*left))))
+    variance = np.minimum(*left)
+    middle = float(np.median(variance))
+    if middle < _LOUDER**2:
+        return 1.0
+    return float(np.sqrt(np.mean(np.minimum(variance, _MOST * middle))))
 
 
 def _blocks(keep: Mask, values: Array, side: int) -> Array:

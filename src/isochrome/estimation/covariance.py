@@ -40,8 +40,8 @@ def white_middle(rows: Array, residual: Array) -> Array:
 def gradient_covariance(rows: Array, residual: Array, keep: NDArray[np.bool_]) -> Array:
     """The gradient's covariance as the residuals show it, with what neighbours and lines share.
 
-    White's middle, times the residuals' correlation over blocks; and where rows or columns have a
-    noise of their own, Σ g gᵀ of their sums g = Σ r j along each.
+    White's middle, times the residuals' correlation over blocks; and where rows or columns show
+    more than these, what Σ g gᵀ of their sums g = Σ r j along each is more.
 
     Parameters
     ----------
@@ -62,14 +62,24 @@ def gradient_covariance(rows: Array, residual: Array, keep: NDArray[np.bool_]) -
     Source: White (1980), Econometrica 48, 817-838; Cameron, Gelbach & Miller (2011), J. Bus. Econ.
     Stat. 29, 238-249, for sums along two directions.
     """
-    middle = white_middle(rows, residual) * block_correlation(keep, residual)
+    wider = block_correlation(keep, residual)
+    near = white_middle(rows, residual) * wider
+    middle = near
     for axis in (0, 1):
-        if line_correlation(keep, residual, axis) == 1.0:
+        if line_correlation(keep, residual, axis) <= wider:
             continue
         line = np.nonzero(keep)[1 - axis]
         sums = np.array([np.bincount(line, row * residual) for row in rows])
-        middle += sums @ sums.T
+        middle = middle + _positive_part(sums @ sums.T - near, np.sqrt(np.diag(near)))
     return middle
+
+
+def _positive_part(matrix: Array, scale: Array) -> Array:
+    """A symmetric matrix (p, p) without what would make variances less, in units of a scale."""
+    size = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    part = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return np.asarray(part * np.outer(size, size))
 
 
 def sandwich(inverse: Array, middle: Array) -> Array:

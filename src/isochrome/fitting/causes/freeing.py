@@ -138,7 +138,7 @@ def _freed(freed: Freed[S]) -> Freed[S]:
     return freed
 
 
-def _asked(now: Solution) -> tuple[tuple[Asked, ...], Array]:
+def _asked(now: Askable) -> tuple[tuple[Asked, ...], Array]:
     """What a fit's frames ask for, see `ask`."""
     causes = candidates(now.scene, now.keys, now.held)
     return ask(now.blocks(), causes, now.scene, now.terms)

@@ -60,9 +60,6 @@ _CHANCE = 100.0
 """Wald's statistic of an illumination that noise alone does not reach: it leaves up to 21 where
 values are searched for (18 frames), and fringes of a single grey level in 20 000 pixels 384."""
 
-_LOUDER = 1.1
-"""Local noise, over what the picture's finest part shows, that chance does not reach."""
-
 _GAMMAS = (1.0, 2.2)
 """Where an unknown exponent starts: a sensor's own, and most photographs'."""
 
@@ -146,7 +143,7 @@ def fit_with_model(
         made.final.toned.residual,
         made.model.pixels.raw * made.model.pixels.weight,
     )
-    if ratio < _LOUDER:
+    if ratio == 1.0:
         return made
     again = _fit_toned(data.with_noise(ratio), made.fit.scene, keys, False, stated)
     return replace(again, fit=replace(again.fit, others=made.fit.others))
