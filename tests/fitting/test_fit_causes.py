@@ -102,8 +102,10 @@ THINGS = [{"dust": 40}, {"shadow_px": 6}]
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_freed_in_a_frame_that_is_what_its_scene_says(seed):
     freed, stated, said = fitted(Defects(), seed=seed)
-    assert freed.fit is stated and not freed.causes and not freed.light and said == ()
-    assert max(map(abs, pulls(stated))) < 4.0
+    assert freed.now is freed.stated and not freed.causes and not freed.light and said == ()
+    assert max(map(abs, pulls(freed.fit))) < 4.0
+    # what may be there and was not asked for costs little: of ten causes one in a frame has 3 u
+    assert freed.fit.standard_uncertainty[0] < 1.3 * stated.standard_uncertainty[0]
 
 
 @pytest.mark.parametrize(
@@ -262,8 +264,9 @@ def test_dust_does_not_hide_what_a_lens_and_a_band_do():
 
 @pytest.mark.parametrize(("keystone", "seed"), [(4e-4, 0), (2e-4, 1)])
 def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone, seed):
-    """It errs by five and ten standard uncertainties as it is held, and noise may do as much."""
+    """As it is held the load errs by five and ten standard uncertainties."""
     freed, stated, _ = fitted(Defects(keystone_z=keystone), seed=seed)
     assert not freed.causes
     assert abs(pulls(stated)[0]) > 4.0
-    assert np.all(np.abs(pulls(freed.fit)) < 3.0)
+    # nine of ten benches have none, so that some of it stays
+    assert abs(pulls(freed.fit)[0]) < 0.5 * abs(pulls(stated)[0])

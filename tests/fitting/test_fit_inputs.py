@@ -204,7 +204,8 @@ def test_a_scale_that_is_off_is_fitted_with_its_prior_and_a_suspect_without():
     values, spread = found.fit.values, found.fit.standard_uncertainty
     assert abs(values[at[PIXEL]] - scene.get(PIXEL)) < 4.0 * spread[at[PIXEL]]
     assert abs(values[at[LOAD]] - scene.get(LOAD)) < 4.0 * spread[at[LOAD]]
-    assert abs(suspect.fit.values[0] - scene.get(LOAD)) > 50.0 * suspect.fit.standard_uncertainty[0]
+    alone = suspect.stated.fit
+    assert abs(alone.values[0] - scene.get(LOAD)) > 50.0 * alone.standard_uncertainty[0]
 
 
 def test_nothing_is_freed_where_all_that_is_stated_is_right():

@@ -49,6 +49,11 @@ class Prior:
         """What is added to their right side at some values, (p,)."""
         return np.asarray(self.weight * (self.values - values))
 
+    def misfit(self, values: Array) -> tuple[Array, Array]:
+        """1/u (p,), and how far the stated values are from some values, over u (p,)."""
+        root = np.sqrt(self.weight)
+        return root, root * (self.values - values)
+
     def cost(self, values: Array) -> float:
         """The sum of ((value - stated)/u)²."""
         return float(np.sum(self.weight * (self.values - values) ** 2))

@@ -119,7 +119,8 @@ class FrameWork:
         if stated.positive or self.sequence.count == 1:
             refuse_alike(stated.keys, stated.covariance, stated.inputs.keys)
         try:
-            refuse_alike(freed.fit.keys, freed.fit.covariance, freed.fit.inputs.keys)
+            now = freed.now.fit
+            refuse_alike(now.keys, now.covariance, now.inputs.keys)
         except PhysicsError:
             return freed.undone()  # chi stays, and is told
         return freed
@@ -170,8 +171,8 @@ def joint_stage(
             apart = None if apart is None else freed.now
             data.lights, data.outside = now.data.lights, now.data.outside
         joint = freed.fit if apart is None else now.fit
-    assert joint.covariance is not None
-    refuse_alike(tuple(u.key for u in joint.unknowns), joint.covariance, joint.known)
+    assert now.fit.covariance is not None
+    refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.covariance, joint.known)
     laws = None if apart is None else _laws(apart.fit)
     return make_result(joint, alone, laws, notes), joint
 

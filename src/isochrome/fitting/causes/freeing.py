@@ -141,7 +141,7 @@ def _freed(freed: Freed[S]) -> Freed[S]:
 def _asked(now: Askable) -> tuple[tuple[Asked, ...], Array]:
     """What a fit's frames ask for, see `ask`."""
     causes = candidates(now.scene, now.keys, now.held)
-    return ask(now.blocks(), causes, now.scene, now.terms)
+    return ask(now.blocks(), causes, now.scene, now.terms, now.stated_misfit)
 
 
 def _widest(freed: Freed[S], asked: tuple[Asked, ...]) -> Freed[S] | None:

@@ -38,6 +38,8 @@ _BESIDE = 2.5
 """The same beside such a block: a speck has a rim."""
 _WORST_OF_NINE = 3.5
 """Mean square of the largest of nine residuals of noise alone."""
+_RARE = 0.1
+"""Chance that a bench has a given defect, before its frame is looked at."""
 _DEEP, _DARKER = 20, 3.0
 """Rows of blocks below the surface that are compared; squares over their median that are odd."""
 _MAD = 1.4826
@@ -70,14 +72,19 @@ class Asked:
 
 
 def ask(
-    frames: Iterable[FrameBlocks], causes: tuple[Cause, ...], scene: Scene, terms: LightTerms
+    frames: Iterable[FrameBlocks],
+    causes: tuple[Cause, ...],
+    scene: Scene,
+    terms: LightTerms,
+    stated: tuple[Array, Array],
 ) -> tuple[tuple[Asked, ...], Array]:
     """What the residual of one frame, or of several together, asks for; and what that leaves.
 
     Parameters: `frames`, that share whatever is freed; `causes` that they can have; their `scene`;
-    `terms` of their light. Returns what noise alone does not ask for, the one with the most
-    evidence first, nothing where the frames are what their scene says; and what the covariance
-    (p, p) lacks for what they neither ask for nor exclude, see `_undecided`.
+    `terms` of their light; `stated`, 1/u (p,) of what is known of the unknowns beforehand, and how
+    far it is from what was fitted, over u (p,). Returns what noise alone does not ask for, the
+    one with the most evidence first, nothing where the frames are what their scene says; and what
+    the covariance (p, p) lacks for what they neither ask for nor exclude, see `_undecided`.
     """
     lights = _lights(terms)
     groups: list[Any] = [*causes, *lights]
@@ -91,6 +98,8 @@ def ask(
             columns += [blocks.light_columns(*_light_bases(blocks, pair)) for pair in lights]
             found_outside.append(_outliers(blocks))
             yield blocks.part(np.concatenate(columns))
+        size = len(stated[0])
+        yield np.empty((0, size)), np.diag(stated[0]), np.zeros((sum(sizes), size)), stated[1]
 
     products = ScoreProducts(parts())
     blur = None
@@ -107,16 +116,17 @@ def ask(
     asked.sort(key=lambda item: -item.evidence)
     clear = tuple(item for item in asked if item.evidence > ASKED)
     # what is known to be uncertain is asked before what is taken as exact is accused
-    stated = any(item.cause is not None and item.cause.weight for item in clear)
-    return tuple(item for item in clear if item.can_be_freed or not stated), left @ left.T
+    known = any(item.cause is not None and item.cause.weight for item in clear)
+    return tuple(item for item in clear if item.can_be_freed or not known), left @ left.T
 
 
 def _undecided(products: ScoreProducts, asked: list[Asked], sizes: list[int]) -> Array:
     """How far what is fitted would move by each cause or light, times the root of its chance.
 
     The sum of their squares is what a fit without them is more uncertain by: the variance between
-    models of a mean over all of them, with chances 1/(1 + exp(-E/2)) of an evidence E (Raftery
-    (1995), Sociological Methodology 25, 111-163). Each term of the light is a model of its own.
+    models of a mean over all of them, with chances 1/(1 + (1/p - 1) exp(-E/2)) of an evidence E and
+    p before it (Raftery (1995), Sociological Methodology 25, 111-163). Each term of the light is a
+    model of its own.
     Parameters: `products`; `asked`, of each group of columns; `sizes` of these. Returns (p, k).
     """
     moves, first = [], 0
@@ -132,7 +142,7 @@ def _undecided(products: ScoreProducts, asked: list[Asked], sizes: list[int]) ->
         else:
             continue
         for columns, evidence, values in parts:
-            chance = 1.0 / (1.0 + np.exp(-0.5 * evidence))
+            chance = 1.0 / (1.0 + (1.0 / _RARE - 1.0) * np.exp(-0.5 * evidence))
             moves.append(np.sqrt(chance) * products.shift(columns, values))
     return np.array(moves).T
 

@@ -83,6 +83,10 @@ class Askable(Protocol):
         """What is stated with an uncertainty, and held."""
 
     @property
+    def stated_misfit(self) -> tuple[Array, Array]:
+        """1/u (p,) of what is stated of the unknowns, and stated less fitted values, over u."""
+
+    @property
     def terms(self) -> LightTerms:
         """The polynomial products of the light."""
 
@@ -153,6 +157,11 @@ class FrameSolution:
     def held(self) -> StatedInputs:
         """What is stated with an uncertainty, and held."""
         return self.fitted.held
+
+    @property
+    def stated_misfit(self) -> tuple[Array, Array]:
+        """1/u (p,) of what is stated of the unknowns, and stated less fitted values, over u."""
+        return self.fitted.final.local.prior.misfit(self.fit.values)
 
     @property
     def terms(self) -> LightTerms:

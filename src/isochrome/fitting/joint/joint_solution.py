@@ -75,6 +75,11 @@ class JointSolution:
         return self.problem.held
 
     @property
+    def stated_misfit(self) -> tuple[Array, Array]:
+        """1/u (p,) of what is stated of the unknowns, and stated less fitted values, over u."""
+        return self.problem.prior.misfit(self.fit.values)
+
+    @property
     def terms(self) -> LightTerms:
         """The polynomial products of the light."""
         return self.data[0].lamp.terms
