@@ -195,18 +195,16 @@ def test_three_defects_at_once():
     assert len(said) >= 2
 
 
-@pytest.mark.parametrize("option", [{"tractions": True}, {"track": True}])
-def test_what_knows_no_lens_refuses_one(tmp_path, option):
+def test_what_knows_no_lens_refuses_one(tmp_path):
     import tifffile
 
-    from isochrome import fit, track
+    from isochrome import fit
     from isochrome.errors import InputError
 
     tifffile.imwrite(tmp_path / "frame.tif", frame(bench(60, 80), Defects(), 0))
     scene = bench(60, 80).with_values({"camera.distortion": 0.01})
-    run = track if option.pop("track", False) else fit
     with pytest.raises(InputError, match=r"camera.distortion = 0.01: such frames cannot be"):
-        run(tmp_path / "frame.tif", scene, ["load.normal_n"], **option)
+        fit(tmp_path / "frame.tif", scene, ["load.normal_n"], tractions=True)
 
 
 def test_a_simulated_roll_is_found_by_process(tmp_path):

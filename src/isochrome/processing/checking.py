@@ -80,8 +80,8 @@ def _asked(path: FramesPath, scene: Scene) -> Iterator[Finding]:
             except (InputError, PhysicsError) as error:
                 refused = refused or str(error)
             if said is not None:
-                where = f"frame {frame.index}: " if reader.count(decode=False) > 1 else ""
-                yield from (Finding("warning", where + text, frame.index) for text in said)
+                for text in said:
+                    yield Finding("warning", f"{named_frames([frame.index])}: {text}", frame.index)
                 return
             vain.append(frame.index)
         text = refused or "the scene's fringes are not there; correct the scene, if they should be"

@@ -118,9 +118,14 @@ class JointSolution:
         """The fit with a change. Raises PhysicsError where it cannot be made."""
         data, sequence, start = self._changed(change)
         try:
-            return solve_jointly(data, sequence, start, self.progress)
-        except InputError as error:  # a value at the end of what is allowed
+            found = solve_jointly(data, sequence, start, self.progress)
+        except InputError as error:  # a step beyond what a key may be
             raise PhysicsError(str(error)) from error
+        values, ends = found.fit.values, found.problem.bounds
+        for k, unknown in enumerate(found.fit.unknowns):
+            if unknown.key in change.added and not ends.low[k] < values[k] < ends.high[k]:
+                raise PhysicsError(f"{unknown.key} = {values[k]:g}: at the end of where it may be")
+        return found
 
     def trial(self, change: Change) -> tuple[float, int, int] | None:
         """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
