@@ -1,10 +1,13 @@
 from .batched import State, damped_steps, minimise_all, next_damping
-from .correlation import block_correlation, line_correlation, line_noise, local_noise
 from .covariance import (
+    block_correlation,
     gradient_covariance,
     information_bound,
     is_determined,
     jackknife_variance,
+    line_correlation,
+    line_noise,
+    local_noise,
     sandwich,
     standard_uncertainty,
     white_covariance,
