@@ -40,8 +40,6 @@ _WORST_OF_NINE = 3.5
 """Mean square of the largest of nine residuals of noise alone."""
 _RARE = 0.1
 """Chance that a bench has a given defect, before its frame is looked at."""
-_DEEP, _DARKER = 20, 3.0
-"""Rows of blocks below the surface that are compared; squares over their median that are odd."""
 _MAD = 1.4826
 """Standard deviation over the median of the sizes, of a normal distribution."""
 _MOST_OUT = 0.15
@@ -242,27 +240,6 @@ def _asked(group: Any, gain: float, price: float, values: Array) -> Asked:
     return Asked(gain, evidence, terms=group)
 
 
-def _shadow(size: Array) -> Mask:
-    """Rows of blocks (r,) below the surface that are shadowed from the left edge to the right one.
-
-    What a contact's model misses there is about the contact: a shadow is on both sides of it. Rows
-    count from the first that has blocks, as long as they are worse than those below.
-    Parameters: `size` (r, c), residuals over noise, 0 where there are no blocks.
-    """
-    side = size.shape[1] // 4
-    rows = np.flatnonzero((size > 0.0).any(axis=1))[:_DEEP]
-    if not side or not rows.size:
-        return np.zeros(len(size), dtype=bool)
-    ends = np.array(
-        [np.mean(part[rows] ** 2, axis=1) for part in (size[:, :side], size[:, -side:])]
-    )
-    dark = np.all(ends > _DARKER * np.median(ends, axis=1, keepdims=True), axis=0)
-    depth = int(np.argmin(dark)) if not dark.all() else 0
-    found = np.zeros(len(size), dtype=bool)
-    found[rows[0] : rows[0] + depth] = True
-    return found
-
-
 def _outliers(blocks: FrameBlocks) -> Asked:
     """What leaving out the blocks gains that no noise explains; nothing where they are too many."""
     from scipy.ndimage import binary_dilation, binary_propagation
@@ -273,7 +250,7 @@ def _outliers(blocks: FrameBlocks) -> Asked:
     near = np.ones((3, 3), dtype=bool)
     seeds = np.maximum(size, blocks.worst / noise) > _OUTLIER
     outside = binary_propagation(seeds, near, mask=seeds | (size > _BESIDE))
-    outside = binary_dilation(outside, near) | _shadow(size)[:, None]
+    outside = binary_dilation(outside, near)
     out = blocks.pick(outside)
     count, number = len(residual), int(out.sum())
     if not number or number > _MOST_OUT * count:
