@@ -40,6 +40,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -89,11 +90,17 @@ def find_place(mutant: Mutant, modules: dict[Path, str]) -> Path:
     return places[0]
 
 
+@cache
+def dumped(text: str) -> str:
+    """What a module means, whatever its layout; many changes are of one module."""
+    return ast.dump(ast.parse(text))
+
+
 def apply_change(mutant: Mutant, modules: dict[Path, str]) -> tuple[Path, str]:
     """The module and its changed text. Raises ValueError, SyntaxError where it is no change."""
     path = find_place(mutant, modules)
     changed = modules[path].replace(mutant.text, mutant.change)
-    if ast.dump(ast.parse(changed)) == ast.dump(ast.parse(modules[path])):
+    if ast.dump(ast.parse(changed)) == dumped(modules[path]):
         raise ValueError("the change changes nothing")
     return path, changed
 

@@ -34,9 +34,9 @@ from isochrome.fitting.tracking.api import track
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.output import Result, over_items, write_csv, write_figure, write_json, write_tiff
 from isochrome.processing import check
-from isochrome.samples import samples_path
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
+from shipped_sets import some_of_a_shipped_set
 
 LOAD, LEFT = "load.normal_n", "camera.left_mm"
 NAME = "a <b>bold<b> & long.toml"
@@ -63,7 +63,7 @@ def results(tmp_path_factory):
     home = tmp_path_factory.mktemp("results")
     scene, film = home / NAME, home / "film.toml"
     scene.write_text(WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n", "utf-8")
-    distances = {"wear.distances_m": [0.5 * k for k in range(6)]}
+    distances = {"wear.distances_m": [0.5 * k for k in range(4)]}
     film.write_text(dump_scene(load_scene(scene).with_values(distances)), "utf-8")
     places = {"scene": scene, "film": film, "home": home}
 
@@ -169,9 +169,10 @@ def campaigned(places, make):
     return Left(found, out, "summary.csv", "summary.json", "summary.png")
 
 
-def calibrated(specimen: str, run: Callable[..., Any]):
+def calibrated(specimen: str, run: Callable[..., Any], images: tuple[int, int]):
     def make_one(places, make):
-        found, out = run(samples_path() / specimen / "set.toml"), places["home"] / specimen
+        given = some_of_a_shipped_set(places["home"] / "sets", specimen, images)
+        found, out = run(given), places["home"] / specimen
         save_calibration(found, out)
         return Left(found, out, None, "calibration.json", "calibration.png")
 
@@ -233,8 +234,8 @@ MAKE: dict[str, Callable[..., Left]] = {
     "check": checked,
     "sweep": swept,
     "campaign": campaigned,
-    "calibrate bending": calibrated("bending", calibrate_bending),
-    "calibrate disc": calibrated("disc", calibrate_disc),
+    "calibrate bending": calibrated("bending", calibrate_bending, (0, 3)),
+    "calibrate disc": calibrated("disc", calibrate_disc, (0, 2)),
     "calibrate colour": calibrated_colour,
     "calibrate scale": calibrated_scale,
     "bench": benched,

@@ -131,7 +131,7 @@ def cold_start(quick=False):
 
     frames = made_by("cold_frames")
     load, shear, pulls, seconds, wrong, silent = [], [], [], [], 0, 0
-    count = 1 if quick else 10
+    count = 1 if quick else 100
     for seed in range(count):
         case = frames.random_case("held", 1000 * SEED + seed)
         fit, cost = timed(lambda c=case: fit_frame(c.data, c.begun, c.keys))

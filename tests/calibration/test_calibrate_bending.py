@@ -67,9 +67,7 @@ def test_rendered_beams_give_their_fringe_value(beam_frame, edges, options, bar)
 def test_errors_are_as_large_as_stated_and_to_both_sides(beam_frame):
     pulls = []
     for seed in range(12):
-        found = calibrated(
-            beam_frame, (2.0, 4.0), seed, shape=(200, 240), pixel=0.115, tilt=seed % 5 - 2.0
-        )
+        found = calibrated(beam_frame, (2.0, 4.0), seed, **SMALL, tilt=seed % 5 - 2.0)
         pulls.append((found.fringe_value_n_per_mm - F_SIGMA) / found.standard_uncertainty)
     assert max(np.abs(pulls)) < 4
     assert 0.4 < np.std(pulls) < 1.8
@@ -87,7 +85,7 @@ def test_tilt_axis_and_orders_are_those_of_the_frame(whole):
 
 @pytest.mark.long
 def test_residual_bending_is_the_intercept(beam_frame):
-    found = calibrated(beam_frame, (1.5, 2.0, 3.0, 4.0), residual=0.3)
+    found = calibrated(beam_frame, (1.5, 2.0, 3.0, 4.0), residual=0.3, **SMALL)
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=2e-3)
     assert found.order_at_zero_load == pytest.approx(0.3, abs=0.02)
     assert any("stays at zero load" in w for w in found.warnings)
@@ -119,7 +117,7 @@ def test_the_budget_adds_up(beam_frame):
 
 @pytest.mark.long
 def test_an_unknown_tone_curve_is_found_and_said(beam_frame):
-    found = calibrated(beam_frame, (2.5, 4.0), gamma=2.2)
+    found = calibrated(beam_frame, (2.5, 4.0), gamma=2.2, **SMALL)
     assert found.chi < 1.05
     said = next(w for w in found.warnings if "not linear in light" in w)
     assert float(re.search(r"gamma = ([\d.]+)", said).group(1)) == pytest.approx(2.2, abs=0.05)

@@ -8,9 +8,9 @@ from isochrome.calibration.disc.disc_residual import FORMS, load_field
 from isochrome.errors import PhysicsError
 from isochrome.reference import disc_stress
 
-from .conftest import DIAMETER, F_SIGMA, disc_from_images, disc_load
+from .conftest import DIAMETER, F_SIGMA, SMALL_DISC, disc_from_images, disc_load
 
-CENTRES = (1.5, 2.0, 3.0, 4.0)
+CENTRES = (1.5, 2.5, 4.0)
 DISC = Disc(diameter_mm=DIAMETER)
 
 
@@ -18,13 +18,13 @@ def calibrated(images, centres=CENTRES):
     return disc_from_images(images, [disc_load(c) for c in centres], DISC)
 
 
-def tensor_disc(centre, residual, rng, *, angle=2.0, radius=140.0, size=320):
+def tensor_disc(centre, residual, rng, *, angle=2.0, radius=70.0, size=160):
     """Grey levels of a disc whose load's stress and residual stress add as tensors.
 
     `residual` (x, z) in radii is (sx - sz) + 2i txz in fringes; the stress of the loads is turned
     by its matrix, pixel by pixel.
     """
-    z, x = (np.mgrid[:size, :size] - size / 2 - 2.3) / radius
+    z, x = (np.mgrid[:size, :size] - size / 2 - 1.15) / radius
     turn = np.radians(angle)
     across = np.array([np.cos(turn), -np.sin(turn)])
     along = np.array([np.sin(turn), np.cos(turn)])
@@ -60,14 +60,14 @@ def test_an_axisymmetric_form_is_radial_minus_hoop():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("falls", [1.0, 0.0])
-def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame, falls):
+def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame):
+    """It falls to nothing at the rim; an even one is among the tensors below."""
     rng = np.random.default_rng(3)
 
     def residual(x, z):
-        return 0.3 * (1.0 - falls * (x**2 + z**2))
+        return 0.3 * (1.0 - (x**2 + z**2))
 
-    found = calibrated([disc_frame(c, rng, residual=residual) for c in CENTRES])
+    found = calibrated([disc_frame(c, rng, residual=residual, **SMALL_DISC) for c in CENTRES])
     error = found.fringe_value_n_per_mm - F_SIGMA
     assert abs(error) < 5e-4 * F_SIGMA  # the bar is 2e-3
     assert abs(error) < 4 * found.standard_uncertainty
@@ -77,7 +77,7 @@ def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame, falls):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("round_", "uniform"), [(0.3, 0.0), (-0.6, 0.0), (0.3, 0.2 + 0.2j)])
+@pytest.mark.parametrize(("round_", "uniform"), [(-0.6, 0.0), (0.3, 0.2 + 0.2j)])
 def test_residual_tensor(round_, uniform):
     rng = np.random.default_rng(5)
 
@@ -134,7 +134,7 @@ def test_a_misfit_that_is_no_residual_is_within_what_is_stated(disc_frame, optio
 @pytest.mark.long
 def test_a_clean_disc_has_no_misfit_and_no_residual(disc_frame):
     rng = np.random.default_rng(1)
-    found = calibrated([disc_frame(c, rng) for c in (2.0, 3.0)], (2.0, 3.0))
+    found = calibrated([disc_frame(c, rng, **SMALL_DISC) for c in (2.0, 3.0)], (2.0, 3.0))
     assert found.residual is None
     assert not any(b.name == "model misfit" for b in found.budget)
 
@@ -142,6 +142,6 @@ def test_a_clean_disc_has_no_misfit_and_no_residual(disc_frame):
 @pytest.mark.long
 def test_swapped_loads_are_not_taken_for_residual_stress(disc_frame):
     rng = np.random.default_rng(2)
-    images = [disc_frame(c, rng) for c in CENTRES]
+    images = [disc_frame(c, rng, **SMALL_DISC) for c in (1.5, 2.0, 3.0, 4.0)]
     with pytest.raises(PhysicsError, match="swapped"):
         disc_from_images(images, [disc_load(c) for c in (1.5, 3.0, 2.0, 4.0)], DISC)

@@ -75,9 +75,18 @@ def isochrome(place):
     return lambda *arguments: run_isochrome(place, *arguments)
 
 
-@pytest.fixture(params=["here", pytest.param("process", marks=pytest.mark.long)])
+def pytest_generate_tests(metafunc):
+    """Where a test is marked `process_too`, its commands run as another process as well."""
+    if "quick_isochrome" in metafunc.fixturenames:
+        ways = ["here"]
+        if metafunc.definition.get_closest_marker("process_too"):
+            ways.append(pytest.param("process", marks=pytest.mark.long))
+        metafunc.parametrize("quick_isochrome", ways, indirect=True)
+
+
+@pytest.fixture
 def quick_isochrome(request, place, monkeypatch, capfd):
-    """Run a command in the folder: in this process for speed; in another one with `-m long`."""
+    """Run a command in the folder: in this process for speed, or in another one."""
     if request.param == "process":
         return lambda *arguments: run_isochrome(place, *arguments)
     monkeypatch.chdir(place)

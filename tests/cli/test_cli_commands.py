@@ -1,7 +1,7 @@
 """Every command as a user runs it, in a folder with letters beyond ASCII.
 
 The frames are simulated and processed in another process; the rest calls the command line's own
-entry, and with `-m long` another process once more.
+entry, and one of each command with `-m long` another process once more.
 """
 
 import csv
@@ -17,7 +17,7 @@ import pytest
 import tifffile
 
 from isochrome.output import read_pixel_mm
-from isochrome.samples import samples_path
+from shipped_sets import some_of_a_shipped_set
 
 COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
@@ -109,6 +109,7 @@ def test_simulate_leaves_what_the_contract_names(captured):
     assert came["seed"] == 3 and came["isochrome"] == version("isochrome")
 
 
+@pytest.mark.process_too
 def test_simulate_in_json_is_the_history(quick_isochrome):
     done = quick_isochrome("simulate", "small.toml", "--json")
     found = done.json()
@@ -172,6 +173,7 @@ def test_process_finds_the_simulated_order(processed):
     assert np.sqrt(np.mean(error**2)) < 0.005 and np.abs(error).max() < 0.25
 
 
+@pytest.mark.process_too
 def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome, place):
     folder, _ = processed
     shutil.copytree(folder / "Ergebnis", place / "Versuch")
@@ -188,6 +190,7 @@ def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome
     assert min(metrics["ncc"]) > 0.999
 
 
+@pytest.mark.process_too
 def test_check_finds_nothing_wrong_with_simulated_frames(quick_isochrome):
     done = quick_isochrome("check", "frames.tif", "--scene", "small.toml")
     assert (done.code, done.err) == (0, "")
@@ -197,6 +200,7 @@ def test_check_finds_nothing_wrong_with_simulated_frames(quick_isochrome):
 # Fit
 
 
+@pytest.mark.process_too
 def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, place):
     done = quick_isochrome(
         "fit", "frames.tif", "--scene", "small.toml", "--free", "load.normal_n",
@@ -219,27 +223,17 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
 # Calibrate
 
 
-def calibration_set(place, specimen, keep):
-    """A shipped calibration set with some of its images only."""
-    shutil.copytree(samples_path() / specimen, place / specimen)
-    path = place / specimen / "set.toml"
-    head, *images = path.read_text("utf-8").split("[[image]]")
-    tail = images[-1][images[-1].index("[uncertainty]") :]
-    images[-1] = images[-1].replace(tail, "")
-    path.write_text(head + "".join(f"[[image]]{images[k]}" for k in keep) + tail, "utf-8")
-    return f"{specimen}/set.toml"
-
-
 @pytest.mark.parametrize(
     ("specimen", "command", "keep"),
     [
+        # all loads of both: tests/samples/test_samples.py
         pytest.param("bending", "bending", (0, 3), id="bending, two loads"),
-        pytest.param("bending", "bending", (0, 1, 2, 3), id="bending", marks=pytest.mark.long),
-        pytest.param("disc", "disc", (0, 1, 2), id="disc", marks=pytest.mark.long),
+        pytest.param("disc", "disc", (0, 2), id="disc, two loads", marks=pytest.mark.long),
     ],
 )
 def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, command, keep):
-    given = calibration_set(place, specimen, keep)
+    some_of_a_shipped_set(place, specimen, keep)
+    given = f"{specimen}/set.toml"
     done = quick_isochrome("calibrate", command, given, "--out", "Kalibrierung", "--json")
     found = done.json()
     assert (done.code, done.err) == (0, "")

@@ -1,7 +1,8 @@
 """Bad input, as a user meets it: one line that says what to do, exit 2 or 3, nothing left behind.
 
 Every case calls the command line's own entry, in a folder with a space and letters beyond ASCII in
-its name; with `-m long` once more, as another process. Some are another process always.
+its name. What a process of its own adds is the same for all: its streams, its exit code, what it
+does as it ends. A case of each command and of either code has one, with `-m long`, or always.
 """
 
 import contextlib
@@ -76,6 +77,7 @@ def simulate(scene, out="out"):
 # Frames
 
 
+@pytest.mark.process_too
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_truncated_tiff(place, refuses, share):
     whole = (place / "frames.tif").read_bytes()
@@ -102,10 +104,12 @@ def test_frames_that_do_not_exist(refuses):
     refuses(2, ["weg.tif", "no such file"], *process("weg.tif"))
 
 
+@pytest.mark.process_too
 def test_a_name_of_two_lines_is_refused_in_one(refuses):
     refuses(2, ["no such file"], *process("two\nlines.tif"))
 
 
+@pytest.mark.process_too
 def test_frames_that_were_left_out_are_counted_and_end_with_2(place, quick_isochrome):
     """The others are there: they are results, and that some are not is no success."""
     (place / "plain.toml").write_text("[specimen]\n", "utf-8")
@@ -144,6 +148,7 @@ def test_all_black_and_all_white_frames(place, refuses, value, words):
     refuses(2, ["flat.tif[0]", words, str(value)], *process("flat.tif"))
 
 
+@pytest.mark.process_too
 def test_nan_frames(place, refuses, scene_with):
     scene = scene_with("bit_depth = 8\n", "")
     write_stack(place / "nan.tif", np.full((2, 120, 160), np.nan, np.float32))
@@ -279,6 +284,7 @@ def test_a_disc_smaller_than_a_pixel_is_refused(place, refuses, of_no_scale):
     refuses(2, ["camera.pixel_mm = 0.0005", "not in m"], *process(of_no_scale, "disc.toml"))
 
 
+@pytest.mark.process_too
 @pytest.mark.parametrize("slip", SLIP, ids=["um", "m"])
 def test_the_check_names_a_pixel_of_another_unit(quick_isochrome, scene_with, of_no_scale, slip):
     value, *words = slip
@@ -336,6 +342,7 @@ def test_scene_that_is_a_directory(place, refuses):
     refuses(2, ["Ordner", "folder"], *simulate("Ordner"))
 
 
+@pytest.mark.process_too
 def test_scene_that_is_binary(place, refuses):
     (place / "bin.toml").write_bytes(bytes(range(128, 256)))
     refuses(2, ["bin.toml", "UTF-8"], *simulate("bin.toml"))
@@ -363,6 +370,7 @@ def test_contact_wider_than_the_picture(refuses, scene_with):
     refuses(3, ["wrong scene", "wide", "picture"], *simulate(scene))
 
 
+@pytest.mark.process_too
 def test_fringes_finer_than_two_pixels(refuses, scene_with):
     scene = scene_with("fringe_value_n_per_mm = 14.6", "fringe_value_n_per_mm = 0.3")
     refuses(3, ["wrong scene", "finer than two pixels", "pixel_mm"], *simulate(scene))
@@ -388,6 +396,7 @@ def test_out_cannot_be_made_under_a_file(place, refuses):
     refuses(2, ["Datei", "cannot be written"], *simulate("small.toml", "Datei/in"))
 
 
+@pytest.mark.process_too
 def test_a_refusal_leaves_the_results_of_the_run_before(
     place, quick_isochrome, refuses, scene_with
 ):
@@ -428,6 +437,7 @@ def test_a_free_key_that_the_fit_cannot_follow(refuses, key):
     refuses(2, [key, "cannot be fitted"], *fit(key))
 
 
+@pytest.mark.process_too
 def test_load_and_fringe_value_both_free(refuses):
     words = ["load.normal_n", "specimen.fringe_value_n_per_mm", "cannot both be free"]
     refuses(2, words, *fit("load.normal_n", "specimen.fringe_value_n_per_mm"))
@@ -449,6 +459,7 @@ def test_compare_of_different_sizes(place, refuses):
     refuses(2, ["(120, 160)", "(100, 160)"], "compare", "frames.tif", "low.tif", "--out", "out")
 
 
+@pytest.mark.process_too
 def test_compare_of_different_counts(place, refuses):
     frames = tifffile.imread(place / "frames.tif")
     write_stack(place / "three.tif", np.concatenate((frames, frames[:1])))
@@ -479,6 +490,7 @@ def test_calibration_set_that_is_wrong(place, refuses, old, new, words):
     refuses(2, words, "calibrate", "bending", "Satz.toml", "--out", "out")
 
 
+@pytest.mark.process_too
 def test_calibration_set_of_the_other_specimen(place, refuses):
     (place / "Satz.toml").write_text(BENDING_SET, "utf-8")
     refuses(2, ["Satz.toml", "[disc]", "bending"], "calibrate", "disc", "Satz.toml")

@@ -32,14 +32,15 @@ def test_a_held_contact_is_found_from_far_values():
 
 
 @pytest.mark.long
-def test_of_a_hundred_held_contacts_98_are_found_and_the_others_flagged():
-    assert len(study("held", range(100))) <= 2
+def test_of_fifty_held_contacts_49_are_found_and_the_others_flagged():
+    """98 of 100: `isochrome bench fit` starts from a hundred others."""
+    assert len(study("held", range(50))) <= 1
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["sliding", "worn", "flat", "disc"])
 def test_other_contacts_and_discs_are_found_from_far_values(kind):
-    assert study(kind, range(20)) == []
+    assert study(kind, range(8)) == []
 
 
 def test_a_sliding_contact_is_found_from_far_values():
@@ -49,7 +50,7 @@ def test_a_sliding_contact_is_found_from_far_values():
 @pytest.mark.long
 def test_friction_of_a_held_contact_is_found_beside_its_forces():
     # The slip at the edges tells it: its own uncertainty says how well.
-    for seed in range(20):
+    for seed in range(8):
         case = random_case("held", seed)
         mu = case.true.friction_at(0.0)
         keys = (*case.keys, "friction.coefficient")
@@ -71,14 +72,14 @@ def flagged_or_right(case: Case) -> FrameFit:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("seed", "factors"), [(1, (0.03, 0.04)), *((seed, (9.0, 20.0)) for seed in range(5))]
+    ("seed", "factors"), [(1, (0.03, 0.04)), *((seed, (9.0, 20.0)) for seed in range(3))]
 )
 def test_a_load_outside_the_search_is_flagged_by_chi(seed, factors):
     flagged_or_right(random_case("held", seed, factors=factors))
 
 
 @pytest.mark.parametrize(
-    "seed", [2, *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 8))]
+    "seed", [2, *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 5))]
 )
 def test_another_cylinder_than_the_scenes_is_flagged_by_chi(seed):
     case = random_case("held", seed)

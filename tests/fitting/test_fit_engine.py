@@ -84,9 +84,10 @@ def test_uncertainties_are_those_of_the_errors_and_near_the_limit():
 
 @pytest.mark.long
 def test_pulls_over_many_contacts_have_the_spread_and_the_coverage_that_is_promised():
-    z, over_limit, _ = study(60, 11, {})
-    assert 0.9 <= np.sqrt(np.mean(z**2)) <= 1.1
-    assert 0.93 <= np.mean(np.abs(z) < 1.96) <= 0.97
+    z, over_limit, _ = study(24, 11, {})
+    # some 110 pulls: their RMS is known to 0.07, the share to 2 %
+    assert 0.85 <= np.sqrt(np.mean(z**2)) <= 1.15
+    assert 0.92 <= np.mean(np.abs(z) < 1.96) <= 0.98
     assert np.all(over_limit <= 1.2)
 
 

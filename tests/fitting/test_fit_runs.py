@@ -197,7 +197,7 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
-    place = make_set(tmp_path, 24)
+    place = make_set(tmp_path, 16)
 
     def begin(out):
         return start(
@@ -205,7 +205,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
             "--per-frame", LOAD, "--out", out, "--workers", workers,
         )  # fmt: skip
 
-    alternately = [False, True] * 2
+    alternately = [False, True]
     kept = killed_and_begun_again(begin, place, alternately, since=0.3, seed=int(workers))
     assert kept > 0  # else nothing was told of going on
 

@@ -51,7 +51,6 @@ seed = 7
 )
 LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n"
 PLACE = ("camera.left_mm", "camera.top_mm")
-WEAR_OF = {"archard": 2e-9, "sarkar": 2e-9, "dissipated_energy": 8e-9}
 
 
 def scene(**values):
@@ -251,7 +250,7 @@ def test_pulls_of_wear_and_friction_over_seeds():
     sequence = make_sequence(truth, 6, (WEAR, LOAD), (FRICTION, *PLACE))
     true = np.array([2e-9, 44.0, *RISING["value"], *(-1.97,) * 6, *(0.004,) * 6])
     pulls = []
-    for seed in range(15):
+    for seed in range(6):
         frames = rendered(truth.with_values({"camera.seed": seed}))
         found = fit_jointly(frames, sequence, true, shape=(240, 320))
         assert found.chi == pytest.approx(1.0, abs=0.02)
@@ -259,29 +258,29 @@ def test_pulls_of_wear_and_friction_over_seeds():
         pulls.append((found.values - true) / found.standard_uncertainty)
     size = np.sqrt(np.mean(np.square(pulls)))
     inside = np.mean(np.abs(pulls) < 1.96)
-    # 15 seeds x 19 unknowns: 285 pulls, of which neighbours hang together; their RMS is known to
-    # 0.05, the share to 1.5 %
-    assert 0.9 < size < 1.1 and 0.92 < inside < 0.98
+    # 6 seeds x 19 unknowns: 114 pulls, of which neighbours hang together; their RMS is known to
+    # 0.08, the share to 2.4 %: two of each
+    assert 0.84 < size < 1.16 and 0.90 < inside < 0.998
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("law", ["archard", "sarkar", "dissipated_energy"])
-def test_a_sequence_of_the_papers_frames(tmp_path, law):
+def test_a_sequence_of_the_papers_frames(tmp_path):
+    """Archard's law and the dissipated energy's at this size: `isochrome bench fit`."""
     paper = load_scene("line-contact-wear")
     truth = paper.with_values(
         {
             "camera.brightness": 0.85, "camera.background": 0.05, "camera.vignette": 0.3,
             "camera.noise_grey": 3.0, "camera.seed": 5, "camera.left_mm": -1.97,
-            "wear.law": law, WEAR: WEAR_OF[law], FRICTION: RISING, LOAD: 44.5,
+            "wear.law": "sarkar", WEAR: 2e-9, FRICTION: RISING, LOAD: 44.5,
         }
     )  # fmt: skip
-    start = paper.with_values({"wear.law": law, WEAR: 1.1 * WEAR_OF[law]})
+    start = paper.with_values({"wear.law": "sarkar", WEAR: 2.2e-9})
     found = fit(write(tmp_path, truth), start, [WEAR, LOAD], per_frame=[FRICTION, *PLACE])
-    assert found.shared[WEAR]["value"] == pytest.approx(WEAR_OF[law], rel=0.005)
+    assert found.shared[WEAR]["value"] == pytest.approx(2e-9, rel=0.005)
     for own, true in zip(found.frames[1:], RISING["value"], strict=True):
         assert own[FRICTION]["value"] == pytest.approx(true, abs=0.003)
         within(own[FRICTION], true, sigmas=5.0)
-    within(found.shared[WEAR], WEAR_OF[law], sigmas=5.0)
+    within(found.shared[WEAR], 2e-9, sigmas=5.0)
     laws = found.wear_laws
-    assert [near.law for near in laws.close] == [law]
-    assert f"the frames prefer {law}" in laws.sentence() and found.warnings == ()
+    assert [near.law for near in laws.close] == ["sarkar"]
+    assert "the frames prefer sarkar" in laws.sentence() and found.warnings == ()

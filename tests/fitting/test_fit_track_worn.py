@@ -34,9 +34,9 @@ def worn_film(distance, load, friction, rng):
 
 @pytest.mark.long
 def test_a_wearing_contact_is_followed_on_the_scar_of_its_own_history(tmp_path):
-    i = np.arange(60)
-    distance, friction = 4.0 * i, 0.1 + 0.15 * np.minimum(i / 36.0, 1.0)
-    frames, start = worn_film(distance, np.full(60, 44.0), friction, np.random.default_rng(4))
+    i = np.arange(36)
+    distance, friction = 6.0 * i, 0.1 + 0.15 * np.minimum(i / 22.0, 1.0)
+    frames, start = worn_film(distance, np.full(36, 44.0), friction, np.random.default_rng(4))
     save(tmp_path, frames)
     result = track(tmp_path / "film.tif", start, (LOAD, FRICTION))
     assert result.searched == (0,)
@@ -50,10 +50,10 @@ def test_a_wearing_contact_is_followed_on_the_scar_of_its_own_history(tmp_path):
 @pytest.mark.parametrize(
     ("step_m", "count", "begin", "keys"),
     [
-        pytest.param(0.05, 60, 0, (LOAD, FRICTION, LEFT), id="slowly"),
-        pytest.param(0.05, 30, 5, (LOAD, FRICTION, LEFT), id="from the middle of a swing"),
-        pytest.param(0.05, 40, 0, (LOAD, FRICTION, WEAR), id="with its wear coefficient"),
-        pytest.param(0.5, 40, 0, (LOAD, FRICTION, LEFT), id="2000 frames an hour"),
+        pytest.param(0.05, 30, 0, (LOAD, FRICTION, LEFT), id="slowly"),
+        pytest.param(0.05, 24, 5, (LOAD, FRICTION, LEFT), id="from the middle of a swing"),
+        pytest.param(0.05, 24, 0, (LOAD, FRICTION, WEAR), id="with its wear coefficient"),
+        pytest.param(0.5, 24, 0, (LOAD, FRICTION, LEFT), id="2000 frames an hour"),
         pytest.param(5.0, 20, 0, (LOAD, FRICTION), id="few frames an hour"),
     ],
 )

@@ -15,6 +15,7 @@ from isochrome.reference import sliding_hertz_stress
 from isochrome.scene import parse_scene
 
 SMALL = {"cols": 220, "rows": 164, "pixel": 0.01821}
+HALF = {"cols": 330, "rows": 247, "pixel": 0.01214}
 FREE = ["load.normal_n", "friction.coefficient", "camera.left_mm", "camera.top_mm"]
 
 
@@ -149,16 +150,18 @@ def test_without_noise_the_pressure_comes_closer_to_the_true_one():
 
 BESIDE = {
     "lobe": Pressed((CONTACT, LOBE)),
-    "large lobe": Pressed((CONTACT, Patch(-0.7, 0.2, 8.0, 0.25))),
-    "overlap": Pressed((CONTACT, Patch(0.30, 0.12, 6.0, 0.25))),
-    "gradient in z": Pressed((CONTACT,), lambda x, z: 2.0 + 1.5 * z + 0.0 * x),
-    "gradient in x": Pressed((CONTACT,), lambda x, z: 1.0 + x - 2j * z),
+    "large lobe": Pressed((CONTACT, Patch(-0.7, 0.2, 8.0, 0.25)), **HALF),
+    "overlap": Pressed((CONTACT, Patch(0.30, 0.12, 6.0, 0.25)), **HALF),
+    "gradient in z": Pressed((CONTACT,), lambda x, z: 2.0 + 1.5 * z + 0.0 * x, **HALF),
+    "gradient in x": Pressed((CONTACT,), lambda x, z: 1.0 + x - 2j * z, **HALF),
 }
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("free_top", [False, True], ids=["top known", "top free"])
-@pytest.mark.parametrize("name", list(BESIDE))
+@pytest.mark.parametrize(
+    ("name", "free_top"),
+    [*((name, True) for name in BESIDE), ("large lobe", False), ("gradient in z", False)],
+)
 def test_truth_beside_the_model_is_found_to_the_bars(name, free_top):
     view = BESIDE[name]
     start = view.scene(42.0)
@@ -175,7 +178,7 @@ def test_truth_beside_the_model_is_found_to_the_bars(name, free_top):
 @pytest.mark.long
 @pytest.mark.parametrize("off_px", [-3.0, 3.0])
 def test_a_wrong_place_of_the_surface_is_flagged(off_px):
-    view = Pressed((CONTACT, LOBE))
+    view = Pressed((CONTACT, LOBE), **HALF)
     start = view.scene().with_values({"camera.top_mm": off_px * view.pixel})
     found = invert_tractions(view.data(), start)
     assert found.chi > 1.03 and any("camera.top_mm" in text for text in found.warnings)
@@ -184,18 +187,18 @@ def test_a_wrong_place_of_the_surface_is_flagged(off_px):
 @pytest.mark.long
 def test_uncertainties_of_the_resultants_are_their_errors():
     pulls = []
-    for seed in range(12):
+    for seed in range(0, 12, 2):
         lobe = Patch(0.6 + 0.05 * seed, 0.1 + 0.01 * seed, 3.0 + 0.4 * seed, 0.2)
-        view = Pressed((CONTACT, lobe), seed=seed, cols=330, rows=247, pixel=0.01214)
+        view = Pressed((CONTACT, lobe), seed=seed, **HALF)
         found = invert_tractions(view.data(), view.scene(46.0))
         for one, true in (
             (found.load_n, view.load),
             (found.tangential_n, view.tangential),
         ):
             pulls.append((one.value - true) / one.standard_uncertainty)
-    # 24 pulls: their RMS is known to 15 %; that hats are no roots at the edges adds a bias of
+    # 12 pulls: their RMS is known to 20 %; that hats are no roots at the edges adds a bias of
     # a hundredth of a per cent of the load, which is as large as the noise's part
-    assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 2.0
+    assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 2.0
 
 
 @pytest.mark.long
@@ -208,7 +211,8 @@ def test_the_command_leaves_tractions_and_principal_stresses(tmp_path):
     assert any("--tractions finds the pressure" in text for text in plain.warnings)
 
     out = tmp_path / "out"
-    found = fit(tmp_path / "frame.tif", scene, FREE, tractions=True, out=out)
+    # what the frame asks for is asked once: the tractions stand beside it
+    found = fit(tmp_path / "frame.tif", scene, FREE, tractions=True, as_stated=True, out=out)
     assert not any("--tractions" in text for text in found.warnings)
     saved = json.loads((out / "fit.json").read_text("utf-8"))["tractions"]
     assert [one["frame"] for one in saved] == [0]

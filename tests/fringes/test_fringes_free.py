@@ -27,17 +27,27 @@ RMS, MEDIAN, KEPT = 0.01, 0.002, 0.90
 """What a reading with no-load frames promises: fringes, fringes, share of the specimen."""
 BLIND_RMS, BLIND_WRONG, BLIND_KEPT = 0.05, 0.005, 0.70
 WRONG = 0.5
-SCENES = 20
+SCENES = 10
 
 CUT = np.s_[100:260, 200:420]
 """A part of the contact's frame, where a test needs no whole one."""
 
 
-@lru_cache(maxsize=128)
-def reading(name: str, ends: str = "both", **shot: float) -> tuple[View, Light, FreeReading]:
+def reading(
+    name: str, ends: str = "both", said: float | str | None = None, **shot: float
+) -> tuple[View, Light, FreeReading]:
     """A specimen, or the random scene of a number, as its frame and one known point tell it."""
+    return _read(name, ends, said, tuple(sorted(shot.items())))
+
+
+@lru_cache(maxsize=64)  # by one order of its arguments, whichever of them a test leaves out
+def _read(
+    name: str, ends: str, said: float | str | None, changes: tuple[tuple[str, float], ...]
+) -> tuple[View, Light, FreeReading]:
+    shot = dict(changes)
     seen, own = random_scene(int(name)) if name.isdigit() else (view(name), {})
-    light = light_of(shoot(seen, **own, **shot), ends=ends)
+    own = own | {"seed": int(name)} if name.isdigit() else own
+    light = light_of(shoot(seen, **own, **shot), ends=ends, gamma=said)
     known = [known_point(seen, light.valid)]
     return seen, light, read_free(light.wave, light.wave_sigma, light.valid, known)
 
@@ -79,9 +89,9 @@ def test_with_no_load_frames_the_order_is_right_and_nearly_all_is_kept(name):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name, seed):
-    seen, _, got = reading(name, noise=10.0, seed=seed)
+def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name):
+    """300,000 pixels a specimen: another draw of their noise is no other case."""
+    seen, _, got = reading(name, noise=10.0)
     error = errors(seen, got)
     assert np.count_nonzero(error > WRONG) == 0
     assert rms(error) <= RMS
@@ -91,21 +101,28 @@ def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name, seed)
     assert error.size > 0.5 * np.count_nonzero(seen.material)
 
 
+POOR = {"glare": {"glare": 0.09}, "blur": {"blur": 2.0}, "gamma": {"gamma": 2.2}}
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["contact", "worn contact, mu 0.3", "disc", "beam", "hole"])
 @pytest.mark.parametrize(
-    ("ends", "shot"),
+    ("name", "ends", "poor"),
     [
-        ("both", {"glare": 0.09}),
-        ("both", {"blur": 2.0}),
-        ("both", {"gamma": 2.2}),
-        ("none", {"blur": 2.0}),
-        ("none", {"gamma": 2.2}),
+        # each with a contact and with a specimen whose fringes close; blind and blurred contacts,
+        # discs and beams are read in test_fringes_ends.py
+        ("contact", "both", "glare"),
+        ("hole", "both", "glare"),
+        ("worn contact, mu 0.3", "both", "blur"),
+        ("disc", "both", "blur"),
+        ("contact", "both", "gamma"),
+        ("beam", "both", "gamma"),
+        ("hole", "none", "blur"),
+        ("worn contact, mu 0.3", "none", "gamma"),
+        ("disc", "none", "gamma"),
     ],
-    ids=["glare", "blur", "gamma", "blur, blind", "gamma, blind"],
 )
-def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, shot):
-    seen, light, got = reading(name, ends, **shot)
+def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, poor):
+    seen, light, got = reading(name, ends, **POOR[poor])
     error = errors(seen, got)
     assert light.settled
     # a frame blurred by two pixels without no-load frames keeps 0.18 of the plate with a hole
@@ -116,42 +133,21 @@ def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, shot):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", NAMES)
-def test_blind_what_is_kept_is_right(name):
-    seen, light, got = reading(name, "none")
-    assert light.settled
-    error = errors(seen, got)
-    assert error.size >= BLIND_KEPT * np.count_nonzero(seen.material)
-    assert rms(error) <= BLIND_RMS
-    assert np.mean(error > WRONG) <= BLIND_WRONG
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("ends", ["both", "none"])
-def test_nineteen_of_twenty_random_scenes_have_no_failure_that_is_not_masked(ends):
-    worst = {"both": (RMS, 0.0), "none": (BLIND_RMS, BLIND_WRONG)}[ends]
-    failed, read = [], 0
+def test_of_ten_random_scenes_all_are_read_and_none_has_a_failure_that_is_not_masked():
+    """One of twenty may fail: of ten, not one of these."""
     for seed in range(SCENES):
-        seen, light, got = reading(str(seed), ends, seed=seed)
+        seen, light, got = reading(str(seed))
         error = errors(seen, got)
-        if not light.settled or not error.size:
-            continue
-        read += error.size >= BLIND_KEPT * np.count_nonzero(seen.material)
-        if rms(error) > worst[0] or np.mean(error > WRONG) > worst[1]:
-            failed.append(seed)
-    assert len(failed) <= 1, failed
-    # masking everything would pass the line above
-    assert read >= (SCENES if ends == "both" else 0.8 * SCENES)
+        assert light.settled
+        assert rms(error) <= RMS and not np.any(error > WRONG), seed
+        # masking everything would pass the line above
+        assert error.size >= BLIND_KEPT * np.count_nonzero(seen.material), seed
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("ends", ["both", "none"])
-def test_of_the_pixels_said_to_be_sure_at_least_as_many_are_right(ends):
+def assert_sure_pixels_are_right(ends: str) -> None:
     """Pooled over specimens, noises and random scenes; a whole specimen may not be sure and off."""
-    pools = []
-    for name in NAMES:
-        pools += [reading(name, ends, noise=noise) for noise in (3.0, 10.0)]
-    pools += [reading(str(seed), ends, seed=seed) for seed in range(SCENES)]
+    pools = [reading(name, ends) for name in (*NAMES, *map(str, range(SCENES)))]
+    pools += [reading(name, ends, noise=10.0) for name in NAMES]
     said, right = [], []
     for seen, light, got in pools:
         if light.settled:
@@ -166,6 +162,11 @@ def test_of_the_pixels_said_to_be_sure_at_least_as_many_are_right(ends):
     # the less sure ones: right at least as often as is said, on average
     less = said < 0.95
     assert right[less].mean() >= said[less].mean()
+
+
+@pytest.mark.long
+def test_of_the_pixels_said_to_be_sure_at_least_as_many_are_right():
+    assert_sure_pixels_are_right("both")
 
 
 def test_errors_are_as_large_as_their_uncertainties_say():

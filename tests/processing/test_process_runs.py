@@ -207,14 +207,14 @@ def command(out, workers):
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
-    """Twenty runs in all, each killed once at a moment of its own, from its start to its end."""
+    """Eight runs in all, each killed once at a moment of its own, from its start to its end."""
     place = make_set(tmp_path, 160)
 
     def begin(out):
         return start(place, code, "-m", *command(out, workers))
 
     whole, length = undisturbed(begin, place)
-    alternately = [False, True] * 5
+    alternately = [False, True] * 2
     for out in killed(begin, length, alternately, since=0.05, seed=int(workers)):
         done = finished_chunks(place / out)
         assert not (place / out).exists() or contents(place / out) == whole

@@ -166,6 +166,6 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, wo
             "--workers", workers,
         )  # fmt: skip
 
-    alternately = [False, True] * 2
+    alternately = [False, True]
     kept = killed_and_begun_again(begin, tmp_path, alternately, since=0.3, seed=int(workers))
     assert kept > 0  # else nothing was told of going on
