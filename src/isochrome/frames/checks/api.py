@@ -172,8 +172,8 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
     lossy = reader.kind == "video" or names[0].lower().endswith((".jpg", ".jpeg", ".webp"))
     if lossy:
         text = (
-            "JPEG and video are compressed with loss, which hides camera noise; chi will look "
-            "better than it is: TIFF or PNG keep it"
+            "JPEG and video are compressed with loss, which hides camera noise; a fit with a model "
+            "tells it all the same, a reading without one takes it for less: TIFF or PNG keep it"
         )
         yield Finding("note", text)
     if scene.frames.gamma == 1 and (lossy or reader.channel is not None):
