@@ -59,6 +59,14 @@ def test_fringes_of_a_wrong_model_are_not_taken_for_noise():
     assert told(grain + wrong, grain + picture) == pytest.approx(1.0, rel=LOCAL)
 
 
+def test_what_a_model_misses_of_dense_fringes_is_no_noise():
+    """A scale that is a little off leaves fringes of 30 pixels everywhere, less than the noise."""
+    missed = 0.8 * np.sin(2.0 * np.pi * (ROWS + COLS) / 30.0)
+    picture = 20.0 * np.cos(2.0 * np.pi * (ROWS + COLS) / 30.0)
+    found = local_noise(KEEP, (noise(10) + missed).ravel(), (noise(10) + picture).ravel())
+    assert found == 1.0
+
+
 def test_no_full_block_tells_nothing():
     keep = np.zeros(SHAPE, bool)
     keep[::2] = True

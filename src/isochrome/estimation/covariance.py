@@ -30,8 +30,12 @@ _LOUDER = 1.1
 _MOST = 4.0
 """Variance of a block, over the median, beyond which it is no noise."""
 
-_PLANE, _CUBIC = 1, 3
-"""Degrees of what is taken off a residual, and off the picture itself, in such a block."""
+_PLANE, _CUBIC, _QUINTIC = 1, 3, 5
+"""Degrees of what is taken off in such a block: off a residual, off the picture itself, and off a
+residual of which it is asked whether it is more than was expected, whatever a model missed."""
+
+_FEWEST = 8
+"""Blocks that tell a noise."""
 
 UNDETERMINED = 1e-10
 """Part of a parameter's effect that illumination and background must leave to determine it."""
@@ -238,7 +242,7 @@ def information_bound(inverse: Array, determined: Mask) -> Array:
     return standard_uncertainty(inverse, determined)
 
 
-def block_correlation(keep: Mask, residual: Array) -> float:
+def block_correlation(keep: Mask, residual: Array, *, most_px: int = 16) -> float:
     """Variance of the residuals' sums over blocks of pixels, over that of independent ones.
 
     The blocks are of 4 x 4 pixels, and larger where sums over these show clearly more.
@@ -249,6 +253,8 @@ def block_correlation(keep: Mask, residual: Array) -> float:
         Where the n pixels are.
     residual : (n,) array
         Their residuals.
+    most_px : int, default 16
+        The largest side of a block.
 
     Returns
     -------
@@ -257,7 +263,7 @@ def block_correlation(keep: Mask, residual: Array) -> float:
         certain.
     """
     ratio = 1.0
-    for side in _SUMS_PX:
+    for side in (side for side in _SUMS_PX if side <= most_px):
         sums, wider = _sum_ratio(_blocks(keep, residual, side))
         chance = 0.0 if side == _SUMS_PX[0] else _CLEAR * np.sqrt(2.0 / max(1, sums))
         if wider <= ratio * (1.0 + chance):
@@ -330,9 +336,9 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
 
     What a model misses is smooth over blocks of 16 x 16 pixels almost everywhere; noise is not,
     not even that of a compressed picture, whose finest part is gone. So it is told by what a plane
-    leaves of the residual in a block, or a cubic of the picture, whichever is less. Where half of
-    the blocks show no more than was expected, that is the noise; else it is their mean, since
-    compression leaves more where there is more to see.
+    leaves of the residual in a block, or a cubic of the picture, whichever is less: by the mean of
+    the blocks, since compression leaves more where there is more to see. Where a quintic leaves
+    half of the blocks no more than was expected, that is the noise.
 
     Parameters
     ----------
@@ -346,20 +352,17 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
     Returns
     -------
     float
-        The standard deviation; 1 where it is no more than expected, or no block is full.
+        The standard deviation; 1 where it is no more than expected, or few blocks are full.
     """
     full = _blocks(keep, np.ones(residual.size, np.float32), _LOCAL_PX).all(axis=1)
-    if not full.any():
+    if full.sum() < _FEWEST:
         return 1.0
-    left = [
-        _rest(_blocks(keep, values, _LOCAL_PX)[full], degree)
-        for values, degree in ((residual, _PLANE), (picture, _CUBIC))
-    ]
-    variance = np.minimum(*left)
+    left, seen = (_blocks(keep, values, _LOCAL_PX)[full] for values in (residual, picture))
+    if np.median(_rest(left, _QUINTIC)) < _LOUDER**2:
+        return 1.0
+    variance = np.minimum(_rest(left, _PLANE), _rest(seen, _CUBIC))
     middle = float(np.median(variance))
-    if middle < _LOUDER**2:
-        return 1.0
-    return float(np.sqrt(np.mean(np.minimum(variance, _MOST * middle))))
+    return max(1.0, float(np.sqrt(np.mean(np.minimum(variance, _MOST * middle)))))
 
 
 def _blocks(keep: Mask, values: Array, side: int) -> Array:
@@ -379,7 +382,7 @@ def _rest(blocks: Array, degree: int) -> Array:
     return np.asarray((np.square(blocks).sum(axis=1) - explained) / freedom)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=3)
 def _polynomials(degree: int) -> Array:
     """Orthonormal polynomials (k, side²) of a block."""
     step = np.linspace(-1.0, 1.0, _LOCAL_PX)

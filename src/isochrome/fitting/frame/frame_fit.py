@@ -226,7 +226,9 @@ def _is_seen(toned: GammaFit) -> bool:
     part, count = toned.part, len(toned.problem.light)
     light = part.coefficients[:count]
     gain = float(light @ np.linalg.pinv(part.inverse[:count, :count]) @ light)
-    return gain > _CHANCE * toned.noise * block_correlation(toned.problem.keep, toned.residual)
+    # fringes of something else are no noise, though neighbours share them
+    near = block_correlation(toned.problem.keep, toned.residual, most_px=4)
+    return gain > _CHANCE * toned.noise * near
 
 
 @dataclass(frozen=True)
