@@ -125,16 +125,20 @@ def find_apparatus(
         return Apparatus(scene=scene)
     one = scene_at(bare, slid_until(bare, frames[0]) or 0.0)
     own = tuple(key for key in keys if one.wear is not None or not key.startswith("wear."))
-    prepared = [
-        prepare_frame(frame, one, bit_depth=reader.bit_depth, no_load=no_load) for frame in frames
-    ]
-    alone = [_alone(data, one, own) for data in prepared]
-    good = [k for k, fit in enumerate(alone) if fit is not None]
+    asked: dict[int, tuple[FrameData, FrameFit]] = {}
+    for frame in frames:
+        try:
+            data = prepare_frame(frame, one, bit_depth=reader.bit_depth, no_load=no_load)
+        except InputError:
+            continue  # a blank frame is refused in its turn, or left out
+        fit = _alone(data, one, own)
+        if fit is not None:
+            asked[frame.index] = data, fit
     try:
-        freed = _asked(reader.shape, [(prepared[k], alone[k]) for k in good], one, own)
+        freed = _asked(reader.shape, list(asked.values()), one, own)
     except PhysicsError:
         return Apparatus(scene=scene)
-    return _held(freed, scene, [frames[k].index for k in good])
+    return _held(freed, scene, list(asked))
 
 
 def _frames_at(reader: FrameReader, places: tuple[int, ...]) -> Iterator[Frame]:
