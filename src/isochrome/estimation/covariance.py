@@ -291,8 +291,7 @@ def line_correlation(keep: Mask, residual: Array, axis: int) -> float:
     float
         The ratio; 1 where it is no more than chance makes it.
     """
-    image = np.zeros(keep.shape, np.float32)
-    image[keep] = residual
+    image = _picture(keep, residual)
     sums, ratio = _sum_ratio(image if axis else image.T)
     return ratio if ratio > 1.0 + _CLEAR * np.sqrt(2.0 / max(1, sums)) else 1.0
 
@@ -317,8 +316,7 @@ def line_noise(keep: Mask, residual: Array, axis: int) -> float:
     float
         The ratio; 1 where each line's pixels are independent.
     """
-    image = np.zeros(keep.shape, np.float32)
-    image[keep] = residual
+    image = _picture(keep, residual)
     sums = image.sum(axis=axis, dtype=float)
     alone = float(np.sum(np.square(image), dtype=float)) / max(1, len(sums))
     return float(np.mean(np.square(np.diff(sums)))) / max(2.0 * alone, 1e-300)
@@ -365,12 +363,17 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
     return max(1.0, float(np.sqrt(np.mean(np.minimum(variance, _MOST * middle)))))
 
 
+def _picture(keep: Mask, values: Array) -> Array:
+    """Values (n,) where their pixels are (rows, cols), 0 elsewhere."""
+    image = np.zeros(keep.shape, np.float32)
+    image[keep] = values
+    return image
+
+
 def _blocks(keep: Mask, values: Array, side: int) -> Array:
     """Values (n,) by square blocks of the picture (blocks, side²), 0 where there are none."""
     rows, cols = (n // side for n in keep.shape)
-    image = np.zeros(keep.shape, np.float32)
-    image[keep] = values
-    parts = image[: rows * side, : cols * side].reshape(rows, side, cols, side)
+    parts = _picture(keep, values)[: rows * side, : cols * side].reshape(rows, side, cols, side)
     return parts.transpose(0, 2, 1, 3).reshape(rows * cols, side**2)
 
 

@@ -162,17 +162,16 @@ def _alone(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> FrameFit | N
 
 def _asked(
     shape: tuple[int, int],
-    pairs: list[tuple[FrameData, FrameFit | None]],
+    asked: list[tuple[FrameData, FrameFit]],
     scene: Scene,
     keys: tuple[str, ...],
 ) -> Freed[JointSolution]:
     """Frames with their own values, asked together. Raises PhysicsError where they show nothing."""
-    alone = [fit for _, fit in pairs if fit is not None]
-    if not alone:
+    if not asked:
         raise PhysicsError(f"{scene.name}: the frames do not show the scene's fringes")
-    data = FrameSet(shape, [frame for frame, _ in pairs])
-    sequence = make_sequence(scene, len(alone), (), keys)
-    start = starting_values(sequence, alone)
+    data = FrameSet(shape, [frame for frame, _ in asked])
+    sequence = make_sequence(scene, len(asked), (), keys)
+    start = starting_values(sequence, [fit for _, fit in asked])
     return free_causes(solve_jointly(data, sequence, start, lambda: None))
 
 
