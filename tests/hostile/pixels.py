@@ -202,7 +202,7 @@ def time_stamps_that_go_backwards_where_distances_are_wanted(place: Path) -> lis
     data[data.find(mark) + 1 : data.find(mark) + 3] = (150).to_bytes(2, "big")
     path.write_bytes(data)
     write_scene(place, CONTACT + "[frames]\nsliding_speed_mm_per_s = 257.7\n")
-    return process("v.mkv", "wrong.toml")
+    return process("v.mkv", "wrong.toml", "--as-stated")
 
 
 @hostile(PIXELS, "f.tif", "is a video", "name the ones wanted")

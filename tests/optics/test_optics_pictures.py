@@ -144,12 +144,12 @@ def test_precision_follows_the_cameras_bits(bits, kind):
 
     single = replace(
         picture,
-        order=picture.order.astype(np.float32),
+        mean_order=picture.mean_order.astype(np.float32),
         visibility=picture.visibility.astype(np.float32),
     )
     signal = picture_signal(scene.with_values({"camera.bit_depth": bits}), single)
     assert signal.dtype == kind
-    exact = 0.5 - 0.5 * picture.visibility * np.cos(2 * np.pi * picture.order)
+    exact = 0.5 - 0.5 * picture.visibility * np.cos(2 * np.pi * picture.mean_order)
     known = picture.material & (picture.order < 50.0)
     # N of up to 50 is known to 2e-6 in single precision: 6e-6 of light, an eightieth of the half
     # level of 10 bits, 5e-4

@@ -3,7 +3,7 @@ from .polariscope import Chain, make_chain, polariscope_signal
 from .response import Response, camera_response
 from .spectral import highest_visible, spectral_signal
 from .stress_optic import fringe_order
-from .visibility import pixel_visibility, slope_visibility
+from .visibility import mean_order, pixel_visibility, slope_visibility
 from .wavelengths import Light, make_light
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "highest_visible",
     "make_chain",
     "make_light",
+    "mean_order",
     "pixel_visibility",
     "polariscope_signal",
     "slope_visibility",

@@ -16,6 +16,7 @@ from isochrome.optics import (
     highest_visible,
     make_chain,
     make_light,
+    mean_order,
     pixel_visibility,
     polariscope_signal,
     spectral_signal,
@@ -62,7 +63,9 @@ class Picture:
     difference : ndarray of complex, shape (rows, cols)
         Stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa.
     order : ndarray, shape (rows, cols)
-        Fringe order N, fringes.
+        Fringe order N in the pixels' middles, fringes.
+    mean_order : ndarray, shape (rows, cols)
+        Fringe order that the pixels show, the mean over their area.
     material : ndarray of bool, shape (rows, cols)
         False where there is no specimen.
     visibility : ndarray, shape (rows, cols)
@@ -73,6 +76,7 @@ class Picture:
 
     difference: StressDifference
     order: Array
+    mean_order: Array
     material: NDArray[np.bool_]
     visibility: Array
     too_fine: float
@@ -227,7 +231,7 @@ def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) 
         material &= specimen_model(scene).inside(pixels)
     order = order if material.all() else np.where(material, order, np.nan)
     visibility, too_fine = pixel_visibility(order)
-    return Picture(difference, order, material, visibility, too_fine)
+    return Picture(difference, order, mean_order(order), material, visibility, too_fine)
 
 
 def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
@@ -254,7 +258,7 @@ def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> A
         On a response file that cannot be used, or a light that a channel does not see.
     """
     camera, polariscope = scene.camera, scene.polariscope
-    order, whole = picture.order, picture.material.all()
+    order, whole = picture.mean_order, picture.material.all()
     if not whole:
         order = np.where(picture.material, order, 0.0)
     if camera is None or camera.bit_depth is None or camera.bit_depth > _FLOAT32_BITS:

@@ -31,6 +31,11 @@ _FILLED = 0.5
 _OWN_NOISE = 1.5
 """Variance of rows' sums, over that of independent pixels, from which rows have their own noise."""
 
+_SHADOW_PX = 15
+"""Depth that a shadow on the surface may reach: it grows fainter, and its end is not seen."""
+_OF_THE_EXCESS = 0.5
+"""Share of what noise does not explain from which it lies beside the surface."""
+
 _STEP = 1e-4
 _STRESS_MPA = 0.01
 EVEN = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
@@ -61,7 +66,8 @@ class FrameBlocks:
     """Blocks of a frame (n,): `residual` over its noise, `rows` of the unknowns (p, n).
 
     `light_rows` (l, n), of its own light; `worst` (rows/3, cols/3), the largest residual of a pixel
-    in each block of the picture.
+    in each block of the picture; `shadow` (rows/3, cols/3), the blocks beside a contact's surface,
+    None where they are no worse than others.
     """
 
     def __init__(self, solved: SolvedFrame) -> None:
@@ -81,6 +87,7 @@ class FrameBlocks:
         image[keep] = toned.residual
         self.residual = block_sums(image)[chosen] / root
         self.worst = _largest_near(image)
+        self.shadow = None if self.scene.indenter is None else _shadow(image, keep)
         image[keep] = toned.part.signal
         self._signal_image = image
         self.signal = toned.part.signal[at]
@@ -223,6 +230,18 @@ def _curvature(image: Array) -> Array:
     from scipy.ndimage import laplace
 
     return np.asarray(0.5 * laplace(image))
+
+
+def _shadow(image: Array, keep: Mask) -> Mask | None:
+    """Blocks (rows/3, cols/3) that a shadow on the surface may reach, None where there is none.
+
+    It is one where most of what noise does not explain of a residual `image` lies there.
+    """
+    beside = np.arange(len(keep))[:, None] < np.argmax(keep, axis=0) + _SHADOW_PX
+    excess = np.where(keep, image**2 - 1.0, 0.0)
+    if not excess[beside].sum() > _OF_THE_EXCESS * excess.sum() > 0.0:
+        return None
+    return np.asarray(beside[::BLOCK, ::BLOCK])
 
 
 def _largest_near(image: Array) -> Array:

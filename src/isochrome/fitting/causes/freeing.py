@@ -22,7 +22,7 @@ from isochrome.estimation import (
     evidence_gain,
     stays_poor,
 )
-from isochrome.fitting.arrays import Array
+from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import GEOMETRY, LOOK, Cause, candidates
 from isochrome.fitting.causes.score import Asked, LightTerms, ask, richer_light
 from isochrome.fitting.causes.solution import Askable, Change, FrameSolution, change_for
@@ -42,6 +42,8 @@ _CLEAR = 3.5
 """Standard uncertainties from what is stated below which a cause is not kept free."""
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit without a needless cause must stay."""
+_RIM = 2
+"""Blocks by which what may be in a shadow is wider than what is in its deepest part."""
 _LIGHTS = 4
 """How often light is made richer in a row: what is asked for changes a little with the fit."""
 
@@ -60,8 +62,10 @@ class Freed(Generic[S]):
         Those that were freed, in order.
     light : bool, default False
         Whether the light was made richer.
-    outside : float, default 0.0
-        Share of the pixels that was left out.
+    odd : ndarray of bool, (rows/3, cols/3), optional
+        Blocks of the picture that were left out.
+    late : bool, default False
+        Whether some were left out after others things had been fitted to them.
     asked : tuple of Asked, optional
         What the frames still ask for and is not freed.
     undecided : ndarray, (p, p), optional
@@ -75,7 +79,8 @@ class Freed(Generic[S]):
     stated: S
     causes: tuple[Cause, ...] = ()
     light: bool = False
-    outside: float = 0.0
+    odd: Mask | None = None
+    late: bool = False
     asked: tuple[Asked, ...] = ()
     undecided: Array | None = None
     slip: Trial | None = None
@@ -91,9 +96,14 @@ class Freed(Generic[S]):
         return self.now.data
 
     @property
+    def outside(self) -> float:
+        """Share of the pixels that was left out."""
+        return 0.0 if self.odd is None else 1.0 - self.now.pixels / max(1, self.stated.pixels)
+
+    @property
     def is_plain(self) -> bool:
         """Whether nothing was freed, and nothing left out."""
-        return not (self.causes or self.light or self.outside)
+        return not (self.causes or self.light) and self.odd is None
 
     @cached_property
     def richer(self) -> LightTerms:
@@ -114,15 +124,53 @@ def free_causes(solution: S) -> Freed[S]:
     freed = Freed(now=solution, stated=solution)
     if not solution.is_bright:
         return freed
+    freed = _settled(freed)
+    if freed.late:
+        freed = _anew(freed)
+    if freed.odd is not None and freed.causes:
+        freed = _whole_again(freed)
+    more = any(asked.can_be_freed for asked in freed.asked)
+    # a frame that nothing explains has no causes, only another contact or another scene
+    return freed.undone() if more and freed.now.chi > POOR_CHI else freed
+
+
+def _settled(freed: Freed[S]) -> Freed[S]:
+    """What is asked for freed, without what comes out at nothing."""
     for _ in range(_PRUNINGS):
         freed = _freed(freed)
         fewer = _pruned(freed)
         if fewer is freed:
             break
         freed = fewer  # without what was needless, something else may be asked for
-    more = any(asked.can_be_freed for asked in freed.asked)
-    # a frame that nothing explains has no causes, only another contact or another scene
-    return freed.undone() if more and freed.now.chi > POOR_CHI else freed
+    return freed
+
+
+def _anew(freed: Freed[S]) -> Freed[S]:
+    """All that is asked for freed once more, without what is odd from the beginning.
+
+    Light that was made rich on a shadow, and causes that were fitted to it, hide what is beside it.
+    """
+    try:
+        clean = freed.stated.again(Change(outside=freed.odd))
+    except PhysicsError:
+        return freed
+    again = _settled(Freed(now=clean, stated=freed.stated, odd=freed.odd))
+    return again if again.now.is_sound and again.now.chi < _SAME_CHI * freed.now.chi else freed
+
+
+def _whole_again(freed: Freed[S]) -> Freed[S]:
+    """With what was odd before its cause was known, where it is odd no more: a blur, no shadow."""
+    new = {k: freed.now.scene.get(k) for k in freed.now.keys if k not in freed.stated.keys}
+    try:
+        whole = freed.stated.again(Change(added=new, terms=freed.now.terms))
+    except PhysicsError:
+        return freed
+    if not whole.is_sound or whole.chi > _SAME_CHI * freed.now.chi:
+        return freed
+    asked, undecided = _asked(whole)
+    if any(item.outside is not None for item in asked):
+        return freed
+    return replace(freed, now=whole, odd=None, asked=asked, undecided=undecided)
 
 
 def _freed(freed: Freed[S]) -> Freed[S]:
@@ -173,15 +221,16 @@ def _with(freed: Freed[S], asked: Asked) -> Freed[S] | None:
     parts = () if asked.cause is None else GEOMETRY if asked.cause is LOOK else (asked.cause,)
     if parts and not any(_is_felt(now, cause, freed.stated.scene) for cause in parts):
         return None
-    outside = freed.outside
+    odd = freed.odd
     if asked.outside is not None:
-        outside = 1.0 - now.pixels / max(1, before.pixels) * (1.0 - outside)
+        odd = asked.outside if odd is None else odd | asked.outside
     return replace(
         freed,
         now=now,
         causes=(*freed.causes, *(c for c in parts if c not in freed.causes)),
         light=freed.light or asked.terms is not None,
-        outside=float(outside),
+        odd=odd,
+        late=freed.late or (asked.outside is not None and bool(freed.causes or freed.light)),
         asked=(),
         undecided=None,
     )
@@ -216,6 +265,9 @@ def _tried(freed: Freed[S], asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
     lights = [a for a in asked if a.terms is not None]
     tried = [a for a in asked if a.cause is not None and a not in lens][:_TRIED]
     tried += lights[:1] + [replace(a, cause=LOOK) for a in lens[:1]]
+    causes = [item for item in tried if item.cause is not None]
+    if out and out[0].shadow is not None and not _explained(freed, causes, out[0].shadow):
+        return tuple(out)
     outside = out[0].outside if out else None
     base = freed.now.trial(Change(outside=outside))
     if base is None:
@@ -228,6 +280,20 @@ def _tried(freed: Freed[S], asked: tuple[Asked, ...]) -> tuple[Asked, ...]:
             scored.append((evidence_gain(base[:2], found[:2], pixels=base[2]), item))
     scored.sort(key=lambda pair: -pair[0])
     return (*(item for gain, item in scored if gain > 0.0), *out)
+
+
+def _explained(freed: Freed[S], asked: list[Asked], band: Mask) -> bool:
+    """Whether one cause takes up most of what the noise does not explain, a shadow or none.
+
+    Causes that are fitted to rows in a shadow take its fainter rows for their own, and light grows
+    rich on them: where none explains them, they are left out before any is freed.
+    """
+    rim = np.zeros_like(band)
+    rim[:-_RIM] = band[_RIM:]  # a blur hides the darkest rows
+    base = freed.now.trial(Change(outside=rim))
+    found = (freed.now.trial(replace(_change(freed, item), outside=rim)) for item in asked)
+    least = np.inf if base is None else 1.0 + HALF * (base[0] - 1.0)
+    return any(trial is not None and trial[0] < least for trial in found)
 
 
 def _is_felt(solution: Askable, cause: Cause, stated: Scene) -> bool:

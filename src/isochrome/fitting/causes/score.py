@@ -51,9 +51,9 @@ class Asked:
     """What a frame gains by a cause, or by richer light, or by leaving blocks out.
 
     `cause`, or None; `terms`, the light's polynomial products then, or None; `outside`, the blocks
-    (rows, cols) that are left out, or None. `gain`, S over the noise; `evidence`, that less ln n
-    for each unknown (or, with priors, what Bayes's factor takes off); `values`, at which the cause
-    would come out, to first order.
+    (rows, cols) that are left out, or None, and those of them that a `shadow` may reach. `gain`, S
+    over the noise; `evidence`, that less ln n for each unknown (or, with priors, what Bayes's
+    factor takes off); `values`, at which the cause would come out, to first order.
     """
 
     gain: float
@@ -61,6 +61,7 @@ class Asked:
     cause: Cause | None = None
     terms: LightTerms | None = None
     outside: Mask | None = None
+    shadow: Mask | None = None
     values: tuple[float, ...] = ()
 
     @property
@@ -154,7 +155,8 @@ def _outside_of_all(found: list[Asked]) -> Asked:
     outside = np.logical_or.reduce([a.outside for a in odd if a.outside is not None])
     if outside.mean() > _MOST_OUT:
         return Asked(0.0, 0.0)
-    return Asked(gain, evidence, outside=outside)
+    shadow = next((a.shadow for a in odd if a.shadow is not None), None)
+    return Asked(gain, evidence, outside=outside, shadow=shadow)
 
 
 def _is_slight(asked: Asked, scene: Scene) -> bool:
@@ -251,10 +253,18 @@ def _outliers(blocks: FrameBlocks) -> Asked:
     seeds = np.maximum(size, blocks.worst / noise) > _OUTLIER
     outside = binary_propagation(seeds, near, mask=seeds | (size > _BESIDE))
     outside = binary_dilation(outside, near)
+    price = float(np.log(len(residual)))
+    if blocks.shadow is None:
+        return _without(blocks, outside, noise, price * int(blocks.pick(outside).sum()))
+    return _without(blocks, outside | blocks.shadow, noise, price)
+
+
+def _without(blocks: FrameBlocks, outside: Mask, noise: float, price: float) -> Asked:
+    """What leaving out some blocks gains; nothing where they are none, or too many."""
     out = blocks.pick(outside)
-    count, number = len(residual), int(out.sum())
-    if not number or number > _MOST_OUT * count:
+    number = int(out.sum())
+    if not number or number > _MOST_OUT * len(out):
         return Asked(0.0, 0.0)
-    gain = float(np.sum(np.maximum(residual, blocks.pick(blocks.worst))[out] ** 2)) / noise**2
-    gain -= _WORST_OF_NINE * number
-    return Asked(gain, gain - number * float(np.log(count)), outside=outside)
+    worst = np.maximum(blocks.residual, blocks.pick(blocks.worst))[out]
+    gain = float(np.sum(worst**2)) / noise**2 - _WORST_OF_NINE * number
+    return Asked(gain, gain - price, outside=outside, shadow=blocks.shadow)

@@ -70,8 +70,11 @@ def evaluate_model(data: FrameData, scene: Scene) -> ModelFrame:
     picture = make_picture(scene, state_difference(scene, scene_states(scene)[-1], grid), grid)
     optics = scene_optics(scene)
 
+    bend = picture.mean_order - picture.order
+
     def response(order: Array) -> Array:
-        return optics.signal(picture.difference, order=order, visibility=picture.visibility)
+        seen = order + bend
+        return optics.signal(picture.difference, order=seen, visibility=picture.visibility)
 
     signal = response(np.where(picture.material, picture.order, 0.0))
     assert scene.camera is not None

@@ -18,7 +18,7 @@ from isochrome.contact import SurfaceState
 from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.fringe_optics import scene_optics
-from isochrome.optics import pixel_visibility, slope_visibility
+from isochrome.optics import mean_order, pixel_visibility, slope_visibility
 from isochrome.scene import Scene
 from isochrome.simulation import SceneState, scene_states, state_difference
 from isochrome.specimens import specimen_model
@@ -78,8 +78,8 @@ class SceneRenderer:
     def order_field(self, scene: Scene) -> tuple[Array, Array]:
         """Stress difference (rows, cols) and visibility of the fringes at the strided pixels.
 
-        The visibility is that of the pixels' area; with a stride, and so without all pixels to
-        blur, it stands for the camera's blur too.
+        Both are those of the pixels' area; with a stride, and so without all pixels to blur, the
+        visibility stands for the camera's blur too.
         Raises PhysicsError where the scene's values cannot be solved.
         """
         camera = scene.camera
@@ -90,7 +90,8 @@ class SceneRenderer:
         last = self._last
         if last is None or last.state is not state or last.key != key:
             made = self._field(scene, state, slopes=self.stride > 1 and not self._rough)
-            last = _Rendered(state, key, made.difference, self._visibility(scene, made, blur))
+            seen = self._seen_by_area(made.difference)
+            last = _Rendered(state, key, seen, self._visibility(scene, made, blur))
             self._last = last
         return last.field, last.visibility
 
@@ -147,7 +148,7 @@ class SceneRenderer:
         state, last = self._state(scene), self._last
         if last is not None and last.state is state and last.key[:-1] == _standing(scene):
             return last.field
-        return self._field(scene, state, slopes=False).difference
+        return self._seen_by_area(self._field(scene, state, slopes=False).difference)
 
     def _field(self, scene: Scene, state: SceneState, *, slopes: bool) -> SeriesField:
         """The field of one state where the scene stands, and its slopes where they are wanted."""
@@ -175,6 +176,16 @@ class SceneRenderer:
         made = self._around[2]
         slopes_seen = (None if m is None else seen_by(m, around, pixels) for m in made.slopes)
         return SeriesField(seen_by(made.difference, around, pixels), *slopes_seen)
+
+    def _seen_by_area(self, field: Array) -> Array:
+        """The field with the mean of the order over each pixel in place of that in its middle."""
+        if self._rough:
+            return field
+        size = np.abs(field)
+        size[size == 0.0] = np.nan  # above a contact's surface
+        share = mean_order(size, stride=self.stride)
+        share /= size
+        return np.asarray(field * np.nan_to_num(share, copy=False, nan=1.0))
 
     def _visibility(self, scene: Scene, made: SeriesField, blur: float) -> Array:
         """What is left of the fringes' contrast by the pixels' area, and by a blur."""

@@ -28,7 +28,7 @@ from isochrome.fitting.frame.fringe_optics import scene_optics
 from isochrome.fitting.frame.model_frame import fitted_light
 from isochrome.fitting.tractions.continuation import node_runs
 from isochrome.fitting.tractions.surface_fit import Tractions
-from isochrome.optics import pixel_visibility
+from isochrome.optics import mean_order, pixel_visibility
 from isochrome.scene import Scene
 from isochrome.simulation import scene_states
 from isochrome.stress import StressComponents
@@ -103,7 +103,7 @@ def _draw_residual(
         data = data.toned(scene.frames.stated_gamma)
     order = optics.order(stress.difference).astype(float)
     visibility = pixel_visibility(order)[0]
-    signal = optics.signal(stress.difference, order=order, visibility=visibility)
+    signal = optics.signal(stress.difference, order=mean_order(order), visibility=visibility)
     mask = data.valid & (pixels.z_mm >= 0.5 * pixels.pixel_mm)[:, None]
     illumination, background, _ = fitted_light(data, signal, mask)
     title = f"residual, chi = {one.chi:.2f}"
