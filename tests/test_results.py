@@ -244,8 +244,16 @@ MAKE: dict[str, Callable[..., Left]] = {
 
 LONG = ("demo", "bench", "calibrate disc")
 
+LONGEST = "demo"
 every_result = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in MAKE]
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=[pytest.mark.long] * (name in LONG) + [pytest.mark.study] * (name == LONGEST),
+        )
+        for name in MAKE
+    ],
 )
 
 

@@ -55,6 +55,7 @@ def one_pull(seed, beam_frame):
     return (found.fringe_value_n_per_mm - F_SIGMA) / found.standard_uncertainty
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_ninety_five_per_cent_of_the_intervals_hold_the_truth(beam_frame):
     """A thousand by ISOCHROME_COVERAGE=1000; the default is what half a minute allows."""
@@ -67,6 +68,7 @@ def test_ninety_five_per_cent_of_the_intervals_hold_the_truth(beam_frame):
     assert abs(np.mean(pulls)) < 4.0 / np.sqrt(count)  # no side is preferred
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_the_images_own_part_is_covered_too(beam_frame):
     """With exact inputs nothing hides an error of the fit: pulls of the images alone."""

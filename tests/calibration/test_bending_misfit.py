@@ -201,6 +201,7 @@ def test_orders_of_one_light_err_together(beam_frame):
     assert found.order_at_zero_load_uncertainty > 1.3 * math.sqrt(apart)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_the_order_at_zero_load_of_close_loads_is_off_by_what_it_says(beam_frame):
     """Of twenty normal pulls the root mean square is 0.54 to 1.51 but twice in a thousand."""

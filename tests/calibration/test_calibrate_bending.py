@@ -139,6 +139,7 @@ def test_blurred_and_clipped_images_are_exact_within_what_is_stated(beam_frame, 
     assert abs(error) < 4 * found.standard_uncertainty
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_poor_fit_is_said_and_widens_the_uncertainty(beam_frame):
     """Interference in a plate of glass: stripes finer than any light, in every image."""

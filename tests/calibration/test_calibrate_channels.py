@@ -101,6 +101,7 @@ def test_white_light_is_said(beam_frame, tmp_path):
     assert abs(error) < 3 * found.standard_uncertainty
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_disc_has_its_channels_too(disc_frame, tmp_path):
     rng = np.random.default_rng(4)

@@ -76,6 +76,7 @@ def test_one_load(disc_frame, centre, options, bar):
     assert 0.9 < found.chi < (2.2 if "blur" in options else 1.05)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("step", range(0, 10, 3))
 def test_errors_are_within_what_is_stated_at_any_angle_and_order(disc_frame, step):

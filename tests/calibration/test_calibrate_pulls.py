@@ -116,6 +116,7 @@ def test_beams_are_off_by_what_they_say():
     assert_normal([p[-1] for p in pulls])
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_discs_are_off_by_what_they_say():
     """Of two loads: the fringe value, and the order of each image, fitted by itself."""

@@ -72,6 +72,7 @@ def test_scale_lens_and_roll_are_found(saved, paint, how):
     assert found.residual_px < 0.05
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(("paint", "how"), [(chessboard, BOARD), (dots, DOTS)])
 def test_the_uncertainties_cover_the_truth(saved, paint, how):

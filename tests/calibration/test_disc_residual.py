@@ -76,6 +76,7 @@ def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame):
     assert 0.9 < found.chi < 1.1
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(("round_", "uniform"), [(-0.6, 0.0), (0.3, 0.2 + 0.2j)])
 def test_residual_tensor(round_, uniform):
@@ -112,7 +113,10 @@ def test_an_unloaded_image_serves_the_residual():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("options", [{"gamma": 2.2}, {"gamma": 1 / 1.4}, {"blur": 2.0}])
+@pytest.mark.parametrize(
+    "options",
+    [{"gamma": 2.2}, {"gamma": 1 / 1.4}, pytest.param({"blur": 2.0}, marks=pytest.mark.study)],
+)
 def test_a_misfit_that_is_no_residual_is_within_what_is_stated(disc_frame, options):
     """A tone curve is found; a blur that is carried over the rim is not, and widens the value."""
     for centres in ((3.0,), (1.8, 5.0)):
@@ -139,6 +143,7 @@ def test_a_clean_disc_has_no_misfit_and_no_residual(disc_frame):
     assert not any(b.name == "model misfit" for b in found.budget)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_swapped_loads_are_not_taken_for_residual_stress(disc_frame):
     rng = np.random.default_rng(2)

@@ -169,6 +169,7 @@ def pull_of(specimen, seed):
     return (found.fringe_value_n_per_mm - F_SIGMA) / found.standard_uncertainty
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(("specimen", "count"), [(beam, 20), (disc, 10)])
 def test_random_benches_are_within_what_is_stated(specimen, count):

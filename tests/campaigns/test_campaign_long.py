@@ -29,6 +29,7 @@ from scene_texts import SMALL_CAMERA, WORN_CONTACT
 pytestmark = pytest.mark.long
 
 
+@pytest.mark.study
 @needs_proc
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_killed_in_the_second_recording_it_ends_with_the_same_bytes(place, code, workers):

@@ -248,6 +248,7 @@ def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, comm
     }  # fmt: skip
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_demo_runs_from_anywhere(isochrome, place):
     done = isochrome("demo", "--out", "Vorführung", "--json")

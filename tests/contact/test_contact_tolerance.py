@@ -215,6 +215,7 @@ def assert_kept(rows, bar=1.0):
             assert max(row.p_max, row.depth) <= bar, row
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("seed", "tolerance"),
     [
@@ -271,6 +272,7 @@ def test_mesh_and_grid_share_the_way_alike_at_every_tolerance():
     assert any(held[0]) and not all(held[0])
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(("count", "tolerance"), [(20, 1e-3), (6, 1e-4)])
 def test_more_random_courses_are_within_their_tolerance(count, tolerance):

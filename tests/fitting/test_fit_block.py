@@ -62,6 +62,7 @@ def test_a_frame_that_the_contact_alone_explains_has_nothing_freed(tmp_path):
     assert set(found.shared) == set(FREE) and found.warnings == ()
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_static_and_a_sliding_frame_of_a_block_share_all_but_what_the_shear_adds(tmp_path):
     solids = (Solid(), Solid(friction=0.25))
@@ -108,6 +109,7 @@ def test_a_smooth_stress_that_explains_little_is_not_kept(tmp_path):
     assert found.chi > 1.3 and any("does not describe" in w for w in found.warnings)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("friction", "support", "bulk_free"),

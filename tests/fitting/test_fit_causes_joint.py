@@ -127,6 +127,7 @@ def test_dust_is_left_out_of_all_frames(tmp_path):
     assert np.abs(pulls(found)).max() < 4.0
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_two_causes_at_once(tmp_path):
     found = joint(tmp_path, Defects(roll_deg=-0.5, spot=0.3), size=LARGER)

@@ -82,6 +82,7 @@ def test_uncertainties_are_those_of_the_errors_and_near_the_limit():
     assert np.all(over_limit[place] < 1.35)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_pulls_over_many_contacts_have_the_spread_and_the_coverage_that_is_promised():
     z, over_limit, _ = study(24, 11, {})

@@ -271,6 +271,7 @@ def test_a_sequence_worn_by_the_dissipated_energy_is_told_from_archards(tmp_path
     assert {"law", "chi", "log_evidence", "coefficient_mm2_per_n"} <= set(rows[0])
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["archard", "sarkar", "dissipated_energy"])
 def test_every_law_is_preferred_where_it_wore(tmp_path, name):

@@ -193,6 +193,7 @@ def test_a_cluster_leaves_the_same_files(place, monkeypatch):
     assert contents(place / "two") == contents(place / "one")
 
 
+@pytest.mark.study
 @pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])

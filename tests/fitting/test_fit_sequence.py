@@ -243,6 +243,7 @@ def test_a_frame_count_that_is_not_the_scenes(tmp_path):
         fit(path, scene(), [LOAD])
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_pulls_of_wear_and_friction_over_seeds():
     size = {"camera__pixel_mm": 0.0125, "camera__width_px": 320, "camera__height_px": 240}
@@ -263,6 +264,7 @@ def test_pulls_of_wear_and_friction_over_seeds():
     assert 0.84 < size < 1.16 and 0.90 < inside < 0.998
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_sequence_of_the_papers_frames(tmp_path):
     """Archard's law and the dissipated energy's at this size: `isochrome bench fit`."""

@@ -88,6 +88,7 @@ def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(tmp_path, short
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
+@pytest.mark.study
 @pytest.mark.long
 @needs_sigkill
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code):

@@ -46,6 +46,7 @@ def test_a_wearing_contact_is_followed_on_the_scar_of_its_own_history(tmp_path):
     assert np.all(np.abs(result.values[:, 1] - friction) < 7e-4)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("step_m", "count", "begin", "keys"),

@@ -157,6 +157,7 @@ BESIDE = {
 }
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "free_top"),
@@ -175,6 +176,7 @@ def test_truth_beside_the_model_is_found_to_the_bars(name, free_top):
     assert found.pixels.top_mm == pytest.approx(0.0, abs=0.2 * view.pixel)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("off_px", [-3.0, 3.0])
 def test_a_wrong_place_of_the_surface_is_flagged(off_px):
@@ -184,6 +186,7 @@ def test_a_wrong_place_of_the_surface_is_flagged(off_px):
     assert found.chi > 1.03 and any("camera.top_mm" in text for text in found.warnings)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_uncertainties_of_the_resultants_are_their_errors():
     pulls = []

@@ -60,6 +60,7 @@ def test_blind_the_order_is_right_and_most_is_kept(name):
     assert is_right(seen, got) and is_right(seen, read_as_it_is(name, "none")[2].reading)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_ten_random_scenes_are_read_blind_and_right():
     """One of twenty may fail: of ten, not one of these."""
@@ -69,6 +70,7 @@ def test_ten_random_scenes_are_read_blind_and_right():
         assert is_right(seen, got) and is_right(seen, read_as_it_is(name, "none")[2].reading), name
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_blind_too_the_pixels_said_to_be_sure_are_right():
     assert_sure_pixels_are_right("none")
@@ -93,6 +95,7 @@ def test_errors_are_as_large_as_their_uncertainties_say(name):
     assert 0.4 < spread < 1.3  # on the safe side by 2.5 at most
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "shot"),

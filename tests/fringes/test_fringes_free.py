@@ -74,6 +74,7 @@ QUICK = ("contact, mu 0.3", "hole")
 """Specimens that every run reads; the others are for the long one."""
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "name",
     [
@@ -87,6 +88,7 @@ def test_with_no_load_frames_the_order_is_right_and_nearly_all_is_kept(name):
     holds_the_promises(seen, got, kept=KEPT)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name):
@@ -104,6 +106,7 @@ def test_with_ten_grey_levels_of_noise_what_is_kept_is_on_its_branch(name):
 POOR = {"glare": {"glare": 0.09}, "blur": {"blur": 2.0}, "gamma": {"gamma": 2.2}}
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "ends", "poor"),
@@ -132,6 +135,7 @@ def test_a_poor_frame_shrinks_the_mask_and_not_the_promises(name, ends, poor):
     assert np.mean(error > WRONG) <= (0.0 if ends == "both" else BLIND_WRONG)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_of_ten_random_scenes_all_are_read_and_none_has_a_failure_that_is_not_masked():
     """One of twenty may fail: of ten, not one of these."""

@@ -57,6 +57,7 @@ def processed(folder, text, frames="captured.tif"):
 NO_LOAD = 'no_load_dark = "no-load-dark.tif"\nno_load_bright = "no-load-bright.tif"\n'
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "ends",
     [

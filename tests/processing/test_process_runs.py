@@ -203,6 +203,7 @@ def command(out, workers):
     ]  # fmt: skip
 
 
+@pytest.mark.study
 @pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])

@@ -243,6 +243,7 @@ def test_workers_below_one_are_refused(count, tmp_path):
         run_job(job(count), tmp_path / "out", finish, means=RunOptions(workers=0))
 
 
+@pytest.mark.study
 @pytest.mark.long
 @needs_proc
 @pytest.mark.parametrize("workers", [1, 2])

@@ -200,6 +200,7 @@ def test_a_blocks_stress_is_that_of_finite_elements_of_all_of_it(solid, bar):
     assert off[0] > 0.03 and off[1] < bar, off
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_the_truth_converges_to_the_block():
     off = []
