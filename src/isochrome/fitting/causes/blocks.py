@@ -35,6 +35,8 @@ _SHADOW_PX = 15
 """Depth that a shadow on the surface may reach: it grows fainter, and its end is not seen."""
 _OF_THE_EXCESS = 0.5
 """Share of what noise does not explain from which it lies beside the surface."""
+_FELT, _CLEAR = 0.1, 6.0
+"""What noise does not explain there, in its variances, and in standard deviations of their sum."""
 
 _STEP = 1e-4
 _STRESS_MPA = 0.01
@@ -235,11 +237,14 @@ def _curvature(image: Array) -> Array:
 def _shadow(image: Array, keep: Mask) -> Mask | None:
     """Blocks (rows/3, cols/3) that a shadow on the surface may reach, None where there is none.
 
-    It is one where most of what noise does not explain of a residual `image` lies there.
+    It is one where most of what noise does not explain of a residual `image` lies there, and that
+    is no accident.
     """
     beside = np.arange(len(keep))[:, None] < np.argmax(keep, axis=0) + _SHADOW_PX
     excess = np.where(keep, image**2 - 1.0, 0.0)
-    if not excess[beside].sum() > _OF_THE_EXCESS * excess.sum() > 0.0:
+    there, count = float(excess[beside].sum()), int(keep[beside].sum())
+    chance = max(_FELT * count, _CLEAR * (2.0 * count) ** 0.5)
+    if there < max(chance, _OF_THE_EXCESS * float(excess.sum())):
         return None
     return np.asarray(beside[::BLOCK, ::BLOCK])
 

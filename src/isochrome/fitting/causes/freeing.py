@@ -214,7 +214,9 @@ def _with(freed: Freed[S], asked: Asked) -> Freed[S] | None:
         now = before.again(_change(freed, asked))
     except PhysicsError:
         return None
-    if not (now.is_sound and now.chi < before.chi):
+    # a cause whose value is stated moves within what is stated, and odd blocks are no unknowns
+    told = asked.outside is not None or bool(asked.cause is not None and asked.cause.weight)
+    if not (now.is_sound and now.chi < before.chi and (told or _pays(before, now))):
         return None
     if asked.terms is not None and not stays_poor(before.chi, now.chi, HALF):
         now = _with_all_light(now)
@@ -234,6 +236,17 @@ def _with(freed: Freed[S], asked: Asked) -> Freed[S] | None:
         asked=(),
         undecided=None,
     )
+
+
+def _pays(before: Askable, now: Askable) -> bool:
+    """Whether a fit with more unknowns is as much better as the residual's slope has promised.
+
+    It is not where what is asked for only looks like it: blocks of a compressed picture, like blur.
+    """
+    sides = [
+        (fit.chi**2, len(fit.keys) + fit.count * sum(map(len, fit.terms))) for fit in (before, now)
+    ]
+    return evidence_gain(*sides, pixels=now.pixels) > 0.0
 
 
 def _change(freed: Freed[S], asked: Asked) -> Change:

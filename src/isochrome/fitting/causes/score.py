@@ -46,7 +46,7 @@ _MOST_OUT = 0.15
 """Largest share of the blocks that may be left out as outliers."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Asked:
     """What a frame gains by a cause, or by richer light, or by leaving blocks out.
 
@@ -150,13 +150,13 @@ def _outside_of_all(found: list[Asked]) -> Asked:
     """What frames gain without the blocks that are odd in any of them: dust lies on the glass."""
     odd = [item for item in found if item.outside is not None]
     if not odd:
-        return Asked(0.0, 0.0)
+        return Asked(gain=0.0, evidence=0.0)
     gain, evidence = (sum(getattr(a, name) for a in odd) for name in ("gain", "evidence"))
     outside = np.logical_or.reduce([a.outside for a in odd if a.outside is not None])
     if outside.mean() > _MOST_OUT:
-        return Asked(0.0, 0.0)
+        return Asked(gain=0.0, evidence=0.0)
     shadow = next((a.shadow for a in odd if a.shadow is not None), None)
-    return Asked(gain, evidence, outside=outside, shadow=shadow)
+    return Asked(gain=gain, evidence=evidence, outside=outside, shadow=shadow)
 
 
 def _is_slight(asked: Asked, scene: Scene) -> bool:
@@ -238,8 +238,8 @@ def richer_light(frames: Iterable[FrameBlocks], terms: LightTerms, most: int) ->
 def _asked(group: Any, gain: float, price: float, values: Array) -> Asked:
     evidence = gain - price
     if isinstance(group, Cause):
-        return Asked(gain, evidence, cause=group, values=tuple(values.tolist()))
-    return Asked(gain, evidence, terms=group)
+        return Asked(gain=gain, evidence=evidence, cause=group, values=tuple(values.tolist()))
+    return Asked(gain=gain, evidence=evidence, terms=group)
 
 
 def _outliers(blocks: FrameBlocks) -> Asked:
@@ -256,7 +256,7 @@ def _outliers(blocks: FrameBlocks) -> Asked:
     price = float(np.log(len(residual)))
     if blocks.shadow is None:
         return _without(blocks, outside, noise, price * int(blocks.pick(outside).sum()))
-    return _without(blocks, outside | blocks.shadow, noise, price)
+    return _without(blocks, blocks.shadow, noise, price)  # specks are told from the rest after it
 
 
 def _without(blocks: FrameBlocks, outside: Mask, noise: float, price: float) -> Asked:
@@ -264,7 +264,7 @@ def _without(blocks: FrameBlocks, outside: Mask, noise: float, price: float) -> 
     out = blocks.pick(outside)
     number = int(out.sum())
     if not number or number > _MOST_OUT * len(out):
-        return Asked(0.0, 0.0)
+        return Asked(gain=0.0, evidence=0.0)
     worst = np.maximum(blocks.residual, blocks.pick(blocks.worst))[out]
     gain = float(np.sum(worst**2)) / noise**2 - _WORST_OF_NINE * number
-    return Asked(gain, gain - price, outside=outside, shadow=blocks.shadow)
+    return Asked(gain=gain, evidence=gain - price, outside=outside, shadow=blocks.shadow)

@@ -70,7 +70,7 @@ def evaluate_model(data: FrameData, scene: Scene) -> ModelFrame:
     picture = make_picture(scene, state_difference(scene, scene_states(scene)[-1], grid), grid)
     optics = scene_optics(scene)
 
-    bend = picture.mean_order - picture.order
+    bend = np.nan_to_num(picture.mean_order - picture.order)
 
     def response(order: Array) -> Array:
         seen = order + bend
