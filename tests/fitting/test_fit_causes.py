@@ -339,4 +339,4 @@ def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone):
         found.append(pulls(freed.fit)[0])
     assert np.mean(held) < -3.5
     # nine of ten benches have none, so that some of it stays where chance hides it
-    assert np.sqrt(np.mean(np.square(found))) < 0.7 * np.sqrt(np.mean(np.square(held)))
+    assert np.sqrt(np.mean(np.square(found))) < 0.8 * np.sqrt(np.mean(np.square(held)))
