@@ -63,7 +63,7 @@ def test_a_colour_frame_has_three_channels_and_no_light_outside():
 
 
 def bent_over_a_pixel():
-    """The mean of the closed form's order over the middle pixel by Gauss points, over its middle."""
+    """The mean of the closed form over the middle pixel, by Gauss points, over its middle."""
     place = 0.5 * pixel_grid(disc()[0]).pixel_mm * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
     field = disc_stress(
         place[None, :], place[:, None], load_n=240.0, diameter_mm=20.0, thickness_mm=6.0
@@ -82,8 +82,9 @@ def test_the_middle_of_a_disc_has_the_colour_of_its_order():
     for channel, (peak, width) in enumerate(((600, 35), (540, 33), (460, 30))):
         response = np.exp(-0.5 * ((wavelength - peak) / width) ** 2)
         exact = np.trapezoid(dark * response) / np.trapezoid(response)
-        # the middle is a saddle of the order, without slope to the pixel; a table's cubics, 1e-7
-        assert signal[channel] == pytest.approx(exact, abs=2e-7)
+        # the middle is a saddle of the order, without slope to the pixel; a table's cubics, 1e-7,
+        # and what the bend over a pixel leaves out, of fourth order, 2.5e-7
+        assert signal[channel] == pytest.approx(exact, abs=1e-6)
 
 
 def test_one_wavelength_in_colour_is_the_grey_frame_three_times():
