@@ -1,7 +1,7 @@
 """Frames of a bench that is not ours: every defect written out, no code of our optics and camera.
 
-The stress comes from the package (it is proven by closed forms elsewhere), on a plain grid of half
-pixels. All that lies between the stress and the stored grey levels is written here once more, from
+The stress comes from the package (it is proven by closed forms elsewhere), on a plain grid of thirds
+of pixels. All that lies between the stress and the stored grey levels is written here once more, from
 the definitions, supersampled: geometry, light, plates, band pass, blur, tone, noise, compression.
 """
 
@@ -18,7 +18,7 @@ from isochrome.scene import Scene
 from isochrome.simulation import scene_states, state_difference
 from isochrome.stress import pixel_grid
 
-FINE, SAMPLES, MARGIN = 2, 3, 40
+FINE, SAMPLES, MARGIN = 3, 3, 40
 """Grid points a pixel, samples a pixel's side, pixels of field around the picture."""
 
 
@@ -102,7 +102,7 @@ def seen_places(x, z, half, defects):
 
 @lru_cache(maxsize=4)
 def _field(scene: Scene, state: int):
-    """The stress field on half pixels around the picture, and its left and upper edge in pixels."""
+    """The stress field on thirds of pixels around the picture, and its left and upper edge in pixels."""
     grid = pixel_grid(scene)
     camera = {
         "camera.pixel_mm": grid.pixel_mm / FINE,
