@@ -1,8 +1,9 @@
 """Frames of a bench that is not ours: every defect written out, no code of our optics and camera.
 
-The stress comes from the package (it is proven by closed forms elsewhere), on a plain grid of thirds
-of pixels. All that lies between the stress and the stored grey levels is written here once more, from
-the definitions, supersampled: geometry, light, plates, band pass, blur, tone, noise, compression.
+The stress comes from the package (it is proven by closed forms elsewhere), on a plain grid of
+thirds of pixels. All that lies between the stress and the stored grey levels is written here once
+more, from the definitions, supersampled: geometry, light, plates, band pass, blur, tone, noise,
+compression.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ def seen_places(x, z, half, defects):
 
 @lru_cache(maxsize=4)
 def _field(scene: Scene, state: int):
-    """The stress field on thirds of pixels around the picture, and its left and upper edge in pixels."""
+    """The stress field on thirds of pixels around the picture, and the picture's own grid."""
     grid = pixel_grid(scene)
     camera = {
         "camera.pixel_mm": grid.pixel_mm / FINE,
