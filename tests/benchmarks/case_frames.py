@@ -114,7 +114,7 @@ def _summed(scene, picture):
         k = scope.wavelength_nm / w
         chain = make_chain(scope, wavelength_nm=w)
         wave = chain.beta * np.cos(2 * theta) + chain.gamma * np.sin(2 * theta)
-        delta = 2 * np.pi * k * picture.order[some].astype(float)
+        delta = 2 * np.pi * k * picture.mean_order[some].astype(float)
         mixed = (chain.alpha * wave.conj()).imag
         even, odd = (0.5 * (abs(chain.alpha) ** 2 + sign * abs(wave) ** 2) for sign in (1, -1))
         contrast = picture.visibility[some].astype(float) ** (k * k)

@@ -43,7 +43,7 @@ def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]
     x, z = pixels.places
     places = [(v - v0) / grid.pixel_mm - 0.5 for v, v0 in ((z, grid.top_mm), (x, grid.left_mm))]
     first = round(-grid.top_mm / grid.pixel_mm)
-    if first > 0:
+    if 0 < first < len(field):
         field = field.copy()
         near = field[first : first + min(_ABOVE, first, len(field) - first)]
         surface = 1.5 * near[0] - 0.5 * near[min(1, len(near) - 1)]

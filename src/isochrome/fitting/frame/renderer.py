@@ -90,7 +90,7 @@ class SceneRenderer:
         last = self._last
         if last is None or last.state is not state or last.key != key:
             made = self._field(scene, state, slopes=self.stride > 1 and not self._rough)
-            seen = self._seen_by_area(made.difference)
+            seen = self._seen_by_area(scene, made.difference)
             last = _Rendered(state, key, seen, self._visibility(scene, made, blur))
             self._last = last
         return last.field, last.visibility
@@ -148,7 +148,7 @@ class SceneRenderer:
         state, last = self._state(scene), self._last
         if last is not None and last.state is state and last.key[:-1] == _standing(scene):
             return last.field
-        return self._seen_by_area(self._field(scene, state, slopes=False).difference)
+        return self._seen_by_area(scene, self._field(scene, state, slopes=False).difference)
 
     def _field(self, scene: Scene, state: SceneState, *, slopes: bool) -> SeriesField:
         """The field of one state where the scene stands, and its slopes where they are wanted."""
@@ -177,14 +177,17 @@ class SceneRenderer:
         slopes_seen = (None if m is None else seen_by(m, around, pixels) for m in made.slopes)
         return SeriesField(seen_by(made.difference, around, pixels), *slopes_seen)
 
-    def _seen_by_area(self, field: Array) -> Array:
+    def _seen_by_area(self, scene: Scene, field: Array) -> Array:
         """The field with the mean of the order over each pixel in place of that in its middle."""
         if self._rough:
             return field
         size = np.abs(field)
-        size[size == 0.0] = np.nan  # above a contact's surface
+        if scene.indenter is not None:
+            above = self._pixels(scene).places[1] <= 0.0
+            if above.any():
+                size[np.broadcast_to(above, size.shape)] = np.nan
         share = mean_order(size, stride=self.stride)
-        share /= size
+        np.divide(share, size, out=share, where=size > 0.0)
         return np.asarray(field * np.nan_to_num(share, copy=False, nan=1.0))
 
     def _visibility(self, scene: Scene, made: SeriesField, blur: float) -> Array:
