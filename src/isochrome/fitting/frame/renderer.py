@@ -35,6 +35,9 @@ from isochrome.stress import (
 Solve = Callable[[Scene], SceneState]
 
 _KEPT = 8
+_SHALLOW_PX = 0.25
+"""Depth of a pixel's middle above which its order says nothing of its neighbours' slopes."""
+
 _SLACK = 1.15
 """Reach of a series over what its first place needs: a contact may move so far in the picture."""
 
@@ -182,20 +185,29 @@ class SceneRenderer:
         if self._rough:
             return field
         size = np.abs(field)
-        if scene.indenter is not None:
-            above = self._pixels(scene).places[1] <= 0.0
-            if above.any():
-                size[np.broadcast_to(above, size.shape)] = np.nan
+        size[self._above(scene)] = np.nan
         share = mean_order(size, stride=self.stride)
         np.divide(share, size, out=share, where=size > 0.0)
         return np.asarray(field * np.nan_to_num(share, copy=False, nan=1.0))
+
+    def _above(self, scene: Scene) -> Mask:
+        """Pixels (rows, cols) whose middle lies above a contact's surface, or close to it.
+
+        Those that the surface cuts have an order in their middle: what is made of it must not jump
+        as the surface moves through them.
+        """
+        pixels = self._pixels(scene)
+        shape = pixels.rows, pixels.cols
+        if scene.indenter is None or scene.camera is None:
+            return np.zeros(shape, dtype=bool)
+        return np.broadcast_to(pixels.places[1] <= _SHALLOW_PX * scene.camera.pixel_mm, shape)
 
     def _visibility(self, scene: Scene, made: SeriesField, blur: float) -> Array:
         """What is left of the fringes' contrast by the pixels' area, and by a blur."""
         field, pixels = made.difference, self._pixels(scene)
         if self.stride == 1:
             order = scene_optics(scene).order(field)
-            order[_outside(scene, pixels)] = np.nan
+            order[self._above(scene)] = np.nan
             return np.nan_to_num(pixel_visibility(order)[0], copy=False, nan=1.0)
         if made.along is None or made.down is None:
             return np.ones((), np.float32)
