@@ -38,7 +38,7 @@ _ROUNDS, _PRUNINGS = 6, 3
 _LARGE = 1.03
 """Residual over noise from which a cause is no small step: each is then tried by its own fit."""
 _TRIED = 5
-_CLEAR = 3.5
+_CLEAR = 4.0
 """Standard uncertainties from what is stated below which a cause is not kept free."""
 _SAME_CHI = 1.01
 """Ratio of chi within which a fit without a needless cause must stay."""

@@ -198,9 +198,11 @@ class SceneRenderer:
         """
         pixels = self._pixels(scene)
         shape = pixels.rows, pixels.cols
-        if scene.indenter is None or scene.camera is None:
+        if scene.indenter is None:
             return np.zeros(shape, dtype=bool)
-        return np.broadcast_to(pixels.places[1] <= _SHALLOW_PX * scene.camera.pixel_mm, shape)
+        return np.broadcast_to(
+            pixels.places[1] <= _SHALLOW_PX * pixels.pixel_mm / self.stride, shape
+        )
 
     def _visibility(self, scene: Scene, made: SeriesField, blur: float) -> Array:
         """What is left of the fringes' contrast by the pixels' area, and by a blur."""
