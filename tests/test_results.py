@@ -242,18 +242,13 @@ MAKE: dict[str, Callable[..., Left]] = {
     "demo": demonstrated,
 }
 
-LONG = ("demo", "bench", "calibrate disc")
-
-LONGEST = "demo"
+MARKS = {
+    "demo": (pytest.mark.long, pytest.mark.study),
+    "bench": (pytest.mark.long,),
+    "calibrate disc": (pytest.mark.long,),
+}
 every_result = pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(
-            name,
-            marks=[pytest.mark.long] * (name in LONG) + [pytest.mark.study] * (name == LONGEST),
-        )
-        for name in MAKE
-    ],
+    "name", [pytest.param(name, marks=MARKS.get(name, ())) for name in MAKE]
 )
 
 

@@ -27,6 +27,7 @@ from isochrome.reference import (
 )
 from isochrome.scene import load_scene
 from isochrome.stress import pixel_grid
+from pixel_means import gauss_mean
 
 OUTSIDE = load_benchmarks("outside_camera")
 Defects, frame = OUTSIDE.Defects, OUTSIDE.frame
@@ -211,15 +212,13 @@ def closed_form_picture(scene, noise_grey):
     modulus = contact_modulus(*block, *cylinder)
     half = hertz_half_width(line, pair.radius_mm, modulus)
     peak = hertz_peak_pressure(line, pair.radius_mm, modulus)
-    nodes, weights = np.polynomial.legendre.leggauss(6)
-    light = 0.0
-    for u, wu in zip(0.5 * pixels.pixel_mm * nodes, 0.5 * weights, strict=True):
-        for v, wv in zip(0.5 * pixels.pixel_mm * nodes, 0.5 * weights, strict=True):
-            at = pixels.x_mm[None, :] + u, pixels.z_mm[:, None] + v
-            field = hertz_stress(*at, half_width_mm=half, peak_pressure_mpa=peak)
-            order = np.hypot(field.sigma_x - field.sigma_z, 2.0 * field.tau_xz)
-            order *= specimen.thickness_mm / specimen.fringe_value_n_per_mm
-            light = light + wu * wv * np.sin(np.pi * order) ** 2
+
+    def order_at(x, z):
+        field = hertz_stress(x, z, half_width_mm=half, peak_pressure_mpa=peak)
+        order = np.hypot(field.sigma_x - field.sigma_z, 2.0 * field.tau_xz)
+        return order * specimen.thickness_mm / specimen.fringe_value_n_per_mm
+
+    light = gauss_mean(order_at, pixels.x_mm, pixels.z_mm, pixels.pixel_mm)
     grey = 65535.0 * (0.05 + 0.8 * light)
     grey += noise_grey * np.random.default_rng(0).normal(size=grey.shape)
     return np.rint(grey).astype(np.uint16)

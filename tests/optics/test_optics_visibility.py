@@ -8,6 +8,7 @@ import pytest
 from isochrome.optics import make_chain, mean_order, pixel_visibility, polariscope_signal
 from isochrome.reference import disc_centre_difference, disc_stress, hertz_stress
 from isochrome.scene import Polariscope
+from pixel_means import gauss_mean
 
 DARK = make_chain(Polariscope())
 INNER = np.s_[1:-1, 1:-1]
@@ -109,16 +110,6 @@ def test_a_picture_one_pixel_thin_has_a_visibility(shape):
     np.testing.assert_array_equal(visibility, np.ones(shape))
 
 
-def gauss_mean(order_at, x, z, pixel):
-    """The mean of sin²(pi N) over each pixel by 6 x 6 Gauss points, to 1e-8."""
-    nodes, weights = np.polynomial.legendre.leggauss(6)
-    total = np.zeros((len(z), len(x)))
-    for u, wu in zip(0.5 * pixel * nodes, 0.5 * weights, strict=True):
-        for v, wv in zip(0.5 * pixel * nodes, 0.5 * weights, strict=True):
-            total += wu * wv * np.sin(np.pi * order_at(x[None, :] + u, z[:, None] + v)) ** 2
-    return total
-
-
 def disc_order(highest_at_centre):
     """Order of a disc of 20 mm as a function of place, from its closed form."""
     scale = highest_at_centre / disc_centre_difference(
@@ -138,12 +129,17 @@ def quadrant(pixels):
 
 
 @pytest.mark.parametrize(
-    ("centre", "pixels", "error"),
+    ("centre", "pixels", "error", "at_borders"),
     # measured 2.8e-5, 1.0e-4, 2.7e-4 and 1.2e-3, by the visibility alone 2.3e-4, 3.7e-4, 5.7e-4
     # and 1.8e-3; bars a quarter above
-    [(20.0, 400, 3.5e-5), (32.0, 400, 1.3e-4), (45.0, 400, 3.4e-4), (32.0, 200, 1.5e-3)],
+    [
+        (20.0, 400, 3.5e-5, 5.5e-4),
+        (32.0, 400, 1.3e-4, 1.2e-3),
+        (45.0, 400, 3.4e-4, 2.3e-3),
+        (32.0, 200, 1.5e-3, 7e-3),
+    ],
 )
-def test_a_discs_fine_fringes_are_those_of_the_pixels_areas(centre, pixels, error):
+def test_a_discs_fine_fringes_are_those_of_the_pixels_areas(centre, pixels, error, at_borders):
     """Hard case: fringes of order 31 to 70, up to 0.2, 0.32, 0.45 and 0.64 fringes a pixel.
 
     Sampled in the pixels' middles they would be wrong by up to 0.03, 0.08, 0.15 and 0.27.
@@ -153,7 +149,8 @@ def test_a_discs_fine_fringes_are_those_of_the_pixels_areas(centre, pixels, erro
     order = order_at(place[None, :], place[:, None])
     assert order.max() > 1.5 * centre
     exact = gauss_mean(order_at, place, place, 12.0 / pixels)
-    assert np.abs(averaged(order) - exact)[INNER].max() < error
+    off = np.abs(averaged(order) - exact)
+    assert off[INNER].max() < error and off.max() < at_borders
     assert np.abs(np.sin(np.pi * order) ** 2 - exact)[INNER].max() > 20 * error
 
 
@@ -203,8 +200,9 @@ def test_order_fifty_under_a_contact_is_averaged():
     assert order.max() == pytest.approx(50.0, abs=0.1)
     visibility, too_fine = pixel_visibility(order)
     assert too_fine == 0.0 and visibility.min() < 0.8
+    off = np.abs(averaged(order) - gauss_mean(order_at, x, z, pixel))
     # measured 1.5e-4, a 26th of a level of 8 bits; by the visibility alone 1.7e-3
-    assert np.abs(averaged(order) - gauss_mean(order_at, x, z, pixel))[INNER].max() < 2e-4
+    assert off[INNER].max() < 2e-4 and off.max() < 2.5e-3
 
 
 def test_single_and_double_precision_agree_in_visibility_and_share():

@@ -111,6 +111,19 @@ def test_two_pixels_below_the_surface_the_continuation_above_it_is_not_felt():
     assert seen_error(0.01, 0.02) < 4e-4
 
 
+@pytest.mark.parametrize("top_mm", [-4.0, 3.0])
+def test_a_picture_that_the_surface_does_not_cross_is_seen_as_a_whole(top_mm):
+    """All above the surface, where nothing is, or all below: nothing is continued there."""
+    pixels = PixelGrid(30, 40, -0.4, top_mm, 0.02, replace(LENS, roll_deg=1.0))
+    grid = pixels.around()
+    slope = np.broadcast_to(grid.z_mm[:, None], (grid.rows, grid.cols))
+    z = pixels.places[1]
+    # a cubic spline follows a straight line, but for its ends: .268 of a step a row, from four on
+    np.testing.assert_allclose(
+        seen_by(slope, grid, pixels), np.where(z >= 0.0, z, 0.0), rtol=0, atol=0.268**4 * 0.02
+    )
+
+
 def test_a_picture_without_a_lens_is_made_on_its_own_grid():
     from isochrome.scene import load_scene
 

@@ -65,7 +65,7 @@ class Freed(Generic[S]):
     odd : ndarray of bool, (rows/3, cols/3), optional
         Blocks of the picture that were left out.
     late : bool, default False
-        Whether some were left out after others things had been fitted to them.
+        Whether some were left out after other things had been fitted to them.
     asked : tuple of Asked, optional
         What the frames still ask for and is not freed.
     undecided : ndarray, (p, p), optional

@@ -248,15 +248,15 @@ def _outliers(blocks: FrameBlocks) -> Asked:
 
     residual = blocks.residual
     noise = max(1.0, _MAD * float(np.median(np.abs(residual))))
+    price = float(np.log(len(residual)))
+    if blocks.shadow is not None:  # specks are told from the rest after it
+        return _without(blocks, blocks.shadow, noise, price)
     size = blocks.image_of(np.abs(residual) / noise)
     near = np.ones((3, 3), dtype=bool)
     seeds = np.maximum(size, blocks.worst / noise) > _OUTLIER
     outside = binary_propagation(seeds, near, mask=seeds | (size > _BESIDE))
     outside = binary_dilation(outside, near)
-    price = float(np.log(len(residual)))
-    if blocks.shadow is None:
-        return _without(blocks, outside, noise, price * int(blocks.pick(outside).sum()))
-    return _without(blocks, blocks.shadow, noise, price)  # specks are told from the rest after it
+    return _without(blocks, outside, noise, price * int(blocks.pick(outside).sum()))
 
 
 def _without(blocks: FrameBlocks, outside: Mask, noise: float, price: float) -> Asked:

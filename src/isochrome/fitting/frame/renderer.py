@@ -92,10 +92,12 @@ class SceneRenderer:
         key = (*_standing(scene), blur)
         last = self._last
         if last is None or last.state is not state or last.key != key:
-            made = self._field(scene, state, slopes=self.stride > 1 and not self._rough)
-            seen = self._seen_by_area(scene, made.difference)
-            last = _Rendered(state, key, seen, self._visibility(scene, made, blur))
-            self._last = last
+            pixels = self._pixels(scene)
+            made = self._field(scene, state, pixels, slopes=self.stride > 1 and not self._rough)
+            above = self._above(scene, pixels)
+            seen = self._seen_by_area(made.difference, above)
+            visibility = self._visibility(scene, made, pixels.pixel_mm, above, blur)
+            last = self._last = _Rendered(state, key, seen, visibility)
         return last.field, last.visibility
 
     def signal(self, scene: Scene, *, visibility: Array | None = None) -> Array:
@@ -151,11 +153,14 @@ class SceneRenderer:
         state, last = self._state(scene), self._last
         if last is not None and last.state is state and last.key[:-1] == _standing(scene):
             return last.field
-        return self._seen_by_area(scene, self._field(scene, state, slopes=False).difference)
-
-    def _field(self, scene: Scene, state: SceneState, *, slopes: bool) -> SeriesField:
-        """The field of one state where the scene stands, and its slopes where they are wanted."""
         pixels = self._pixels(scene)
+        made = self._field(scene, state, pixels, slopes=False)
+        return self._seen_by_area(made.difference, self._above(scene, pixels))
+
+    def _field(
+        self, scene: Scene, state: SceneState, pixels: PixelGrid, *, slopes: bool
+    ) -> SeriesField:
+        """The field of one state where the scene stands, and its slopes where they are wanted."""
         if state.surface is None:
             return SeriesField(state_difference(scene, state, pixels), None, None)
         made = self._seen(state.surface, pixels, slopes)
@@ -180,23 +185,22 @@ class SceneRenderer:
         slopes_seen = (None if m is None else seen_by(m, around, pixels) for m in made.slopes)
         return SeriesField(seen_by(made.difference, around, pixels), *slopes_seen)
 
-    def _seen_by_area(self, scene: Scene, field: Array) -> Array:
+    def _seen_by_area(self, field: Array, above: Mask) -> Array:
         """The field with the mean of the order over each pixel in place of that in its middle."""
         if self._rough:
             return field
         size = np.abs(field)
-        size[self._above(scene)] = np.nan
+        size[above] = np.nan
         share = mean_order(size, stride=self.stride)
         np.divide(share, size, out=share, where=size > 0.0)
         return np.asarray(field * np.nan_to_num(share, copy=False, nan=1.0))
 
-    def _above(self, scene: Scene) -> Mask:
+    def _above(self, scene: Scene, pixels: PixelGrid) -> Mask:
         """Pixels (rows, cols) whose middle lies above a contact's surface, or close to it.
 
         Those that the surface cuts have an order in their middle: what is made of it must not jump
         as the surface moves through them.
         """
-        pixels = self._pixels(scene)
         shape = pixels.rows, pixels.cols
         if scene.indenter is None:
             return np.zeros(shape, dtype=bool)
@@ -204,17 +208,19 @@ class SceneRenderer:
             pixels.places[1] <= _SHALLOW_PX * pixels.pixel_mm / self.stride, shape
         )
 
-    def _visibility(self, scene: Scene, made: SeriesField, blur: float) -> Array:
+    def _visibility(
+        self, scene: Scene, made: SeriesField, pixel_mm: float, above: Mask, blur: float
+    ) -> Array:
         """What is left of the fringes' contrast by the pixels' area, and by a blur."""
-        field, pixels = made.difference, self._pixels(scene)
+        field = made.difference
         if self.stride == 1:
             order = scene_optics(scene).order(field)
-            order[self._above(scene)] = np.nan
+            order[above] = np.nan
             return np.nan_to_num(pixel_visibility(order)[0], copy=False, nan=1.0)
         if made.along is None or made.down is None:
             return np.ones((), np.float32)
         size = np.maximum(np.abs(field), np.float32(1e-30))
-        pixel = np.float32(scene_optics(scene).order_per_mpa * pixels.pixel_mm / self.stride)
+        pixel = np.float32(scene_optics(scene).order_per_mpa * pixel_mm / self.stride)
         across, down = (
             (field.real * slope.real + field.imag * slope.imag) * (pixel / size)
             for slope in (made.along, made.down)
