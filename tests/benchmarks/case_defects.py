@@ -23,23 +23,29 @@ from .rows import DefectRow
 
 FRAMES = {"clean": 60, "single": 150, "three": 90}
 
+ROWS_ABOVE = 40
+
 STRENGTHS = {
     "roll": {"roll_deg": (-2.0, 2.0)},
     "distortion": {"distortion": (-0.02, 0.02)},
     "keystone x": {"keystone_x": (-0.02, 0.02)},
     "keystone z": {"keystone_z": (-0.02, 0.02)},
-    "gamma": {"gamma": (0.7, 1.5)},
+    "gamma": {"gamma": (0.45, 2.2)},
     "blur": {"blur_px": (0.8, 2.0)},
     "plates": {"plate_error_deg": (3.0, 15.0)},
     "band": {"band_nm": (10.0, 40.0)},
     "light": {"spot": (0.05, 0.5), "bar": (0.05, 0.5)},
-    "stray light": {"background": (0.05, 0.2), "background_slope": (0.2, 1.0)},
+    "stray light": {"background": (0.05, 0.3), "background_slope": (0.2, 1.0)},
     "dust": {"dust": (10, 40)},
     "shadow": {"shadow_px": (2, 8)},
     "noise": {"row_noise": (0.2, 1.0), "flicker": (0.0, 0.005)},
     "jpeg": {"jpeg": (80, 95)},
+    "deep": {"bits": (12, 12), "container": (16, 16)},
 }
 """Defects by name, and between what their strengths are drawn."""
+
+UNNAMED = ("noise", "jpeg", "deep")
+"""What is a property of the sensor, and no cause to be found."""
 
 KEYS = {
     "roll": "camera.roll_deg",
@@ -71,7 +77,7 @@ def judged(kind, seed):
     scene = contact(rng)
     names = drawn(kind, seed, rng)
     image = frame(scene, defects(names, rng), int(rng.integers(2**31)))
-    data = prepare_frame(Frame(0, image, None, "bench"), scene, bit_depth=8)
+    data = prepare_frame(Frame(0, image, None, "bench"), scene, bit_depth=8 * image.itemsize)
     known = ("load.normal_n", *(("friction.coefficient",) if scene.friction else ()))
     truth = {key: scene.get(key) for key in known}
     begun = scene.with_values({"load.normal_n": truth["load.normal_n"] * rng.uniform(0.8, 1.2)})
@@ -95,7 +101,7 @@ def judged(kind, seed):
         seed,
         ", ".join(names),
         found=", ".join(found),
-        named=all(name in found for name in names if name not in ("noise", "jpeg")),
+        named=all(name in found for name in names if name not in UNNAMED),
         load_percent=100.0 * load,
         load_pull=pulls["load.normal_n"],
         friction_pull=pulls.get("friction.coefficient", float("nan")),
@@ -117,6 +123,9 @@ def contact(rng):
         "camera.left_mm": float(-2.0 + rng.uniform(-0.2, 0.2)),
     }
     scene = load_scene("line-contact-wear").with_values(values)
+    if rng.random() < 0.5:  # the surface is in view, below up to 40 rows
+        rows = float(rng.uniform(0.0, ROWS_ABOVE))
+        scene = scene.with_values({"camera.top_mm": -rows * scene.camera.pixel_mm})
     absent = (("friction", "wear"), ("wear",), ())[rng.integers(3)]
     return scene.model_copy(update=dict.fromkeys(absent))
 
