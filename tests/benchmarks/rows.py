@@ -166,3 +166,22 @@ class InputRow:
     chi: float = _NAN
     seconds: float = _NAN
     refused: str = ""
+
+
+@dataclass(frozen=True)
+class SilentRow:
+    """One frame read without a model: `wrong`, share of the specimen called known and off by over
+    half a fringe; `kept`, share that is known; `rms` error (fringes) and `pull` of what is on its
+    branch; `said`, the warnings.
+    """
+
+    seed: int
+    kind: str
+    light: str
+    points: str
+    wrong: float = _NAN
+    kept: float = _NAN
+    rms: float = _NAN
+    pull: float = _NAN
+    said: str = ""
+    seconds: float = _NAN

@@ -17,6 +17,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.fringes.on_branch import OrderReading, less_sure, make_reading
+from isochrome.fringes.single_frame.known_points import KnownPoint, anchor_parts
 from isochrome.fringes.single_frame.patch_labels import Labels, expected_terms, label_patches
 from isochrome.fringes.single_frame.patches import (
     HALF,
@@ -29,19 +30,13 @@ from isochrome.fringes.single_frame.patches import (
     middles,
     offsets,
 )
-from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored, perhaps_mirrored
+from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored
 from isochrome.fringes.stray_light import stray_error
 from isochrome.fringes.windows import Array, Mask
-
-KnownPoint = tuple[float, float, float]
-"""Row and column of a pixel, and the fringe order there."""
 
 _BINNINGS = (4, 2, 1)
 _LEAST_PIXELS = 4 * (2 * HALF + 1)
 """Pixels, after binning, of the shorter side of a frame: four patches without overlap."""
-_NEAR = 0.25
-"""Largest difference, in fringes, between a known order and the branch that is taken for it."""
-_NEGATIVE = -0.1
 _LEAST_COVER = 0.15
 _LARGEST_SPREAD, _LARGEST_UNCERTAINTY = 0.03, 0.03
 _GROUND = 1e-3
@@ -59,12 +54,15 @@ class FreeReading:
     anchored : float
         Share of what could be followed that hangs together with a known point.
     misses : tuple of (row, col, order)
-        Known points where nothing could be followed, or whose order fits no branch there.
+        Known points that were not used.
+    said : tuple of str
+        Why they were not, what the frame leaves open, and what point would settle it.
     """
 
     reading: OrderReading
     anchored: float
     misses: tuple[KnownPoint, ...]
+    said: tuple[str, ...] = ()
 
 
 def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint]) -> FreeReading:
@@ -97,24 +95,11 @@ def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint
             f"{2 * HALF + 1}; enlarge frames.roi"
         )
     patches, labels = _coarse_to_fine(wave, sigma, valid)
-    places = [_part_at(patches, labels, point) for point in known]
-    misses = [p for p, part in zip(known, places, strict=True) if part < 0]
-    terms = np.full_like(patches.terms, np.nan)
-    for part in sorted(set(places) - {-1}):
-        points = [p for p, at in zip(known, places, strict=True) if at == part]
-        anchor = _anchor(patches, labels, part, points)
-        if anchor is None:
-            misses += points
-            continue
-        inside = labels.part == part
-        terms[inside] = anchor[0] * labels.sign[inside][:, None] * patches.terms[inside]
-        terms[inside, 0] += anchor[0] * labels.shift[inside] + anchor[1]
-    inside = [_nearest(patches, point) for point in known]
-    terms[perhaps_mirrored(patches, terms, inside)] = np.nan
+    found = anchor_parts(patches, labels, known, valid)
     good = max(1, int((labels.part >= 0).sum()))
-    anchored = float(np.isfinite(terms[..., 0]).sum() / good)
-    reading = _beside_stray(_dense(patches, terms, valid), wave, sigma)
-    return FreeReading(reading, anchored, tuple(misses))
+    anchored = float(np.isfinite(found.terms[..., 0]).sum() / good)
+    reading = _beside_stray(_dense(patches, found.terms, valid), wave, sigma)
+    return FreeReading(reading, anchored, found.misses, found.said)
 
 
 def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
@@ -146,46 +131,6 @@ def _coarse_to_fine(wave: Array, sigma: Array, valid: Mask) -> tuple[Patches, La
             rows, cols = ((middles(n) - 0.5 * (ratio - 1)) / ratio for n in finer)
             expected = expected_terms(patches, labels, rows, cols, ratio)
     return patches, labels
-
-
-def _nearest(patches: Patches, point: KnownPoint) -> tuple[int, int]:
-    return (
-        int(np.abs(patches.rows - point[0]).argmin()),
-        int(np.abs(patches.cols - point[1]).argmin()),
-    )
-
-
-def _part_at(patches: Patches, labels: Labels, point: KnownPoint) -> int:
-    """The part of the patch about a point, -1 where there is none, or it is no good."""
-    i, j = _nearest(patches, point)
-    far = max(abs(point[0] - patches.rows[i]), abs(point[1] - patches.cols[j])) > HALF
-    return -1 if far else int(labels.part[i, j])
-
-
-def _anchor(
-    patches: Patches, labels: Labels, part: int, points: list[KnownPoint]
-) -> tuple[int, float] | None:
-    """Sign and whole number of a part: the order at its known points, and else least below zero."""
-    values = np.array([_field_at(patches, labels, point) for point in points])
-    orders = np.array([order for _, _, order in points])
-    inside = labels.part == part
-    field = (labels.sign * patches.terms[..., 0] + labels.shift)[inside]
-    best, chosen = np.inf, None
-    for sign in (1, -1):
-        shifts = np.round(np.concatenate([orders - sign * values, -orders - sign * values]))
-        for shift in np.unique(shifts):
-            miss = float(np.abs(np.abs(sign * values + shift) - orders).max())
-            below = float(np.mean(sign * field + shift < _NEGATIVE))
-            if miss < _NEAR and miss + below < best:
-                best, chosen = miss + below, (sign, float(shift))
-    return chosen
-
-
-def _field_at(patches: Patches, labels: Labels, point: KnownPoint) -> float:
-    """The labelled field at a pixel, from the nearest patch."""
-    i, j = _nearest(patches, point)
-    place = basis(np.array(point[0] - patches.rows[i]), np.array(point[1] - patches.cols[j]))
-    return float(labels.sign[i, j] * (place @ patches.terms[i, j]) + labels.shift[i, j])
 
 
 def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:

@@ -53,6 +53,11 @@ class _Seam:
     worse: float
     size: float
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the light does not settle on which side the field lies beyond it."""
+        return self.worse <= _SETTLED * self.size
+
 
 @dataclass(frozen=True)
 class _Joints:
@@ -91,17 +96,54 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
     return Labels(sign, shift, labels.part)
 
 
-def perhaps_mirrored(patches: Patches, terms: Array, points: Sequence[tuple[int, int]]) -> Mask:
-    """Patches (m, n) whose branch the light does not settle from where the order is known.
+def open_seams(
+    patches: Patches, terms: Array, points: Sequence[tuple[int, int]]
+) -> list[tuple[int, Mask]]:
+    """Patches whose branch the light does not settle from where the order is known.
 
     Parameters: `patches`; `terms` (m, n, 6) of the signed order, NaN = not known; `points`, the
-    patches (row, col) in which it is known. Mirroring about n = 0 changes no order and is left out.
+    patches (row, col) in which it is known. Returns for each seam its crest (in half fringes) and
+    the patches beyond it (m, n), each patch once. Mirroring about n = 0 changes no order and is
+    left out.
     """
     unsure = np.zeros(terms.shape[:2], dtype=bool)
-    for seam in _seams(patches, terms, points):
-        if seam.crest and seam.worse <= _SETTLED * seam.size:
-            unsure |= seam.beyond & (np.abs(terms[..., 0] - 0.5 * seam.crest) > _ALIKE)
-    return unsure
+    found = []
+    seams = [s for s in _seams(patches, terms, points) if s.crest and s.is_open]
+    for seam in sorted(seams, key=lambda s: -int(s.beyond.sum())):
+        beyond = seam.beyond & (np.abs(terms[..., 0] - 0.5 * seam.crest) > _ALIKE) & ~unsure
+        if beyond.any():
+            unsure |= beyond
+            found.append((seam.crest, beyond))
+    return found
+
+
+def turned_to(
+    patches: Patches,
+    terms: Array,
+    points: Sequence[tuple[int, int]],
+    there: tuple[int, int],
+    order: float,
+    within: float,
+) -> Array | None:
+    """The terms with what lies beyond an open seam turned over so that a patch has a known order.
+
+    Parameters as in `open_seams`; `there`, the patch; `order`, what is known in it, to `within`.
+    Returns terms (m, n, 6), None where no open seam makes it so.
+    """
+    seams = [
+        seam
+        for seam in _seams(patches, terms, points)
+        if seam.is_open
+        and seam.beyond[there]
+        and abs(abs(seam.crest - float(terms[there][0])) - order) < within
+    ]
+    if not seams:
+        return None
+    seam = min(seams, key=lambda s: s.worse)
+    turned = terms.copy()
+    turned[seam.beyond] *= -1.0
+    turned[seam.beyond, 0] += seam.crest
+    return turned
 
 
 def _seams(

@@ -220,16 +220,7 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
     found = read_free(wave, sigma, seen.valid, known)
     found = replace(found, reading=widened(found.reading, seen.error))
-    warnings = [
-        f"frames.known_order = {order:g} at row {row}, column {col}: fits no fringe there; check it"
-        for row, col, order in found.misses
-    ]
-    if found.anchored < 0.9:
-        warnings.append(
-            f"{100 * (1.0 - found.anchored):.0f} % of what could be followed hangs together with no"
-            " known point; add [[frames.known_order]] there"
-        )
-    return found, warnings
+    return found, list(found.said)
 
 
 def _columns(found: FreeReading | None, seen: _Signal, lines: int) -> dict[str, Any]:

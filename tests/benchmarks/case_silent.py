@@ -1,0 +1,176 @@
+"""Frames read without a model whose order is known: what is called known, and is not so.
+
+Specimens are `outside_fields`, the light `outside_camera`'s lamps; neither shares code with the
+package. A frame has both no-load frames or none, and one to five points of known order, a third
+of them on lines; where there are three or more, one in ten is wrong by one.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from isochrome.frames import Frame, to_linear
+from isochrome.scene import parse_scene
+
+from .outside_camera import Defects, _lamp, _stored, _stray
+from .outside_fields import KINDS, order_field, places
+from .rows import SilentRow
+
+FRAMES = 400
+SHAPE, SAMPLES = (330, 440), 3
+WRONG = 0.5
+"""Fringes from which a pixel is on a wrong branch."""
+
+_SCENE = """
+[specimen]
+shape = "other"
+thickness_mm = 4.0
+[camera]
+bit_depth = 8
+"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A frame (grey levels), no-load frames or none, the true order, and known points.
+
+    `order` (rows, cols), NaN where there is no specimen; `known`, (row, col, order) as stated;
+    `wrong`, which of them are; `on_line`, which lie on a fringe line.
+    """
+
+    kind: str
+    image: np.ndarray
+    no_load: tuple[np.ndarray, np.ndarray] | None
+    order: np.ndarray
+    known: tuple[tuple[float, float, float], ...]
+    wrong: tuple[bool, ...]
+    on_line: tuple[bool, ...]
+
+
+def drawn(seed, shape=SHAPE):
+    """The frame of a seed."""
+    rng = np.random.default_rng([seed, 17])
+    kind = list(KINDS)[seed % len(KINDS)]
+    highest = float(rng.uniform(1.2, 6.0))
+    fine, body = order_field(kind, shape, [seed, 18], highest=highest, samples=SAMPLES)
+    defects = lamp(rng)
+    rows, cols = shape
+    middle = SAMPLES // 2
+    inside = body.reshape(rows, SAMPLES, cols, SAMPLES).all(axis=(1, 3))
+    order = np.where(inside, fine[middle::SAMPLES, middle::SAMPLES], np.nan)
+    image = exposed(np.where(body, np.sin(np.pi * fine) ** 2, 0.0), defects, rng)
+    no_load = None
+    if rng.random() < 0.5:
+        few = replace(defects, noise=0.25 * defects.noise, jpeg=None)
+        no_load = tuple(exposed(np.full(fine.shape, s), few, rng) for s in (0.0, 1.0))
+    return Case(kind, image, no_load, order, *points(order, rng))
+
+
+def lamp(rng):
+    """Light of 1 : 3 at most, stray light, noise of 1 to 10, and in a third of frames a JPEG."""
+    return Defects(
+        fall_off=float(rng.uniform(0.0, 0.6)),
+        spot=float(rng.choice([0.0, rng.uniform(0.0, 0.6)])),
+        bar=float(rng.choice([0.0, rng.uniform(0.0, 0.4)])),
+        background=float(rng.uniform(0.02, 0.1)),
+        background_slope=float(rng.uniform(-0.5, 0.5)),
+        noise=float(np.exp(rng.uniform(0.0, np.log(10.0)))),
+        jpeg=int(rng.integers(80, 96)) if rng.random() < 1.0 / 3.0 else None,
+    )
+
+
+def exposed(signal, defects, rng):
+    """The stored picture of a signal on samples."""
+    light = _lamp(signal.shape, defects) * signal + _stray(signal.shape, defects)
+    rows, cols = (n // SAMPLES for n in signal.shape)
+    return _stored(light.reshape(rows, SAMPLES, cols, SAMPLES).mean(axis=(1, 3)), defects, rng)
+
+
+def points(order, rng):
+    """One to five known points: their stated orders, which are wrong, which lie on lines."""
+    slope = np.hypot(*np.gradient(order))
+    away = np.isfinite(slope) & (slope < 0.1)
+    for axis in (0, 1):
+        for step in (-12, 12):
+            away &= np.isfinite(np.roll(order, step, axis))
+    away[:12] = away[-12:] = False
+    away[:, :12] = away[:, -12:] = False
+    from_line = np.abs(2.0 * order - np.rint(2.0 * order)) / 2.0
+    known, wrong, lines = [], [], []
+    number = int(rng.integers(1, 6))
+    for _ in range(number):
+        line = bool(rng.random() < 1.0 / 3.0)
+        near = away & (from_line < 0.01 if line else from_line > 0.1)
+        if not near.any():
+            continue
+        row, col = (int(v) for v in rng.choice(np.argwhere(near)))
+        value = float(np.rint(2.0 * order[row, col]) / 2.0 if line else round(order[row, col], 2))
+        off = number >= 3 and len(known) >= 1 and not any(wrong) and rng.random() < 0.1
+        known.append((row, col, abs(value + rng.choice([-1.0, 1.0])) if off else value))
+        wrong.append(off)
+        lines.append(line)
+    return tuple(known), tuple(wrong), tuple(lines)
+
+
+def read(case):
+    """What `process` makes of a frame."""
+    from isochrome.processing.kinds.image_only import process_image_only
+    from isochrome.processing.result import Capture
+
+    scene = parse_scene(_SCENE)
+    listed = tuple({"row_px": r, "col_px": c, "order": n} for r, c, n in case.known)
+    scene = scene.with_values({"frames.known_order": listed})
+    ends = (None, None)
+    if case.no_load is not None:
+        ends = tuple(to_linear(i, bit_depth=8, allow_blank=True) for i in case.no_load)
+    frame = Frame(0, case.image, None, "frame")
+    return process_image_only(frame, scene, Capture(8, *ends), inside=np.isfinite(case.order))
+
+
+def judged(seed):
+    """The row of one frame."""
+    case = drawn(seed)
+    start = time.process_time()
+    found = read(case)
+    seconds = time.process_time() - start
+    body = np.isfinite(case.order)
+    order = np.full(body.shape, np.nan) if found.reading is None else found.reading.order
+    known = np.isfinite(order) & body
+    error = np.abs(order - case.order)[known]
+    spread = found.reading.uncertainty[known] if found.reading is not None else np.zeros(0)
+    right = error <= WRONG
+    return SilentRow(
+        seed,
+        case.kind,
+        light="both" if case.no_load is not None else "none",
+        points=", ".join(
+            f"{n:g}{' line' if line else ''}{' wrong' if bad else ''}"
+            for (_, _, n), line, bad in zip(case.known, case.on_line, case.wrong, strict=True)
+        ),
+        wrong=float((error > WRONG).sum() / max(1, body.sum())),
+        kept=float(known.sum() / max(1, body.sum())),
+        rms=float(np.sqrt(np.mean(error[right] ** 2))) if right.any() else float("nan"),
+        pull=float(np.sqrt(np.mean((error[right] / spread[right]) ** 2)))
+        if right.any()
+        else float("nan"),
+        said=" | ".join(found.warnings),
+        seconds=seconds,
+    )
+
+
+def cases():
+    """All frames in one case."""
+    return {"silent": partial(frames)}
+
+
+def frames(quick, seeds=None):
+    """A row for each frame, or with `quick` for the first."""
+    seeds = range(FRAMES) if seeds is None else seeds
+    return [judged(seed) for seed in (seeds[:1] if quick else seeds)]
+
+
+__all__ = ["cases", "drawn", "frames", "judged", "places", "read"]
