@@ -198,7 +198,8 @@ def _widest(freed: Freed[S], asked: tuple[Asked, ...]) -> Freed[S] | None:
     if not open_ or not asked[0].can_be_freed:
         return None
     order = open_ if freed.now.chi < _LARGE else _tried(freed, open_)
-    for item in order[:2]:
+    # what is odd is left out where the best two of the others come to nothing
+    for item in (*order[:2], *(a for a in order[2:] if a.outside is not None)):
         wider = _with(freed, item)
         # what is odd may hide what a cause explains: a trial has told that without it
         alone = item.outside is not None
