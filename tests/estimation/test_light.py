@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from isochrome.estimation import (
-    binned_light,
-    channel_light,
     degrees_of,
     evaluate,
     smooth_light,
 )
-from isochrome.estimation.light import frame_light, polynomial_basis
+from isochrome.estimation.light import frame_light
 
 SHAPE = (40, 60)
 Y, X = (np.linspace(-1.0, 1.0, n) for n in SHAPE)
@@ -61,20 +59,3 @@ def test_every_third_pixel_of_the_images_is_theirs():
     thin = model.every(3)
     np.testing.assert_array_equal(thin.illumination, model.illumination[:, ::3, ::3])
     np.testing.assert_array_equal(thin.background, model.background[:, ::3, ::3])
-
-
-def test_the_polynomials_of_all_rooms_span_the_same_images():
-    """Quadratics of the place: Legendre's, plain powers, and those of binned pixels."""
-    wanted = polynomial_basis(SHAPE, 2).reshape(6, -1)
-    binned = np.moveaxis(binned_light(SHAPE, 1), -1, 0)
-    for other in (channel_light(*SHAPE), binned):
-        flat = other.reshape(6, -1)
-        left = wanted - np.linalg.lstsq(flat.T, wanted.T, rcond=None)[0].T @ flat
-        assert np.abs(left).max() < 1e-12
-
-
-def test_binned_light_is_that_at_the_middles_of_bins():
-    """A plane's mean over a bin is its value there; the terms are 1, x, x², y, xy, y²."""
-    full, half = (binned_light(SHAPE, by)[..., [0, 1, 3]] for by in (1, 4))
-    blocks = full.reshape(10, 4, 15, 4, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(half, blocks, atol=1e-14)

@@ -208,6 +208,7 @@ def problem_of(light, noise, even):
         sigma=noise,
         valid=np.ones(light.shape, bool),
         shapes=(0.05 * even, even),
+        spreads=(np.array([np.inf]), np.array([np.inf])),
         given=(True, False),
         tone=False,
         scale=0.8,

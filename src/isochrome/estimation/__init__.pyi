@@ -35,7 +35,6 @@ from .least_squares import (
 )
 from .light import (
     Terms,
-    binned_light,
     channel_light,
     degrees_of,
     light_basis,
@@ -90,7 +89,6 @@ __all__ = [
     "SeveralStarts",
     "State",
     "Terms",
-    "binned_light",
     "block_correlation",
     "budget_of",
     "channel_light",

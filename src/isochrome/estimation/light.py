@@ -303,34 +303,6 @@ def polynomial_basis(
     return result
 
 
-def binned_light(shape: tuple[int, ...], by: int) -> Array:
-    """What the light of a frame that is read without a model is a sum of, at its binned pixels.
-
-    The products of powers of the place.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the whole frame, over which the place runs from -1 to 1.
-    by : int
-        Pixels a bin.
-
-    Returns
-    -------
-    (rows // by, cols // by, terms) array
-        The products.
-    """
-    y, x = (2.0 * (by * np.arange(n // by) + 0.5 * (by - 1)) / max(n - 1, 1) - 1.0 for n in shape)
-    return np.stack(
-        [
-            y[:, None] ** i * x[None, :] ** j
-            for i in range(UNEVEN + 1)
-            for j in range(UNEVEN + 1 - i)
-        ],
-        axis=-1,
-    )
-
-
 def channel_light(rows: int, cols: int) -> Array:
     """What the light of a colour frame's channel is a sum of, the even light first.
 

@@ -15,10 +15,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import binned_light
 from isochrome.fringes.on_branch import OrderReading, less_sure
+from isochrome.fringes.single_frame.end_images import SmoothImages, binned_light
 from isochrome.fringes.single_frame.end_problem import EndProblem
-from isochrome.fringes.single_frame.end_search import TONES, Found, search_all, tone_step
+from isochrome.fringes.single_frame.end_search import (
+    TONES,
+    Found,
+    more_evidence,
+    search_all,
+    tone_step,
+)
 from isochrome.fringes.single_frame.patches import TURN, binned
 from isochrome.fringes.windows import Array, Mask, gaussian_sum
 
@@ -35,6 +41,14 @@ over the contrast; rounds; and how many pixels' worth the light counts."""
 _POOLED_PX = 3.0
 _LARGEST_UNCERTAINTY = 0.03
 _BLACK = 1e-6
+_STRAY = 0.02
+"""Prior deviation of the dark end's quadratics, over the contrast."""
+_SPOTS = (0.1, 0.03, 0.01)
+"""Sizes of spots and bars, over the contrast, of which the frame's evidence chooses."""
+_ASKED = 5.0
+"""Logarithm of the evidence from which the light is taken as more uneven than a quadratic."""
+_SMOOTH_PX = 8
+"""Over which the ends' uncertainty is taken as linear."""
 _NEAR_END = 1.1
 """Times the least exponent, or a share of the largest: a search so near to its end was stopped."""
 
@@ -57,11 +71,10 @@ class BackgroundModulation:
         The exponent g that makes the light linear; 1 where it was not asked for.
     tone_uncertainty : float
         Standard uncertainty of the exponent.
-    shapes : tuple of two ndarrays (rows, cols, terms) or None
-        What the two ends are sums of; None for a given end.
-    roots : tuple of three ndarrays (terms, k), (terms, k) and (k,)
-        What, times k unit normal deviates, gives the errors of the dark end's terms, the bright
-        end's, and the exponent's.
+    given : tuple of two bools
+        Which of the ends no-load frames gave.
+    variance : ndarray (3, 3, rows, cols)
+        Covariance of the dark end, the bright end and the exponent.
     """
 
     dark: Array = field(repr=False)
@@ -69,8 +82,8 @@ class BackgroundModulation:
     settled: bool
     tone: float
     tone_uncertainty: float
-    shapes: tuple[Array | None, Array | None] = field(repr=False)
-    roots: tuple[Array, Array, Array] = field(repr=False)
+    given: tuple[bool, bool]
+    variance: Array = field(repr=False)
 
     def signal_uncertainty(self, light: Array) -> Array:
         """Standard uncertainty of s = (I^g - D)/(B - D) by that of D, B and g (rows, cols).
@@ -82,17 +95,16 @@ class BackgroundModulation:
         contrast = np.maximum(self.bright - self.dark, _BLACK)
         signal = np.clip((linear - self.dark) / contrast, 0.0, 1.0)
         tone = linear * np.log(level)  # dI^g/dg, less what a given end follows of it
-        errors = np.zeros((*light.shape, len(self.roots[-1])))
-        parts = zip((self.dark, self.bright), (1.0 - signal, signal), strict=True)
-        for k, (end, share) in enumerate(parts):
-            shape = self.shapes[k]
-            if shape is None:
+        parts = [1.0 - signal, signal]
+        for end, share, known in zip((self.dark, self.bright), parts, self.given, strict=True):
+            if known:
                 tone = tone - share * end * np.log(np.maximum(end, _BLACK)) / self.tone
-            else:
-                errors += share[..., None] * (shape @ self.roots[k])
-        if self.tone_uncertainty > 0.0:
-            errors -= tone[..., None] * self.roots[-1]
-        return np.asarray(np.sqrt(np.einsum("...k,...k->...", errors, errors)) / contrast)
+        parts.append(-tone)
+        square = np.zeros(light.shape)
+        for i, one in enumerate(parts):
+            for j, other in enumerate(parts):
+                square += one * other * self.variance[i, j]
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)) / contrast)
 
 
 def fit_background_modulation(
@@ -135,23 +147,56 @@ def fit_background_modulation(
     if dark is not None and bright is not None and not tone:
         raise InputError("both ends of the light are given, and nothing is left to find")
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
-    found = search_all(problem, starts)
+    found, spots = _searched(problem, starts, light.shape)
     if not tone:
-        return _ends(light.shape, dark, bright, found)
+        return _ends(light.shape, dark, bright, found, spots)
     # a bin's mean is that of the light only where the light is linear: once more, nearly so
     first = _told_tone(float(found.unknowns[-1]))
     linear = np.maximum(light, _BLACK) ** first
     noise = first * np.maximum(light, sigma) ** (first - 1.0) * sigma
     low, high = (None if end is None else end**first for end in (dark, bright))
-    problem, _ = _problem(linear, noise, valid, (low, high), True)
+    problem, _ = _problem(linear, noise, valid, (low, high), True, spots=spots)
     again = search_all(problem, [np.append(found.unknowns[:-1], 1.0)])
-    done = _ends(light.shape, low, high, again)
+    done = _ends(light.shape, low, high, again, spots)
+    per_tone = np.array([1.0, 1.0, first])[:, None, None]
     return replace(
         done,
         tone=_told_tone(first * done.tone),
         tone_uncertainty=first * done.tone_uncertainty,
-        roots=(*done.roots[:-1], first * done.roots[-1]),
+        variance=done.variance * per_tone[:, None] * per_tone[None],
     )
+
+
+def _searched(
+    problem: EndProblem, starts: list[Array], shape: tuple[int, ...]
+) -> tuple[Found, float]:
+    """The ends, and the size of the spots and bars that the bright one was asked for."""
+    found = search_all(problem, starts)
+    if problem.given[1]:
+        return found, 0.0
+    lamps = [_with_spots(problem, shape, size) for size in _SPOTS]
+    evidence = [more_evidence(found, lamp) for lamp in lamps]
+    if max(evidence) < _ASKED:
+        return found, 0.0
+    best = int(np.argmax(evidence))
+    more = np.zeros(lamps[best].free.size - problem.free.size)
+    # where the quadratics came to rest patches may lie on the wrong sides of crests: begin anew
+    return search_all(lamps[best], [np.insert(start, -1, more) for start in starts]), _SPOTS[best]
+
+
+def _with_spots(problem: EndProblem, shape: tuple[int, ...], size: float) -> EndProblem:
+    """The problem with spots and bars of some size in the bright end."""
+    _, smooth = _smooth(shape, problem.by, size)
+    return replace(
+        problem,
+        shapes=(problem.shapes[0], smooth.images),
+        spreads=(problem.spreads[0], smooth.spread),
+    )
+
+
+def _smooth(shape: tuple[int, ...], by: int, spots: float) -> tuple[SmoothImages, SmoothImages]:
+    """What the dark and the bright end are sums of: stray light is nearly even, a lamp is not."""
+    return binned_light(shape, by, uneven=_STRAY), binned_light(shape, by, spots=spots)
 
 
 def _told_tone(tone: float) -> float:
@@ -199,7 +244,13 @@ def gamma_misfit(
 
 
 def _problem(
-    light: Array, sigma: Array, valid: Mask, ends: tuple[Array | None, Array | None], tone: bool
+    light: Array,
+    sigma: Array,
+    valid: Mask,
+    ends: tuple[Array | None, Array | None],
+    tone: bool,
+    *,
+    spots: float = 0.0,
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
     by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
@@ -209,29 +260,37 @@ def _problem(
     low, high = np.percentile(small[whole], [_LOW, _HIGH])
     if not high > low:
         raise InputError("the frame has no contrast; is the light on, and the specimen loaded?")
-    poly = binned_light(light.shape, by)
-    shapes = tuple(
-        poly if end is None else binned(end, np.ones_like(end), valid, by)[0][..., None]
-        for end in ends
-    )
+    smooth = _smooth(light.shape, by, spots)
     given = ends[0] is not None, ends[1] is not None
+    shapes, spreads = zip(
+        *(
+            (own.images, own.spread)
+            if end is None
+            else (binned(end, np.ones_like(end), valid, by)[0][..., None], np.array([np.inf]))
+            for end, own in zip(ends, smooth, strict=True)
+        ),
+        strict=True,
+    )
     problem = EndProblem(
         light=small,
         sigma=noise,
         valid=whole,
         shapes=(shapes[0], shapes[1]),
+        spreads=(spreads[0], spreads[1]),
         given=given,
         tone=tone,
         scale=float(high - low),
         by=by,
     )
     flat = [
-        np.ones(1) if known else np.eye(poly.shape[-1])[0] * level
-        for known, level in zip(given, (low, high), strict=True)
+        np.eye(shape.shape[-1])[0] * (1.0 if known else level)
+        for known, level, shape in zip(given, (low, high), shapes, strict=True)
     ]
     starts = [np.concatenate([*flat, [1.0]])]
     if not given[1]:
-        raised = _envelope(small, poly, whole, float(low), float(high))
+        count = smooth[0].spread.size  # of the quadratics, with which both begin
+        raised = np.zeros_like(flat[1])
+        raised[:count] = _envelope(small, shapes[1][..., :count], whole, float(low), float(high))
         starts.append(np.concatenate([flat[0], raised, [1.0]]))
     return problem, starts
 
@@ -251,23 +310,52 @@ def _envelope(light: Array, shapes: Array, valid: Mask, low: float, high: float)
 
 
 def _ends(
-    shape: tuple[int, ...], dark: Array | None, bright: Array | None, found: Found
+    shape: tuple[int, ...],
+    dark: Array | None,
+    bright: Array | None,
+    found: Found,
+    spots: float,
 ) -> BackgroundModulation:
     """The ends on all pixels."""
-    full = binned_light(shape, 1)
+    full = _smooth(shape, 1, spots)
+    given = dark is not None, bright is not None
     g = float(found.unknowns[-1])
-    cut = full.shape[-1] if dark is None else 1
-    spread, turn = np.linalg.eigh(found.covariance)
-    root = (turn * np.sqrt(np.maximum(spread, 0.0)))[:, spread > 0.0]
+    cut = 1 if given[0] else full[0].spread.size
     return BackgroundModulation(
-        dark=full @ found.unknowns[:cut] if dark is None else dark**g,
-        bright=full @ found.unknowns[cut:-1] if bright is None else bright**g,
+        dark=full[0].sum(found.unknowns[:cut]) if dark is None else dark**g,
+        bright=full[1].sum(found.unknowns[cut:-1]) if bright is None else bright**g,
         settled=found.rests,
         tone=g,
         tone_uncertainty=float(np.sqrt(found.covariance[-1, -1])),
-        shapes=(full if dark is None else None, full if bright is None else None),
-        roots=(root[:cut], root[cut:-1], root[-1]),
+        given=given,
+        variance=_variance(shape, given, cut, found.covariance, spots),
     )
+
+
+def _variance(
+    shape: tuple[int, ...], given: tuple[bool, bool], cut: int, covariance: Array, spots: float
+) -> Array:
+    """Covariance of the dark end, the bright end and the exponent at each pixel: it is smooth."""
+    import cv2
+
+    by = max(1, min(_SMOOTH_PX, *(n // 4 for n in shape)))
+    spread, turn = np.linalg.eigh(covariance)
+    root = (turn * np.sqrt(np.maximum(spread, 0.0)))[:, spread > 0.0]
+    images = [smooth.images for smooth in _smooth(shape, by, spots)]
+    errors = [
+        np.zeros((*image.shape[:2], root.shape[1])) if known else image @ part
+        for image, part, known in zip(images, (root[:cut], root[cut:-1]), given, strict=True)
+    ]
+    errors.append(np.broadcast_to(root[-1], errors[0].shape))
+    rows, cols = shape
+    variance = np.empty((3, 3, rows, cols))
+    for i in range(3):
+        for j in range(i + 1):
+            coarse = np.einsum("yxk,yxk->yx", errors[i], errors[j])
+            variance[i, j] = variance[j, i] = cv2.resize(
+                coarse, (cols, rows), interpolation=cv2.INTER_LINEAR
+            )
+    return variance
 
 
 def widened(reading: OrderReading, error: Array) -> OrderReading:

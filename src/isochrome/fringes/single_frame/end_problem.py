@@ -25,9 +25,6 @@ TERMS = 10
 """Of a patch's order: a quadratic's six, and N_xxx, N_xxy, N_xyy, N_yyy."""
 _CUBIC = 1e-3
 """Prior standard deviation of the cubic terms, fringes/px³."""
-_DARK_SHAPE, _BRIGHT_SHAPE = 0.02, 0.1
-"""Prior of an end's terms beyond the constant, over the contrast: stray light is nearly even, a
-lamp and a lens are not."""
 _TONE = 0.5
 _FLOOR = 0.01
 """Of the contrast: light below it is as good as none to the power 1/g."""
@@ -52,14 +49,16 @@ class EndProblem:
     """A frame in bins of `by` pixels: `light`, `sigma`, `valid` (rows, cols), and its unknowns.
 
     `shapes`, what the dark and the bright end are sums of (rows, cols, terms): one term where an
-    end is `given`; `tone`, whether g is unknown; `scale`, about the contrast. The unknowns' vector
-    holds the dark end's terms, the bright end's, and g.
+    end is `given`; `spreads`, the terms' prior deviations over the contrast (terms,), inf for none;
+    `tone`, whether g is unknown; `scale`, about the contrast. The unknowns' vector holds the dark
+    end's terms, the bright end's, and g.
     """
 
     light: Array = field(repr=False)
     sigma: Array = field(repr=False)
     valid: Mask = field(repr=False)
     shapes: tuple[Array, Array] = field(repr=False)
+    spreads: tuple[Array, Array] = field(repr=False)
     given: tuple[bool, bool]
     tone: bool
     scale: float
@@ -71,24 +70,22 @@ class EndProblem:
         counts = [shape.shape[-1] for shape in self.shapes]
         return np.repeat([*(not known for known in self.given), self.tone], [*counts, 1])
 
-    def ends(self, shapes: tuple[Array, Array], unknowns: Array) -> tuple[Array, Array]:
-        """D and B where the shapes are taken (..., terms)."""
-        cut, g = shapes[0].shape[-1], unknowns[-1]
+    def ends(self, unknowns: Array) -> tuple[Array, Array]:
+        """D and B of all bins (rows, cols)."""
+        cut, g = self.shapes[0].shape[-1], unknowns[-1]
         dark, bright = (
             np.maximum(end, 0.0) ** g if known and g != 1.0 else end
             for known, end in zip(
-                self.given, (shapes[0] @ unknowns[:cut], shapes[1] @ unknowns[cut:-1]), strict=True
+                self.given,
+                (self.shapes[0] @ unknowns[:cut], self.shapes[1] @ unknowns[cut:-1]),
+                strict=True,
             )
         )
         return dark, bright
 
     def prior(self, unknowns: Array) -> tuple[Array, Array]:
         """Inverse variances of the unknowns, and their distance from what is expected."""
-        cut = self.shapes[0].shape[-1]
-        weight = np.full(len(unknowns), (_BRIGHT_SHAPE * self.scale) ** -2)
-        weight[:cut] = (_DARK_SHAPE * self.scale) ** -2
-        weight[[0, cut]] = 0.0
-        weight[-1] = _TONE**-2
+        weight = np.append((np.concatenate(self.spreads) * self.scale) ** -2.0, _TONE**-2)
         away = unknowns.copy()
         away[-1] -= 1.0
         return weight, away
@@ -101,17 +98,18 @@ class EndProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class PatchData:
-    """Patches in use of a problem: `index` on their lattice (p,), `light`, `weight`, ends' shapes.
+    """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
 
-    `window`, the sum of a patch's pixels' weights before the noise (p,); `chi` (p,); `thinned`,
-    whether every second patch was left out.
+    `pixels`, their numbers in the frame; `light`, `weight` of each; `middle`, the ends' shapes in
+    the patches' middles (p, terms); `window`, the sum of a patch's pixels' weights before the noise
+    (p,); `chi` (p,); `thinned`, whether every second patch was left out.
     """
 
     problem: EndProblem = field(repr=False)
     index: Indices = field(repr=False)
     light: Array = field(repr=False)
     weight: Array = field(repr=False)
-    shapes: tuple[Array, Array] = field(repr=False)
+    pixels: Indices = field(repr=False)
     middle: tuple[Array, Array] = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
@@ -137,7 +135,7 @@ def look(data: PatchData, unknowns: Array, orders: Array) -> Looked:
     Parameters: `data`; `unknowns` (terms,); `orders`, the patches' terms (p, 10). Returns a Looked.
     """
     problem, g = data.problem, unknowns[-1]
-    dark, bright = problem.ends(data.shapes, unknowns)
+    dark, bright = (end.ravel()[data.pixels] for end in problem.ends(unknowns))
     angle = TURN * (orders @ BASIS.T)
     fade = _fade(orders) if problem.by > 1 else np.ones_like(angle)
     signal = 0.5 - 0.5 * fade * np.cos(angle)
@@ -239,7 +237,7 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
     parts = [
         (middle, column, exact)
         for middle, column, exact, given in zip(
-            (*data.middle, one), now.columns, (*data.shapes, None), known, strict=False
+            (*data.middle, one), now.columns, (*problem.shapes, None), known, strict=False
         )
         if not given
     ]
@@ -256,7 +254,7 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
             np.atleast_1d(
                 (light * column).sum()
                 if exact is None
-                else np.tensordot(light * column, exact, axes=2)
+                else _spread_out(data, light * column) @ exact.reshape(-1, exact.shape[-1])
             )
             for _, column, exact in parts
         ]
@@ -272,6 +270,12 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
         solved[..., :-1],
         np.sqrt(np.linalg.inv(own)[:, 0, 0]),
     )
+
+
+def _spread_out(data: PatchData, values: Array) -> Array:
+    """Sums of the patches' values in each of the frame's bins (rows cols,)."""
+    size = data.problem.light.size
+    return np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=size)
 
 
 def total(data: PatchData, cost: Array, unknowns: Array) -> float:

@@ -30,7 +30,14 @@ from isochrome.fringes.single_frame.end_problem import (
     refine_ends,
     total,
 )
-from isochrome.fringes.single_frame.patches import STRIDE, fit_patches, gather_patches, offsets
+from isochrome.fringes.single_frame.patches import (
+    HALF,
+    STRIDE,
+    WORST_CHI,
+    fit_patches,
+    gather_patches,
+    offsets,
+)
 from isochrome.fringes.windows import Array, Indices, Mask
 
 _ROUNDS, _EVERY = 24, 4
@@ -57,14 +64,18 @@ _MANY = 400
 """Patches from which every second is left out: they overlap, and tell the same twice."""
 _LEAST_PATCHES = 12
 _WORST_CHI, _LEAST_FILLED, _STEEPEST, _FAINT = 30.0, 0.5, 0.35, 0.1
+_SPAN = 0.4 / (2 * HALF + 1)
+"""Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. The
+order of a flatter one follows its noise, and hundreds of such unknowns bias the exponent by it:
+Neyman & Scott (1948), Econometrica 16, 1."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Found:
     """The unknowns, their `covariance`, and the last `change` of the order.
 
     `index` of the patches in use, `patch_cost`, residual over noise squared (p,), and what the
-    unknowns' prior adds.
+    unknowns' prior adds; the patches' `data` and their `orders` at rest.
     """
 
     unknowns: Array
@@ -73,6 +84,8 @@ class Found:
     index: Indices = field(repr=False)
     patch_cost: Array = field(repr=False)
     prior_cost: float
+    data: PatchData = field(repr=False)
+    orders: Array = field(repr=False)
 
     @property
     def rests(self) -> bool:
@@ -134,6 +147,52 @@ def tone_step(problem: EndProblem, unknowns: Array) -> tuple[float, float]:
         raise InputError(NOT_TOLD) from error
     uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
+
+
+def more_evidence(found: Found, richer: EndProblem) -> float:
+    r"""Logarithm of the evidence of terms that a search's bright end lacks.
+
+    Equation: (s^T M^-1 s - s_0^T M_0^-1 s_0 - ln det(M/M_0) - sum ln v)/2, M = H + P and s the
+    information, with the prior's, and the slope of all unknowns, the patches following; _0 of those
+    found; v the new terms' prior variances. Pixels that several patches share count once; a patch
+    that its cubic does not describe says nothing.
+    Parameters: `found`; `richer`, its problem with more terms behind those of the bright end.
+    """
+    first = len(found.unknowns) - 1
+    unknowns = np.insert(found.unknowns, -1, np.zeros(richer.free.size - len(found.unknowns)))
+    good = found.data.chi < WORST_CHI
+    data = _of_problem(_some(found.data, good), richer)
+    normal = eliminated(data, unknowns, found.orders[good])
+    count = overlap(data)
+    prior = richer.prior(unknowns)[0][richer.free]
+    free = np.flatnonzero(richer.free)
+    old = (free < first) | (free == len(unknowns) - 1)
+    matrix = (normal.matrix - np.diag(prior)) / count + np.diag(prior)
+    slope, before = normal.slope / count, matrix[np.ix_(old, old)]
+    gain = slope @ np.linalg.solve(matrix, slope)
+    gain -= slope[old] @ np.linalg.solve(before, slope[old])
+    price = np.linalg.slogdet(matrix)[1] - np.linalg.slogdet(before)[1]
+    return float(0.5 * (gain - price + np.log(prior[~old]).sum()))
+
+
+def _some(data: PatchData, which: Mask) -> PatchData:
+    """Some of the patches."""
+    dark, bright = data.middle
+    return replace(
+        data,
+        index=data.index[which],
+        light=data.light[which],
+        weight=data.weight[which],
+        pixels=data.pixels[which],
+        middle=(dark[which], bright[which]),
+        window=data.window[which],
+        chi=data.chi[which],
+    )
+
+
+def _of_problem(data: PatchData, problem: EndProblem) -> PatchData:
+    """The patches with the shapes of another problem on the same light."""
+    return replace(data, problem=problem, middle=_middles(problem, data.pixels))
 
 
 def _search(problem: EndProblem, unknowns: Array) -> Found:
@@ -209,7 +268,16 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
     covariance[np.ix_(free, free)] = inverse
     cost = look(data, unknowns, orders).cost * np.maximum(data.chi, 1.0) ** 2
     prior_cost = data.problem.prior_cost(unknowns)
-    return Found(unknowns, covariance, change, data.index, cost / data.window, prior_cost)
+    return Found(
+        unknowns=unknowns,
+        covariance=covariance,
+        change=change,
+        index=data.index,
+        patch_cost=cost / data.window,
+        prior_cost=prior_cost,
+        data=data,
+        orders=orders,
+    )
 
 
 def fresh_patches(
@@ -236,6 +304,8 @@ def fresh_patches(
     misfit = look(data, unknowns, orders).residual
     chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
     good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
+    if problem.tone:
+        good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
     if np.count_nonzero(good) < _LEAST_PATCHES:
         raise InputError(
             "too few fringes can be followed to find background and illumination from them; give "
@@ -262,7 +332,7 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
 
 def _normalised(problem: EndProblem, unknowns: Array) -> tuple[Array, Array, Mask]:
     """The frame's c = cos 2 pi N, its noise, and where it is trusted."""
-    dark, bright = problem.ends(problem.shapes, unknowns)
+    dark, bright = problem.ends(unknowns)
     g = unknowns[-1]
     contrast = bright - dark
     seen = problem.valid & (contrast > _FAINT * problem.scale**g)
@@ -280,19 +350,25 @@ def _data(
     dy, dx, _ = offsets()
     rows, cols = places[:, :1] + dy, places[:, 1:] + dx
     noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
-    dark, bright = problem.shapes
-    middle = places[:, 0], places[:, 1]
+    flat = rows * problem.light.shape[1] + cols
     return PatchData(
         problem=problem,
         index=index,
         light=problem.light[rows, cols],
         weight=window / noise**2,
-        shapes=(dark[rows, cols], bright[rows, cols]),
-        middle=(dark[middle], bright[middle]),
+        pixels=flat,
+        middle=_middles(problem, flat),
         window=np.maximum(window.sum(axis=1), 1e-9),
         chi=chi,
         thinned=thinned,
     )
+
+
+def _middles(problem: EndProblem, pixels: Indices) -> tuple[Array, Array]:
+    """The ends' shapes in the patches' middles (p, terms)."""
+    middle = pixels[:, pixels.shape[1] // 2]
+    dark, bright = (shape.reshape(-1, shape.shape[-1])[middle] for shape in problem.shapes)
+    return dark, bright
 
 
 def overlap(data: PatchData) -> float:

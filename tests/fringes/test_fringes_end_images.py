@@ -1,0 +1,123 @@
+"""Smooth images of the light's ends: what they span, and spots where a frame asks for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isochrome.benchmarks import load_benchmarks
+from isochrome.estimation import channel_light
+from isochrome.estimation.light import polynomial_basis
+from isochrome.fringes.single_frame.background_modulation import (
+    fit_background_modulation,
+    gamma_misfit,
+)
+from isochrome.fringes.single_frame.end_images import binned_light
+
+SHAPE = (40, 60)
+OUTSIDE = load_benchmarks("outside_camera")
+LIT = (240, 300)
+NOISE = 0.012
+
+
+def test_the_polynomials_of_all_rooms_span_the_same_images():
+    """Quadratics of the place: Legendre's, plain powers, and those of binned pixels."""
+    wanted = polynomial_basis(SHAPE, 2).reshape(6, -1)
+    binned = np.moveaxis(binned_light(SHAPE, 1).images, -1, 0)
+    for other in (channel_light(*SHAPE), binned):
+        flat = other.reshape(6, -1)
+        left = wanted - np.linalg.lstsq(flat.T, wanted.T, rcond=None)[0].T @ flat
+        assert np.abs(left).max() < 1e-12
+
+
+def test_binned_light_is_that_at_the_middles_of_bins():
+    """A plane's mean over a bin is its value there; the terms are 1, x, x², y, xy, y²."""
+    full, half = (binned_light(SHAPE, by).images[..., [0, 1, 3]] for by in (1, 4))
+    blocks = full.reshape(10, 4, 15, 4, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(half, blocks, atol=1e-14)
+
+
+def test_a_sum_of_smooth_images_is_that_of_their_pictures():
+    smooth = binned_light(SHAPE, 2, spots=0.1)
+    terms = np.random.default_rng(0).normal(size=smooth.spread.size)
+    np.testing.assert_allclose(smooth.sum(terms), smooth.images @ terms, rtol=0, atol=1e-12)
+
+
+def test_spots_vary_alike_all_over_the_frame_and_over_their_own_size():
+    """A Gaussian process of length 0.4; its mean is the even light's, and not among them."""
+    smooth = binned_light((81, 81), 1, spots=0.3)
+    spots = smooth.images[..., 6:] * smooth.spread[6:]
+    variance = np.einsum("yxk,yxk->yx", spots, spots)[20:61, 20:61]
+    assert variance.max() < 1.25 * variance.min() and 0.05 < variance.mean() < 0.09
+    place = np.linspace(-1.0, 1.0, 81)
+    along = spots[40] @ spots[40, 40] / (spots[40, 40] @ spots[40, 40])
+    expected = np.exp(-(place**2) / (2.0 * 0.4**2))
+    # without its mean, a correlation r is about (r - 0.2)/0.8
+    assert np.abs(along - expected)[np.abs(place) < 0.8].max() < 0.3
+
+
+@pytest.mark.parametrize("by", [1, 3])
+def test_a_lamps_spot_and_bar_are_followed(by):
+    """The study's own lamps, 1 : 2 : what is left of them is a hundredth of the light."""
+    lamp = OUTSIDE._lamp(SHAPE, OUTSIDE.Defects(spot=0.5, bar=0.3))
+    lamp = lamp[(by - 1) // 2 :: by, (by - 1) // 2 :: by][: SHAPE[0] // by, : SHAPE[1] // by]
+    images = binned_light(SHAPE, by, spots=0.1).images.reshape(lamp.size, -1)
+    found = images @ np.linalg.lstsq(images, lamp.ravel(), rcond=None)[0]
+    assert np.abs(found - lamp.ravel()).max() < 0.01
+
+
+def frame(*, spot=0.0, bar=0.0, noise=NOISE, slope=0.03, seed=3):
+    """Slanted fringes of some slope under a lamp, the noise, and the lamp: closed form."""
+    rows, cols = np.indices(LIT, dtype=float)
+    order = slope * cols + 0.4 * slope * rows
+    lamp = OUTSIDE._lamp(LIT, OUTSIDE.Defects(spot=spot, bar=bar))
+    light = 0.05 + lamp * np.sin(np.pi * order) ** 2
+    light = light + noise * np.random.default_rng(seed).normal(size=LIT)
+    return light, np.full(LIT, noise), np.ones(LIT, dtype=bool), lamp + 0.05
+
+
+def test_a_spot_is_found_where_the_frame_shows_it():
+    """By quadratics alone the bright end would be off by 5 % of the contrast."""
+    *given, bright = frame(spot=0.5, bar=0.3)
+    found = fit_background_modulation(*given)
+    away = np.abs(found.bright - bright)[20:-20, 20:-20]
+    assert np.sqrt(np.mean(away**2)) < 0.01
+    quadratic = binned_light(LIT, 1).images.reshape(bright.size, -1)
+    left = bright.ravel() - quadratic @ np.linalg.lstsq(quadratic, bright.ravel(), rcond=None)[0]
+    assert np.sqrt(np.mean(left**2)) > 0.03
+
+
+def test_an_even_lamp_asks_for_no_spots():
+    """Nothing is freed that the frame does not ask for: the ends are a quadratic's to rounding."""
+    *given, _ = frame()
+    found = fit_background_modulation(*given)
+    quadratic = binned_light(LIT, 1).images.reshape(found.bright.size, -1)
+    left = (
+        found.bright.ravel()
+        - quadratic @ np.linalg.lstsq(quadratic, found.bright.ravel(), rcond=None)[0]
+    )
+    assert np.abs(left).max() < 1e-9
+
+
+def test_an_end_is_as_uncertain_as_it_is_off():
+    """Over the frame, spots and all: the bright end's pulls."""
+    *given, bright = frame(spot=0.4)
+    found = fit_background_modulation(*given)
+    pulls = (found.bright - bright) / np.sqrt(found.variance[1, 1])
+    # a smooth field has some ten independent places; a prior that is too wide gives less
+    assert 0.2 < np.sqrt(np.mean(pulls**2)) < 2.0
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+def test_noise_of_flat_patches_is_no_tone_curve(noise):
+    """Each patch's order follows its noise, and that once gave gamma 1.2 ± .02 to a linear camera.
+
+    Broad rings, half of whose patches span a tenth of a fringe; the light is linear.
+    """
+    rows, cols = np.indices(LIT, dtype=float)
+    order = 0.6 + 6e-5 * ((cols - 150.0) ** 2 + (rows - 120.0) ** 2)
+    light = 0.05 + 0.8 * np.sin(np.pi * order) ** 2
+    light = light + noise * np.random.default_rng(1).normal(size=LIT)
+    ends = np.full(LIT, 0.05), np.full(LIT, 0.85)
+    away, spread = gamma_misfit(light, np.full(LIT, noise), np.ones(LIT, bool), ends)
+    assert abs(away) < 4.0 * spread and abs(away) < 0.1
