@@ -18,12 +18,12 @@ import numpy as np
 
 from isochrome.benchmarks import benchmarks_folder
 
+from . import case_silent
+from .case_silent import BLIND, FREE
 from .rows import FringeRow
 
 ARCSINE = "arcsine, branch given"
 MODEL = "one frame, model"
-FREE = "one frame, no-load frames"
-BLIND = "one frame, blind"
 STEPS = "ten phase steps"
 COLOUR = "one colour frame"
 NOISE, SEED, HARD_NOISE = 3.0, 0, 10.0
@@ -188,10 +188,13 @@ METHODS = {
 
 
 def cases():
-    """Each specimen's case by its name, then the hard one."""
+    """Each specimen's case by its name, then the hard one, then the specimens of others' light."""
     names = {name: partial(fringes, name, NOISE) for name in specimens().NAMES}
     hard = f"{HARD}, noise {HARD_NOISE:g}"
-    return names | {hard: partial(fringes, HARD, HARD_NOISE, hard)}
+    silent = {
+        f"{kind}, others' light": partial(case_silent.fringes, kind) for kind in case_silent.KINDS
+    }
+    return names | {hard: partial(fringes, HARD, HARD_NOISE, hard)} | silent
 
 
 def fringes(name, noise, label=None, quick=False):
@@ -230,9 +233,9 @@ def judged(name, method, seen, order, confidence, seconds):
     return FringeRow(
         name,
         method,
+        float((error > WRONG).mean()),
         float(np.sqrt(np.mean(error**2))),
         float(np.median(error)),
-        float((error > WRONG).mean()),
         share,
         right,
         seconds,

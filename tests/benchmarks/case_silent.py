@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -17,10 +16,11 @@ from isochrome.frames import Frame, to_linear
 from isochrome.scene import parse_scene
 
 from .outside_camera import Defects, _lamp, _stored, _stray
-from .outside_fields import KINDS, order_field, places
-from .rows import SilentRow
+from .outside_fields import KINDS, order_field
+from .rows import FringeRow, SilentRow
 
-FRAMES = 400
+FRAMES, PER_LIGHT = 400, 6
+FREE, BLIND = "one frame, no-load frames", "one frame, blind"
 SHAPE, SAMPLES = (330, 440), 3
 WRONG = 0.5
 """Fringes from which a pixel is on a wrong branch."""
@@ -132,8 +132,12 @@ def read(case):
 
 
 def judged(seed):
+    """The row of the frame of a seed."""
+    return judged_case(drawn(seed))
+
+
+def judged_case(case):
     """The row of one frame."""
-    case = drawn(seed)
     start = time.process_time()
     found = read(case)
     seconds = time.process_time() - start
@@ -144,7 +148,6 @@ def judged(seed):
     spread = found.reading.uncertainty[known] if found.reading is not None else np.zeros(0)
     right = error <= WRONG
     return SilentRow(
-        seed,
         case.kind,
         light="both" if case.no_load is not None else "none",
         points=", ".join(
@@ -162,15 +165,22 @@ def judged(seed):
     )
 
 
-def cases():
-    """All frames in one case."""
-    return {"silent": partial(frames)}
-
-
-def frames(quick, seeds=None):
-    """A row for each frame, or with `quick` for the first."""
-    seeds = range(FRAMES) if seeds is None else seeds
-    return [judged(seed) for seed in (seeds[:1] if quick else seeds)]
-
-
-__all__ = ["cases", "drawn", "frames", "judged", "places", "read"]
+def fringes(kind, quick=False):
+    """Rows of one kind of specimen for `bench fringes`: some frames of either light together."""
+    seeds = range(list(KINDS).index(kind), FRAMES, len(KINDS))
+    cases = [drawn(seed) for seed in seeds[: 4 * PER_LIGHT]]
+    rows = []
+    for method, blind in ((FREE, False), (BLIND, True)):
+        some = [case for case in cases if (case.no_load is None) is blind][
+            : 1 if quick else PER_LIGHT
+        ]
+        found = [judged_case(case) for case in some]
+        mean = {
+            key: float(np.nanmean([getattr(row, key) for row in found]))
+            for key in ("wrong", "kept", "seconds")
+        }
+        mean["wrong"] /= max(mean["kept"], 1e-9)
+        read = [row.rms for row in found if row.rms == row.rms]
+        rms = float(np.sqrt(np.mean(np.square(read)))) if read else float("nan")
+        rows.append(FringeRow(f"{kind}, others' light", method, rms=rms, **mean))
+    return rows

@@ -28,16 +28,16 @@ class Row:
 class FringeRow:
     """One reading of one specimen's fringe order, against its truth.
 
-    `rms` and `median` error (fringes) and the share `wrong` by over half a fringe, of what was
-    kept; `kept`, share of the specimen's pixels; `right`, share right to 0.05 fringe of the pixels
+    The share `wrong` by over half a fringe, `rms` and `median` error (fringes), of what was kept;
+    `kept`, share of the specimen's pixels; `right`, share right to 0.05 fringe of the pixels
     that the method calls 95 % sure; `seconds`. NaN: has none.
     """
 
     specimen: str
     method: str
+    wrong: float = _NAN
     rms: float = _NAN
     median: float = _NAN
-    wrong: float = _NAN
     kept: float = _NAN
     right: float = _NAN
     seconds: float = _NAN
@@ -175,7 +175,6 @@ class SilentRow:
     branch; `said`, the warnings.
     """
 
-    seed: int
     kind: str
     light: str
     points: str

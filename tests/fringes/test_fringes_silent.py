@@ -1,0 +1,37 @@
+"""Frames that we had no part in, read without a model: nothing is called known that is not so."""
+
+from __future__ import annotations
+
+import pytest
+
+from isochrome.benchmarks import load_benchmarks
+
+CASE = load_benchmarks("case_silent")
+
+WITH_NO_LOAD = [2, 6, 60]
+"""With a wrong point among several each."""
+BLIND = [5, 64, 91, 107]
+"""Under spots and bars: 0, 31, 35 and 30 % were silently wrong when the light was a quadratic."""
+
+
+@pytest.mark.parametrize("seed", WITH_NO_LOAD)
+def test_with_no_load_frames_nothing_is_silently_wrong(seed):
+    row = CASE.judged(seed)
+    assert row.wrong == 0.0 and row.kept > 0.9 and row.rms < 0.01
+    assert "contradicted by" in row.said
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=[] if s == 64 else [pytest.mark.long]) for s in BLIND]
+)
+def test_in_uneven_light_nothing_is_silently_wrong(seed):
+    row = CASE.judged(seed)
+    assert row.wrong < 0.002
+
+
+@pytest.mark.study
+@pytest.mark.long
+def test_of_a_hundred_frames_next_to_nothing_is_silently_wrong():
+    rows = [CASE.judged(seed) for seed in range(100)]
+    assert sum(row.wrong for row in rows) / len(rows) < 0.002
+    assert all(row.wrong < 0.05 or len(row.said) > 0 for row in rows)
