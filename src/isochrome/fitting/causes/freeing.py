@@ -35,8 +35,9 @@ from isochrome.scene import Scene
 S = TypeVar("S", bound=Askable)
 
 _ROUNDS, _PRUNINGS = 6, 3
-_LARGE = 1.03
-"""Residual over noise from which a cause is no small step: each is then tried by its own fit."""
+_LARGE, _STRONG = 1.03, 500.0
+"""Residual over noise, and evidence, from which a cause is no small step: each is then tried by its
+own fit, for where the surface or a fringe moves by a pixel its slope says little."""
 _TRIED = 5
 _CLEAR = 4.0
 """Standard uncertainties from what is stated below which a cause is not kept free."""
@@ -197,7 +198,8 @@ def _widest(freed: Freed[S], asked: tuple[Asked, ...]) -> Freed[S] | None:
     open_ = tuple(a for a in asked if a.can_be_freed)
     if not open_ or not asked[0].can_be_freed:
         return None
-    order = open_ if freed.now.chi < _LARGE else _tried(freed, open_)
+    slight = freed.now.chi < _LARGE and asked[0].evidence < _STRONG
+    order = open_ if slight else _tried(freed, open_)
     # what is odd is left out where the best two of the others come to nothing
     for item in (*order[:2], *(a for a in order[2:] if a.outside is not None)):
         wider = _with(freed, item)
