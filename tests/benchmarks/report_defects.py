@@ -79,7 +79,8 @@ def _worst(row: DefectRow) -> float:
 
 
 def _rms(values: list[float]) -> float:
-    return float(np.sqrt(np.nanmean(np.square(values)))) if values else float("nan")
+    known = [value for value in values if value == value]  # a static contact has no friction
+    return float(np.sqrt(np.mean(np.square(known)))) if known else float("nan")
 
 
 def figure(rows: list[DefectRow]) -> Figure:
