@@ -65,9 +65,9 @@ _MANY = 400
 _LEAST_PATCHES = 12
 _WORST_CHI, _LEAST_FILLED, _STEEPEST, _FAINT = 30.0, 0.5, 0.35, 0.1
 _SPAN = 0.4 / (2 * HALF + 1)
-"""Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. The
-order of a flatter one follows its noise, and hundreds of such unknowns bias the exponent by it:
-Neyman & Scott (1948), Econometrica 16, 1."""
+"""Slope of a patch that tells the tone exponent, fringes a pixel: it spans 0.4 of a fringe. A
+flatter one follows any exponent, and the noise of no-load frames, which stands in the slope and in
+the residual, looks like one: errors in variables (Fuller (1987), Measurement error models)."""
 
 
 @dataclass(frozen=True, kw_only=True)
