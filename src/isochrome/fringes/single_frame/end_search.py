@@ -169,8 +169,11 @@ def more_evidence(found: Found, richer: EndProblem) -> float:
     old = (free < first) | (free == len(unknowns) - 1)
     matrix = (normal.matrix - np.diag(prior)) / count + np.diag(prior)
     slope, before = normal.slope / count, matrix[np.ix_(old, old)]
-    gain = slope @ np.linalg.solve(matrix, slope)
-    gain -= slope[old] @ np.linalg.solve(before, slope[old])
+    try:
+        gain = slope @ np.linalg.solve(matrix, slope)
+        gain -= slope[old] @ np.linalg.solve(before, slope[old])
+    except np.linalg.LinAlgError:  # the fringes leave the ends open as they are
+        return -np.inf
     price = np.linalg.slogdet(matrix)[1] - np.linalg.slogdet(before)[1]
     return float(0.5 * (gain - price + np.log(prior[~old]).sum()))
 
@@ -304,7 +307,7 @@ def fresh_patches(
     misfit = look(data, unknowns, orders).residual
     chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
     good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
-    if problem.tone:
+    if problem.tone and any(problem.given):
         good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
     if np.count_nonzero(good) < _LEAST_PATCHES:
         raise InputError(
