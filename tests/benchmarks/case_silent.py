@@ -15,13 +15,13 @@ import numpy as np
 from isochrome.frames import Frame, to_linear
 from isochrome.scene import parse_scene
 
-from .outside_camera import Defects, _lamp, _stored, _stray
+from .outside_camera import SAMPLES, Defects, _stored, lit
 from .outside_fields import KINDS, order_field
 from .rows import FringeRow, SilentRow
 
 FRAMES, PER_LIGHT = 400, 6
 FREE, BLIND = "one frame, no-load frames", "one frame, blind"
-SHAPE, SAMPLES = (330, 440), 3
+SHAPE = 330, 440
 WRONG = 0.5
 """Fringes from which a pixel is on a wrong branch."""
 
@@ -51,14 +51,14 @@ class Case:
     on_line: tuple[bool, ...]
 
 
-def drawn(seed, shape=SHAPE):
+def drawn(seed):
     """The frame of a seed."""
     rng = np.random.default_rng([seed, 17])
     kind = list(KINDS)[seed % len(KINDS)]
     highest = float(rng.uniform(1.2, 6.0))
-    fine, body = order_field(kind, shape, [seed, 18], highest=highest, samples=SAMPLES)
+    fine, body = order_field(kind, SHAPE, [seed, 18], highest=highest, samples=SAMPLES)
     defects = lamp(rng)
-    rows, cols = shape
+    rows, cols = SHAPE
     middle = SAMPLES // 2
     inside = body.reshape(rows, SAMPLES, cols, SAMPLES).all(axis=(1, 3))
     order = np.where(inside, fine[middle::SAMPLES, middle::SAMPLES], np.nan)
@@ -85,9 +85,7 @@ def lamp(rng):
 
 def exposed(signal, defects, rng):
     """The stored picture of a signal on samples."""
-    light = _lamp(signal.shape, defects) * signal + _stray(signal.shape, defects)
-    rows, cols = (n // SAMPLES for n in signal.shape)
-    return _stored(light.reshape(rows, SAMPLES, cols, SAMPLES).mean(axis=(1, 3)), defects, rng)
+    return _stored(lit(signal, defects), defects, rng)
 
 
 def points(order, rng):

@@ -69,11 +69,16 @@ def frame(scene: Scene, defects: Defects = NONE, seed: int = 0, state: int = -1)
     rng = np.random.default_rng(seed)
     order, turn = _sampled(scene, defects, state)
     signal = _band(order, turn, defects)
-    light = _lamp(signal.shape, defects) * signal + _stray(signal.shape, defects)
-    pixels = light.reshape(light.shape[0] // SAMPLES, SAMPLES, -1, SAMPLES).mean(axis=(1, 3))
+    pixels = lit(signal, defects)
     if defects.blur_px:
         pixels = gaussian_filter(pixels, defects.blur_px, mode="nearest")
     return _stored(_things(pixels, defects, rng, scene), defects, rng)
+
+
+def lit(signal, defects):
+    """The pixels' light (rows, cols): lamp and stray light on a signal at the samples."""
+    light = _lamp(signal.shape, defects) * signal + _stray(signal.shape, defects)
+    return light.reshape(light.shape[0] // SAMPLES, SAMPLES, -1, SAMPLES).mean(axis=(1, 3))
 
 
 def _places(rows, cols, defects):

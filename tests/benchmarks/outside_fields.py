@@ -19,7 +19,7 @@ def hole(w, rng):
     """Kirsch's hole, stresses of a random ratio far away."""
     radius, ratio = rng.uniform(0.15, 0.35), rng.uniform(-0.6, 0.8)
     field = sum(
-        share * np.exp(2j * turn) * _ellipse((w / radius) * np.exp(-1j * turn), 0.0)
+        share * _ellipse(w / radius, 0.0, turn)
         for share, turn in ((1.0, 0.0), (ratio, 0.5 * np.pi))
     )
     return field, np.abs(w) > radius

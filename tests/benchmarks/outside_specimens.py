@@ -13,14 +13,12 @@ from scipy.ndimage import gaussian_filter
 
 from .outside_camera import (
     NONE,
-    SAMPLES,
     Defects,
     _band,
-    _lamp,
     _places,
     _stored,
-    _stray,
     _things,
+    lit,
 )
 
 
@@ -59,9 +57,7 @@ def _image(field, order, bench, seed):
     x, z = _places(*bench.shape, defects)
     values, direction, body = field(order, x - bench.right_px, z - bench.down_px, bench)
     signal = np.where(body, _band(values, direction, defects), 0.0)
-    light = _lamp(signal.shape, defects) * signal + _stray(signal.shape, defects)
-    rows, cols = bench.shape
-    pixels = light.reshape(rows, SAMPLES, cols, SAMPLES).mean(axis=(1, 3))
+    pixels = lit(signal, defects)
     if defects.blur_px:
         pixels = gaussian_filter(pixels, defects.blur_px, mode="nearest")
     # dust lies where it lies, in all images alike

@@ -176,8 +176,8 @@ def _searched(
     found = search_all(problem, starts)
     if problem.given[1]:
         return found, 0.0
-    lamps = [_with_spots(problem, shape, size) for size in _SPOTS]
-    evidence = [more_evidence(found, lamp) for lamp in lamps]
+    lamps = _with_spots(problem, shape)
+    evidence = more_evidence(found, lamps)
     if max(evidence) < _ASKED:
         return found, 0.0
     best = int(np.argmax(evidence))
@@ -186,14 +186,13 @@ def _searched(
     return search_all(lamps[best], [np.insert(start, -1, more) for start in starts]), _SPOTS[best]
 
 
-def _with_spots(problem: EndProblem, shape: tuple[int, ...], size: float) -> EndProblem:
-    """The problem with spots and bars of some size in the bright end."""
-    _, smooth = _smooth(shape, problem.by, size)
-    return replace(
-        problem,
-        shapes=(problem.shapes[0], smooth.images),
-        spreads=(problem.spreads[0], smooth.spread),
-    )
+def _with_spots(problem: EndProblem, shape: tuple[int, ...]) -> list[EndProblem]:
+    """The problem with spots and bars of each size in the bright end: all on the same images."""
+    smooth = [binned_light(shape, problem.by, spots=size) for size in _SPOTS]
+    shapes = problem.shapes[0], smooth[0].images
+    return [
+        replace(problem, shapes=shapes, spreads=(problem.spreads[0], own.spread)) for own in smooth
+    ]
 
 
 def _smooth(shape: tuple[int, ...], by: int, spots: float) -> tuple[SmoothImages, SmoothImages]:

@@ -149,31 +149,38 @@ def tone_step(problem: EndProblem, unknowns: Array) -> tuple[float, float]:
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
 
-def more_evidence(found: Found, richer: EndProblem) -> float:
-    r"""Logarithm of the evidence of terms that a search's bright end lacks.
+def more_evidence(found: Found, richer: list[EndProblem]) -> list[float]:
+    r"""Logarithm of the evidence of terms that a search's bright end lacks, for several priors.
 
     Equation: (s^T M^-1 s - s_0^T M_0^-1 s_0 - ln det(M/M_0) - sum ln v)/2, M = H + P and s the
     information, with the prior's, and the slope of all unknowns, the patches following; _0 of those
     found; v the new terms' prior variances. Pixels that several patches share count once; a patch
     that its cubic does not describe says nothing.
-    Parameters: `found`; `richer`, its problem with more terms behind those of the bright end.
+    Parameters: `found`; `richer`, its problem with more terms behind those of the bright end, the
+    same ones in all but their priors.
     """
-    first = len(found.unknowns) - 1
-    unknowns = np.insert(found.unknowns, -1, np.zeros(richer.free.size - len(found.unknowns)))
+    first, free = len(found.unknowns) - 1, np.flatnonzero(richer[0].free)
+    unknowns = np.insert(found.unknowns, -1, np.zeros(richer[0].free.size - len(found.unknowns)))
     good = found.data.chi < WORST_CHI
-    data = _of_problem(_some(found.data, good), richer)
+    data = _of_problem(_some(found.data, good), richer[0])
     normal = eliminated(data, unknowns, found.orders[good])
     count = overlap(data)
-    prior = richer.prior(unknowns)[0][richer.free]
-    free = np.flatnonzero(richer.free)
+    priors = [problem.prior(unknowns)[0][free] for problem in richer]
     old = (free < first) | (free == len(unknowns) - 1)
-    matrix = (normal.matrix - np.diag(prior)) / count + np.diag(prior)
-    slope, before = normal.slope / count, matrix[np.ix_(old, old)]
+    # what is new stands at nought, so that its prior is in no slope
+    information, slope = (normal.matrix - np.diag(priors[0])) / count, normal.slope / count
     try:
-        gain = slope @ np.linalg.solve(matrix, slope)
-        gain -= slope[old] @ np.linalg.solve(before, slope[old])
+        return [_evidence(information, slope, old, prior) for prior in priors]
     except np.linalg.LinAlgError:  # the fringes leave the ends open as they are
-        return -np.inf
+        return [-np.inf] * len(richer)
+
+
+def _evidence(information: Array, slope: Array, old: Mask, prior: Array) -> float:
+    """The evidence of one prior, see `more_evidence`."""
+    matrix = information + np.diag(prior)
+    before = matrix[np.ix_(old, old)]
+    gain = slope @ np.linalg.solve(matrix, slope)
+    gain -= slope[old] @ np.linalg.solve(before, slope[old])
     price = np.linalg.slogdet(matrix)[1] - np.linalg.slogdet(before)[1]
     return float(0.5 * (gain - price + np.log(prior[~old]).sum()))
 

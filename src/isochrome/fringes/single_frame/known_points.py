@@ -39,6 +39,8 @@ _BELOW, _FEWEST = 0.1, 6
 """Fringes beyond nought, and patches, on either side of a line of N = 0."""
 _NEAR_ZERO = 3
 """Patches about a point in which it says such a line."""
+_ALONE = 0.1
+"""Share of what could be followed, without a point, from which it is said."""
 _APART = 0.2
 """Fringes between two orders that are worth asking for."""
 
@@ -48,14 +50,12 @@ class Anchored:
     """What the known points make of the patches.
 
     `terms` (m, n, 6) of the signed order, NaN where it is not known; `misses`, points that were not
-    used; `said`, what is open, and what point would settle it; `alone`, share of what could be
-    followed that hangs together with no point.
+    used; `said`, what is open, and what point would settle it.
     """
 
     terms: Array = field(repr=False)
     misses: tuple[KnownPoint, ...]
     said: tuple[str, ...]
-    alone: float
 
 
 @dataclass(frozen=True)
@@ -68,15 +68,19 @@ class _At:
 
     @property
     def order(self) -> float:
+        """The known order."""
         return self.point[2]
 
     def miss(self, j: int) -> float:
+        """How far the order is from |f + j|, fringes."""
         return abs(abs(self.field + j) - self.order)
 
     def cost(self, j: int) -> float:
+        """What the point costs with j, chi²."""
         return min((self.miss(j) / _STATED) ** 2, _MOST)
 
     def fits(self, j: int) -> bool:
+        """Whether the order is that of j, roughly estimated."""
         return self.miss(j) < _WITHIN
 
     @property
@@ -122,46 +126,44 @@ def anchor_parts(
         misses += found.misses
         said += found.said
         terms[inside] = found.terms[inside]
-    good = max(1, int((labels.part >= 0).sum()))
-    alone = labels.part >= 0
-    for part in by_part:
-        alone &= labels.part != part
-    if alone.sum() > _ALONE * good:
-        said.append(_left_alone(patches, labels, alone, float(alone.sum() / good)))
-    return Anchored(terms, tuple(misses), tuple(said), float(alone.sum() / good))
+    alone = (labels.part >= 0) & ~np.isin(labels.part, list(by_part))
+    share = float(alone.sum() / max(1, int((labels.part >= 0).sum())))
+    if share > _ALONE:
+        said.append(_left_alone(patches, labels, alone, share))
+    return Anchored(terms, tuple(misses), tuple(said))
 
 
-_ALONE = 0.1
-"""Share of what could be followed, without a point, from which it is said."""
+def _unknown(own: Array, points: list[_At], *said: str) -> Anchored:
+    """A part of which nothing is known, and why."""
+    return Anchored(np.full_like(own, np.nan), tuple(p.point for p in points), said)
 
 
 def _one_part(patches: Patches, own: Array, points: list[_At]) -> Anchored:
     """A part's order by its points."""
-    nothing = np.full_like(own, np.nan)
     candidates = sorted({round(s * p.order - p.field) for p in points for s in (1, -1)})
     candidates = [j for j in candidates if any(p.fits(j) for p in points)]
     if not candidates:
-        said = tuple(_fits_nothing(p) for p in points)
-        return Anchored(nothing, tuple(p.point for p in points), said, 0.0)
+        return _unknown(own, points, *map(_fits_nothing, points))
     lines = {j: _zero_line(own, j, points) for j in candidates}
     cost = {j: sum(p.cost(j) for p in points) + _ZERO_LINE * lines[j] for j in candidates}
     best = min(candidates, key=cost.__getitem__)
     rivals = [j for j in candidates if j != best and cost[j] < cost[best] + _CLEAR]
-    for j in [best, *rivals] * bool(rivals):
-        if not all(p.fits(j) for p in points):
-            found = _with_seams(patches, own, points, j)
-            if not found.misses:
-                return found
     if rivals:
-        return _open(patches, own, points, [best, *rivals])
+        for j in (best, *rivals):
+            if not all(p.fits(j) for p in points):
+                found = _with_seams(patches, own, points, j)
+                if not found.misses:
+                    return found
+        return _open(patches, own, points, best, rivals[0])
     sure = [p for p in points if p.fits(best)]
     if lines[best] and all(p.on_line for p in sure):
-        said = (
+        return _unknown(
+            own,
+            sure,
             f"frames.known_order = {sure[0]}: the order would be 0 along a line inside the "
             "specimen, which a loaded body hardly has: no order is reported there; give a known "
             "order between two fringe lines, or one on that line if it is so",
         )
-        return Anchored(nothing, tuple(p.point for p in sure), said, 0.0)
     return _with_seams(patches, own, points, best)
 
 
@@ -182,18 +184,17 @@ def _with_seams(patches: Patches, own: Array, points: list[_At], j: int) -> Anch
             said.append(
                 f"frames.known_order = {p}: contradicted by {votes}, with which it would be "
                 f"{before:.2f}; it is left out, check it"
-                if min(abs(p.order - v) for v in _levels(p.field)) < _WITHIN
+                if abs(p.order - _levels(p)[0]) < _WITHIN
                 else _fits_nothing(p)
             )
             continue
         terms = turned
         sources.append(p.patch)
     for crest, beyond in open_seams(patches, terms, sources):
-        size = int((beyond & np.isfinite(terms[..., 0])).sum())
-        if size >= _FEWEST:
+        if beyond.sum() >= _FEWEST:
             said.append(_beyond_seam(patches, terms, beyond, crest))
         terms[beyond] = np.nan
-    return Anchored(terms, tuple(misses), tuple(said), 0.0)
+    return Anchored(terms, tuple(misses), tuple(said))
 
 
 def _zero_line(own: Array, j: int, points: list[_At]) -> bool:
@@ -213,13 +214,10 @@ def _zero_line(own: Array, j: int, points: list[_At]) -> bool:
     return True
 
 
-def _open(patches: Patches, own: Array, points: list[_At], candidates: list[int]) -> Anchored:
-    """A part for which several whole numbers are as good: nothing is known, and why."""
-    nothing = np.full_like(own, np.nan)
-    best, rival = candidates[:2]
-    support = [[p for p in points if p.fits(j)] for j in (best, rival)]
-    if all(len(some) < len(points) for some in support):
-        listed = "; ".join(str(p) for p in points)
+def _open(patches: Patches, own: Array, points: list[_At], best: int, rival: int) -> Anchored:
+    """A part for which two whole numbers are as good: nothing is known, and why."""
+    listed = "; ".join(map(str, points))
+    if all(any(not p.fits(j) for p in points) for j in (best, rival)):
         said = (
             f"frames.known_order: {listed} contradict each other, and no more speaks for one than "
             "for the other: no order is reported there; check them, or add another"
@@ -228,13 +226,12 @@ def _open(patches: Patches, own: Array, points: list[_At], candidates: list[int]
         orders = [np.abs(own[..., 0] + j) for j in (best, rival)]
         row, col, at = _place(patches, np.abs(orders[0] - orders[1]) > _APART)
         first, second = sorted(o[at] for o in orders)
-        listed = "; ".join(str(p) for p in points)
         said = (
             f"frames.known_order = {listed}: on a fringe line, and the light cannot decide on which"
             " side of it the order is higher: no order is reported there; add a known order between"
             f" two lines, such as at row {row}, column {col}: {first:.2f} or {second:.2f}"
         )
-    return Anchored(nothing, tuple(p.point for p in points), (said,), 0.0)
+    return _unknown(own, points, said)
 
 
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int) -> str:
@@ -269,14 +266,15 @@ def _place(patches: Patches, where: Mask) -> tuple[int, int, tuple[int, int]]:
     return int(patches.rows[i]), int(patches.cols[j]), (i, j)
 
 
-def _levels(f: float) -> list[float]:
-    """The orders that light of phase f may have."""
-    base = abs(f - round(f))
-    return [v for k in range(60) for v in (k + base, k + 1.0 - base)]
+def _levels(p: _At) -> list[float]:
+    """The orders that the light at a point may have, the nearest to the known one first."""
+    base = abs(p.field - round(p.field))
+    levels = [v for k in range(int(p.order) + 2) for v in (k + base, k + 1.0 - base)]
+    return sorted(levels, key=lambda v: abs(v - p.order))
 
 
 def _fits_nothing(p: _At) -> str:
-    near = sorted(sorted(_levels(p.field), key=lambda v: abs(v - p.order))[:2])
+    near = sorted(_levels(p)[:2])
     return (
         f"frames.known_order = {p}: fits no fringe there, where the light says {near[0]:.2f} or "
         f"{near[1]:.2f}; check it"
