@@ -188,11 +188,12 @@ def _fit_begun(
     if plain:
         model, final = _final(data.plain(), fine, keys, prior)
     fitted = moved_scene(fine, keys, final.values).model_copy(update={"numerics": scene.numerics})
-    determined, noise = final.local.determined, final.local.covariance(final.toned)
+    determined = final.local.determined
     known, held = (stated.some(keys, free=free) for free in (True, False))
     rows = np.empty((0, model.pixels.size), np.float32)
     if held.keys:
         rows = model.input_rows(final.values, final.toned, held.keys)
+    noise = final.local.covariance(final.toned, rows, held.spread)
     inputs = inputs_of_rows([*known.rows, *held.rows])
     sensitivity = final.local.sensitivity(known.keys, rows)
     spread = noise + (sensitivity * inputs.spread**2) @ sensitivity.T

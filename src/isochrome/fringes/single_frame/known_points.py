@@ -20,7 +20,7 @@ import numpy as np
 
 from isochrome.fringes.single_frame.patch_labels import Labels
 from isochrome.fringes.single_frame.patches import HALF, Patches, basis
-from isochrome.fringes.single_frame.sign_ambiguity import open_seams, turned_to
+from isochrome.fringes.single_frame.sign_ambiguity import has_zero_line, open_seams, turned_to
 from isochrome.fringes.windows import Array, Mask
 
 KnownPoint = tuple[float, float, float]
@@ -35,8 +35,10 @@ _WITHIN = 0.24
 _ZERO_LINE = 9.0
 _CLEAR = 8.0
 """By how much a whole number must be better than another, chi²: odds of 50 to 1."""
-_BELOW, _FEWEST = 0.1, 6
-"""Fringes beyond nought, and patches, on either side of a line of N = 0."""
+_BELOW = 0.1
+"""Order below which a known point says a line of N = 0, fringes."""
+_FEWEST = 6
+"""Patches beyond an open seam from which it is said."""
 _NEAR_ZERO = 3
 """Patches about a point in which it says such a line."""
 _ALONE = 0.1
@@ -190,7 +192,8 @@ def _with_seams(patches: Patches, own: Array, points: list[_At], j: int) -> Anch
             continue
         terms = turned
         sources.append(p.patch)
-    for crest, beyond in open_seams(patches, terms, sources):
+    zero_said = _zero_said(own[..., 0] + j, j, points)
+    for crest, beyond in open_seams(patches, terms, sources, zero_said):
         if beyond.sum() >= _FEWEST:
             said.append(_beyond_seam(patches, terms, beyond, crest))
         terms[beyond] = np.nan
@@ -200,18 +203,20 @@ def _with_seams(patches: Patches, own: Array, points: list[_At], j: int) -> Anch
 def _zero_line(own: Array, j: int, points: list[_At]) -> bool:
     """Whether N = |f + j| is 0 along a line through the part, and no point says so."""
     order = own[..., 0] + j
-    above, below = order > _BELOW, order < -_BELOW
-    if min(above.sum(), below.sum()) < _FEWEST:
-        return False
+    return has_zero_line(order) and not _zero_said(order, j, points)
+
+
+def _zero_said(order: Array, j: int, points: list[_At]) -> bool:
+    """Whether points say that N = 0 along a line: one on it, or two on either side of it."""
     there = [p for p in points if p.fits(j)]
     sides = {np.sign(p.field + j) for p in there if p.order > _BELOW and not p.on_line}
     if len(sides) == 2:
-        return False
+        return True
     for p in there:
         near = tuple(slice(max(0, i - _NEAR_ZERO), i + _NEAR_ZERO + 1) for i in p.patch)
         if p.order < _BELOW and (order[near] > 0.0).any() and (order[near] < 0.0).any():
-            return False
-    return True
+            return True
+    return False
 
 
 def _open(patches: Patches, own: Array, points: list[_At], best: int, rival: int) -> Anchored:

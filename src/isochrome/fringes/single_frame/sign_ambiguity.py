@@ -33,6 +33,11 @@ _SMALLEST = 12
 _SETTLED = 0.5
 """Share of what all edges of a seam say that they must be worth together: edges that agree give
 1, contradicting ones 0. In rendered frames settled seams gave 0.59 at least, open ones 0."""
+_SETTLED_ZERO = 0.95
+"""The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every edge
+must then speak against it."""
+_BELOW, _FEWEST = 0.1, 6
+"""Fringes beyond nought, and patches, on either side of a line of N = 0."""
 _ALIKE = 0.015
 """Distance from a crest, in fringes, at which a patch and its mirror image are as good as one."""
 _AGREE = 12.0
@@ -53,10 +58,14 @@ class _Seam:
     worse: float
     size: float
 
-    @property
-    def is_open(self) -> bool:
+    def is_open(self, settled: float = _SETTLED) -> bool:
         """Whether the light does not settle on which side the field lies beyond it."""
-        return self.worse <= _SETTLED * self.size
+        return self.worse <= settled * self.size
+
+    def takes_zero_line(self, order: Array) -> bool:
+        """Whether the signed order (m, n) has a line of N = 0 as it is, and none turned over."""
+        turned = np.where(self.beyond, self.crest - order, order)
+        return has_zero_line(order) and not has_zero_line(turned)
 
 
 @dataclass(frozen=True)
@@ -96,21 +105,35 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
     return Labels(sign, shift, labels.part)
 
 
+def has_zero_line(order: Array) -> bool:
+    """Whether a signed order (m, n), NaN = not known, is 0 along a line: it has both signs."""
+    return min(int((order > _BELOW).sum()), int((order < -_BELOW).sum())) >= _FEWEST
+
+
 def open_seams(
-    patches: Patches, terms: Array, points: Sequence[tuple[int, int]]
+    patches: Patches, terms: Array, points: Sequence[tuple[int, int]], zero_said: bool
 ) -> list[tuple[int, Mask]]:
     """Patches whose branch the light does not settle from where the order is known.
 
     Parameters: `patches`; `terms` (m, n, 6) of the signed order, NaN = not known; `points`, the
-    patches (row, col) in which it is known. Returns for each seam its crest (in half fringes) and
-    the patches beyond it (m, n), each patch once. Mirroring about n = 0 changes no order and is
-    left out.
+    patches (row, col) in which it is known; `zero_said`, whether a known point says that N = 0
+    along a line. Returns for each seam its crest (in half fringes) and the patches beyond it (m,
+    n), each patch once. Mirroring about n = 0 changes no order and is left out.
     """
+    order = terms[..., 0]
     unsure = np.zeros(terms.shape[:2], dtype=bool)
     found = []
-    seams = [s for s in _seams(patches, terms, points) if s.crest and s.is_open]
+    seams = [
+        seam
+        for seam in _seams(patches, terms, points)
+        if seam.crest
+        and (
+            seam.is_open()
+            or (seam.is_open(_SETTLED_ZERO) and not zero_said and seam.takes_zero_line(order))
+        )
+    ]
     for seam in sorted(seams, key=lambda s: -int(s.beyond.sum())):
-        beyond = seam.beyond & (np.abs(terms[..., 0] - 0.5 * seam.crest) > _ALIKE) & ~unsure
+        beyond = seam.beyond & (np.abs(order - 0.5 * seam.crest) > _ALIKE) & ~unsure
         if beyond.any():
             unsure |= beyond
             found.append((seam.crest, beyond))
@@ -133,7 +156,7 @@ def turned_to(
     seams = [
         seam
         for seam in _seams(patches, terms, points)
-        if seam.is_open
+        if seam.is_open()
         and seam.beyond[there]
         and abs(abs(seam.crest - float(terms[there][0])) - order) < within
     ]
