@@ -34,8 +34,8 @@ _SETTLED = 0.5
 """Share of what all edges of a seam say that they must be worth together: edges that agree give
 1, contradicting ones 0. In rendered frames settled seams gave 0.59 at least, open ones 0."""
 _SETTLED_ZERO = 0.95
-"""The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every edge
-must then speak against it."""
+"""The same where turning over takes a line of N = 0 away, which a loaded body hardly has: every
+edge must then speak against it."""
 _BELOW, _FEWEST = 0.1, 6
 """Fringes beyond nought, and patches, on either side of a line of N = 0."""
 _ALIKE = 0.015
