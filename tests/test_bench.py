@@ -270,7 +270,8 @@ def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
     """The first single one: a roll. Its row, the table and the picture."""
     case, report = load_benchmarks("case_defects"), load_benchmarks("report_defects")
     (row,) = case.frames("single", quick=True)
-    assert row.defects == row.found == "roll" and row.named and not row.refused
+    assert row.defects == row.found == "roll" and row.named and row.first and not row.refused
+    assert 1.0 <= row.over_bound < 1.5
     assert max(abs(row.load_pull), abs(row.friction_pull)) < 4.0 and row.chi < 1.05
     text = report.table([row])
     assert "within 3 u" in text and "roll" in text

@@ -94,7 +94,10 @@ def judged(kind, seed):
     pulls = {
         key: (fit.values[j] - truth[key]) / fit.standard_uncertainty[j] for key, j in at.items()
     }
-    found = found_of(freed)
+    groups = found_of(freed)
+    found = [name for group in groups for name in group]
+    first = {name for group in groups[: 2 if kind == "three" else 1] for name in group}
+    bounds = [fit.standard_uncertainty[j] / fit.cramer_rao_bound[j] for j in at.values()]
     load = fit.values[at["load.normal_n"]] / truth["load.normal_n"] - 1.0
     return DefectRow(
         kind,
@@ -102,6 +105,8 @@ def judged(kind, seed):
         ", ".join(names),
         found=", ".join(found),
         named=all(name in found for name in names if name not in UNNAMED),
+        first=bool(first & set(names)) or set(names) <= set(UNNAMED),
+        over_bound=float(max(bounds)),
         load_percent=100.0 * load,
         load_pull=pulls["load.normal_n"],
         friction_pull=pulls.get("friction.coefficient", float("nan")),
@@ -151,8 +156,8 @@ def defects(names, rng):
 
 
 def found_of(freed):
-    """Names of the defects that were found, as in STRENGTHS."""
-    keys = {key for cause in freed.causes for key in cause.keys}
-    found = [name for name, key in KEYS.items() if key in keys]
-    found += ["light", "stray light"] if freed.light else []
-    return found + (["dust", "shadow"] if freed.outside else [])
+    """The defects that were found, in the order in which they are said; light has two names."""
+    names = {key: name for name, key in KEYS.items()}
+    found = [(names[key],) for cause in freed.causes for key in cause.keys if key in names]
+    found += [("light", "stray light")] if freed.light else []
+    return found + ([("dust", "shadow")] if freed.outside else [])

@@ -16,13 +16,15 @@ if TYPE_CHECKING:
 
 HEAD = (
     "frames", "count", "within 3 u", "beyond 6 u, not flagged", "pull load", "pull friction",
-    "worst load", "named", "freed in vain", "cost",
+    "worst load", "named", "first", "freed in vain", "over bound", "cost",
 )  # fmt: skip
 
 _FOOT = """\
 u: standard uncertainty; pulls: errors over it, root mean square; named: each defect is among what
-was found; freed in vain: something else was; cost: median processor time over that of the fit as
-stated. Frames of 659 x 494 pixels by a script that shares no code with our optics and camera."""
+was found; first: one of them is said first (of three: among the first two); freed in vain:
+something else was; over bound: median of the uncertainty over its Cramér-Rao bound; cost: median
+processor time over that of the fit as stated. Frames of 659 x 494 pixels by a script that shares no
+code with our optics and camera."""
 
 _BEYOND, _FAR = 3.0, 6.0
 
@@ -52,7 +54,9 @@ def _cells(name: str, some: list[DefectRow]) -> tuple[str, ...]:
     vain = sum(not _asked_for(row) for row in kept)
     pulls = ([getattr(row, key) for row in kept] for key in ("load_pull", "friction_pull"))
     worst = max((abs(row.load_percent) for row in kept), default=np.nan)
-    named = np.mean([row.named for row in kept] or [np.nan])
+    named, first = (
+        np.mean([getattr(row, key) for row in kept] or [np.nan]) for key in ("named", "first")
+    )
     return (
         name,
         str(len(some)),
@@ -61,7 +65,9 @@ def _cells(name: str, some: list[DefectRow]) -> tuple[str, ...]:
         *(f"{_rms(values):.2f}" for values in pulls),
         f"{worst:.3f} %",
         f"{100.0 * named:.0f} %",
+        f"{100.0 * first:.0f} %",
         str(vain),
+        f"{np.median([row.over_bound for row in kept] or [np.nan]):.2f}",
         f"{np.median([row.cost for row in kept] or [np.nan]):.1f}",
     )
 

@@ -123,9 +123,11 @@ class ToleranceRow:
 class DefectRow:
     """One frame of a bench that is not ours, fitted from values that are 20 % off.
 
-    `kind`, `seed`, and its `defects` by name; `found`, those that were, and whether all were
-    `named`; `load_percent`, error of the load; `load_pull`, `friction_pull`, errors over their
-    standard uncertainties; `chi`; `flagged`, whether it is said that something is left; `cost`,
+    `kind`, `seed`, and its `defects` by name; `found`, those that were, in the order in which they
+    are said, whether all were `named`, and whether a true one stood `first` (of three: among the
+    first two); `over_bound`, the larger of load's and friction's standard uncertainties over their
+    Cramér-Rao bounds; `load_percent`, error of the load; `load_pull`, `friction_pull`, errors over
+    their standard uncertainties; `chi`; `flagged`, whether it is said that something is left; `cost`,
     processor time over that of the fit as stated, and `seconds`; `refused`, the sentence, or
     nothing.
     """
@@ -135,6 +137,8 @@ class DefectRow:
     defects: str
     found: str = ""
     named: bool = False
+    first: bool = False
+    over_bound: float = _NAN
     load_percent: float = _NAN
     load_pull: float = _NAN
     friction_pull: float = _NAN
