@@ -127,9 +127,9 @@ class DefectRow:
     are said, whether all were `named`, and whether a true one stood `first` (of three: among the
     first two); `over_bound`, the larger of load's and friction's standard uncertainties over their
     Cramér-Rao bounds; `load_percent`, error of the load; `load_pull`, `friction_pull`, errors over
-    their standard uncertainties; `chi`; `flagged`, whether it is said that something is left; `cost`,
-    processor time over that of the fit as stated, and `seconds`; `refused`, the sentence, or
-    nothing.
+    their standard uncertainties; `chi`; `flagged`, whether it is said that something is left;
+    `cost`, processor time over that of the fit as stated, and `seconds`; `refused`, the sentence,
+    or nothing.
     """
 
     kind: str

@@ -13,9 +13,10 @@ import pytest
 
 from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
-from isochrome.fitting.causes.cause import ABOVE, SCALE, STIFF, WIDE
+from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, SCALE, STIFF, WIDE
 from isochrome.fitting.causes.freeing import fit_with_causes
 from isochrome.fitting.causes.report import cause_messages
+from isochrome.fitting.causes.score import is_impossible
 from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.frames import Frame
 from isochrome.processing.result import causes_of
@@ -355,3 +356,34 @@ def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone):
     assert np.mean(held) < -3.5
     # nine of ten benches have none, so that some of it stays where chance hides it
     assert np.sqrt(np.mean(np.square(found))) < 0.8 * np.sqrt(np.mean(np.square(held)))
+
+
+@pytest.mark.parametrize(
+    ("cause", "value", "blur_px", "impossible"),
+    [
+        (BLURRED, -0.5, 0.0, True),
+        (BLURRED, 0.5, 0.0, False),
+        (BLURRED, -0.5, 1.2, False),  # less blur than is stated
+        (WIDE, -100.0, 0.0, True),
+        (ROLL, -0.3, 0.0, False),
+    ],
+)
+def test_a_negative_square_is_no_cause(cause, value, blur_px, impossible):
+    """A picture is not sharper than without blur: what asks for that is something else."""
+    scene = load_scene("line-contact-wear").with_values({"camera.blur_px": blur_px})
+    assert is_impossible(cause, np.array([value]), scene) is impossible
+
+
+@pytest.mark.long
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        ("single", 106),  # a lens that asks for a blur of negative square first
+        ("three", 53),  # specks, where the two best causes come to nothing
+        ("three", 69),
+    ],
+)
+def test_a_true_cause_is_found_behind_what_only_looks_like_one(kind, seed):
+    row = load_benchmarks("case_defects").judged(kind, seed)
+    assert row.first and np.nanmax(np.abs([row.load_pull, row.friction_pull])) < 4.0

@@ -62,6 +62,20 @@ def stated(scene, **percent):
     })  # fmt: skip
 
 
+def test_what_a_stated_input_explains_of_the_residual_is_not_noise_too():
+    """A modulus 1.5 of its u off: the budget has its share, and noise stays what it is."""
+    scene, image = contact()
+    modulus, key = scene.get("specimen.young_gpa"), "specimen.young_gpa"
+    right, wrong = (
+        scene.with_values({key: {"value": value, "standard_uncertainty": 0.02 * modulus}})
+        for value in (modulus, 1.03 * modulus)
+    )
+    alike, shifted = (fit_frame(data_of(image, s), s) for s in (right, wrong))
+    assert shifted.chi > 1.03 * alike.chi  # the frame contradicts it
+    # derivatives are those at another place, no more
+    np.testing.assert_allclose(shifted.noise_uncertainty, alike.noise_uncertainty, rtol=0.2)
+
+
 def test_sensitivities_are_those_of_fits_with_shifted_inputs():
     scene, image = contact()
     scene = stated(

@@ -106,7 +106,7 @@ def ask(
         blur = _little_blur(products, sum(sizes[: causes.index(BLURRED)]))
     found = _scores(products, sizes, [getattr(group, "weight", ()) for group in groups])
     asked = [
-        _asked(group, 0.0 if _is_impossible(group, values, scene) else gain, price, values)
+        _asked(group, 0.0 if is_impossible(group, values, scene) else gain, price, values)
         for group, (gain, price, values) in zip(groups, found, strict=True)
     ]
     asked = [blur if blur is not None and a.cause is BLURRED else a for a in asked]
@@ -235,7 +235,7 @@ def richer_light(frames: Iterable[FrameBlocks], terms: LightTerms, most: int) ->
     return with_chosen_terms(terms, more, ScoreProducts(parts()).one_by_one(most))
 
 
-def _is_impossible(group: Any, values: Array, scene: Scene) -> bool:
+def is_impossible(group: Any, values: Array, scene: Scene) -> bool:
     """Whether a cause is asked for with a negative square: a picture sharper than without blur.
 
     What a frame asks for so is something else, and would stand before it.
@@ -243,7 +243,7 @@ def _is_impossible(group: Any, values: Array, scene: Scene) -> bool:
     if not isinstance(group, Cause) or group.weight:
         return False
     squared = group is BLURRED or group.keys[0] in EVEN
-    return squared and values[0] < 0.0 and not any(scene.get(key) for key in group.keys)
+    return squared and bool(values[0] < 0.0) and not any(scene.get(key) for key in group.keys)
 
 
 def _asked(group: Any, gain: float, price: float, values: Array) -> Asked:
