@@ -21,6 +21,15 @@ settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Neighbouring tests to one process, for they share what was read and fitted once."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    stealing = config.getvalue("dist") == "load"  # what `-n` alone asks for
+    return WorkStealingScheduling(config, log) if stealing else None
+
+
 @pytest.fixture(scope="session")
 def code(tmp_path_factory):
     """A copy of the package, which nobody edits in the middle of a run."""

@@ -370,6 +370,7 @@ for name in {COMMANDS!r}:
 """
 
 
+@pytest.mark.long
 def test_a_command_is_a_function_of_the_package_however_it_is_come_by():
     """Importing the room that holds it does not put a module in the function's place."""
     said = [f"{name}() missing" for name in COMMANDS for _ in range(4)]

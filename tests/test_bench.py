@@ -222,6 +222,7 @@ def test_a_bench_keeps_the_rows_of_all_its_cases(monkeypatch, tmp_path):
     assert all(name in got.text for name in ("one", "two"))
 
 
+@pytest.mark.long
 def test_fringes_suite_judges_a_reading_by_the_truth_and_writes_a_table_and_a_picture(
     monkeypatch, tmp_path
 ):
@@ -266,6 +267,7 @@ def test_an_unknown_suite_is_refused_with_the_known_ones():
         bench(suite="colour")
 
 
+@pytest.mark.long
 def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
     """The first single one: a roll. Its row, the table and the picture."""
     case, report = load_benchmarks("case_defects"), load_benchmarks("report_defects")
@@ -280,6 +282,7 @@ def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
     assert "single 0: roll: no fringes" in report.table([gone])
 
 
+@pytest.mark.long
 def test_inputs_suite_covers_the_truth_by_the_whole_uncertainty(tmp_path):
     case, report = load_benchmarks("case_inputs"), load_benchmarks("report_inputs")
     rows = [row for kind in case.cases() for row in case.frames(kind, quick=True)]

@@ -31,6 +31,7 @@ def place(root: Path, test: str) -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("test", "verdict"),
     [("assert isochrome.THREE == 3", "noticed"), ("assert isochrome.THREE < 9", "survives")],
@@ -44,6 +45,7 @@ def test_a_change_survives_a_test_that_does_not_see_it(tmp_path, test, verdict):
     assert "THREE = 3" in (root / "src" / "isochrome" / "__init__.py").read_text()
 
 
+@pytest.mark.long
 def test_a_test_that_fails_anyway_judges_nothing(tmp_path):
     root = tmp_path / "tree"
     place(root, "assert isochrome.THREE == 2")
@@ -52,6 +54,7 @@ def test_a_test_that_fails_anyway_judges_nothing(tmp_path):
         judge_all([mutant], root, 1, lambda *_: None)
 
 
+@pytest.mark.long
 def test_each_change_of_the_list_can_be_made_and_names_tests_that_exist():
     mutants, modules = read_mutants(LIST), sources(ROOT)
     assert len({m.promise for m in mutants}) == len(mutants) >= 200

@@ -128,6 +128,7 @@ def pulls_beside_a_glare(beam_frame, seed):
     )
 
 
+@pytest.mark.long
 def test_a_glare_is_in_the_uncertainty_of_the_order_at_zero_load_too(beam_frame):
     """By the noise alone this one was 11 standard uncertainties off."""
     assert np.max(np.abs(pulls_beside_a_glare(beam_frame, 2))) < 3.0

@@ -47,6 +47,7 @@ def test_the_field_is_the_reference_one():
     np.testing.assert_allclose(order[inside], 3.0 * stress[inside] * np.pi / 4, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_centre_order_three_two_loads(disc_frame):
     known = Uncertainty(diameter_mm=0.0)
     found = calibrated(disc_frame, (1.8, 3.0), uncertainty=known, **SMALL)

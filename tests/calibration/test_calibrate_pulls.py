@@ -99,6 +99,7 @@ def assert_normal(pulls):
     assert low < total < high, f"root mean square {math.sqrt(total / len(pulls)):.2f}"
 
 
+@pytest.mark.long
 def test_a_few_beams_are_off_by_what_they_say():
     """Orders are at h/2, so that a wrong lever, edge or unit is off by hundreds."""
     pulls = [beam_pulls(seed) for seed in range(4)]

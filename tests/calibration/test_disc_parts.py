@@ -84,6 +84,7 @@ def test_a_search_with_residual_stress_starts_in_proportion_to_the_loads():
     np.testing.assert_array_equal(moved[:, 1:], own[:, 1:])
 
 
+@pytest.mark.long
 def test_a_tone_curve_is_not_taken_for_residual_stress(disc_frame):
     """A residual that takes away less than half of the misfit is not believed."""
     rng = np.random.default_rng(0)

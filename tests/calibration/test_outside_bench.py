@@ -72,6 +72,7 @@ def test_a_pixel_that_is_as_unsure_as_it_is_off_is_not_refused():
     assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 2.0 * found.standard_uncertainty
 
 
+@pytest.mark.long
 def test_a_diameter_that_the_rim_contradicts_is_refused():
     pixel = DIAMETER / SMALL["size_px"]
     with pytest.raises(InputError, match=r"disc\.diameter_mm / camera\.pixel_mm") as refusal:
@@ -79,11 +80,13 @@ def test_a_diameter_that_the_rim_contradicts_is_refused():
     assert "80." in str(refusal.value) and f"{80.0 / 1.05:.1f}" in str(refusal.value)
 
 
+@pytest.mark.long
 def test_a_diameter_that_the_rim_agrees_with_changes_nothing():
     known = Camera(pixel_mm=1.005 * DIAMETER / SMALL["size_px"])
     assert_within(disc(bench(), ORDERS[:2], camera=known), 0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("specimen", "key", "value"),
     [
@@ -118,6 +121,7 @@ def test_a_stated_lens_is_taken():
     assert_within(found, 0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("specimen", [beam, disc])
 def test_unequal_exposures_under_a_bright_bar(specimen):
     """No tone curve and no residual stress is made of them."""
@@ -127,6 +131,7 @@ def test_unequal_exposures_under_a_bright_bar(specimen):
     assert "frames.gamma" not in keys(found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("specimen", [beam, disc])
 def test_a_clean_set_asks_for_nothing(specimen):
     found = specimen(bench())

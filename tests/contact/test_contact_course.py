@@ -311,6 +311,7 @@ def test_worn_area_is_the_dose_times_a_constant_load_under_every_law(law, k, mu)
         assert state.worn_area_mm2 == pytest.approx(exact, rel=1e-3, abs=1e-12)
 
 
+@pytest.mark.long
 @settings(max_examples=15, deadline=None)
 @given(law=laws, k=coefficients, load=tables_of(st.floats(20.0, 80.0)))
 def test_worn_area_follows_a_load_that_varies(law, k, load):
@@ -426,6 +427,7 @@ def test_a_contact_that_outgrows_its_grid_goes_on_where_it_was(monkeypatch):
         assert not state.pressure_mpa[[0, -1]].any()
 
 
+@pytest.mark.long
 def test_a_contact_that_was_at_the_edge_only_between_two_states_is_seen():
     """Hard case: the load's peak lies between the distances asked for."""
     peak = table((0.0, 44.0), (9.0, 44.0), (10.0, 4000.0), (11.0, 44.0))

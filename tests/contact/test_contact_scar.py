@@ -275,6 +275,7 @@ def test_a_worn_contact_scales_with_its_load():
     assert depths == pytest.approx(ratio, rel=1.5e-6)  # measured 4e-7: the nodes lie elsewhere
 
 
+@pytest.mark.long
 def test_an_edge_that_draws_back_hands_over_to_the_grid():
     """Load that falls to a third: the contact shrinks and leaves worn surface beside it.
 

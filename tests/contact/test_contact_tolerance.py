@@ -58,6 +58,7 @@ def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, t
     assert np.abs(largest(overrun(spacing, tolerance)) / exact - 1.0).max() < tolerance
 
 
+@pytest.mark.long
 def test_the_edge_of_an_old_scar_is_placed_to_the_grid_it_is_overrun_on():
     """Ten times the wear that elasticity takes: the depth meets the edge at an angle, and p_max
     errs by the error of the edge's place over the spacing. Goes wrong by 1.15 tolerances if the
@@ -117,6 +118,7 @@ def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance(length,
     assert np.abs(got / largest(overrun(0.012, 0.1 * tolerance, **steep)) - 1.0).max() < tolerance
 
 
+@pytest.mark.long
 def test_no_mesh_blurs_the_peak_at_an_edge_that_is_overrun_within_a_metre():
     """Goes wrong: between two nodes of the mesh the peak is flat, and 12 % lower than on a grid
     four times finer; 1.5 % and 3.4 % are measured, the grids' own difference.

@@ -76,6 +76,7 @@ def test_the_tolerance_holds_at_a_fixed_corner_beside_an_edge_that_moves(shape):
         assert state.depth_mm.max() == pytest.approx(true.depth_mm.max(), rel=1.1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("n", "share"), [(133, 0.02), (801, 0.05)])
 def test_no_pressure_spike_is_left_on_the_nodes_that_the_edge_has_just_passed(n, share):
     """Hard case: a long last step over-wears freshly touched nodes, and the stress at the edge,

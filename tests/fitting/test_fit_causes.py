@@ -171,6 +171,7 @@ def test_dust_and_shadow_are_left_out_and_said(defects):
     assert "of the pixels were left out" in said[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "defects",
     [
@@ -198,6 +199,7 @@ def test_a_blur_is_no_shadow(blur_px):
     assert value_of(freed, "camera.blur_px") == pytest.approx(blur_px, abs=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("load", "left_mm", "blur_px", "seed"),
     [(42.008, -1.92691, 0.822, 1719522194), (25.3827, -1.91113, 1.0376, 1587952543)],
@@ -337,6 +339,7 @@ def test_rows_with_a_noise_of_their_own_are_counted():
     assert np.sum(np.square(found)) < 18.5
 
 
+@pytest.mark.long
 def test_dust_does_not_hide_what_a_lens_and_a_band_do():
     defects = Defects(dust=30, keystone_z=0.01, band_nm=25.0)
     freed, _, _ = fitted(defects)
@@ -345,6 +348,7 @@ def test_dust_does_not_hide_what_a_lens_and_a_band_do():
     assert np.all(np.abs(pulls(freed.fit)) < 3.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("keystone", [4e-4, 2e-4])
 def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone):
     """As it is held the load errs by four and eight standard uncertainties."""

@@ -95,6 +95,7 @@ def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
     assert np.abs(pulls(found)).max() < 4.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, value, bar):
     found = joint(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
@@ -145,12 +146,14 @@ def track_pulls(found):
     return (found.values[:, :2] - truth) / found.standard_uncertainty[:, :2]
 
 
+@pytest.mark.long
 def test_a_track_of_what_its_scene_says_asks_for_nothing(tmp_path):
     found = followed(tmp_path, Defects())
     assert found.warnings == () and np.abs(track_pulls(found)).max() < 4.0
     assert not any(found.scene.get(key) for key, *_ in DEFECTS[:2])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, defects, value, bar):
     found = followed(tmp_path, Defects(**defects), size=LARGER if key == ROLL else ())
@@ -173,6 +176,7 @@ def test_a_track_that_is_held_to_its_scene_is_off(tmp_path):
     assert not found.scene.get(ROLL) and np.abs(track_pulls(found)).min() > 8.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "value", "spread"), [(ROLL, 0.5, 0.1), ("frames.gamma", 1.1, 0.02)]
 )

@@ -254,6 +254,7 @@ def fitted(folder, truth, **start):
     return fit(path, scene(**start), [WEAR, "load.normal_n"], per_frame=[FRICTION])
 
 
+@pytest.mark.long
 def test_a_sequence_worn_by_the_dissipated_energy_is_told_from_archards(tmp_path):
     k, wear = 8e-9, "dissipated_energy"
     # the steps of the wear are the same in truth and fit: their own errors do not matter here

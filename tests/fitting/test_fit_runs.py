@@ -67,6 +67,7 @@ def fitted(place, out, **options):
     return fit(place / "film.tif", place / "scene.toml", keys.pop("free", ()), out=out, **keys)
 
 
+@pytest.mark.long
 def test_frames_that_share_nothing_are_fitted_as_each_is_alone(tmp_path):
     place = make_set(tmp_path, 2)
     found = fitted(place, tmp_path / "out")

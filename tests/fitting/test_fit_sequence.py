@@ -176,6 +176,7 @@ def write(folder, truth):
     return path
 
 
+@pytest.mark.long
 def test_load_friction_and_wear_each_over_distance(tmp_path):
     load = {"distance_m": (0.0, 77.0, 155.0), "value": (42.0, 45.0, 47.0)}
     friction = {"distance_m": (0.0, 77.0, 155.0), "value": (0.15, 0.22, 0.29)}

@@ -102,6 +102,7 @@ TABLE = (upside_down, bright_for_dark, modulus_in_mpa)
 """The rows of the issue; the others are as sure, and take longer."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "slip",
     [slip if slip in TABLE else pytest.param(slip, marks=pytest.mark.long) for slip in SLIPS],

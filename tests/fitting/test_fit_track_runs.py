@@ -35,6 +35,7 @@ def stopped(folder, scene, keys):
         track(folder / "film.tif", scene, keys, out=folder / "out", progress=stop)
 
 
+@pytest.mark.long
 def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, short_chunks):
     load = load_of(10)
     save(tmp_path, film(contact(), {LOAD: load}, np.random.default_rng(1)))

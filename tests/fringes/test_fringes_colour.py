@@ -296,6 +296,7 @@ def test_a_wrong_gamma_shows_and_nothing_is_read():
     assert reading.chi > 1.5 and not np.isfinite(reading.order).any()
 
 
+@pytest.mark.long
 def test_light_too_uneven_to_be_found_needs_the_no_load_frames():
     """A lamp off the middle whose corners have a fifth of its light: no quadratic surface."""
     shot = rendered("contact", mu=0.3)

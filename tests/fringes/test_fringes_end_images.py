@@ -99,6 +99,7 @@ def test_an_even_lamp_asks_for_no_spots():
     assert np.abs(left).max() < 1e-9
 
 
+@pytest.mark.long
 def test_an_end_is_as_uncertain_as_it_is_off():
     """Over the frame, spots and all: the bright end's pulls."""
     *given, bright = frame(spot=0.4)

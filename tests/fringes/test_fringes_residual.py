@@ -65,6 +65,7 @@ def quenched_disc():
     return scene, disc_residual(scene, 0.45)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", [light_disc, quenched_disc, layered_contact])
 def test_the_loads_own_field_is_left(case):
     scene, residual = case()
@@ -135,6 +136,7 @@ def test_six_circular_steps_take_it_out_too():
     assert np.median(turn_of(found, sets)) <= 0.2
 
 
+@pytest.mark.long
 def test_the_whole_number_of_a_loaded_disc_needs_the_residual_to_be_left_out_of_compatibility():
     scene, _ = light_disc()
     sets = with_residual(scene, disc_residual(scene, 0.45))

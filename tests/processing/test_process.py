@@ -147,6 +147,7 @@ def test_fitted_values_are_the_rendered_ones(first_and_last):
     assert found["wear.coefficient_mm2_per_n"] == pytest.approx(2.06e-9, rel=3e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("radius_mm", [27.0, 49.22])
 def test_a_wrong_scene_gives_a_poor_chi_and_says_so(radius_mm, tmp_path):
     """A radius 10 % off leaves orders to be used with care; one twice too large leaves none."""
@@ -248,6 +249,7 @@ def test_without_a_model_the_frame_is_normalised_and_that_is_said(tmp_path, text
     assert found.columns["fringe_lines"][0] > 0
 
 
+@pytest.mark.long
 def test_a_video_gives_distances_from_its_times(tmp_path):
     import cv2
 

@@ -63,6 +63,7 @@ def processed(folder, keys):
     return process(folder / "frames.tif", in_folder(SCENE + keys, folder))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("keys", [NO_LOAD, ""])
 def test_colour_frames_are_read_to_the_bar(folder, keys):
     found = processed(folder, keys)
@@ -89,6 +90,7 @@ def test_a_frame_is_read_alike_alone_and_among_others(folder, tmp_path):
     assert np.array_equal(alone.reading.order, both[1].reading.order, equal_nan=True)
 
 
+@pytest.mark.long
 def test_the_folder_holds_maps_table_and_figure(folder, tmp_path):
     process(folder / "frames.tif", in_folder(SCENE + NO_LOAD, folder), tmp_path / "out")
     assert {p.name for p in (tmp_path / "out").iterdir()} == {

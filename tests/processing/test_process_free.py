@@ -127,6 +127,7 @@ def test_a_known_order_that_fits_no_fringe_is_told_and_nothing_is_read(captured)
 UNKNOWN = SCENE.replace("gamma = 1.4", 'gamma = "unknown"')
 
 
+@pytest.mark.long
 def test_an_unknown_gamma_is_found_and_reported(captured):
     folder, truth = captured
     found = processed(folder, UNKNOWN + NO_LOAD + SEED)
@@ -163,6 +164,7 @@ def test_a_frame_that_does_not_tell_gamma_says_so_and_the_others_go_on(tmp_path)
     assert np.sqrt(np.nanmean(error**2)) < 0.02 and np.isfinite(error).mean() > 0.6
 
 
+@pytest.mark.long
 def test_a_wrong_gamma_is_told_with_what_to_set_and_costs_its_pixels(captured):
     folder, truth = captured
     right = processed(folder, SCENE + NO_LOAD + SEED)
@@ -181,6 +183,7 @@ def test_a_wrong_gamma_is_told_with_what_to_set_and_costs_its_pixels(captured):
         assert np.nanmedian(error / item.reading.uncertainty) < 2.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("share", "read"), [(0.09, False), pytest.param(0.015, True, marks=pytest.mark.long)]
 )

@@ -69,6 +69,7 @@ def test_the_folder_holds_the_loads_field_and_the_residual_one(sets, tmp_path):
     assert "no-load-steps.tif" in (tmp_path / "out" / "provenance.json").read_text("utf-8")
 
 
+@pytest.mark.long
 def test_the_lines_are_those_of_the_loads_order(sets, tmp_path):
     scene, truth = sets
     process(*folder_of(tmp_path, scene, truth), tmp_path / "out")

@@ -65,6 +65,7 @@ def worn():
     return scene, simulation.frames, simulation.orders
 
 
+@pytest.mark.long
 def test_frames_become_maps_one_a_state(worn, tmp_path):
     scene, frames, orders = worn
     assert len(frames) == 20

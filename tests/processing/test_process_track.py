@@ -189,6 +189,7 @@ def test_in_memory_it_is_the_same(tracked):
     assert kept.columns[LOAD] == found.columns[LOAD]
 
 
+@pytest.mark.long
 def test_what_happens_in_the_middle_is_told(tmp_path, monkeypatch):
     """A load that jumps is found again; frames without fringes have no values."""
     frames = film(contact(), {LOAD: [44.0, 44.0, 70.0, 70.0, 44.0, 44.0, 44.0, 44.0]}, 2)
@@ -230,6 +231,7 @@ def rings():
     return np.clip(light + np.random.default_rng(1).normal(0.0, 3.0, SHAPE), 0, 255)
 
 
+@pytest.mark.long
 def test_both_commands_that_track_say_the_same(tmp_path):
     """A jump, fringes of something else, and no fringes: one engine decides what is told."""
     frames = film(contact(), {LOAD: [44.0, 44.0, 44.0, 44.0, 70.0, 70.0]}, 2)

@@ -40,6 +40,7 @@ def nothing_is_left(place):
     assert sorted(p.name for p in place.iterdir()) == ["film.tif", "scene.toml"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("means", [{}, {"track": True, "every": 2}], ids=["whole", "track"])
 def test_frames_without_the_scenes_fringes_are_no_result(place, negatives, means):
     """They ended with exit code 0 and a folder of empty maps."""

@@ -144,6 +144,7 @@ def test_nobody_computes_components_unasked(monkeypatch):
         assert 2.0 * shear * 4.0 / 14.6 == pytest.approx(order, rel=1e-6)
 
 
+@pytest.mark.long
 def test_components_are_left_as_maps_with_a_scale_and_a_figure(tmp_path, found):
     above = SCENE.with_values({"camera.top_mm": -0.1, "wear.distances_m": (0.0,)})
     simulate(above, tmp_path, components=True)

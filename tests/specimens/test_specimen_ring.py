@@ -120,6 +120,7 @@ def test_a_fit_of_frames_by_finite_elements_is_as_far_off_as_it_says(scene, tmp_
     assert min(chis) > 0.88 and max(chis) < 1.02
 
 
+@pytest.mark.long
 def test_the_load_is_found_from_a_third_and_from_three_times_of_it(scene, tmp_path):
     """The search looks through rings: their own quick field, no other specimen's."""
     frame = write_frame(tmp_path / "frame.tif", 3)
@@ -129,6 +130,7 @@ def test_the_load_is_found_from_a_third_and_from_three_times_of_it(scene, tmp_pa
         assert found["value"] == pytest.approx(260.0, abs=5.0 * found["standard_uncertainty"])
 
 
+@pytest.mark.long
 def test_the_order_of_a_frame_is_read_where_it_is_known(scene, tmp_path):
     """The rim gives the place: the scene has none."""
     text = RING.replace("left_mm = -21.3\ntop_mm = -1.2\npixel_mm = 0.24\n", "")
