@@ -210,8 +210,8 @@ def calibrated_scale(places, make):
 
 def benched(places, make):
     out = places["home"] / "bench"
-    found = isochrome.bench(out, suite="fringes", quick=True)
-    return Left(found, out, "fringes.csv", None, "fringes.png")
+    found = isochrome.bench(out, suite="inputs", quick=True)
+    return Left(found, out, "inputs.csv", None, "inputs.png")
 
 
 def demonstrated(places, make):

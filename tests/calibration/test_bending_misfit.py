@@ -134,6 +134,7 @@ def test_a_glare_is_in_the_uncertainty_of_the_order_at_zero_load_too(beam_frame)
     assert np.max(np.abs(pulls_beside_a_glare(beam_frame, 2))) < 3.0
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_errors_beside_a_glare_are_as_large_as_stated(beam_frame):
     """One glare in all images is one error: of 24 such, pulls of 0.6 and 0.7 in the mean."""

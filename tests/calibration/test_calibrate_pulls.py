@@ -107,6 +107,7 @@ def test_a_few_beams_are_off_by_what_they_say():
     assert_normal([order for p in pulls for order in p[2:]])
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_beams_are_off_by_what_they_say():
     pulls = [beam_pulls(seed) for seed in range(36)]

@@ -115,7 +115,11 @@ def test_an_unloaded_image_serves_the_residual():
 @pytest.mark.long
 @pytest.mark.parametrize(
     "options",
-    [{"gamma": 2.2}, {"gamma": 1 / 1.4}, pytest.param({"blur": 2.0}, marks=pytest.mark.study)],
+    [
+        {"gamma": 2.2},
+        pytest.param({"gamma": 1 / 1.4}, marks=pytest.mark.study),
+        pytest.param({"blur": 2.0}, marks=pytest.mark.study),
+    ],
 )
 def test_a_misfit_that_is_no_residual_is_within_what_is_stated(disc_frame, options):
     """A tone curve is found; a blur that is carried over the rim is not, and widens the value."""

@@ -260,7 +260,7 @@ def test_only_what_fringes_follow_is_an_input():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["held", "asked"])
+@pytest.mark.parametrize("kind", ["held", pytest.param("asked", marks=pytest.mark.study)])
 def test_the_whole_uncertainty_covers_inputs_that_are_off_by_chance(kind):
     rows = case_inputs.frames(kind, quick=False, seeds=range(8))
     pulls = np.array([(row.load_pull, row.friction_pull) for row in rows])

@@ -168,6 +168,7 @@ def assert_sure_pixels_are_right(ends: str) -> None:
     assert right[less].mean() >= said[less].mean()
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_of_the_pixels_said_to_be_sure_at_least_as_many_are_right():
     assert_sure_pixels_are_right("both")

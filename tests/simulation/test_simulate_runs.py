@@ -156,7 +156,7 @@ def test_a_cluster_leaves_the_same_files(tmp_path):
 
 @pytest.mark.long
 @needs_sigkill
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("workers", ["1", pytest.param("2", marks=pytest.mark.study)])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
     (tmp_path / "scene.toml").write_text(dump_scene(scene_of(300)), "utf-8")
 
