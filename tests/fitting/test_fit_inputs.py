@@ -105,7 +105,8 @@ def test_combined_uncertainty_is_noise_and_inputs_in_squares():
     known = stated(scene, camera__pixel_mm=0.2, specimen__fringe_value_n_per_mm=0.5)
     found = fit_frame(data_of(image, known), known, KEYS, cold=False)
     assert np.array_equal(found.values, plain.values)
-    assert found.noise_uncertainty == pytest.approx(plain.noise_uncertainty, rel=1e-9)
+    # errors of the inputs explain a little of any noise
+    assert found.noise_uncertainty == pytest.approx(plain.noise_uncertainty, rel=0.01)
     parts = np.square(found.sensitivity * found.inputs.spread).sum(axis=1)
     combined = np.sqrt(found.noise_uncertainty**2 + parts)
     assert found.standard_uncertainty == pytest.approx(combined, rel=1e-9)

@@ -227,6 +227,7 @@ def test_one_channel_alone_tells_no_order():
     assert np.isfinite(got.order[130:]).mean() > 0.95
 
 
+@pytest.mark.long
 def test_confidence_is_the_share_that_is_right():
     """Of the pixels said to be 95 % sure, 95 % are right to 0.05 fringe; so are the less sure."""
     said, right = [], []
@@ -278,6 +279,7 @@ def gaussian_response(peaks, widths):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("no_load", [slow("both"), "none"])
 @pytest.mark.parametrize("kind", ["contact", slow("beam")])
 @pytest.mark.parametrize(

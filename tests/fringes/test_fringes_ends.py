@@ -176,6 +176,7 @@ def ramp(seed, gamma, shape=(110, 130), noise=0.01, hard=False):
     return (light, np.full(shape, noise), np.ones(shape, bool)), {"dark": low, "bright": high}
 
 
+@pytest.mark.long
 def test_a_found_gammas_uncertainty_is_in_the_signals():
     """Both ends are given, so that gamma alone moves s = (I^g - D^g)/(B^g - D^g)."""
     frame, ends = ramp(0, 1.4)
@@ -194,6 +195,7 @@ def test_a_found_gammas_uncertainty_is_in_the_signals():
         assert told == pytest.approx(abs(slope) * found.tone_uncertainty, rel=1e-6)
 
 
+@pytest.mark.long
 def test_fringes_of_no_gamma_do_not_tell_it():
     """Fringes of black and white alone: no gamma makes them a cosine's; 0.04 was said to."""
     frame, ends = ramp(3, 1.4, hard=True)
@@ -216,6 +218,7 @@ def problem_of(light, noise, even):
     )
 
 
+@pytest.mark.long
 def test_a_bright_end_that_may_as_well_be_another_is_as_uncertain_as_the_two_differ():
     """The order rises to 0.44 and falls: the light may reach its bright end there, or not quite."""
     order = np.tile(0.15 + 0.29 * np.sin(np.pi * np.arange(50) / 50.0), (50, 1))

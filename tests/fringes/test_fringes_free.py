@@ -181,6 +181,7 @@ def test_errors_are_as_large_as_their_uncertainties_say():
     assert 0.5 < spread < 1.2  # on the safe side by 2 at most
 
 
+@pytest.mark.long
 def test_orders_beyond_ten_are_read_where_the_pixels_allow():
     seen, _, got = reading("beam 12")
     high = seen.material & (seen.order > 10.5)
@@ -189,6 +190,7 @@ def test_orders_beyond_ten_are_read_where_the_pixels_allow():
     assert np.nanmax(error) < SURE
 
 
+@pytest.mark.long
 def test_beside_isotropic_points_the_order_is_right_or_masked():
     """Where a bulk pressure makes up for the contact's stress; N is a cone there."""
     seen, _, got = reading("contact, bulk")
@@ -227,6 +229,7 @@ def test_any_true_point_gives_the_same_orders():
     np.testing.assert_array_equal(one, both)
 
 
+@pytest.mark.long
 def test_a_roughly_counted_point_does_as_well_and_moves_nothing():
     frame, _, (row, col, order) = part(80, 30)
     exact = read_free(*frame, [(row, col, order)])
@@ -247,6 +250,7 @@ def test_two_known_points_that_contradict_each_other_are_told():
     assert not np.isfinite(got.reading.order).any()
 
 
+@pytest.mark.long
 def test_of_two_separate_parts_only_the_one_with_a_known_point_is_known():
     (wave, sigma, valid), order, left = part(80, 30)
     valid[:, 100:112] = False

@@ -88,6 +88,7 @@ def test_the_loads_own_field_is_left(case):
     assert np.sqrt(np.nanmean(dark**2)) < np.pi * 0.005
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("highest", [0.05, 0.3, 0.7])
 def test_the_residual_stress_is_read_even_beyond_half_an_order(highest):
     """A direction that does not vary: equilibrium is silent, and most of the beam is below 1/2."""
@@ -109,6 +110,7 @@ def test_the_residual_stress_is_read_even_beyond_half_an_order(highest):
     assert np.isfinite(turn).mean() > 0.95 and np.nanmedian(turn) < 1.5
 
 
+@pytest.mark.long
 def test_a_specimen_without_residual_stress_stays_as_it_is():
     scene = small(contact(0.3), 2)
     sets = with_residual(scene, np.zeros((247, 329), complex))
@@ -125,6 +127,7 @@ def test_a_specimen_without_residual_stress_stays_as_it_is():
     assert np.sqrt(np.mean((with_it.order - sets.order)[both] ** 2)) <= 0.005
 
 
+@pytest.mark.long
 def test_six_circular_steps_take_it_out_too():
     scene, residual = layered_contact(steps=CIRCULAR)
     sets = with_residual(scene, residual)
@@ -145,6 +148,7 @@ def test_the_whole_number_of_a_loaded_disc_needs_the_residual_to_be_left_out_of_
     assert without.parts[0].source == "none"
 
 
+@pytest.mark.long
 def test_known_orders_and_models_are_those_of_the_frames_residual_stress_and_all():
     scene = small(a_scene(BEAM, pixel_mm=0.05), 2)
     sets = with_residual(scene, layer_residual(scene, 0.4, 20.0))
@@ -161,6 +165,7 @@ def test_known_orders_and_models_are_those_of_the_frames_residual_stress_and_all
         assert np.sqrt(np.mean(error**2)) <= 0.005 and np.abs(error).max() < 0.25
 
 
+@pytest.mark.long
 def test_where_the_residual_is_not_known_nor_is_the_load():
     scene = small(contact(0.3), 2)
     sets = with_residual(scene, layer_residual(scene, 0.2, 3.0))

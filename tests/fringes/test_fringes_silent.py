@@ -14,7 +14,9 @@ BLIND = [5, 64, 91, 107]
 """Under spots and bars: 0, 31, 35 and 30 % were silently wrong when the light was a quadratic."""
 
 
-@pytest.mark.parametrize("seed", WITH_NO_LOAD)
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=[] if s == 60 else [pytest.mark.long]) for s in WITH_NO_LOAD]
+)
 def test_with_no_load_frames_nothing_is_silently_wrong(seed):
     row = CASE.judged(seed)
     assert row.wrong == 0.0 and row.kept > 0.9 and row.rms < 0.01

@@ -245,6 +245,7 @@ def test_six_circular_steps_are_enough():
     assert kept > 0.95
 
 
+@pytest.mark.long
 def test_six_steps_with_real_plates_leave_out_what_they_cannot_tell():
     """Wide half orders: what the plates leak of 4θ there is more than sin δ exp 2iθ itself."""
     values = {"polariscope.plate_wavelength_nm": 557.0, "load.bulk_mpa": 12.0}
@@ -289,6 +290,7 @@ def test_wrong_angles_give_a_poor_chi_and_that_is_said():
     assert found.chi > 1.3 and "the steps' angles or plates" in " ".join(found.warnings)
 
 
+@pytest.mark.long
 def test_saturated_pixels_are_masked_and_the_rest_is_right():
     scene = small(contact(0.3, **{"camera.brightness": 1.02}), 2)
     light, valid, sigma = captured(scene)
@@ -299,6 +301,7 @@ def test_saturated_pixels_are_masked_and_the_rest_is_right():
     assert order.size > 0.6 * valid.size and np.abs(order).max() < 0.25
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("steps", [TEN, CIRCULAR], ids=["ten", "six"])
 def test_a_saturated_frame_is_left_out_of_a_pixel_and_the_others_are_used(steps):
     """Over half of the pixels are saturated in one frame or more."""
@@ -425,6 +428,7 @@ def test_equilibrium_does_not_pretend_where_the_direction_does_not_vary():
     assert found is None or found.whole is None
 
 
+@pytest.mark.long
 def test_a_beam_needs_an_anchor_and_takes_its_neutral_axis_from_one():
     scene = small(a_scene(BEAM, pixel_mm=0.05), 2)
     order, _ = truth(scene)
@@ -444,6 +448,7 @@ def test_a_beam_needs_an_anchor_and_takes_its_neutral_axis_from_one():
         assert np.abs(turn).max() < 45.0  # sigma_1 turns by 90 degrees at the neutral axis
 
 
+@pytest.mark.long
 def test_known_orders_go_before_equilibrium_and_their_quarrel_is_said():
     scene = small(contact(0.3))
     order, _ = truth(scene)

@@ -44,6 +44,7 @@ def hertz_order(pixels, half_width, peak, scale):
     return scale * np.hypot(stress.sigma_x - stress.sigma_z, 2.0 * stress.tau_xz)
 
 
+@pytest.mark.long
 def test_order_fifty_is_right_in_every_pixel_and_counted_in_the_frame():
     """Goes wrong: single precision, or fringes finer than the grid of the tractions."""
     out = simulate(thick(0.001, 901, 501))
@@ -83,6 +84,7 @@ def test_order_fifty_on_pixels_too_coarse_for_it_is_refused_not_aliased(pixel):
         simulate(scene)
 
 
+@pytest.mark.long
 def test_millionth_of_the_load_is_a_point_force_to_the_camera():
     """Goes wrong: a contact of 0.7 um under pixels of 6 um fills the memory, or is lost."""
     pixel = 0.00607
@@ -105,6 +107,7 @@ def test_contact_wider_than_the_picture_is_refused():
         simulate(scene)
 
 
+@pytest.mark.long
 def test_ledge_and_worn_corners_leave_no_hole_in_the_picture(tmp_path):
     """Goes wrong: a jump of traction is a logarithm of stress at the surface: inf, NaN, black."""
     line = write_profile(tmp_path, [-2.0, 0.05, 0.05 + 1e-9, 2.0], [0.0, 0.0, 2e-4, 2e-4])

@@ -116,6 +116,7 @@ def test_scar_as_wide_as_the_cylinder_is_refused():
     )
 
 
+@pytest.mark.long
 def test_flat_sunk_deeper_than_it_is_wide_is_refused():
     """Goes wrong: a scar of 22 mm under a flat of 1 mm, and a half-plane is still assumed."""
     refused(contact_scene(worn([1e6], spacing=0.01), indenter=FLAT), "lower|fewer|shorten")
@@ -220,6 +221,7 @@ def test_contact_at_the_end_of_a_measured_profile_is_refused(tmp_path):
     refused(contact_scene(indenter=arc, folder=tmp_path), "profile")
 
 
+@pytest.mark.long
 def test_profile_finer_than_the_smooth_grid_is_resolved(tmp_path):
     """Goes wrong: roughness between the nodes is picked at random: pressures off by half."""
     x = np.arange(-0.8, 0.8 + 5e-4, 1e-3)

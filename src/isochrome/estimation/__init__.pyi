@@ -47,7 +47,15 @@ from .light import (
 from .light_degree import light_unknowns, smooth_starts
 from .multistart import Minimum, SeveralStarts
 from .observation import FrameData, Observation, observe, prepare_frame
-from .priors import NOISE, BudgetInput, Prior, budget_of, no_prior, variance_shares
+from .priors import (
+    NOISE,
+    BudgetInput,
+    Prior,
+    budget_of,
+    less_explained,
+    no_prior,
+    variance_shares,
+)
 from .score_products import ASKED, FEW_TERMS, FIRST_DEGREES, MOST_TERMS, RICHEST, ScoreProducts
 from .separable import (
     MOSTLY,
@@ -105,6 +113,7 @@ __all__ = [
     "is_determined",
     "is_explained",
     "jackknife_variance",
+    "less_explained",
     "light_basis",
     "light_products",
     "light_unknowns",

@@ -131,6 +131,43 @@ def variance_shares(contributions: Array) -> Array:
     return np.asarray(squares / total if total > 0.0 else squares)
 
 
+def less_explained(
+    residual: Array, rows: Array, inverse: Array, held: Array, spread: Array
+) -> Array:
+    """Take off residuals what errors of inputs that a fit holds explain of them.
+
+    r - Hᵀ δ, δ = argmin |r - Hᵀ δ|² + Σ (δ/u)², H less what the unknowns follow: the inputs' own
+    share of the uncertainty counts this, and noise is what is left.
+
+    Parameters
+    ----------
+    residual : (n,) array
+        Residuals r over the noise.
+    rows : (p, n) array
+        Derivatives by the unknowns, over the noise.
+    inverse : (p, p) array
+        Inverse of their normal equations.
+    held : (m, n) array
+        Derivatives H by the inputs, over the noise.
+    spread : (m,) array
+        Standard uncertainties u of the inputs.
+
+    Returns
+    -------
+    (n,) array
+        The residuals.
+
+    Notes
+    -----
+    Source: Tarantola (2005), Inverse problem theory, section 3.2, for δ.
+    """
+    if not len(held):
+        return residual
+    own = (held - ((held @ rows.T) @ inverse).astype(held.dtype) @ rows) * spread[:, None]
+    normal = (own @ own.T).astype(float) + np.eye(len(held))
+    return np.asarray(residual - np.linalg.solve(normal, (own @ residual).astype(float)) @ own)
+
+
 def budget_of(
     noise: float, inputs: tuple[tuple[str, float, float], ...], sensitivity: Array
 ) -> tuple[BudgetInput, ...]:

@@ -13,6 +13,7 @@ from isochrome.estimation import (
     Minimum,
     Prior,
     block_correlation,
+    less_explained,
     local_noise,
     standard_uncertainty,
 )
@@ -193,7 +194,10 @@ def _fit_begun(
     rows = np.empty((0, model.pixels.size), np.float32)
     if held.keys:
         rows = model.input_rows(final.values, final.toned, held.keys)
-    noise = final.local.covariance(final.toned, rows, held.spread)
+    left = less_explained(
+        final.toned.residual, final.local.rows, final.local.inverse, rows, held.spread
+    )
+    noise = final.local.covariance(final.toned, left)
     inputs = inputs_of_rows([*known.rows, *held.rows])
     sensitivity = final.local.sensitivity(known.keys, rows)
     spread = noise + (sensitivity * inputs.spread**2) @ sensitivity.T

@@ -256,23 +256,10 @@ class LocalModel:
         """Cramér-Rao bound of each unknown (p,), inf where it is not determined."""
         return information_bound(self.inverse, self.determined)
 
-    def covariance(
-        self, toned: GammaFit, held: Array | None = None, spread: Array | None = None
-    ) -> Array:
-        """Covariance of the values by noise (p, p) where `toned` was left: `white_covariance`.
-
-        Parameters: `toned`; `held` (m, n), derivatives by inputs that the fit holds, and their
-        `spread` (m,). What errors of these inputs explain of the residual, δ = argmin |r - Hᵀδ|² +
-        |δ/u|², is no noise: the inputs' share of the uncertainty counts it already.
-        """
+    def covariance(self, toned: GammaFit, noise: Array | None = None) -> Array:
+        """Covariance of the values by noise (p, p), by default what `toned` has left (n,)."""
         linear, keep = len(toned.part.coefficients), toned.problem.keep
-        residual = toned.residual
-        if held is not None and spread is not None and len(held):
-            own = held - ((held @ self.rows.T) @ self.inverse).astype(held.dtype) @ self.rows
-            scaled = own * spread[:, None].astype(held.dtype)
-            normal = (scaled @ scaled.T).astype(float) + np.eye(len(held))
-            off = np.linalg.solve(normal, (scaled @ residual).astype(float))
-            residual = residual - off.astype(held.dtype) @ scaled
+        residual = toned.residual if noise is None else noise
         return white_covariance(self.inverse, self.rows, residual, keep, linear=linear)
 
     def sensitivity(self, stated: tuple[str, ...], held: Array) -> Array:
