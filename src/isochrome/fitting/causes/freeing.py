@@ -196,13 +196,19 @@ def _asked(now: Askable) -> tuple[tuple[Asked, ...], Array]:
 def _widest(freed: Freed[S], asked: tuple[Asked, ...]) -> Freed[S] | None:
     """The fit with the best of what is asked for, None where none of it can be freed."""
     open_ = tuple(a for a in asked if a.can_be_freed)
-    if not open_ or not asked[0].can_be_freed:
+    if not open_:
         return None
+    suspected = not asked[0].can_be_freed
     slight = freed.now.chi < _LARGE and asked[0].evidence < _STRONG
+    if suspected and slight:
+        return None
     order = open_ if slight else _tried(freed, open_)
     # what is odd is left out where the best two of the others come to nothing
     for item in (*order[:2], *(a for a in order[2:] if a.outside is not None)):
         wider = _with(freed, item)
+        if suspected and wider is not None:
+            # a wrong scale is not how a camera looks, though that may explain some of it
+            wider = wider if all(a.can_be_freed for a in _asked(wider.now)[0]) else None
         # what is odd may hide what a cause explains: a trial has told that without it
         alone = item.outside is not None
         if wider is not None and not (alone and stays_poor(freed.now.chi, wider.now.chi, LITTLE)):
