@@ -9,7 +9,7 @@ from pathlib import Path
 
 from isochrome.errors import InputError
 from isochrome.frames.opening import KNOWN, matches
-from isochrome.frames.readers import tiff
+from isochrome.frames.readers import tiff, video
 from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.reading import FramesPath
 from isochrome.frames.source import natural_key
@@ -126,4 +126,4 @@ def _holds_several(place: Path) -> bool | None:
         kind = signature_of(place).kind
         return tiff.holds_several(place) if kind == "tiff" else kind == "video"
     except InputError:  # said of it when it is its turn
-        return None
+        return place.suffix.lower() in video.SUFFIXES or None

@@ -169,7 +169,7 @@ def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) ->
     if tone:
         notes.append(
             f"gamma = {ends.tone:.3f} with a standard uncertainty of {ends.tone_uncertainty:.3f}, "
-            "found from the fringes"
+            "found from the fringes of this frame alone"
         )
     if not ends.settled:
         notes.append(NOT_SETTLED)
