@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from isochrome.estimation import damped_steps, minimise_all, next_damping
+from isochrome.estimation import damped_steps, minimise_all, next_damping, solve_all
 
 X = np.linspace(0.0, 2.0, 30)
 
@@ -74,3 +74,22 @@ def test_damping_keeps_its_limits_and_its_precision():
         at, equations, START, np.full(4, 1e-2), steps=9, limits=(1e-4, 1.0)
     )
     assert damping.min() >= 1e-4
+
+
+def test_a_singular_system_is_not_solved_and_leaves_the_others_alone():
+    rng = np.random.default_rng(5)
+    matrices = rng.standard_normal((4, 3, 3))
+    matrices[1] = np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])  # of rank one
+    truth = rng.standard_normal((4, 3, 2))
+    found = solve_all(matrices, matrices @ truth)
+    assert np.isnan(found[1]).all()
+    np.testing.assert_allclose(found[[0, 2, 3]], truth[[0, 2, 3]], rtol=1e-9)
+
+
+def test_a_problem_whose_matrix_is_singular_waits_and_the_others_are_found():
+    truth, start = TRUTH.copy(), START.copy()
+    truth[2] = start[2] = 0.0  # no amplitude: its decay changes nothing, nor is there a misfit
+    found, now, _ = minimise_all(*curves(truth), start, np.full(4, 1e-2), steps=30)
+    np.testing.assert_array_equal(found[2], start[2])
+    np.testing.assert_allclose(np.delete(found, 2, 0), np.delete(truth, 2, 0), rtol=1e-9)
+    assert np.isfinite(now[0]).all()

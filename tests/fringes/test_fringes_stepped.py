@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import maximum_filter
 
 from isochrome.errors import InputError
 from isochrome.fringes.anchor import Balance, balance, unwrap
@@ -288,6 +289,31 @@ def test_wrong_angles_give_a_poor_chi_and_that_is_said():
     wrong = scene.with_values({"polariscope.step": as_steps(steps)})
     found = read_steps(light, chains_of(wrong), sigma=sigma, valid=valid)
     assert found.chi > 1.3 and "the steps' angles or plates" in " ".join(found.warnings)
+    right = read_steps(light, chains_of(scene), sigma=sigma, valid=valid)
+    assert np.isfinite(right.isoclinic).mean() > 0.5 and right.warnings == ()
+    assert np.isnan(found.isoclinic).all() and np.isnan(found.isoclinic_uncertainty).all()
+    assert "no isoclinic is given" in " ".join(found.warnings)
+
+
+def test_where_one_frame_is_spoilt_its_pixels_alone_have_no_isoclinic():
+    """A reflection of a tenth of full scale in one of ten frames, over a part of the picture."""
+    scene = small(contact(0.3))
+    light, valid, sigma = captured(scene)
+    order = truth(scene)[0]
+    points = [(row, col, float(order[row, col])) for row, col in ((120, 30), (110, 110))]
+    whole = read_steps(light, chains_of(scene), sigma=sigma, valid=valid, known_order=points)
+    spoilt = np.zeros(valid.shape, dtype=bool)
+    spoilt[60:80, 90:120] = True
+    assert spoilt.mean() < 0.05
+    light = light.copy()
+    light[7][spoilt] += 0.1
+    found = read_steps(light, chains_of(scene), sigma=sigma, valid=valid, known_order=points)
+    assert np.isfinite(whole.isoclinic[spoilt]).any()
+    assert not np.isfinite(found.isoclinic[spoilt]).any()
+    far = ~maximum_filter(spoilt, 25)
+    same = np.isfinite(found.isoclinic) == np.isfinite(whole.isoclinic)
+    assert same[far].mean() > 0.999
+    np.testing.assert_allclose(found.isoclinic[far], whole.isoclinic[far], atol=0.5)
 
 
 @pytest.mark.long

@@ -17,7 +17,6 @@ from hostile.given import (
     pictures,
     png,
     process,
-    stack,
     tiff,
     video,
     without_pyav,
@@ -244,24 +243,21 @@ def mkv_whose_element_has_two_to_the_fifty_six_bytes(place: Path) -> list[str]:
     return process("f.mkv")
 
 
-@hostile(HEADS, "f.mkv", "save it as one")
-def video_by_its_name_alone(place: Path) -> list[str]:
-    stack(place / "f.tif")
-    (place / "f.tif").rename(place / "f.mkv")
+@hostile(HEADS, "f.mkv", "a ZIP archive", "save it as one")
+def archive_named_as_a_video(place: Path) -> list[str]:
+    (place / "f.mkv").write_bytes(b"PK\x03\x04" + FLAT)
     return process("f.mkv")
 
 
-@hostile(HEADS, "f.tif", "not a TIFF file", "check the file")
-def picture_named_as_a_stack(place: Path) -> list[str]:
-    image(place / "f.png")
-    (place / "f.png").rename(place / "f.tif")
+@hostile(HEADS, "f.tif", "a PDF document", "check the file")
+def document_named_as_a_stack(place: Path) -> list[str]:
+    (place / "f.tif").write_bytes(b"%PDF-1.7\n" + FLAT)
     return process("f.tif")
 
 
-@hostile(HEADS, "f.png", "is not an image", "check the file")
-def stack_named_as_a_picture(place: Path) -> list[str]:
-    stack(place / "f.tif")
-    (place / "f.tif").rename(place / "f.png")
+@hostile(HEADS, "f.png", "a text that begins 'frame,load_n'", "check the file")
+def table_named_as_a_picture(place: Path) -> list[str]:
+    (place / "f.png").write_text("frame,load_n\n0,44.0\n" * 40, "utf-8")
     return process("f.png")
 
 

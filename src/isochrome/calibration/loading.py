@@ -12,7 +12,15 @@ from isochrome.calibration.settings import CalibrationSet, LoadedImage
 from isochrome.calibration.shot import Shot, below_saturation
 from isochrome.errors import InputError
 from isochrome.estimation import observe
-from isochrome.frames import FrameReader, check_scale, load_mask, load_no_load, open_frames
+from isochrome.frames import (
+    FrameReader,
+    check_scale,
+    full_scale,
+    load_mask,
+    load_no_load,
+    open_frames,
+    saturation_level,
+)
 from isochrome.scene import Camera, Frames, Scene, Specimen, check_width
 
 Array = NDArray[np.float64]
@@ -64,8 +72,9 @@ def _shot(
             "lower the exposure, or set roi to the specimen"
         )
     # no model of the light cuts a calibration's pixels near white, as it does a frame's
-    full = np.inf if depth is None else 1.0
-    valid = seen.valid & below_saturation(seen.raw, seen.raw_sigma, full)
+    full = full_scale(depth)
+    level = np.inf if depth is None else saturation_level(raw, full=full) / full
+    valid = seen.valid & below_saturation(seen.raw, seen.raw_sigma, level)
     linear = seen.light.astype(float)
     return Shot(
         **(vars(seen) | {"name": item.file, "valid": valid}

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter
 
 from isochrome.errors import InputError
 from isochrome.estimation import Observation
-from isochrome.frames import estimate_noise
+from isochrome.frames import estimate_noise, saturation_level
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def as_shots(
     Parameters
     ----------
     images : sequence of (rows, cols) arrays
-        Linear intensities; those at the top of an integer type's range are taken as saturated.
+        Linear intensities; of integer types those on a plateau at the top are saturated.
     loads_n : sequence of float
         The load of each, N.
     sigma : float or sequence of arrays, optional
@@ -102,7 +102,8 @@ def as_shots(
         noise = np.asarray(noise_of(frame, mask) if given is None else given, dtype=float)
         kind = np.asarray(image).dtype
         if kind.kind in "ui":
-            mask = mask & below_saturation(frame, noise, float(np.iinfo(kind).max))
+            level = saturation_level(np.asarray(image), full=float(np.iinfo(kind).max))
+            mask = mask & below_saturation(frame, noise, level)
         noise = np.broadcast_to(noise, frame.shape)
         shots.append(
             Shot(
@@ -127,15 +128,18 @@ def unused(idle: Sequence[Shot], why: str) -> tuple[str, ...]:
     return (f"{', '.join(s.name for s in idle)}: no load, not used{why}",) if idle else ()
 
 
-def below_saturation(image: Array, sigma: ArrayLike, full: float) -> NDArray[np.bool_]:
-    """Pixels (rows, cols) whose neighbourhood's mean lies three sigmas below full scale.
+def below_saturation(image: Array, sigma: ArrayLike, level: float) -> NDArray[np.bool_]:
+    """Pixels (rows, cols) whose neighbourhood's mean lies three sigmas below saturation.
 
     Leaving out the saturated pixels alone would keep the darker half of those beside them, whose
-    mean is then too low. Parameters: `image`, raw grey levels, its noise `sigma`, `full` scale.
+    mean is then too low. Parameters: `image`, raw grey levels, its noise `sigma`, and `level`, from
+    which it is saturated.
     """
-    if float(np.max(image)) < full:
+    if float(np.max(image)) < level:
         return np.ones(image.shape, dtype=bool)
-    return np.asarray((image < full) & (uniform_filter(image, 3) + 3.0 * np.asarray(sigma) < full))
+    return np.asarray(
+        (image < level) & (uniform_filter(image, 3) + 3.0 * np.asarray(sigma) < level)
+    )
 
 
 def noise_of(image: Array, mask: NDArray[np.bool_]) -> Array:

@@ -1,4 +1,4 @@
-from .batched import State, damped_steps, minimise_all, next_damping
+from .batched import State, damped_steps, minimise_all, next_damping, solve_all
 from .covariance import (
     block_correlation,
     gradient_covariance,
@@ -133,6 +133,7 @@ __all__ = [
     "scaled_inverse",
     "smooth_light",
     "smooth_starts",
+    "solve_all",
     "solve_linear",
     "standard_uncertainty",
     "stays_poor",

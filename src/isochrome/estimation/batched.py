@@ -1,7 +1,8 @@
 """Damped least squares for many small problems side by side, all in the same few operations.
 
 Each has its own damping, which a step that lowers the cost eases, and one that does not stiffens; a
-problem whose step is not taken waits where it is. See `isochrome.estimation.least_squares` for one.
+problem whose step is not taken, or whose matrix is singular, waits where it is. See
+`isochrome.estimation.least_squares` for one.
 Sources: Levenberg (1944), Q. Appl. Math. 2, 164; Marquardt (1963), J. SIAM 11, 431.
 """
 
@@ -39,6 +40,30 @@ def next_damping(damping: Array | float, better: Mask | bool) -> Array:
     return np.where(better, EASED * damping, STIFFENED * damping)
 
 
+def solve_all(matrices: Array, right: Array) -> Array:
+    """Solve m linear systems A x = b; one that is singular leaves the others alone.
+
+    Parameters
+    ----------
+    matrices : (m, p, p) array
+        The matrices A.
+    right : (m, p, q) array
+        The right sides b.
+
+    Returns
+    -------
+    (m, p, q) array
+        The solutions x, NaN where A is singular.
+    """
+    try:
+        return np.asarray(np.linalg.solve(matrices, right))
+    except np.linalg.LinAlgError:  # of one of them, and nothing is said of which
+        regular = np.linalg.slogdet(matrices)[0] != 0.0
+        found = np.full(right.shape, np.nan)
+        found[regular] = np.linalg.solve(matrices[regular], right[regular])
+        return found
+
+
 def damped_steps(normal: Array, gradient: Array, damping: Array) -> Array:
     """Damped steps s of m problems, (N + λ diag N) s = g.
 
@@ -54,11 +79,11 @@ def damped_steps(normal: Array, gradient: Array, damping: Array) -> Array:
     Returns
     -------
     (m, p) array
-        The steps s.
+        The steps s, NaN where N is singular.
     """
     diagonal = np.arange(normal.shape[-1])
     normal[:, diagonal, diagonal] *= 1.0 + damping[:, None]
-    return np.asarray(np.linalg.solve(normal, gradient[..., None])[..., 0])
+    return np.asarray(solve_all(normal, gradient[..., None])[..., 0])
 
 
 def minimise_all(

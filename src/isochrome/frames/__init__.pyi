@@ -16,6 +16,7 @@ from .opening import (
 from .readers.tiff import open_tiff
 from .reading import CHANNELS, Channel, Frame, FrameReader, FramesPath, SequentialFrames
 from .recordings import one_recording, recordings_of
+from .saturation import saturation_level
 from .source import as_captured, as_turned
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "open_scene_frames",
     "open_tiff",
     "recordings_of",
+    "saturation_level",
     "to_linear",
     "with_file_scale",
 ]

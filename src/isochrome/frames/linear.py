@@ -15,6 +15,7 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.frames.noise import full_scale
 from isochrome.frames.reading import Frame, Mask
+from isochrome.frames.saturation import saturation_level
 
 OUTLIER_SIGMAS = 8.0
 MIN_CONTRAST = 0.05
@@ -99,7 +100,7 @@ def to_linear(
         what = "all black" if high <= 0 else "all white" if high >= full else "constant"
         raise InputError(f"{name}: is {what} (every pixel {high:g}); check light and exposure")
     light = np.where(finite, raw, 0).astype(np.float32) / np.float32(full)
-    valid = finite & (raw < full) & ~find_outliers(raw, finite)
+    valid = finite & ~find_outliers(raw, finite) & (raw < saturation_level(raw, full=full))
     if gamma != 1:
         valid &= light >= 0  # a background was subtracted: what gamma made of it is not known
         light = np.maximum(light, 0) ** np.float32(gamma)

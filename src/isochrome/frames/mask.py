@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from isochrome.errors import InputError
 from isochrome.frames.readers import tiff
 from isochrome.frames.readers.images import read_image
+from isochrome.frames.readers.signature import signature_of
 from isochrome.output import SUFFIXES, read_roi_mask
 from isochrome.scene import Frames
 
@@ -102,14 +103,15 @@ def _of_file(
 
 def _of_image(path: Path) -> Mask:
     """An image's nonzero pixels, (row, col)."""
-    if path.suffix.lower() in (".jpg", ".jpeg"):
+    if not path.is_file():
+        raise InputError(f"{path}: frames.mask: no such file; check its name")
+    signature = signature_of(path)
+    if signature.name == "JPEG":
         raise InputError(
             f"{path}: frames.mask is compressed with loss, so that its zeros are not kept; save "
             "the mask as PNG or TIFF"
         )
-    if not path.is_file():
-        raise InputError(f"{path}: frames.mask: no such file; check its name")
-    if path.suffix.lower() in tiff.SUFFIXES:
+    if signature.kind == "tiff":
         values = tiff.read_single(path, inverted_too=True)
     else:
         values = read_image(path)

@@ -10,6 +10,7 @@ from typing import Literal
 from isochrome.errors import InputError
 from isochrome.frames.mask import load_mask
 from isochrome.frames.readers import images, tiff, video
+from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.reading import Channel, FrameReader, FramesPath
 from isochrome.frames.several_files import open_parts
 from isochrome.frames.source import Kind, Source, natural_key, refusing, turned
@@ -302,7 +303,8 @@ def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
                 f"{file}: frames cannot be read from a file of this kind; known are "
                 f"{', '.join(KNOWN)}, or a folder of images or videos"
             )
-    moving = [f for f in files if _suffix(f) in video.SUFFIXES]
+    kinds = [signature_of(f).kind for f in files]
+    moving = [f for f, own in zip(files, kinds, strict=True) if own == "video"]
     if moving and len(moving) < len(files):
         still = next(f for f in files if f not in moving)
         raise InputError(
@@ -311,7 +313,7 @@ def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
         )
     if moving:
         return open_parts(files, video.open_video)
-    if all(_suffix(f) in tiff.SUFFIXES for f in files):
+    if set(kinds) == {"tiff"}:
         first = tiff.open_tiff(files[0])
         if len(files) == 1 and (kind == "image" or first.extent().count > 1):
             return first

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from isochrome.errors import InputError
 from isochrome.frames.opening import KNOWN, matches
-from isochrome.frames.readers import images, tiff
+from isochrome.frames.readers import tiff, video
+from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.reading import FramesPath
 from isochrome.frames.source import natural_key
 
@@ -118,11 +119,11 @@ def _places(name: str | Path) -> list[Path]:
 
 
 def _holds_several(place: Path) -> bool | None:
-    """Whether a place holds a recording by itself, None where a TIFF does not tell."""
-    suffix = place.suffix.lower()
-    if suffix in tiff.SUFFIXES and not place.is_dir():
-        try:
-            return tiff.holds_several(place)
-        except InputError:  # said of it when it is its turn
-            return None
-    return suffix not in images.SUFFIXES or place.is_dir()
+    """Whether a place holds a recording by itself, None where a file does not tell."""
+    if place.is_dir():
+        return True
+    try:
+        kind = signature_of(place).kind
+        return tiff.holds_several(place) if kind == "tiff" else kind == "video"
+    except InputError:  # said of it when it is its turn
+        return place.suffix.lower() in video.SUFFIXES or None

@@ -77,6 +77,7 @@ def finish_set_folder(
     table = warnings_last(found)
     refuse_unread(scene, str(recipe.reader.path), table, more["kept"])
     result = collect(scene, table, more["status"], None, shape, residual)
+    table = result.columns
     write_csv(folder / "frames.csv", table)
     _join_lines(bench, recipe)
     if residual is not None:

@@ -17,6 +17,7 @@ from isochrome.frames.linear import Linear
 from isochrome.frames.no_load import load_no_load, open_no_load_steps
 from isochrome.frames.noise import estimate_noise, full_scale
 from isochrome.frames.reading import FrameReader, Mask
+from isochrome.frames.saturation import saturation_level
 from isochrome.output import counted, named_frames
 from isochrome.scene import Scene
 
@@ -50,7 +51,7 @@ class Survey:
     """Raw figures of each frame, in raw grey levels, and of all together.
 
     Of the specimen's pixels, where the frames carry its mask.
-    `low`, `high`: 2nd and 98th percentile; `saturated`: share at full scale;
+    `low`, `high`: 2nd and 98th percentile; `saturated`: share on the plateau, where clipped;
     `smallest`, `largest`: of the finite pixels, NaN where there are none; `not_finite`: share;
     `noise`: sigma at mid level of frames 0, 1, 3, 7, ...; `twins`: (frame, earlier equal one);
     `bits`: all values or-ed together; `failure`: why reading ended before the end.
@@ -80,7 +81,8 @@ def survey(reader: FrameReader) -> Survey:
     full = full_scale(reader.bit_depth)
     try:
         for frame in reader:
-            _add(found, frame.image, full, frame.mask)
+            level = saturation_level(frame.image, full=full)
+            _add(found, frame.image, level, frame.mask)
             key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
             first = seen.setdefault(key, frame.index)
             if first != frame.index:
@@ -95,7 +97,7 @@ def survey(reader: FrameReader) -> Survey:
     return found
 
 
-def _add(found: Survey, image: np.ndarray, full: float, mask: Mask | None) -> None:
+def _add(found: Survey, image: np.ndarray, clipped: float, mask: Mask | None) -> None:
     image = image.ravel() if mask is None else image[mask]  # light off the specimen says nothing
     values = image[np.isfinite(image)]
     found.not_finite.append(1 - values.size / image.size)
@@ -107,7 +109,7 @@ def _add(found: Survey, image: np.ndarray, full: float, mask: Mask | None) -> No
     low, high = np.percentile(values[:: max(1, values.size // 50_000)], (2, 98))
     found.low.append(float(low))
     found.high.append(float(high))
-    found.saturated.append(float(np.mean(values >= full)))
+    found.saturated.append(float(np.mean(values >= clipped)))
     found.smallest.append(float(values.min()))
     found.largest.append(float(values.max()))
     if image.dtype.kind == "u":

@@ -9,6 +9,7 @@ ISO/IEC 14496-12, base media file format.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -37,21 +38,12 @@ def check_whole(path: Path) -> Container:
     """
     try:
         with open(path, "rb") as file:
-            head = file.read(16)
-            end = file.seek(0, 2)
-            if head[:4] == b"RIFF" and head[8:12] == b"AVI ":
-                _avi(file, end, path)
-                return "avi"
-            if head[:4] == b"\x1a\x45\xdf\xa3":
-                _matroska(file, end, path)
-                return "matroska"
-            if head[4:8] in BOXES:
-                _mp4(file, end, path)
-                return "mp4"
-            if head == bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c"):
-                return "asf"
-            if head[:4] in (b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3") or _is_stream(head, file):
-                return "mpeg"
+            container, end = container_of(file), file.seek(0, 2)
+            walk = _WALKS.get(container)
+            if walk is not None:
+                walk(file, end, path)
+            if container is not None:
+                return container
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read ({error.strerror}); check its name and rights"
@@ -60,6 +52,22 @@ def check_whole(path: Path) -> Container:
         f"{path}: is no AVI, MP4, MOV, Matroska, WebM, WMV or MPEG file, whatever its name says; "
         "save it as one, or as a TIFF stack"
     )
+
+
+def container_of(file: BinaryIO) -> Container | None:
+    """A video's container by its first bytes; None where it is none that is known."""
+    file.seek(0)
+    head = file.read(16)
+    if head[:4] == b"RIFF" and head[8:12] == b"AVI ":
+        return "avi"
+    if head[:4] == b"\x1a\x45\xdf\xa3":
+        return "matroska"
+    if head[4:8] in BOXES:
+        return "mp4"
+    if head == bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c"):
+        return "asf"
+    starts = head[:4] in (b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3")
+    return "mpeg" if starts or _is_stream(head, file) else None
 
 
 def _broken(path: Path, place: int, end: int) -> InputError:
@@ -206,3 +214,10 @@ def _element(file: BinaryIO, place: int, path: Path) -> tuple[int, int, int]:
     if size == (1 << 7 * length) - 1:
         size = UNKNOWN_SIZE
     return int.from_bytes(head[:width], "big"), size, place + width + length
+
+
+_WALKS: dict[Container | None, Callable[[BinaryIO, int, Path], None]] = {
+    "avi": _avi,
+    "matroska": _matroska,
+    "mp4": _mp4,
+}

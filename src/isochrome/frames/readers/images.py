@@ -12,6 +12,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.frames.readers import tiff
+from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.source import (
     MAX_BYTES,
     Extent,
@@ -39,7 +40,7 @@ def open_images(paths: tuple[Path, ...], kind: Kind) -> Source:
     """Read the first of some image files of one size. Returns their Source. Raises InputError."""
     first = paths[0]
     form = StoredForm.of(read_image(first))
-    head = tiff.open_tiff(first) if first.suffix.lower() in tiff.SUFFIXES else None
+    head = tiff.open_tiff(first) if signature_of(first).kind == "tiff" else None
     return Source(
         kind=kind,
         form=form,
@@ -66,8 +67,11 @@ def read_image(path: Path) -> np.ndarray:
     transparency is dropped, a palette becomes RGB, and a camera's orientation mark is ignored:
     the pixels stay where the sensor had them. Raises InputError.
     """
-    if path.suffix.lower() in tiff.SUFFIXES:
+    kind = signature_of(path).kind
+    if kind == "tiff":
         return tiff.read_single(path)
+    if kind == "video":
+        raise InputError(f"{path}: is a video, and an image is wanted here; name one")
     if Stamp.of(path).size > 2 * MAX_BYTES:
         raise InputError(f"{path}: is larger than {2 * MAX_BYTES} bytes; is it one image?")
     with refusing(path, "not a readable image"):

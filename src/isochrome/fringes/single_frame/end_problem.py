@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from isochrome.estimation import State, minimise_all
+from isochrome.estimation import State, minimise_all, solve_all
 from isochrome.fringes.single_frame.patches import (
     TURN,
     offsets,
@@ -228,10 +228,17 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
 
     The ends' shapes vary little within a patch, and in the matrix stand for those at its middle;
     in the slope, which decides where the search comes to rest, they do not.
+    A patch whose own equations are singular is left out.
     Parameters as in `look`. Returns the EndEquations.
     """
     problem, now = data.problem, look(data, unknowns, orders)
     own, pull, weighted = _information(data, now.residual, now.slope, orders)
+    inverse = solve_all(own, np.broadcast_to(np.eye(TERMS), own.shape))
+    told = (inverse[:, _DIAGONAL, _DIAGONAL] > 0.0).all(axis=1) & np.isfinite(inverse).all(
+        axis=(1, 2)
+    )
+    rows = told[:, None]
+    weight, weighted, pull = (np.where(rows, v, 0.0) for v in (data.weight, weighted, pull))
     one = np.ones((len(orders), 1))
     known = (*problem.given, False)
     parts = [
@@ -246,9 +253,9 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
         axis=-1,
     )
     matrix = np.block(
-        [[(a.T * (data.weight * u * v).sum(axis=1)) @ b for b, v, _ in parts] for a, u, _ in parts]
+        [[(a.T * (weight * u * v).sum(axis=1)) @ b for b, v, _ in parts] for a, u, _ in parts]
     )
-    light = data.weight * now.residual
+    light = weight * now.residual
     slope = np.concatenate(
         [
             np.atleast_1d(
@@ -259,16 +266,17 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
             for _, column, exact in parts
         ]
     )
-    solved = np.linalg.solve(own, np.concatenate([mixed, pull[..., None]], axis=-1))
-    weight, away = problem.prior(unknowns)
+    solved = solve_all(own, np.concatenate([mixed, pull[..., None]], axis=-1))
+    solved = np.where(told[:, None, None], solved, 0.0)
+    prior, away = problem.prior(unknowns)
     free = problem.free
     inner = np.tensordot(mixed, solved, axes=((0, 1), (0, 1)))
     return EndEquations(
-        matrix - inner[:, :-1] + np.diag(weight[free]),
-        slope - inner[:, -1] - (weight * away)[free],
+        matrix - inner[:, :-1] + np.diag(prior[free]),
+        slope - inner[:, -1] - (prior * away)[free],
         solved[..., -1],
         solved[..., :-1],
-        np.sqrt(np.linalg.inv(own)[:, 0, 0]),
+        np.where(told, np.sqrt(inverse[:, 0, 0]), np.inf),
     )
 
 

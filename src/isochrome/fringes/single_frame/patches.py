@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from isochrome.errors import InputError
-from isochrome.estimation import State, minimise_all, sandwich
+from isochrome.estimation import State, minimise_all, sandwich, solve_all
 from isochrome.fringes.windows import Array, Indices, Mask, block_means
 
 HALF, STRIDE = 6, 5
@@ -244,19 +244,22 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
 
     terms, (_, sine, residual), _ = minimise_all(at, equations, terms, damping, steps=_ROUNDS)
     # the window's weights are no variances: those of a weighted sum are the weights' squares
-    inverse = np.linalg.inv(information_of(sine))
+    information = information_of(sine)
+    inverse = solve_all(information, np.broadcast_to(np.eye(6), information.shape))
     squared = ((weight * sine) ** 2 @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
     squared[:, diagonal, diagonal] += prior
     covariance = sandwich(inverse, squared.astype(float))
     total = np.maximum(weight.sum(axis=1), 1e-9)
     chi = np.sqrt(np.einsum("pk,pk,pk->p", weight, residual, residual) / total) / patches.noise
+    told = np.isfinite(covariance).all(axis=(1, 2))  # not so of a singular patch: it is left out
+    spread = np.sqrt(np.abs(np.einsum("pii->pi", covariance)))
     shape = len(patches.rows), len(patches.cols)
     return Patches(
         patches.rows,
         patches.cols,
         terms.reshape(*shape, 6).astype(float),
-        np.sqrt(np.abs(np.einsum("pii->pi", covariance))).reshape(*shape, 6),
-        np.where(patches.filled > 0.0, chi, np.inf).reshape(shape),
+        np.where(told[:, None], spread, np.inf).reshape(*shape, 6),
+        np.where(told & (patches.filled > 0.0), chi, np.inf).reshape(shape),
         patches.filled.reshape(shape),
     )
 

@@ -60,12 +60,15 @@ class ResidualStress:
         Share of the specimen that is known.
     warnings : tuple of str
         What the user should know, in plain words.
+    agrees : bool ndarray (rows, cols) or bool, default True
+        Where the no-load light fits the steps, so that its direction may be believed.
     """
 
     field: Array
     uncertainty: Array
     kept: float
     warnings: tuple[str, ...]
+    agrees: Mask | bool = True
 
     @property
     def order(self) -> Array:
@@ -80,8 +83,11 @@ class ResidualStress:
 
     @property
     def isoclinic(self) -> Array:
-        """Its direction of sigma_1 (rows, cols) float32, degrees; NaN where it is nearly nil."""
-        known = np.abs(self.field) > _TELLING * self.uncertainty
+        """Its direction of sigma_1 (rows, cols) float32, degrees.
+
+        NaN where it is nearly nil, and where the light does not fit the steps.
+        """
+        known = (np.abs(self.field) > _TELLING * self.uncertainty) & self.agrees
         return np.where(known, 0.5 * np.degrees(np.angle(self.field)), np.nan).astype(np.float32)
 
 
@@ -130,7 +136,8 @@ def read_residual(
     field = np.where(known, np.where(least, field, followed.field), np.nan)
     field, spread = _pooled(field, spread, known)
     kept = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
-    return ResidualStress(field, np.where(known, spread, np.nan), kept, _remarks(light.chi, kept))
+    spread = np.where(known, spread, np.nan)
+    return ResidualStress(field, spread, kept, _remarks(light, kept), light.agrees)
 
 
 def least_field(terms: StepTerms) -> Array:
@@ -208,13 +215,14 @@ def _pooled(field: Array, uncertainty: Array, known: Mask) -> tuple[Array, Array
     return pooled, spread
 
 
-def _remarks(chi: float, kept: float) -> tuple[str, ...]:
+def _remarks(light: StepLight, kept: float) -> tuple[str, ...]:
     """What the user should know of the no-load set."""
     remarks = []
-    if chi > POOR_CHI:
+    if light.chi > POOR_CHI:
+        lost = "" if light.agrees.any() else "; no isoclinic is given, of the load neither"
         remarks.append(
-            f"no-load steps: chi = {chi:.2f}: the steps' angles or plates do not describe "
-            "these frames within their noise; capture them as the loaded ones"
+            f"no-load steps: chi = {light.chi:.2f}: the steps' angles or plates do not describe "
+            f"these frames within their noise{lost}; capture them as the loaded ones"
         )
     if kept < _FEW:
         remarks.append(

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from isochrome.estimation import POOR_CHI
 from isochrome.fringes.stepped.isoclinic import Direction, find_direction
 from isochrome.fringes.stepped.step_equations import (
     BACKGROUND,
@@ -36,6 +37,12 @@ LARGEST_UNCERTAINTY = 0.03
 _PASSES = 3
 """Solutions where the steps leave something out, each with the direction of the one before."""
 
+_LOCAL = 0.05
+"""Share of the pixels that dust or glare may spoil, before it is the steps that do not fit."""
+
+_COMPARED = 0.5
+"""Share of the window that must be seen for its misfit to tell."""
+
 _LARGEST_MISFIT = 0.1
 _MOST_NOISE = 3.0
 """Times the noise of the whole set that a pixel may have for want of some of its frames."""
@@ -55,7 +62,8 @@ class StepLight:
     `terms` and `direction`, see `step_equations` and `isoclinic`; `seen`, True where the fringes
     can be read; `specimen`, True where light comes through at all; `contrast` A V, in the light's
     unit; `uncertainty` of φ/2π, fringes; `chi`, residual of the light over its noise; `bridges`,
-    whether the steps tell no direction about half orders, or leave out what changes it there.
+    whether the steps tell no direction about half orders, or leave out what changes it there;
+    `agrees`, True where the light fits the steps, whose angles the direction follows.
     """
 
     terms: StepTerms
@@ -66,6 +74,7 @@ class StepLight:
     uncertainty: Array
     chi: float
     bridges: bool
+    agrees: Mask
 
 
 def measure_steps(
@@ -94,6 +103,7 @@ def measure_steps(
     contrast = np.hypot(terms.cosine, np.abs(terms.sine))
     seen = trusted & bright_enough(contrast, trusted)
     misfit, chi = step_misfit(light, design, sigma, seen & whole)
+    agrees = steps_agree(misfit, seen & whole)
     direction = direction.noisier(np.maximum(misfit, 1.0))
     uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
     seen &= (uncertainty < LARGEST_UNCERTAINTY) & (
@@ -108,6 +118,7 @@ def measure_steps(
         uncertainty=uncertainty,
         chi=chi,
         bridges=design.leaks,
+        agrees=agrees,
     )
 
 
@@ -211,6 +222,22 @@ def step_misfit(
     weight = np.maximum(pooled(seen, _WINDOW_PX), 1e-6)
     misfit = np.sqrt(np.maximum(pooled(np.where(seen, square, 0.0), _WINDOW_PX), 0.0) / weight)
     return misfit, float(np.sqrt(np.mean(square[seen]))) if seen.any() else float("nan")
+
+
+def steps_agree(misfit: Array, seen: Mask) -> Mask:
+    """Where the light fits the steps as they are stated, so that its direction may be believed.
+
+    An element that is off turns the direction everywhere, also where the light hardly shows it:
+    where most of the picture does not fit, nothing of it is believed; where a part does not, that
+    part. Parameters: `misfit`, residual over noise about each pixel, and `seen`, True = pixels that
+    count (rows, cols). Returns a mask (rows, cols).
+    """
+    least = np.sort(misfit[seen])[: int((1.0 - _LOCAL) * np.count_nonzero(seen))]
+    usual = float(np.sqrt(np.mean(np.square(least)))) if least.size else 1.0
+    if usual > POOR_CHI:
+        return np.zeros(misfit.shape, dtype=bool)
+    alone = pooled(seen, _WINDOW_PX) < _COMPARED  # too few about it to compare with
+    return np.asarray(alone | (misfit <= POOR_CHI * max(usual, 1.0)))
 
 
 def phase_uncertainty(

@@ -38,6 +38,9 @@ _SMOOTHED = 0.928
 """Of the direction's noise, which is pooled already, what smoothing n leaves: from the kernels'
 Gaussians of widths w = 1.2 and W = 1.6, W² (4/(W² + w²) - 4/(W² + 1.5 w²) + 1/(W² + 2 w²))."""
 
+_NOTABLE = 0.02
+"""Share of the directions that is left out and said."""
+
 _BRIDGED = 0.1
 """Doubt of 2θ (rad) where the direction is bridged."""
 
@@ -53,7 +56,8 @@ class SteppedReading:
     reading : OrderReading
         The fringe order with its uncertainty and confidence.
     isoclinic : ndarray (rows, cols)
-        Direction of sigma_1, degrees counter-clockwise from the image's +x, -90 to 90.
+        Direction of sigma_1, degrees counter-clockwise from the image's +x, -90 to 90; NaN too
+        where the light does not fit the steps, whose angles it follows.
     isoclinic_uncertainty : ndarray (rows, cols)
         Its standard uncertainty, degrees.
     dark_field : ndarray (rows, cols)
@@ -146,7 +150,7 @@ def read_steps(
         model=model,
         residual=None if residual is None else residual.field,
     )
-    return _result(light, found, _of_load(light, found, residual), residual is not None)
+    return _result(light, found, _of_load(light, found, residual), residual)
 
 
 def _of_load(light: StepLight, found: SettledField, residual: ResidualStress | None) -> _Parts:
@@ -184,15 +188,18 @@ def _of_load(light: StepLight, found: SettledField, residual: ResidualStress | N
     return _Parts(field, uncertainty, swing / (2.0 * size), known)
 
 
-def _result(light: StepLight, found: SettledField, load: _Parts, apart: bool) -> SteppedReading:
-    """The maps, NaN where they are not known; `apart`, whether a residual was taken out."""
+def _result(
+    light: StepLight, found: SettledField, load: _Parts, residual: ResidualStress | None
+) -> SteppedReading:
+    """The maps, NaN where they are not known; `residual`, what was taken out."""
     known, uncertainty = load.known, load.uncertainty
     # nearer to zero its sign is noise
-    turned = known & (load.turn < LARGEST_TURN) & (np.abs(load.field) > _LEAST_ORDER * uncertainty)
+    clear = known & (load.turn < LARGEST_TURN) & (np.abs(load.field) > _LEAST_ORDER * uncertainty)
+    turned = clear & light.agrees & (True if residual is None else residual.agrees)
 
     specimen = known | light.specimen
     reading = make_reading(np.abs(load.field), uncertainty, known, of=specimen)
-    if apart:
+    if residual is not None:
         cosine, seen = np.cos(2.0 * np.pi * reading.order), known
     else:
         cosine, seen = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
@@ -204,18 +211,36 @@ def _result(light: StepLight, found: SettledField, load: _Parts, apart: bool) ->
         contrast=light.contrast.astype(np.float32),
         chi=light.chi,
         parts=found.parts,
-        warnings=(*found.warnings, *_remarks(light.chi, reading.kept, found.parts)),
+        warnings=(
+            *found.warnings,
+            *_of_steps(light, clear),
+            *_of_share(reading.kept, found.parts),
+        ),
     )
 
 
-def _remarks(chi: float, kept: float, parts: tuple[FieldPart, ...]) -> list[str]:
-    """What the user should know of the set as a whole."""
+def _of_steps(light: StepLight, clear: Mask) -> list[str]:
+    """What to say where the light does not fit the steps; `clear`, where it has a direction."""
+    lost = float(np.mean(~light.agrees[clear])) if clear.any() else 0.0
     remarks = []
-    if chi > POOR_CHI:
+    if light.chi > POOR_CHI:
+        none = "" if light.agrees.any() else ": no isoclinic is given"
         remarks.append(
-            f"chi = {chi:.2f}: the steps' angles or plates do not describe these frames within "
-            "their noise (an element off, light that drifts, a wrong gamma); use them with care"
+            f"chi = {light.chi:.2f}: the steps' angles or plates do not describe these frames "
+            f"within their noise (an element off, light that drifts, a wrong gamma){none}; correct "
+            "[[polariscope.step]], or use the orders with care"
         )
+    if _NOTABLE < lost < 1.0:
+        remarks.append(
+            f"no isoclinic is given in {100.0 * lost:.0f} % of the pixels that show one: there "
+            f"chi is over {POOR_CHI:g}, and the light not that of the stated steps"
+        )
+    return remarks
+
+
+def _of_share(kept: float, parts: tuple[FieldPart, ...]) -> list[str]:
+    """What to say where little could be read."""
+    remarks = []
     if kept < 0.5 and all(part.number is not None for part in parts):
         remarks.append(
             f"only {100 * kept:.0f} % of the specimen's pixels could be read; more steps, less "

@@ -16,6 +16,7 @@ from isochrome.frames import (
     estimate_noise,
     full_scale,
     normalise,
+    saturation_level,
     to_linear,
 )
 from isochrome.fringes import (
@@ -113,11 +114,12 @@ def process_image_only(
 
 
 def _saturated(frame: Frame, capture: Capture, inside: NDArray[np.bool_] | None) -> float:
-    """Share of the specimen's pixels that are at full scale."""
+    """Share of the specimen's pixels that lie on the frame's plateau, where it is clipped."""
     specimen = np.ones(frame.image.shape, dtype=bool)
     for mask in (frame.mask, inside):
         specimen = specimen if mask is None else specimen & mask
-    return float(np.mean(frame.image[specimen] >= full_scale(capture.bit_depth)))
+    level = saturation_level(frame.image, full=full_scale(capture.bit_depth))
+    return float(np.mean(frame.image[specimen] >= level))
 
 
 def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Signal:
@@ -167,7 +169,7 @@ def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) ->
     if tone:
         notes.append(
             f"gamma = {ends.tone:.3f} with a standard uncertainty of {ends.tone_uncertainty:.3f}, "
-            "found from the fringes"
+            "found from the fringes of this frame alone"
         )
     if not ends.settled:
         notes.append(NOT_SETTLED)
