@@ -1,4 +1,4 @@
-from .colour.band_model import band_light
+from .colour.band_model import band_light, band_scale
 from .colour.band_unknowns import ColourShots
 from .colour.colour_order import ColourReading, read_colour
 from .colour.colour_table import STEP, ColourTable, measured_table, spectral_table
@@ -30,6 +30,7 @@ __all__ = [
     "Skeleton",
     "SteppedReading",
     "band_light",
+    "band_scale",
     "find_light",
     "fit_background_modulation",
     "gamma_misfit",

@@ -94,7 +94,8 @@ class _Blocks:
 class _End:
     """Where a search rests: the `factor` e and the uncertainty `spread` of ln e.
 
-    `misfit` of the colours, chi², and the `cost` with what jumps of the order add.
+    `misfit` of the colours, chi²; the `cost` adds -2 ln of the noise's own share of the likelihood
+    and what the order's changes from block to block cost.
     """
 
     misfit: float
@@ -121,12 +122,12 @@ def find_exposure(
         best = min((best, *(_rested(small, table, s) for s in starts)), key=lambda end: end.cost)
     alike, _ = _at(small, table, 1.0)
     spread = best.spread
-    if alike.misfit - best.misfit < _AS_WELL * count:
+    if alike.cost - best.cost < _AS_WELL * count:
         # low orders look like higher ones of a shorter exposure, and these seem to tell it
         spread = max(spread, alike.spread)
-    if abs(np.log(best.factor)) < max(_SURE * spread, _LEAST):
-        return FrameExposure(1.0, spread)
-    return FrameExposure(best.factor, spread)
+    spread = float((spread**-2 + EXPECTED**-2) ** -0.5)
+    same = abs(np.log(best.factor)) < max(_SURE * spread, _LEAST)
+    return FrameExposure(1.0 if same else best.factor, spread)
 
 
 def _in_blocks(light: Array, sigma: Array, dark: Array, bright: Array, valid: Mask) -> _Blocks:
@@ -175,7 +176,9 @@ def _at(small: _Blocks, table: ColourTable, factor: float) -> tuple[_End, float]
         for axis in (0, 1)
     )
     misfit = float(np.nansum(np.minimum(choice.misfit, _FARTHEST)))
-    return _End(misfit, misfit + _ROUGH * rough, factor, spread), step
+    # of the two equations a block: else a shorter exposure, with more noise, would fit better
+    noise = 2.0 * float(np.nansum(np.nanmean(np.log(factor**2 * variance), axis=-1)))
+    return _End(misfit, misfit + noise + _ROUGH * rough, factor, spread), step
 
 
 def _step(
