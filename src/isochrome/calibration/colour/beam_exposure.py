@@ -26,7 +26,7 @@ Array = NDArray[Any]
 ALIKE = 0.02
 """Share by which images may differ in brightness and still be of one exposure."""
 
-SAME = 0.1
+SAME = 0.05
 """The same against the no-load frames: a light's bands do not tell the factor of all to better."""
 
 _CELL = 0.02

@@ -34,9 +34,12 @@ _STARTS = 3
 _ROUNDS = 8
 _REST = 1e-3
 _ERROR = 0.003  # of a table, of full light, that neighbouring orders share
-_DOUBT = 0.01
+_DOUBT = 0.003
 _FARTHEST = 25.0
-_FITS, _AS_WELL = 2.0, 0.1
+_LOWEST = 0.15
+"""Order below which colours of one hue say nothing of the exposure but through noise."""
+
+_FITS, _AS_WELL = 4.0, 0.5
 _LEAST_SLOPE = 0.5
 _ROUGH = 20.0
 
@@ -95,11 +98,13 @@ class _End:
     """Where a search rests: the `factor` e and the uncertainty `spread` of ln e.
 
     `misfit` of the colours, chi²; the `cost` adds -2 ln of the noise's own share of the likelihood
-    and what the order's changes from block to block cost.
+    and what the order's changes from block to block cost; `highest`, the order that a fiftieth of
+    the blocks pass.
     """
 
     misfit: float
     cost: float
+    highest: float
     factor: float
     spread: float
 
@@ -116,11 +121,13 @@ def find_exposure(
     count = int(np.isfinite(small.light).all(axis=-1).sum())
     if count < _FEWEST:
         return FrameExposure(1.0, EXPECTED)
+    alike, _ = _at(small, table, 1.0)
+    if alike.highest < _LOWEST:
+        return FrameExposure(1.0, EXPECTED)
     best = _rested(small, table, 1.0)
     if best.misfit > _FITS * count:  # no order gives these colours: it began too far away
         starts = _starts(small, table)
         best = min((best, *(_rested(small, table, s) for s in starts)), key=lambda end: end.cost)
-    alike, _ = _at(small, table, 1.0)
     spread = best.spread
     if alike.cost - best.cost < _AS_WELL * count:
         # low orders look like higher ones of a shorter exposure, and these seem to tell it
@@ -178,7 +185,8 @@ def _at(small: _Blocks, table: ColourTable, factor: float) -> tuple[_End, float]
     misfit = float(np.nansum(np.minimum(choice.misfit, _FARTHEST)))
     # of the two equations a block: else a shorter exposure, with more noise, would fit better
     noise = 2.0 * float(np.nansum(np.nanmean(np.log(factor**2 * variance), axis=-1)))
-    return _End(misfit, misfit + noise + _ROUGH * rough, factor, spread), step
+    highest = float(np.nanpercentile(choice.order, 98.0))
+    return _End(misfit, misfit + noise + _ROUGH * rough, highest, factor, spread), step
 
 
 def _step(
