@@ -24,13 +24,13 @@ _WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5
 _FLATTENED = 0.05
 """Share of a line's light that smoothing may take off: beyond it, it is not known to a tenth."""
 
-_LENGTH = 1.0 / 6.0
+_LENGTH = 1.0 / 3.0
 """Length of a line that says something, over the frame's shorter side."""
 
 _OFF, _SHARP = 0.6, 4.0
 """A line's distance from its pixel at most, pixels, and its curvature over that of noise."""
 
-_EVEN, _NOTHING_BEYOND = 0.01, 0.02
+_EVEN, _NOTHING_BEYOND = 0.007, 0.02
 """Scatter of the light along a line, and share by which other light may pass it."""
 
 _BLACKEST = 0.005
@@ -135,7 +135,7 @@ def _level_at(ratio: Array, noise: float, seen: Mask, width: float) -> tuple[flo
         values = top[pieces == piece]
         middle = float(np.median(values))
         scatter = 1.4826 * float(np.median(np.abs(values - middle)))
-        even = scatter < max(_EVEN * abs(middle), noise)
+        even = scatter < _EVEN * abs(middle) + noise / width
         if len(values) > _LENGTH * min(ratio.shape) and even:
             found.append((middle, scatter, len(values)))
     if not found:

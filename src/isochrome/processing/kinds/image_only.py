@@ -45,6 +45,14 @@ OVEREXPOSED = (
     "{:.0f} % of the specimen is saturated: no order is reported without frames.no_load_bright, as "
     "the bright end is not in the picture; lower the exposure, or give that frame"
 )
+FEWEST_LINES = 3
+"""Fringe lines without which the shape of the light alone, a lamp's as well as a fringe's, would
+say where the bright end is."""
+
+FEW_FRINGES = (
+    "{} fringe lines, and {} at least are needed without frames.no_load_bright: uneven light and "
+    "fringes look alike, and no order is reported; give that frame"
+)
 SAME_EXPOSURE = (
     "its fringes do not tell whether it is exposed as its no-load frames are, which is assumed: "
     "keep exposure, gain and lamp fixed"
@@ -105,6 +113,8 @@ def process_image_only(
     saturated = _saturated(frame, capture, inside)
     if capture.bright is None and saturated > MOST_SATURATED:
         found, warnings = None, [OVEREXPOSED.format(100.0 * saturated)]
+    elif capture.bright is None and len(lines) < FEWEST_LINES and scene.frames.known_order:
+        found, warnings = None, [FEW_FRINGES.format(len(lines), FEWEST_LINES)]
     else:
         found, warnings = _read(seen, scene)
     return replace(
