@@ -1,4 +1,4 @@
-from .colour.band_model import band_light
+from .colour.band_model import band_light, band_scale
 from .colour.band_unknowns import ColourShots
 from .colour.colour_order import ColourReading, read_colour
 from .colour.colour_table import STEP, ColourTable, measured_table, spectral_table
@@ -12,6 +12,7 @@ from .single_frame.background_modulation import (
     widened,
 )
 from .single_frame.free_order import FreeReading, read_free
+from .single_frame.no_load_exposure import NoLoadExposure, find_no_load_exposure
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
 from .stepped.residual_stress import ResidualStress, read_residual
 from .stepped.step_equations import make_design
@@ -24,13 +25,16 @@ __all__ = [
     "ColourShots",
     "ColourTable",
     "FreeReading",
+    "NoLoadExposure",
     "OrderReading",
     "OwnLight",
     "ResidualStress",
     "Skeleton",
     "SteppedReading",
     "band_light",
+    "band_scale",
     "find_light",
+    "find_no_load_exposure",
     "fit_background_modulation",
     "gamma_misfit",
     "make_design",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.calibration.colour.beam_exposure import ALIKE, image_exposures
 from isochrome.calibration.colour.bending_order import known_beam_order
 from isochrome.calibration.colour.colour_frames import read_colour_shots
 from isochrome.calibration.colour.settings import ColourSet, load_colour_set
@@ -80,6 +81,8 @@ class ColourCalibration(Result):
         frames.flip; None where they were given.
     bit_depth : int or None
         Bits of the images.
+    exposures : tuple of float, optional
+        Exposure of each image over that of the no-load frames, or of the first image without.
     warnings : tuple of str, optional
         What the user should know.
     """
@@ -97,6 +100,7 @@ class ColourCalibration(Result):
     background: Array | None = None
     illumination: Array | None = None
     bit_depth: int | None
+    exposures: tuple[float, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -139,6 +143,7 @@ class ColourCalibration(Result):
             "strange_share": self.strange,
             "highest_order_seen": self.highest,
             "highest_order_of_table": self.colour_table.highest,
+            "exposures": list(self.exposures),
             "warnings": list(self.warnings),
         }  # fmt: skip
 
@@ -205,15 +210,23 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
             "add them, or remove [beam] to use the images' own colours"
         )
     check_width(given.name, pixel, shots.raw[0].shape[:2], beam.height_mm, "the beam")
-    low, full = shots.dark**gamma, shots.bright**gamma
-    orders, signals = [], []
-    for item, raw, valid in zip(given.image, shots.raw, shots.valid, strict=True):
-        lit = valid & (full - low > 0.2 * np.nanpercentile(full - low, 95))
-        signal = np.full(raw.shape, np.nan)
-        np.divide(np.maximum(raw, 0.0) ** gamma - low, full - low, out=signal, where=lit)
-        orders.append(known_beam_order(signal, beam, item.load_n or 0.0, pixel))
-        signals.append(signal)
-    order, signal = np.concatenate(orders), np.concatenate(signals)
+    low, contrast = shots.dark**gamma, shots.bright**gamma - shots.dark**gamma
+    lit = contrast > 0.2 * np.nanpercentile(contrast, 95)
+    lights = [
+        np.where(valid & lit, np.maximum(raw, 0.0) ** gamma, np.nan)
+        for raw, valid in zip(shots.raw, shots.valid, strict=True)
+    ]
+    contrast = np.where(lit, contrast, np.nan)
+    orders = [
+        known_beam_order((light - low) / contrast, beam, item.load_n or 0.0, pixel)
+        for item, light in zip(given.image, lights, strict=True)
+    ]
+    bright = given.polariscope.field == "bright"
+    factors = image_exposures(lights, low, contrast, orders, bright=bright)
+    signal = np.concatenate(
+        [(light / e - low) / contrast for light, e in zip(lights, factors, strict=True)]
+    )
+    order = np.concatenate(orders)
     table = measured_table(signal, order)
     known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
     away = signal[known] - table.signal[np.rint(order[known] / STEP).astype(int)]
@@ -228,7 +241,19 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
         strange=float(np.mean(np.mean(away**2, axis=1) > 0.15**2)),
         highest=table.highest,
         bit_depth=depth,
+        exposures=tuple(map(float, factors)),
+        warnings=tuple(exposure_messages(given, factors, "the no-load frames")),
     )
+
+
+def exposure_messages(given: ColourSet, factors: Array, against: str) -> list[str]:
+    """Say of each image whose exposure differs from another's that its factor is used."""
+    return [
+        f"{item.file} is exposed {factor:.3g} times as long as {against}, or lit so much more: "
+        "that is used"
+        for item, factor in zip(given.image, factors, strict=True)
+        if abs(np.log(factor)) > ALIKE
+    ]
 
 
 def check_light(light: OwnLight, given: ColourSet) -> None:
@@ -267,9 +292,9 @@ def _of_light(
         messages.append(
             f"the table leaves {light.residual:.3f} of full light: use its orders with care"
         )
-    if np.ptp(light.brightness) > 0.1:
-        messages.append("the images differ in brightness by over 10 %: keep the exposure fixed")
     ends = shots.dark is None or shots.bright is None
+    against = given.image[0].file if shots.bright is None else "the no-load frames"
+    messages += exposure_messages(given, light.brightness, against)
     # where full light would saturate, a no-load frame cannot show it: less of it, and more signal
     full = float((light.background + light.illumination).max())
     scale = max(1.0, full / _BRIGHTEST) if ends else 1.0
@@ -288,5 +313,6 @@ def _of_light(
         background=as_captured(light.background, *turn) if ends else None,
         illumination=as_captured(light.illumination / scale, *turn) if ends else None,
         bit_depth=depth,
+        exposures=tuple(map(float, light.brightness)),
         warnings=tuple(messages),
     )

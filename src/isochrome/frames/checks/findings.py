@@ -224,6 +224,8 @@ def of_light(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
     jumps = (change > JUMP) & clear
     text = f"the brightness jumps against the frame before (by {100 * change.max(initial=0):.0f} % "
     yield from _frames("warning", jumps, text + UNSTEADY)
+    if not jumps.any():
+        yield from _of_set(high, clear & ~weak & (share <= SATURATED))
     twins = np.zeros(seen.count, bool)
     twins[[i for i, _ in seen.twins if i < seen.count]] = True
     text = "the same, pixel by pixel, as an earlier one; did the camera stall?"
@@ -232,6 +234,19 @@ def of_light(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
         unit = "of full scale" if reader.bit_depth is None else "grey levels"
         text = f"camera noise about {np.median(seen.noise):.3g} {unit}, rounding included"
         yield Finding("note", text)
+
+
+def _of_set(high: np.ndarray, usable: np.ndarray) -> Iterator[Finding]:
+    """Frames whose brightest places are dimmer than another's, by steps too small for a jump."""
+    if not usable.any():
+        return
+    top = float(high[usable].max())
+    dim = usable & (high < (1.0 - JUMP) * top)
+    if dim.any():
+        least = float(high[dim].min())
+        text = f"the brightest places are down to 1 : {top / least:.2g} of those of other frames: "
+        text += "fix exposure, gain and lamp (only frames below half a fringe may be so dark)"
+        yield from _frames("warning", dim, text)
 
 
 def _blank(seen: Survey, full: float) -> Iterator[Finding]:

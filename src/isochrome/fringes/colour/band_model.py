@@ -54,6 +54,7 @@ LIKELY = np.concatenate([np.full(2, 0.05), np.full(3, 0.4), np.full(6, 0.2)])
 """Expected deviations of a light's numbers from one of these."""
 
 _STEP_OF_NUMBERS = 1e-4
+_SCALE_ERROR = 0.02
 
 
 @dataclass(frozen=True)
@@ -126,3 +127,39 @@ def band_table(
     change[:, rows, 5 + np.arange(6)] = bands[:last, cols] - bands[:last, rows]
     change *= (plain[:last] > 0.0)[..., None]
     return ColourTable(table, np.zeros(3)), change
+
+
+def band_scale(order: Array, signal: Array, *, bright: bool = False) -> float:
+    """How much light signals at known orders have over those of a light of three bands.
+
+    Of signals that are known up to one factor: light of any bands is half full on the mean over
+    many orders, so that bands and factor are found together.
+
+    Parameters
+    ----------
+    order : ndarray (n,)
+        Orders N.
+    signal : ndarray (n, 3)
+        Signals of red, green and blue at these.
+    bright : bool, default False
+        Whether the frames show the bright field.
+
+    Returns
+    -------
+    float
+        The factor.
+    """
+    from scipy.optimize import least_squares
+
+    def misfit(unknowns: Array, start: Array) -> Array:
+        light = band_light(unknowns[:NUMBERS])
+        model = light.bands(order, bright=bright) @ light.mixing.T
+        away = (signal - np.exp(unknowns[NUMBERS]) * model) / _SCALE_ERROR
+        return np.concatenate([away.ravel(), (unknowns[:NUMBERS] - start) / LIKELY])
+
+    top = float(np.log(np.percentile(signal, 98.0)))
+    ends = [
+        least_squares(misfit, np.append(start, top), args=(start,), max_nfev=40)
+        for start in (SENSOR, CORRECTED)
+    ]
+    return float(np.exp(min(ends, key=lambda end: float(end.cost)).x[NUMBERS]))

@@ -16,7 +16,7 @@ from isochrome.fringes.colour.band_model import LIKELY, NUMBERS, band_table
 from isochrome.fringes.colour.without_references import UNLIKE, spread_out
 from isochrome.fringes.windows import Array, Mask, block_means, valid_means
 
-BRIGHTNESS_OFF, GAMMA_OFF, BACKGROUND_OFF, UNEVEN = 0.02, 0.3, 0.005, 0.1
+BRIGHTNESS_OFF, GAMMA_OFF, BACKGROUND_OFF, UNEVEN = 0.5, 0.3, 0.005, 0.1
 """Expected deviations: of the frames' brightness, of log gamma, of the background (of full scale)
 and of a surface's terms about the frames' own envelope, over its mean."""
 
@@ -101,7 +101,9 @@ class Unknowns:
         """One frame's light, with the contrast that it would have at full signal."""
         gamma = float(np.exp(theta[_GAMMA]))
         background, illumination = self.ends(theta)
-        contrast = np.exp(theta[_FRAMES + frame]) * illumination * relief[..., None]
+        exposure = np.exp(theta[_FRAMES + frame])
+        background = exposure * background
+        contrast = exposure * illumination * relief[..., None]
         raw, valid = self.shots.raw[frame], self.shots.valid[frame]
         usable = valid & (contrast > 0.0)
         light = np.where(usable, np.maximum(raw, 0.0), 0.0)
@@ -120,12 +122,14 @@ class Unknowns:
         contrast = seen.contrast.reshape(-1, 3)[pixels]
         design = np.zeros((len(pixels), 3, len(theta)))
         design[..., :NUMBERS] = contrast[..., None] * change
-        share = 1.0 if shots.bright is None else 1.0 - ideal
+        exposure = np.exp(theta[_FRAMES + frame])
+        share = exposure * (np.ones_like(ideal) if shots.bright is None else 1.0 - ideal)
         design[..., _GAMMA] = -_by_gamma(shots.raw[frame].reshape(-1, 3)[pixels], gamma)
-        for end, part in ((shots.dark, share), (shots.bright, ideal)):
+        for end, part in ((shots.dark, share), (shots.bright, exposure * ideal)):
             if end is not None:
                 design[..., _GAMMA] += part * _by_gamma(end.reshape(-1, 3)[pixels], gamma)
-        design[..., _FRAMES + frame] = contrast * ideal
+        low = seen.background.reshape(-1, 3)[pixels]
+        design[..., _FRAMES + frame] = low + contrast * ideal
         start = self.ends_from
         if shots.dark is None:
             design[:, np.arange(3), start + np.arange(3)] = share
@@ -193,7 +197,9 @@ def unknowns(
             "pass 1 at least"
         )
     frames = len(light)
-    parts = [numbers, np.array([np.log(gamma)]), np.zeros(frames)]
+    brightness = _brightness(light, shots, gamma)
+    light = light / np.exp(brightness)[:, None, None, None]
+    parts = [numbers, np.array([np.log(gamma)]), brightness]
     off = [LIKELY, np.array([_FIXED if fixed else GAMMA_OFF]), np.full(frames, BRIGHTNESS_OFF)]
     if shots.bright is None:
         off[-1][0] = _FIXED  # the first frame's brightness is the illumination's
@@ -211,6 +217,19 @@ def unknowns(
     if shots.bright is None:
         _hold_alike(hold, shape)
     return Unknowns(shots, surface, expected, hold, bright_field)
+
+
+def _brightness(light: Array, shots: ColourShots, gamma: float) -> Array:
+    """Logarithm of each frame's brightness (frames,) by its brightest places.
+
+    Over that of the no-load frame where there is one, else over the first frame's: frames of a
+    fringe or more reach nearly full light all alike.
+    """
+    top = np.nanpercentile(np.nansum(light, axis=-1), 99.0, axis=(1, 2))
+    full = top[0]
+    if shots.bright is not None:
+        full = np.percentile(np.nansum(shots.bright**gamma, axis=-1), 90.0)
+    return np.asarray(np.log(np.maximum(top, 1e-3 * full) / full))
 
 
 def _envelope(light: Array, surface: Array) -> Array:

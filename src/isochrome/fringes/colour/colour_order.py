@@ -21,6 +21,7 @@ from isochrome.fringes.colour.colour_branch import choose_orders
 from isochrome.fringes.colour.colour_signal import ColourSignal, colour_signal
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.fringes.colour.colour_value import JUMP, ColourValue, refine_colour
+from isochrome.fringes.colour.frame_exposure import FrameExposure
 from isochrome.fringes.on_branch import OrderReading, probability
 from isochrome.fringes.windows import Array, Mask, beside_jumps, masked
 
@@ -80,6 +81,8 @@ class ColourReading(OrderReading):
         Share of the pixels whose colours are not the table's.
     lost : bool
         Whether these are too many: no order is known then.
+    exposure : FrameExposure
+        The frame's exposure over that of its no-load frames, as its colours tell it.
     """
 
     signal: Array
@@ -89,6 +92,7 @@ class ColourReading(OrderReading):
     noise: float
     strange: float
     lost: bool
+    exposure: FrameExposure
 
 
 def read_colour(
@@ -189,6 +193,7 @@ def _reading(
     """What is known of the refined orders, and how well."""
     trusted = np.isfinite(seen.signal)
     found = seen.order_variance + (_FOUND_ENDS * seen.blind) ** 2
+    found = found + seen.exposure.order_variance(seen.signal, table, value.order)
     uncertainty = np.sqrt(value.uncertainty**2 + found)
     readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
@@ -217,6 +222,7 @@ def _reading(
         noise=float(np.sqrt(np.median(seen.variance[trusted]))) if trusted.any() else float("nan"),
         strange=strange,
         lost=lost,
+        exposure=seen.exposure,
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.fringes.colour.frame_exposure import FrameExposure, find_exposure
 from isochrome.fringes.colour.without_references import find_ends
 from isochrome.fringes.windows import Array, Mask
 
@@ -31,7 +32,8 @@ class ColourSignal:
     `signal`, NaN = not trusted; `variance` of it; `lit` (rows, cols), where there is light at all;
     `order_variance` (rows, cols), fringes², from the uncertainty of the ends found;
     `blind`, whether an end was found from the frame itself; `unlit_unknown`, whether nothing but
-    the frame says where there is light: a black place may then be no specimen at all.
+    the frame says where there is light: a black place may then be no specimen at all; `exposure`,
+    the frame's over its no-load frames'.
     """
 
     signal: Array
@@ -40,6 +42,7 @@ class ColourSignal:
     order_variance: Array
     blind: bool
     unlit_unknown: bool
+    exposure: FrameExposure
 
 
 def colour_signal(
@@ -66,7 +69,12 @@ def colour_signal(
             )
     blind = dark is None or bright is None
     noise = np.broadcast_to(np.asarray(sigma, dtype=float), light.shape)
+    exposure = FrameExposure()
     if dark is not None and bright is not None:
+        exposure = find_exposure(
+            light, table, sigma=noise, dark=dark, bright=bright, valid=valid & (bright > dark)
+        )
+        dark, bright = exposure.factor * dark, exposure.factor * bright
         low, contrast, order_variance = dark, bright - dark, np.zeros(light.shape[:2])
     else:
         low, contrast, order_variance = find_ends(
@@ -90,6 +98,7 @@ def colour_signal(
         order_variance,
         blind,
         bright is None,
+        exposure,
     )
 
 

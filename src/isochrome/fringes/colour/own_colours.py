@@ -5,7 +5,7 @@ few numbers of the light (`isochrome.fringes.colour.band_model`), the camera's t
 light^(1/gamma), the background D, each frame's brightness g and the illumination A, a quadratic
 surface a channel times a relief r of all channels:
 
-    raw^gamma = D_c + g r A_c t_c(N).
+    raw^gamma = g (D_c + r A_c t_c(N)).
 
 Orders are looked up with a first guess, guided by their neighbours; all numbers are corrected by
 least squares with every pixel's order free; orders are looked up again, and so on. What the bands

@@ -194,6 +194,17 @@ def _warnings(found: ColourReading) -> tuple[str, ...]:
             f"chi = {found.chi:.2f}: the table does not describe the colours within their noise; "
             "check camera.response and frames.gamma, and use the orders with care"
         )
+    exposure = found.exposure
+    if exposure.factor != 1.0:
+        messages.append(
+            f"exposed {exposure.factor:.3g} times as long as the no-load frames, or lit so much "
+            "more: its colours tell that, and it is used"
+        )
+    elif not exposure.told:
+        messages.append(
+            "its colours do not tell whether it is exposed as its no-load frames are, which is "
+            "assumed; orders that this leaves open by over 0.03 fringe are left out"
+        )
     if found.blind:
         messages.append("illumination found from the frame itself, without both no-load frames")
     if not found.lost and found.kept < 0.5:

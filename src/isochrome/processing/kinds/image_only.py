@@ -22,6 +22,8 @@ from isochrome.frames import (
 from isochrome.fringes import (
     BackgroundModulation,
     FreeReading,
+    NoLoadExposure,
+    find_no_load_exposure,
     fit_background_modulation,
     gamma_misfit,
     read_free,
@@ -43,6 +45,18 @@ NOT_SETTLED = "no rest was found: give no-load frames, or mask what is not the s
 OVEREXPOSED = (
     "{:.0f} % of the specimen is saturated: no order is reported without frames.no_load_bright, as "
     "the bright end is not in the picture; lower the exposure, or give that frame"
+)
+FEWEST_LINES = 3
+"""Fringe lines without which the shape of the light alone, a lamp's as well as a fringe's, would
+say where the bright end is."""
+
+FEW_FRINGES = (
+    "{} fringe lines, and {} at least are needed without frames.no_load_bright: uneven light and "
+    "fringes look alike, and no order is reported; give that frame"
+)
+SAME_EXPOSURE = (
+    "its fringes do not tell whether it is exposed as its no-load frames are, which is assumed: "
+    "keep exposure, gain and lamp fixed"
 )
 SIGNIFICANT, WRONG_GAMMA = 5.0, 0.1
 """Of a stated gamma that the fringes contradict: standard uncertainties, and share of its value."""
@@ -100,6 +114,8 @@ def process_image_only(
     saturated = _saturated(frame, capture, inside)
     if capture.bright is None and saturated > MOST_SATURATED:
         found, warnings = None, [OVEREXPOSED.format(100.0 * saturated)]
+    elif capture.bright is None and len(lines) < FEWEST_LINES and scene.frames.known_order:
+        found, warnings = None, [FEW_FRINGES.format(len(lines), FEWEST_LINES)]
     else:
         found, warnings = _read(seen, scene)
     return replace(
@@ -146,7 +162,12 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
         low_end, high_end = ends.dark, ends.bright
     else:
+        exposure = find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
+        notes += _of_exposure(exposure)
         low_end, high_end = dark, bright
+        if exposure.ends is not None:
+            low_end, high_end = exposure.ends.dark, exposure.ends.bright
+            error = exposure.ends.signal_uncertainty(light)
     done = normalise(
         Linear(np.maximum(light, 0.0) ** exponent if tone else linear.image, valid),
         Linear(low_end, valid),
@@ -154,11 +175,24 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
     )
     # a search that found no rest says nothing of the tone, and without a reading nobody asks
     if not tone and settled and scene.frames.known_order:
-        other, messages = _contradicted(light, sigma, done, (dark, bright), gamma)
+        own = None if dark is None else low_end, None if bright is None else high_end
+        other, messages = _contradicted(light, sigma, done, own, gamma)
         error, notes = np.hypot(error, other), notes + messages
     slope = exponent * np.maximum(light, sigma) ** (exponent - 1.0)
     noise = slope * sigma / np.where(done.valid, done.contrast, 1.0)
     return _Signal(done.signal, noise, done.valid, error, tuple(notes), columns)
+
+
+def _of_exposure(exposure: NoLoadExposure) -> list[str]:
+    """What to say of a frame's exposure against that of its no-load frames."""
+    if exposure.ends is not None:
+        return [
+            f"exposed {exposure.bright:.3g} times as long as frames.no_load_bright, or lit so much "
+            "more: its fringes tell that, and it is used"
+        ]
+    if not exposure.told:
+        return [SAME_EXPOSURE]
+    return []
 
 
 def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) -> list[str]:

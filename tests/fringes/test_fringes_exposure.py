@@ -1,0 +1,141 @@
+"""One frame of few fringes in uneven light: no-load frames of any exposure, and none.
+
+The frames are rendered here: sin² of a smooth field, a lamp of 1.7 : 1 with a bright bar.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from isochrome.frames import Frame, to_linear
+from isochrome.fringes import find_no_load_exposure
+from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.result import Capture
+from isochrome.scene import parse_scene
+
+SHAPE = (96, 128)
+SCENE = "[specimen]\nshape = 'other'\nthickness_mm = 4.0\n[camera]\nbit_depth = 8\n"
+ANY = ((1.0, 1.0, 1.0), (1.0, 0.385, 0.385), (0.385, 1.0, 1.0), (0.6, 1.0, 0.5))
+"""Exposures of a frame and of its bright and its dark no-load frame."""
+
+
+def places():
+    return np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in SHAPE), indexing="ij")
+
+
+def stored(signal, exposure, rng):
+    z, x = places()
+    lamp = 1.0 - 0.1 * (x**2 + z**2) + 0.7 * np.exp(-(((x + 0.4) / 0.25) ** 2))
+    light = exposure * (0.75 * lamp / lamp.max() * signal + 0.04)
+    grey = np.rint(255.0 * light + rng.normal(size=SHAPE))
+    return np.clip(grey, 0, 255).astype(np.uint8)
+
+
+def field(rng, lowest=0.2, highest=1.1):
+    """A bent slope of the order from the lowest to the highest."""
+    z, x = places()
+    turn, (a, b, c) = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-0.3, 0.3, 3)
+    bent = np.cos(turn) * x + np.sin(turn) * z + a * x * z + b * x * x + c * z * z
+    return lowest + (highest - lowest) * (bent - bent.min()) / np.ptp(bent)
+
+
+def drawn(seed, exposures, *, highest=1.1):
+    """Order, frame, and the bright and dark no-load frame."""
+    rng = np.random.default_rng(seed)
+    order = field(rng, highest=highest)
+    own, bright, dark = exposures
+    return (
+        order,
+        stored(np.sin(np.pi * order) ** 2, own, rng),
+        stored(np.ones(SHAPE), bright, rng),
+        stored(np.zeros(SHAPE), dark, rng),
+    )
+
+
+def read(order, image, ends):
+    """What `process` makes of it, with three points of known order."""
+    points = []
+    for value in (0.3, 0.7, 0.9):
+        away = np.abs(order - value)
+        away[:8], away[-8:], away[:, :8], away[:, -8:] = (np.inf,) * 4
+        row, col = np.unravel_index(np.argmin(away), SHAPE)
+        points.append({"row_px": int(row), "col_px": int(col), "order": float(order[row, col])})
+    scene = parse_scene(SCENE).with_values({"frames.known_order": tuple(points)})
+    light = [end if end is None else to_linear(end, bit_depth=8) for end in ends]
+    return process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light))
+
+
+def errors(found, order):
+    """Errors of the pixels that are called known, and what is stated of them."""
+    if found.reading is None:
+        return np.zeros(0), np.zeros(0)
+    known = np.isfinite(found.reading.order)
+    return np.abs(found.reading.order - order)[known], found.reading.uncertainty[known]
+
+
+def assert_not_silent(error, stated):
+    assert np.mean((error > 0.05) & (error > 3.0 * stated)) < 0.002
+
+
+@pytest.mark.parametrize("exposures", ANY)
+@pytest.mark.parametrize("seed", range(5))
+def test_crests_and_troughs_tell_the_exposures(seed, exposures):
+    _, image, bright, dark = (part / 255.0 for part in drawn(seed, exposures))
+    own, of_bright, of_dark = exposures
+    found = find_no_load_exposure(
+        image, np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool), dark=dark, bright=bright
+    )
+    assert found.told
+    assert abs(found.bright * of_bright / own - 1.0) < 0.02
+    if of_bright == own == of_dark:
+        assert found.ends is None and found.bright == found.dark == 1.0
+    else:
+        assert abs(found.dark * of_dark / own - 1.0) < 0.2
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_below_a_crest_nothing_is_made_of_the_exposure(seed):
+    _, image, bright, dark = (part / 255.0 for part in drawn(seed, (0.7, 1.0, 1.0), highest=0.35))
+    found = find_no_load_exposure(
+        image, np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool), dark=dark, bright=bright
+    )
+    assert not found.told and found.ends is None
+
+
+def test_a_frame_without_a_crest_says_that_its_exposure_is_assumed():
+    order, image, bright, dark = drawn(0, (1.0, 1.0, 1.0), highest=0.42)
+    found = read(np.clip(order, 0.0, 0.42), image, (dark, bright))
+    assert any(
+        "do not tell whether it is exposed as its no-load frames" in w for w in found.warnings
+    )
+
+
+def judge(seed, exposures):
+    order, image, bright, dark = drawn(seed, exposures)
+    found = read(order, image, (dark, bright))
+    error, stated = errors(found, order)
+    assert len(error) > 0.1 * order.size
+    assert np.sqrt(np.mean(error**2)) < 0.02
+    assert_not_silent(error, stated)
+    said = any("exposed" in line for line in found.warnings)
+    assert said == (exposures != ANY[0])
+
+
+@pytest.mark.parametrize("exposures", ANY)
+def test_few_fringes_are_read_with_no_load_frames_of_any_exposure(exposures):
+    judge(0, exposures)
+
+
+@pytest.mark.study
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(100))
+def test_few_fringes_of_many_fields_are_read_with_no_load_frames_of_any_exposure(seed):
+    judge(seed, ANY[seed % len(ANY)])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(20))
+def test_few_fringes_without_no_load_frames_are_not_silently_wrong(seed):
+    order, image, *_ = drawn(seed, ANY[0])
+    assert_not_silent(*errors(read(order, image, (None, None)), order))
