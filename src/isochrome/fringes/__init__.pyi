@@ -12,6 +12,7 @@ from .single_frame.background_modulation import (
     widened,
 )
 from .single_frame.free_order import FreeReading, read_free
+from .single_frame.stated_orders import KnownPlaces
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
 from .stepped.residual_stress import ResidualStress, read_residual
 from .stepped.step_equations import make_design
@@ -24,6 +25,7 @@ __all__ = [
     "ColourShots",
     "ColourTable",
     "FreeReading",
+    "KnownPlaces",
     "OrderReading",
     "OwnLight",
     "ResidualStress",
