@@ -78,7 +78,7 @@ def anchor_parts(
         parts = [_part_at(patches, labels, p) for p in places]
         misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
         if max(parts) < 0:
-            said.append(_unfollowed(each.key, places[0].point, valid))
+            said.append(_unfollowed(each, valid))
         for part in sorted({part for part in parts if part >= 0}):
             own = tuple(p for p, at in zip(places, parts, strict=True) if at == part)
             by_part.setdefault(part, []).append(Stated(each, own))
@@ -247,8 +247,8 @@ def _place(patches: Patches, where: Mask) -> tuple[int, int, tuple[int, int]]:
     return int(patches.rows[i]), int(patches.cols[j]), (i, j)
 
 
-def _unfollowed(key: str, point: KnownPoint, valid: Mask) -> str:
-    row, col, order = point
+def _unfollowed(known: KnownPlaces, valid: Mask) -> str:
+    row, col = known.places[0]
     i, j = round(row), round(col)
     inside = 0 <= i < valid.shape[0] and 0 <= j < valid.shape[1] and bool(valid[i, j])
     why = (
@@ -256,7 +256,8 @@ def _unfollowed(key: str, point: KnownPoint, valid: Mask) -> str:
         if inside
         else "lies outside the specimen, or where the frame is not trusted; move it inside"
     )
-    return f"{key} = {order:g} at row {row:g}, column {col:g}: {why}"
+    others = ", and at its other places" if known.is_line else ""
+    return f"{known.key} = {known.order:g} at row {row:g}, column {col:g}{others}: {why}"
 
 
 def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
