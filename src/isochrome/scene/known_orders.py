@@ -88,8 +88,16 @@ class KnownLine(_Path):
 class FreeCorner:
     """A sharp outward corner of a free outline, where every stress and so the order is nought.
 
-    `row`, `col` (px); `inward`, the unit vector (row, col) along its bisector; `angle_deg`, the
-    specimen's, degrees.
+    Parameters
+    ----------
+    row : float
+        Its row, px.
+    col : float
+        Its column, px.
+    inward : tuple of float
+        The unit vector (row, col) along its bisector, into the specimen.
+    angle_deg : float
+        The specimen's angle, degrees.
     """
 
     row: float

@@ -30,7 +30,7 @@ from isochrome.fringes.single_frame.stated_orders import (
     StatedPlace,
     fits_nothing,
     left_out,
-    place_of,
+    stated_place,
 )
 from isochrome.fringes.windows import Array, Mask
 
@@ -74,7 +74,7 @@ def anchor_parts(
     misses: list[KnownPoint] = []
     by_part: dict[int, list[Stated]] = {}
     for each in known:
-        places = [place_of(patches, field_terms, each, place) for place in each.places]
+        places = [stated_place(patches, field_terms, each, place) for place in each.places]
         parts = [_part_at(patches, labels, p) for p in places]
         misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
         if max(parts) < 0:

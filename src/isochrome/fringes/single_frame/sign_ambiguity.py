@@ -47,7 +47,7 @@ _PER_UNIT, _ENDLESS = 100.0, 2**30
 
 
 @dataclass(frozen=True)
-class Source:
+class AnchorPatch:
     """Where the order is known: the `patch` (row, col), and the quadratic's `basis` (6,) there.
 
     `crest`, the crest (half fringes) that it lies on: of that one it does not say the side.
@@ -123,7 +123,7 @@ def has_zero_line(order: Array) -> bool:
 
 
 def open_seams(
-    patches: Patches, terms: Array, points: Sequence[Source], zero_said: bool
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch], zero_said: bool
 ) -> list[tuple[int, Mask]]:
     """Patches whose branch the light does not settle from where the order is known.
 
@@ -155,8 +155,8 @@ def open_seams(
 def turned_to(
     patches: Patches,
     terms: Array,
-    points: Sequence[Source],
-    there: Source,
+    points: Sequence[AnchorPatch],
+    there: AnchorPatch,
     order: float,
     within: float,
 ) -> Array | None:
@@ -183,7 +183,7 @@ def turned_to(
 
 
 def _seams(
-    patches: Patches, terms: Array, points: Sequence[Source] | None = None
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch] | None = None
 ) -> Iterator[_Seam]:
     """The least costly seam of each region beyond each crest, seen from the points.
 
@@ -205,7 +205,7 @@ def _about(
     terms: Array,
     crest: int,
     band: float,
-    points: Sequence[Source] | None,
+    points: Sequence[AnchorPatch] | None,
 ) -> Iterator[_Seam]:
     """The seams about one crest, which keep to the patches in a band of orders about it."""
     shape = terms.shape[:2]

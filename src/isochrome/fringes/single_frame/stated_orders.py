@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isochrome.fringes.single_frame.patches import Patches, basis
-from isochrome.fringes.single_frame.sign_ambiguity import Source
+from isochrome.fringes.single_frame.sign_ambiguity import AnchorPatch
 from isochrome.fringes.windows import Array
 
 KnownPoint = tuple[float, float, float]
@@ -116,14 +116,14 @@ class Stated:
     def source(self, p: StatedPlace, terms: Array) -> Source:
         """One of its places to look at seams from, by the order's terms (m, n, 6)."""
         crest = round(2.0 * float(p.basis @ terms[p.patch])) if self.on_line else None
-        return Source(p.patch, p.basis, crest)
+        return AnchorPatch(p.patch, p.basis, crest)
 
     def __str__(self) -> str:
         row, col, order = self.first.point
         return f"{self.known.key} = {order:g} at row {row:g}, column {col:g}"
 
 
-def place_of(
+def stated_place(
     patches: Patches, terms: Array, known: KnownPlaces, place: tuple[float, float]
 ) -> StatedPlace:
     """What a patch says of a place in it, by the parts' `terms` (m, n, 6)."""
