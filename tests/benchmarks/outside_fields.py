@@ -4,7 +4,8 @@ Each field is e = sigma_y - sigma_x + 2i tau_xy at complex places w = x + iy (y 
 1 in half its width, and the order N = |e| up to a scale. Sources: Muskhelishvili (1953), Some basic
 problems of the mathematical theory of elasticity (holes); Westergaard (1939), J. Appl. Mech. 6, 49
 (cracks); Frocht (1948), Photoelasticity, vol. 2 (discs); Timoshenko & Goodier (1951), Theory of
-elasticity (wedge, beam, half-plane, thick ring).
+elasticity (wedge, beam, half-plane, thick ring); Williams (1952), J. Appl. Mech. 19, 526 (free
+corner).
 """
 
 from __future__ import annotations
@@ -163,6 +164,32 @@ def bowl(w, rng):
     return field + rng.uniform(0.0, 0.5) + 0j, np.abs(w) >= 0.0
 
 
+def free_corner(w, rng):
+    """A plate's corner between two free sides, right of its tip: Williams' first term.
+
+    phi = A z^l + conj(A) z^conj(l), psi likewise with C, and sin(2 l a) + l sin(2 a) = 0 of half
+    the angle, a: then phi + z conj(phi') + conj(psi), the force from the tip, is 0 on both sides.
+    """
+    half = 0.5 * np.radians(rng.uniform(60.0, 105.0))
+    power = _williams(half)
+    z = np.where(np.abs(w + 0.9) > 1e-9, w + 0.9, 1e-9)  # the tip left in the picture
+    factor = np.exp(1j * rng.uniform(0.0, np.pi))
+    other = -factor * (np.cos(2.0 * power * half) + power * np.cos(2.0 * half))
+    field = 0.0
+    for a, c, p in ((factor, other, power), tuple(map(np.conj, (factor, other, power)))):
+        field = field + 2.0 * p * (a * (p - 1.0) * np.conj(z) * z ** (p - 2.0) + c * z ** (p - 1.0))
+    return field, np.abs(np.angle(z)) < half
+
+
+def _williams(half):
+    """The least root of sin(2 l a) = -l sin(2 a) beyond 1, by Newton's steps."""
+    power = 2.74 * np.pi / 4.0 / half * (1.0 + 0.4j)
+    for _ in range(60):
+        value = np.sin(2.0 * power * half) + power * np.sin(2.0 * half)
+        power = power - value / (2.0 * half * np.cos(2.0 * power * half) + np.sin(2.0 * half))
+    return power
+
+
 KINDS = {
     each.__name__.replace("_", " "): each
     for each in (
@@ -186,7 +213,8 @@ def order_field(kind, shape, seed, *, highest, steepest=0.12, samples=3):
     `steepest`, fringes a pixel, is passed by 2 % of the specimen at most.
     """
     rng = np.random.default_rng(seed)
-    field, body = KINDS[kind](places(shape, samples), rng)
+    draw = free_corner if kind == "free corner" else KINDS[kind]
+    field, body = draw(places(shape, samples), rng)
     order = np.abs(field)
     slope = samples * np.hypot(*np.gradient(order))[body]
     scale = min(

@@ -118,6 +118,14 @@ def test_steps_and_known_orders_are_held_against_the_frames(tmp_path):
     assert "known_order[1] at row 60" in errors
 
 
+def test_known_lines_and_outlines_beyond_the_picture_are_named_by_their_first_such_point(tmp_path):
+    toml = PLAIN + "[[frames.known_line]]\nrow_px = [3, 60.5]\ncol_px = [4, 4]\norder = 1.0\n"
+    toml += "[[frames.free_boundary]]\nrow_px = [-0.5, 59.5, 0]\ncol_px = [0, 0, 81]\n"
+    errors = texts(checked(tmp_path, [fringe()], toml), "error")
+    assert "known_line[1], point 2 at row 60.5, column 4 lies outside 60 x 80 pixels" in errors
+    assert "free_boundary[1], point 3 at row 0, column 81 lies outside" in errors
+
+
 def test_speed_without_times_is_an_error(tmp_path):
     toml = CONTACT + "[frames]\nsliding_speed_mm_per_s = 5.0\n"
     assert "carry no time" in texts(checked(tmp_path, [fringe()], toml), "error")

@@ -83,6 +83,22 @@ def test_polygon_holds_the_pixels_whose_centres_lie_in_it(tmp_path):
     np.testing.assert_array_equal(found, np.abs(ROW - 15) + np.abs(COL - 20) <= 35)
 
 
+def test_a_closed_free_boundary_is_the_specimens_outline_and_an_open_one_is_not(tmp_path):
+    outline = (
+        "free_boundary = [{ row_px = [4.5, 4.5, 20.5, 20.5%s], col_px = [2.5, 9.5, 9.5, 2.5%s] }]"
+    )
+    inside = np.zeros(PART, dtype=bool)
+    inside[5:21, 3:10] = True
+    found = load_mask(scene_of(tmp_path, outline % (", 4.5", ", 2.5")), PART, FULL)
+    np.testing.assert_array_equal(found, inside)
+    assert load_mask(scene_of(tmp_path, outline % ("", "")), PART, FULL).all()
+    beyond = outline.replace("20.5", "80.5") % (", 4.5", ", 2.5")
+    crossed = "free_boundary = [{ row_px = [0, 9, 0, 9, 0], col_px = [0, 9, 9, 0, 0] }]"
+    with pytest.raises(InputError, match=r"frames\.free_boundary\[1\]: the sides after corners"):
+        load_mask(scene_of(tmp_path, crossed), PART, FULL)
+    assert load_mask(scene_of(tmp_path, beyond), PART, FULL)[29, 5]
+
+
 def test_mask_and_polygon_together_keep_what_is_inside_both(tmp_path):
     save(tmp_path / "m.png", DISC)
     half = "polygon_px = [[-1, -1], [-1, 19.5], [30, 19.5], [30, -1]]"

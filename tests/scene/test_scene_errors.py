@@ -314,3 +314,57 @@ def test_changed_values_are_checked_like_a_file(values, words):
 def test_a_key_of_an_absent_part_says_which_part_to_add():
     with pytest.raises(InputError, match=r"friction.coefficient: this scene has no \[friction\]"):
         parse_scene(CONTACT).get("friction.coefficient")
+
+
+LINE = "[[frames.known_line]]\nrow_px = {}\ncol_px = {}\norder = {}\n"
+OUTLINE = "[[frames.free_boundary]]\nrow_px = {}\ncol_px = {}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (LINE.format("[3]", "[4]", 1.0), "frames.known_line[1].row_px = [3] is not allowed"),
+        (LINE.format("[3, 4]", "[4]", 1.0), "known_line[1].col_px = [4] is not allowed"),
+        (LINE.format("[3, 4, 5]", "[4, 5]", 1.0), "row_px has 3 numbers and col_px has 2"),
+        (LINE.format("[3, 3]", "[4, 4]", 1.0), "points 1 and 2 are the same; remove one"),
+        (LINE.format("[3, nan]", "[4, 5]", 1.0), "row_px[2] = nan is not allowed: input should be"),
+        (LINE.format("[3, -1]", "[4, 5]", 1.0), "row_px[2] = -1 is not allowed"),
+        (LINE.format("[3, 4]", "[4, 5]", -0.5), "order = -0.5 is not allowed"),
+        (LINE.format("[3, 4]", "[4, 5]", "nan"), "order = nan is not allowed"),
+        (
+            LINE.format("[3, 4]", "[4, 5]", 1.3),
+            "order = 1.3 is not allowed: input should be a mult",
+        ),
+        (LINE.replace("row_px", "rows_px"), "did you mean 'row_px'?"),
+        (OUTLINE.format("[3]", "[4]"), "frames.free_boundary[1].row_px = [3] is not allowed"),
+        (OUTLINE.format("[3, 4]", "[4, inf]"), "col_px[2] = inf is not allowed"),
+        (OUTLINE.format("[3, 9, 3]", "[4, 9, 4]"), "after 2 points, and an outline has three"),
+    ],
+)
+def test_known_lines_and_free_boundaries_that_cannot_be_meant_are_refused(text, words):
+    text = text.format("[3, 4]", "[4, 5]", 1.0) if "{" in text else text
+    with pytest.raises(InputError) as refusal:
+        parse_scene("[specimen]\n" + text)
+    assert words in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+def test_known_lines_are_for_single_frames():
+    steps = "[[polariscope.step]]\npolariser_deg = 0.0\nanalyser_deg = 90.0\n"
+    with pytest.raises(InputError, match=r"known_line.* is for single frames.*known_order"):
+        parse_scene("[specimen]\n" + steps + LINE.format("[3, 4]", "[4, 5]", 1.0))
+
+
+def test_only_sharp_outward_corners_of_an_outline_with_long_sides_are_free_corners():
+    """An L: its corner into the specimen is none; nor is one of 120 degrees, nor a step."""
+    shape = OUTLINE.format("[0, 0, 40, 40, 99, 99, 0]", "[0, 90, 90, 40, 40, 0, 0]")
+    (outline,) = parse_scene("[specimen]\n" + shape).frames.free_boundary
+    places = {(corner.row, corner.col) for corner in outline.corners}
+    assert places == {(0, 0), (0, 90), (40, 90), (99, 40), (99, 0)}
+    first = next(corner for corner in outline.corners if (corner.row, corner.col) == (40, 90))
+    assert first.inward == pytest.approx((-(0.5**0.5), -(0.5**0.5))) and first.angle_deg == 90.0
+    backwards = OUTLINE.format("[0, 99, 99, 40, 40, 0, 0]", "[0, 0, 40, 40, 90, 90, 0]")
+    (other,) = parse_scene("[specimen]\n" + backwards).frames.free_boundary
+    assert {(corner.row, corner.col) for corner in other.corners} == places
+    for rows, cols in (("[0, 0, 52]", "[0, 60, 90]"), ("[0, 0, 20]", "[0, 60, 60]")):
+        (open_one,) = parse_scene("[specimen]\n" + OUTLINE.format(rows, cols)).frames.free_boundary
+        assert not open_one.corners

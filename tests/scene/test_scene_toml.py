@@ -16,8 +16,10 @@ from isochrome.scene import (
     Camera,
     DistanceTable,
     Frames,
+    FreeBoundary,
     Friction,
     Indenter,
+    KnownLine,
     KnownOrder,
     Load,
     Numerics,
@@ -98,6 +100,18 @@ frames = some(
             KnownOrder, row_px=st.integers(0, 9), col_px=st.integers(0, 9), order=st.floats(0, 50)
         ),
         max_size=2,
+    ),
+    known_line=st.lists(
+        st.builds(
+            KnownLine,
+            row_px=st.just([1.5, 2.0]),
+            col_px=st.lists(st.floats(0, 99), min_size=2, max_size=2),
+            order=st.integers(0, 99).map(lambda half: 0.5 * half),
+        ),
+        max_size=2,
+    ),
+    free_boundary=st.lists(
+        st.builds(FreeBoundary, row_px=st.just([0, 0, 9]), col_px=st.just([0, 5, 5])), max_size=1
     ),
 )
 specimens = st.builds(

@@ -36,9 +36,9 @@ class WithFrames(Protocol):
 
 
 def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, int]) -> Mask:
-    """Load the specimen's pixels, by frames.mask and frames.polygon_px.
+    """Load the specimen's pixels, by frames.mask, frames.polygon_px and closed free boundaries.
 
-    They lie inside both where both are given.
+    They lie inside all that are given.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, 
     Returns
     -------
     ndarray of shape (row, col)
-        True = specimen, of the size `shape`; all True where the scene names neither.
+        True = specimen, of the size `shape`; all True where the scene names none.
 
     Raises
     ------
@@ -63,12 +63,16 @@ def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, 
     frames = scene.frames
     if frames.mask is not None:
         inside &= _of_file(scene.path(frames.mask), frames, shape, full_shape)
+    closed = {f"frames.free_boundary[{i}]": b for i, b in enumerate(frames.free_boundary, start=1)}
+    polygons = {key: b.places[:-1] for key, b in closed.items() if b.is_closed}
     if frames.polygon_px is not None:
-        polygon = _of_polygon(frames.polygon_px, shape)
+        polygons["frames.polygon_px"] = frames.polygon_px
+    for key, corners in polygons.items():
+        polygon = _of_polygon(corners, shape, key)
         if not (inside & polygon).any():
+            others = "frames.mask" if frames.mask else "the others"
             raise InputError(
-                "frames.polygon_px and frames.mask have no pixel in common; correct one, or "
-                "remove it"
+                f"{key} and {others} have no pixel in common; correct one, or remove it"
             )
         inside &= polygon
     return inside
@@ -131,13 +135,13 @@ def _of_image(path: Path) -> Mask:
     return inside
 
 
-def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int]) -> Mask:
+def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], key: str) -> Mask:
     """Pixels whose centres lie in a polygon of (row, col)."""
     from skimage.draw import polygon2mask
 
     if len(corners) > MOST_CORNERS:
         raise InputError(
-            f"frames.polygon_px has {len(corners)} corners, and {MOST_CORNERS} are allowed; draw "
+            f"{key} has {len(corners)} corners, and {MOST_CORNERS} are allowed; draw "
             "it with fewer, or give frames.mask"
         )
     points = np.array(corners)
@@ -146,24 +150,24 @@ def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int]) 
     sides = crossing_sides(points)
     if sides is not None:
         raise InputError(
-            f"frames.polygon_px: the sides after corners {sides[0] + 1} and {sides[1] + 1} cross; "
+            f"{key}: the sides after corners {sides[0] + 1} and {sides[1] + 1} cross; "
             "give the corners in order, once around the specimen"
         )
     if area < 1:
         raise InputError(
-            f"frames.polygon_px encloses {area:.2g} pixels; give at least three corners that do "
+            f"{key} encloses {area:.2g} pixels; give at least three corners that do "
             "not lie on one line"
         )
     outside, swapped = (_beyond(each, shape) for each in (points, points[:, ::-1]))
     if outside and not swapped:
         raise InputError(
-            f"frames.polygon_px leaves the region of interest of {shape} pixels (rows, columns), "
+            f"{key} leaves the region of interest of {shape} pixels (rows, columns), "
             "and with row and column swapped it would not; a corner is [row, col]"
         )
     inside: Mask = np.asarray(polygon2mask(shape, points), dtype=np.bool_)
     if not inside.any():
         raise InputError(
-            f"frames.polygon_px holds no pixel of the region of interest of {shape} pixels (rows, "
+            f"{key} holds no pixel of the region of interest of {shape} pixels (rows, "
             "columns); its corners are [row, col] of that region, not of the full frame"
         )
     return inside

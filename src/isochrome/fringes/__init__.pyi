@@ -13,6 +13,7 @@ from .single_frame.background_modulation import (
 )
 from .single_frame.free_order import FreeReading, read_free
 from .single_frame.no_load_exposure import NoLoadExposure, find_no_load_exposure
+from .single_frame.stated_orders import KnownPlaces
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
 from .stepped.residual_stress import ResidualStress, read_residual
 from .stepped.step_equations import make_design
@@ -25,6 +26,7 @@ __all__ = [
     "ColourShots",
     "ColourTable",
     "FreeReading",
+    "KnownPlaces",
     "NoLoadExposure",
     "OrderReading",
     "OwnLight",

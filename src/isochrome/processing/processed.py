@@ -282,7 +282,7 @@ def refuse_unread(
 def orders_are_read(scene: Scene) -> bool:
     """Whether fringe orders are read of a scene's frames: else they are normalised alone."""
     alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    return bool(scene.model or alone or scene.frames.known_order)
+    return bool(scene.model or alone or scene.frames.orders_known)
 
 
 def restore(

@@ -42,7 +42,7 @@ def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
     Parameters: `scene`, of the whole set; `tracked`, whether its frames are followed. Returns the
     names in their order.
     """
-    light, known = scene.polariscope, bool(scene.frames.known_order)
+    light, known = scene.polariscope, scene.frames.orders_known
     own: tuple[str, ...]
     if light.several_wavelengths:
         own = ("kept_share", "strange_share", *_LARGEST)

@@ -1,4 +1,5 @@
-from .imaging import Camera, Frames, KnownOrder, Roi
+from .imaging import Camera, Frames, Roi
+from .known_orders import FreeBoundary, FreeCorner, KnownLine, KnownOrder
 from .parts import (
     Friction,
     Indenter,
@@ -22,8 +23,11 @@ __all__ = [
     "Camera",
     "DistanceTable",
     "Frames",
+    "FreeBoundary",
+    "FreeCorner",
     "Friction",
     "Indenter",
+    "KnownLine",
     "KnownOrder",
     "Load",
     "NonNegative",

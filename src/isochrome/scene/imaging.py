@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from isochrome.errors import InputError
-from isochrome.scene.scene_values import NUMBER, Finite, NonNegative, Positive, ScenePart
+from isochrome.scene.known_orders import FreeBoundary, KnownLine, KnownOrder, Rows
+from isochrome.scene.scene_values import NUMBER, Finite, Positive, ScenePart
 
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Pixels = Annotated[int, Field(ge=1, le=100_000)]
 Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
 FileName = Annotated[str, Field(min_length=1)]
-Rows = Annotated[int, Field(ge=0, le=100_000)]
 # angles are written with a point elsewhere: 90.0 is 90
 Turn = Annotated[
     Literal[0, 90, 180, 270],
@@ -115,24 +115,6 @@ class Roi(ScenePart):
     width_px: Pixels
 
 
-class KnownOrder(ScenePart):
-    """A pixel of the region of interest whose fringe order the user knows.
-
-    Parameters
-    ----------
-    row_px : int
-        Its row, px.
-    col_px : int
-        Its column, px.
-    order : float
-        The order, fringes.
-    """
-
-    row_px: Rows
-    col_px: Rows
-    order: NonNegative
-
-
 class Frames(ScenePart):
     """How the captured frames are to be read; paths are relative to the scene file.
 
@@ -173,6 +155,11 @@ class Frames(ScenePart):
         Sliding speed of a video, mm/s: distance from the frames' times.
     known_order : tuple of KnownOrder, optional
         Orders that the user knows, those of the frame, residual stress included.
+    known_line : tuple of KnownLine, optional
+        Fringe lines whose order the user knows, of single frames.
+    free_boundary : tuple of FreeBoundary, optional
+        Parts of the outline that are free of load: their sharp corners are of order 0, and outside
+        of a closed one there is no specimen.
     """
 
     rotate_deg: Turn = 0
@@ -191,6 +178,15 @@ class Frames(ScenePart):
     colour_table: FileName | None = None
     sliding_speed_mm_per_s: Positive | None = None
     known_order: tuple[KnownOrder, ...] = ()
+    known_line: tuple[KnownLine, ...] = ()
+    free_boundary: tuple[FreeBoundary, ...] = ()
+
+    @property
+    def orders_known(self) -> bool:
+        """Whether an order is known anywhere in the frames."""
+        return bool(
+            self.known_order or self.known_line or any(b.corners for b in self.free_boundary)
+        )
 
     @property
     def first_gamma(self) -> float:

@@ -108,6 +108,11 @@ class Scene(ScenePart):
                 "wear.law = 'dissipated_energy' needs [friction], which dissipates the energy; "
                 "add it, or set wear.law = 'archard'"
             )
+        if self.polariscope.step and self.frames.known_line:
+            raise ValueError(
+                "[[frames.known_line]] is for single frames, and [[polariscope.step]] makes a "
+                "phase-stepped set; give a point of it as [[frames.known_order]]"
+            )
         if self.specimen.shape == "block":
             self._check_block()
         load = self.load

@@ -184,7 +184,8 @@ def _lying(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
     line = " and ".join(parts)
     if (turn, flip) == (180, None) and not frames.flip:
         line += ' (frames.flip = "vertical" instead if it is mirrored)'
-    if frames.roi or frames.mask or frames.polygon_px or frames.known_order:
+    placed = frames.known_order, frames.known_line, frames.free_boundary
+    if frames.roi or frames.mask or frames.polygon_px or any(placed):
         line += ", and roi, mask and known orders placed in the turned picture,"
     if turn == 180:
         return line, "the picture is upside down"

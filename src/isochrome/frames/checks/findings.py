@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -160,6 +161,7 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
         if known.row_px >= rows or known.col_px >= cols:
             text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "
             yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
+    yield from _paths_beyond(scene, rows, cols)
     wanted = (camera.height_px or rows, camera.width_px or cols) if camera else (rows, cols)
     if wanted != (rows, cols):
         after = "after the roi" if reader.roi else "(no frames.roi is set)"
@@ -178,6 +180,25 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
         text = f"{counted(count, 'frame')}, and the scene has {counted(states, 'state')} ({what}); "
         text += f"give one frame a state{step}, correct the list, or set "
         yield str(reader.path), f"{text}frames.sliding_speed_mm_per_s for a video"
+
+
+def _paths_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str]]:
+    """Tell of known lines and free boundaries that leave the picture, by their first such point."""
+    own = scene.frames
+    # an outline may run along the picture's edge, half a pixel beyond its last centre
+    for name, paths, slack in (
+        ("known_line", own.known_line, 0.0),
+        ("free_boundary", own.free_boundary, 1.0),
+    ):
+        for i, path in enumerate(paths, start=1):
+            beyond = (
+                (k, row, col)
+                for k, (row, col) in enumerate(path.places, start=1)
+                if row > rows - 1 + slack or col > cols - 1 + slack
+            )
+            for k, row, col in islice(beyond, 1):
+                text = f"frames.{name}[{i}], point {k} at row {row:g}, column {col:g} lies outside "
+                yield scene.name, f"{text}{rows} x {cols} pixels; move it"
 
 
 def of_depth(reader: FrameReader, seen: Survey) -> Iterator[Finding]:

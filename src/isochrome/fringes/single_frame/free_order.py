@@ -2,10 +2,10 @@ r"""Fringe order of one monochrome frame without a model of the specimen.
 
 Patches of the frame are fitted by quadratics of the order, their signs and whole numbers settled
 between neighbours, and what is left, one sign and one whole number for each connected part, is
-taken from points where the user knows the order (`[[frames.known_order]]`: a free boundary, a
-counted line). A part without such a point is left unknown: no light can tell its whole number.
-Pixels are then the mean of the patches about them; where those disagree, as beside an isotropic
-point or where fringes are finer than a patch can follow, the pixel is masked.
+taken from where the user knows the order (`[[frames.known_order]]`, `[[frames.known_line]]`,
+corners of a `[[frames.free_boundary]]`). A part without any is left unknown: no light can tell its
+whole number. Pixels are then the mean of the patches about them; where those disagree, as beside an
+isotropic point or where fringes are finer than a patch can follow, the pixel is masked.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.fringes.on_branch import OrderReading, less_sure, make_reading
-from isochrome.fringes.single_frame.known_points import KnownPoint, anchor_parts
+from isochrome.fringes.single_frame.free_corners import corner_orders
+from isochrome.fringes.single_frame.known_points import anchor_parts
 from isochrome.fringes.single_frame.patch_labels import Labels, expected_terms, label_patches
 from isochrome.fringes.single_frame.patches import (
     HALF,
@@ -31,8 +32,10 @@ from isochrome.fringes.single_frame.patches import (
     offsets,
 )
 from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored
+from isochrome.fringes.single_frame.stated_orders import KnownPlaces, KnownPoint
 from isochrome.fringes.stray_light import stray_error
 from isochrome.fringes.windows import Array, Mask
+from isochrome.scene import FreeCorner
 
 _BINNINGS = (4, 2, 1)
 _LEAST_PIXELS = 4 * (2 * HALF + 1)
@@ -54,7 +57,7 @@ class FreeReading:
     anchored : float
         Share of what could be followed that hangs together with a known point.
     misses : tuple of (row, col, order)
-        Known points that were not used.
+        KnownPlaces points that were not used.
     said : tuple of str
         Why they were not, what the frame leaves open, and what point would settle it.
     """
@@ -65,7 +68,15 @@ class FreeReading:
     said: tuple[str, ...] = ()
 
 
-def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint]) -> FreeReading:
+def read_free(
+    wave: Array,
+    sigma: Array,
+    valid: Mask,
+    known: Sequence[KnownPoint],
+    *,
+    lines: Sequence[KnownPlaces] = (),
+    corners: Sequence[FreeCorner] = (),
+) -> FreeReading:
     """Read the fringe order of a normalised frame without a model.
 
     Parameters
@@ -77,7 +88,11 @@ def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint
     valid : bool ndarray (rows, cols)
         Whether a pixel is trusted.
     known : sequence of (row, col, order)
-        Points where the order is known (pixels, fringes), at least one in each part that is wanted.
+        Points where the order is known (pixels, fringes).
+    lines : sequence of KnownPlaces, optional
+        Fringe lines whose order is known.
+    corners : sequence of FreeCorner, optional
+        Corners of the outline that are free of load. Each part that is wanted needs one of these.
 
     Returns
     -------
@@ -95,11 +110,13 @@ def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint
             f"{2 * HALF + 1}; enlarge frames.roi"
         )
     patches, labels = _coarse_to_fine(wave, sigma, valid)
-    found = anchor_parts(patches, labels, known, valid)
+    at_corners, unlit = corner_orders(corners, patches, labels, wave, valid)
+    points = [KnownPlaces(((row, col),), order) for row, col, order in known]
+    found = anchor_parts(patches, labels, [*points, *lines, *at_corners], valid)
     good = max(1, int((labels.part >= 0).sum()))
     anchored = float(np.isfinite(found.terms[..., 0]).sum() / good)
     reading = _beside_stray(_dense(patches, found.terms, valid), wave, sigma)
-    return FreeReading(reading, anchored, found.misses, found.said)
+    return FreeReading(reading, anchored, found.misses, (*unlit, *found.said))
 
 
 def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:

@@ -1,13 +1,14 @@
-r"""One whole number for each part of a frame, from points whose order the user knows.
+r"""One whole number for each part of a frame, from points and lines whose order the user knows.
 
 A part's patches say N = |f + j| with one whole number j that no light can tell. A point of known
 order o says j = round(o - f) or round(-o - f). Off the fringe lines only one of the two fits the
 light; on a line, 2 o a whole number, both do: such a point says the line, and not on which side of
-it the order is higher. The j of a part is therefore chosen jointly: it costs
-sum min(((|f + j| - o)/sigma)², C) over the part's points, so that among many a wrong point is
-outvoted, and a line of N = 0 through the part, which is not generic in a loaded body (isotropic
-places are points), costs as well, unless a point says it. Where two j are nearly as good the part
-is not known. A point that the rest contradicts may lie beyond a seam that the light leaves open
+it the order is higher, and so do all places of a known fringe line together. The j of a part is
+therefore chosen jointly: it costs the sum of min(((|f + j| - o)/sigma)², C) over the part's points
+and lines, a line having one voice, so that among many a wrong one is outvoted. Where two j are
+nearly as good the part is not known. A line of N = 0 through the part is not generic in a loaded
+body (isotropic places are points), though a beam has one: where what is known lies on lines alone,
+it must be said. A point that the rest contradicts may lie beyond a seam that the light leaves open
 (`sign_ambiguity`): then that seam is closed as the point says.
 """
 
@@ -19,22 +20,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isochrome.fringes.single_frame.patch_labels import Labels
-from isochrome.fringes.single_frame.patches import HALF, Patches, basis
+from isochrome.fringes.single_frame.patches import HALF, Patches
 from isochrome.fringes.single_frame.sign_ambiguity import has_zero_line, open_seams, turned_to
+from isochrome.fringes.single_frame.stated_orders import (
+    CLEAR,
+    KnownPlaces,
+    KnownPoint,
+    Stated,
+    StatedPlace,
+    fits_nothing,
+    left_out,
+    stated_place,
+)
 from isochrome.fringes.windows import Array, Mask
 
-KnownPoint = tuple[float, float, float]
-"""Row and column of a pixel, and the fringe order there."""
-
-_STATED = 0.035
-"""Standard deviation, in fringes, of an order that a user counts and estimates between lines."""
-_MOST = 16.0
-"""Most that a point costs, chi²: many outvote one that is off."""
-_WITHIN = 0.24
-"""Fringes within which an order fits the light: estimates may be rough."""
-_ZERO_LINE = 9.0
-_CLEAR = 8.0
-"""By how much a whole number must be better than another, chi²: odds of 50 to 1."""
 _BELOW = 0.1
 """Order below which a known point says a line of N = 0, fringes."""
 _FEWEST = 6
@@ -60,48 +59,12 @@ class Anchored:
     said: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _At:
-    """A known point: the patch (row, col) about it, and the part's field f there."""
-
-    point: KnownPoint
-    patch: tuple[int, int]
-    field: float
-
-    @property
-    def order(self) -> float:
-        """The known order."""
-        return self.point[2]
-
-    def miss(self, j: int) -> float:
-        """How far the order is from |f + j|, fringes."""
-        return abs(abs(self.field + j) - self.order)
-
-    def cost(self, j: int) -> float:
-        """What the point costs with j, chi²."""
-        return min((self.miss(j) / _STATED) ** 2, _MOST)
-
-    def fits(self, j: int) -> bool:
-        """Whether the order is that of j, roughly estimated."""
-        return self.miss(j) < _WITHIN
-
-    @property
-    def on_line(self) -> bool:
-        """Whether the light beside it says the order, and not on which side it is higher."""
-        from_line = abs(2.0 * self.field - round(2.0 * self.field))
-        return bool(from_line**2 < _CLEAR * _STATED**2)
-
-    def __str__(self) -> str:
-        row, col, order = self.point
-        return f"{order:g} at row {row:g}, column {col:g}"
-
-
 def anchor_parts(
-    patches: Patches, labels: Labels, known: Sequence[KnownPoint], valid: Mask
+    patches: Patches, labels: Labels, known: Sequence[KnownPlaces], valid: Mask
 ) -> Anchored:
-    """Choose the whole number of each part that has a known point, and the side of open seams.
+    """Choose the whole number of each part where an order is known, and the side of open seams.
 
-    Parameters: `patches`; their `labels`; `known` points; `valid`, True = trusted pixel (rows,
+    Parameters: `patches`; their `labels`; what is `known`; `valid`, True = trusted pixel (rows,
     cols). Returns an Anchored.
     """
     terms = np.full_like(patches.terms, np.nan)
@@ -109,22 +72,19 @@ def anchor_parts(
     field_terms[..., 0] += labels.shift
     said: list[str] = []
     misses: list[KnownPoint] = []
-    by_part: dict[int, list[_At]] = {}
-    for point in known:
-        patch = _nearest(patches, point)
-        part = _part_at(patches, labels, point, patch)
-        if part < 0:
-            misses.append(point)
-            said.append(_unfollowed(point, valid))
-            continue
-        place = basis(
-            np.array(point[0] - patches.rows[patch[0]]), np.array(point[1] - patches.cols[patch[1]])
-        )
-        by_part.setdefault(part, []).append(_At(point, patch, float(place @ field_terms[patch])))
-    for part, points in sorted(by_part.items()):
+    by_part: dict[int, list[Stated]] = {}
+    for each in known:
+        places = [stated_place(patches, field_terms, each, place) for place in each.places]
+        parts = [_part_at(patches, labels, p) for p in places]
+        misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
+        if max(parts) < 0:
+            said.append(_unfollowed(each, valid))
+        for part in sorted({part for part in parts if part >= 0}):
+            own = tuple(p for p, at in zip(places, parts, strict=True) if at == part)
+            by_part.setdefault(part, []).append(Stated(each, own))
+    for part, given in sorted(by_part.items()):
         inside = labels.part == part
-        own = np.where(inside[..., None], field_terms, np.nan)
-        found = _one_part(patches, own, points)
+        found = _one_part(patches, np.where(inside[..., None], field_terms, np.nan), given)
         misses += found.misses
         said += found.said
         terms[inside] = found.terms[inside]
@@ -135,64 +95,65 @@ def anchor_parts(
     return Anchored(terms, tuple(misses), tuple(said))
 
 
-def _unknown(own: Array, points: list[_At], *said: str) -> Anchored:
+def _unknown(own: Array, given: list[Stated], *said: str) -> Anchored:
     """A part of which nothing is known, and why."""
-    return Anchored(np.full_like(own, np.nan), tuple(p.point for p in points), said)
+    points = tuple(p.point for g in given for p in g.places)
+    return Anchored(np.full_like(own, np.nan), points, said)
 
 
-def _one_part(patches: Patches, own: Array, points: list[_At]) -> Anchored:
-    """A part's order by its points."""
-    candidates = sorted({round(s * p.order - p.field) for p in points for s in (1, -1)})
-    candidates = [j for j in candidates if any(p.fits(j) for p in points)]
+def _one_part(patches: Patches, own: Array, given: list[Stated]) -> Anchored:
+    """A part's order by what is known in it."""
+    candidates = {
+        round(s * g.order - p.field) for g in given for p in g.places for s in (1.0, -1.0)
+    }
+    candidates = {j for j in candidates if any(g.fits(j) for g in given)}
     if not candidates:
-        return _unknown(own, points, *map(_fits_nothing, points))
-    lines = {j: _zero_line(own, j, points) for j in candidates}
-    cost = {j: sum(p.cost(j) for p in points) + _ZERO_LINE * lines[j] for j in candidates}
-    best = min(candidates, key=cost.__getitem__)
-    rivals = [j for j in candidates if j != best and cost[j] < cost[best] + _CLEAR]
+        return _unknown(own, given, *(fits_nothing(g, g.first) for g in given))
+    lines = {j: _zero_line(own, j, given) for j in candidates}
+    cost = {j: sum(g.cost(j) for g in given) for j in candidates}
+    # a line of N = 0 is unlikely, and no proof: it says what is tried first, and settles nothing
+    best, *others = sorted(candidates, key=lambda j: (round(cost[j], 6), lines[j], j))
+    rivals = [j for j in others if cost[j] < cost[best] + CLEAR]
     if rivals:
         for j in (best, *rivals):
-            if not all(p.fits(j) for p in points):
-                found = _with_seams(patches, own, points, j)
+            if not all(p.fits(j) for g in given for p in g.places):
+                found = _with_seams(patches, own, given, j)
                 if not found.misses:
                     return found
-        return _open(patches, own, points, best, rivals[0])
-    sure = [p for p in points if p.fits(best)]
-    if lines[best] and all(p.on_line for p in sure):
+        return _open(patches, own, given, best, rivals[0])
+    sure = [g for g in given if g.fits(best)]
+    if lines[best] and all(g.on_line for g in sure):
         return _unknown(
             own,
             sure,
-            f"frames.known_order = {sure[0]}: the order would be 0 along a line inside the "
-            "specimen, which a loaded body hardly has: no order is reported there; give a known "
-            "order between two fringe lines, or one on that line if it is so",
+            f"{sure[0]}: the order would be 0 along a line inside the specimen, which a loaded "
+            "body hardly has: no order is reported there; give a known order between two fringe "
+            "lines, or one on that line if it is so",
         )
-    return _with_seams(patches, own, points, best)
+    return _with_seams(patches, own, given, best)
 
 
-def _with_seams(patches: Patches, own: Array, points: list[_At], j: int) -> Anchored:
+def _with_seams(patches: Patches, own: Array, given: list[Stated], j: int) -> Anchored:
     """Open seams closed as points beyond them say, and what still lies beyond one left out."""
     terms = own.copy()
     terms[..., 0] += j
-    sure, others = ([p for p in points if p.fits(j) == fit] for fit in (True, False))
     said: list[str] = []
     misses: list[KnownPoint] = []
-    sources = [p.patch for p in sure]
-    for p in others:
-        before = abs(p.field + j)
-        turned = turned_to(patches, terms, sources, p.patch, p.order, _WITHIN)
-        if turned is None:
-            misses.append(p.point)
-            votes = f"{len(sure)} other{'s' * (len(sure) > 1)}"
-            said.append(
-                f"frames.known_order = {p}: contradicted by {votes}, with which it would be "
-                f"{before:.2f}; it is left out, check it"
-                if abs(p.order - _levels(p)[0]) < _WITHIN
-                else _fits_nothing(p)
-            )
-            continue
-        terms = turned
-        sources.append(p.patch)
-    zero_said = _zero_said(own[..., 0] + j, j, points)
+    used = [(g, p) for g in given for p in g.places if p.fits(j)]
+    for g in given:
+        missed = []
+        for p in (p for p in g.places if not p.fits(j)):
+            turned = _turned(patches, terms, used, g, p)
+            if turned is None:
+                missed.append(p)
+            else:
+                terms = turned
+                used.append((g, p))
+        if missed:
+            misses += [p.point for p in missed]
+            said.append(left_out(g, missed, j, sum(other.fits(j) for other in given)))
+    sources = [g.source(p, terms) for g, p in used]
+    zero_said = _zero_said(own[..., 0] + j, j, given)
     for crest, beyond in open_seams(patches, terms, sources, zero_said):
         if beyond.sum() >= _FEWEST:
             said.append(_beyond_seam(patches, terms, beyond, crest))
@@ -200,43 +161,58 @@ def _with_seams(patches: Patches, own: Array, points: list[_At], j: int) -> Anch
     return Anchored(terms, tuple(misses), tuple(said))
 
 
-def _zero_line(own: Array, j: int, points: list[_At]) -> bool:
-    """Whether N = |f + j| is 0 along a line through the part, and no point says so."""
+def _turned(
+    patches: Patches,
+    terms: Array,
+    used: list[tuple[Stated, StatedPlace]],
+    given: Stated,
+    p: StatedPlace,
+) -> Array | None:
+    """The terms (m, n, 6) with an open seam closed as a place beyond it says; None without one."""
+    there = given.source(p, terms)
+    if abs(abs(float(there.basis @ terms[p.patch])) - given.order) < p.within:
+        return terms  # another place of its line has closed it
+    sources = [g.source(q, terms) for g, q in used]
+    return turned_to(patches, terms, sources, there, given.order, p.within)
+
+
+def _zero_line(own: Array, j: int, given: list[Stated]) -> bool:
+    """Whether N = |f + j| is 0 along a line through the part, and nothing known says so."""
     order = own[..., 0] + j
-    return has_zero_line(order) and not _zero_said(order, j, points)
+    return has_zero_line(order) and not _zero_said(order, j, given)
 
 
-def _zero_said(order: Array, j: int, points: list[_At]) -> bool:
-    """Whether points say that N = 0 along a line: one on it, or two on either side of it."""
-    there = [p for p in points if p.fits(j)]
-    sides = {np.sign(p.field + j) for p in there if p.order > _BELOW and not p.on_line}
+def _zero_said(order: Array, j: int, given: list[Stated]) -> bool:
+    """Whether it is known that N = 0 along a line: by a place on it, or two on its two sides."""
+    there = [(g, p) for g in given if g.known.says_zero_line for p in g.places if p.fits(j)]
+    sides = {np.sign(p.field + j) for g, p in there if g.order > _BELOW and not g.on_line}
     if len(sides) == 2:
         return True
-    for p in there:
+    for g, p in there:
         near = tuple(slice(max(0, i - _NEAR_ZERO), i + _NEAR_ZERO + 1) for i in p.patch)
-        if p.order < _BELOW and (order[near] > 0.0).any() and (order[near] < 0.0).any():
+        if g.order < _BELOW and (order[near] > 0.0).any() and (order[near] < 0.0).any():
             return True
     return False
 
 
-def _open(patches: Patches, own: Array, points: list[_At], best: int, rival: int) -> Anchored:
+def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: int) -> Anchored:
     """A part for which two whole numbers are as good: nothing is known, and why."""
-    listed = "; ".join(map(str, points))
-    if all(any(not p.fits(j) for p in points) for j in (best, rival)):
+    listed = "; ".join(map(str, given))
+    if all(any(not g.fits(j) for g in given) for j in (best, rival)):
         said = (
-            f"frames.known_order: {listed} contradict each other, and no more speaks for one than "
-            "for the other: no order is reported there; check them, or add another"
+            f"{listed}: contradict each other, and no more speaks for one than for the other: no "
+            "order is reported there; check them, or add another"
         )
     else:
         orders = [np.abs(own[..., 0] + j) for j in (best, rival)]
         row, col, at = _place(patches, np.abs(orders[0] - orders[1]) > _APART)
         first, second = sorted(o[at] for o in orders)
         said = (
-            f"frames.known_order = {listed}: on a fringe line, and the light cannot decide on which"
-            " side of it the order is higher: no order is reported there; add a known order between"
-            f" two lines, such as at row {row}, column {col}: {first:.2f} or {second:.2f}"
+            f"{listed}: on a fringe line, and the light cannot decide on which side of it the "
+            "order is higher: no order is reported there; add a known order between two lines, "
+            f"such as at row {row}, column {col}: {first:.2f} or {second:.2f}"
         )
-    return _unknown(own, points, said)
+    return _unknown(own, given, said)
 
 
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int) -> str:
@@ -271,23 +247,8 @@ def _place(patches: Patches, where: Mask) -> tuple[int, int, tuple[int, int]]:
     return int(patches.rows[i]), int(patches.cols[j]), (i, j)
 
 
-def _levels(p: _At) -> list[float]:
-    """The orders that the light at a point may have, the nearest to the known one first."""
-    base = abs(p.field - round(p.field))
-    levels = [v for k in range(int(p.order) + 2) for v in (k + base, k + 1.0 - base)]
-    return sorted(levels, key=lambda v: abs(v - p.order))
-
-
-def _fits_nothing(p: _At) -> str:
-    near = sorted(_levels(p)[:2])
-    return (
-        f"frames.known_order = {p}: fits no fringe there, where the light says {near[0]:.2f} or "
-        f"{near[1]:.2f}; check it"
-    )
-
-
-def _unfollowed(point: KnownPoint, valid: Mask) -> str:
-    row, col, order = point
+def _unfollowed(known: KnownPlaces, valid: Mask) -> str:
+    row, col = known.places[0]
     i, j = round(row), round(col)
     inside = 0 <= i < valid.shape[0] and 0 <= j < valid.shape[1] and bool(valid[i, j])
     why = (
@@ -295,17 +256,13 @@ def _unfollowed(point: KnownPoint, valid: Mask) -> str:
         if inside
         else "lies outside the specimen, or where the frame is not trusted; move it inside"
     )
-    return f"frames.known_order = {order:g} at row {row:g}, column {col:g}: {why}"
+    others = ", and at its other places" if known.is_line else ""
+    return f"{known.key} = {known.order:g} at row {row:g}, column {col:g}{others}: {why}"
 
 
-def _nearest(patches: Patches, point: KnownPoint) -> tuple[int, int]:
-    return (
-        int(np.abs(patches.rows - point[0]).argmin()),
-        int(np.abs(patches.cols - point[1]).argmin()),
+def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
+    """The part of the patch about a place, -1 where there is none, or it is no good."""
+    far = max(
+        abs(p.point[0] - patches.rows[p.patch[0]]), abs(p.point[1] - patches.cols[p.patch[1]])
     )
-
-
-def _part_at(patches: Patches, labels: Labels, point: KnownPoint, patch: tuple[int, int]) -> int:
-    """The part of the patch about a point, -1 where there is none, or it is no good."""
-    far = max(abs(point[0] - patches.rows[patch[0]]), abs(point[1] - patches.cols[patch[1]])) > HALF
-    return -1 if far else int(labels.part[patch])
+    return -1 if far > HALF else int(labels.part[p.patch])

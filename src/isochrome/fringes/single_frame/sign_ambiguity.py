@@ -14,7 +14,7 @@ Source: Boykov, Veksler & Zabih (2001), IEEE TPAMI 23, 1222, for cuts as moves t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,18 @@ _AGREE = 12.0
 """Cost of an edge, chi², from which its two patches need not lie on one side of a seam."""
 _PASSES = 20
 _PER_UNIT, _ENDLESS = 100.0, 2**30
+
+
+@dataclass(frozen=True)
+class AnchorPatch:
+    """Where the order is known: the `patch` (row, col), and the quadratic's `basis` (6,) there.
+
+    `crest`, the crest (half fringes) that it lies on: of that one it does not say the side.
+    """
+
+    patch: tuple[int, int]
+    basis: Array = field(repr=False)
+    crest: int | None = None
 
 
 @dataclass(frozen=True)
@@ -95,9 +107,9 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
     for part in range(int(labels.part.max()) + 1):
         inside = labels.part == part
         for _ in range(_PASSES):
-            field = np.where(inside[..., None], sign[..., None] * patches.terms, np.nan)
-            field[..., 0] += shift
-            worst = min(_seams(patches, field), key=lambda seam: seam.worse, default=None)
+            own = np.where(inside[..., None], sign[..., None] * patches.terms, np.nan)
+            own[..., 0] += shift
+            worst = min(_seams(patches, own), key=lambda seam: seam.worse, default=None)
             if worst is None or worst.worse >= 0.0:
                 break
             sign[worst.beyond] *= -1
@@ -111,14 +123,14 @@ def has_zero_line(order: Array) -> bool:
 
 
 def open_seams(
-    patches: Patches, terms: Array, points: Sequence[tuple[int, int]], zero_said: bool
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch], zero_said: bool
 ) -> list[tuple[int, Mask]]:
     """Patches whose branch the light does not settle from where the order is known.
 
-    Parameters: `patches`; `terms` (m, n, 6) of the signed order, NaN = not known; `points`, the
-    patches (row, col) in which it is known; `zero_said`, whether a known point says that N = 0
-    along a line. Returns for each seam its crest (in half fringes) and the patches beyond it (m,
-    n), each patch once. Mirroring about n = 0 changes no order and is left out.
+    Parameters: `patches`; `terms` (m, n, 6) of the signed order, NaN = not known; `points`,
+    where it is known; `zero_said`, whether what is known says that N = 0 along a line. Returns for
+    each seam its crest (in half fringes) and the patches beyond it (m, n), each patch once.
+    Mirroring about n = 0 changes no order and is left out.
     """
     order = terms[..., 0]
     unsure = np.zeros(terms.shape[:2], dtype=bool)
@@ -143,22 +155,23 @@ def open_seams(
 def turned_to(
     patches: Patches,
     terms: Array,
-    points: Sequence[tuple[int, int]],
-    there: tuple[int, int],
+    points: Sequence[AnchorPatch],
+    there: AnchorPatch,
     order: float,
     within: float,
 ) -> Array | None:
-    """The terms with what lies beyond an open seam turned over so that a patch has a known order.
+    """The terms with what lies beyond an open seam turned over so that a place has a known order.
 
-    Parameters as in `open_seams`; `there`, the patch; `order`, what is known in it, to `within`.
+    Parameters as in `open_seams`; `there`, the place; `order`, what is known of it, to `within`.
     Returns terms (m, n, 6), None where no open seam makes it so.
     """
+    now = float(there.basis @ terms[there.patch])
     seams = [
         seam
         for seam in _seams(patches, terms, points)
         if seam.is_open()
-        and seam.beyond[there]
-        and abs(abs(seam.crest - float(terms[there][0])) - order) < within
+        and seam.beyond[there.patch]
+        and abs(abs(seam.crest - now) - order) < within
     ]
     if not seams:
         return None
@@ -170,11 +183,11 @@ def turned_to(
 
 
 def _seams(
-    patches: Patches, terms: Array, points: Sequence[tuple[int, int]] | None = None
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch] | None = None
 ) -> Iterator[_Seam]:
     """The least costly seam of each region beyond each crest, seen from the points.
 
-    Without points, from the largest region.
+    Without points that say a side of the crest, from the largest region.
     """
     order = terms[..., 0].ravel()
     known = np.isfinite(order)
@@ -192,7 +205,7 @@ def _about(
     terms: Array,
     crest: int,
     band: float,
-    points: Sequence[tuple[int, int]] | None,
+    points: Sequence[AnchorPatch] | None,
 ) -> Iterator[_Seam]:
     """The seams about one crest, which keep to the patches in a band of orders about it."""
     shape = terms.shape[:2]
@@ -208,10 +221,10 @@ def _about(
     whole = _graph(joints.a[same], joints.b[same], np.ones(np.count_nonzero(same)), known.size)
     region = connected_components(whole, directed=False)[1]
     sizes = np.bincount(region[far], minlength=region.max() + 1)
-    if points is None:
+    sides = [p.patch for p in points or () if p.crest != crest]
+    here = np.unique([region[np.ravel_multi_index(p, shape)] for p in sides])
+    if not sides:
         here = np.array([sizes.argmax()])
-    else:
-        here = np.unique([region[np.ravel_multi_index(p, shape)] for p in points])
     there = np.setdiff1d(np.flatnonzero(sizes >= _SMALLEST), here)
     ends = region[joints.a[~same]], region[joints.b[~same]]
     worse = joints.mirrored(~same, crest)

@@ -22,6 +22,7 @@ from isochrome.frames import (
 from isochrome.fringes import (
     BackgroundModulation,
     FreeReading,
+    KnownPlaces,
     NoLoadExposure,
     find_no_load_exposure,
     fit_background_modulation,
@@ -38,7 +39,7 @@ Array = NDArray[Any]
 
 NO_ANCHOR = (
     "no order: the light alone leaves a whole number open; give a point whose order you know "
-    "(a free corner, a counted line) as [[frames.known_order]]"
+    "(a free corner, a counted place) as [[frames.known_order]]"
 )
 
 NOT_SETTLED = "no rest was found: give no-load frames, or mask what is not the specimen"
@@ -94,7 +95,8 @@ def process_image_only(
 ) -> ProcessedFrame:
     """Normalise a frame without a model, find its fringe skeleton, and read its order.
 
-    The order is read where `frames.known_order` gives a point that it hangs together with.
+    The order is read where it hangs together with a place of known order: of `frames.known_order`,
+    `frames.known_line`, or a corner of `frames.free_boundary`.
     Parameters as in `process_with_model`; `inside`, True on the specimen where that is known.
     Returns a ProcessedFrame, without a reading where no order is known. A frame in which no fringe
     shows (an unloaded specimen) is kept as it is, and says so.
@@ -174,7 +176,7 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
         Linear(high_end, valid),
     )
     # a search that found no rest says nothing of the tone, and without a reading nobody asks
-    if not tone and settled and scene.frames.known_order:
+    if not tone and settled and scene.frames.orders_known:
         own = None if dark is None else low_end, None if bright is None else high_end
         other, messages = _contradicted(light, sigma, done, own, gamma)
         error, notes = np.hypot(error, other), notes + messages
@@ -247,14 +249,20 @@ def _contradicted(
 
 
 def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
-    """The order from the known points, and what to say of it."""
-    known = [(k.row_px, k.col_px, k.order) for k in scene.frames.known_order]
-    if not known:
+    """The order from what is known of it, and what to say of it."""
+    own = scene.frames
+    if not own.orders_known:
         return None, [NO_ANCHOR]
+    known = [(k.row_px, k.col_px, k.order) for k in own.known_order]
+    lines = [
+        KnownPlaces(line.places, line.order, f"frames.known_line[{i}]")
+        for i, line in enumerate(own.known_line, start=1)
+    ]
+    corners = [corner for boundary in own.free_boundary for corner in boundary.corners]
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
     sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
-    found = read_free(wave, sigma, seen.valid, known)
+    found = read_free(wave, sigma, seen.valid, known, lines=lines, corners=corners)
     found = replace(found, reading=widened(found.reading, seen.error))
     return found, list(found.said)
 
