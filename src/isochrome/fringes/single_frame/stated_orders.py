@@ -113,7 +113,7 @@ class Stated:
         near = from_line**2 < CLEAR * _STATED**2
         return self.known.is_line or (self.known.says_zero_line and bool(near))
 
-    def source(self, p: StatedPlace, terms: Array) -> Source:
+    def source(self, p: StatedPlace, terms: Array) -> AnchorPatch:
         """One of its places to look at seams from, by the order's terms (m, n, 6)."""
         crest = round(2.0 * float(p.basis @ terms[p.patch])) if self.on_line else None
         return AnchorPatch(p.patch, p.basis, crest)
