@@ -40,7 +40,7 @@ _BESIDE_DEG, _FEWEST = 20.0, 3
 def corner_orders(
     corners: Sequence[FreeCorner], patches: Patches, labels: Labels, wave: Array, valid: Mask
 ) -> tuple[list[KnownPlaces], list[str]]:
-    """KnownPlaces orders of patches beside free corners, and what to say where there is none.
+    """Known orders of patches beside free corners, and what to say where there is none.
 
     Parameters: `corners`; `patches` and their `labels`; `wave`, the light c (rows, cols); `valid`,
     True = trusted (rows, cols).

@@ -57,7 +57,7 @@ class FreeReading:
     anchored : float
         Share of what could be followed that hangs together with a known point.
     misses : tuple of (row, col, order)
-        KnownPlaces points that were not used.
+        Known points that were not used.
     said : tuple of str
         Why they were not, what the frame leaves open, and what point would settle it.
     """
