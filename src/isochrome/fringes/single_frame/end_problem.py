@@ -234,9 +234,8 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
     problem, now = data.problem, look(data, unknowns, orders)
     own, pull, weighted = _information(data, now.residual, now.slope, orders)
     inverse = solve_all(own, np.broadcast_to(np.eye(TERMS), own.shape))
-    told = (inverse[:, _DIAGONAL, _DIAGONAL] > 0.0).all(axis=1) & np.isfinite(inverse).all(
-        axis=(1, 2)
-    )
+    whole = np.isfinite(inverse).all(axis=(1, 2))
+    told = np.asarray((inverse[:, _DIAGONAL, _DIAGONAL] > 0.0).all(axis=1) & whole)
     rows = told[:, None]
     weight, weighted, pull = (np.where(rows, v, 0.0) for v in (data.weight, weighted, pull))
     one = np.ones((len(orders), 1))

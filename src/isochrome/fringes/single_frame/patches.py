@@ -251,7 +251,8 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
     covariance = sandwich(inverse, squared.astype(float))
     total = np.maximum(weight.sum(axis=1), 1e-9)
     chi = np.sqrt(np.einsum("pk,pk,pk->p", weight, residual, residual) / total) / patches.noise
-    told = np.isfinite(covariance).all(axis=(1, 2))  # not so of a singular patch: it is left out
+    # not so of a singular patch: it is left out
+    told = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     spread = np.sqrt(np.abs(np.einsum("pii->pi", covariance)))
     shape = len(patches.rows), len(patches.cols)
     return Patches(
