@@ -11,14 +11,27 @@ point or where fringes are finer than a patch can follow, the pixel is masked.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.fringes.on_branch import OrderReading, less_sure, make_reading
-from isochrome.fringes.single_frame.known_points import KnownPoint, anchor_parts
-from isochrome.fringes.single_frame.patch_labels import Labels, expected_terms, label_patches
+from isochrome.fringes.single_frame.contrast import (
+    FADED,
+    contrast_map,
+    everywhere,
+    fit_contrast,
+    is_faded,
+    with_told,
+)
+from isochrome.fringes.single_frame.known_points import Anchored, KnownPoint, anchor_parts
+from isochrome.fringes.single_frame.patch_labels import (
+    Labels,
+    expected_terms,
+    label_patches,
+    nearest_patches,
+)
 from isochrome.fringes.single_frame.patches import (
     HALF,
     TURN,
@@ -38,6 +51,9 @@ _BINNINGS = (4, 2, 1)
 _LEAST_PIXELS = 4 * (2 * HALF + 1)
 """Pixels, after binning, of the shorter side of a frame: four patches without overlap."""
 _LEAST_COVER = 0.15
+_CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
+"""Readings at most with a contrast found from the last, and per cent of the frame that must rest.
+"""
 _LARGEST_SPREAD, _LARGEST_UNCERTAINTY = 0.03, 0.03
 _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
@@ -94,12 +110,43 @@ def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint
             f"a frame of {wave.shape[0]} x {wave.shape[1]} pixels is smaller than a patch of "
             f"{2 * HALF + 1}; enlarge frames.roi"
         )
-    patches, labels = _coarse_to_fine(wave, sigma, valid)
-    found = anchor_parts(patches, labels, known, valid)
+    patches, labels, found, fade = _whole_contrast(wave, sigma, valid, known)
+    wave, sigma = wave / fade, sigma / fade
     good = max(1, int((labels.part >= 0).sum()))
     anchored = float(np.isfinite(found.terms[..., 0]).sum() / good)
     reading = _beside_stray(_dense(patches, found.terms, valid), wave, sigma)
     return FreeReading(reading, anchored, found.misses, found.said)
+
+
+def _whole_contrast(
+    wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint]
+) -> tuple[Patches, Labels, Anchored, Array]:
+    """Patches, labels and anchored orders of a frame, and its contrast (rows, cols).
+
+    Low orders of wide fringes lose next to nothing and tell what the others lose: what is followed
+    grows from them.
+    """
+    fade = np.ones(wave.shape)
+    patches, labels = _coarse_to_fine(wave, sigma, valid)
+    if is_faded(patches):
+        patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
+        for _ in range(_CONTRAST_ROUNDS):
+            found = anchor_parts(patches, labels, known, valid)
+            if not np.isfinite(found.terms).any():
+                break
+            own = replace(patches, contrast=patches.contrast * _at(fade, patches))
+            before = fade
+            law = fit_contrast(own, found.terms)
+            fade = contrast_map(patches, found.terms, law, wave.shape)
+            patches, labels = _coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
+            if np.percentile(np.abs(fade - before)[valid], _MOSTLY) < FADED:
+                break
+    return patches, labels, anchor_parts(patches, labels, known, valid), fade
+
+
+def _at(image: Array, patches: Patches) -> Array:
+    """An image at the patches' middles (m, n)."""
+    return image[np.ix_(patches.rows, patches.cols)]
 
 
 def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
@@ -112,24 +159,29 @@ def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderRead
     return less_sure(reading, error, _LARGEST_UNCERTAINTY)
 
 
-def _coarse_to_fine(wave: Array, sigma: Array, valid: Mask) -> tuple[Patches, Labels]:
+def _coarse_to_fine(
+    wave: Array, sigma: Array, valid: Mask, *, faded: bool = False
+) -> tuple[Patches, Labels]:
     """Patches and labels, each binning guiding the next finer one.
 
     Where the order hardly changes, a small patch on a crest cannot tell on which side of it it
     lies; a patch four times as wide can. Where fringes are too fine for it, binned patches fit
     badly and guide nothing.
     """
-    expected = None
+    expected = told = None
     binnings = [b for b in _BINNINGS if b == 1 or min(wave.shape) // b >= _LEAST_PIXELS]
     for k, binning in enumerate(binnings):
         frame = binned(wave, sigma, valid, binning)
-        patches = fit_patches(gather_patches(*frame), expected)
+        contrast = everywhere(told) if faded and told is not None else None
+        patches = fit_patches(gather_patches(*frame), expected, contrast, own=faded)
+        patches = with_told(patches, binning, told)
         labels = mend_mirrored(patches, label_patches(patches))
         if k + 1 < len(binnings):
             ratio = binning // binnings[k + 1]
             finer = [n // binnings[k + 1] for n in wave.shape]
             rows, cols = ((middles(n) - 0.5 * (ratio - 1)) / ratio for n in finer)
             expected = expected_terms(patches, labels, rows, cols, ratio)
+            told = patches.contrast[nearest_patches(patches, rows, cols)]
     return patches, labels
 
 

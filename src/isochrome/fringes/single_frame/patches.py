@@ -13,7 +13,7 @@ steps are `isochrome.estimation.batched`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -35,6 +35,12 @@ WORST_CHI = 1.6
 _FLOOR = 1e-3
 _ROUNDING = 1e-6
 """Of sums in single precision: what they are not known to, and must not make singular."""
+_BALANCE = 0.3
+"""Share of a patch's light on crests, and on flanks, from which it tells contrast from order."""
+_LIKE = 0.8
+"""Share of a patch's light, squared, that must be its cosine."""
+_FADED, _OWN_CONTRAST = 0.05, (0.15, 1.3)
+"""How far a contrast must be from 1 to be its own, and what is still one."""
 TURN = 2.0 * np.pi
 BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
 """What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
@@ -50,7 +56,8 @@ class Patches:
 
     `rows` (m,), `cols` (n,): the middles, pixels; `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy
     with x along the columns; `spread` (m, n, 6), their standard uncertainties; `chi` (m, n),
-    residual over noise; `filled` (m, n), share of the patch's pixels that are valid.
+    residual over noise; `filled` (m, n), share of the patch's pixels that are valid; `contrast`
+    (m, n), what the patch says that its fringes have, NaN where it spans too little to tell.
     """
 
     rows: Indices
@@ -59,6 +66,7 @@ class Patches:
     spread: Array = field(repr=False)
     chi: Array = field(repr=False)
     filled: Array = field(repr=False)
+    contrast: Array = field(repr=False)
 
 
 def offsets() -> tuple[Indices, Indices, Array]:
@@ -105,6 +113,10 @@ class PatchLight:
         parts = (part[which] for part in (self.light, self.weight, self.noise, self.gradient))
         return PatchLight(self.rows[:1], np.arange(len(which)), *parts)
 
+    def over(self, contrast: Array) -> PatchLight:
+        """The patches' light and noise over their contrast (p,)."""
+        return replace(self, light=self.light / contrast[:, None], noise=self.noise / contrast)
+
 
 def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     """Cut a normalised frame into patches.
@@ -135,13 +147,45 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     )
 
 
-def fit_patches(patches: PatchLight, expected: tuple[Array, Array] | None = None) -> Patches:
+def fit_patches(
+    patches: PatchLight,
+    expected: tuple[Array, Array] | None = None,
+    contrast: Array | None = None,
+    *,
+    own: bool = False,
+) -> Patches:
     """Fit a quadratic of the order to each patch of a frame.
 
     Parameters: `patches`; `expected`, terms that are known beforehand (m, n, 6), NaN where none
-    are, and their standard deviations. A patch that fits its expectation badly is fitted again
-    without. Returns Patches.
+    are, and their standard deviations; `contrast`, the fringes' (m, n), 1 if not given. A patch
+    that fits its expectation badly is fitted again without; with `own` one that tells another
+    contrast is fitted with that. Returns Patches.
     """
+    if contrast is None:
+        whole = _fit_given(patches, expected)
+        scale = np.ones(whole.chi.size, dtype=np.float32)
+    else:
+        scale = contrast.ravel().astype(np.float32)
+        whole = _fit_given(patches.over(scale), expected)
+        whole = replace(whole, contrast=whole.contrast * contrast)
+    if not own:
+        return whole
+    told = whole.contrast.ravel()
+    least, most = _OWN_CONTRAST
+    off = np.flatnonzero((np.abs(told - scale) > _FADED * scale) & (told > least) & (told < most))
+    if not len(off):
+        return whole
+    scale = told[off].astype(np.float32)
+    start = whole.terms.reshape(-1, 6)[off].astype(np.float32)
+    alone = np.tile(patch_prior(), (len(off), 1))
+    again = _refine(patches.only(off).over(scale), start, np.zeros_like(start), alone)
+    again = replace(again, contrast=again.contrast * scale)
+    _take(whole, off, again, again.chi.ravel() < whole.chi.ravel()[off])
+    return whole
+
+
+def _fit_given(patches: PatchLight, expected: tuple[Array, Array] | None) -> Patches:
+    """The patches as if their fringes had all their contrast."""
     start = _start(patches)
     mean, prior = np.zeros_like(start), np.tile(patch_prior(), (len(start), 1))
     if expected is None:
@@ -155,12 +199,15 @@ def fit_patches(patches: PatchLight, expected: tuple[Array, Array] | None = None
         return guided
     alone = np.tile(patch_prior(), (len(bad), 1))
     free = _refine(patches.only(bad), start[bad], np.zeros_like(start[bad]), alone)
-    better = free.chi.ravel() < guided.chi.ravel()[bad]
-    for name in ("terms", "spread", "chi"):
-        mine, new = (getattr(each, name) for each in (guided, free))
-        at = np.unravel_index(bad[better], guided.chi.shape)
-        mine[at] = new[0, better]
+    _take(guided, bad, free, free.chi.ravel() < guided.chi.ravel()[bad])
     return guided
+
+
+def _take(patches: Patches, which: Indices, others: Patches, better: Mask) -> None:
+    """Put others (1, k) in the place of some patches (k,) where they are better."""
+    at = np.unravel_index(which[better], patches.chi.shape)
+    for name in ("terms", "spread", "chi", "contrast"):
+        getattr(patches, name)[at] = getattr(others, name)[0, better]
 
 
 def middles(length: int) -> Indices:
@@ -258,7 +305,18 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
         np.sqrt(np.abs(np.einsum("pii->pi", covariance))).reshape(*shape, 6),
         np.where(patches.filled > 0.0, chi, np.inf).reshape(shape),
         patches.filled.reshape(shape),
+        _contrast(weight, light, light - residual).reshape(shape),
     )
+
+
+def _contrast(weight: Array, light: Array, cosine: Array) -> Array:
+    """What a patch's light has of its cosine (p,), NaN where it has not both crests and flanks."""
+    on_crests = np.maximum((weight * cosine * cosine).sum(axis=1), 1e-9)
+    share = on_crests / np.maximum(weight.sum(axis=1), 1e-9)
+    along = (weight * light * cosine).sum(axis=1)
+    like = along**2 > _LIKE * on_crests * (weight * light * light).sum(axis=1)
+    tells = like & (np.abs(share - 0.5) < 0.5 - _BALANCE)
+    return np.where(tells, along / on_crests, np.nan).astype(float)
 
 
 def neighbours(
