@@ -126,11 +126,15 @@ class KnownOrder(ScenePart):
         Its column, px.
     order : float
         The order, fringes.
+    extremum : {'maximum', 'minimum'}, optional
+        Whether it is the highest or the lowest of its surroundings, such as in the middle of closed
+        rings: on a fringe line no light can tell.
     """
 
     row_px: Rows
     col_px: Rows
     order: NonNegative
+    extremum: Literal["maximum", "minimum"] | None = None
 
 
 class Frames(ScenePart):

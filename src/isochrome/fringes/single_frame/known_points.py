@@ -23,8 +23,8 @@ from isochrome.fringes.single_frame.patches import HALF, Patches, basis
 from isochrome.fringes.single_frame.sign_ambiguity import has_zero_line, open_seams, turned_to
 from isochrome.fringes.windows import Array, Mask
 
-KnownPoint = tuple[float, float, float]
-"""Row and column of a pixel, and the fringe order there."""
+KnownPoint = tuple[float, float, float] | tuple[float, float, float, str]
+"""Row and column of a pixel, the fringe order there, and "maximum" or "minimum" where it is one."""
 
 _STATED = 0.035
 """Standard deviation, in fringes, of an order that a user counts and estimates between lines."""
@@ -43,6 +43,8 @@ _NEAR_ZERO = 3
 """Patches about a point in which it says such a line."""
 _ALONE = 0.1
 """Share of what could be followed, without a point, from which it is said."""
+_TURNED = 0.05
+"""Fringes by which all around a point must lie below it for a maximum, or above for a minimum."""
 _APART = 0.2
 """Fringes between two orders that are worth asking for."""
 
@@ -62,11 +64,16 @@ class Anchored:
 
 @dataclass(frozen=True)
 class _At:
-    """A known point: the patch (row, col) about it, and the part's field f there."""
+    """A known point: the patch (row, col) about it, and the part's field f there.
+
+    `around`, how far f lies above that all around, below it where negative; nought where it turns
+    neither way.
+    """
 
     point: KnownPoint
     patch: tuple[int, int]
     field: float
+    around: float = 0.0
 
     @property
     def order(self) -> float:
@@ -79,11 +86,18 @@ class _At:
 
     def cost(self, j: int) -> float:
         """What the point costs with j, chi²."""
-        return min((self.miss(j) / _STATED) ** 2, _MOST)
+        return min((self.miss(j) / _STATED) ** 2, _MOST) if self.turns(j) else _MOST
 
     def fits(self, j: int) -> bool:
         """Whether the order is that of j, roughly estimated."""
-        return self.miss(j) < _WITHIN
+        return self.miss(j) < _WITHIN and self.turns(j)
+
+    def turns(self, j: int) -> bool:
+        """Whether |f + j| is the extremum that the point is said to be, if it is."""
+        if len(self.point) < 4:
+            return True
+        above = self.around * np.sign(self.field + j)
+        return bool(above > 0.0 if self.point[3] == "maximum" else above < 0.0)
 
     @property
     def on_line(self) -> bool:
@@ -92,7 +106,7 @@ class _At:
         return bool(from_line**2 < _CLEAR * _STATED**2)
 
     def __str__(self) -> str:
-        row, col, order = self.point
+        row, col, order = self.point[:3]
         return f"{order:g} at row {row:g}, column {col:g}"
 
 
@@ -120,7 +134,9 @@ def anchor_parts(
         place = basis(
             np.array(point[0] - patches.rows[patch[0]]), np.array(point[1] - patches.cols[patch[1]])
         )
-        by_part.setdefault(part, []).append(_At(point, patch, float(place @ field_terms[patch])))
+        at = float(place @ field_terms[patch])
+        inside = np.where(labels.part == part, field_terms[..., 0], np.nan)
+        by_part.setdefault(part, []).append(_At(point, patch, at, _above(inside, patch, at)))
     for part, points in sorted(by_part.items()):
         inside = labels.part == part
         own = np.where(inside[..., None], field_terms, np.nan)
@@ -133,6 +149,22 @@ def anchor_parts(
     if share > _ALONE:
         said.append(_left_alone(patches, labels, alone, share))
     return Anchored(terms, tuple(misses), tuple(said))
+
+
+def _above(values: Array, patch: tuple[int, int], at: float) -> float:
+    """How far a field lies above the nearest square about a patch that is all above or below it.
+
+    Parameters: `values` (m, n), NaN outside the part; `patch`; `at`, the field there. Returns
+    nought where some of the square about it lies above and some below.
+    """
+    away = np.abs(np.indices(values.shape) - np.reshape(patch, (2, 1, 1))).max(axis=0)
+    for k in range(1, int(away.max()) + 1):
+        fall = at - values[away == k]
+        if not np.isfinite(fall).all() or (fall.max() > _TURNED and fall.min() < -_TURNED):
+            return 0.0
+        if np.abs(fall).min() > _TURNED:
+            return float(fall.mean())
+    return 0.0
 
 
 def _unknown(own: Array, points: list[_At], *said: str) -> Anchored:
@@ -231,11 +263,14 @@ def _open(patches: Patches, own: Array, points: list[_At], best: int, rival: int
         orders = [np.abs(own[..., 0] + j) for j in (best, rival)]
         row, col, at = _place(patches, np.abs(orders[0] - orders[1]) > _APART)
         first, second = sorted(o[at] for o in orders)
+        turning = next((p for p in points if p.around), None)
         said = (
             f"frames.known_order = {listed}: on a fringe line, and the light cannot decide on which"
             " side of it the order is higher: no order is reported there; add a known order between"
             f" two lines, such as at row {row}, column {col}: {first:.2f} or {second:.2f}"
         )
+        if turning is not None:
+            said += f', or extremum = "maximum" or "minimum" to that of {turning}'
     return _unknown(own, points, said)
 
 
@@ -279,6 +314,11 @@ def _levels(p: _At) -> list[float]:
 
 
 def _fits_nothing(p: _At) -> str:
+    if any(abs(v - p.order) < _WITHIN for v in _levels(p)) and len(p.point) > 3:
+        return (
+            f"frames.known_order = {p}: the order is no {p.point[3]} there; correct its extremum, "
+            "or leave that out"
+        )
     near = sorted(_levels(p)[:2])
     return (
         f"frames.known_order = {p}: fits no fringe there, where the light says {near[0]:.2f} or "
@@ -287,7 +327,7 @@ def _fits_nothing(p: _At) -> str:
 
 
 def _unfollowed(point: KnownPoint, valid: Mask) -> str:
-    row, col, order = point
+    row, col, order = point[:3]
     i, j = round(row), round(col)
     inside = 0 <= i < valid.shape[0] and 0 <= j < valid.shape[1] and bool(valid[i, j])
     why = (

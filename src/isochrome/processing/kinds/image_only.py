@@ -212,7 +212,10 @@ def _contradicted(
 
 def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     """The order from the known points, and what to say of it."""
-    known = [(k.row_px, k.col_px, k.order) for k in scene.frames.known_order]
+    known = [
+        (k.row_px, k.col_px, k.order, *([k.extremum] if k.extremum else []))
+        for k in scene.frames.known_order
+    ]
     if not known:
         return None, [NO_ANCHOR]
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
