@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isochrome.fringes.single_frame.patch_labels import Labels
-from isochrome.fringes.single_frame.patches import HALF, Patches, basis
+from isochrome.fringes.single_frame.patches import HALF, STRIDE, Patches, basis
 from isochrome.fringes.single_frame.sign_ambiguity import has_zero_line, open_seams, turned_to
 from isochrome.fringes.windows import Array, Mask
 
@@ -125,7 +125,7 @@ def anchor_parts(
     misses: list[KnownPoint] = []
     by_part: dict[int, list[_At]] = {}
     for point in known:
-        patch = _nearest(patches, point)
+        patch = _nearest(patches, labels, point)
         part = _part_at(patches, labels, point, patch)
         if part < 0:
             misses.append(point)
@@ -155,12 +155,13 @@ def _above(values: Array, patch: tuple[int, int], at: float) -> float:
     """How far a field lies above the nearest square about a patch that is all above or below it.
 
     Parameters: `values` (m, n), NaN outside the part; `patch`; `at`, the field there. Returns
-    nought where some of the square about it lies above and some below.
+    nought where some of the square about it lies above and some below, or half is not known.
     """
     away = np.abs(np.indices(values.shape) - np.reshape(patch, (2, 1, 1))).max(axis=0)
     for k in range(1, int(away.max()) + 1):
-        fall = at - values[away == k]
-        if not np.isfinite(fall).all() or (fall.max() > _TURNED and fall.min() < -_TURNED):
+        around = values[away == k]
+        fall = at - around[np.isfinite(around)]
+        if 2 * fall.size < around.size or (fall.max() > _TURNED and fall.min() < -_TURNED):
             return 0.0
         if np.abs(fall).min() > _TURNED:
             return float(fall.mean())
@@ -338,14 +339,16 @@ def _unfollowed(point: KnownPoint, valid: Mask) -> str:
     return f"frames.known_order = {order:g} at row {row:g}, column {col:g}: {why}"
 
 
-def _nearest(patches: Patches, point: KnownPoint) -> tuple[int, int]:
-    return (
-        int(np.abs(patches.rows - point[0]).argmin()),
-        int(np.abs(patches.cols - point[1]).argmin()),
-    )
+def _nearest(patches: Patches, labels: Labels, point: KnownPoint) -> tuple[int, int]:
+    """The nearest patch that is followed: one on a flat crest may not be, and others reach it."""
+    down, right = np.abs(patches.rows - point[0]), np.abs(patches.cols - point[1])
+    far = np.hypot(down[:, None], right[None, :])
+    at = np.where(labels.part >= 0, far, np.inf).argmin()
+    row, col = np.unravel_index(at, far.shape)
+    return int(row), int(col)
 
 
 def _part_at(patches: Patches, labels: Labels, point: KnownPoint, patch: tuple[int, int]) -> int:
-    """The part of the patch about a point, -1 where there is none, or it is no good."""
-    far = max(abs(point[0] - patches.rows[patch[0]]), abs(point[1] - patches.cols[patch[1]])) > HALF
-    return -1 if far else int(labels.part[patch])
+    """The part of the patch about a point, -1 where there is none near."""
+    far = max(abs(point[0] - patches.rows[patch[0]]), abs(point[1] - patches.cols[patch[1]]))
+    return -1 if far > HALF + STRIDE else int(labels.part[patch])

@@ -29,6 +29,8 @@ _FREQUENCY_WINDOW = 2.5
 _GRADIENT, _CURVATURE = 0.7, 0.02
 """Prior standard deviations, fringes/px and fringes/px²; what bends more is no quadratic."""
 _STEEPEST = 0.35
+_FINE, _CLEAR = 0.75, 8.0
+"""Radians a pixel from which fringes are fine, and how far they must stand above noise."""
 _ROUNDS = 8
 WORST_CHI = 1.6
 """Residual over noise from which a quadratic does not describe its patch."""
@@ -232,6 +234,13 @@ def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Arra
     xy = pooled(dx * dy) / speed
     largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
     size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, _STEEPEST)
+    # fine fringes fade in the derivative itself, but alike in the second one
+    bend = gaussian_filter(wave, scale, order=(0, 2)) + gaussian_filter(wave, scale, order=(2, 0))
+    first = np.maximum((xx + yy) * speed, 1e-9)
+    second = pooled(bend * bend) - 4.0 * own / scale**2
+    frequency = np.sqrt(np.maximum(second, 0.0) / first)
+    fine = (frequency > _FINE) & (first > _CLEAR * own)
+    size = np.where(fine, np.minimum(frequency / TURN, _STEEPEST), size)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     return size * np.cos(angle), size * np.sin(angle)
 
