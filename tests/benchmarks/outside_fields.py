@@ -170,8 +170,6 @@ KINDS = {
         beam, bowl,
     )
 }  # fmt: skip
-BODIES = {"packed discs": packed_discs}
-"""Several bodies in a picture, which `case_silent`'s frames do not have."""
 
 
 def packed_discs(w, rng):
@@ -188,6 +186,10 @@ def packed_discs(w, rng):
         body |= own
         left += 2.0 * radius
     return field, body
+
+
+BODIES = {"packed discs": packed_discs}
+"""Several bodies in a picture, which `case_silent`'s frames do not have."""
 
 
 def places(shape, samples):

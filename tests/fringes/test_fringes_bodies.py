@@ -56,7 +56,7 @@ def test_packed_discs_are_bodies_of_their_own(masked):
     got = read_free(wave, np.full(SHAPE, NOISE), valid, known)
     for disc in discs[:2]:
         share, wrong = shares(got, order, disc)
-        assert share > 0.75 and wrong == 0.0
+        assert share > 0.7 and wrong == 0.0
     share, wrong = shares(got, order, discs[2])
     assert share == 0.0 if masked else wrong == 0.0
     if masked:
@@ -64,7 +64,7 @@ def test_packed_discs_are_bodies_of_their_own(masked):
         assert "no known point" in got.said[0] and discs[2][row, col]
         again = read_free(wave, np.full(SHAPE, NOISE), valid, [*known, point(order, discs[2])])
         share, wrong = shares(again, order, discs[2])
-        assert share > 0.75 and wrong == 0.0 and not again.said
+        assert share > 0.7 and wrong == 0.0 and not again.said
 
 
 def test_two_bodies_a_pixel_apart_do_not_take_each_others_whole_number():

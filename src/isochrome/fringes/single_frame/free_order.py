@@ -11,7 +11,7 @@ point or where fringes are finer than a patch can follow, the pixel is masked.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from isochrome.fringes.single_frame.patches import (
     Patches,
     basis,
     binned,
+    bodies_of,
     fit_patches,
     gather_patches,
     middles,
@@ -69,6 +70,8 @@ class FreeReading:
         The order and how well it is known.
     anchored : float
         Share of what could be followed that hangs together with a known point.
+    contrast : ndarray (rows, cols)
+        What the fringes have left of their contrast, 1 where nothing is lost to speak of.
     misses : tuple of (row, col, order)
         Known points that were not used.
     said : tuple of str
@@ -77,6 +80,7 @@ class FreeReading:
 
     reading: OrderReading
     anchored: float
+    contrast: Array = field(repr=False)
     misses: tuple[KnownPoint, ...]
     said: tuple[str, ...] = ()
 
@@ -115,7 +119,7 @@ def read_free(wave: Array, sigma: Array, valid: Mask, known: Sequence[KnownPoint
     good = max(1, int((labels.part >= 0).sum()))
     anchored = float(np.isfinite(found.terms[..., 0]).sum() / good)
     reading = _beside_stray(_dense(patches, found.terms, valid), wave, sigma)
-    return FreeReading(reading, anchored, found.misses, found.said)
+    return FreeReading(reading, anchored, fade, found.misses, found.said)
 
 
 def _whole_contrast(
@@ -193,11 +197,13 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     dy, dx, window = offsets()
     orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
     sums = np.zeros((4, *valid.shape))
+    bodies, count = bodies_of(valid)
     for k, (y, x, w) in enumerate(zip(dy, dx, window, strict=True)):
         order = orders[:, k].reshape(trust.shape)
-        first = w * trust * order
         at = np.ix_(patches.rows + y, patches.cols + x)
-        for total, value in zip(sums, (w * trust, first, first * order, w * use), strict=True):
+        share = w * (use if count == 1 else use & (bodies[at] == patches.body))
+        first = share * trust * order
+        for total, value in zip(sums, (share * trust, first, first * order, share), strict=True):
             total[at] += value
     weight, first, second, cover = sums
     seen = valid & (cover > _LEAST_COVER * max(float(cover.max()), 1e-9))

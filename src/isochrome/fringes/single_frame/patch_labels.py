@@ -79,6 +79,8 @@ def label_patches(patches: Patches) -> Labels:
     ).ravel()
     edges = _edges(patches)
     use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
+    body = patches.body.ravel()
+    use &= body[edges.a] == body[edges.b]
     sure = np.minimum(edges.other - edges.cost, SURE_ENOUGH)
     length = 5.0 * edges.cost / (1e-3 + sure) + 0.1 * edges.cost + 1e-3
     graph = coo_matrix((length[use], (edges.a[use], edges.b[use])), shape=(count, count))

@@ -59,7 +59,8 @@ class Patches:
     `rows` (m,), `cols` (n,): the middles, pixels; `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy
     with x along the columns; `spread` (m, n, 6), their standard uncertainties; `chi` (m, n),
     residual over noise; `filled` (m, n), share of the patch's pixels that are valid; `contrast`
-    (m, n), what the patch says that its fringes have, NaN where it spans too little to tell.
+    (m, n), what the patch says that its fringes have, NaN where it spans too little to tell;
+    `body` (m, n), the number of the one that it lies on.
     """
 
     rows: Indices
@@ -69,6 +70,7 @@ class Patches:
     chi: Array = field(repr=False)
     filled: Array = field(repr=False)
     contrast: Array = field(repr=False)
+    body: Indices = field(repr=False)
 
 
 def offsets() -> tuple[Indices, Indices, Array]:
@@ -93,7 +95,7 @@ def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Arra
 
 @dataclass(frozen=True)
 class PatchLight:
-    """The light of every patch: `light`, `weight` (p, k), `noise` (p,), and where they are.
+    """The light of every patch: `light`, `weight` (p, k), `noise`, `body` (p,), and where they are.
 
     `gradient` (p, 2), about the order's along x and y, up to its sign, fringes a pixel.
     """
@@ -104,6 +106,7 @@ class PatchLight:
     weight: Array = field(repr=False)
     noise: Array = field(repr=False)
     gradient: Array = field(repr=False)
+    body: Indices = field(repr=False)
 
     @property
     def filled(self) -> Array:
@@ -112,7 +115,8 @@ class PatchLight:
 
     def only(self, which: Indices) -> PatchLight:
         """Some of the patches, in one row."""
-        parts = (part[which] for part in (self.light, self.weight, self.noise, self.gradient))
+        own = self.light, self.weight, self.noise, self.gradient, self.body
+        parts = (part[which] for part in own)
         return PatchLight(self.rows[:1], np.arange(len(which)), *parts)
 
     def over(self, contrast: Array) -> PatchLight:
@@ -138,6 +142,13 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
     pick = at[0] + dy, at[1] + dx
     trusted = np.asarray(valid[pick])
+    bodies, count = bodies_of(valid)
+    body = np.ones(len(trusted), dtype=int)
+    if count > 1:  # a patch is that of the body nearest to its middle
+        nearest = np.where(trusted, dx**2 + dy**2, np.inf).argmin(axis=1)
+        there = bodies[pick]
+        body = there[np.arange(len(there)), nearest]
+        trusted &= there == body[:, None]
     gradient = [g[at][:, 0] for g in _start_gradient(np.where(valid, wave, 0.0), sigma, valid)]
     return PatchLight(
         rows,
@@ -146,7 +157,19 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
         (window * trusted).astype(np.float32),
         np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
         np.stack(gradient, axis=-1).astype(np.float32),
+        body,
     )
+
+
+def bodies_of(valid: Mask) -> tuple[Indices, int]:
+    """The number of the body of each pixel, 0 for none, and how many there are.
+
+    Bodies are what masked pixels keep apart, corner to corner too.
+    """
+    from scipy.ndimage import label
+
+    numbers, count = label(valid)
+    return np.asarray(numbers), int(count)
 
 
 def fit_patches(
@@ -315,6 +338,7 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
         np.where(patches.filled > 0.0, chi, np.inf).reshape(shape),
         patches.filled.reshape(shape),
         _contrast(weight, light, light - residual).reshape(shape),
+        patches.body.reshape(shape),
     )
 
 
