@@ -80,7 +80,7 @@ def test_labels_that_are_right_are_left_and_sure(lowest):
     clear = np.abs(truth - np.round(2.0 * truth) / 2.0) > 0.05
     np.testing.assert_array_equal(mended.sign[clear], labels.sign[clear])
     np.testing.assert_array_equal(mended.shift[clear], labels.shift[clear])
-    assert not open_seams(patches, terms_of(patches, labels), [START])
+    assert not open_seams(patches, terms_of(patches, labels), [START], zero_said=False)
 
 
 def test_beyond_a_flat_valley_along_a_crest_nothing_is_sure():
@@ -90,7 +90,7 @@ def test_beyond_a_flat_valley_along_a_crest_nothing_is_sure():
     """
     order = valley(1.0, 6e-5, tilt=0.0)
     patches, labels, _ = true_labels(order, 0.13)
-    ((crest, unsure),) = open_seams(patches, terms_of(patches, labels), [START])
+    ((crest, unsure),) = open_seams(patches, terms_of(patches, labels), [START], zero_said=False)
     assert crest == 2
     above, below = patches.rows < 40, patches.rows > 120
     assert unsure[below].all() and not unsure[above].any()
@@ -112,13 +112,13 @@ def test_mirroring_about_nought_changes_no_order_and_is_no_doubt():
     """The same flat valley at N = 0, which may be passed through or not: |n| is the order."""
     order = valley(0.0, 6e-5, tilt=0.0)
     patches, labels, _ = true_labels(order, 0.13)
-    assert not open_seams(patches, terms_of(patches, labels), [START])
+    assert not open_seams(patches, terms_of(patches, labels), [START], zero_said=False)
 
 
 def test_patches_of_which_none_is_known_are_no_doubt():
     patches, labels, _ = true_labels(valley(0.6, 1e-4), 0.1)
     nothing = np.full_like(terms_of(patches, labels), np.nan)
-    assert not open_seams(patches, nothing, [])
+    assert not open_seams(patches, nothing, [], zero_said=False)
 
 
 def test_a_corner_that_lies_just_beyond_a_crest_is_right_or_not_known():

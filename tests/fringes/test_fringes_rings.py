@@ -1,4 +1,4 @@
-"""Closed rings up to order 30, and fringes that lose contrast: parabolas and slopes, written out."""
+"""Closed rings to order 30, and fringes that lose contrast: parabolas and slopes, written out."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """To the neighbours on the right, below, and on the two diagonals below."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Patches:
     """Quadratics of the order about the patches' middles, on a lattice (m, n).
 
@@ -93,7 +93,7 @@ def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Arra
     return mean, np.sqrt(block_means(sigma**2, by)) / by, whole
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PatchLight:
     """The light of every patch: `light`, `weight` (p, k), `noise`, `body` (p,), and where they are.
 
@@ -115,9 +115,9 @@ class PatchLight:
 
     def only(self, which: Indices) -> PatchLight:
         """Some of the patches, in one row."""
-        own = self.light, self.weight, self.noise, self.gradient, self.body
-        parts = (part[which] for part in own)
-        return PatchLight(self.rows[:1], np.arange(len(which)), *parts)
+        names = "light", "weight", "noise", "gradient", "body"
+        parts = {name: getattr(self, name)[which] for name in names}
+        return replace(self, rows=self.rows[:1], cols=np.arange(len(which)), **parts)
 
     def over(self, contrast: Array) -> PatchLight:
         """The patches' light and noise over their contrast (p,)."""
@@ -151,13 +151,13 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
         trusted &= there == body[:, None]
     gradient = [g[at][:, 0] for g in _start_gradient(np.where(valid, wave, 0.0), sigma, valid)]
     return PatchLight(
-        rows,
-        cols,
-        np.where(trusted, wave[pick], 0.0).astype(np.float32),
-        (window * trusted).astype(np.float32),
-        np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
-        np.stack(gradient, axis=-1).astype(np.float32),
-        body,
+        rows=rows,
+        cols=cols,
+        light=np.where(trusted, wave[pick], 0.0).astype(np.float32),
+        weight=(window * trusted).astype(np.float32),
+        noise=np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
+        gradient=np.stack(gradient, axis=-1).astype(np.float32),
+        body=body,
     )
 
 
@@ -331,14 +331,14 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
     chi = np.sqrt(np.einsum("pk,pk,pk->p", weight, residual, residual) / total) / patches.noise
     shape = len(patches.rows), len(patches.cols)
     return Patches(
-        patches.rows,
-        patches.cols,
-        terms.reshape(*shape, 6).astype(float),
-        np.sqrt(np.abs(np.einsum("pii->pi", covariance))).reshape(*shape, 6),
-        np.where(patches.filled > 0.0, chi, np.inf).reshape(shape),
-        patches.filled.reshape(shape),
-        _contrast(weight, light, light - residual).reshape(shape),
-        patches.body.reshape(shape),
+        rows=patches.rows,
+        cols=patches.cols,
+        terms=terms.reshape(*shape, 6).astype(float),
+        spread=np.sqrt(np.abs(np.einsum("pii->pi", covariance))).reshape(*shape, 6),
+        chi=np.where(patches.filled > 0.0, chi, np.inf).reshape(shape),
+        filled=patches.filled.reshape(shape),
+        contrast=_contrast(weight, light, light - residual).reshape(shape),
+        body=patches.body.reshape(shape),
     )
 
 
