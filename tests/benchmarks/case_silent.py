@@ -11,11 +11,12 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from isochrome.frames import Frame, to_linear
 from isochrome.scene import parse_scene
 
-from .outside_camera import SAMPLES, Defects, _stored, lit
+from .outside_camera import SAMPLES, Defects, _band, _stored, lit
 from .outside_fields import KINDS, order_field
 from .rows import FringeRow, SilentRow
 
@@ -51,18 +52,18 @@ class Case:
     on_line: tuple[bool, ...]
 
 
-def drawn(seed):
-    """The frame of a seed."""
+def drawn(seed, **flaws):
+    """The frame of a seed, with further flaws of the light or the lens (`band_nm`, `blur_px`)."""
     rng = np.random.default_rng([seed, 17])
     kind = list(KINDS)[seed % len(KINDS)]
     highest = float(rng.uniform(1.2, 6.0))
     fine, body = order_field(kind, SHAPE, [seed, 18], highest=highest, samples=SAMPLES)
-    defects = lamp(rng)
+    defects = replace(lamp(rng), **flaws)
     rows, cols = SHAPE
     middle = SAMPLES // 2
     inside = body.reshape(rows, SAMPLES, cols, SAMPLES).all(axis=(1, 3))
     order = np.where(inside, fine[middle::SAMPLES, middle::SAMPLES], np.nan)
-    image = exposed(np.where(body, np.sin(np.pi * fine) ** 2, 0.0), defects, rng)
+    image = exposed(np.where(body, _band(fine, None, defects), 0.0), defects, rng)
     no_load = None
     if rng.random() < 0.5:
         few = replace(defects, noise=0.25 * defects.noise, jpeg=None)
@@ -85,7 +86,10 @@ def lamp(rng):
 
 def exposed(signal, defects, rng):
     """The stored picture of a signal on samples."""
-    return _stored(lit(signal, defects), defects, rng)
+    light = lit(signal, defects)
+    if defects.blur_px:
+        light = gaussian_filter(light, defects.blur_px, mode="nearest")
+    return _stored(light, defects, rng)
 
 
 def points(order, rng):

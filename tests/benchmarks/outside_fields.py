@@ -199,6 +199,26 @@ KINDS = {
 }  # fmt: skip
 
 
+def packed_discs(w, rng):
+    """Three discs of different sizes in a row, pressed together along it; each is a body."""
+    radii = 0.92 * rng.dirichlet([20.0, 20.0, 20.0])
+    field, body = np.zeros_like(w), np.zeros(w.shape, dtype=bool)
+    left = -0.92
+    for radius in radii:
+        z = (w - (left + radius)) / radius
+        own = np.abs(z) < 0.985
+        for place in (1.0, -1.0):
+            own &= np.abs(z - place) > RIM / radius
+            field = np.where(np.abs(z) < 1.0, field + _radial(z, place, -place) / radius, field)
+        body |= own
+        left += 2.0 * radius
+    return field, body
+
+
+BODIES = {"packed discs": packed_discs}
+"""Several bodies in a picture, which `case_silent`'s frames do not have."""
+
+
 def places(shape, samples):
     """Complex places of the samples of a picture (rows samples, cols samples)."""
     rows, cols = shape
@@ -213,7 +233,7 @@ def order_field(kind, shape, seed, *, highest, steepest=0.12, samples=3):
     `steepest`, fringes a pixel, is passed by 2 % of the specimen at most.
     """
     rng = np.random.default_rng(seed)
-    draw = free_corner if kind == "free corner" else KINDS[kind]
+    draw = free_corner if kind == "free corner" else (KINDS | BODIES)[kind]
     field, body = draw(places(shape, samples), rng)
     order = np.abs(field)
     slope = samples * np.hypot(*np.gradient(order))[body]

@@ -350,7 +350,16 @@ def a_lattice(slope, chi):
     terms = np.zeros((16, 16, 6))
     terms[..., 0], terms[..., 1] = np.cumsum(5.0 * slope), slope
     spread = np.broadcast_to([1e-3, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5], terms.shape)
-    return Patches(places, places, terms, spread, chi, ones)
+    return Patches(
+        rows=places,
+        cols=places,
+        terms=terms,
+        spread=spread,
+        chi=chi,
+        filled=ones,
+        contrast=ones,
+        body=np.ones((16, 16), dtype=int),
+    )
 
 
 def test_a_patch_that_its_quadratic_does_not_describe_is_left_out():

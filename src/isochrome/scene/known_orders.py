@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import acos, degrees, hypot
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -34,11 +34,15 @@ class KnownOrder(ScenePart):
         Its column, px.
     order : float
         The order, fringes.
+    extremum : {'maximum', 'minimum'}, optional
+        Whether it is the highest or the lowest of its surroundings, such as in the middle of closed
+        rings: on a fringe line no light can tell.
     """
 
     row_px: Rows
     col_px: Rows
     order: NonNegative
+    extremum: Literal["maximum", "minimum"] | None = None
 
 
 class _Path(ScenePart):

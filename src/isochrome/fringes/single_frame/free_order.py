@@ -10,22 +10,36 @@ isotropic point or where fringes are finer than a patch can follow, the pixel is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.fringes.on_branch import OrderReading, less_sure, make_reading
+from isochrome.fringes.single_frame.contrast import (
+    FADED,
+    contrast_map,
+    everywhere,
+    fit_contrast,
+    is_faded,
+    with_told,
+)
 from isochrome.fringes.single_frame.free_corners import corner_orders
-from isochrome.fringes.single_frame.known_points import anchor_parts
-from isochrome.fringes.single_frame.patch_labels import Labels, expected_terms, label_patches
+from isochrome.fringes.single_frame.known_points import Anchored, anchor_parts
+from isochrome.fringes.single_frame.patch_labels import (
+    Labels,
+    expected_terms,
+    label_patches,
+    nearest_patches,
+)
 from isochrome.fringes.single_frame.patches import (
     HALF,
     TURN,
     Patches,
     basis,
     binned,
+    bodies_of,
     fit_patches,
     gather_patches,
     middles,
@@ -41,6 +55,9 @@ _BINNINGS = (4, 2, 1)
 _LEAST_PIXELS = 4 * (2 * HALF + 1)
 """Pixels, after binning, of the shorter side of a frame: four patches without overlap."""
 _LEAST_COVER = 0.15
+_CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
+"""Readings at most with a contrast found from the last, and per cent of the frame that must rest.
+"""
 _LARGEST_SPREAD, _LARGEST_UNCERTAINTY = 0.03, 0.03
 _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
@@ -56,6 +73,8 @@ class FreeReading:
         The order and how well it is known.
     anchored : float
         Share of what could be followed that hangs together with a known point.
+    contrast : ndarray (rows, cols)
+        What the fringes have left of their contrast, 1 where nothing is lost to speak of.
     misses : tuple of (row, col, order)
         Known points that were not used.
     said : tuple of str
@@ -64,6 +83,7 @@ class FreeReading:
 
     reading: OrderReading
     anchored: float
+    contrast: Array = field(repr=False)
     misses: tuple[KnownPoint, ...]
     said: tuple[str, ...] = ()
 
@@ -72,7 +92,7 @@ def read_free(
     wave: Array,
     sigma: Array,
     valid: Mask,
-    known: Sequence[KnownPoint],
+    known: Sequence[KnownPoint | tuple[float, float, float, str]],
     *,
     lines: Sequence[KnownPlaces] = (),
     corners: Sequence[FreeCorner] = (),
@@ -87,8 +107,9 @@ def read_free(
         Noise of that.
     valid : bool ndarray (rows, cols)
         Whether a pixel is trusted.
-    known : sequence of (row, col, order)
-        Points where the order is known (pixels, fringes).
+    known : sequence of (row, col, order) or (row, col, order, extremum)
+        Points where the order is known (pixels, fringes); extremum, whether it is the "maximum" or
+        the "minimum" of its surroundings.
     lines : sequence of KnownPlaces, optional
         Fringe lines whose order is known.
     corners : sequence of FreeCorner, optional
@@ -109,14 +130,56 @@ def read_free(
             f"a frame of {wave.shape[0]} x {wave.shape[1]} pixels is smaller than a patch of "
             f"{2 * HALF + 1}; enlarge frames.roi"
         )
-    patches, labels = _coarse_to_fine(wave, sigma, valid)
-    at_corners, unlit = corner_orders(corners, patches, labels, wave, valid)
-    points = [KnownPlaces(((row, col),), order) for row, col, order in known]
-    found = anchor_parts(patches, labels, [*points, *lines, *at_corners], valid)
+    points = [
+        KnownPlaces(((row, col),), order, extremum=turn[0] if turn else None)
+        for row, col, order, *turn in known
+    ]
+
+    def anchored_by(patches: Patches, labels: Labels, wave: Array) -> Anchored:
+        at_corners, unlit = corner_orders(corners, patches, labels, wave, valid)
+        found = anchor_parts(patches, labels, [*points, *lines, *at_corners], valid)
+        return replace(found, said=(*unlit, *found.said))
+
+    patches, labels, found, fade = _whole_contrast(wave, sigma, valid, anchored_by)
+    wave, sigma = wave / fade, sigma / fade
     good = max(1, int((labels.part >= 0).sum()))
     anchored = float(np.isfinite(found.terms[..., 0]).sum() / good)
     reading = _beside_stray(_dense(patches, found.terms, valid), wave, sigma)
-    return FreeReading(reading, anchored, found.misses, (*unlit, *found.said))
+    return FreeReading(reading, anchored, fade, found.misses, found.said)
+
+
+def _whole_contrast(
+    wave: Array,
+    sigma: Array,
+    valid: Mask,
+    anchored_by: Callable[[Patches, Labels, Array], Anchored],
+) -> tuple[Patches, Labels, Anchored, Array]:
+    """Patches, labels and anchored orders of a frame, and its contrast (rows, cols).
+
+    Low orders of wide fringes lose next to nothing and tell what the others lose: what is followed
+    grows from them. `anchored_by`, what is known, as patches, labels and the light see it.
+    """
+    fade = np.ones(wave.shape)
+    patches, labels = _coarse_to_fine(wave, sigma, valid)
+    if is_faded(patches):
+        patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
+        for _ in range(_CONTRAST_ROUNDS):
+            found = anchored_by(patches, labels, wave / fade)
+            if not np.isfinite(found.terms).any():
+                break
+            own = replace(patches, contrast=patches.contrast * _at(fade, patches))
+            before = fade
+            law = fit_contrast(own, found.terms)
+            fade = contrast_map(patches, found.terms, law, wave.shape)
+            patches, labels = _coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
+            if np.percentile(np.abs(fade - before)[valid], _MOSTLY) < FADED:
+                break
+    return patches, labels, anchored_by(patches, labels, wave / fade), fade
+
+
+def _at(image: Array, patches: Patches) -> Array:
+    """An image at the patches' middles (m, n)."""
+    return image[np.ix_(patches.rows, patches.cols)]
 
 
 def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderReading:
@@ -129,24 +192,30 @@ def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderRead
     return less_sure(reading, error, _LARGEST_UNCERTAINTY)
 
 
-def _coarse_to_fine(wave: Array, sigma: Array, valid: Mask) -> tuple[Patches, Labels]:
+def _coarse_to_fine(
+    wave: Array, sigma: Array, valid: Mask, *, faded: bool = False
+) -> tuple[Patches, Labels]:
     """Patches and labels, each binning guiding the next finer one.
 
     Where the order hardly changes, a small patch on a crest cannot tell on which side of it it
     lies; a patch four times as wide can. Where fringes are too fine for it, binned patches fit
     badly and guide nothing.
     """
-    expected = None
+    expected: tuple[Array, Array] | None = None
+    told: Array | None = None
     binnings = [b for b in _BINNINGS if b == 1 or min(wave.shape) // b >= _LEAST_PIXELS]
     for k, binning in enumerate(binnings):
         frame = binned(wave, sigma, valid, binning)
-        patches = fit_patches(gather_patches(*frame), expected)
+        contrast = None if told is None or not faded else everywhere(told)
+        patches = fit_patches(gather_patches(*frame), expected, contrast, own=faded)
+        patches = with_told(patches, binning, told)
         labels = mend_mirrored(patches, label_patches(patches))
         if k + 1 < len(binnings):
             ratio = binning // binnings[k + 1]
             finer = [n // binnings[k + 1] for n in wave.shape]
             rows, cols = ((middles(n) - 0.5 * (ratio - 1)) / ratio for n in finer)
             expected = expected_terms(patches, labels, rows, cols, ratio)
+            told = patches.contrast[nearest_patches(patches, rows, cols)]
     return patches, labels
 
 
@@ -158,11 +227,13 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     dy, dx, window = offsets()
     orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
     sums = np.zeros((4, *valid.shape))
+    bodies, count = bodies_of(valid)
     for k, (y, x, w) in enumerate(zip(dy, dx, window, strict=True)):
         order = orders[:, k].reshape(trust.shape)
-        first = w * trust * order
         at = np.ix_(patches.rows + y, patches.cols + x)
-        for total, value in zip(sums, (w * trust, first, first * order, w * use), strict=True):
+        share = w * (use if count == 1 else use & (bodies[at] == patches.body))
+        first = share * trust * order
+        for total, value in zip(sums, (share * trust, first, first * order, share), strict=True):
             total[at] += value
     weight, first, second, cover = sums
     seen = valid & (cover > _LEAST_COVER * max(float(cover.max()), 1e-9))

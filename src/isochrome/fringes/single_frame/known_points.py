@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isochrome.fringes.single_frame.patch_labels import Labels
-from isochrome.fringes.single_frame.patches import HALF, Patches
+from isochrome.fringes.single_frame.patches import HALF, STRIDE, Patches
 from isochrome.fringes.single_frame.sign_ambiguity import has_zero_line, open_seams, turned_to
 from isochrome.fringes.single_frame.stated_orders import (
     CLEAR,
@@ -74,7 +74,7 @@ def anchor_parts(
     misses: list[KnownPoint] = []
     by_part: dict[int, list[Stated]] = {}
     for each in known:
-        places = [stated_place(patches, field_terms, each, place) for place in each.places]
+        places = [stated_place(patches, labels, field_terms, each, p) for p in each.places]
         parts = [_part_at(patches, labels, p) for p in places]
         misses += [p.point for p, part in zip(places, parts, strict=True) if part < 0]
         if max(parts) < 0:
@@ -212,6 +212,9 @@ def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: i
             "order is higher: no order is reported there; add a known order between two lines, "
             f"such as at row {row}, column {col}: {first:.2f} or {second:.2f}"
         )
+        turning = next((g for g in given if not g.known.is_line and g.first.around), None)
+        if turning is not None:
+            said += f', or extremum = "maximum" or "minimum" to that of {turning}'
     return _unknown(own, given, said)
 
 
@@ -261,8 +264,8 @@ def _unfollowed(known: KnownPlaces, valid: Mask) -> str:
 
 
 def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
-    """The part of the patch about a place, -1 where there is none, or it is no good."""
+    """The part of the patch about a place, -1 where there is none near."""
     far = max(
         abs(p.point[0] - patches.rows[p.patch[0]]), abs(p.point[1] - patches.cols[p.patch[1]])
     )
-    return -1 if far > HALF else int(labels.part[p.patch])
+    return -1 if far > HALF + STRIDE else int(labels.part[p.patch])

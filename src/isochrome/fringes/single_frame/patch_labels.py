@@ -79,6 +79,8 @@ def label_patches(patches: Patches) -> Labels:
     ).ravel()
     edges = _edges(patches)
     use = good[edges.a] & good[edges.b] & (edges.cost < _WORST_EDGE)
+    body = patches.body.ravel()
+    use &= body[edges.a] == body[edges.b]
     sure = np.minimum(edges.other - edges.cost, SURE_ENOUGH)
     length = 5.0 * edges.cost / (1e-3 + sure) + 0.1 * edges.cost + 1e-3
     graph = coo_matrix((length[use], (edges.a[use], edges.b[use])), shape=(count, count))
@@ -111,9 +113,8 @@ def expected_terms(
     Returns the terms in the finer frame's pixels (m, n, 6), in the signs of the nearest patch's
     part, NaN where that is no good, and their standard deviations.
     """
-    i = np.abs(patches.rows[:, None] - rows).argmin(axis=0)
-    j = np.abs(patches.cols[:, None] - cols).argmin(axis=0)
-    near = np.ix_(i, j)
+    near = nearest_patches(patches, rows, cols)
+    i, j = near[0].ravel(), near[1].ravel()
     terms = labels.sign[near][..., None] * patches.terms[near]
     terms[..., 0] += labels.shift[near]
     dy, dx = rows - patches.rows[i], cols - patches.cols[j]
@@ -122,6 +123,13 @@ def expected_terms(
     scale = _GUIDE * np.sqrt(patches.spread[near] ** 2 + BEND**2)
     good = (labels.part[near] >= 0)[..., None]
     return np.where(good, there, np.nan) / per_pixel, scale / per_pixel
+
+
+def nearest_patches(patches: Patches, rows: Array, cols: Array) -> tuple[Indices, ...]:
+    """Numbers of the patches nearest to places in their pixels, `rows` (m,) by `cols` (n,)."""
+    i = np.abs(patches.rows[:, None] - rows).argmin(axis=0)
+    j = np.abs(patches.cols[:, None] - cols).argmin(axis=0)
+    return np.ix_(i, j)
 
 
 def _relation(a: Array, b: Array, variance: Array) -> tuple[Indices, Array, Array, Array]:

@@ -13,7 +13,7 @@ steps are `isochrome.estimation.batched`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -29,12 +29,20 @@ _FREQUENCY_WINDOW = 2.5
 _GRADIENT, _CURVATURE = 0.7, 0.02
 """Prior standard deviations, fringes/px and fringes/px²; what bends more is no quadratic."""
 _STEEPEST = 0.35
+_FINE, _CLEAR = 1.0, 8.0
+"""Radians a pixel from which fringes are fine, and how far they must stand above noise."""
 _ROUNDS = 8
 WORST_CHI = 1.6
 """Residual over noise from which a quadratic does not describe its patch."""
 _FLOOR = 1e-3
 _ROUNDING = 1e-6
 """Of sums in single precision: what they are not known to, and must not make singular."""
+_BALANCE = 0.3
+"""Share of a patch's light on crests, and on flanks, from which it tells contrast from order."""
+_LIKE = 0.8
+"""Share of a patch's light, squared, that must be its cosine."""
+_FADED, _OWN_CONTRAST = 0.05, (0.15, 1.3)
+"""How far a contrast must be from 1 to be its own, and what is still one."""
 TURN = 2.0 * np.pi
 BEND = np.array([0.004, 0.001, 0.001, 4e-4, 4e-4, 4e-4])
 """What two quadratics differ by half-way without noise: fringes, fringes/px, fringes/px²; and"""
@@ -44,13 +52,15 @@ _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """To the neighbours on the right, below, and on the two diagonals below."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Patches:
     """Quadratics of the order about the patches' middles, on a lattice (m, n).
 
     `rows` (m,), `cols` (n,): the middles, pixels; `terms` (m, n, 6): n, g_x, g_y, H_xx, H_xy, H_yy
     with x along the columns; `spread` (m, n, 6), their standard uncertainties; `chi` (m, n),
-    residual over noise; `filled` (m, n), share of the patch's pixels that are valid.
+    residual over noise; `filled` (m, n), share of the patch's pixels that are valid; `contrast`
+    (m, n), what the patch says that its fringes have, NaN where it spans too little to tell;
+    `body` (m, n), the number of the one that it lies on.
     """
 
     rows: Indices
@@ -59,6 +69,8 @@ class Patches:
     spread: Array = field(repr=False)
     chi: Array = field(repr=False)
     filled: Array = field(repr=False)
+    contrast: Array = field(repr=False)
+    body: Indices = field(repr=False)
 
 
 def offsets() -> tuple[Indices, Indices, Array]:
@@ -81,9 +93,9 @@ def binned(wave: Array, sigma: Array, valid: Mask, by: int) -> tuple[Array, Arra
     return mean, np.sqrt(block_means(sigma**2, by)) / by, whole
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PatchLight:
-    """The light of every patch: `light`, `weight` (p, k), `noise` (p,), and where they are.
+    """The light of every patch: `light`, `weight` (p, k), `noise`, `body` (p,), and where they are.
 
     `gradient` (p, 2), about the order's along x and y, up to its sign, fringes a pixel.
     """
@@ -94,6 +106,7 @@ class PatchLight:
     weight: Array = field(repr=False)
     noise: Array = field(repr=False)
     gradient: Array = field(repr=False)
+    body: Indices = field(repr=False)
 
     @property
     def filled(self) -> Array:
@@ -102,8 +115,13 @@ class PatchLight:
 
     def only(self, which: Indices) -> PatchLight:
         """Some of the patches, in one row."""
-        parts = (part[which] for part in (self.light, self.weight, self.noise, self.gradient))
-        return PatchLight(self.rows[:1], np.arange(len(which)), *parts)
+        names = "light", "weight", "noise", "gradient", "body"
+        parts = {name: getattr(self, name)[which] for name in names}
+        return replace(self, rows=self.rows[:1], cols=np.arange(len(which)), **parts)
+
+    def over(self, contrast: Array) -> PatchLight:
+        """The patches' light and noise over their contrast (p,)."""
+        return replace(self, light=self.light / contrast[:, None], noise=self.noise / contrast)
 
 
 def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
@@ -124,24 +142,75 @@ def gather_patches(wave: Array, sigma: Array, valid: Mask) -> PatchLight:
     at = tuple(v.ravel()[:, None] for v in np.meshgrid(rows, cols, indexing="ij"))
     pick = at[0] + dy, at[1] + dx
     trusted = np.asarray(valid[pick])
+    bodies, count = bodies_of(valid)
+    body = np.ones(len(trusted), dtype=int)
+    if count > 1:  # a patch is that of the body nearest to its middle
+        nearest = np.where(trusted, dx**2 + dy**2, np.inf).argmin(axis=1)
+        there = bodies[pick]
+        body = there[np.arange(len(there)), nearest]
+        trusted &= there == body[:, None]
     gradient = [g[at][:, 0] for g in _start_gradient(np.where(valid, wave, 0.0), sigma, valid)]
     return PatchLight(
-        rows,
-        cols,
-        np.where(trusted, wave[pick], 0.0).astype(np.float32),
-        (window * trusted).astype(np.float32),
-        np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
-        np.stack(gradient, axis=-1).astype(np.float32),
+        rows=rows,
+        cols=cols,
+        light=np.where(trusted, wave[pick], 0.0).astype(np.float32),
+        weight=(window * trusted).astype(np.float32),
+        noise=np.maximum(sigma[at][:, 0], _FLOOR).astype(np.float32),
+        gradient=np.stack(gradient, axis=-1).astype(np.float32),
+        body=body,
     )
 
 
-def fit_patches(patches: PatchLight, expected: tuple[Array, Array] | None = None) -> Patches:
+def bodies_of(valid: Mask) -> tuple[Indices, int]:
+    """The number of the body of each pixel, 0 for none, and how many there are.
+
+    Bodies are what masked pixels keep apart, corner to corner too.
+    """
+    from scipy.ndimage import label
+
+    numbers, count = label(valid)
+    return np.asarray(numbers), int(count)
+
+
+def fit_patches(
+    patches: PatchLight,
+    expected: tuple[Array, Array] | None = None,
+    contrast: Array | None = None,
+    *,
+    own: bool = False,
+) -> Patches:
     """Fit a quadratic of the order to each patch of a frame.
 
     Parameters: `patches`; `expected`, terms that are known beforehand (m, n, 6), NaN where none
-    are, and their standard deviations. A patch that fits its expectation badly is fitted again
-    without. Returns Patches.
+    are, and their standard deviations; `contrast`, the fringes' (m, n), 1 if not given. A patch
+    that fits its expectation badly is fitted again without; with `own` one that tells another
+    contrast is fitted with that. Returns Patches.
     """
+    if contrast is None:
+        whole = _fit_given(patches, expected)
+        scale = np.ones(whole.chi.size, dtype=np.float32)
+    else:
+        scale = contrast.ravel().astype(np.float32)
+        whole = _fit_given(patches.over(scale), expected)
+        whole = replace(whole, contrast=whole.contrast * contrast)
+    if not own:
+        return whole
+    told = whole.contrast.ravel()
+    least, most = _OWN_CONTRAST
+    off = np.flatnonzero((np.abs(told - scale) > _FADED * scale) & (told > least) & (told < most))
+    if not len(off):
+        return whole
+    scale = told[off].astype(np.float32)
+    start = whole.terms.reshape(-1, 6)[off].astype(np.float32)
+    alone = np.tile(patch_prior(), (len(off), 1))
+    again = _refine(patches.only(off).over(scale), start, np.zeros_like(start), alone)
+    again = replace(again, contrast=again.contrast * scale)
+    _take(whole, off, again, again.chi.ravel() < whole.chi.ravel()[off])
+    return whole
+
+
+def _fit_given(patches: PatchLight, expected: tuple[Array, Array] | None) -> Patches:
+    """The patches as if their fringes had all their contrast."""
     start = _start(patches)
     mean, prior = np.zeros_like(start), np.tile(patch_prior(), (len(start), 1))
     if expected is None:
@@ -155,12 +224,15 @@ def fit_patches(patches: PatchLight, expected: tuple[Array, Array] | None = None
         return guided
     alone = np.tile(patch_prior(), (len(bad), 1))
     free = _refine(patches.only(bad), start[bad], np.zeros_like(start[bad]), alone)
-    better = free.chi.ravel() < guided.chi.ravel()[bad]
-    for name in ("terms", "spread", "chi"):
-        mine, new = (getattr(each, name) for each in (guided, free))
-        at = np.unravel_index(bad[better], guided.chi.shape)
-        mine[at] = new[0, better]
+    _take(guided, bad, free, free.chi.ravel() < guided.chi.ravel()[bad])
     return guided
+
+
+def _take(patches: Patches, which: Indices, others: Patches, better: Mask) -> None:
+    """Put others (1, k) in the place of some patches (k,) where they are better."""
+    at = np.unravel_index(which[better], patches.chi.shape)
+    for name in ("terms", "spread", "chi", "contrast"):
+        getattr(patches, name)[at] = getattr(others, name)[0, better]
 
 
 def middles(length: int) -> Indices:
@@ -185,6 +257,13 @@ def _start_gradient(wave: Array, sigma: Array, valid: Mask) -> tuple[Array, Arra
     xy = pooled(dx * dy) / speed
     largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
     size = np.minimum(np.sqrt(np.maximum(largest, 0.0)) / TURN, _STEEPEST)
+    # fine fringes fade in the derivative itself, but alike in the second one
+    bend = gaussian_filter(wave, scale, order=(0, 2)) + gaussian_filter(wave, scale, order=(2, 0))
+    first = np.maximum((xx + yy) * speed, 1e-9)
+    second = pooled(bend * bend) - 4.0 * own / scale**2
+    frequency = np.sqrt(np.maximum(second, 0.0) / first)
+    fine = (frequency > _FINE) & (first > _CLEAR * own)
+    size = np.where(fine, np.minimum(frequency / TURN, _STEEPEST), size)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     return size * np.cos(angle), size * np.sin(angle)
 
@@ -256,13 +335,25 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
     spread = np.sqrt(np.abs(np.einsum("pii->pi", covariance)))
     shape = len(patches.rows), len(patches.cols)
     return Patches(
-        patches.rows,
-        patches.cols,
-        terms.reshape(*shape, 6).astype(float),
-        np.where(told[:, None], spread, np.inf).reshape(*shape, 6),
-        np.where(told & (patches.filled > 0.0), chi, np.inf).reshape(shape),
-        patches.filled.reshape(shape),
+        rows=patches.rows,
+        cols=patches.cols,
+        terms=terms.reshape(*shape, 6).astype(float),
+        spread=np.where(told[:, None], spread, np.inf).reshape(*shape, 6),
+        chi=np.where(told & (patches.filled > 0.0), chi, np.inf).reshape(shape),
+        filled=patches.filled.reshape(shape),
+        contrast=_contrast(weight, light, light - residual).reshape(shape),
+        body=patches.body.reshape(shape),
     )
+
+
+def _contrast(weight: Array, light: Array, cosine: Array) -> Array:
+    """What a patch's light has of its cosine (p,), NaN where it has not both crests and flanks."""
+    on_crests = np.maximum((weight * cosine * cosine).sum(axis=1), 1e-9)
+    share = on_crests / np.maximum(weight.sum(axis=1), 1e-9)
+    along = (weight * light * cosine).sum(axis=1)
+    like = along**2 > _LIKE * on_crests * (weight * light * light).sum(axis=1)
+    tells = like & (np.abs(share - 0.5) < 0.5 - _BALANCE)
+    return np.where(tells, along / on_crests, np.nan).astype(float)
 
 
 def neighbours(

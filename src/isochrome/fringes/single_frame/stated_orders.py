@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from isochrome.fringes.single_frame.patch_labels import Labels
 from isochrome.fringes.single_frame.patches import Patches, basis
 from isochrome.fringes.single_frame.sign_ambiguity import AnchorPatch
 from isochrome.fringes.windows import Array
@@ -23,6 +24,8 @@ _BESIDE_LINE_PX = 1.5
 """Standard deviation of a place that a user marks across a fringe line, and how many of them it"""
 _FAR_BESIDE = 3.0
 """may lie beside it."""
+_TURNED = 0.05
+"""Fringes by which all around a point must lie below it for a maximum, or above for a minimum."""
 CLEAR = 8.0
 """By how much a whole number must be better than another, chi²: odds of 50 to 1."""
 
@@ -41,12 +44,15 @@ class KnownPlaces:
         What messages call it.
     says_zero_line : bool, default True
         Whether an order of 0 may be that of a line; a free corner's is the corner's alone.
+    extremum : {'maximum', 'minimum'}, optional
+        Whether it is the highest or the lowest of its surroundings.
     """
 
     places: tuple[tuple[float, float], ...]
     order: float
     key: str = "frames.known_order"
     says_zero_line: bool = True
+    extremum: str | None = None
 
     @property
     def is_line(self) -> bool:
@@ -58,7 +64,9 @@ class KnownPlaces:
 class StatedPlace:
     """A place of known order: its quadratic's `basis` (6,) in the `patch` about it, its part's f.
 
-    `sigma`, standard deviation of the order; `within`, by how much it may miss at all (fringes).
+    `sigma`, standard deviation of the order; `within`, by how much it may miss at all (fringes);
+    `around`, how far f lies above that all around, below it where negative, nought where it turns
+    neither way; `extremum`, which one it is said to be, if any.
     """
 
     point: KnownPoint
@@ -67,6 +75,8 @@ class StatedPlace:
     field: float
     sigma: float
     within: float
+    around: float = 0.0
+    extremum: str | None = None
 
     def miss(self, j: int) -> float:
         """How far the order is from |f + j|, fringes."""
@@ -74,11 +84,18 @@ class StatedPlace:
 
     def cost(self, j: int) -> float:
         """What the place costs with j, chi²."""
-        return min((self.miss(j) / self.sigma) ** 2, _MOST)
+        return min((self.miss(j) / self.sigma) ** 2, _MOST) if self.turns(j) else _MOST
 
     def fits(self, j: int) -> bool:
         """Whether the order is that of j, roughly estimated."""
-        return self.miss(j) < self.within
+        return self.miss(j) < self.within and self.turns(j)
+
+    def turns(self, j: int) -> bool:
+        """Whether |f + j| is the extremum that the place is said to be, if it is."""
+        if self.extremum is None:
+            return True
+        above = self.around * np.sign(self.field + j)
+        return bool(above > 0.0 if self.extremum == "maximum" else above < 0.0)
 
 
 @dataclass(frozen=True)
@@ -124,11 +141,15 @@ class Stated:
 
 
 def stated_place(
-    patches: Patches, terms: Array, known: KnownPlaces, place: tuple[float, float]
+    patches: Patches,
+    labels: Labels,
+    terms: Array,
+    known: KnownPlaces,
+    place: tuple[float, float],
 ) -> StatedPlace:
-    """What a patch says of a place in it, by the parts' `terms` (m, n, 6)."""
+    """What the nearest patch that is followed says of a place, by the parts' `terms` (m, n, 6)."""
     row, col = place
-    patch = int(np.abs(patches.rows - row).argmin()), int(np.abs(patches.cols - col).argmin())
+    patch = _nearest(patches, labels, place)
     off = np.array(row - patches.rows[patch[0]]), np.array(col - patches.cols[patch[1]])
     sigma, within = _STATED, _WITHIN
     if known.is_line:
@@ -136,8 +157,39 @@ def stated_place(
         sigma = float(np.hypot(sigma, _BESIDE_LINE_PX * slope))
         within = min(within, _FAR_BESIDE * sigma)
     in_patch = basis(*off)
-    order = float(in_patch @ terms[patch])
-    return StatedPlace((row, col, known.order), patch, in_patch, order, sigma, within)
+    order, around = float(in_patch @ terms[patch]), 0.0
+    if not known.is_line:
+        part = np.where(labels.part == labels.part[patch], terms[..., 0], np.nan)
+        around = _above(part, patch, order)
+    return StatedPlace(
+        (row, col, known.order), patch, in_patch, order, sigma, within, around, known.extremum
+    )
+
+
+def _nearest(patches: Patches, labels: Labels, place: tuple[float, float]) -> tuple[int, int]:
+    """The nearest patch that is followed: one on a flat crest may not be, and others reach it."""
+    down, right = np.abs(patches.rows - place[0]), np.abs(patches.cols - place[1])
+    far = np.hypot(down[:, None], right[None, :])
+    at = np.where(labels.part >= 0, far, np.inf).argmin()
+    row, col = np.unravel_index(at, far.shape)
+    return int(row), int(col)
+
+
+def _above(values: Array, patch: tuple[int, int], at: float) -> float:
+    """How far a field lies above the nearest square about a patch that is all above or below it.
+
+    Parameters: `values` (m, n), NaN outside the part; `patch`; `at`, the field there. Returns
+    nought where some of the square about it lies above and some below, or half is not known.
+    """
+    away = np.abs(np.indices(values.shape) - np.reshape(patch, (2, 1, 1))).max(axis=0)
+    for k in range(1, int(away.max()) + 1):
+        around = values[away == k]
+        fall = at - around[np.isfinite(around)]
+        if 2 * fall.size < around.size or (fall.max() > _TURNED and fall.min() < -_TURNED):
+            return 0.0
+        if np.abs(fall).min() > _TURNED:
+            return float(fall.mean())
+    return 0.0
 
 
 def left_out(given: Stated, missed: list[StatedPlace], j: int, votes: int) -> str:
@@ -169,6 +221,8 @@ def _levels(p: StatedPlace) -> list[float]:
 def fits_nothing(given: Stated, p: StatedPlace) -> str:
     """What to say of a place at which the light says another order."""
     row, col, order = p.point
+    if p.extremum and any(abs(v - order) < p.within for v in _levels(p)):
+        return f"{given}: the order is no {p.extremum} there; correct its extremum, or leave it out"
     near = sorted(_levels(p)[:2])
     return (
         f"{given.known.key} = {order:g} at row {row:g}, column {col:g}: fits no fringe there, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,7 +76,8 @@ class _Signal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
     `error`, what the ends and the tone curve leave open of the signal, over and above the noise;
-    `columns` for frames.csv.
+    `columns` for frames.csv; `gamma_check`, what the fringes' contrast (rows, cols) and shape make
+    of a stated gamma: an error more, and what to say.
     """
 
     signal: Array
@@ -84,6 +86,7 @@ class _Signal:
     error: Array
     notes: tuple[str, ...]
     columns: dict[str, Any]
+    gamma_check: Callable[[Array], tuple[Array, list[str]]] | None
 
 
 def process_image_only(
@@ -176,13 +179,16 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
         Linear(high_end, valid),
     )
     # a search that found no rest says nothing of the tone, and without a reading nobody asks
+    check = None
     if not tone and settled and scene.frames.orders_known:
         own = None if dark is None else low_end, None if bright is None else high_end
-        other, messages = _contradicted(light, sigma, done, own, gamma)
-        error, notes = np.hypot(error, other), notes + messages
+
+        def check(contrast: Array) -> tuple[Array, list[str]]:
+            return _contradicted(light, sigma, done, own, gamma, contrast)
+
     slope = exponent * np.maximum(light, sigma) ** (exponent - 1.0)
     noise = slope * sigma / np.where(done.valid, done.contrast, 1.0)
-    return _Signal(done.signal, noise, done.valid, error, tuple(notes), columns)
+    return _Signal(done.signal, noise, done.valid, error, tuple(notes), columns, check)
 
 
 def _of_exposure(exposure: NoLoadExposure) -> list[str]:
@@ -218,19 +224,23 @@ def _contradicted(
     done: Normalised,
     given: tuple[Array | None, Array | None],
     gamma: float,
+    contrast: Array,
 ) -> tuple[Array, list[str]]:
     """What another gamma would make of the signal, where the fringes speak for it; and a warning.
 
-    The fringes' shape is compared with that of a cosine: a wrong tone curve bends it.
+    The fringes' shape is compared with that of a cosine: a wrong tone curve bends it. What blur and
+    a band's width took of their `contrast` (rows, cols) is no bend: it draws both ends together.
     """
-    ends = done.background, done.background + done.contrast
+    lost = 0.5 * (1.0 - contrast) * done.contrast
+    ends = done.background + lost, done.background + done.contrast - lost
+    dark, bright = (None if end is None else faded for end, faded in zip(given, ends, strict=True))
     none = np.zeros(light.shape)
     try:
         away, spread = gamma_misfit(light, sigma, done.valid, ends)
         if abs(away) < max(SIGNIFICANT * spread, WRONG_GAMMA):
             return none, []
         found = fit_background_modulation(
-            light, sigma, done.valid, dark=given[0], bright=given[1], tone=True
+            light, sigma, done.valid, dark=dark, bright=bright, tone=True
         )
     except InputError:  # no fringes to tell it from
         return none, []
@@ -239,6 +249,7 @@ def _contradicted(
         return none, []
     linear = np.maximum(light, 0.0) ** found.tone
     other = (linear - found.dark) / np.maximum(found.bright - found.dark, 1e-6)
+    other = 0.5 + contrast * (other - 0.5)  # of the signal as it is, faded
     error = np.abs(np.where(done.valid, other - done.signal, 0.0))
     best = gamma * found.tone
     return error, [
@@ -253,7 +264,10 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     own = scene.frames
     if not own.orders_known:
         return None, [NO_ANCHOR]
-    known = [(k.row_px, k.col_px, k.order) for k in own.known_order]
+    known: list[tuple[float, float, float] | tuple[float, float, float, str]] = [
+        (k.row_px, k.col_px, k.order, k.extremum) if k.extremum else (k.row_px, k.col_px, k.order)
+        for k in own.known_order
+    ]
     lines = [
         KnownPlaces(line.places, line.order, f"frames.known_line[{i}]")
         for i, line in enumerate(own.known_line, start=1)
@@ -263,8 +277,12 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
     sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
     found = read_free(wave, sigma, seen.valid, known, lines=lines, corners=corners)
-    found = replace(found, reading=widened(found.reading, seen.error))
-    return found, list(found.said)
+    error, messages = seen.error, list[str]()
+    if seen.gamma_check is not None:
+        other, messages = seen.gamma_check(found.contrast)
+        error = np.hypot(error, other)
+    found = replace(found, reading=widened(found.reading, error))
+    return found, [*messages, *found.said]
 
 
 def _columns(found: FreeReading | None, seen: _Signal, lines: int) -> dict[str, Any]:
