@@ -5,7 +5,9 @@ between neighbours, and what is left, one sign and one whole number for each con
 taken from where the user knows the order (`[[frames.known_order]]`, `[[frames.known_line]]`,
 corners of a `[[frames.free_boundary]]`). A part without any is left unknown: no light can tell its
 whole number. Pixels are then the mean of the patches about them; where those disagree, as beside an
-isotropic point or where fringes are finer than a patch can follow, the pixel is masked.
+isotropic point or where fringes are finer than a patch can follow, the pixel is masked. What blur
+and a wide band take of the fringes' contrast is found from the frame (`contrast`), and bodies that
+masked pixels keep apart are parts apart.
 """
 
 from __future__ import annotations

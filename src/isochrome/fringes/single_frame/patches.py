@@ -323,15 +323,13 @@ def _refine(patches: PatchLight, terms: Array, mean: Array, prior: Array) -> Pat
 
     terms, (_, sine, residual), _ = minimise_all(at, equations, terms, damping, steps=_ROUNDS)
     # the window's weights are no variances: those of a weighted sum are the weights' squares
-    information = information_of(sine)
-    inverse = solve_all(information, np.broadcast_to(np.eye(6), information.shape))
+    inverse = solve_all(information_of(sine), np.broadcast_to(np.eye(6), (len(terms), 6, 6)))
     squared = ((weight * sine) ** 2 @ pairs).reshape(-1, 6, 6) * (TURN**2 * gain)[..., None]
     squared[:, diagonal, diagonal] += prior
     covariance = sandwich(inverse, squared.astype(float))
     total = np.maximum(weight.sum(axis=1), 1e-9)
     chi = np.sqrt(np.einsum("pk,pk,pk->p", weight, residual, residual) / total) / patches.noise
-    # not so of a singular patch: it is left out
-    told = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    told = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))  # a singular patch is left out
     spread = np.sqrt(np.abs(np.einsum("pii->pi", covariance)))
     shape = len(patches.rows), len(patches.cols)
     return Patches(

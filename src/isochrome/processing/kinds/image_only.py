@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -71,7 +72,7 @@ MOST_SATURATED = 0.03
 out of the picture, and an order beyond a bright crest may be mirrored about it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Signal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
@@ -182,13 +183,18 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
     check = None
     if not tone and settled and scene.frames.orders_known:
         own = None if dark is None else low_end, None if bright is None else high_end
-
-        def check(contrast: Array) -> tuple[Array, list[str]]:
-            return _contradicted(light, sigma, done, own, gamma, contrast)
-
+        check = partial(_contradicted, light, sigma, done, own, gamma)
     slope = exponent * np.maximum(light, sigma) ** (exponent - 1.0)
     noise = slope * sigma / np.where(done.valid, done.contrast, 1.0)
-    return _Signal(done.signal, noise, done.valid, error, tuple(notes), columns, check)
+    return _Signal(
+        signal=done.signal,
+        sigma=noise,
+        valid=done.valid,
+        error=error,
+        notes=tuple(notes),
+        columns=columns,
+        gamma_check=check,
+    )
 
 
 def _of_exposure(exposure: NoLoadExposure) -> list[str]:
