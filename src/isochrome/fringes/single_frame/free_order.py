@@ -5,9 +5,9 @@ between neighbours, and what is left, one sign and one whole number for each con
 taken from points where the user knows the order (`[[frames.known_order]]`: a free boundary, a
 counted line). A part without such a point is left unknown: no light can tell its whole number.
 Pixels are then the mean of the patches about them; where those disagree, as beside an isotropic
-point or where fringes are finer than a patch can follow, the pixel is masked. What blur and a wide band of
-the light take of the fringes' contrast is found from the frame (`contrast`), and bodies that masked
-pixels keep apart are parts apart.
+point or where fringes are finer than a patch can follow, the pixel is masked. What blur and a wide band
+take of the fringes' contrast is found from the frame (`contrast`), and bodies that masked pixels
+keep apart are parts apart.
 """
 
 from __future__ import annotations
