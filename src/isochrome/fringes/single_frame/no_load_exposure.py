@@ -38,6 +38,9 @@ _BLACKEST = 0.005
 
 _SMOOTH_PX = 3.0
 _SYSTEMATIC = 0.003
+_UNSEEN = 0.5
+"""Standard uncertainty, over b, of the dark frame's factor where no trough is in the frame."""
+
 _SURE, _LEAST = 3.0, 0.02
 
 
@@ -90,7 +93,7 @@ def find_no_load_exposure(
     b, by_crest = crest
     black = np.median(low[seen] / high[seen]) < _BLACKEST
     trough = None if black else _level(light, sigma, low, seen & (low > 0.0), -1.0)
-    d, by_trough = trough or (b, by_crest)
+    d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
     share = float(np.median(low[seen] / high[seen]))
     moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
     if moved < _LEAST:
@@ -167,8 +170,10 @@ def _ends(
 ) -> BackgroundModulation:
     """The frame's own ends, and how well they are known."""
     variance = np.zeros((3, 3, *dark.shape))
-    for i, (end, each) in enumerate(zip((dark, bright), spread, strict=True)):
-        variance[i, i] = (each * end) ** 2
+    for i, (end, factor, each) in enumerate(zip((dark, bright), factors, spread, strict=True)):
+        rough = end - ndimage.gaussian_filter(end, _SMOOTH_PX, mode="nearest")
+        noise = factor * 1.4826 * float(np.median(np.abs(rough)))
+        variance[i, i] = (each * end) ** 2 + noise**2
     return BackgroundModulation(
         dark=factors[0] * dark,
         bright=factors[1] * bright,
