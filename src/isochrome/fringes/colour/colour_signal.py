@@ -25,7 +25,7 @@ TABLE_ERROR = 0.002
 _ROWS = 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ColourSignal:
     """Signals of the channels (rows, cols, channels), 1 = full light.
 
@@ -92,13 +92,13 @@ def colour_signal(
             variance += part**2 * _noise(frame, trusted) ** 2
     variance /= np.where(trusted, contrast, 1.0) ** 2
     return ColourSignal(
-        signal,
-        (variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32),
-        lit,
-        order_variance,
-        blind,
-        bright is None,
-        exposure,
+        signal=signal,
+        variance=(variance + table.spread**2 + TABLE_ERROR**2).astype(np.float32),
+        lit=lit,
+        order_variance=order_variance,
+        blind=blind,
+        unlit_unknown=bright is None,
+        exposure=exposure,
     )
 
 

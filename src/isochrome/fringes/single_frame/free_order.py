@@ -27,7 +27,6 @@ from isochrome.fringes.single_frame.contrast import (
     is_faded,
     with_told,
 )
-from isochrome.fringes.single_frame.free_corners import corner_orders
 from isochrome.fringes.single_frame.known_points import Anchored, anchor_parts
 from isochrome.fringes.single_frame.patch_labels import (
     Labels,
@@ -48,7 +47,7 @@ from isochrome.fringes.single_frame.patches import (
     offsets,
 )
 from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored
-from isochrome.fringes.single_frame.stated_orders import KnownPlaces, KnownPoint
+from isochrome.fringes.single_frame.stated_orders import KnownPlaces, KnownPoint, corner_orders
 from isochrome.fringes.stray_light import stray_error
 from isochrome.fringes.windows import Array, Mask
 from isochrome.scene import FreeCorner
