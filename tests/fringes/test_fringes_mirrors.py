@@ -8,13 +8,13 @@ import pytest
 from isochrome.fringes.single_frame.free_order import read_free
 from isochrome.fringes.single_frame.patch_labels import Labels
 from isochrome.fringes.single_frame.patches import Patches, fit_patches, gather_patches
-from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored, open_seams
+from isochrome.fringes.single_frame.sign_ambiguity import AnchorPatch, mend_mirrored, open_seams
 
 SHAPE = (160, 220)
 ROWS, COLS = np.indices(SHAPE)
 VALUE, SLOPE = 0.01, 0.003
 """What noise leaves of a patch's order, fringes, and of its slope, fringes a pixel."""
-START = (0, 0)
+START = AnchorPatch((0, 0), np.eye(6)[0])
 """The patch in which the order is taken as known."""
 
 

@@ -162,9 +162,18 @@ def stated_place(
     known: KnownPlaces,
     place: tuple[float, float],
 ) -> StatedPlace:
-    """What the nearest patch that is followed says of a place, by the parts' `terms` (m, n, 6)."""
+    """What the patch about a place says of it, by the parts' `terms` (m, n, 6).
+
+    About a single point that may be one on a flat crest, which is not followed: then one beside it
+    on the same body.
+    """
     row, col = place
-    patch = _nearest(patches, labels, place)
+    away = np.hypot(patches.rows[:, None] - row, patches.cols[None, :] - col)
+    own = np.unravel_index(away.argmin(), away.shape)
+    if labels.part[own] < 0 and not known.is_line:
+        beside = (labels.part >= 0) & (patches.body == patches.body[own])
+        own = np.unravel_index(np.where(beside, away, np.inf).argmin(), away.shape)
+    patch = int(own[0]), int(own[1])
     off = np.array(row - patches.rows[patch[0]]), np.array(col - patches.cols[patch[1]])
     sigma, within = _STATED, _WITHIN
     if known.is_line:
@@ -186,15 +195,6 @@ def stated_place(
         around=around,
         extremum=known.extremum,
     )
-
-
-def _nearest(patches: Patches, labels: Labels, place: tuple[float, float]) -> tuple[int, int]:
-    """The nearest patch that is followed: one on a flat crest may not be, and others reach it."""
-    down, right = np.abs(patches.rows - place[0]), np.abs(patches.cols - place[1])
-    far = np.hypot(down[:, None], right[None, :])
-    at = np.where(labels.part >= 0, far, np.inf).argmin()
-    row, col = np.unravel_index(at, far.shape)
-    return int(row), int(col)
 
 
 def _above(values: Array, patch: tuple[int, int], at: float) -> float:
