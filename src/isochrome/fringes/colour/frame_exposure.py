@@ -184,7 +184,8 @@ def _at(small: _Blocks, table: ColourTable, factor: float) -> tuple[_End, float]
     )
     misfit = float(np.nansum(np.minimum(choice.misfit, _FARTHEST)))
     # of the two equations a block: else a shorter exposure, with more noise, would fit better
-    noise = 2.0 * float(np.nansum(np.nanmean(np.log(factor**2 * variance), axis=-1)))
+    whole = variance[np.isfinite(variance).all(axis=-1)]
+    noise = 2.0 * float(np.log(factor**2 * whole).mean(axis=-1).sum())
     highest = float(np.nanpercentile(choice.order, 98.0))
     return _End(misfit, misfit + noise + _ROUGH * rough, highest, factor, spread), step
 
