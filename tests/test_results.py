@@ -246,6 +246,10 @@ MARKS = {
     "demo": (pytest.mark.long, pytest.mark.study),
     "bench": (pytest.mark.long,),
     "calibrate disc": (pytest.mark.long,),
+    "calibrate bending": (pytest.mark.long,),
+    "campaign": (pytest.mark.long,),
+    "process track": (pytest.mark.long,),
+    "process track, in memory": (pytest.mark.long,),
 }
 every_result = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=MARKS.get(name, ())) for name in MAKE]

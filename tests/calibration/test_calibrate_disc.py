@@ -70,6 +70,7 @@ def test_centre_order_three_two_loads(disc_frame):
     ],
 )
 # the bars are three times the largest of three seeds' errors; blur leaves chi at 1.9
+@pytest.mark.long
 def test_one_load(disc_frame, centre, options, bar):
     found = calibrated(disc_frame, (centre,), **options)
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=bar)

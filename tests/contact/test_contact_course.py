@@ -296,6 +296,7 @@ def balance(case, end):
     return sum(quad(rate, a, b, epsabs=1e-15, limit=200)[0] for a, b in pairs)
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(law=laws, k=coefficients, mu=frictions)
 def test_worn_area_is_the_dose_times_a_constant_load_under_every_law(law, k, mu):

@@ -40,6 +40,7 @@ def largest(scene):
     return np.array([(s.p_max_mpa, s.wear_depth_mm.max()) for s in contact_states(scene)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("spacing", "tolerance"),
     [
@@ -224,10 +225,10 @@ def assert_kept(rows, bar=1.0):
         (10, 1e-3),
         (60, 1e-3),
         (186, 1e-3),
-        (9, 1e-5),
+        pytest.param(9, 1e-5, marks=pytest.mark.long),
         (32, 1e-4),
         (178, 1e-4),
-        (186, 1e-4),
+        pytest.param(186, 1e-4, marks=pytest.mark.long),
         pytest.param(159, 1e-4, marks=pytest.mark.long),
         pytest.param(50, 1e-4, marks=pytest.mark.long),
         pytest.param(5, 1e-5, marks=pytest.mark.long),

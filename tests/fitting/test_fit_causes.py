@@ -148,6 +148,7 @@ def test_light_and_plates_that_are_not_ideal_are_found_and_named(key, defects, v
     assert f"{key} = " in said[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "defects",
     [p if i in (1, 2) else pytest.param(p, marks=pytest.mark.long) for i, p in enumerate(LIGHTS)],
@@ -248,6 +249,7 @@ def test_the_area_of_the_pixels_moves_no_load():
     assert fit.chi < 1.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.99, 1.01])
 def test_a_scale_that_is_off_is_suspected_and_not_freed(share):
     """The frame cannot tell the pixel from the moduli: the message says so."""
@@ -258,6 +260,7 @@ def test_a_scale_that_is_off_is_suspected_and_not_freed(share):
     assert "contradicts the scale" in said[-1] and "camera.pixel_mm" in said[-1]
 
 
+@pytest.mark.long
 def test_noise_that_is_no_cause_frees_nothing():
     """Rows that flicker together, and a JPEG: no derivative looks like them."""
     for defects in (Defects(jpeg=90), Defects(row_noise=1.0)):
@@ -313,6 +316,7 @@ def test_a_simulated_roll_is_found_by_process(tmp_path):
     assert abs(stated.columns["load.normal_n"][0] / LOAD - 1.0) > 3e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("noise", "quality"), [(3.0, 80), (3.0, 90), (1.0, 85)])
 def test_a_compressed_picture_keeps_its_chi_and_its_pulls(noise, quality):
     """Its finest part is gone, from which noise is told elsewhere: chi was 2.3 to 5.0."""
@@ -328,6 +332,7 @@ def test_a_clean_picture_has_the_noise_that_its_pixels_show():
     assert freed.fit.noise_ratio == 1.0 and not said
 
 
+@pytest.mark.long
 def test_rows_with_a_noise_of_their_own_are_counted():
     """The uncertainty grows by what rows share, and nothing is freed for it: pulls were 4."""
     found = []

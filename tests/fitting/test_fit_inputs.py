@@ -76,6 +76,7 @@ def test_what_a_stated_input_explains_of_the_residual_is_not_noise_too():
     np.testing.assert_allclose(shifted.noise_uncertainty, alike.noise_uncertainty, rtol=0.2)
 
 
+@pytest.mark.long
 def test_sensitivities_are_those_of_fits_with_shifted_inputs():
     scene, image = contact()
     scene = stated(

@@ -70,6 +70,7 @@ def test_a_place_on_a_whole_pixel_is_no_trap(rendered):
     assert found.warnings == ()
 
 
+@pytest.mark.long
 def test_two_frames_share_the_wear_and_keep_their_own_friction(rendered, tmp_path):
     table = {"distance_m": [77.0, 155.0], "value": [0.22, 0.27]}
     # the steps of the wear are the same in truth and fit: their own errors do not matter here

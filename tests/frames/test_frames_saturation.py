@@ -100,6 +100,7 @@ order = ORDER
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("crest", "clip", "read"),
     [

@@ -174,6 +174,7 @@ def test_a_tracked_recording_is_turned_too(tmp_path, contact):
     assert str(found[0]) == str(found[1])
 
 
+@pytest.mark.long
 def test_steps_and_their_no_load_steps_are_turned_alike(tmp_path):
     scene = small(sliding(0.3, steps=CIRCULAR), 8)
     sets = {

@@ -114,6 +114,7 @@ def test_a_poor_frame_is_read_blind_all_the_same(name, shot):
 GAMMA = 2.2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "ends"),
     [

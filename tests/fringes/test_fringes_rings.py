@@ -76,6 +76,7 @@ def test_a_centre_on_a_line_leaves_rings_open_and_its_extremum_is_asked_for():
     assert not np.isfinite(wrong.reading.order).any() and "no maximum there" in wrong.said[0]
 
 
+@pytest.mark.long
 def test_fringes_of_four_pixels_are_followed():
     """A pixel's own width takes a tenth of their contrast: it is reckoned with."""
     order, (row, col), inside, wave = rings(16.0, 128.0, (262, 262))

@@ -29,6 +29,7 @@ def test_a_line_of_nought_that_nothing_says_is_open():
     assert row.wrong == 0.0 and "cannot decide whether the order goes on or turns back" in row.said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seed", [pytest.param(s, marks=[] if s == 64 else [pytest.mark.long]) for s in BLIND]
 )

@@ -82,6 +82,7 @@ def test_colour_frames_are_read_to_the_bar(folder, keys):
     assert found.columns["n_max"] == pytest.approx([o.max() for o in true], abs=0.05)
 
 
+@pytest.mark.long
 def test_a_frame_is_read_alike_alone_and_among_others(folder, tmp_path):
     both = processed(folder, NO_LOAD).frames
     write_tiff(tmp_path / "one.tif", tifffile.imread(folder / "frames.tif")[1:], photometric="rgb")
