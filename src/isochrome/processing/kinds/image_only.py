@@ -53,9 +53,14 @@ FEWEST_LINES = 3
 """Fringe lines without which the shape of the light alone, a lamp's as well as a fringe's, would
 say where the bright end is."""
 
+LEAST_ORDER = 1.25
+"""Highest order below which that is so too, whatever lines the light's own spots add."""
+_ALMOST_ALL = 99.5
+"""Per cent of the pixels, of whose order that is."""
+
 FEW_FRINGES = (
-    "{} fringe lines, and {} at least are needed without frames.no_load_bright: uneven light and "
-    "fringes look alike, and no order is reported; give that frame"
+    "{}, and {} at least are needed without frames.no_load_bright: uneven light and fringes look "
+    "alike, and no order is reported; give that frame"
 )
 SAME_EXPOSURE = (
     "its fringes do not tell whether it is exposed as its no-load frames are, which is assumed: "
@@ -121,9 +126,13 @@ def process_image_only(
     if capture.bright is None and saturated > MOST_SATURATED:
         found, warnings = None, [OVEREXPOSED.format(100.0 * saturated)]
     elif capture.bright is None and len(lines) < FEWEST_LINES and scene.frames.known_order:
-        found, warnings = None, [FEW_FRINGES.format(len(lines), FEWEST_LINES)]
+        found, warnings = None, [FEW_FRINGES.format(f"{len(lines)} fringe lines", FEWEST_LINES)]
     else:
         found, warnings = _read(seen, scene)
+        highest = _highest(found)
+        if capture.bright is None and 0.0 < highest < LEAST_ORDER:
+            few = FEW_FRINGES.format(f"fringes up to order {highest:.2f}", LEAST_ORDER)
+            found, warnings = None, [*warnings, few]
     return replace(
         blank,
         normalised=seen.signal.astype(np.float32),
@@ -133,6 +142,13 @@ def process_image_only(
         warnings=(*seen.notes, *warnings),
         columns=_columns(found, seen, len(lines)),
     )
+
+
+def _highest(found: FreeReading | None) -> float:
+    """The highest order of a reading but for a few pixels, 0 where none is known."""
+    if found is None or not np.isfinite(found.reading.order).any():
+        return 0.0
+    return float(np.nanpercentile(found.reading.order, _ALMOST_ALL))
 
 
 def _saturated(frame: Frame, capture: Capture, inside: NDArray[np.bool_] | None) -> float:
