@@ -154,7 +154,7 @@ def test_a_frame_that_does_not_tell_gamma_says_so_and_the_others_go_on(tmp_path)
     level = 255.0 * np.array([0.05, 0.85]) ** (1.0 / 1.4)
     for name, grey in zip(("no-load-dark", "no-load-bright"), level, strict=True):
         tifffile.imwrite(tmp_path / f"{name}.tif", np.full(light.shape, grey, np.uint8))
-    seed = "[[frames.known_order]]\nrow_px = 60\ncol_px = 52\norder = 2.5\n"
+    seed = "[[frames.known_order]]\nrow_px = 60\ncol_px = 58\norder = 2.762\n"
     found = processed(tmp_path, UNKNOWN + NO_LOAD + seed, "mixed.tif")
     told = found.columns["warnings"]
     assert "gamma cannot be found" in told[0] and "state frames.gamma" in told[0]

@@ -293,7 +293,8 @@ def _of_light(
             f"the table leaves {light.residual:.3f} of full light: use its orders with care"
         )
     ends = shots.dark is None or shots.bright is None
-    against = given.image[0].file if shots.bright is None else "the no-load frames"
+    standard = int(np.argmin(np.abs(np.log(light.brightness))))
+    against = given.image[standard].file if shots.bright is None else "the no-load frames"
     messages += exposure_messages(given, light.brightness, against)
     # where full light would saturate, a no-load frame cannot show it: less of it, and more signal
     full = float((light.background + light.illumination).max())

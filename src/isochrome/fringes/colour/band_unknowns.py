@@ -16,9 +16,13 @@ from isochrome.fringes.colour.band_model import LIKELY, NUMBERS, band_table
 from isochrome.fringes.colour.without_references import UNLIKE, spread_out
 from isochrome.fringes.windows import Array, Mask, block_means, valid_means
 
-BRIGHTNESS_OFF, GAMMA_OFF, BACKGROUND_OFF, UNEVEN = 0.5, 0.3, 0.005, 0.1
+BRIGHTNESS_OFF, GAMMA_OFF, BACKGROUND_OFF, UNEVEN = 0.02, 0.3, 0.005, 0.1
 """Expected deviations: of the frames' brightness, of log gamma, of the background (of full scale)
-and of a surface's terms about the frames' own envelope, over its mean."""
+and of a surface's terms about the frames' own envelope, over its mean. Of the brightness, of
+frames exposed alike; it may be any other (`Unknowns.hold_at`)."""
+
+_DARKER = -1.0
+"""Log brightness below which a frame is taken for one of low orders, not of a short exposure."""
 
 _GAMMA = NUMBERS
 _FRAMES = NUMBERS + 1
@@ -68,15 +72,27 @@ class Seen:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """`shots`; the `surface` terms (6, rows, cols); what is `expected` of the unknowns, and the
-    normal equations `hold` of that.
+    """`shots`; the `surface` terms (6, rows, cols); what is `expected` of the unknowns, the
+    normal equations `hold` of that but for the frames' brightness, and where to `start`.
     """
 
     shots: ColourShots
     surface: Array
     expected: Array
     hold: Array
+    start: Array
     bright_field: bool
+
+    def hold_at(self, theta: Array) -> Array:
+        """The normal equations of what is expected, by reweighting at `theta`.
+
+        Most cameras keep their exposure, and a few do not: each frame's log brightness b is
+        expected to be 0 with the weight 1/(s² + b²), of a Cauchy distribution of the width s.
+        """
+        frames = np.arange(_FRAMES, _FRAMES + len(self.shots.raw))
+        hold = self.hold.copy()
+        hold[frames, frames] += 1.0 / (BRIGHTNESS_OFF**2 + theta[frames] ** 2)
+        return hold
 
     @property
     def ends_from(self) -> int:
@@ -197,12 +213,12 @@ def unknowns(
             "pass 1 at least"
         )
     frames = len(light)
-    brightness = _brightness(light, shots, gamma)
+    brightness, standard = _brightness(light, shots, gamma)
     light = light / np.exp(brightness)[:, None, None, None]
-    parts = [numbers, np.array([np.log(gamma)]), brightness]
-    off = [LIKELY, np.array([_FIXED if fixed else GAMMA_OFF]), np.full(frames, BRIGHTNESS_OFF)]
+    parts = [numbers, np.array([np.log(gamma)]), np.zeros(frames)]
+    off = [LIKELY, np.array([_FIXED if fixed else GAMMA_OFF]), np.full(frames, np.inf)]
     if shots.bright is None:
-        off[-1][0] = _FIXED  # the first frame's brightness is the illumination's
+        off[-1][standard] = _FIXED  # whose light is the illumination
     if shots.dark is None:
         parts.append(low)
         off.append(np.full(3, BACKGROUND_OFF))
@@ -216,20 +232,24 @@ def unknowns(
     hold = np.diag(np.concatenate(off) ** -2.0)
     if shots.bright is None:
         _hold_alike(hold, shape)
-    return Unknowns(shots, surface, expected, hold, bright_field)
+    start = expected.copy()
+    start[_FRAMES : _FRAMES + frames] = brightness
+    return Unknowns(shots, surface, expected, hold, start, bright_field)
 
 
-def _brightness(light: Array, shots: ColourShots, gamma: float) -> Array:
-    """Logarithm of each frame's brightness (frames,) by its brightest places.
+def _brightness(light: Array, shots: ColourShots, gamma: float) -> tuple[Array, int]:
+    """Log of each frame's brightness (frames,) by its brightest places, and the brightest one.
 
-    Over that of the no-load frame where there is one, else over the first frame's: frames of a
-    fringe or more reach nearly full light all alike.
+    Over that of the no-load frame where there is one, else over the brightest frame's: frames of
+    a fringe or more reach nearly full light all alike. One that is darker than exposures differ
+    shows low orders.
     """
     top = np.nanpercentile(np.nansum(light, axis=-1), 99.0, axis=(1, 2))
-    full = top[0]
+    full = top.max()
     if shots.bright is not None:
         full = np.percentile(np.nansum(shots.bright**gamma, axis=-1), 90.0)
-    return np.asarray(np.log(np.maximum(top, 1e-3 * full) / full))
+    ratio = np.log(np.maximum(top, 1e-3 * full) / full)
+    return np.where(ratio < _DARKER, 0.0, ratio), int(np.argmax(top))
 
 
 def _envelope(light: Array, surface: Array) -> Array:

@@ -129,11 +129,13 @@ def find_exposure(
         starts = _starts(small, table)
         best = min((best, *(_rested(small, table, s) for s in starts)), key=lambda end: end.cost)
     spread = best.spread
-    if alike.cost - best.cost < _AS_WELL * count:
+    as_well = alike.cost - best.cost < _AS_WELL * count
+    if as_well:
         # low orders look like higher ones of a shorter exposure, and these seem to tell it
         spread = max(spread, alike.spread)
     spread = float((spread**-2 + EXPECTED**-2) ** -0.5)
-    same = abs(np.log(best.factor)) < max(_SURE * spread, _LEAST)
+    away = abs(np.log(best.factor))
+    same = away < _LEAST or (as_well and away < _SURE * spread)
     return FrameExposure(1.0 if same else best.factor, spread)
 
 

@@ -185,7 +185,7 @@ def _enlarged(blocks: Array, size: tuple[int, ...]) -> Array:
 
 def _search(known: Unknowns, highest_order: float) -> OwnLight:
     """Look orders up and correct the unknowns, in turn."""
-    theta, residual, looks = known.expected, 0.1, []
+    theta, residual, looks = known.start, 0.1, []
     rest = RemainingLight(
         np.zeros((int(highest_order / STEP) + 2, 3)), np.ones(known.shots.raw.shape[1:3])
     )
@@ -209,7 +209,7 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
                 "the colours of the frames were not recognised; are they colour frames of fringes "
                 "in white light, without a filter?"
             )
-        hold = known.hold * (len(left) / trials)
+        hold = known.hold_at(theta) * (len(left) / trials)
         step, covariance = correction(design, left, along, hold, known.expected - theta)
         covariance = covariance * (len(left) / trials)
         residual = _root(np.minimum(np.concatenate([look.square for look in looks]), 0.04))
