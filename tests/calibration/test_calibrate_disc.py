@@ -87,6 +87,7 @@ def test_errors_are_within_what_is_stated_at_any_angle_and_order(disc_frame, ste
     check(calibrated(disc_frame, (1.7, 3.0 + 0.3 * step), step, **options), 5e-4)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_stressed_disc_is_calibrated_from_the_rise(disc_frame):
     """Residual stress along the loads' own directions: no single image fits, their rise does."""
@@ -205,6 +206,7 @@ def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
         calibrate_bending(path)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not beside the repository")
 def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):

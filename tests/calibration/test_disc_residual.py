@@ -59,6 +59,7 @@ def test_an_axisymmetric_form_is_radial_minus_hoop():
     assert FORMS[0].at_centre([0.1, 0.2, 5.0, 5.0]) == pytest.approx(0.1 + 0.2j)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_residual_of_a_third_of_a_fringe_along_the_loads(disc_frame):
     """It falls to nothing at the rim; an even one is among the tensors below."""
@@ -112,6 +113,7 @@ def test_an_unloaded_image_serves_the_residual():
     assert found.order_at_zero_load == pytest.approx(0.1, abs=5e-3)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     "options",

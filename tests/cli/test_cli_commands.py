@@ -227,7 +227,7 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
     ("specimen", "command", "keep"),
     [
         # all loads of both: tests/samples/test_samples.py
-        pytest.param("bending", "bending", (0, 3), id="bending, two loads"),
+        pytest.param("bending", "bending", (0, 3), id="bending, two loads", marks=pytest.mark.long),
         pytest.param("disc", "disc", (0, 2), id="disc, two loads", marks=pytest.mark.long),
     ],
 )

@@ -99,6 +99,7 @@ def test_process_reads_a_blocks_orders_with_its_smooth_stress(tmp_path):
     assert order_error(found_order(fitted), truth)[0] < 0.003
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_smooth_stress_that_explains_little_is_not_kept(tmp_path):
     # a contact of another width: the flat's pressure is no smooth stress

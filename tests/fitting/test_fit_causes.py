@@ -297,6 +297,7 @@ def test_what_knows_no_lens_refuses_one(tmp_path):
         fit(tmp_path / "frame.tif", scene, ["load.normal_n"], tractions=True)
 
 
+@pytest.mark.long
 def test_a_simulated_roll_is_found_by_process(tmp_path):
     """From the scene's own key to the frame and back, and held where the user wants so."""
     from isochrome import process, simulate

@@ -112,6 +112,7 @@ def test_what_the_scene_states_is_held_where_that_is_wanted(tmp_path):
     assert np.abs(pulls(found)).max() > 10.0  # what the roll does to load and friction
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("defects", [{"spot": 0.5}, {"bar": 0.4}])
 def test_light_that_is_uneven_is_as_rich_in_all_frames(tmp_path, defects):
@@ -153,6 +154,7 @@ def test_a_track_of_what_its_scene_says_asks_for_nothing(tmp_path):
     assert not any(found.scene.get(key) for key, *_ in DEFECTS[:2])
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, defects, value, bar):

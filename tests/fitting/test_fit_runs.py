@@ -172,6 +172,7 @@ def test_a_changed_scene_input_or_key_is_noticed(place):
     assert not fitted(place, place / "out").already
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("options", [{}, {"free": (LOAD,), "per_frame": (LEFT,)}])
 def test_two_workers_leave_the_same_files(place, options):

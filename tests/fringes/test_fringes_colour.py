@@ -166,6 +166,7 @@ def test_with_no_load_frames_the_order_is_read(kind, mu):
     assert 0.9 < reading.chi < 1.15 and not reading.blind
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "mu", "no_load"),

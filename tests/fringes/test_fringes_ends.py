@@ -196,6 +196,7 @@ def test_a_found_gammas_uncertainty_is_in_the_signals():
         assert told == pytest.approx(abs(slope) * found.tone_uncertainty, rel=1e-6)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_fringes_of_no_gamma_do_not_tell_it():
     """Fringes of black and white alone: no gamma makes them a cosine's; 0.04 was said to."""
@@ -219,6 +220,7 @@ def problem_of(light, noise, even):
     )
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_bright_end_that_may_as_well_be_another_is_as_uncertain_as_the_two_differ():
     """The order rises to 0.44 and falls: the light may reach its bright end there, or not quite."""

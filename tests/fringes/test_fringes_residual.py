@@ -127,6 +127,7 @@ def test_a_specimen_without_residual_stress_stays_as_it_is():
     assert np.sqrt(np.mean((with_it.order - sets.order)[both] ** 2)) <= 0.005
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_six_circular_steps_take_it_out_too():
     scene, residual = layered_contact(steps=CIRCULAR)

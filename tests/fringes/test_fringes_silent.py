@@ -23,6 +23,7 @@ def test_with_no_load_frames_nothing_is_silently_wrong(seed):
     assert "contradicted by" in row.said
 
 
+@pytest.mark.long
 def test_a_line_of_nought_that_nothing_says_is_open():
     """A cantilever: N touches 1/2 on its axis, and mirrored beyond it there is a line of N = 0."""
     row = CASE.judged(58)

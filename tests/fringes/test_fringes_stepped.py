@@ -215,8 +215,8 @@ def test_the_order_of_the_steps_does_not_matter():
     [
         (disc(), 17.0),
         (disc(**UNMATCHED, **MISALIGNED), 17.0),
-        (contact(), 3.0),
-        (contact(0.3), 3.4),
+        pytest.param(contact(), 3.0, marks=pytest.mark.long),
+        pytest.param(contact(0.3), 3.4, marks=pytest.mark.long),
     ],
     ids=["disc", "disc, real elements", "contact", "sliding contact"],
 )
@@ -237,6 +237,7 @@ def test_ten_steps_are_read_to_a_two_hundredth_of_a_fringe(scene, highest):
     assert 0.9 < np.sqrt(np.mean(pull**2)) < 1.1
 
 
+@pytest.mark.long
 def test_six_circular_steps_are_enough():
     scene = contact(0.3, steps=CIRCULAR)
     order, turn, kept = errors(read(scene), scene)
@@ -246,6 +247,7 @@ def test_six_circular_steps_are_enough():
     assert kept > 0.95
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_six_steps_with_real_plates_leave_out_what_they_cannot_tell():
     """Wide half orders: what the plates leak of 4θ there is more than sin δ exp 2iθ itself."""

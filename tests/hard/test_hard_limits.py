@@ -171,6 +171,7 @@ def test_contact_of_a_few_nodes_is_refused(spacing, load):
 # --- profiles -----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("top", [1.0, -1.0])
 @pytest.mark.parametrize("height", [0.05, 0.019])
 def test_hill_outside_the_window_is_not_overlooked(tmp_path, top, height):

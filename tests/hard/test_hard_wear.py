@@ -27,6 +27,7 @@ from isochrome.contact import contact_states
 # --- steps beyond the explicit limit ------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_where_500_mm_steps_double_the_papers_pressure_ours_is_right():
     """Goes wrong: 4096 elements and 500 mm: the largest pressure doubles and nothing warns."""
     paper = load_benchmarks("paper_procedure")

@@ -169,7 +169,7 @@ def ome_notes_of_a_thousand_million_frames(place: Path) -> list[str]:
     return process("b.tif")
 
 
-@hostile(BOMBS, "b.csv", "bytes", "profile")
+@hostile(BOMBS, "b.csv", "bytes", "profile", slow=True)
 def profile_of_a_gigabyte(place: Path) -> list[str]:
     with open(place / "b.csv", "wb") as file:
         file.truncate(1_000_000_000)  # a hole: it takes no room

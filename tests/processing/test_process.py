@@ -91,6 +91,7 @@ def test_an_unknown_gamma_is_found_with_the_model(captured, true_order, tmp_path
     assert gamma == pytest.approx(1.4, abs=0.01)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_all_sample_frames_are_read_to_a_hundredth_of_a_fringe(true_order):
     found = process(CONTACT / "captured.tif", CONTACT / "scene.toml")
@@ -301,6 +302,7 @@ channel = "green"
 """
 
 
+@pytest.mark.study
 @needs_real
 @pytest.mark.long
 def test_a_real_disc_that_its_model_does_not_describe_is_refused_with_its_chi(tmp_path):
@@ -333,6 +335,7 @@ def test_light_that_cannot_be_read_is_refused_before_the_frames(light, words):
         process("nowhere.tif", scene)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @needs_real
 def test_real_ring_is_checked_and_normalised_and_said_to_have_no_model(tmp_path):

@@ -256,6 +256,7 @@ def test_both_commands_that_track_say_the_same(tmp_path):
     assert one.summary().keys() == other.summary().keys()
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_recording_that_begins_without_a_load_has_values_from_where_it_shows_one(tmp_path):
     frames = film(contact(), {LOAD: [44.0] * 8}, 7)

@@ -147,6 +147,7 @@ def test_a_calibration_set_renders_to_the_same_bytes_twice_and_to_the_shipped_on
     same_set(FOLDER / name, tmp_path / "one", names)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_the_command_renders_the_shipped_files_and_the_same_bytes_twice(tmp_path):
     for run in ("one", "two"):
@@ -295,6 +296,7 @@ def calibrations():
     }
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_the_beam_and_the_disc_of_one_material_agree(calibrations):
     """Sizes and loads are exact in these sets, so that the images' own part must cover it."""

@@ -171,7 +171,7 @@ contacts = st.fixed_dictionaries(
 ).map(lambda parts: scene_of(parts))
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(scene=contacts)
 def test_a_scene_written_to_toml_reads_back_equal(scene):
     text = dump_scene(scene)
@@ -180,7 +180,7 @@ def test_a_scene_written_to_toml_reads_back_equal(scene):
     assert dump_scene(parse_scene(text)) == text
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(scene=contacts)
 def test_a_written_scene_holds_only_the_parts_that_it_was_given(scene):
     written = tomllib.loads(dump_scene(scene))

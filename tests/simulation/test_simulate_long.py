@@ -45,6 +45,7 @@ def test_a_state_is_let_go_once_it_is_written(tmp_path, monkeypatch, components)
     assert sorted(set(pressure["state"])) == list(range(20))
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no getrusage there")
 def test_peak_memory_of_ten_times_the_states_is_the_same(tmp_path):
