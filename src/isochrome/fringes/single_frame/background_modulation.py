@@ -43,8 +43,10 @@ _LARGEST_UNCERTAINTY = 0.03
 _BLACK = 1e-6
 _STRAY = 0.02
 """Prior deviation of the dark end's quadratics, over the contrast."""
-_SPOTS = (0.1, 0.03, 0.01)
-"""Sizes of spots and bars, over the contrast, of which the frame's evidence chooses."""
+_SPOTS = 0.1
+"""Prior deviation of spots and bars, over the contrast, where the frame's evidence asks for them.
+Of several sizes the evidence, which is that of the quadratics' rest, would choose too small ones:
+the light would then be held where it is wrong, and regions turned over with it."""
 _ASKED = -3.0
 """Logarithm of the evidence from which the light is taken as more uneven than a quadratic: the
 frame must speak against spots, for where it does not they may be there, and the order is less sure
@@ -176,23 +178,22 @@ def _searched(
     found = search_all(problem, starts)
     if problem.given[1]:
         return found, 0.0
-    lamps = _with_spots(problem, shape)
-    evidence = more_evidence(found, lamps)
-    if max(evidence) < _ASKED:
+    lamp = _with_spots(problem, shape)
+    if more_evidence(found, lamp) < _ASKED:
         return found, 0.0
-    best = int(np.argmax(evidence))
-    more = np.zeros(lamps[best].free.size - problem.free.size)
+    more = np.zeros(lamp.free.size - problem.free.size)
     # where the quadratics came to rest patches may lie on the wrong sides of crests: begin anew
-    return search_all(lamps[best], [np.insert(start, -1, more) for start in starts]), _SPOTS[best]
+    return search_all(lamp, [np.insert(start, -1, more) for start in starts]), _SPOTS
 
 
-def _with_spots(problem: EndProblem, shape: tuple[int, ...]) -> list[EndProblem]:
-    """The problem with spots and bars of each size in the bright end: all on the same images."""
-    smooth = [binned_light(shape, problem.by, spots=size) for size in _SPOTS]
-    shapes = problem.shapes[0], smooth[0].images
-    return [
-        replace(problem, shapes=shapes, spreads=(problem.spreads[0], own.spread)) for own in smooth
-    ]
+def _with_spots(problem: EndProblem, shape: tuple[int, ...]) -> EndProblem:
+    """The problem with spots and bars in the bright end."""
+    smooth = binned_light(shape, problem.by, spots=_SPOTS)
+    return replace(
+        problem,
+        shapes=(problem.shapes[0], smooth.images),
+        spreads=(problem.spreads[0], smooth.spread),
+    )
 
 
 def _smooth(shape: tuple[int, ...], by: int, spots: float) -> tuple[SmoothImages, SmoothImages]:

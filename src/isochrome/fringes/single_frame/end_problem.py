@@ -9,6 +9,7 @@ quadratic cannot follow would be taken for light, with a certainty that it does 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -70,6 +71,15 @@ class EndProblem:
         counts = [shape.shape[-1] for shape in self.shapes]
         return np.repeat([*(not known for known in self.given), self.tone], [*counts, 1])
 
+    @property
+    def found_shapes(self) -> list[Array]:
+        """The shapes (pixels, terms) of the ends that are to be found."""
+        return [
+            shape.reshape(-1, shape.shape[-1])
+            for shape, known in zip(self.shapes, self.given, strict=True)
+            if not known
+        ]
+
     def ends(self, unknowns: Array) -> tuple[Array, Array]:
         """D and B of all bins (rows, cols)."""
         cut, g = self.shapes[0].shape[-1], unknowns[-1]
@@ -100,9 +110,9 @@ class EndProblem:
 class PatchData:
     """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
 
-    `pixels`, their numbers in the frame; `light`, `weight` of each; `middle`, the ends' shapes in
-    the patches' middles (p, terms); `window`, the sum of a patch's pixels' weights before the noise
-    (p,); `chi` (p,); `thinned`, whether every second patch was left out.
+    `pixels`, their numbers in the frame; `light`, `weight` of each; `window`, the sum of a patch's
+    pixels' weights before the noise (p,); `chi` (p,); `thinned`, whether every second patch was
+    left out.
     """
 
     problem: EndProblem = field(repr=False)
@@ -110,10 +120,14 @@ class PatchData:
     light: Array = field(repr=False)
     weight: Array = field(repr=False)
     pixels: Indices = field(repr=False)
-    middle: tuple[Array, Array] = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
     thinned: bool
+
+    @cached_property
+    def shapes(self) -> list[Array]:
+        """What the ends that are to be found are sums of, at the patches' pixels (p, k, terms)."""
+        return [shape[self.pixels] for shape in self.problem.found_shapes]
 
 
 @dataclass(frozen=True)
@@ -226,8 +240,6 @@ class EndEquations:
 def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
     """Normal equations with the patches' own terms eliminated.
 
-    The ends' shapes vary little within a patch, and in the matrix stand for those at its middle;
-    in the slope, which decides where the search comes to rest, they do not.
     A patch whose own equations are singular is left out.
     Parameters as in `look`. Returns the EndEquations.
     """
@@ -238,33 +250,8 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
     told = np.asarray((inverse[:, _DIAGONAL, _DIAGONAL] > 0.0).all(axis=1) & whole)
     rows = told[:, None]
     weight, weighted, pull = (np.where(rows, v, 0.0) for v in (data.weight, weighted, pull))
-    one = np.ones((len(orders), 1))
-    known = (*problem.given, False)
-    parts = [
-        (middle, column, exact)
-        for middle, column, exact, given in zip(
-            (*data.middle, one), now.columns, (*problem.shapes, None), known, strict=False
-        )
-        if not given
-    ]
-    mixed = np.concatenate(
-        [((weighted * column) @ BASIS)[:, :, None] * at[:, None, :] for at, column, _ in parts],
-        axis=-1,
-    )
-    matrix = np.block(
-        [[(a.T * (weight * u * v).sum(axis=1)) @ b for b, v, _ in parts] for a, u, _ in parts]
-    )
-    light = weight * now.residual
-    slope = np.concatenate(
-        [
-            np.atleast_1d(
-                (light * column).sum()
-                if exact is None
-                else _spread_out(data, light * column) @ exact.reshape(-1, exact.shape[-1])
-            )
-            for _, column, exact in parts
-        ]
-    )
+    matrix, slope = _of_ends(data, now, weight)
+    mixed = _with_orders(data, now, weighted)
     solved = solve_all(own, np.concatenate([mixed, pull[..., None]], axis=-1))
     solved = np.where(told[:, None, None], solved, 0.0)
     prior, away = problem.prior(unknowns)
@@ -279,10 +266,48 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
     )
 
 
-def _spread_out(data: PatchData, values: Array) -> Array:
-    """Sums of the patches' values in each of the frame's bins (rows cols,)."""
-    size = data.problem.light.size
-    return np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=size)
+def _of_ends(data: PatchData, now: Looked, weight: Array) -> tuple[Array, Array]:
+    """Normal equations (terms, terms), (terms,) of the free unknowns, the orders held.
+
+    The shapes are those of the frame's pixels, and patches overlap: what they have at a pixel is
+    summed up first.
+    """
+
+    def summed(values: Array) -> Array:
+        size = data.problem.light.size
+        return np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=size)
+
+    shapes, columns = _parts(data, now)
+    every = [np.ones((data.problem.light.size, 1)) if s is None else s for s in shapes]
+    light = weight * now.residual
+    matrix = [
+        [(a.T * summed(weight * u * v)) @ b for b, v in zip(every, columns, strict=True)]
+        for a, u in zip(every, columns, strict=True)
+    ]
+    slope = [a.T @ summed(light * u) for a, u in zip(every, columns, strict=True)]
+    return np.block(matrix), np.concatenate(slope)
+
+
+def _with_orders(data: PatchData, now: Looked, weighted: Array) -> Array:
+    """Mixed terms of the patches' orders and the free unknowns (p, 10, terms)."""
+    _, columns = _parts(data, now)
+    ones = np.ones((*data.pixels.shape, 1))
+    shapes = [*data.shapes, ones][: len(columns)]
+    return np.concatenate(
+        [
+            ((weighted * column)[:, None, :] * BASIS.T) @ shape
+            for column, shape in zip(columns, shapes, strict=True)
+        ],
+        axis=-1,
+    )
+
+
+def _parts(data: PatchData, now: Looked) -> tuple[list[Array | None], list[Array]]:
+    """Shapes (pixels, terms) and slopes (p, k) of what is to be found; g has no shape."""
+    problem = data.problem
+    columns = [c for c, known in zip(now.columns, problem.given, strict=False) if not known]
+    shapes: list[Array | None] = [*problem.found_shapes, *([None] if problem.tone else [])]
+    return shapes, [*columns, *now.columns[2:]]
 
 
 def total(data: PatchData, cost: Array, unknowns: Array) -> float:

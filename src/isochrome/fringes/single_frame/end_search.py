@@ -44,6 +44,8 @@ _ROUNDS, _EVERY = 24, 4
 """Steps at most, and between two fresh looks at the patches."""
 _REST = 3e-4
 """Change of the order by a step, fringes, below which the search rests."""
+_FREELY = 0.1
+"""Damping below which a step is small because the search rests."""
 _STALE = 0.02
 """Share of patches that a fresh look may improve on at rest."""
 _READABLE = 0.03
@@ -149,60 +151,46 @@ def tone_step(problem: EndProblem, unknowns: Array) -> tuple[float, float]:
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
 
-def more_evidence(found: Found, richer: list[EndProblem]) -> list[float]:
-    r"""Logarithm of the evidence of terms that a search's bright end lacks, for several priors.
+def more_evidence(found: Found, richer: EndProblem) -> float:
+    r"""Logarithm of the evidence of terms that a search's bright end lacks.
 
     Equation: (s^T M^-1 s - s_0^T M_0^-1 s_0 - ln det(M/M_0) - sum ln v)/2, M = H + P and s the
     information, with the prior's, and the slope of all unknowns, the patches following; _0 of those
     found; v the new terms' prior variances. Pixels that several patches share count once; a patch
     that its cubic does not describe says nothing.
-    Parameters: `found`; `richer`, its problem with more terms behind those of the bright end, the
-    same ones in all but their priors.
+    Parameters: `found`; `richer`, its problem with more terms behind those of the bright end.
     """
-    first, free = len(found.unknowns) - 1, np.flatnonzero(richer[0].free)
-    unknowns = np.insert(found.unknowns, -1, np.zeros(richer[0].free.size - len(found.unknowns)))
+    first, free = len(found.unknowns) - 1, np.flatnonzero(richer.free)
+    unknowns = np.insert(found.unknowns, -1, np.zeros(richer.free.size - len(found.unknowns)))
     good = found.data.chi < WORST_CHI
-    data = _of_problem(_some(found.data, good), richer[0])
+    data = replace(_some(found.data, good), problem=richer)
     normal = eliminated(data, unknowns, found.orders[good])
     count = overlap(data)
-    priors = [problem.prior(unknowns)[0][free] for problem in richer]
+    prior = richer.prior(unknowns)[0][free]
     old = (free < first) | (free == len(unknowns) - 1)
     # what is new stands at nought, so that its prior is in no slope
-    information, slope = (normal.matrix - np.diag(priors[0])) / count, normal.slope / count
+    matrix = (normal.matrix - np.diag(prior)) / count + np.diag(prior)
+    before, slope = matrix[np.ix_(old, old)], normal.slope / count
     try:
-        return [_evidence(information, slope, old, prior) for prior in priors]
+        gain = slope @ np.linalg.solve(matrix, slope)
+        gain -= slope[old] @ np.linalg.solve(before, slope[old])
     except np.linalg.LinAlgError:  # the fringes leave the ends open as they are
-        return [-np.inf] * len(richer)
-
-
-def _evidence(information: Array, slope: Array, old: Mask, prior: Array) -> float:
-    """The evidence of one prior, see `more_evidence`."""
-    matrix = information + np.diag(prior)
-    before = matrix[np.ix_(old, old)]
-    gain = slope @ np.linalg.solve(matrix, slope)
-    gain -= slope[old] @ np.linalg.solve(before, slope[old])
+        return -np.inf
     price = np.linalg.slogdet(matrix)[1] - np.linalg.slogdet(before)[1]
     return float(0.5 * (gain - price + np.log(prior[~old]).sum()))
 
 
 def _some(data: PatchData, which: Mask) -> PatchData:
     """Some of the patches."""
-    dark, bright = data.middle
     return replace(
         data,
         index=data.index[which],
         light=data.light[which],
         weight=data.weight[which],
         pixels=data.pixels[which],
-        middle=(dark[which], bright[which]),
         window=data.window[which],
         chi=data.chi[which],
     )
-
-
-def _of_problem(data: PatchData, problem: EndProblem) -> PatchData:
-    """The patches with the shapes of another problem on the same light."""
-    return replace(data, problem=problem, middle=_middles(problem, data.pixels))
 
 
 def _search(problem: EndProblem, unknowns: Array) -> Found:
@@ -224,12 +212,14 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
                 break
             damping *= 8.0
         change = _change(normal, step)
-        resting, since = change < _REST, since + 1
+        resting, since = change < _REST and damping < _FREELY, since + 1
         if tried[0] < cost:
             cost, unknowns, orders, own = tried
             damping = max(0.1 * damping, 1e-7)
         else:
             damping = 1e-3
+        if resting and since == 1:
+            break  # the fresh look has moved nothing
     return _found(data, unknowns, orders, change)
 
 
@@ -276,7 +266,8 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
     covariance[np.ix_(free, free)] = inverse
-    cost = look(data, unknowns, orders).cost * np.maximum(data.chi, 1.0) ** 2
+    left = look(data, unknowns, orders).residual
+    cost = np.einsum("pk,pk,pk->p", data.weight, left, left) * np.maximum(data.chi, 1.0) ** 2
     prior_cost = data.problem.prior_cost(unknowns)
     return Found(
         unknowns=unknowns,
@@ -367,18 +358,10 @@ def _data(
         light=problem.light[rows, cols],
         weight=window / noise**2,
         pixels=flat,
-        middle=_middles(problem, flat),
         window=np.maximum(window.sum(axis=1), 1e-9),
         chi=chi,
         thinned=thinned,
     )
-
-
-def _middles(problem: EndProblem, pixels: Indices) -> tuple[Array, Array]:
-    """The ends' shapes in the patches' middles (p, terms)."""
-    middle = pixels[:, pixels.shape[1] // 2]
-    dark, bright = (shape.reshape(-1, shape.shape[-1])[middle] for shape in problem.shapes)
-    return dark, bright
 
 
 def overlap(data: PatchData) -> float:
