@@ -123,12 +123,13 @@ def _undecided(products: ScoreProducts, asked: list[Asked], sizes: list[int]) ->
     """How far what is fitted would move by each cause or light, times the root of its chance.
 
     The sum of their squares is what a fit without them is more uncertain by: the variance between
-    models of a mean over all of them, with chances 1/(1 + (1/p - 1) exp(-E/2)) of an evidence E and
-    p before it (Raftery (1995), Sociological Methodology 25, 111-163). Each term of the light is a
-    model of its own.
+    models of a mean over all of them (Raftery (1995), Sociological Methodology 25, 111-163). One
+    model says that there is nothing, each other one defect: their chances are w/(1 + sum w), with
+    w = exp(E/2) p/(1 - p) of an evidence E and of p before it. Each term of the light is a model of
+    its own.
     Parameters: `products`; `asked`, of each group of columns; `sizes` of these. Returns (p, k).
     """
-    moves, first = [], 0
+    shifts, evidences, first = [], [], 0
     for item, size in zip(asked, sizes, strict=True):
         chosen = list(range(first, first + size))
         first += size
@@ -140,9 +141,14 @@ def _undecided(products: ScoreProducts, asked: list[Asked], sizes: list[int]) ->
             parts = [(chosen, item.evidence, np.array(item.values))]
         else:
             continue
-        for columns, evidence, values in parts:
-            chance = 1.0 / (1.0 + (1.0 / _RARE - 1.0) * np.exp(-0.5 * evidence))
-            moves.append(np.sqrt(chance) * products.shift(columns, values))
+        shifts += [products.shift(columns, values) for columns, _, values in parts]
+        evidences += [evidence for _, evidence, _ in parts]
+    # evidences of thousands would overflow: all odds are over the largest of them
+    logs = 0.5 * np.array(evidences) + np.log(_RARE / (1.0 - _RARE))
+    largest = max(0.0, float(logs.max(initial=0.0)))
+    odds = np.exp(logs - largest)
+    chance = odds / (np.exp(-largest) + odds.sum())
+    moves = [root * shift for root, shift in zip(np.sqrt(chance), shifts, strict=True)]
     return np.array(moves).T
 
 
