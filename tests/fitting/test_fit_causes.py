@@ -16,7 +16,7 @@ from isochrome.estimation import prepare_frame
 from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, SCALE, STIFF, WIDE
 from isochrome.fitting.causes.freeing import fit_with_causes
 from isochrome.fitting.causes.report import cause_messages
-from isochrome.fitting.causes.score import is_impossible
+from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
 from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.frames import Frame
 from isochrome.processing.result import causes_of
@@ -366,6 +366,25 @@ def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone):
     assert np.mean(held) < -3.5
     # nine of ten benches have none, so that some of it stays where chance hides it
     assert np.sqrt(np.mean(np.square(found))) < 0.8 * np.sqrt(np.mean(np.square(held)))
+
+
+class Alike:
+    """Products of columns that all move the fit's one unknown by 1."""
+
+    count = 1000
+
+    def shift(self, columns, values):
+        return np.ones(1)
+
+
+@pytest.mark.parametrize("evidence", [-4.0, 2.0, 20.0, 4000.0])
+@pytest.mark.parametrize("number", [1, 2, 5])
+def test_causes_that_say_the_same_widen_a_fit_as_one_of_their_odds_together(evidence, number):
+    """Models that exclude one another: n w/(1 + n w), w = exp(E/2)/9, and never above 1."""
+    asked = [Asked(gain=0.0, evidence=evidence, cause=ROLL, values=(1.0,))] * number
+    left = _undecided(Alike(), asked, [1] * number)
+    inverse = 9.0 * np.exp(-0.5 * evidence) / number
+    assert (left @ left.T)[0, 0] == pytest.approx(1.0 / (1.0 + inverse), rel=1e-12)
 
 
 @pytest.mark.parametrize(
