@@ -291,6 +291,7 @@ def fresh_patches(
     where too few can be followed.
     """
     index, places, window, start, thinned = _fitted(problem, unknowns)
+    _check_number(len(index))
     data = _data(problem, index, places, window, np.ones(len(index)), thinned)
     orders, cost, _ = refine_ends(data, unknowns, start, np.full(len(index), 1e-2), 3)
     stale = 1.0
@@ -307,13 +308,18 @@ def fresh_patches(
     good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
     if problem.tone and any(problem.given):
         good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
-    if np.count_nonzero(good) < _LEAST_PATCHES:
+    _check_number(np.count_nonzero(good))
+    data = _data(problem, index[good], places[good], window[good], chi[good], thinned)
+    return data, orders[good], stale
+
+
+def _check_number(patches: int) -> None:
+    """Refuse a frame of too few patches: raises InputError."""
+    if patches < _LEAST_PATCHES:
         raise InputError(
             "too few fringes can be followed to find background and illumination from them; give "
             "both no-load frames"
         )
-    data = _data(problem, index[good], places[good], window[good], chi[good], thinned)
-    return data, orders[good], stale
 
 
 def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:
