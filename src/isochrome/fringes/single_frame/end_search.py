@@ -308,7 +308,7 @@ def fresh_patches(
     good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
     if problem.tone and any(problem.given):
         good &= np.hypot(orders[:, 1], orders[:, 2]) > _SPAN
-    _check_number(np.count_nonzero(good))
+    _check_number(int(np.count_nonzero(good)))
     data = _data(problem, index[good], places[good], window[good], chi[good], thinned)
     return data, orders[good], stale
 
