@@ -250,10 +250,18 @@ MARKS = {
     "campaign": (pytest.mark.long,),
     "process track": (pytest.mark.long,),
     "process track, in memory": (pytest.mark.long,),
+    "fit track": (pytest.mark.long,),
 }
-every_result = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=MARKS.get(name, ())) for name in MAKE]
-)
+
+
+def marked(*names: str) -> pytest.MarkDecorator:
+    """A test of some results, those of seconds in the slow part."""
+    return pytest.mark.parametrize(
+        "name", [pytest.param(name, marks=MARKS.get(name, ())) for name in names]
+    )
+
+
+every_result = marked(*MAKE)
 
 
 @every_result
@@ -299,10 +307,9 @@ def test_the_json_is_the_one_on_disk(name, results, tmp_path):
         assert text == (left.folder / left.json).read_bytes()
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["simulate", "process", "process track", "compare", "fit", "fit track", "check", "sweep",
-     "calibrate scale"],
+@marked(
+    "simulate", "process", "process track", "compare", "fit", "fit track", "check", "sweep",
+    "calibrate scale",
 )  # fmt: skip
 def test_the_command_prints_that_json(name, results, tmp_path):
     left = results(name)
@@ -325,7 +332,7 @@ def test_the_figure_is_the_picture_on_disk(name, results, tmp_path):
         np.testing.assert_array_equal(drawn, imread(left.folder / left.picture))
 
 
-@pytest.mark.parametrize("name", ["simulate", "process", "process track", "fit", "fit track"])
+@marked("simulate", "process", "process track", "fit", "fit track")
 def test_an_earlier_runs_figure_is_its_picture(name, results, tmp_path):
     left = results(name)
     assert left.again is not None

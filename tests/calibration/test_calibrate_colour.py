@@ -160,6 +160,7 @@ def table(beam):
     return calibrate_colour(beam[0] / "set.toml")
 
 
+@pytest.mark.long
 def test_a_table_of_a_beam_reads_another_specimen_to_the_bar(table, tmp_path):
     calibration = table
     assert calibration.way == "beam" and calibration.colour_table.highest > 3.0

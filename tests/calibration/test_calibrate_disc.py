@@ -147,6 +147,7 @@ def test_what_is_not_round_is_no_disc(inside):
         disc_from_images([np.clip(grey, 0, 255).astype(np.uint8)], [100.0], DISC)
 
 
+@pytest.mark.long
 def test_a_blur_that_hardly_shows_is_in_the_budget_of_a_disc(disc_frame, monkeypatch):
     """Left out of the model, chi is 1.14 to 1.17, and the value off by 3 standard uncertainties.
 
@@ -177,6 +178,7 @@ def test_a_disc_of_another_unit_than_its_pixel_is_refused(disc_frame, tmp_path, 
         calibrate_disc(tmp_path / "set.toml")
 
 
+@pytest.mark.long
 def test_a_blur_that_hardly_shows_is_found(disc_frame):
     """Without it chi was 1.15, and the value off by 3 standard uncertainties of noise."""
     small = {"shape": (100, 110), "radius": 42.0, "shift": (1.0, -2.0)}

@@ -92,6 +92,7 @@ def test_each_recording_is_what_it_is_alone_and_a_broken_one_harms_no_other(
         assert item["inputs_sha256"][row["recording"]] == hashlib.sha256(own).hexdigest()
 
 
+@pytest.mark.long
 def test_what_is_complete_is_not_done_again(stacks, place):
     first = process_campaign(stacks[:3], "scene.toml", "out")
     assert not any(item.already for item in first.outcomes) and first.exit_code == 0

@@ -117,6 +117,7 @@ def test_simulate_in_json_is_the_history(quick_isochrome):
     assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
 
 
+@pytest.mark.long
 def test_simulate_gives_the_principal_stresses_to_whoever_asks(quick_isochrome, place):
     done = quick_isochrome("simulate", "small.toml", "--out", "Spannung", "--components")
     assert (done.code, done.err) == (0, "")
@@ -173,6 +174,7 @@ def test_process_finds_the_simulated_order(processed):
     assert np.sqrt(np.mean(error**2)) < 0.005 and np.abs(error).max() < 0.25
 
 
+@pytest.mark.long
 @pytest.mark.process_too
 def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome, place):
     folder, _ = processed
@@ -200,6 +202,7 @@ def test_check_finds_nothing_wrong_with_simulated_frames(quick_isochrome):
 # Fit
 
 
+@pytest.mark.long
 @pytest.mark.process_too
 def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, place):
     done = quick_isochrome(

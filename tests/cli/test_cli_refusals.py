@@ -523,6 +523,7 @@ def test_a_refusal_with_json_is_one_object_and_one_line(isochrome, arguments):
     assert done.err == f"isochrome: {found['error']}\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("value", "words"), [(0, "all black"), (255, "all white"), (np.nan, "no number")]
 )
@@ -536,6 +537,7 @@ def test_check_finds_blank_frames_and_ends_with_2(place, isochrome, value, words
     assert len(errors) == 1 and errors[0].startswith("frames 0-1:") and words in errors[0]
 
 
+@pytest.mark.long
 def test_check_finds_a_truncated_tiff_and_ends_with_2(place, isochrome):
     whole = (place / "frames.tif").read_bytes()
     (place / "cut.tif").write_bytes(whole[: len(whole) // 2])

@@ -105,6 +105,7 @@ def steep_rise(length):
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("length", "tolerance"),
     [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.long)],
@@ -223,10 +224,10 @@ def assert_kept(rows, bar=1.0):
     ("seed", "tolerance"),
     [
         pytest.param(10, 1e-3, marks=pytest.mark.long),
-        (60, 1e-3),
-        (186, 1e-3),
+        pytest.param(60, 1e-3, marks=pytest.mark.long),
+        pytest.param(186, 1e-3, marks=pytest.mark.long),
         pytest.param(9, 1e-5, marks=pytest.mark.long),
-        (32, 1e-4),
+        pytest.param(32, 1e-4, marks=pytest.mark.long),
         pytest.param(178, 1e-4, marks=pytest.mark.long),
         pytest.param(186, 1e-4, marks=pytest.mark.long),
         pytest.param(159, 1e-4, marks=pytest.mark.long),

@@ -118,6 +118,7 @@ def test_nothing_is_freed_in_a_frame_that_is_what_its_scene_says(seed):
     assert freed.fit.standard_uncertainty[0] < 1.3 * stated.standard_uncertainty[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "value", "bar"),
     [
@@ -136,6 +137,7 @@ def test_a_camera_that_is_not_square_is_found_and_named(key, value, bar):
     assert abs(value_of(freed, "load.normal_n") / LOAD - 1.0) < 2e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "defects", "value", "bar"),
     [p if i == 2 else pytest.param(*p, marks=pytest.mark.long) for i, p in enumerate(OTHERS)],
@@ -192,6 +194,7 @@ def test_a_shadow_on_the_surface_bends_nothing_else(defects):
     assert any("of the pixels were left out" in text for text in said)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("blur_px", [1.0, 2.0])
 def test_a_blur_is_no_shadow(blur_px):
     """What it does lies near the surface too; no row is left out for it."""
@@ -269,6 +272,7 @@ def test_noise_that_is_no_cause_frees_nothing():
         assert max(map(abs, pulls(freed.fit))) < 4.0
 
 
+@pytest.mark.long
 def test_a_blur_too_little_to_be_freed_is_not_taken_for_a_band_of_light():
     """A band of 4.9 nm was found in the sample disc, whose camera blurs by 0.4 px."""
     freed, _, _ = fitted(Defects(blur_px=0.45))

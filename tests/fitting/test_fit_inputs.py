@@ -178,6 +178,7 @@ def test_a_key_that_is_stated_as_exact_is_not_freed(tmp_path):
         fit(tmp_path / "none.tif", RING.with_values({LOAD: exact}), [LOAD])
 
 
+@pytest.mark.long
 def test_all_that_is_left_names_the_inputs_and_their_shares(tmp_path):
     scene, image = contact()
     known = stated(scene, specimen__fringe_value_n_per_mm=0.5, load__normal_n=0.5)
@@ -230,6 +231,7 @@ def test_nothing_is_freed_where_all_that_is_stated_is_right():
     assert fit_with_causes(data_of(image, known), known, KEYS, cold=False).causes == ()
 
 
+@pytest.mark.long
 def test_frames_that_share_a_key_have_a_budget_too(tmp_path):
     loads = 58.0, 62.0
     scenes = [RING.with_values({LOAD: load, "camera.seed": k}) for k, load in enumerate(loads)]

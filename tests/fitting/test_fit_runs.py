@@ -111,6 +111,7 @@ def test_a_complete_fit_is_given_again(tmp_path):
     assert not anew.already and contents(tmp_path / "out") == before
 
 
+@pytest.mark.long
 def test_several_files_are_named_each_with_its_hash(tmp_path, monkeypatch):
     make_set(tmp_path, 2)
     monkeypatch.chdir(tmp_path)

@@ -115,6 +115,7 @@ def test_process_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
     assert SLIPS[slip] in said and HELD in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slip", TABLE)
 def test_fit_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
     place = files(tmp_path, *slip(image))
@@ -124,6 +125,7 @@ def test_fit_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
     assert SLIPS[slip] in said and HELD in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slip", [upside_down, bright_for_dark, both_moduli_in_mpa])
 def test_what_is_named_mends_the_scene(tmp_path, image, slip):
     """The scene with the line in it gives the truth: the sentence says what to write."""

@@ -146,6 +146,7 @@ def fitted(path, scene, out):
     return (out / "fit.csv").read_bytes()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("turn", "flip"), WAYS[1:])
 def test_a_turned_file_with_the_turn_stated_gives_the_same_bytes(
     tmp_path, contact, upright, turn, flip

@@ -186,6 +186,7 @@ def test_full_frames_meet_the_bar(kind, mu, no_load):
     assert np.sqrt(np.mean(errors(reading, shot.order) ** 2)) <= 0.006
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("no_load", [slow("dark"), slow("bright"), "none"])
 @pytest.mark.parametrize("kind", ["contact", slow("disc"), "beam"])
 def test_without_no_load_frames_the_light_is_found(kind, no_load):

@@ -299,6 +299,7 @@ def test_noise_alone_tells_nothing():
     assert not np.isfinite(got.reading.order).any()
 
 
+@pytest.mark.long
 def test_a_frame_of_which_nothing_is_trusted_is_all_masked():
     (wave, sigma, valid), _, point = part(80, 30)
     got = read_free(wave, sigma, np.zeros_like(valid), [point])

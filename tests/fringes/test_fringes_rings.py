@@ -99,6 +99,7 @@ def in_band(order, width):
     return sum(w * wave for w, wave in zip(weights / weights.sum(), waves, strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", WIDE)
 def test_in_wide_band_light_no_order_is_lost_or_wrong(name):
     """A band 55 nm wide at half height: 84 % of the slope was once wrong, and called known."""

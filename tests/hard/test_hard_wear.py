@@ -148,6 +148,7 @@ def write_rough(folder, *, rows, shortest=0.015, height=1.5e-4, seed=4):
     return table, heights, f"radius_mm = {RADIUS}\n" + write_profile(folder, table, heights)
 
 
+@pytest.mark.long
 def test_rough_profile_wears_its_tens_of_patches_together(tmp_path):
     """Goes wrong: contact leaves a patch half worn, a new patch is overstepped, volume is lost."""
     table, heights, line = write_rough(tmp_path, rows=451)  # twice the spacing apart

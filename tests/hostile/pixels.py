@@ -41,7 +41,7 @@ def every_pixel_infinite(place: Path) -> list[str]:
     return floats(place, np.s_[:], np.inf)
 
 
-@hostile(PIXELS, "f.tif[1]", "NaN", "check")
+@hostile(PIXELS, "f.tif[1]", "NaN", "check", slow=True)
 def one_frame_of_nan(place: Path) -> list[str]:
     return floats(place, np.s_[1], np.nan)
 
@@ -85,7 +85,7 @@ def frame_of_one_pixel(place: Path) -> list[str]:
     return process("f.tif")
 
 
-@hostile(PIXELS, "frame 1", "20 x 64", "remove or crop the odd one")
+@hostile(PIXELS, "frame 1", "20 x 64", "remove or crop the odd one", slow=True)
 def pages_of_two_sizes(place: Path) -> list[str]:
     with tifffile.TiffWriter(place / "f.tif") as tif:
         for rows in (48, 20):
@@ -93,7 +93,7 @@ def pages_of_two_sizes(place: Path) -> list[str]:
     return process("f.tif")
 
 
-@hostile(PIXELS, "frame 1", "colour", "save all frames alike")
+@hostile(PIXELS, "frame 1", "colour", "save all frames alike", slow=True)
 def colour_page_among_grey_ones(place: Path) -> list[str]:
     with tifffile.TiffWriter(place / "f.tif") as tif:
         tif.write(picture(), metadata=None)
@@ -117,7 +117,7 @@ def folder(place: Path, odd: np.ndarray, suffix: str = ".png") -> list[str]:
     return process("d")
 
 
-@hostile(PIXELS, "1.png", "20 x 64", "remove or crop the odd one")
+@hostile(PIXELS, "1.png", "20 x 64", "remove or crop the odd one", slow=True)
 def image_of_another_size_in_a_folder(place: Path) -> list[str]:
     return folder(place, picture(rows=20))
 
@@ -168,7 +168,7 @@ def two_sizes(
     return process(name)
 
 
-@hostile(PIXELS, "v.avi", "frame 1 is 32 x 48", "remove or crop the odd one")
+@hostile(PIXELS, "v.avi", "frame 1 is 32 x 48", "remove or crop the odd one", slow=True)
 def mjpeg_whose_frames_change_size(place: Path) -> list[str]:
     return two_sizes(place, "v.avi", "mjpeg", "yuvj420p")
 

@@ -52,6 +52,7 @@ def check_done(ended):
     assert all(re.match(r"warning: ", line) for line in ended.err.splitlines()), ended.err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [NAMES[2], *(pytest.param(n, marks=pytest.mark.long) for n in NAMES if n != NAMES[2])]
 )

@@ -106,6 +106,7 @@ def test_the_folder_holds_maps_table_and_figure(folder, tmp_path):
     assert min(table["kept_share"]) > 0.95 and max(table["strange_share"]) < 0.01
 
 
+@pytest.mark.long
 def test_colour_needs_no_model(folder):
     polariscope, camera = SCENE.split("[polariscope]")[1].split("[camera]")
     text = f"[specimen]\nshape = 'other'\n[polariscope]{polariscope}[camera]{camera}"
@@ -136,6 +137,7 @@ def test_a_mask_of_the_specimen_is_kept_to(folder):
     assert not known.any()
 
 
+@pytest.mark.long
 def test_a_wrong_gamma_is_said_and_nothing_is_read(folder):
     text = SCENE + NO_LOAD + "gamma = 2.2\n"
     said = r"nothing could be read in any of its 2 frames \(.*are not the table's.*frames\.gamma"

@@ -83,6 +83,7 @@ def test_every_frame_has_its_values_with_their_uncertainty(tracked):
     assert summary["mean"][0] == pytest.approx(numbers(table[LOAD]).mean(), rel=1e-8)
 
 
+@pytest.mark.long
 def test_key_frames_are_processed_as_without_tracking(tracked, tmp_path):
     place, found = tracked
     alone = save(tmp_path / "alone", tifffile.imread(place / "film.tif")[[0, 5]])

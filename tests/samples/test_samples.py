@@ -133,6 +133,7 @@ def test_the_sample_images_are_at_most_six_megabytes():
     assert sum((FOLDER / name).stat().st_size for name in files_in(FOLDER)) <= MAX_BYTES
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("render", "name"), [(render_bending, "bending"), (render_disc, "disc")])
 def test_a_calibration_set_renders_to_the_same_bytes_twice_and_to_the_shipped_ones(
     tmp_path, render, name

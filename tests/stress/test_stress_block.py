@@ -107,6 +107,7 @@ def test_a_block_ten_times_larger_has_a_tenth_of_the_correction():
         assert change(RegularStress(tuple(scaled)), small, 10.0) < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sides", [PAPER, PAPER._replace(sliding=True), NEAR_A_SIDE])
 def test_the_correction_converges_with_the_mesh_and_the_series_holds_it(sides):
     reach = REACH * sides.clearance
