@@ -1,0 +1,70 @@
+"""The equations of the light's ends are those of differences of the model itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isochrome.fringes.single_frame import end_problem, end_search
+from isochrome.fringes.single_frame.background_modulation import _problem
+from isochrome.fringes.single_frame.end_problem import TERMS, eliminated, look
+
+ROW, COL = np.mgrid[:110, :130].astype(float)
+ORDER = 0.2 + 0.03 * COL + 2e-4 * (ROW - 60.0) ** 2
+SIGMA = 0.01
+STEP = 1e-6
+
+
+def shown():
+    """Fringes under a spot of light, their noise, and where they are trusted."""
+    spot = 1.0 + 0.5 * np.exp(-(((COL - 90.0) / 20.0) ** 2) - ((ROW - 40.0) / 15.0) ** 2)
+    light = 0.1 + 0.4 * spot * np.sin(np.pi * ORDER) ** 2
+    noise = SIGMA * np.random.default_rng(2).standard_normal(ROW.shape)
+    return light + noise, np.full(ROW.shape, SIGMA), np.ones(ROW.shape, bool)
+
+
+def differences(change, size):
+    """Derivatives (p, k, size) of the light by central differences of the residual."""
+    steps = STEP * np.eye(size)
+    return np.stack([(change(-s) - change(s)) / (2.0 * STEP) for s in steps], axis=-1)
+
+
+@pytest.mark.parametrize("tone", [False, True])
+@pytest.mark.parametrize("spots", [0.0, 0.1])
+def test_with_every_patch_following_they_are_those_of_differences(tone, spots):
+    """Shapes that vary within a patch too: Schur's complement of all patches' own equations."""
+    problem, starts = _problem(*shown(), (None, None), tone, spots=spots)
+    unknowns = starts[0] + np.where(np.arange(starts[0].size) > 1, 0.01, 0.0)
+    unknowns[-1] = 1.1 if tone else 1.0
+    data, orders, _ = end_search.fresh_patches(problem, unknowns)
+    some = np.arange(len(orders)) % 9 == 0
+    data, orders = end_search._some(data, some), orders[some]
+    free = np.flatnonzero(problem.free)
+
+    def by_ends(step):
+        new = unknowns.copy()
+        new[free] += step
+        return look(data, new, orders).residual
+
+    def by_orders(step):
+        return look(data, unknowns, orders + step).residual
+
+    ends, own = differences(by_ends, len(free)), differences(by_orders, TERMS)
+    root = np.sqrt(data.weight)[..., None]
+    ends, own, left = root * ends, root * own, root[..., 0] * look(data, unknowns, orders).residual
+    inner = np.einsum("pka,pkb->pab", own, own)
+    inner += np.diag(end_problem._PRIOR + end_problem._PIVOT)
+    mixed = np.einsum("pka,pkb->pab", own, ends)
+    pull = np.einsum("pka,pk->pa", own, left) - orders * end_problem._PRIOR
+    follow = np.linalg.solve(inner, np.concatenate([mixed, pull[..., None]], axis=-1))
+    prior, away = problem.prior(unknowns)
+    wanted = np.einsum("pka,pkb->ab", ends, ends) + np.diag(prior[free])
+    wanted -= np.einsum("pab,pac->bc", mixed, follow[..., :-1])
+    slope = np.einsum("pka,pk->a", ends, left) - (prior * away)[free]
+    slope -= np.einsum("pab,pa->b", mixed, follow[..., -1])
+    found = eliminated(replace(data), unknowns, orders)
+    # differences of the light are good to 1e-9 of it, and the complement takes most of it away
+    np.testing.assert_allclose(found.matrix, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max())
+    np.testing.assert_allclose(found.slope, slope, rtol=0, atol=1e-5 * np.abs(slope).max())
