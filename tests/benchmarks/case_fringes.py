@@ -94,7 +94,7 @@ def with_model(seen, noise):
 
 def one_frame(seen, noise, *, ends):
     """The reading without a model, with both no-load frames or with none."""
-    from isochrome.fringes.single_frame.background_modulation import widened
+    from isochrome.fringes.on_branch import widened
     from isochrome.fringes.single_frame.free_order import read_free
 
     shot = specimens().shoot(seen, noise=noise, seed=SEED)

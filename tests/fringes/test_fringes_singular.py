@@ -6,7 +6,7 @@ import numpy as np
 
 from isochrome.fringes.single_frame import end_search
 from isochrome.fringes.single_frame.background_modulation import _problem
-from isochrome.fringes.single_frame.end_problem import PatchData, eliminated
+from isochrome.fringes.single_frame.end_problem import PatchData, eliminated, ends_at
 from isochrome.fringes.single_frame.patches import fit_patches, gather_patches
 
 ROW, COL = np.mgrid[:130, :160].astype(float)
@@ -36,8 +36,8 @@ def test_a_singular_patch_says_nothing_of_the_light():
     lost = len(orders) // 2
     weight = data.weight.copy()
     weight[lost] = 0.0
-    wanted = eliminated(replace(data, weight=weight), starts[0], orders)
-    found = eliminated(singular(data, lost), starts[0], orders)
+    wanted = eliminated(replace(data, weight=weight), ends_at(data, starts[0]), orders)
+    found = eliminated(singular(data, lost), ends_at(data, starts[0]), orders)
     np.testing.assert_allclose(found.matrix, wanted.matrix, rtol=1e-9)
     scale = np.abs(wanted.slope).max()
     np.testing.assert_allclose(found.slope, wanted.slope, rtol=1e-9, atol=1e-9 * scale)

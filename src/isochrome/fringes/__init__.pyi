@@ -4,14 +4,14 @@ from .colour.colour_order import ColourReading, read_colour
 from .colour.colour_table import STEP, ColourTable, measured_table, spectral_table
 from .colour.own_colours import OwnLight, find_light
 from .colour.table_file import read_table, table_columns
-from .on_branch import OrderReading, read_order
+from .on_branch import OrderReading, read_order, widened
 from .single_frame.background_modulation import (
     BackgroundModulation,
+    exact_ends,
     fit_background_modulation,
     gamma_misfit,
-    widened,
 )
-from .single_frame.free_order import FreeReading, read_free
+from .single_frame.free_order import FreeReading, common_reading, read_free
 from .single_frame.no_load_exposure import NoLoadExposure, find_no_load_exposure
 from .single_frame.stated_orders import KnownPlaces
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
@@ -35,6 +35,8 @@ __all__ = [
     "SteppedReading",
     "band_light",
     "band_scale",
+    "common_reading",
+    "exact_ends",
     "find_light",
     "find_no_load_exposure",
     "fit_background_modulation",

@@ -31,6 +31,7 @@ _WINDOWS_PX = (5.0, 5.0, 5.0, _WINDOW_PX)
 _LARGEST_UNCERTAINTY = 0.03
 _LARGEST_MISFIT = 0.1
 _STEEPEST = 0.25
+_POOLED_PX = 3.0
 _STEP = 1e-4
 
 
@@ -161,3 +162,31 @@ def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReadi
     known = read & (uncertainty < largest)
     found = make_reading(reading.order, uncertainty, known, of=read)
     return replace(found, kept=reading.kept * found.kept)
+
+
+def widened(reading: OrderReading, error: Array) -> OrderReading:
+    """Widen a reading by errors of the signal that pooling does not average out.
+
+    An error e of the signal moves the order by e/(pi sin 2 pi N); pooled over a patch as the
+    reading is, by sum(w |sin| e)/(pi sum(w sin²)). On a crest, where the sine is nought, the order
+    moves by no more than sqrt(e)/pi. A pixel of more than 0.03 fringe is not known.
+
+    Parameters
+    ----------
+    reading : OrderReading
+        The reading.
+    error : ndarray (rows, cols)
+        Standard uncertainty e of the signal, such as `BackgroundModulation.signal_uncertainty`.
+
+    Returns
+    -------
+    OrderReading
+        The reading, as uncertain as the errors leave it.
+    """
+    known = np.isfinite(reading.order)
+    order = np.where(known, reading.order, 0.0)
+    sine = np.abs(np.sin(2.0 * np.pi * order)) * known
+    pull = gaussian_sum(sine * error, _POOLED_PX)
+    slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
+    moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
+    return less_sure(reading, moved, _LARGEST_UNCERTAINTY)

@@ -60,6 +60,13 @@ def nearest_known(values: Array, known: Mask) -> Array:
     return np.asarray(values[tuple(near)])
 
 
+def innermost(where: Mask) -> tuple[int, int]:
+    """Row and column of the pixel of a mask (rows, cols) that lies farthest from its edge."""
+    depth = distance_transform_edt(np.pad(where, 1))[1:-1, 1:-1]
+    row, col = np.unravel_index(depth.argmax(), depth.shape)
+    return int(row), int(col)
+
+
 def masked(values: Array, known: Mask) -> Array:
     """Values (rows, cols) float32, NaN where they are not known."""
     return np.where(known, values, np.nan).astype(np.float32)

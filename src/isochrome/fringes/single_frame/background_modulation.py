@@ -15,18 +15,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fringes.on_branch import OrderReading, less_sure
-from isochrome.fringes.single_frame.end_images import SmoothImages, binned_light
+from isochrome.fringes.single_frame.end_images import QUADRATICS, SmoothImages, binned_light
 from isochrome.fringes.single_frame.end_problem import EndProblem
 from isochrome.fringes.single_frame.end_search import (
     TONES,
     Found,
-    more_evidence,
+    as_doubtful,
+    possible,
     search_all,
     tone_step,
 )
-from isochrome.fringes.single_frame.patches import TURN, binned
-from isochrome.fringes.windows import Array, Mask, gaussian_sum
+from isochrome.fringes.single_frame.patches import binned
+from isochrome.fringes.windows import Array, Mask
 
 _BINNINGS = (32, 16, 8, 4, 2, 1)
 """The ends vary slowly: binned pixels tell as much, far faster, and their patches span crests."""
@@ -38,19 +38,11 @@ holds at least one whole fringe."""
 _ABOVE, _STIFF, _PULLS, _ENOUGH = 0.01, 0.1, 12, 400.0
 """Of the bright end's first surface: weight of light below it over light above; prior of its shape
 over the contrast; rounds; and how many pixels' worth the light counts."""
-_POOLED_PX = 3.0
-_LARGEST_UNCERTAINTY = 0.03
 _BLACK = 1e-6
 _STRAY = 0.02
 """Prior deviation of the dark end's quadratics, over the contrast."""
 _SPOTS = 0.1
-"""Prior deviation of spots and bars, over the contrast, where the frame's evidence asks for them.
-Of several sizes the evidence, which is that of the quadratics' rest, would choose too small ones:
-the light would then be held where it is wrong, and regions turned over with it."""
-_ASKED = -3.0
-"""Logarithm of the evidence from which the light is taken as more uneven than a quadratic: the
-frame must speak against spots, for where it does not they may be there, and the order is less sure
-by them. Frames of even lamps gave -40 to -7."""
+"""Prior deviation of spots and bars, over the contrast, where the frame asks for them."""
 _SMOOTH_PX = 8
 """Over which the ends' uncertainty is taken as linear."""
 _NEAR_END = 1.1
@@ -79,6 +71,8 @@ class BackgroundModulation:
         Which of the ends no-load frames gave.
     variance : ndarray (3, 3, rows, cols)
         Covariance of the dark end, the bright end and the exponent.
+    others : tuple of BackgroundModulation
+        Ends that explain the frame about as well, under which its orders may be others.
     """
 
     dark: Array = field(repr=False)
@@ -88,6 +82,7 @@ class BackgroundModulation:
     tone_uncertainty: float
     given: tuple[bool, bool]
     variance: Array = field(repr=False)
+    others: tuple[BackgroundModulation, ...] = field(default=(), repr=False)
 
     def signal_uncertainty(self, light: Array) -> Array:
         """Standard uncertainty of s = (I^g - D)/(B - D) by that of D, B and g (rows, cols).
@@ -109,6 +104,32 @@ class BackgroundModulation:
             for j, other in enumerate(parts):
                 square += one * other * self.variance[i, j]
         return np.asarray(np.sqrt(np.maximum(square, 0.0)) / contrast)
+
+
+def exact_ends(dark: Array, bright: Array) -> BackgroundModulation:
+    """Take no-load frames for the ends of a frame, and for exact.
+
+    Parameters
+    ----------
+    dark : ndarray (rows, cols)
+        Light of the dark end.
+    bright : ndarray (rows, cols)
+        Light of the bright end.
+
+    Returns
+    -------
+    BackgroundModulation
+        Those, without an uncertainty of their own.
+    """
+    return BackgroundModulation(
+        dark=dark,
+        bright=bright,
+        settled=True,
+        tone=1.0,
+        tone_uncertainty=0.0,
+        given=(True, True),
+        variance=np.broadcast_to(0.0, (3, 3, *dark.shape)),
+    )
 
 
 def fit_background_modulation(
@@ -151,17 +172,19 @@ def fit_background_modulation(
     if dark is not None and bright is not None and not tone:
         raise InputError("both ends of the light are given, and nothing is left to find")
     problem, starts = _problem(light, sigma, valid, (dark, bright), tone)
-    found, spots = _searched(problem, starts, light.shape)
+    results = _searched(problem, starts)
     if not tone:
-        return _ends(light.shape, dark, bright, found, spots)
+        best, *others = (_ends(light.shape, dark, bright, found) for found in results)
+        return replace(best, others=tuple(others))
+    found = as_doubtful(results)
     # a bin's mean is that of the light only where the light is linear: once more, nearly so
     first = _told_tone(float(found.unknowns[-1]))
     linear = np.maximum(light, _BLACK) ** first
     noise = first * np.maximum(light, sigma) ** (first - 1.0) * sigma
     low, high = (None if end is None else end**first for end in (dark, bright))
-    problem, _ = _problem(linear, noise, valid, (low, high), True, spots=spots)
-    again = search_all(problem, [np.append(found.unknowns[:-1], 1.0)])
-    done = _ends(light.shape, low, high, again, spots)
+    problem, _ = _problem(linear, noise, valid, (low, high), True)
+    again = as_doubtful(_searched(problem, [np.append(found.unknowns[:-1], 1.0)]))
+    done = _ends(light.shape, low, high, again)
     per_tone = np.array([1.0, 1.0, first])[:, None, None]
     return replace(
         done,
@@ -171,34 +194,44 @@ def fit_background_modulation(
     )
 
 
-def _searched(
-    problem: EndProblem, starts: list[Array], shape: tuple[int, ...]
-) -> tuple[Found, float]:
-    """The ends, and the size of the spots and bars that the bright one was asked for."""
-    found = search_all(problem, starts)
+def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
+    """The results that the frame does not exclude, of a lamp of spots and bars and of an even one.
+
+    The richer light comes first: where an even lamp's search rests in a frame of spots, patches lie
+    on the wrong sides of crests. An even lamp is then searched from where the other rests.
+    """
+    spotted = search_all(problem, starts)
     if problem.given[1]:
-        return found, 0.0
-    lamp = _with_spots(problem, shape)
-    if more_evidence(found, lamp) < _ASKED:
-        return found, 0.0
-    more = np.zeros(lamp.free.size - problem.free.size)
-    # where the quadratics came to rest patches may lie on the wrong sides of crests: begin anew
-    return search_all(lamp, [np.insert(start, -1, more) for start in starts]), _SPOTS
-
-
-def _with_spots(problem: EndProblem, shape: tuple[int, ...]) -> EndProblem:
-    """The problem with spots and bars in the bright end."""
-    smooth = binned_light(shape, problem.by, spots=_SPOTS)
-    return replace(
+        return possible(spotted)
+    cut, count = problem.shapes[0].shape[-1], problem.spreads[1].size
+    kept = np.ones(cut + count + 1, dtype=bool)
+    kept[cut + QUADRATICS : -1] = False
+    even = replace(
         problem,
-        shapes=(problem.shapes[0], smooth.images),
-        spreads=(problem.spreads[0], smooth.spread),
+        shapes=(problem.shapes[0], problem.shapes[1][..., :QUADRATICS]),
+        spreads=(problem.spreads[0], problem.spreads[1][:QUADRATICS]),
     )
+    smooth = even.shapes[1].reshape(-1, QUADRATICS)
+    begin = []
+    for found in possible(spotted):
+        bright = problem.ends(found.unknowns)[1].ravel()
+        begin.append(found.unknowns[kept])
+        begin[-1][cut:-1] = np.linalg.lstsq(smooth, bright, rcond=None)[0]
+    plain = [_among(found, kept) for found in search_all(even, begin)]
+    return possible(plain, spotted)
 
 
-def _smooth(shape: tuple[int, ...], by: int, spots: float) -> tuple[SmoothImages, SmoothImages]:
+def _among(found: Found, kept: Mask) -> Found:
+    """A result of some of the unknowns as one of all, the others being nought."""
+    unknowns, covariance = np.zeros(kept.size), np.zeros((kept.size, kept.size))
+    unknowns[kept] = found.unknowns
+    covariance[np.ix_(kept, kept)] = found.covariance
+    return replace(found, unknowns=unknowns, covariance=covariance)
+
+
+def _smooth(shape: tuple[int, ...], by: int) -> tuple[SmoothImages, SmoothImages]:
     """What the dark and the bright end are sums of: stray light is nearly even, a lamp is not."""
-    return binned_light(shape, by, uneven=_STRAY), binned_light(shape, by, spots=spots)
+    return binned_light(shape, by, uneven=_STRAY), binned_light(shape, by, spots=_SPOTS)
 
 
 def _told_tone(tone: float) -> float:
@@ -251,8 +284,6 @@ def _problem(
     valid: Mask,
     ends: tuple[Array | None, Array | None],
     tone: bool,
-    *,
-    spots: float = 0.0,
 ) -> tuple[EndProblem, list[Array]]:
     """The problem on binned pixels, and where to start."""
     by = next((b for b in _BINNINGS if min(light.shape) // b >= _LEAST_PIXELS), 1)
@@ -262,7 +293,7 @@ def _problem(
     low, high = np.percentile(small[whole], [_LOW, _HIGH])
     if not high > low:
         raise InputError("the frame has no contrast; is the light on, and the specimen loaded?")
-    smooth = _smooth(light.shape, by, spots)
+    smooth = _smooth(light.shape, by)
     given = ends[0] is not None, ends[1] is not None
     shapes, spreads = zip(
         *(
@@ -290,9 +321,9 @@ def _problem(
     ]
     starts = [np.concatenate([*flat, [1.0]])]
     if not given[1]:
-        count = smooth[0].spread.size  # of the quadratics, with which both begin
-        raised = np.zeros_like(flat[1])
-        raised[:count] = _envelope(small, shapes[1][..., :count], whole, float(low), float(high))
+        raised = np.zeros_like(flat[1])  # spots begin at nought
+        quadratics = shapes[1][..., :QUADRATICS]
+        raised[:QUADRATICS] = _envelope(small, quadratics, whole, float(low), float(high))
         starts.append(np.concatenate([flat[0], raised, [1.0]]))
     return problem, starts
 
@@ -316,10 +347,9 @@ def _ends(
     dark: Array | None,
     bright: Array | None,
     found: Found,
-    spots: float,
 ) -> BackgroundModulation:
     """The ends on all pixels."""
-    full = _smooth(shape, 1, spots)
+    full = _smooth(shape, 1)
     given = dark is not None, bright is not None
     g = float(found.unknowns[-1])
     cut = 1 if given[0] else full[0].spread.size
@@ -330,12 +360,12 @@ def _ends(
         tone=g,
         tone_uncertainty=float(np.sqrt(found.covariance[-1, -1])),
         given=given,
-        variance=_variance(shape, given, cut, found.covariance, spots),
+        variance=_variance(shape, given, cut, found.covariance),
     )
 
 
 def _variance(
-    shape: tuple[int, ...], given: tuple[bool, bool], cut: int, covariance: Array, spots: float
+    shape: tuple[int, ...], given: tuple[bool, bool], cut: int, covariance: Array
 ) -> Array:
     """Covariance of the dark end, the bright end and the exponent at each pixel: it is smooth."""
     import cv2
@@ -343,7 +373,7 @@ def _variance(
     by = max(1, min(_SMOOTH_PX, *(n // 4 for n in shape)))
     spread, turn = np.linalg.eigh(covariance)
     root = (turn * np.sqrt(np.maximum(spread, 0.0)))[:, spread > 0.0]
-    images = [smooth.images for smooth in _smooth(shape, by, spots)]
+    images = [smooth.images for smooth in _smooth(shape, by)]
     errors = [
         np.zeros((*image.shape[:2], root.shape[1])) if known else image @ part
         for image, part, known in zip(images, (root[:cut], root[cut:-1]), given, strict=True)
@@ -358,31 +388,3 @@ def _variance(
                 coarse, (cols, rows), interpolation=cv2.INTER_LINEAR
             )
     return variance
-
-
-def widened(reading: OrderReading, error: Array) -> OrderReading:
-    """Widen a reading by errors of the signal that pooling does not average out.
-
-    An error e of the signal moves the order by e/(pi sin 2 pi N); pooled over a patch as the
-    reading is, by sum(w |sin| e)/(pi sum(w sin²)). On a crest, where the sine is nought, the order
-    moves by no more than sqrt(e)/pi. A pixel of more than 0.03 fringe is not known.
-
-    Parameters
-    ----------
-    reading : OrderReading
-        The reading.
-    error : ndarray (rows, cols)
-        Standard uncertainty e of the signal, such as `BackgroundModulation.signal_uncertainty`.
-
-    Returns
-    -------
-    OrderReading
-        The reading, as uncertain as the errors leave it.
-    """
-    known = np.isfinite(reading.order)
-    order = np.where(known, reading.order, 0.0)
-    sine = np.abs(np.sin(TURN * order)) * known
-    pull = gaussian_sum(sine * error, _POOLED_PX)
-    slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
-    moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
-    return less_sure(reading, moved, _LARGEST_UNCERTAINTY)

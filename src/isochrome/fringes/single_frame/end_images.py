@@ -12,6 +12,8 @@ Array = NDArray[Any]
 
 _DEGREE = 2
 """Of the products: lamps fall off to the corners."""
+QUADRATICS = (_DEGREE + 1) * (_DEGREE + 2) // 2
+"""How many products there are, which come first."""
 
 
 @dataclass(frozen=True)

@@ -131,51 +131,105 @@ class PatchData:
 
 
 @dataclass(frozen=True)
-class Looked:
-    """The model at some unknowns: `cost` of each patch, `residual`, and slopes (p, k).
+class PatchEnds:
+    """Some `unknowns` (terms,), and the ends D, B that they are at the patches' pixels (p, k)."""
 
-    `slope` by the order; `columns`, by the dark end, the bright end, and g if that is unknown.
+    unknowns: Array
+    dark: Array = field(repr=False)
+    bright: Array = field(repr=False)
+
+
+def ends_at(data: PatchData, unknowns: Array) -> PatchEnds:
+    """The ends at the patches' pixels.
+
+    Parameters: `data`; `unknowns` (terms,). Returns the PatchEnds.
+    """
+    dark, bright = (end.ravel()[data.pixels] for end in data.problem.ends(unknowns))
+    return PatchEnds(unknowns, dark, bright)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looked:
+    """The model at some ends and orders: `cost` of each patch, `residual` (p, k).
+
+    Slopes (p, k) are worked out when they are asked for: `slope` by the order; `columns`, by the
+    dark end, the bright end, and g if that is unknown.
     """
 
     cost: Array
     residual: Array
-    slope: Array
-    columns: tuple[Array, ...]
+    problem: EndProblem = field(repr=False)
+    ends: PatchEnds = field(repr=False)
+    angle: Array = field(repr=False)
+    fade: Array | float = field(repr=False)
+    signal: Array = field(repr=False)
+    linear: Array = field(repr=False)
+    light: Array = field(repr=False)
 
+    @cached_property
+    def gain(self) -> Array | float:
+        """dI/dM (p, k)."""
+        if not _is_curved(self.problem, self.ends.unknowns):
+            return 1.0
+        return np.asarray(self.light / (self.ends.unknowns[-1] * self.linear))
 
-def look(data: PatchData, unknowns: Array, orders: Array) -> Looked:
-    """The residuals and their slopes.
+    @cached_property
+    def slope(self) -> Array:
+        """dI/dN."""
+        contrast = self.gain * (self.ends.bright - self.ends.dark)
+        return np.asarray(np.pi * contrast * self.fade * np.sin(self.angle))
 
-    Parameters: `data`; `unknowns` (terms,); `orders`, the patches' terms (p, 10). Returns a Looked.
-    """
-    problem, g = data.problem, unknowns[-1]
-    dark, bright = (end.ravel()[data.pixels] for end in problem.ends(unknowns))
-    angle = TURN * (orders @ BASIS.T)
-    fade = _fade(orders) if problem.by > 1 else np.ones_like(angle)
-    signal = 0.5 - 0.5 * fade * np.cos(angle)
-    linear = dark + (bright - dark) * signal
-    curved = problem.tone or g != 1.0
-    if curved:
-        linear = np.maximum(linear, _FLOOR * problem.scale)
-    light = linear ** (1.0 / g) if curved else linear
-    residual = data.light - light
-    gain = light / (g * linear) if curved else np.ones_like(linear)
-    by_ends = gain * (1.0 - signal), gain * signal
-    columns: tuple[Array, ...] = by_ends
-    if problem.tone:
-        by_tone = -np.log(linear) * light / g**2
-        for end, column, known in zip((dark, bright), by_ends, problem.given, strict=True):
+    @cached_property
+    def columns(self) -> tuple[Array, ...]:
+        """dI/dD, dI/dB, and dI/dg if g is unknown."""
+        problem, g = self.problem, self.ends.unknowns[-1]
+        by_ends = self.gain * (1.0 - self.signal), self.gain * self.signal
+        if not problem.tone:
+            return by_ends
+        by_tone = -np.log(self.linear) * self.light / g**2
+        each = zip((self.ends.dark, self.ends.bright), by_ends, problem.given, strict=True)
+        for end, column, known in each:
             if known:
                 by_tone = by_tone + column * end * np.log(np.maximum(end, 1e-6)) / g
-        columns = (*by_ends, by_tone)
+        return *by_ends, by_tone
+
+
+def _is_curved(problem: EndProblem, unknowns: Array) -> bool:
+    return problem.tone or unknowns[-1] != 1.0
+
+
+def look(data: PatchData, ends: PatchEnds, orders: Array) -> Looked:
+    """The residuals, and what their slopes are made of.
+
+    The phase is taken in the precision of the light.
+    Parameters: `data`; `ends`; `orders`, the patches' terms (p, 10). Returns a Looked.
+    """
+    problem, g = data.problem, ends.unknowns[-1]
+    angle = (TURN * (orders @ BASIS.T)).astype(data.light.dtype)
+    fade = _fade(orders.astype(data.light.dtype)) if problem.by > 1 else 1.0
+    signal = 0.5 - 0.5 * fade * np.cos(angle)
+    light = linear = ends.dark + (ends.bright - ends.dark) * signal
+    if _is_curved(problem, ends.unknowns):
+        linear = np.maximum(linear, _FLOOR * problem.scale)
+        light = linear ** (1.0 / g)
+    residual = data.light - light
     cost = np.einsum("pk,pk,pk->p", data.weight, residual, residual) + (orders**2) @ _PRIOR
-    slope = gain * (bright - dark) * np.pi * fade * np.sin(angle)
-    return Looked(cost, residual, slope, columns)
+    return Looked(
+        cost=cost,
+        residual=residual,
+        problem=problem,
+        ends=ends,
+        angle=angle,
+        fade=fade,
+        signal=signal,
+        linear=linear,
+        light=light,
+    )
 
 
 def _fade(orders: Array) -> Array:
     """What the mean over a bin leaves of the fringes' contrast (p, k)."""
-    dx, dy = BASIS[:, 1], BASIS[:, 2]
+    dx, dy = BASIS[:, 1].astype(orders.dtype), BASIS[:, 2].astype(orders.dtype)
     along_x = orders[:, 1:2] + orders[:, 3:4] * dx + orders[:, 4:5] * dy
     along_y = orders[:, 2:3] + orders[:, 4:5] * dx + orders[:, 5:6] * dy
     return _sinc(along_x) * _sinc(along_y)
@@ -200,7 +254,7 @@ def _information(
 
 
 def refine_ends(
-    data: PatchData, unknowns: Array, orders: Array, damping: Array, steps: int
+    data: PatchData, ends: PatchEnds, orders: Array, damping: Array, steps: int
 ) -> tuple[Array, Array, Array]:
     """Damped steps of the patches alone, each taken where it lowers the patch's cost.
 
@@ -208,7 +262,7 @@ def refine_ends(
     """
 
     def at(orders: Array) -> State:
-        now = look(data, unknowns, orders)
+        now = look(data, ends, orders)
         return now.cost, now.residual, now.slope
 
     def equations(orders: Array, now: State) -> tuple[Array, Array]:
@@ -237,13 +291,13 @@ class EndEquations:
     spread: Array
 
 
-def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
+def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     """Normal equations with the patches' own terms eliminated.
 
     A patch whose own equations are singular is left out.
     Parameters as in `look`. Returns the EndEquations.
     """
-    problem, now = data.problem, look(data, unknowns, orders)
+    problem, now = data.problem, look(data, ends, orders)
     own, pull, weighted = _information(data, now.residual, now.slope, orders)
     inverse = solve_all(own, np.broadcast_to(np.eye(TERMS), own.shape))
     whole = np.isfinite(inverse).all(axis=(1, 2))
@@ -254,7 +308,7 @@ def eliminated(data: PatchData, unknowns: Array, orders: Array) -> EndEquations:
     mixed = _with_orders(data, now, weighted)
     solved = solve_all(own, np.concatenate([mixed, pull[..., None]], axis=-1))
     solved = np.where(told[:, None, None], solved, 0.0)
-    prior, away = problem.prior(unknowns)
+    prior, away = problem.prior(ends.unknowns)
     free = problem.free
     inner = np.tensordot(mixed, solved, axes=((0, 1), (0, 1)))
     return EndEquations(

@@ -26,6 +26,7 @@ from isochrome.fringes.single_frame.end_problem import (
     EndProblem,
     PatchData,
     eliminated,
+    ends_at,
     look,
     refine_ends,
     total,
@@ -51,8 +52,9 @@ _STALE = 0.02
 _READABLE = 0.03
 TONES = 0.2, 5.0
 _HEAVIEST = 1e2
-_LOST = 0.5
-"""Difference of a patch's residual over noise, squared, that counts at most in a comparison."""
+_LOST = 0.5, 0.1, 0.0
+"""Difference of a patch's residual over noise, squared, that counts at most in a comparison where
+both results describe it, one does, none."""
 _PIXELS = float(offsets()[2].sum())
 NOT_TOLD = (
     "this frame's fringes cannot separate its background, illumination and gamma: give both "
@@ -60,6 +62,8 @@ NOT_TOLD = (
 )
 _DOUBT = 40.0
 """Difference of cost, about -2 ln of the likelihood, within which two results are both possible."""
+_SAME = 2e-3
+"""Difference of the patches' orders, fringes, below which two results are one."""
 _BETTER = 0.97
 """Share of its former cost below which a patch counts as better."""
 _MANY = 400
@@ -77,7 +81,8 @@ class Found:
     """The unknowns, their `covariance`, and the last `change` of the order.
 
     `index` of the patches in use, `patch_cost`, residual over noise squared (p,), and what the
-    unknowns' prior adds; the patches' `data` and their `orders` at rest.
+    unknowns' prior adds; `price`, how much the frame narrows the prior down, ln det(1 + v M), which
+    the evidence takes for it; the patches' `data` and their `orders` at rest.
     """
 
     unknowns: Array
@@ -86,6 +91,7 @@ class Found:
     index: Indices = field(repr=False)
     patch_cost: Array = field(repr=False)
     prior_cost: float
+    price: float
     data: PatchData = field(repr=False)
     orders: Array = field(repr=False)
 
@@ -95,25 +101,54 @@ class Found:
         return self.change < _REST
 
 
-def search_all(problem: EndProblem, starts: list[Array]) -> Found:
-    """The best result of several starts.
+def search_all(problem: EndProblem, starts: list[Array]) -> list[Found]:
+    """What each of several starts leads to.
 
-    Parameters: `problem`; `starts`, vectors of its unknowns. Returns the Found; another that costs
-    about the same widens its covariance. Raises InputError where no fringe can be followed, or
-    where the fringes leave the unknowns open.
+    Parameters: `problem`; `starts`, vectors of its unknowns. Raises InputError where no fringe can
+    be followed, or where the fringes leave the unknowns open.
     """
     found = [result for start in starts if (result := _tried(problem, start)) is not None]
     if not found:
         raise InputError(NOT_TOLD)
-    best = found[0]
-    for other in found[1:]:
+    return found
+
+
+def possible(*models: list[Found]) -> list[Found]:
+    """The results that the frame does not exclude, the best first.
+
+    Models, such as light without and with spots, are compared by the evidence of their best, the
+    results of one by their costs: what a result leaves open is no merit beside another's.
+    Parameters: the results of each model. Returns those of other orders than the ones before.
+    """
+    one = models[0][0]
+    lowest = {
+        k: min(_dearer(found, one) + found.price for found in results)
+        for k, results in enumerate(models)
+    }
+    order = sorted(lowest, key=lambda k: lowest[k])
+    listed: list[Found] = []
+    for k in (k for k in order if lowest[k] < lowest[order[0]] + _DOUBT):
+        best = cheapest(models[k])
+        for found in (best, *models[k]):
+            near = _dearer(found, best) < _DOUBT
+            if near and all(_differ(found, other) for other in listed):
+                listed.append(found)
+    return listed
+
+
+def cheapest(results: list[Found]) -> Found:
+    """The one of some results that costs least."""
+    best = results[0]
+    for other in results[1:]:
         best = other if _dearer(best, other) > 0.0 else best
-    covariance = best.covariance
-    for other in found:
-        if _dearer(other, best) < _DOUBT:
-            away = other.unknowns - best.unknowns
-            covariance = covariance + np.outer(away, away)
-    return replace(best, covariance=covariance)
+    return best
+
+
+def as_doubtful(results: list[Found]) -> Found:
+    """The first of some results, as uncertain as the others make it."""
+    best, *others = results
+    away = [other.unknowns - best.unknowns for other in others]
+    return replace(best, covariance=best.covariance + sum(np.outer(a, a) for a in away))
 
 
 def _tried(problem: EndProblem, start: Array) -> Found | None:
@@ -129,11 +164,29 @@ def _tried(problem: EndProblem, start: Array) -> Found | None:
 def _dearer(one: Found, other: Found) -> float:
     """How much more a result costs than another, by the patches that both use.
 
-    No patch decides alone: one on a defect may come to rest anywhere.
+    A patch that a cubic does not describe, at a load or a tip, follows whatever light it is given;
+    one that it describes in one result alone may rest on the wrong side of a crest, and counts
+    little: no patch decides alone.
     """
-    _, a, b = np.intersect1d(one.index, other.index, return_indices=True)
-    away = np.clip(one.patch_cost[a] - other.patch_cost[b], -_LOST, _LOST)
+    a, b = _of_both(one, other)
+    first, second = one.patch_cost[a], other.patch_cost[b]
+    poor = (first > WORST_CHI**2).astype(int) + (second > WORST_CHI**2)
+    most = np.array(_LOST)[poor]
+    away = np.clip(first - second, -most, most)
     return float(_PIXELS * away.sum() + one.prior_cost - other.prior_cost)
+
+
+def _differ(one: Found, other: Found) -> bool:
+    """Whether two results give other orders: fringes from the nearest whole number, RMS."""
+    a, b = _of_both(one, other)
+    first, second = (np.abs(n - np.rint(n)) for n in (one.orders[a, 0], other.orders[b, 0]))
+    return bool(np.sqrt(np.mean((first - second) ** 2)) > _SAME) if len(a) else True
+
+
+def _of_both(one: Found, other: Found) -> tuple[Indices, Indices]:
+    """Numbers of the patches that two results use, in each of them."""
+    _, a, b = np.intersect1d(one.index, other.index, return_indices=True)
+    return a, b
 
 
 def tone_step(problem: EndProblem, unknowns: Array) -> tuple[float, float]:
@@ -143,54 +196,12 @@ def tone_step(problem: EndProblem, unknowns: Array) -> tuple[float, float]:
     """
     data, orders, _ = fresh_patches(problem, unknowns)
     try:
-        normal = eliminated(data, unknowns, orders)
+        normal = eliminated(data, ends_at(data, unknowns), orders)
         covariance = np.linalg.inv(normal.matrix)
     except np.linalg.LinAlgError as error:
         raise InputError(NOT_TOLD) from error
     uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
     return float((covariance @ normal.slope)[-1]), float(uncertainty)
-
-
-def more_evidence(found: Found, richer: EndProblem) -> float:
-    r"""Logarithm of the evidence of terms that a search's bright end lacks.
-
-    Equation: (s^T M^-1 s - s_0^T M_0^-1 s_0 - ln det(M/M_0) - sum ln v)/2, M = H + P and s the
-    information, with the prior's, and the slope of all unknowns, the patches following; _0 of those
-    found; v the new terms' prior variances. Pixels that several patches share count once; a patch
-    that its cubic does not describe says nothing.
-    Parameters: `found`; `richer`, its problem with more terms behind those of the bright end.
-    """
-    first, free = len(found.unknowns) - 1, np.flatnonzero(richer.free)
-    unknowns = np.insert(found.unknowns, -1, np.zeros(richer.free.size - len(found.unknowns)))
-    good = found.data.chi < WORST_CHI
-    data = replace(_some(found.data, good), problem=richer)
-    normal = eliminated(data, unknowns, found.orders[good])
-    count = overlap(data)
-    prior = richer.prior(unknowns)[0][free]
-    old = (free < first) | (free == len(unknowns) - 1)
-    # what is new stands at nought, so that its prior is in no slope
-    matrix = (normal.matrix - np.diag(prior)) / count + np.diag(prior)
-    before, slope = matrix[np.ix_(old, old)], normal.slope / count
-    try:
-        gain = slope @ np.linalg.solve(matrix, slope)
-        gain -= slope[old] @ np.linalg.solve(before, slope[old])
-    except np.linalg.LinAlgError:  # the fringes leave the ends open as they are
-        return -np.inf
-    price = np.linalg.slogdet(matrix)[1] - np.linalg.slogdet(before)[1]
-    return float(0.5 * (gain - price + np.log(prior[~old]).sum()))
-
-
-def _some(data: PatchData, which: Mask) -> PatchData:
-    """Some of the patches."""
-    return replace(
-        data,
-        index=data.index[which],
-        light=data.light[which],
-        weight=data.weight[which],
-        pixels=data.pixels[which],
-        window=data.window[which],
-        chi=data.chi[which],
-    )
 
 
 def _search(problem: EndProblem, unknowns: Array) -> Found:
@@ -204,7 +215,7 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
                 break
             own, cost = _start(data, unknowns, orders)
             since, resting = 0, False
-        normal = eliminated(data, unknowns, orders)
+        normal = eliminated(data, ends_at(data, unknowns), orders)
         while True:
             step = _damped(normal, damping)
             tried = _followed(data, unknowns, orders, own, normal, step)
@@ -225,7 +236,7 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
 
 def _start(data: PatchData, unknowns: Array, orders: Array) -> tuple[Array, float]:
     """The patches' own damping, and the cost."""
-    cost = look(data, unknowns, orders).cost
+    cost = look(data, ends_at(data, unknowns), orders).cost
     return np.full(len(orders), 1e-2), total(data, cost, unknowns)
 
 
@@ -242,9 +253,10 @@ def _followed(
     if not TONES[0] < new[-1] < TONES[1]:
         return np.inf, unknowns, orders, own
     along = orders + normal.pull - normal.drag @ step
-    stay, go = (look(data, new, tried).cost for tried in (orders, along))
+    ends = ends_at(data, new)
+    stay, go = (look(data, ends, tried).cost for tried in (orders, along))
     nearer = np.where((go < stay)[:, None], along, orders)
-    gone, cost, own = refine_ends(data, new, nearer, own, 2)
+    gone, cost, own = refine_ends(data, ends, nearer, own, 2)
     return total(data, cost, new), new, gone, own
 
 
@@ -258,7 +270,7 @@ def _change(normal: EndEquations, step: Array) -> float:
 
 
 def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Found:
-    normal = eliminated(data, unknowns, orders)
+    normal = eliminated(data, ends_at(data, unknowns), orders)
     free = data.problem.free
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inverse = np.linalg.inv(normal.matrix) * overlap(data)
@@ -266,7 +278,9 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
     covariance[np.ix_(free, free)] = inverse
-    left = look(data, unknowns, orders).residual
+    prior = data.problem.prior(unknowns)[0][free]
+    price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
+    left = look(data, ends_at(data, unknowns), orders).residual
     cost = np.einsum("pk,pk,pk->p", data.weight, left, left) * np.maximum(data.chi, 1.0) ** 2
     prior_cost = data.problem.prior_cost(unknowns)
     return Found(
@@ -276,6 +290,7 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
         index=data.index,
         patch_cost=cost / data.window,
         prior_cost=prior_cost,
+        price=float(price),
         data=data,
         orders=orders,
     )
@@ -293,17 +308,18 @@ def fresh_patches(
     index, places, window, start, thinned = _fitted(problem, unknowns)
     _check_number(len(index))
     data = _data(problem, index, places, window, np.ones(len(index)), thinned)
-    orders, cost, _ = refine_ends(data, unknowns, start, np.full(len(index), 1e-2), 3)
+    ends = ends_at(data, unknowns)
+    orders, cost, _ = refine_ends(data, ends, start, np.full(len(index), 1e-2), 3)
     stale = 1.0
     if before is not None:
         old = np.zeros_like(orders)
         was = np.full(len(index), np.inf)
         _, here, there = np.intersect1d(index, before[0].index, return_indices=True)
         old[here] = before[1][there]
-        was[here] = look(data, unknowns, old).cost[here]
+        was[here] = look(data, ends, old).cost[here]
         orders = np.asarray(np.where((was <= cost)[:, None], old, orders))
         stale = float(np.mean(cost < _BETTER * was - 0.02 * data.window))
-    misfit = look(data, unknowns, orders).residual
+    misfit = look(data, ends, orders).residual
     chi = np.sqrt(np.einsum("pk,pk,pk->p", data.weight, misfit, misfit) / data.window)
     good = (chi < _WORST_CHI) & (np.abs(orders[:, 1:3]).max(axis=1) < _STEEPEST)
     if problem.tone and any(problem.given):
@@ -325,14 +341,19 @@ def _check_number(patches: int) -> None:
 def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Array, Array, bool]:
     """Patches as `patches` fits them: index, middles, weights, terms; whether thinned."""
     light = gather_patches(*_normalised(problem, unknowns))
-    fitted = fit_patches(light)
-    use = (light.filled > _LEAST_FILLED) & (fitted.chi.ravel() < _WORST_CHI)
+    use = light.filled > _LEAST_FILLED
     thinned = bool(np.count_nonzero(use) > _MANY)
     if thinned:
-        use &= (np.add.outer(*(np.arange(n) for n in fitted.chi.shape)) % 2 == 0).ravel()
+        use &= (
+            np.add.outer(*(np.arange(len(v)) for v in (light.rows, light.cols))) % 2 == 0
+        ).ravel()
     index = np.flatnonzero(use)
+    _check_number(len(index))
+    fitted = fit_patches(light.only(index))
+    told = fitted.chi[0] < _WORST_CHI
+    index = index[told]
     terms = np.zeros((len(index), TERMS))
-    terms[:, :6] = fitted.terms.reshape(-1, 6)[index]
+    terms[:, :6] = fitted.terms[0, told]
     places = np.stack(np.meshgrid(light.rows, light.cols, indexing="ij"), axis=-1).reshape(-1, 2)
     return index, places[index], light.weight[index].astype(float), terms, thinned
 

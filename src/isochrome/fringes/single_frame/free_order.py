@@ -49,7 +49,7 @@ from isochrome.fringes.single_frame.patches import (
 from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored
 from isochrome.fringes.single_frame.stated_orders import KnownPlaces, KnownPoint, corner_orders
 from isochrome.fringes.stray_light import stray_error
-from isochrome.fringes.windows import Array, Mask
+from isochrome.fringes.windows import Array, Mask, innermost
 from isochrome.scene import FreeCorner
 
 _BINNINGS = (4, 2, 1)
@@ -62,6 +62,10 @@ _CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
 _LARGEST_SPREAD, _LARGEST_UNCERTAINTY = 0.03, 0.03
 _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
+_WORTH_SAYING = 0.01
+"""Share of what is read that another light must take away before it is said."""
+_APART = 0.2
+"""Fringes between two orders that are worth asking for."""
 
 
 @dataclass(frozen=True)
@@ -244,3 +248,60 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     uncertainty = np.hypot(np.sqrt(np.where(seen, cover, 1.0) / safe), spread)
     known = seen & (spread < _LARGEST_SPREAD) & (uncertainty < _LARGEST_UNCERTAINTY)
     return make_reading(mean, uncertainty, known, of=valid)
+
+
+def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
+    """Keep of readings of one frame what they have in common.
+
+    Without no-load frames several smooth lights may explain a frame alike, and under each of them
+    other regions are turned over about a crest. A known order that a reading contradicts speaks
+    against its light.
+
+    Equation: u' = (u² + sum d²)^(1/2), d the difference of another reading's order; a pixel of more
+    than 0.03 fringe, or that another does not know, is not known.
+
+    Parameters
+    ----------
+    readings : sequence of FreeReading
+        Those of one frame under lights that explain it alike, the best first.
+
+    Returns
+    -------
+    FreeReading
+        The first of those that miss the fewest known points, as uncertain as the others of these
+        leave it, and what to say of that.
+    """
+    fewest = min(len(found.misses) for found in readings)
+    best, *others = (found for found in readings if len(found.misses) == fewest)
+    orders = [found.reading.order for found in others]
+    if not orders:
+        return best
+    square = np.sum([(best.reading.order - order) ** 2 for order in orders], axis=0)
+    error = np.sqrt(np.where(np.isnan(square), np.inf, square))
+    reading = less_sure(best.reading, error, _LARGEST_UNCERTAINTY)
+    said = _of_what_is_lost(best.reading, reading, orders)
+    return replace(best, reading=reading, said=(*best.said, *said))
+
+
+def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Array]) -> list[str]:
+    """What to say of pixels that other lights take away."""
+    read = np.isfinite(before.order)
+    lost = read & ~np.isfinite(after.order)
+    share = float(lost.sum() / max(1, int(read.sum())))
+    if share < _WORTH_SAYING:
+        return []
+    said = (
+        "another smooth light explains the frame as well, and under it the order of "
+        f"{100.0 * share:.0f} % of what was read is another or open: left out; a bright no-load "
+        "frame (frames.no_load_bright) settles it"
+    )
+    for order in orders:
+        apart = lost & (np.abs(order - before.order) > _APART)
+        if apart.any():
+            at = innermost(apart)
+            first, second = sorted((float(before.order[at]), float(order[at])))
+            said += (
+                f", or a known order at row {at[0]}, column {at[1]}: {first:.2f} or {second:.2f}"
+            )
+            break
+    return [said]

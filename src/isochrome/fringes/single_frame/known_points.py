@@ -32,7 +32,7 @@ from isochrome.fringes.single_frame.stated_orders import (
     left_out,
     stated_place,
 )
-from isochrome.fringes.windows import Array, Mask
+from isochrome.fringes.windows import Array, Mask, innermost
 
 _BELOW = 0.1
 """Order below which a known point says a line of N = 0, fringes."""
@@ -243,10 +243,7 @@ def _left_alone(patches: Patches, labels: Labels, alone: Mask, share: float) -> 
 
 def _place(patches: Patches, where: Mask) -> tuple[int, int, tuple[int, int]]:
     """The middle-most place of some patches: row and column of its pixel, and its patch."""
-    from scipy.ndimage import distance_transform_edt
-
-    depth = distance_transform_edt(np.pad(where, 1))[1:-1, 1:-1]
-    i, j = (int(v) for v in np.unravel_index(depth.argmax(), depth.shape))
+    i, j = innermost(where)
     return int(patches.rows[i]), int(patches.cols[j]), (i, j)
 
 

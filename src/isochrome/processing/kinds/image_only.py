@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -26,6 +26,8 @@ from isochrome.fringes import (
     FreeReading,
     KnownPlaces,
     NoLoadExposure,
+    common_reading,
+    exact_ends,
     find_no_load_exposure,
     fit_background_modulation,
     gamma_misfit,
@@ -90,9 +92,10 @@ class _Signal:
     sigma: Array
     valid: NDArray[np.bool_]
     error: Array
-    notes: tuple[str, ...]
-    columns: dict[str, Any]
-    gamma_check: Callable[[Array], tuple[Array, list[str]]] | None
+    notes: tuple[str, ...] = ()
+    columns: dict[str, Any] = field(default_factory=dict)
+    gamma_check: Callable[[Array], tuple[Array, list[str]]] | None = None
+    others: tuple[_Signal, ...] = ()
 
 
 def process_image_only(
@@ -172,45 +175,45 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
     dark, bright = (part.image if part else None for part in (capture.dark, capture.bright))
     light = np.where(valid, linear.image, 0.0)
     tone = scene.frames.gamma == "unknown"
-    notes: list[str] = []
     columns: dict[str, Any] = {}
-    error: Array = np.zeros(light.shape)
-    exponent, settled = 1.0, True
-    if dark is None or bright is None or tone:
+    if dark is not None and bright is not None and not tone:
+        exposure = find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
+        ends, notes = exposure.ends or exact_ends(dark, bright), _of_exposure(exposure)
+    else:
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
-        error, exponent, settled = ends.signal_uncertainty(light), ends.tone, ends.settled
-        notes += _found_by_fringes(ends, blind=len(given) < 2, tone=tone)
+        notes = _found_by_fringes(ends, blind=len(given) < 2, tone=tone)
         if tone:
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
-        low_end, high_end = ends.dark, ends.bright
-    else:
-        exposure = find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
-        notes += _of_exposure(exposure)
-        low_end, high_end = dark, bright
-        if exposure.ends is not None:
-            low_end, high_end = exposure.ends.dark, exposure.ends.bright
-            error = exposure.ends.signal_uncertainty(light)
-    done = normalise(
-        Linear(np.maximum(light, 0.0) ** exponent if tone else linear.image, valid),
-        Linear(low_end, valid),
-        Linear(high_end, valid),
-    )
+    done, found = _by_ends(light, sigma, valid, ends)
+    others = tuple(_by_ends(light, sigma, valid, other)[1] for other in ends.others)
     # a search that found no rest says nothing of the tone, and without a reading nobody asks
     check = None
-    if not tone and settled and scene.frames.orders_known:
-        own = None if dark is None else low_end, None if bright is None else high_end
+    if not tone and ends.settled and scene.frames.orders_known:
+        own = (
+            None if dark is None else done.background,
+            None if bright is None else done.background + done.contrast,
+        )
         check = partial(_contradicted, light, sigma, done, own, gamma)
-    slope = exponent * np.maximum(light, sigma) ** (exponent - 1.0)
-    noise = slope * sigma / np.where(done.valid, done.contrast, 1.0)
-    return _Signal(
-        signal=done.signal,
-        sigma=noise,
-        valid=done.valid,
-        error=error,
-        notes=tuple(notes),
-        columns=columns,
-        gamma_check=check,
+    return replace(found, notes=tuple(notes), columns=columns, gamma_check=check, others=others)
+
+
+def _by_ends(
+    light: Array, sigma: Array, valid: NDArray[np.bool_], ends: BackgroundModulation
+) -> tuple[Normalised, _Signal]:
+    """A frame's light normalised by the ends and the tone curve that its fringes told."""
+    done = normalise(
+        Linear(np.maximum(light, 0.0) ** ends.tone, valid),
+        Linear(ends.dark, valid),
+        Linear(ends.bright, valid),
     )
+    slope = ends.tone * np.maximum(light, sigma) ** (ends.tone - 1.0)
+    signal = _Signal(
+        signal=done.signal,
+        sigma=slope * sigma / np.where(done.valid, done.contrast, 1.0),
+        valid=done.valid,
+        error=ends.signal_uncertainty(light),
+    )
+    return done, signal
 
 
 def _of_exposure(exposure: NoLoadExposure) -> list[str]:
@@ -283,9 +286,17 @@ def _contradicted(
 
 def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     """The order from what is known of it, and what to say of it."""
-    own = scene.frames
-    if not own.orders_known:
+    if not scene.frames.orders_known:
         return None, [NO_ANCHOR]
+    found, messages = _read_signal(seen, scene)
+    if seen.others:
+        found = common_reading([found, *(_read_signal(other, scene)[0] for other in seen.others)])
+    return found, [*messages, *found.said]
+
+
+def _read_signal(seen: _Signal, scene: Scene) -> tuple[FreeReading, list[str]]:
+    """The order of one signal, and what its gamma is told by."""
+    own = scene.frames
     known: list[tuple[float, float, float] | tuple[float, float, float, str]] = [
         (k.row_px, k.col_px, k.order, k.extremum) if k.extremum else (k.row_px, k.col_px, k.order)
         for k in own.known_order
@@ -303,8 +314,7 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     if seen.gamma_check is not None:
         other, messages = seen.gamma_check(found.contrast)
         error = np.hypot(error, other)
-    found = replace(found, reading=widened(found.reading, error))
-    return found, [*messages, *found.said]
+    return replace(found, reading=widened(found.reading, error)), messages
 
 
 def _columns(found: FreeReading | None, seen: _Signal, lines: int) -> dict[str, Any]:
