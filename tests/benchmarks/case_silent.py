@@ -7,6 +7,7 @@ of them on lines; where there are three or more, one in ten is wrong by one.
 
 from __future__ import annotations
 
+import re
 import time
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,7 @@ from .rows import FringeRow, SilentRow
 FRAMES, PER_LIGHT = 400, 6
 FREE, BLIND = "one frame, no-load frames", "one frame, blind"
 SHAPE = 330, 440
+_ASKED = re.compile(r"at row (\d+), column (\d+)(?: settles it)?: [\d.]+ or [\d.]+")
 WRONG = 0.5
 """Fringes from which a pixel is on a wrong branch."""
 
@@ -165,6 +167,49 @@ def judged_case(case):
         said=" | ".join(found.warnings),
         seconds=seconds,
     )
+
+
+def asked(found):
+    """Row and column of the point that a reading asks for to settle a question; None if none."""
+    for said in found.warnings:
+        place = _ASKED.search(said)
+        if place:
+            return int(place[1]), int(place[2])
+    return None
+
+
+def settled(case):
+    """Whether a true point at the place that a reading asks for makes it known, and rightly so.
+
+    None where nothing is asked for. Beside the point a wrong branch differs by 0.2 fringe at least.
+    """
+    place = asked(read(case))
+    if place is None:
+        return None
+    row, col = place
+    found = read(replace(case, known=(*case.known, (row, col, round(float(case.order[place]), 2)))))
+    if found.reading is None:
+        return False
+    near = np.s_[max(0, row - 5) : row + 6, max(0, col - 5) : col + 6]
+    away = np.abs(found.reading.order[near] - case.order[near])
+    return bool(np.isfinite(away).any() and np.nanmedian(away) < 0.1)
+
+
+def one_of_four_wrong(seed):
+    """The frame of a seed with four points between lines, the last one off by one fringe."""
+    rng = np.random.default_rng([seed, 19])
+    case = drawn(seed)
+    known = []
+    while len(known) < 4:
+        drawn_points, _, on_line = points(case.order, rng)
+        known += [
+            (row, col, round(float(case.order[row, col]), 2))
+            for (row, col, _), line in zip(drawn_points, on_line, strict=True)
+            if not line
+        ]
+    row, col, order = known[3]
+    wrong = (row, col, order - 1.0 if order > 1.0 else order + 1.0)
+    return replace(case, known=(*known[:3], wrong))
 
 
 def fringes(kind, quick=False):

@@ -101,6 +101,7 @@ def read_free(
     *,
     lines: Sequence[KnownPlaces] = (),
     corners: Sequence[FreeCorner] = (),
+    error: float = 0.0,
 ) -> FreeReading:
     """Read the fringe order of a normalised frame without a model.
 
@@ -119,6 +120,9 @@ def read_free(
         Fringe lines whose order is known.
     corners : sequence of FreeCorner, optional
         Corners of the outline that are free of load. Each part that is wanted needs one of these.
+    error : float, default 0
+        Standard uncertainty of the signal (1 - c)/2 by the ends of the light. From 0.003 on a line
+        of N = 0 must be among what is known: in a wrong light it stands for a line of N = 1.
 
     Returns
     -------
@@ -142,7 +146,7 @@ def read_free(
 
     def anchored_by(patches: Patches, labels: Labels, wave: Array) -> Anchored:
         at_corners, unlit = corner_orders(corners, patches, labels, wave, valid)
-        found = anchor_parts(patches, labels, [*points, *lines, *at_corners], valid)
+        found = anchor_parts(patches, labels, [*points, *lines, *at_corners], valid, error)
         return replace(found, said=(*unlit, *found.said))
 
     patches, labels, found, fade = _whole_contrast(wave, sigma, valid, anchored_by)

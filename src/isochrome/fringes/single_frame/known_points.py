@@ -42,6 +42,13 @@ _NEAR_ZERO = 3
 """Patches about a point in which it says such a line."""
 _ALONE = 0.1
 """Share of what could be followed, without a point, from which it is said."""
+_DOUBTFUL = 0.003
+"""Uncertainty of the signal by the ends of the light from which a line of N = 0 must be known."""
+_OF_ZERO_LINE = (
+    "the order would be 0 along a line inside the specimen, which a loaded body hardly has: no "
+    "order is reported there; give a known order between two fringe lines on either side of it, or "
+    "one on that line if it is so"
+)
 _APART = 0.2
 """Fringes between two orders that are worth asking for."""
 
@@ -60,12 +67,16 @@ class Anchored:
 
 
 def anchor_parts(
-    patches: Patches, labels: Labels, known: Sequence[KnownPlaces], valid: Mask
+    patches: Patches,
+    labels: Labels,
+    known: Sequence[KnownPlaces],
+    valid: Mask,
+    error: float = 0.0,
 ) -> Anchored:
     """Choose the whole number of each part where an order is known, and the side of open seams.
 
     Parameters: `patches`; their `labels`; what is `known`; `valid`, True = trusted pixel (rows,
-    cols). Returns an Anchored.
+    cols); `error`, the signal's uncertainty by the ends of the light. Returns an Anchored.
     """
     terms = np.full_like(patches.terms, np.nan)
     field_terms = labels.sign[..., None] * patches.terms
@@ -84,7 +95,7 @@ def anchor_parts(
             by_part.setdefault(part, []).append(Stated(each, own))
     for part, given in sorted(by_part.items()):
         inside = labels.part == part
-        found = _one_part(patches, np.where(inside[..., None], field_terms, np.nan), given)
+        found = _one_part(patches, np.where(inside[..., None], field_terms, np.nan), given, error)
         misses += found.misses
         said += found.said
         terms[inside] = found.terms[inside]
@@ -101,7 +112,7 @@ def _unknown(own: Array, given: list[Stated], *said: str) -> Anchored:
     return Anchored(np.full_like(own, np.nan), points, said)
 
 
-def _one_part(patches: Patches, own: Array, given: list[Stated]) -> Anchored:
+def _one_part(patches: Patches, own: Array, given: list[Stated], error: float) -> Anchored:
     """A part's order by what is known in it."""
     candidates = {
         round(s * g.order - p.field) for g in given for p in g.places for s in (1.0, -1.0)
@@ -122,14 +133,8 @@ def _one_part(patches: Patches, own: Array, given: list[Stated]) -> Anchored:
                     return found
         return _open(patches, own, given, best, rivals[0])
     sure = [g for g in given if g.fits(best)]
-    if lines[best] and all(g.on_line for g in sure):
-        return _unknown(
-            own,
-            sure,
-            f"{sure[0]}: the order would be 0 along a line inside the specimen, which a loaded "
-            "body hardly has: no order is reported there; give a known order between two fringe "
-            "lines, or one on that line if it is so",
-        )
+    if lines[best] and (all(g.on_line for g in sure) or error > _DOUBTFUL):
+        return _unknown(own, sure, f"{sure[0]}: {_OF_ZERO_LINE}")
     return _with_seams(patches, own, given, best)
 
 
@@ -140,10 +145,11 @@ def _with_seams(patches: Patches, own: Array, given: list[Stated], j: int) -> An
     said: list[str] = []
     misses: list[KnownPoint] = []
     used = [(g, p) for g in given for p in g.places if p.fits(j)]
+    zero_said = _zero_said(own[..., 0] + j, j, given)
     for g in given:
         missed = []
         for p in (p for p in g.places if not p.fits(j)):
-            turned = _turned(patches, terms, used, g, p)
+            turned = _turned(patches, terms, used, zero_said, g, p)
             if turned is None:
                 missed.append(p)
             else:
@@ -153,7 +159,6 @@ def _with_seams(patches: Patches, own: Array, given: list[Stated], j: int) -> An
             misses += [p.point for p in missed]
             said.append(left_out(g, missed, j, sum(other.fits(j) for other in given)))
     sources = [g.source(p, terms) for g, p in used]
-    zero_said = _zero_said(own[..., 0] + j, j, given)
     for crest, beyond in open_seams(patches, terms, sources, zero_said):
         if beyond.sum() >= _FEWEST:
             said.append(_beyond_seam(patches, terms, beyond, crest))
@@ -165,6 +170,7 @@ def _turned(
     patches: Patches,
     terms: Array,
     used: list[tuple[Stated, StatedPlace]],
+    zero_said: bool,
     given: Stated,
     p: StatedPlace,
 ) -> Array | None:
@@ -173,7 +179,7 @@ def _turned(
     if abs(abs(float(there.basis @ terms[p.patch])) - given.order) < p.within:
         return terms  # another place of its line has closed it
     sources = [g.source(q, terms) for g, q in used]
-    return turned_to(patches, terms, sources, there, given.order, p.within)
+    return turned_to(patches, terms, sources, zero_said, there, given.order, p.within)
 
 
 def _zero_line(own: Array, j: int, given: list[Stated]) -> bool:

@@ -135,15 +135,7 @@ def open_seams(
     order = terms[..., 0]
     unsure = np.zeros(terms.shape[:2], dtype=bool)
     found = []
-    seams = [
-        seam
-        for seam in _seams(patches, terms, points)
-        if seam.crest
-        and (
-            seam.is_open()
-            or (seam.is_open(_SETTLED_ZERO) and not zero_said and seam.takes_zero_line(order))
-        )
-    ]
+    seams = _not_settled(patches, terms, points, zero_said)
     for seam in sorted(seams, key=lambda s: -int(s.beyond.sum())):
         beyond = seam.beyond & (np.abs(order - 0.5 * seam.crest) > _ALIKE) & ~unsure
         if beyond.any():
@@ -152,10 +144,27 @@ def open_seams(
     return found
 
 
+def _not_settled(
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch], zero_said: bool
+) -> list[_Seam]:
+    """The seams that the light leaves open, as in `open_seams`."""
+    order = terms[..., 0]
+    return [
+        seam
+        for seam in _seams(patches, terms, points)
+        if seam.crest
+        and (
+            seam.is_open()
+            or (seam.is_open(_SETTLED_ZERO) and not zero_said and seam.takes_zero_line(order))
+        )
+    ]
+
+
 def turned_to(
     patches: Patches,
     terms: Array,
     points: Sequence[AnchorPatch],
+    zero_said: bool,
     there: AnchorPatch,
     order: float,
     within: float,
@@ -168,10 +177,8 @@ def turned_to(
     now = float(there.basis @ terms[there.patch])
     seams = [
         seam
-        for seam in _seams(patches, terms, points)
-        if seam.is_open()
-        and seam.beyond[there.patch]
-        and abs(abs(seam.crest - now) - order) < within
+        for seam in _not_settled(patches, terms, points, zero_said)
+        if seam.beyond[there.patch] and abs(abs(seam.crest - now) - order) < within
     ]
     if not seams:
         return None
