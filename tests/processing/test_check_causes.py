@@ -70,3 +70,26 @@ def test_what_its_scene_says_is_asked_for_nothing_and_the_command_ends_well(tmp_
 def test_frames_without_the_scenes_fringes_are_said_to_have_none(tmp_path):
     (finding,) = asked(check(saved(tmp_path, *dark(2)), bench()))
     assert finding.level == "warning" and finding.text.startswith("frames 0-1: ")
+
+
+@pytest.mark.parametrize("times", [1.0, 0.6])
+def test_frames_that_are_exposed_otherwise_than_their_no_load_frames_are_named(tmp_path, times):
+    """Straight fringes up to order 4, in closed form, of a camera whose shutter was changed."""
+    signal = np.sin(np.pi * np.linspace(0.0, 4.0, COLS)) ** 2 * np.ones((ROWS, 1))
+    noise = np.random.default_rng(1).normal(size=(3, ROWS, COLS))
+    grey = {"dark": 10.0 + 0.0 * signal, "bright": 210.0 + 0.0 * signal}
+    for name, image in grey.items():
+        write_tiff(tmp_path / f"{name}.tif", np.rint(image + 0.5 * noise[0])[None].astype(np.uint8))
+    image = times * (10.0 + 200.0 * signal) + noise[1]
+    write_tiff(tmp_path / "frames.tif", np.rint(image)[None].astype(np.uint8))
+    (tmp_path / "scene.toml").write_text(
+        '[specimen]\nshape = "other"\nthickness_mm = 4.0\n[camera]\nbit_depth = 8\n'
+        '[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
+    )
+    found = check(tmp_path / "frames.tif", load_scene(tmp_path / "scene.toml"))
+    said = [f.text for f in found.findings if "times as long as frames.no_load_bright" in f.text]
+    if times == 1.0:
+        assert not said
+    else:
+        factor = float(re.search(r"exposed (\S+) times", said[0]).group(1))
+        assert factor == pytest.approx(times, rel=0.01)

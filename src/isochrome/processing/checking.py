@@ -9,6 +9,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.frames import (
     Check,
     Finding,
+    Frame,
     FramesPath,
     load_no_load,
     look_through,
@@ -17,6 +18,7 @@ from isochrome.frames import (
 )
 from isochrome.output import named_frames
 from isochrome.processing.frame_task import own_scene
+from isochrome.processing.kinds.image_only import told_exposure
 from isochrome.processing.kinds.with_model import frame_causes
 from isochrome.processing.result import Capture
 from isochrome.runs import single_threaded
@@ -32,7 +34,8 @@ def check(path: FramesPath, scene: Scene) -> Check:
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
     in one pass with one frame in memory. Where they can be the scene's, and it has a model, the
     first frame that shows its fringes is fitted, and what it asks for besides what the scene states
-    is a warning, as `process` says it: the key that mends it, and its value.
+    is a warning, as `process` says it: the key that mends it, and its value. Without a model frames
+    that are exposed otherwise than both no-load frames are named with their factor.
 
     Parameters
     ----------
@@ -60,29 +63,42 @@ def check(path: FramesPath, scene: Scene) -> Check:
     found = look_through(path, scene)
     light = scene.polariscope
     alone = bool(light.step) or light.several_wavelengths  # their states tell the order themselves
-    if not found.ok or not found.count or scene.model is None or alone:
+    if not found.ok or not found.count or alone:
         return found
     with single_threaded():
-        return found.with_more(_asked(path, scene))
+        return found.with_more(_by_fringes(path, scene))
 
 
-def _asked(path: FramesPath, scene: Scene) -> Iterator[Finding]:
-    """What the first frame that shows the scene's fringes asks for."""
+def _by_fringes(path: FramesPath, scene: Scene) -> Iterator[Finding]:
+    """What the first frames' fringes say of the scene."""
     with open_scene_frames(path, scene) as reader:
         scene = with_file_scale(scene, reader)
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
         capture = Capture(reader.bit_depth, dark, bright)
-        vain, refused = [], None
-        for frame in islice(reader, _TRIED):
-            said = None
-            try:
-                said = frame_causes(frame, own_scene(scene, frame), capture)
-            except (InputError, PhysicsError) as error:
-                refused = refused or str(error)
-            if said is not None:
-                for text in said:
-                    yield Finding("warning", f"{named_frames([frame.index])}: {text}", frame.index)
-                return
-            vain.append(frame.index)
-        text = refused or "the scene's fringes are not there; correct the scene, if they should be"
-        yield Finding("warning", f"{named_frames(vain)}: {text}")
+        look = _exposed if scene.model is None else _asked
+        yield from look(islice(reader, _TRIED), scene, capture)
+
+
+def _asked(frames: Iterator[Frame], scene: Scene, capture: Capture) -> Iterator[Finding]:
+    """What the first frame that shows the scene's fringes asks for."""
+    vain, refused = [], None
+    for frame in frames:
+        said = None
+        try:
+            said = frame_causes(frame, own_scene(scene, frame), capture)
+        except (InputError, PhysicsError) as error:
+            refused = refused or str(error)
+        if said is not None:
+            for text in said:
+                yield Finding("warning", f"{named_frames([frame.index])}: {text}", frame.index)
+            return
+        vain.append(frame.index)
+    text = refused or "the scene's fringes are not there; correct the scene, if they should be"
+    yield Finding("warning", f"{named_frames(vain)}: {text}")
+
+
+def _exposed(frames: Iterator[Frame], scene: Scene, capture: Capture) -> Iterator[Finding]:
+    """Frames that are exposed otherwise than both no-load frames."""
+    for frame in frames:
+        for text in told_exposure(frame, own_scene(scene, frame), capture):
+            yield Finding("warning", f"{named_frames([frame.index])}: {text}", frame.index)

@@ -5,7 +5,8 @@ the bright end too low leaves patches on the wrong side: that is why it starts m
 at every patch afresh now and then, and keeps the cheaper result. For that the frame is normalised
 by the ends as they stand, cut into patches and fitted by quadratics as any frame is (`patches`);
 those that can be followed are used, with their light as it is. Where two results cost about the
-same the light does not tell which is right, and their difference is an uncertainty.
+same the light does not tell which is right: the frame is read by both (`possible`), and where only
+numbers are wanted, such as the exponent, their difference is an uncertainty (`as_doubtful`).
 The loop is not `isochrome.estimation.minimise`: the patches follow each step by steps of their own
 and are made anew in between, and a cost is compared only as long as they are the same ones.
 Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the elimination; Levenberg

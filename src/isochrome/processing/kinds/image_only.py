@@ -228,6 +228,23 @@ def _of_exposure(exposure: NoLoadExposure) -> list[str]:
     return []
 
 
+def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
+    """What a frame's fringes say of its exposure, where it is not that of both no-load frames.
+
+    Parameters: as in `process_image_only`. Returns nothing without both no-load frames, or where
+    no fringe tells it.
+    """
+    unknown = scene.frames.gamma == "unknown"
+    if capture.dark is None or capture.bright is None or unknown:
+        return []
+    linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
+    try:
+        seen = _signal(frame, linear, scene, capture)
+    except InputError:  # no fringe in it
+        return []
+    return [text for text in seen.notes if text != SAME_EXPOSURE]
+
+
 def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) -> list[str]:
     """What to say of ends and tone curve that were found from a frame's own fringes."""
     notes = []
