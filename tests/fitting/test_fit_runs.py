@@ -143,7 +143,13 @@ def stopped(place, out="out", at=6, **options):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("options", [{}, {"follow": True}, {"free": (LOAD,), "per_frame": (LEFT,)}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"free": (LOAD,), "per_frame": (LEFT,)},
+        *(pytest.param(each, marks=pytest.mark.study) for each in ({}, {"follow": True})),
+    ],
+)
 def test_a_stopped_fit_goes_on_and_ends_with_the_same_bytes(place, options):
     fitted(place, place / "whole", **options)
     stopped(place, **options)

@@ -9,6 +9,7 @@ import pytest
 from isochrome.benchmarks import load_benchmarks
 
 CASE = load_benchmarks("case_silent")
+STUDY = [pytest.mark.study, pytest.mark.long]
 
 WITH_NO_LOAD = [2, 6, 60]
 """With a wrong point among several each."""
@@ -18,7 +19,7 @@ BLIND = [5, 64, 91, 107, 40, 71, 73]
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(s, marks=[] if s == 60 else [pytest.mark.long]) for s in WITH_NO_LOAD]
+    "seed", [pytest.param(s, marks=[] if s == 60 else STUDY) for s in WITH_NO_LOAD]
 )
 def test_with_no_load_frames_nothing_is_silently_wrong(seed):
     row = CASE.judged(seed)
@@ -35,7 +36,7 @@ def test_a_line_of_nought_that_nothing_says_is_open():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "seed", [pytest.param(s, marks=[] if s == 64 else [pytest.mark.long]) for s in BLIND]
+    "seed", [pytest.param(s, marks=[] if s in (64, 73) else STUDY) for s in BLIND]
 )
 def test_in_uneven_light_nothing_is_silently_wrong(seed):
     row = CASE.judged(seed)
@@ -57,7 +58,7 @@ def test_another_light_that_explains_the_frame_as_well_is_said():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [22, 40, 58, 82])
+@pytest.mark.parametrize("seed", [22, 58, *(pytest.param(s, marks=STUDY) for s in (40, 82))])
 def test_the_point_that_is_asked_for_settles_the_question(seed):
     """On a line, beyond another light, beyond a line of nought, beyond a flat valley."""
     assert CASE.settled(CASE.drawn(seed))

@@ -135,7 +135,13 @@ def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, mon
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("components", [False, True], ids=["fringes", "components"])
+@pytest.mark.parametrize(
+    "components",
+    [
+        pytest.param(False, marks=pytest.mark.study, id="fringes"),
+        pytest.param(True, id="components"),
+    ],
+)
 def test_two_workers_leave_the_same_files(tmp_path, components):
     simulate(SCENE, tmp_path / "one", components=components)
     simulate(SCENE, tmp_path / "two", components=components, workers=2)
