@@ -63,7 +63,9 @@ def check(path: FramesPath, scene: Scene) -> Check:
     found = look_through(path, scene)
     light = scene.polariscope
     alone = bool(light.step) or light.several_wavelengths  # their states tell the order themselves
-    if not found.ok or not found.count or alone:
+    frames = scene.frames
+    tells = scene.model is not None or (frames.no_load_dark and frames.no_load_bright)
+    if not found.ok or not found.count or alone or not tells:
         return found
     with single_threaded():
         return found.with_more(_by_fringes(path, scene))

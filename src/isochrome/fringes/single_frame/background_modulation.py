@@ -215,8 +215,8 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     begin = []
     for found in possible(spotted):
         bright = problem.ends(found.unknowns)[1].ravel()
-        begin.append(found.unknowns[kept])
-        begin[-1][cut:-1] = np.linalg.lstsq(smooth, bright, rcond=None)[0]
+        quadratic = np.linalg.lstsq(smooth, bright, rcond=None)[0]
+        begin.append(np.concatenate([found.unknowns[:cut], quadratic, found.unknowns[-1:]]))
     plain = [_among(found, kept) for found in search_all(even, begin)]
     return possible(plain, spotted)
 

@@ -122,13 +122,11 @@ def possible(*models: list[Found]) -> list[Found]:
     Parameters: the results of each model. Returns those of other orders than the ones before.
     """
     one = models[0][0]
-    lowest = {
-        k: min(_dearer(found, one) + found.price for found in results)
-        for k, results in enumerate(models)
-    }
-    order = sorted(lowest, key=lambda k: lowest[k])
+    cost = [min(_dearer(found, one) + found.price for found in results) for results in models]
     listed: list[Found] = []
-    for k in (k for k in order if lowest[k] < lowest[order[0]] + _DOUBT):
+    for k in np.argsort(cost, kind="stable"):
+        if cost[k] >= min(cost) + _DOUBT:
+            break
         best = cheapest(models[k])
         for found in (best, *models[k]):
             near = _dearer(found, best) < _DOUBT
@@ -271,7 +269,8 @@ def _change(normal: EndEquations, step: Array) -> float:
 
 
 def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Found:
-    normal = eliminated(data, ends_at(data, unknowns), orders)
+    ends = ends_at(data, unknowns)
+    normal = eliminated(data, ends, orders)
     free = data.problem.free
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inverse = np.linalg.inv(normal.matrix) * overlap(data)
@@ -281,7 +280,7 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
     covariance[np.ix_(free, free)] = inverse
     prior = data.problem.prior(unknowns)[0][free]
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
-    left = look(data, ends_at(data, unknowns), orders).residual
+    left = look(data, ends, orders).residual
     cost = np.einsum("pk,pk,pk->p", data.weight, left, left) * np.maximum(data.chi, 1.0) ** 2
     prior_cost = data.problem.prior_cost(unknowns)
     return Found(
@@ -345,9 +344,8 @@ def _fitted(problem: EndProblem, unknowns: Array) -> tuple[Indices, Indices, Arr
     use = light.filled > _LEAST_FILLED
     thinned = bool(np.count_nonzero(use) > _MANY)
     if thinned:
-        use &= (
-            np.add.outer(*(np.arange(len(v)) for v in (light.rows, light.cols))) % 2 == 0
-        ).ravel()
+        row, col = np.indices((len(light.rows), len(light.cols)))
+        use &= ((row + col) % 2 == 0).ravel()
     index = np.flatnonzero(use)
     _check_number(len(index))
     fitted = fit_patches(light.only(index))

@@ -27,7 +27,7 @@ from isochrome.fringes.single_frame.contrast import (
     is_faded,
     with_told,
 )
-from isochrome.fringes.single_frame.known_points import Anchored, anchor_parts
+from isochrome.fringes.single_frame.known_points import APART, Anchored, anchor_parts
 from isochrome.fringes.single_frame.patch_labels import (
     Labels,
     expected_terms,
@@ -64,8 +64,6 @@ _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
 _WORTH_SAYING = 0.01
 """Share of what is read that another light must take away before it is said."""
-_APART = 0.2
-"""Fringes between two orders that are worth asking for."""
 
 
 @dataclass(frozen=True)
@@ -300,7 +298,7 @@ def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Arr
         "frame (frames.no_load_bright) settles it"
     )
     for order in orders:
-        apart = lost & (np.abs(order - before.order) > _APART)
+        apart = lost & (np.abs(order - before.order) > APART)
         if apart.any():
             at = innermost(apart)
             first, second = sorted((float(before.order[at]), float(order[at])))

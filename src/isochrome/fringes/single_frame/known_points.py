@@ -49,7 +49,7 @@ _OF_ZERO_LINE = (
     "order is reported there; give a known order between two fringe lines on either side of it, or "
     "one on that line if it is so"
 )
-_APART = 0.2
+APART = 0.2
 """Fringes between two orders that are worth asking for."""
 
 
@@ -211,7 +211,7 @@ def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: i
         )
     else:
         orders = [np.abs(own[..., 0] + j) for j in (best, rival)]
-        row, col, at = _place(patches, np.abs(orders[0] - orders[1]) > _APART)
+        row, col, at = _place(patches, np.abs(orders[0] - orders[1]) > APART)
         first, second = sorted(o[at] for o in orders)
         said = (
             f"{listed}: on a fringe line, and the light cannot decide on which side of it the "
@@ -227,7 +227,7 @@ def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: i
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int) -> str:
     """What to say of patches whose branch the light does not settle."""
     mirrored = np.abs(crest - terms[..., 0])
-    differ = np.abs(mirrored - np.abs(terms[..., 0])) > _APART
+    differ = np.abs(mirrored - np.abs(terms[..., 0])) > APART
     row, col, at = _place(patches, beyond & (differ if (beyond & differ).any() else beyond))
     share = 100.0 * beyond.sum() / max(1, np.isfinite(terms[..., 0]).sum())
     first, second = sorted([float(mirrored[at]), abs(float(terms[at][0]))])

@@ -163,17 +163,24 @@ def _saturated(frame: Frame, capture: Capture, inside: NDArray[np.bool_] | None)
     return float(np.mean(frame.image[specimen] >= level))
 
 
-def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Signal:
-    """Background and illumination out, by no-load frames where there are, else by the fringes."""
-    gamma, bit_depth = scene.frames.first_gamma, capture.bit_depth
+def _light(
+    frame: Frame, linear: Linear, scene: Scene, capture: Capture
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """A frame's light, its noise, and where both and the no-load frames are trusted."""
+    bit_depth = capture.bit_depth
     model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
-    sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=gamma)
+    sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=scene.frames.first_gamma)
     low, high = np.percentile(linear.image[linear.valid], [1.0, 99.0])
     sigma = np.maximum(sigma, FLAWS * (high - low))
-    given = [part for part in (capture.dark, capture.bright) if part]
-    valid = np.logical_and.reduce([linear.valid, *(part.valid for part in given)])
+    given = [part.valid for part in (capture.dark, capture.bright) if part]
+    valid = np.logical_and.reduce([linear.valid, *given])
+    return np.where(valid, linear.image, 0.0), sigma, valid
+
+
+def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Signal:
+    """Background and illumination out, by no-load frames where there are, else by the fringes."""
+    light, sigma, valid = _light(frame, linear, scene, capture)
     dark, bright = (part.image if part else None for part in (capture.dark, capture.bright))
-    light = np.where(valid, linear.image, 0.0)
     tone = scene.frames.gamma == "unknown"
     columns: dict[str, Any] = {}
     if dark is not None and bright is not None and not tone:
@@ -181,7 +188,8 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
         ends, notes = exposure.ends or exact_ends(dark, bright), _of_exposure(exposure)
     else:
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
-        notes = _found_by_fringes(ends, blind=len(given) < 2, tone=tone)
+        blind = dark is None or bright is None
+        notes = _found_by_fringes(ends, blind=blind, tone=tone)
         if tone:
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
     done, found = _by_ends(light, sigma, valid, ends)
@@ -193,7 +201,7 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
             None if dark is None else done.background,
             None if bright is None else done.background + done.contrast,
         )
-        check = partial(_contradicted, light, sigma, done, own, gamma)
+        check = partial(_contradicted, light, sigma, done, own, scene.frames.first_gamma)
     return replace(found, notes=tuple(notes), columns=columns, gamma_check=check, others=others)
 
 
@@ -234,15 +242,16 @@ def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
     Parameters: as in `process_image_only`. Returns nothing without both no-load frames, or where
     no fringe tells it.
     """
-    unknown = scene.frames.gamma == "unknown"
-    if capture.dark is None or capture.bright is None or unknown:
+    dark, bright = capture.dark, capture.bright
+    if dark is None or bright is None or scene.frames.gamma == "unknown":
         return []
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     try:
-        seen = _signal(frame, linear, scene, capture)
+        light, sigma, valid = _light(frame, linear, scene, capture)
+        exposure = find_no_load_exposure(light, sigma, valid, dark=dark.image, bright=bright.image)
     except InputError:  # no fringe in it
         return []
-    return [text for text in seen.notes if text != SAME_EXPOSURE]
+    return [] if exposure.ends is None else _of_exposure(exposure)
 
 
 def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) -> list[str]:
