@@ -27,7 +27,12 @@ from isochrome.fringes.single_frame.contrast import (
     is_faded,
     with_told,
 )
-from isochrome.fringes.single_frame.known_points import APART, Anchored, anchor_parts
+from isochrome.fringes.single_frame.known_points import (
+    APART,
+    Anchored,
+    anchor_parts,
+    clearly_apart,
+)
 from isochrome.fringes.single_frame.patch_labels import (
     Labels,
     expected_terms,
@@ -227,10 +232,17 @@ def _coarse_to_fine(
 
 
 def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
-    """The mean of the patches' orders at each pixel, and how far they agree."""
+    """The mean of the patches' orders at each pixel, and how far they agree.
+
+    Equation: u² = max(mean of the patches' u², variance of their orders), since noise alone makes
+    patches differ; a patch's u is that of the stated noise, times its chi where that is below 1,
+    and not below that of half the patches: the stated noise has a floor, many frames have less.
+    """
     use = np.isfinite(terms[..., 0])
     terms = np.where(use[..., None], terms, 0.0)
-    trust = np.where(use, 1.0 / (patches.spread[..., 0] ** 2 + _GROUND**2), 0.0)
+    usual = np.median(patches.chi[use]) if use.any() else 1.0
+    own = patches.spread[..., 0] * np.clip(patches.chi, min(usual, 1.0), 1.0)
+    trust = np.where(use, 1.0 / (own**2 + _GROUND**2), 0.0)
     dy, dx, window = offsets()
     orders = np.abs(terms.reshape(-1, 6) @ basis(dy.astype(float), dx.astype(float)).T)
     sums = np.zeros((4, *valid.shape))
@@ -247,7 +259,7 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     safe = np.where(seen, weight, 1.0)
     mean = first / safe
     spread = np.sqrt(np.maximum(second / safe - mean**2, 0.0))
-    uncertainty = np.hypot(np.sqrt(np.where(seen, cover, 1.0) / safe), spread)
+    uncertainty = np.maximum(np.sqrt(np.where(seen, cover, 1.0) / safe), spread)
     known = seen & (spread < _LARGEST_SPREAD) & (uncertainty < _LARGEST_UNCERTAINTY)
     return make_reading(mean, uncertainty, known, of=valid)
 
@@ -298,9 +310,9 @@ def _of_what_is_lost(before: OrderReading, after: OrderReading, orders: list[Arr
         "frame (frames.no_load_bright) settles it"
     )
     for order in orders:
-        apart = lost & (np.abs(order - before.order) > APART)
-        if apart.any():
-            at = innermost(apart)
+        away = np.where(lost, np.abs(order - before.order), np.nan)
+        if (away > APART).any():  # else no known order rules either light out
+            at = innermost(clearly_apart(away))
             first, second = sorted((float(before.order[at]), float(order[at])))
             said += (
                 f", or a known order at row {at[0]}, column {at[1]}: {first:.2f} or {second:.2f}"

@@ -21,7 +21,12 @@ import numpy as np
 
 from isochrome.fringes.single_frame.patch_labels import Labels
 from isochrome.fringes.single_frame.patches import HALF, STRIDE, Patches
-from isochrome.fringes.single_frame.sign_ambiguity import has_zero_line, open_seams, turned_to
+from isochrome.fringes.single_frame.sign_ambiguity import (
+    ZeroPlace,
+    open_seams,
+    turned_to,
+    zero_lines,
+)
 from isochrome.fringes.single_frame.stated_orders import (
     CLEAR,
     KnownPlaces,
@@ -38,8 +43,6 @@ _BELOW = 0.1
 """Order below which a known point says a line of N = 0, fringes."""
 _FEWEST = 6
 """Patches beyond an open seam from which it is said."""
-_NEAR_ZERO = 3
-"""Patches about a point in which it says such a line."""
 _ALONE = 0.1
 """Share of what could be followed, without a point, from which it is said."""
 _DOUBTFUL = 0.003
@@ -49,8 +52,8 @@ _OF_ZERO_LINE = (
     "order is reported there; give a known order between two fringe lines on either side of it, or "
     "one on that line if it is so"
 )
-APART = 0.2
-"""Fringes between two orders that are worth asking for."""
+APART = 0.5
+"""Fringes between two orders from which any known order contradicts one: it may be off by .24."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ def _one_part(patches: Patches, own: Array, given: list[Stated], error: float) -
     candidates = {j for j in candidates if any(g.fits(j) for g in given)}
     if not candidates:
         return _unknown(own, given, *(fits_nothing(g, g.first) for g in given))
-    lines = {j: _zero_line(own, j, given) for j in candidates}
+    lines = {j: zero_lines(own[..., 0] + j, _zero_said(j, given)) for j in candidates}
     cost = {j: sum(g.cost(j) for g in given) for j in candidates}
     # a line of N = 0 is unlikely, and no proof: it says what is tried first, and settles nothing
     best, *others = sorted(candidates, key=lambda j: (round(cost[j], 6), lines[j], j))
@@ -145,7 +148,7 @@ def _with_seams(patches: Patches, own: Array, given: list[Stated], j: int) -> An
     said: list[str] = []
     misses: list[KnownPoint] = []
     used = [(g, p) for g in given for p in g.places if p.fits(j)]
-    zero_said = _zero_said(own[..., 0] + j, j, given)
+    zero_said = _zero_said(j, given)
     for g in given:
         missed = []
         for p in (p for p in g.places if not p.fits(j)):
@@ -170,7 +173,7 @@ def _turned(
     patches: Patches,
     terms: Array,
     used: list[tuple[Stated, StatedPlace]],
-    zero_said: bool,
+    zero_said: list[ZeroPlace],
     given: Stated,
     p: StatedPlace,
 ) -> Array | None:
@@ -182,23 +185,13 @@ def _turned(
     return turned_to(patches, terms, sources, zero_said, there, given.order, p.within)
 
 
-def _zero_line(own: Array, j: int, given: list[Stated]) -> bool:
-    """Whether N = |f + j| is 0 along a line through the part, and nothing known says so."""
-    order = own[..., 0] + j
-    return has_zero_line(order) and not _zero_said(order, j, given)
-
-
-def _zero_said(order: Array, j: int, given: list[Stated]) -> bool:
-    """Whether it is known that N = 0 along a line: by a place on it, or two on its two sides."""
+def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:
+    """Where it is known that N = 0 along a line: a place on it, or two on its two sides."""
     there = [(g, p) for g in given if g.known.says_zero_line for p in g.places if p.fits(j)]
-    sides = {np.sign(p.field + j) for g, p in there if g.order > _BELOW and not g.on_line}
-    if len(sides) == 2:
-        return True
-    for g, p in there:
-        near = tuple(slice(max(0, i - _NEAR_ZERO), i + _NEAR_ZERO + 1) for i in p.patch)
-        if g.order < _BELOW and (order[near] > 0.0).any() and (order[near] < 0.0).any():
-            return True
-    return False
+    on: list[ZeroPlace] = [(p.patch,) for g, p in there if g.order < _BELOW]
+    off = [p for g, p in there if g.order > _BELOW and not g.on_line]
+    above, below = ([p for p in off if sign * (p.field + j) > 0.0] for sign in (1.0, -1.0))
+    return on + [(p.patch, q.patch) for p in above for q in below]
 
 
 def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: int) -> Anchored:
@@ -211,7 +204,7 @@ def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: i
         )
     else:
         orders = [np.abs(own[..., 0] + j) for j in (best, rival)]
-        row, col, at = _place(patches, np.abs(orders[0] - orders[1]) > APART)
+        row, col, at = _place(patches, clearly_apart(np.abs(orders[0] - orders[1])))
         first, second = sorted(o[at] for o in orders)
         said = (
             f"{listed}: on a fringe line, and the light cannot decide on which side of it the "
@@ -227,8 +220,8 @@ def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: i
 def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int) -> str:
     """What to say of patches whose branch the light does not settle."""
     mirrored = np.abs(crest - terms[..., 0])
-    differ = np.abs(mirrored - np.abs(terms[..., 0])) > APART
-    row, col, at = _place(patches, beyond & (differ if (beyond & differ).any() else beyond))
+    differ = np.where(beyond, np.abs(mirrored - np.abs(terms[..., 0])), np.nan)
+    row, col, at = _place(patches, clearly_apart(differ))
     share = 100.0 * beyond.sum() / max(1, np.isfinite(terms[..., 0]).sum())
     first, second = sorted([float(mirrored[at]), abs(float(terms[at][0]))])
     return (
@@ -245,6 +238,14 @@ def _left_alone(patches: Patches, labels: Labels, alone: Mask, share: float) -> 
         f"{100.0 * share:.0f} % of what could be followed hangs together with no known point; "
         f"add [[frames.known_order]] there, such as at row {row}, column {col}"
     )
+
+
+def clearly_apart(difference: Array) -> Mask:
+    """Where two orders differ enough for a known one to tell them apart, else where most.
+
+    Equation: d > min(1/2, max(d)/2), d the `difference` (rows, cols), NaN where nothing is asked.
+    """
+    return np.asarray(difference > min(APART, 0.5 * float(np.nanmax(difference))))
 
 
 def _place(patches: Patches, where: Mask) -> tuple[int, int, tuple[int, int]]:

@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
+from skimage.measure import label
+from skimage.segmentation import expand_labels
 
 from isochrome.fringes.single_frame.patch_labels import SURE_ENOUGH, Labels
 from isochrome.fringes.single_frame.patches import Patches, neighbours, scale_of
@@ -38,12 +40,17 @@ _SETTLED_ZERO = 0.95
 edge must then speak against it."""
 _BELOW, _FEWEST = 0.1, 6
 """Fringes beyond nought, and patches, on either side of a line of N = 0."""
+_NEAR = 3
+"""Patches about a known point in which it says such a line."""
 _ALIKE = 0.015
 """Distance from a crest, in fringes, at which a patch and its mirror image are as good as one."""
 _AGREE = 12.0
 """Cost of an edge, chi², from which its two patches need not lie on one side of a seam."""
 _PASSES = 20
 _PER_UNIT, _ENDLESS = 100.0, 2**30
+
+ZeroPlace = tuple[tuple[int, int], ...]
+"""A patch (row, col) on a line of N = 0, or two on its two sides."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +81,10 @@ class _Seam:
         """Whether the light does not settle on which side the field lies beyond it."""
         return self.worse <= settled * self.size
 
-    def takes_zero_line(self, order: Array) -> bool:
-        """Whether the signed order (m, n) has a line of N = 0 as it is, and none turned over."""
+    def takes_zero_line(self, order: Array, said: Sequence[ZeroPlace]) -> bool:
+        """Whether turning over takes lines of N = 0 from the signed order (m, n), not `said`."""
         turned = np.where(self.beyond, self.crest - order, order)
-        return has_zero_line(order) and not has_zero_line(turned)
+        return zero_lines(turned, said) < zero_lines(order, said)
 
 
 @dataclass(frozen=True)
@@ -117,25 +124,56 @@ def mend_mirrored(patches: Patches, labels: Labels) -> Labels:
     return Labels(sign, shift, labels.part)
 
 
-def has_zero_line(order: Array) -> bool:
-    """Whether a signed order (m, n), NaN = not known, is 0 along a line: it has both signs."""
-    return min(int((order > _BELOW).sum()), int((order < -_BELOW).sum())) >= _FEWEST
+def zero_lines(order: Array, said: Sequence[ZeroPlace] = ()) -> int:
+    """The number of lines of N = 0 of which nothing known says that they are.
+
+    Each line parts a region of positive signed order from one of negative.
+
+    Parameters
+    ----------
+    order : ndarray (m, n)
+        Signed order of the patches, NaN = not known.
+    said : sequence of ZeroPlace, optional
+        Where such a line is known: a patch on it, or two patches on its two sides.
+    """
+    labels = np.zeros(order.shape, dtype=int)
+    for side in (order > _BELOW, order < -_BELOW):
+        own = label(side, connectivity=1)
+        large = np.bincount(own.ravel()) >= _FEWEST
+        labels = np.where(side & large[own], own + labels.max(), labels)
+    regions = np.where(np.isfinite(order), expand_labels(labels, distance=max(order.shape)), 0)
+    positive = np.zeros(int(regions.max()) + 1, dtype=bool)
+    positive[labels[order > _BELOW]] = True
+    positive[0] = False
+    lines = set()
+    for a, b in ((regions[1:], regions[:-1]), (regions[:, 1:], regions[:, :-1])):
+        two = (a > 0) & (b > 0) & (positive[a] != positive[b])
+        lines |= {frozenset(pair) for pair in zip(a[two].tolist(), b[two].tolist(), strict=True)}
+    return sum(not any(_says(place, regions, line) for place in said) for line in lines)
+
+
+def _says(place: ZeroPlace, regions: Indices, line: frozenset[int]) -> bool:
+    """Whether a place says the line of N = 0 between two regions."""
+    if len(place) == 2:
+        return {int(regions[patch]) for patch in place} == line
+    near = tuple(slice(max(0, i - _NEAR), i + _NEAR + 1) for i in place[0])
+    return line <= set(np.unique(regions[near]).tolist())
 
 
 def open_seams(
-    patches: Patches, terms: Array, points: Sequence[AnchorPatch], zero_said: bool
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch], said: Sequence[ZeroPlace]
 ) -> list[tuple[int, Mask]]:
     """Patches whose branch the light does not settle from where the order is known.
 
     Parameters: `patches`; `terms` (m, n, 6) of the signed order, NaN = not known; `points`,
-    where it is known; `zero_said`, whether what is known says that N = 0 along a line. Returns for
-    each seam its crest (in half fringes) and the patches beyond it (m, n), each patch once.
+    where it is known; `said`, where lines of N = 0 are. Returns for each seam its crest (in half
+    fringes) and the patches beyond it (m, n), each patch once.
     Mirroring about n = 0 changes no order and is left out.
     """
     order = terms[..., 0]
     unsure = np.zeros(terms.shape[:2], dtype=bool)
     found = []
-    seams = _not_settled(patches, terms, points, zero_said)
+    seams = _not_settled(patches, terms, points, said)
     for seam in sorted(seams, key=lambda s: -int(s.beyond.sum())):
         beyond = seam.beyond & (np.abs(order - 0.5 * seam.crest) > _ALIKE) & ~unsure
         if beyond.any():
@@ -145,7 +183,7 @@ def open_seams(
 
 
 def _not_settled(
-    patches: Patches, terms: Array, points: Sequence[AnchorPatch], zero_said: bool
+    patches: Patches, terms: Array, points: Sequence[AnchorPatch], said: Sequence[ZeroPlace]
 ) -> list[_Seam]:
     """The seams that the light leaves open, as in `open_seams`."""
     order = terms[..., 0]
@@ -153,10 +191,7 @@ def _not_settled(
         seam
         for seam in _seams(patches, terms, points)
         if seam.crest
-        and (
-            seam.is_open()
-            or (seam.is_open(_SETTLED_ZERO) and not zero_said and seam.takes_zero_line(order))
-        )
+        and (seam.is_open() or (seam.is_open(_SETTLED_ZERO) and seam.takes_zero_line(order, said)))
     ]
 
 
@@ -164,7 +199,7 @@ def turned_to(
     patches: Patches,
     terms: Array,
     points: Sequence[AnchorPatch],
-    zero_said: bool,
+    said: Sequence[ZeroPlace],
     there: AnchorPatch,
     order: float,
     within: float,
@@ -177,7 +212,7 @@ def turned_to(
     now = float(there.basis @ terms[there.patch])
     seams = [
         seam
-        for seam in _not_settled(patches, terms, points, zero_said)
+        for seam in _not_settled(patches, terms, points, said)
         if seam.beyond[there.patch] and abs(abs(seam.crest - now) - order) < within
     ]
     if not seams:
