@@ -178,3 +178,13 @@ def test_a_stated_noise_that_is_far_too_large_leaves_the_uncertainty_honest():
         got = read_free(wave, sigma, valid, [(80, 110, float(order[80, 110]))]).reading
         pulls = (got.order - order) / got.uncertainty
         assert 0.6 < np.sqrt(np.nanmean(pulls**2)) < 1.2
+
+
+@pytest.mark.parametrize(("stated", "side"), [(1.1, 1.0), (0.9, -1.0)])
+def test_a_point_beyond_a_flat_valley_says_the_side_though_it_roughly_fits_the_other(stated, side):
+    """At row 120 N is 1.10 or 0.90: less apart than a rough estimate may be off."""
+    order = valley(1.0, 6e-5, tilt=0.0)
+    got = read_free(*light(order, 0.13), [(5, 110, float(order[5, 110])), (120, 110, stated)])
+    beyond = 1.0 + side * (order - 1.0)
+    assert np.isfinite(got.reading.order[130:]).mean() > 0.8
+    assert np.nanmax(np.abs(got.reading.order - beyond)[130:]) < 0.05

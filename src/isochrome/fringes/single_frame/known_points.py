@@ -147,11 +147,11 @@ def _with_seams(patches: Patches, own: Array, given: list[Stated], j: int) -> An
     terms[..., 0] += j
     said: list[str] = []
     misses: list[KnownPoint] = []
-    used = [(g, p) for g in given for p in g.places if p.fits(j)]
+    used = [(g, p) for g in given for p in g.places if p.cost(j) < CLEAR]
     zero_said = _zero_said(j, given)
     for g in given:
         missed = []
-        for p in (p for p in g.places if not p.fits(j)):
+        for p in (p for p in g.places if p.cost(j) >= CLEAR):
             turned = _turned(patches, terms, used, zero_said, g, p)
             if turned is None:
                 missed.append(p)
@@ -177,12 +177,18 @@ def _turned(
     given: Stated,
     p: StatedPlace,
 ) -> Array | None:
-    """The terms (m, n, 6) with an open seam closed as a place beyond it says; None without one."""
+    """The terms (m, n, 6) with an open seam closed as a place beyond it says.
+
+    As they are where the place fits, since another place of its line has closed it, or roughly, and
+    better beyond no seam; None where it fits neither way.
+    """
     there = given.source(p, terms)
-    if abs(abs(float(there.basis @ terms[p.patch])) - given.order) < p.within:
-        return terms  # another place of its line has closed it
+    miss = abs(abs(float(there.basis @ terms[p.patch])) - given.order)
+    if (miss / p.sigma) ** 2 < CLEAR:
+        return terms
     sources = [g.source(q, terms) for g, q in used]
-    return turned_to(patches, terms, sources, zero_said, there, given.order, p.within)
+    turned = turned_to(patches, terms, sources, zero_said, there, given.order, p.within)
+    return terms if turned is None and miss < p.within else turned
 
 
 def _zero_said(j: int, given: list[Stated]) -> list[ZeroPlace]:

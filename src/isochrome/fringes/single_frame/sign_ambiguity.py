@@ -210,6 +210,7 @@ def turned_to(
     Returns terms (m, n, 6), None where no open seam makes it so.
     """
     now = float(there.basis @ terms[there.patch])
+    within = min(within, abs(abs(now) - order))  # nearer than it is
     seams = [
         seam
         for seam in _not_settled(patches, terms, points, said)
