@@ -26,6 +26,7 @@ LEAVES = ("errors", "progress", "output", "runs", "figures", "reference")
 ORDER = (
     "errors",
     "progress",
+    "guide",
     "reference",
     "output",
     "runs",

@@ -5,9 +5,10 @@ import re
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from isochrome.console import print_fit, print_json, print_warnings, run_bar
+from isochrome.console import print_fit, print_json, print_warnings, run_bar, sentence_of
 from isochrome.progress import Tally
 
 BEFORE, DONE, SLEPT_S = 900, 1000, 0.05
@@ -59,8 +60,54 @@ def test_a_value_has_the_digits_that_its_uncertainty_leaves_it(capfd, value, spr
 
 def test_rows_that_are_not_shown_are_counted(capfd):
     lines = shown(capfd, *(63 * [(1.0, 0.1)]))
-    assert lines[-2].split("  ")[0] == "and 3 more in fit.csv"
-    assert len(lines) == 1 + 60 + 1 + 1
+    assert lines[-3].split("  ")[0] == "and 3 more in fit.csv"
+    assert len(lines) == 1 + 60 + 1 + 1 + 1
+
+
+def test_a_result_is_a_sentence():
+    rows = [
+        ("load.normal_n", 62.004, 62.004, 62.004, 0.281),
+        ("friction.coefficient", 0.18, 0.18, 0.18, 0.00104),
+    ]
+    told = sentence_of(rows, 1, ["blur"])
+    assert told == "load 62.00 ± 0.28 N, friction 0.1800 ± 0.0010; causes found: blur"
+    assert sentence_of(rows[:1], 1, []).endswith("0.28 N; causes found: none")
+    assert sentence_of(rows[:1], 1, [], looked=False) == "load 62.00 ± 0.28 N"
+
+
+def test_the_sentence_of_several_frames_says_mean_and_span():
+    rows = [("load.normal_n", 44.0, 43.0, 45.0, 0.1), ("camera.roll_deg", None, None, None, None)]
+    told = sentence_of(rows, 6, [])
+    assert told.startswith("mean of 6 frames, ± of each: load 44.00 ± 0.10 N (43 to 45), ")
+    assert "camera.roll_deg not known" in told
+
+
+def test_the_sentence_of_a_fit_tells_what_was_asked_from_what_frames_asked_for(capfd):
+    names = ("frame", "key", "value", "standard_uncertainty", "cramer_rao_bound")
+    rows = [("all", "load.normal_n", 62.0, 0.28, 0.1), ("0", "camera.roll_deg", 0.3, 0.01, 0.01),
+            ("1", "camera.roll_deg", 0.5, 0.01, 0.01)]  # fmt: skip
+    table = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+    result = SimpleNamespace(columns=table, chi=1.0, wear_laws=None, tractions=[])
+    print_fit(result, ["load.normal_n"])
+    assert capfd.readouterr().out.splitlines()[-1] == (
+        "mean of 2 frames, ± of each: load 62.00 ± 0.28 N; causes found: "
+        "camera.roll_deg 0.400 ± 0.010 (0.3 to 0.5)"
+    )
+
+
+def test_without_a_terminal_progress_is_a_line_a_minute(monkeypatch, capfd):
+    """A hundred frames in 150 seconds, of 200: 100 more take as long."""
+    now = iter(np.arange(0.0, 1000.0, 1.5))
+    monkeypatch.setattr("isochrome.console.monotonic", lambda: next(now))
+    with run_bar("processing") as show:
+        for done in range(0, 101):
+            show(Tally(done, 200, 0, 2))
+    lines = capfd.readouterr().err.splitlines()
+    assert 2 <= len(lines) <= 5
+    assert all(
+        re.fullmatch(r"processing: \d+ of 200 frames, .* frames/s, 2 flagged, \d+ min left", line)
+        for line in lines
+    )
 
 
 def test_a_warning_is_one_line_whatever_is_in_a_name(capfd):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import fmean, median
 from time import monotonic
 from typing import Any
 
@@ -14,18 +15,24 @@ from isochrome.progress import Tally
 
 _SHOWN = 60
 """Rows of a fit's table that are shown."""
+SPREAD = "standard_uncertainty"
+LINE_EVERY_S = 60.0
+"""Seconds from line to line of a log, where no terminal shows a bar."""
 
 
 @contextmanager
 def run_bar(what: str, items: str = "frames") -> Iterator[Callable[[Tally], None]]:
-    """Items done, a second, flagged, and the time left, on standard error; nothing in a pipe."""
+    """Items done, a second, flagged, and the time left, on standard error.
+
+    In a log, where there is no terminal, a line a minute.
+    """
     with _bars() as bars:
         yield _shower(bars, what, items)
 
 
 @contextmanager
 def campaign_bar() -> Iterator[Callable[[Tally, Tally | None], None]]:
-    """Two bars: the recordings, and the frames of the one in work; nothing in a pipe."""
+    """Two bars: the recordings, and the frames of the one in work; a line a minute in a log."""
     with _bars() as bars:
         recordings = _shower(bars, "recordings", "recordings")
         within: Callable[[Tally | None], None] | None = None
@@ -66,18 +73,31 @@ def _bars() -> Iterator[Any]:
 def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
     """A bar of its own, that shows a Tally, and goes at None."""
     task = bars.add_task(what, total=0, rate="", flagged=0)
-    began = monotonic()
+    began = said = monotonic()
 
     def show(tally: Tally | None) -> None:
+        nonlocal said
         if tally is None:
             bars.remove_task(task)
             return
         own, seconds = tally.done - tally.before, monotonic() - began
         rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
+        if bars.disable and monotonic() - said >= LINE_EVERY_S:
+            said = monotonic()
+            typer.echo(_line_of_log(what, items, tally, rate, seconds), err=True)
         counts = {"completed": tally.done, "total": tally.count, "flagged": tally.flagged}
         bars.update(task, rate=rate, **counts)
 
     return show
+
+
+def _line_of_log(what: str, items: str, tally: Tally, rate: str, seconds: float) -> str:
+    """How far a run is: what is done, how fast, what is flagged, and the minutes that are left."""
+    own = tally.done - tally.before
+    left = (tally.count - tally.done) * seconds / own / 60.0 if own else None
+    parts = [f"{tally.done} of {tally.count} {items}", rate, f"{tally.flagged} flagged"]
+    parts += [] if left is None else [f"{left:.0f} min left"]
+    return f"{what}: {', '.join(filter(None, parts))}"
 
 
 @contextmanager
@@ -117,6 +137,61 @@ def print_result(result: Any, out: Path, as_json: bool, show: Callable[[Any], No
     typer.echo(f"results: {out}{again}")
 
 
+WORDS = {
+    "load.normal_n": ("load", " N"),
+    "friction.coefficient": ("friction", ""),
+    "wear.coefficient_mm2_per_n": ("wear coefficient", " mm²/N"),
+    "camera.left_mm": ("left edge", " mm"),
+    "camera.top_mm": ("upper edge", " mm"),
+    "specimen.fringe_value_n_per_mm": ("fringe value", " N/mm"),
+}
+"""What a sentence calls a value, and its unit; others go by their keys, which hold theirs."""
+
+
+def sentence_of(
+    rows: Iterable[Sequence[Any]], frames: int, causes: Sequence[str], looked: bool = True
+) -> str:
+    """A result as a sentence: load 62.00 ± 0.28 N, friction 0.180 ± 0.001; causes found: none.
+
+    Of several frames it is the mean, the least and the most, and the ± of one of them.
+    Parameters: `rows` of key, mean, least, most and standard uncertainty; `frames`, how many there
+    are; `causes`, what they asked for; `looked`, whether anybody asked them.
+    """
+    parts = [_spoken(*row) for row in rows]
+    head = f"mean of {frames} frames, ± of each: " if frames > 1 and parts else ""
+    found = f"; causes found: {', '.join(causes) or 'none'}" if looked else ""
+    return f"{head}{', '.join(parts) or 'nothing fitted'}{found}"
+
+
+def _spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
+    """A value with its name and unit."""
+    from isochrome.output import with_uncertainty
+
+    word, unit = WORDS.get(key, (key, ""))
+    if mean is None or mean != mean:
+        return f"{word} not known"
+    text = with_uncertainty(mean, float("nan") if spread is None else spread)
+    span = f" ({least:.5g} to {most:.5g})" if least != most else ""
+    return f"{word} {text}{unit}{span}"
+
+
+def print_summary(result: Any) -> None:
+    """What thousands of frames come to, as a table."""
+    print_columns(result.summary())
+
+
+def print_markdown(text: str) -> None:
+    """A page of Markdown as a terminal shows it; as it is written in a pipe."""
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    console = Console()
+    if console.is_terminal:
+        console.print(Markdown(text))
+    else:
+        typer.echo(text, nl=False)
+
+
 def print_warnings(warnings: list[str]) -> None:
     """Warnings on standard error, a line each."""
     for warning in warnings:
@@ -139,8 +214,12 @@ def print_calibration(result: Any) -> None:
     print_warnings(list(result.warnings))
 
 
-def print_fit(result: Any) -> None:
-    """Fitted values with their uncertainties and bounds, chi, and which wear law is preferred."""
+def print_fit(result: Any, asked: Sequence[str] | None = None) -> None:
+    """Fitted values with their uncertainties and bounds, chi, and which wear law is preferred.
+
+    Parameters: `result`, a Fit; `asked`, the keys that were to be fitted, None for all: others were
+    freed because the frames asked for them.
+    """
     from isochrome.output import with_uncertainty
 
     table = result.columns
@@ -157,6 +236,23 @@ def print_fit(result: Any) -> None:
         typer.echo(f"wear law: {result.wear_laws.sentence()}")
     for i, one in enumerate(result.tractions):
         typer.echo(f"frame {i}, without a contact model: {one.sentence()}")
+    typer.echo(_sentence_of_fit(table, asked))
+
+
+def _sentence_of_fit(table: Mapping[str, Sequence[Any]], asked: Sequence[str] | None) -> str:
+    """The table of a fit as a sentence."""
+    by_key: dict[str, list[tuple[float, float]]] = {}
+    for key, *found in zip(*(table[n] for n in ("key", "value", SPREAD)), strict=True):
+        by_key.setdefault(key, []).append((found[0], found[1]))
+    rows = {
+        key: (key, fmean(values), min(values), max(values), median(spreads))
+        for key, found in by_key.items()
+        for values, spreads in [tuple(zip(*found, strict=True))]
+    }
+    wanted = [row for key, row in rows.items() if asked is None or key in asked]
+    causes = [_spoken(*row) for row in rows.values() if row not in wanted]
+    frames = len({frame for frame in table["frame"] if frame != "all"})
+    return sentence_of(wanted, frames, causes, looked=asked is not None)
 
 
 def print_columns(table: dict[str, list[Any]], names: Any = None) -> None:

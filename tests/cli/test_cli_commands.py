@@ -6,6 +6,7 @@ entry, and one of each command with `-m long` another process once more.
 
 import csv
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -15,14 +16,17 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 import tifffile
+from typer.main import get_command
 
+from isochrome.cli import app
+from isochrome.cli.usage import EXAMPLES
 from isochrome.output import read_pixel_mm
 from shipped_sets import some_of_a_shipped_set
 
 COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
-    ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "scale"), ("fit",), ("check",),
-    ("bench",),
+    ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "colour"),
+    ("calibrate", "scale"), ("fit",), ("check",), ("bench",), ("sweep",), ("export",), ("guide",),
 ]  # fmt: skip
 
 HISTORY = (
@@ -82,7 +86,35 @@ def test_help_of_every_command(quick_isochrome, command):
         assert all(name in done.out for name in names)
     else:
         assert "--json" in done.out
-        assert ("--out" in done.out) == (command != ("check",))
+        assert ("--out FOLDER" in done.out or "--out  " in done.out) == (
+            command not in (("check",), ("guide",))
+        )
+        shown = " ".join(done.out.split())
+        assert all(example in shown for example in EXAMPLES[" ".join(command)])
+
+
+def test_every_command_has_two_examples_and_their_options_are_its_own():
+    """What an example names is read by the command's own parser, which refuses what it lacks."""
+    assert set(EXAMPLES) == {" ".join(c) for c in COMMANDS} - {"", "calibrate"}
+    for words, examples in EXAMPLES.items():
+        assert len(examples) == 2
+        for line in examples:
+            program, *arguments = shlex.split(line)
+            assert program == "isochrome" and len(line) <= 78, line
+            assert " ".join(arguments[: len(words.split())]) == words
+            command = get_command(app)
+            for word in words.split():
+                command = command.commands[word]
+            command.make_context(words, arguments[len(words.split()) :])
+
+
+def test_the_version_is_the_packages(quick_isochrome):
+    done = quick_isochrome("--version")
+    assert (done.code, done.out, done.err) == (0, f"isochrome {version('isochrome')}\n", "")
+
+
+def test_help_names_the_completion_of_shells(quick_isochrome):
+    assert "--install-completion" in quick_isochrome("--help").out
 
 
 # Simulate

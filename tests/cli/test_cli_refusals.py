@@ -546,23 +546,36 @@ def test_check_finds_a_truncated_tiff_and_ends_with_2(place, isochrome):
     assert done.out.startswith("error: cut.tif") and "truncated" in done.out
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("simulat", "small.toml"),
-        ("process", "frames.tif"),
-        ("calibrate", "beam", "x.toml"),
-        ("simulate", "small.toml", "--ot", "x"),
-    ],
-    ids=" ".join,
-)
-def test_a_misspelt_command_or_option_is_a_usage_error_without_a_traceback(isochrome, arguments):
-    done = isochrome(*arguments)
+USAGE = {
+    ("simulat", "small.toml"): "Did you mean 'simulate'?; see 'isochrome --help'",
+    ("process", "frames.tif"): "process: Missing option '--scene'; see 'isochrome process --help'",
+    ("calibrate", "beam", "x.toml"): "calibrate: No such command 'beam'; see",
+    ("simulate", "small.toml", "--ot", "x"): "simulate: No such option: --ot",
+    (
+        "process",
+        "frames.tif",
+        "--scene",
+        "small.toml",
+        "--every",
+        "two",
+    ): "Invalid value for '--every'",
+    ("--verson",): "No such option: --verson",
+    ("guide", "developer"): "the guide has no such page; did you mean 'developers'?",
+}
+
+
+@pytest.mark.process_too
+@pytest.mark.parametrize("arguments", USAGE, ids=" ".join)
+def test_a_usage_error_is_one_line_that_names_the_help(quick_isochrome, arguments):
+    """They were a box of six lines."""
+    done = quick_isochrome(*arguments)
     assert (done.code, done.out) == (2, "")
-    assert "Usage" in done.err and "Traceback" not in done.err
-    done = isochrome(*arguments, "--json")
-    assert done.code == 2 and "Usage" in done.err
-    assert set(done.json()) == {"error", "exit_code"} and done.json()["exit_code"] == 2
+    assert done.err.startswith("isochrome: ") and done.err.count("\n") == 1
+    assert USAGE[arguments] in done.err and "Traceback" not in done.err
+    done = quick_isochrome(*arguments, "--json")
+    assert set(done.json()) == {"error", "exit_code"} and done.json()["exit_code"] == done.code == 2
+    if arguments != ("--verson",):  # --json stands before no command
+        assert USAGE[arguments] in done.json()["error"]
 
 
 def test_the_two_json_shapes_cannot_be_mixed_up(isochrome):

@@ -140,7 +140,7 @@ def finished(place: Path) -> Path:
     """What a run of `process` has left in `old`, and a scene and frames for another."""
     from hostile.attack import run
 
-    stack(place / "f.tif", picture(rows=16, cols=16)[None])
+    stack(place / "f.tif", picture(rows=32, cols=32)[None])
     ended = run(place, [*process("f.tif")[:-1], "old"])
     assert ended.code == 0, ended.err
     return place / "old"

@@ -110,6 +110,15 @@ def test_frames_of_which_no_order_was_asked_are_normalised_as_ever(lit):
     assert np.nanmean(signal) == pytest.approx(0.5, abs=0.01)
 
 
+@pytest.mark.parametrize("out", ["out", None])
+def test_frames_without_contrast_of_which_no_order_was_asked_are_no_result(tmp_path, out):
+    """They ended with exit code 0, and a picture of nothing."""
+    save(tmp_path, normal(120, 3)[None])
+    with pytest.raises(PhysicsError, match=rf"{NOTHING} its 1 frame \(.*not normalised.*check"):
+        process(tmp_path / "film.tif", parse_scene(STEPPED), out and tmp_path / out)
+    assert not list(tmp_path.glob("out*"))
+
+
 def test_one_frame_that_is_read_makes_a_result(lit):
     order = 1.4 * (np.arange(SHAPE[1]) / SHAPE[1]) ** 1.5 + np.zeros((SHAPE[0], 1))
     fringes = normal(20.0 + 200.0 * np.sin(np.pi * order) ** 2, 4)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from pathlib import Path
@@ -24,12 +23,15 @@ from isochrome.cli.options import (
     with_options,
 )
 from isochrome.cli.process import process_command
+from isochrome.cli.usage import Commands, examples_of, fail
 from isochrome.console import (
     print_columns,
     print_fit,
     print_json,
+    print_markdown,
     print_result,
     print_rows,
+    print_summary,
     run_bar,
     steps,
 )
@@ -38,20 +40,57 @@ from isochrome.errors import IsochromeError
 app = typer.Typer(
     name="isochrome",
     help="Photoelastic fringes of worn, sliding contacts: process, simulate, compare, calibrate.",
+    cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.add_typer(calibrate_app, name="calibrate")
-app.command("process")(process_command)
-app.command("sweep")(sweep_command)
-app.command("export")(export_command)
+app.command("process", epilog=examples_of("process"))(process_command)
+app.command("sweep", epilog=examples_of("sweep"))(sweep_command)
+app.command("export", epilog=examples_of("export"))(export_command)
 
 STOPPED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
 
-@app.command("demo")
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from isochrome import __version__
+
+        typer.echo(f"isochrome {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _before_all(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Say which version this is.", callback=_show_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    """What may stand before a command."""
+
+
+@app.command("guide", epilog=examples_of("guide"))
+def guide_command(
+    topic: Annotated[
+        str | None, typer.Argument(metavar="TOPIC", help="The page; without it, the list of all.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show a page of the guide, or the list of its pages."""
+    from isochrome.guide import guide_page
+
+    text = guide_page(topic)
+    if as_json:
+        print_json({"topic": topic, "markdown": text})
+    else:
+        print_markdown(text)
+
+
+@app.command("demo", epilog=examples_of("demo"))
 def demo_command(out: Out = Path("isochrome-demo"), as_json: Json = False) -> None:
     """Run the paper's case and the sample images end to end, offline, in under a minute."""
     from isochrome.demonstration import demo as run
@@ -65,7 +104,7 @@ def demo_command(out: Out = Path("isochrome-demo"), as_json: Json = False) -> No
     typer.echo(f"experiment beside simulation: {result.folder / 'comparison' / 'comparison.png'}")
 
 
-@app.command("simulate")
+@app.command("simulate", epilog=examples_of("simulate"))
 @with_options(RUN)
 def simulate_command(
     scene: SceneArgument,
@@ -88,7 +127,7 @@ def simulate_command(
     print_result(result, out, as_json, lambda found: print_columns(found.history, names))
 
 
-@app.command("compare")
+@app.command("compare", epilog=examples_of("compare"))
 def compare_command(
     experiment: Annotated[str, typer.Argument(help="Result folder of process, or frames.")],
     simulation: Annotated[str, typer.Argument(help="Result folder of simulate, or frames.")],
@@ -106,7 +145,7 @@ def compare_command(
     print_result(result, out, as_json, lambda found: print_columns(found.columns, names))
 
 
-@app.command("fit")
+@app.command("fit", epilog=examples_of("fit"))
 @with_options(RUN | {"as_stated": AS_STATED})
 def fit_command(
     frames: FramesArgument,
@@ -147,17 +186,18 @@ def fit_command(
         refuse_shared(tuple(free or ()))
         with run_bar("tracking") as progress:
             tracked = follow_keys(recording, scene, keys, out=out, progress=progress, **options)
-        print_result(tracked, out, as_json, lambda found: print_columns(found.summary()))
+        print_result(tracked, out, as_json, print_summary)
         return
     with run_bar("fitting") as progress:
         result = run(
             recording, scene, free or [], per_frame=keys, follow=follow, tractions=tractions,
             out=out, progress=progress, **options,
         )  # fmt: skip
-    print_result(result, out, as_json, print_fit)
+    asked = None if options["as_stated"] else [*(free or []), *keys]
+    print_result(result, out, as_json, lambda found: print_fit(found, asked))
 
 
-@app.command("check")
+@app.command("check", epilog=examples_of("check"))
 def check_command(
     frames: FramesArgument, scene: SceneOption, join: Join = False, as_json: Json = False
 ) -> None:
@@ -190,7 +230,7 @@ def check_command(
         raise typer.Exit(2)
 
 
-@app.command("bench")
+@app.command("bench", epilog=examples_of("bench"))
 def bench_command(
     suite: Annotated[
         str,
@@ -213,21 +253,18 @@ def bench_command(
 def main() -> None:
     """Run the command line; refusals become one line and the exit codes 2 and 3."""
     try:
-        app()
+        app(prog_name="isochrome")  # also as `python -m isochrome`
     except IsochromeError as error:
-        _fail(str(error), error.exit_code)
+        fail(str(error), error.exit_code)
     except SystemExit as end:
         if end.code == STOPPED:
-            _fail(_stopped(end), STOPPED)
-        usage = getattr(end.__context__, "format_message", None)  # a usage error, shown already
-        if usage is not None and "--json" in sys.argv:
-            typer.echo(json.dumps({"error": usage(), "exit_code": end.code}))
+            fail(_stopped(end), STOPPED)
         raise
     except OSError as error:  # a drive that is gone, or full, where nobody else has said it
         what = error.filename or "a file"
-        _fail(f"{what}: cannot be read or written ({error.strerror or error}); see its drive", 2)
+        fail(f"{what}: cannot be read or written ({error.strerror or error}); see its drive", 2)
     except MemoryError:
-        _fail("not enough memory; use a smaller region of interest or fewer frames", 3)
+        fail("not enough memory; use a smaller region of interest or fewer frames", 3)
 
 
 def _stopped(end: BaseException) -> str:
@@ -238,15 +275,6 @@ def _stopped(end: BaseException) -> str:
     reason = str(cause or "") or "stopped; nothing was left half-written"
     same = shlex.join(part for part in sys.argv[1:] if part != "--restart")
     return f"{reason}: isochrome {same}" if reason.endswith("to resume") else reason
-
-
-def _fail(text: str, code: int) -> None:
-    """Say why, once, on standard error, and as JSON on standard output where JSON was asked for."""
-    line = " ".join(text.split())
-    if "--json" in sys.argv:
-        typer.echo(json.dumps({"error": line, "exit_code": code}))
-    typer.echo(f"isochrome: {line}", err=True)
-    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from isochrome.cli.options import Json, Out, SetArgument, with_options
+from isochrome.cli.usage import examples_of
 from isochrome.console import (
     print_calibration,
     print_json,
@@ -77,12 +78,14 @@ for _specimen, _images in {
     "bending": "a beam in four-point bending",
     "disc": "a disc under diametral compression",
 }.items():
-    calibrate_app.command(_specimen, help=f"Calibrate from images of {_images}.")(
-        _fringe_value_command(_specimen)
-    )
+    calibrate_app.command(
+        _specimen,
+        help=f"Calibrate from images of {_images}.",
+        epilog=examples_of(f"calibrate {_specimen}"),
+    )(_fringe_value_command(_specimen))
 
 
-@calibrate_app.command("colour")
+@calibrate_app.command("colour", epilog=examples_of("calibrate colour"))
 def colour_command(
     settings: SetArgument,
     out: Out = Path("isochrome-calibrate"),
@@ -106,7 +109,7 @@ def _print_colours(result: Any) -> None:
     typer.echo(f"residual = {result.residual:.3f} of full light")
 
 
-@calibrate_app.command("scale")
+@calibrate_app.command("scale", epilog=examples_of("calibrate scale"))
 @with_options(SCALE)
 def scale_command(
     images: Annotated[

@@ -16,7 +16,15 @@ from isochrome.cli.options import (
     SceneOption,
     with_options,
 )
-from isochrome.console import campaign_bar, print_columns, print_json, print_result, run_bar
+from isochrome.console import (
+    campaign_bar,
+    print_columns,
+    print_json,
+    print_result,
+    print_summary,
+    run_bar,
+    sentence_of,
+)
 
 if TYPE_CHECKING:
     from isochrome.frames import FramesPath
@@ -54,7 +62,8 @@ def process_command(
 
     with run_bar("processing") as progress:
         result = run(recordings[0], scene, out, progress=progress, **options)
-    print_result(result, out, as_json, _print_processed)
+    looked = not options["as_stated"]
+    print_result(result, out, as_json, lambda found: _print_processed(found, looked))
     if result.failed:
         typer.echo(
             f"isochrome: {frames[0]}: {result.failed} of {len(result.columns['frame'])} frames "
@@ -64,17 +73,21 @@ def process_command(
         raise typer.Exit(2)
 
 
-def _print_processed(result: Processed) -> None:
+def _print_processed(result: Processed, looked: bool) -> None:
     """What was found in each frame, or what the thousands of a tracked video come to."""
     from isochrome.output import counted
 
     table = result.columns
-    if not result.tracked:
+    count = len(table["frame"])
+    if result.tracked:
+        pictures = sum(at is not None for at in table["picture"])
+        typer.echo(f"{counted(count, 'frame')}, {counted(pictures, 'key frame')}")
+        print_summary(result)
+    else:
         print_columns(table, [name for name in _SHOWN if name in table])
-        return
-    pictures = sum(at is not None for at in table["picture"])
-    typer.echo(f"{counted(len(table['frame']), 'frame')}, {counted(pictures, 'key frame')}")
-    print_columns(result.summary())
+    rows = list(zip(*result.summary().values(), strict=True))
+    if rows:
+        typer.echo(sentence_of(rows, count, result.causes, looked))
 
 
 def _process_campaign(

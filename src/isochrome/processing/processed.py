@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -42,6 +43,7 @@ PICTURE = "picture"
 """Column of frames.csv of a tracked video: where a key frame lies in the stacks of pictures."""
 
 FIGURE = "process.png"
+_LOOK = "`isochrome check` looks at the frames and their light"
 
 _NOTABLE = 0.02
 _GAMMA = "gamma"
@@ -117,6 +119,13 @@ class Processed(Result):
         for name in ("n_max", "chi", "kept_share", "fringe_lines"):
             if any(value is not None for value in self.columns.get(name, ())):
                 yield name, over_items(self.columns[name])
+
+    @property
+    def causes(self) -> list[str]:
+        """What frames asked for besides the scene: keys, and how many frames did."""
+        cells = [causes_of(cell or "") for cell in self.columns.get(CAUSES, ())]
+        asked = Counter(key for cell in cells for key in cell)
+        return [f"{key} ({n} of {counted(len(cells), 'frame')})" for key, n in asked.items()]
 
     def to_json(self) -> dict[str, Any]:
         """The table of all frames, of a tracked video with what they come to."""
@@ -264,18 +273,20 @@ def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
 def refuse_unread(
     scene: Scene, name: str, table: Mapping[str, list[Any]], kept: Iterable[float | None]
 ) -> None:
-    """Refuse a set whose orders can be read, and in none of whose frames one was.
+    """Refuse a set in none of whose frames an order was read; where none can be, none normalised.
 
     Parameters: `scene`; `name` of the set; `table`, the columns of frames.csv; `kept`, share of the
     specimen's pixels that were read in each frame, None where nobody read it. Raises PhysicsError.
     """
     followed = any(found != NOTHING for found in table.get("found_by", ()))
-    if followed or any(kept) or not orders_are_read(scene):
+    asked = orders_are_read(scene)
+    normalised = np.isfinite(numbers(table["noise"])).any()
+    if followed or any(kept) or (normalised and not asked):
         return
     count = counted(len(table["frame"]), "frame")
     raise PhysicsError(
         f"{name}: nothing could be read in any of its {count} (of the first: "
-        f"{table['warnings'][0]}); {CORRECT}"
+        f"{table['warnings'][0]}); {CORRECT if asked else _LOOK}"
     )
 
 

@@ -1,0 +1,121 @@
+"""How commands are to be used: two examples for each help, and usage errors in one line."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+EXAMPLES = {
+    "demo": (
+        "isochrome demo",
+        "isochrome demo --out trial --json",
+    ),
+    "simulate": (
+        "isochrome simulate line-contact-wear --out simulation",
+        "isochrome simulate scene.toml --components --out stresses",
+    ),
+    "process": (
+        "isochrome process captured.tif --scene scene.toml --out experiment",
+        "isochrome process contact.avi --scene scene.toml --track --out tracked",
+    ),
+    "compare": (
+        "isochrome compare experiment simulation --out comparison",
+        "isochrome compare captured.tif frames.tif --json",
+    ),
+    "fit": (
+        "isochrome fit captured.tif --scene scene.toml --free load.normal_n",
+        "isochrome fit a.tif --scene s.toml --per-frame friction.coefficient",
+    ),
+    "check": (
+        "isochrome check captured.tif --scene scene.toml",
+        "isochrome check 'runs/*.avi' --scene scene.toml --json",
+    ),
+    "bench": (
+        "isochrome bench",
+        "isochrome bench fringes --out measured",
+    ),
+    "sweep": (
+        "isochrome sweep line-contact-wear --vary load.normal_n=30:60:4",
+        "isochrome sweep s.toml --vary friction.coefficient=0.1,0.2 --out grid",
+    ),
+    "export": (
+        "isochrome export experiment --to netcdf",
+        "isochrome export experiment --to tiff --out for-imagej",
+    ),
+    "guide": (
+        "isochrome guide",
+        "isochrome guide first-video",
+    ),
+    "calibrate bending": (
+        "isochrome calibrate bending set.toml",
+        "isochrome calibrate bending set.toml --into scene.toml",
+    ),
+    "calibrate disc": (
+        "isochrome calibrate disc set.toml --out disc",
+        "isochrome calibrate disc set.toml --into scene.toml --json",
+    ),
+    "calibrate colour": (
+        "isochrome calibrate colour colours.toml",
+        "isochrome calibrate colour colours.toml --out colours --json",
+    ),
+    "calibrate scale": (
+        "isochrome calibrate scale bar.tif --edges-mm 4.003 --into scene.toml",
+        "isochrome calibrate scale bar.tif --edges-mm 4 --edges-uncertainty-mm 0.002",
+    ),
+}
+"""Two command lines for each command, as its help shows them."""
+
+
+def examples_of(command: str) -> str:
+    """What stands below a command's help.
+
+    Parameters: `command`, its words. Returns paragraphs.
+    """
+    return "\n\n".join(("Examples:", *EXAMPLES[command]))
+
+
+class Commands(TyperGroup):
+    """The commands; what is wrong with a command line is one line, not a box."""
+
+    def make_context(self, *given: Any, **more: Any) -> Any:
+        """Read the options that stand before the command."""
+        with _usage_in_a_line():
+            return super().make_context(*given, **more)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Read the command's own arguments, and run it."""
+        with _usage_in_a_line():
+            return super().invoke(ctx)
+
+
+@contextmanager
+def _usage_in_a_line() -> Iterator[None]:
+    """Turn a usage error into a line, and exit code 2; help that was not asked for stays help."""
+    try:
+        yield
+    except Exception as error:
+        say = getattr(error, "format_message", None)  # only usage errors have one
+        if say is None or type(error).__name__ == "NoArgsIsHelpError":
+            raise
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "isochrome"
+        own = command.removeprefix("isochrome").strip()
+        fail(f"{own}{': ' if own else ''}{say().rstrip('. ')}; see '{command} --help'", 2)
+
+
+def fail(text: str, code: int) -> NoReturn:
+    """Say why, once, on standard error, and as JSON on standard output where JSON was asked for.
+
+    Parameters: `text`; `code`, with which the command ends.
+    """
+    line = " ".join(text.split())
+    if "--json" in sys.argv:
+        typer.echo(json.dumps({"error": line, "exit_code": code}))
+    typer.echo(f"isochrome: {line}", err=True)
+    sys.exit(code)

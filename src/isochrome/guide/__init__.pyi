@@ -1,0 +1,3 @@
+from .pages import TOPICS, guide_page
+
+__all__ = ["TOPICS", "guide_page"]
