@@ -64,6 +64,26 @@ def test_only_the_value_changes(name, line_end):
     assert again == wanted
 
 
+def test_a_second_calibration_replaces_its_own_comment_and_keeps_the_users(tmp_path):
+    """What stood behind ours was lost with it."""
+    path = tmp_path / "scene.toml"
+    path.write_text("[specimen]\nfringe_value_n_per_mm = 12.0  # epoxy\n", "utf-8")
+    write_into_scene(FOUND, path, source="one;two.toml")
+    text = path.read_text("utf-8")
+    assert text.endswith("# epoxy; calibrated: chi 1.02, onetwo.toml\n")
+    path.write_text(text.replace("two.toml", "two.toml; by Max"), "utf-8")
+    write_into_scene(dataclasses.replace(FOUND, chi=1.5), path, source="disc.toml")
+    assert path.read_text("utf-8").endswith("# epoxy; by Max; calibrated: chi 1.50, disc.toml\n")
+
+
+def test_a_byte_order_mark_stays(tmp_path):
+    """It was refused as no TOML, in a file that every other command reads."""
+    path = tmp_path / "scene.toml"
+    path.write_text("\ufeff[specimen]\nfringe_value_n_per_mm = 12.0\n", "utf-8")
+    assert write_into_scene(FOUND, path) == load_scene(path).specimen.fringe_value_n_per_mm
+    assert path.read_bytes().startswith(b"\xef\xbb\xbf[specimen]")
+
+
 def test_a_file_is_written_with_its_value_rounded_to_its_uncertainty(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_bytes(b"[specimen]\r\nfringe_value_n_per_mm = 12.0 # per fringe\r\n")

@@ -23,6 +23,9 @@ from isochrome.scene import Scene, parse_scene, parse_toml, read_text, scene_nam
 MARK = "calibrated: "
 """What a comment of ours begins with: a second calibration replaces it."""
 
+BYTE_ORDER_MARK = "\ufeff"
+"""What some editors begin a file with; it stays."""
+
 CLEAR = 3.0
 """Standard uncertainties beyond which a value is no nothing: a lens's value below is not written,
 unless the scene states another."""
@@ -53,9 +56,9 @@ def check_scene_file(path: str | Path) -> str:
             f"{path}: this scene ships inside the package and is not written to; name a scene "
             "file of your own"
         )
-    read_text(place)  # its refusals: missing, too large, not UTF-8
+    plain = read_text(place)  # its refusals: missing, too large, not UTF-8
     text = place.read_bytes().decode("utf-8")
-    parse_scene(text, folder=place.parent, label=str(path))
+    parse_scene(plain, folder=place.parent, label=str(path))
     return text
 
 
@@ -106,6 +109,8 @@ def write_into_scene(
     14.599
     """
     text = check_scene_file(scene)
+    mark = text[: text.startswith(BYTE_ORDER_MARK)]
+    text = text.removeprefix(mark)
     if isinstance(calibration, ScaleCalibration):
         _check_picture(calibration, parse_scene(text, folder=Path(scene).parent), str(scene))
     comment = _comment(calibration, source)
@@ -114,7 +119,7 @@ def write_into_scene(
         text = edited(text, *entry, comment, name=str(scene), key=key)
     target = Path(scene).resolve()  # a link stays a link
     with replacing(target) as beside:
-        beside.write_bytes(text.encode("utf-8"))
+        beside.write_bytes((mark + text).encode("utf-8"))
         shutil.copymode(target, beside)
     return float(entries[0][1][0])
 
@@ -190,7 +195,7 @@ def _comment(calibration: Calibration | ScaleCalibration, source: str | Path | N
     """What the comment says of the values."""
     origin = "" if source is None else f", {Path(source).name}"
     mark = f"{MARK}{calibration.scene_comment}{origin}"
-    return "".join(c for c in mark if c.isprintable())
+    return "".join(c for c in mark if c.isprintable() and c != ";")  # which ends it
 
 
 def _quoted(name: str) -> str:
@@ -230,7 +235,7 @@ def _with_comment(before: str, after: str, comment: str) -> Iterator[str]:
     if rest is not None:
         code, kept = rest["code"].rstrip(" \t"), rest["comment"] or ""
         gap = rest["code"][len(code) :] or "  "
-        own = re.sub(rf";?[ \t]*{MARK}.*$", "", kept).rstrip()
+        own = re.sub(rf";?[ \t]*{MARK}[^;]*", "", kept).replace("#;", "#").rstrip()
         joint = "# " if own in ("", "#") else f"{own}; "
         yield f"{before}{code}{gap}{joint}{comment}{after[rest.end() :]}"
     yield before + after

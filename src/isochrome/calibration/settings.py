@@ -12,6 +12,7 @@ from isochrome.calibration.stated import with_stated
 from isochrome.errors import InputError
 from isochrome.scene import (
     Camera,
+    FileName,
     Frames,
     NonNegative,
     Polariscope,
@@ -83,7 +84,7 @@ class LoadedImage(ScenePart):
         The load, N; 0 is a residual frame.
     """
 
-    file: Annotated[str, Field(min_length=1)]
+    file: FileName
     load_n: NonNegative
 
 

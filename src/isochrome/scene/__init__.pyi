@@ -1,4 +1,4 @@
-from .imaging import Camera, Frames, Roi
+from .imaging import Camera, FileName, Frames, Roi
 from .known_orders import FreeBoundary, FreeCorner, KnownLine, KnownOrder
 from .parts import (
     Friction,
@@ -10,7 +10,7 @@ from .parts import (
     Spectrum,
     Wear,
 )
-from .pixel_scale import UNDOUBTED_MM, check_pixel, check_width
+from .pixel_scale import STIFFEST_GPA, UNDOUBTED_MM, check_moduli, check_pixel, check_width
 from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
 from .specimen import Specimen
 from .toml import dump_scene, load_scene, parse_scene, parse_toml, read_text, scene_names
@@ -19,9 +19,11 @@ from .validation import check_reach, validate
 from .whole import Scene
 
 __all__ = [
+    "STIFFEST_GPA",
     "UNDOUBTED_MM",
     "Camera",
     "DistanceTable",
+    "FileName",
     "Frames",
     "FreeBoundary",
     "FreeCorner",
@@ -41,6 +43,7 @@ __all__ = [
     "Specimen",
     "Spectrum",
     "Wear",
+    "check_moduli",
     "check_pixel",
     "check_reach",
     "check_width",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from isochrome.errors import InputError
 from isochrome.scene.known_orders import FreeBoundary, KnownLine, KnownOrder, Rows
@@ -14,7 +14,19 @@ Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Pixels = Annotated[int, Field(ge=1, le=100_000)]
 Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
-FileName = Annotated[str, Field(min_length=1)]
+
+
+def _no_escape(name: str) -> str:
+    """Refuse a name in which a backslash of TOML's double quotes became another letter."""
+    if any(letter in name for letter in "\b\t\n\f\r\x1b"):
+        raise ValueError(
+            f"{name!r} holds a letter that no name has: in double quotes a backslash begins an "
+            "escape; write the path with / or in single quotes, 'C:\\frames\\new.tif'"
+        )
+    return name
+
+
+FileName = Annotated[str, Field(min_length=1), AfterValidator(_no_escape)]
 # angles are written with a point elsewhere: 90.0 is 90
 Turn = Annotated[
     Literal[0, 90, 180, 270],

@@ -1,4 +1,7 @@
-"""Whether the camera's pixel and the specimen are in one unit: a slip is a factor of a thousand."""
+"""Whether the camera's pixel, sizes and moduli are in their keys' units.
+
+A slip is a factor of a thousand.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,20 @@ resolves."""
 WIDEST = 200
 """Contacts across a picture, at most, where its pixel may be a slip: frames are of a few."""
 
+STIFFEST_GPA = 1000.0
+"""No body is stiffer: a larger modulus has another unit."""
+
+LARGEST_MM = {
+    "specimen.thickness_mm": 1e3,
+    "specimen.diameter_mm": 1e3,
+    "specimen.hole_mm": 1e3,
+    "specimen.height_mm": 1e3,
+    "specimen.width_mm": 1e3,
+    "indenter.half_width_mm": 1e3,
+    "indenter.radius_mm": 1e4,
+}
+"""Nothing under a polariscope is larger, and no cylinder flatter: a larger size is in µm."""
+
 MOST = 10_000
 """Pixels as fine as that across a contact: its surface has hardly more nodes."""
 
@@ -28,7 +45,7 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
 
     A pixel is no wider than the contact (disc, beam), a picture no narrower than a hundredth of it,
     and no wider than 200 contacts. A measured profile's contact is known when it is solved, and is
-    held to this then.
+    held to this then. Sizes beyond a metre (a radius, ten) are refused with it.
 
     Parameters
     ----------
@@ -41,8 +58,9 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     Raises
     ------
     InputError
-        Where the pixel is too wide or too narrow.
+        Where the pixel is too wide or too narrow, or a size too large.
     """
+    _check_sizes(scene)
     camera, seen = scene.camera, _width(scene)
     if camera is None or camera.pixel_mm is None or seen is None:
         return
@@ -59,6 +77,43 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
             f"{picture / width:.0f} times {what}, {width:.3g} mm{_by(what)}; "
             f"{WIDEST} times are allowed; give it in mm (not in µm), or correct the specimen's size"
         )
+
+
+def check_moduli(scene: Scene) -> None:
+    """Refuse a Young's modulus that no solid has, before any work.
+
+    Where frames are at hand, a fit tells whether another unit explains them; this is for the rest.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Raises
+    ------
+    InputError
+        Where one is over 1000 GPa.
+    """
+    bodies = {"specimen.young_gpa": scene.specimen, "indenter.young_gpa": scene.indenter}
+    for key, body in bodies.items():
+        young = body.young_gpa if body else None
+        if young is not None and young > STIFFEST_GPA:
+            raise InputError(
+                f"{scene.name}: {key} = {young:g} is over {STIFFEST_GPA:g} GPa, which no solid "
+                f"has; give it in GPa (not in MPa: {young:g} MPa are {1e-3 * young:g} GPa)"
+            )
+
+
+def _check_sizes(scene: Scene) -> None:
+    """Refuse sizes that are beyond all benches."""
+    for key, most in LARGEST_MM.items():
+        part, _, name = key.partition(".")
+        size = getattr(getattr(scene, part), name, None)
+        if size is not None and size > most:
+            raise InputError(
+                f"{scene.name}: {key} = {size:g} is over {most:g} mm; give it in mm (not in µm: "
+                f"{size:g} µm are {1e-3 * size:g} mm)"
+            )
 
 
 def check_width(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -14,6 +15,12 @@ from isochrome.scene.whole import NO_KEYS, Scene
 
 LIBRARY = resources.files("isochrome.scene") / "library"
 """The scenes that ship inside the package."""
+
+PICTURES = (
+    b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"\x89PNG", b"\xff\xd8\xff", b"BM", b"RIFF", b"GIF8",
+    b"\x1aE\xdf\xa3",
+)  # fmt: skip
+"""How files of pictures and videos begin."""
 
 MAX_BYTES = 1_000_000
 """A settings file of over a megabyte is not one."""
@@ -182,8 +189,20 @@ def read_text(path: Path) -> str:
         Where it is missing, too large or not UTF-8.
     """
     try:
+        with open(path, "rb") as file:
+            head = file.read(16)
+        if head.startswith(PICTURES) or head[4:8] == b"ftyp":
+            raise InputError(
+                f"{path}: is a picture or a video, not a settings file; name the .toml file here, "
+                "and frames in front of --scene (are the two swapped?)"
+            )
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"{path}: larger than {MAX_BYTES} bytes; is it a settings file?")
+        if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+            raise InputError(
+                f"{path}: is UTF-16 text, as its byte-order mark says (some editors call that "
+                "Unicode); save it as UTF-8"
+            )
         return path.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text; save it as UTF-8") from error
@@ -214,4 +233,20 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits
-        raise InputError(f"{label}: not valid TOML: {error}; correct that line") from error
+        slip = _slip_in_line(text, str(error))
+        raise InputError(f"{label}: not valid TOML: {error}; {slip or 'correct that line'}") from (
+            error
+        )
+
+
+def _slip_in_line(text: str, message: str) -> str:
+    """What is wrong with the line that a message of the TOML reader names, where that is known."""
+    found = re.search(r"at line (\d+)", message)
+    lines = text.split("\n")
+    line = lines[min(int(found[1]), len(lines)) - 1] if found else ""
+    comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)
+    if comma:
+        return f"a decimal comma: write {comma[1]}.{comma[2]}, with a point"
+    if re.search(r'"[^"]*\\', line):
+        return "a backslash in double quotes: write the path with / or in single quotes"
+    return ""

@@ -15,6 +15,29 @@ from isochrome.scene.uncertain import PAIRS
 LARGEST = 1e30
 """In any unit, what is beyond is a slip."""
 
+OTHER_NAMES = {
+    "fsigma": "fringe_value_n_per_mm",
+    "fs": "fringe_value_n_per_mm",
+    "materialfringevalue": "fringe_value_n_per_mm",
+    "fringevalue": "fringe_value_n_per_mm",
+    "mu": "coefficient",
+    "youngsmodulus": "young_gpa",
+    "nu": "poisson",
+    "poissonratio": "poisson",
+}
+"""What other texts call a key, without underscores."""
+OTHER_NAMES_UNITS = {
+    "fringe_value_n_per_mm": "in N/mm per fringe (1 kN/m per fringe is 1 N/mm)",
+    "coefficient": "a number without a unit",
+    "young_gpa": "in GPa (1000 MPa are 1 GPa)",
+    "poisson": "a number without a unit",
+}
+UNITS = {
+    "mm": "mm", "um": "µm", "m": "m", "cm": "cm", "nm": "nm", "gpa": "GPa", "mpa": "MPa",
+    "pa": "Pa", "n": "N", "kn": "kN", "deg": "degrees", "rad": "radians", "px": "pixels",
+}  # fmt: skip
+"""Endings of keys that are units."""
+
 M = typing.TypeVar("M", bound=BaseModel)
 
 
@@ -91,9 +114,7 @@ def _sentence(model: type[BaseModel], error: ValidationError) -> str:
     key = _dotted(first["loc"])
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     if first["type"] == "extra_forbidden":
-        near = nearest(str(first["loc"][-1]), known)
-        hint = f"did you mean '{near}'?" if near else "known here: " + ", ".join(known)
-        return f"unknown key '{key}'; {hint}{more}"
+        return f"unknown key '{key}'; {_meant(str(first['loc'][-1]), known)}{more}"
     if first["type"] == "missing":
         return f"the key '{key}' is missing; add it{more}"
     message = first["msg"].removeprefix("Value error, ")
@@ -103,6 +124,20 @@ def _sentence(model: type[BaseModel], error: ValidationError) -> str:
         return f"[{key}] {message}{more}"
     allowed = message[0].lower() + message[1:]
     return f"{key} = {_short(first['input'])} is not allowed: {allowed}; correct it{more}"
+
+
+def _meant(word: str, known: list[str]) -> str:
+    """What an unknown key should be: by another name of the field, in another unit, or misspelt."""
+    field = OTHER_NAMES.get(word.lower().replace("_", ""))
+    if field in known:
+        return f"it is called '{field}' here, {OTHER_NAMES_UNITS[field]}"
+    near = nearest(word, known)
+    if near is None:
+        return "known here: " + ", ".join(known)
+    given, wanted = (name.rpartition("_") for name in (word, near))
+    other = given[0] == wanted[0] and given[2] in UNITS and wanted[2] in UNITS
+    unit = f" It is in {UNITS[wanted[2]]}, not {UNITS[given[2]]}" if other else ""
+    return f"did you mean '{near}'?{unit}"
 
 
 def _short(value: Any) -> str:

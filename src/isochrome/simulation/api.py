@@ -22,7 +22,7 @@ from isochrome.runs import (
     run_job,
     single_threaded,
 )
-from isochrome.scene import Scene, check_pixel, dump_scene, load_scene
+from isochrome.scene import Scene, check_moduli, check_pixel, dump_scene, load_scene
 from isochrome.simulation.figure import simulation_figure
 from isochrome.simulation.folder import HISTORY, PICTURE, finish_simulation_folder, run_layout
 from isochrome.simulation.model import (
@@ -179,6 +179,7 @@ def simulate(
     scene = load_scene(scene)
     if scene.model is None:
         raise InputError(no_model_sentence(scene))
+    check_moduli(scene)
     check_pixel(scene, None)
     pixels, count = pixel_grid(scene), state_count(scene)
     if out is not None:

@@ -34,7 +34,7 @@ from isochrome.fitting.frame.unknowns import (
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.search.cold_start import search_frame
 from isochrome.frames import as_turned
-from isochrome.scene import Scene
+from isochrome.scene import STIFFEST_GPA, Scene
 
 _HOPELESS, _LEAST = 10.0, 2.0
 """Residual over noise beyond which no small cause is looked for before these: at most, at least. In
@@ -48,8 +48,6 @@ _STEPS = 12
 _ACROSS = (-0.15, 0.15, -0.3, 0.3, -0.45, 0.45)
 _DOWN = (-0.25, 0.25)
 """Places of the contact that are tried, in widths and heights of the picture."""
-_STIFFEST_GPA = 1000.0
-"""No body is stiffer: a larger modulus has another unit."""
 _MIRRORED = (0, "horizontal"), (0, "vertical")
 _GAMMAS, _SAME_GAMMA = (0.45, 2.2), 0.1
 
@@ -209,10 +207,10 @@ def _units(data: FrameData, scene: Scene, stiff: bool) -> Iterator[_Slip]:
         return
     keys = ("specimen.young_gpa", "indenter.young_gpa")
     given = {key: value for key in keys if (value := scene.get(key)) is not None}
-    wrong = [key for key, value in given.items() if value > _STIFFEST_GPA]
+    wrong = [key for key, value in given.items() if value > STIFFEST_GPA]
     chosen = wrong if stiff else [key for key in keys[:1] if key in given and key not in wrong]
     for group in dict.fromkeys([tuple(chosen), *((key,) for key in chosen)]):
-        shares = {key: 1e-9 if given[key] > 1e3 * _STIFFEST_GPA else 1e-3 for key in group}
+        shares = {key: 1e-9 if given[key] > 1e3 * STIFFEST_GPA else 1e-3 for key in group}
         if shares:
             changed = {key: given[key] * share for key, share in shares.items()}
             unit = "Pa" if 1e-9 in shares.values() else "MPa"

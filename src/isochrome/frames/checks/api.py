@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.errors import InputError
@@ -19,9 +20,16 @@ from isochrome.frames.checks.findings import (
     survey,
 )
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
+from isochrome.frames.readers.signature import signature_of
 from isochrome.frames.reading import FrameReader, FramesPath
 from isochrome.output import Result, counted
-from isochrome.scene import Scene, check_pixel
+from isochrome.scene import Scene, check_moduli, check_pixel
+
+ENDINGS = {
+    ".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG",
+    ".bmp": "BMP", ".webp": "WebP",
+}  # fmt: skip
+"""What a picture's name says that it is."""
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -161,6 +169,7 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
     yield from refusals(
         lambda: check_scale(reader, scene.camera),
         lambda: check_pixel(with_file_scale(scene, reader), reader.shape),
+        lambda: check_moduli(scene),
     )
     if reader.channel is not None:
         text = f"colour frames: the {reader.channel} channel is used; frames.channel changes it"
@@ -169,7 +178,16 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
     if reader.mask is not None:
         text = f"the mask takes {100 * reader.mask.mean():.1f} % of the pixels for the specimen"
         yield Finding("note", text)
-    lossy = reader.kind == "video" or names[0].lower().endswith((".jpg", ".jpeg", ".webp"))
+    file = _first_file(reader)
+    kind = signature_of(file).name if file else ""
+    lossy = reader.kind == "video" or kind in ("JPEG", "WebP")
+    claimed = ENDINGS.get(Path(names[0]).suffix.lower(), kind)
+    if kind != claimed:
+        text = (
+            f"{names[0]}: is a {kind} by its first bytes and a {claimed} by its name; it is read "
+            f"as the {kind} that it is: rename it, for other programs may not open it"
+        )
+        yield Finding("note", text)
     if lossy:
         text = (
             "JPEG and video are compressed with loss, which hides camera noise; a fit with a model "
@@ -182,6 +200,13 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
             "store light^(1 / 2.2) in such files: set frames.gamma = 2.2 if yours does"
         )
         yield Finding("note", text)
+
+
+def _first_file(reader: FrameReader) -> Path | None:
+    """The file of the first frame; None where its name alone is known."""
+    path = reader.path if isinstance(reader.path, str | Path) else reader.path[0]
+    places = (Path(path), *(Path(path) / name for name in reader.names[:1]))
+    return next((place for place in places if place.is_file()), None)
 
 
 def _of_count(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:

@@ -1,0 +1,112 @@
+"""Mistakes that newcomers make: each is named with its cause and what mends it, in one line."""
+
+import shutil
+
+import numpy as np
+import pytest
+import tifffile
+
+OUT = ("--out", "out")
+
+
+@pytest.fixture
+def scene_said(place, quick_isochrome):
+    """Simulate the small scene with some text replaced; what is said of it."""
+
+    def run(old, new, *, encoding="utf-8"):
+        text = (place / "small.toml").read_text("utf-8")
+        assert text.count(old) == 1
+        (place / "s.toml").write_text(text.replace(old, new), encoding)
+        done = quick_isochrome("simulate", "s.toml", *OUT)
+        assert done.code == 2 and done.err.count("\n") == 1 and not done.out
+        return done.err
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "written", ["4,0", "{ value = 4,0, standard_uncertainty = 0.1 }", "4,0  # mm"]
+)
+def test_a_decimal_comma(scene_said, written):
+    said = scene_said("thickness_mm = 4.0", f"thickness_mm = {written}")
+    assert "line " in said and "a decimal comma: write 4.0, with a point" in said
+
+
+def test_a_byte_order_mark_is_read_over(place, quick_isochrome):
+    text = (place / "small.toml").read_text("utf-8")
+    (place / "s.toml").write_text(text, "utf-8-sig")
+    assert quick_isochrome("check", "frames.tif", "--scene", "s.toml").code == 0
+
+
+def test_the_byte_order_mark_of_another_encoding(scene_said):
+    said = scene_said("[load]", "[load]", encoding="utf-16")
+    assert "UTF-16" in said and "save it as UTF-8" in said
+
+
+FRAMES = "[frames]\nmask = {}\n[load]"
+
+
+def test_a_backslash_that_is_no_escape(scene_said):
+    said = scene_said("[load]", FRAMES.format(r'"C:\Users\lab\mask.png"'))
+    assert "a backslash in double quotes" in said and "single quotes" in said
+
+
+@pytest.mark.parametrize("path", [r"runs\new.png", r"runs\the.png"])
+def test_a_backslash_that_became_another_letter(scene_said, path):
+    """It was looked for as a file with a new line or a tab in its name."""
+    said = scene_said("[load]", FRAMES.format(f'"{path}"'))
+    assert "frames.mask" in said and "a backslash begins an escape" in said and "with /" in said
+
+
+def test_f_sigma(scene_said):
+    said = scene_said("fringe_value_n_per_mm", "f_sigma")
+    assert "'specimen.f_sigma'; it is called 'fringe_value_n_per_mm'" in said
+    assert "N/mm per fringe" in said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("young_gpa = 2.1", "young_gpa = 2100", ("young_gpa = 2100", "2100 MPa are 2.1 GPa")),
+        ("young_gpa = 2.1\n", "young_mpa = 2100\n", ("'young_gpa'?", "in GPa, not MPa")),
+        ("thickness_mm = 4.0", "thickness_mm = 4000", ("4000 µm are 4 mm",)),
+        ("radius_mm = 24.61", "radius_mm = 24610", ("24610 µm are 24.61 mm",)),
+        ("pixel_mm = 0.025", "pixel_mm = 25.0", ("camera.pixel_mm = 25 ", "not in µm")),
+        ("pixel_mm = 0.025", "pixel_um = 25.0", ("'pixel_mm'?", "in mm, not µm")),
+    ],
+    ids=["MPa", "young_mpa", "thickness", "radius", "pixel", "pixel_um"],
+)
+def test_another_unit(scene_said, old, new, words):
+    """Moduli in MPa and a thickness in µm were simulated without a word."""
+    said = scene_said(old, new)
+    assert all(word in said for word in words)
+
+
+def test_moduli_in_mpa_are_found_by_check(place, quick_isochrome):
+    text = (place / "small.toml").read_text("utf-8")
+    (place / "s.toml").write_text(text.replace("young_gpa = 2.1", "young_gpa = 2100"), "utf-8")
+    done = quick_isochrome("check", "frames.tif", "--scene", "s.toml")
+    assert done.code == 2 and "error: " in done.out and "2100 MPa are 2.1 GPa" in done.out
+
+
+@pytest.mark.parametrize("command", ["simulate", "process"])
+def test_a_picture_as_the_scene(place, quick_isochrome, command):
+    given = ("small.toml", "--scene") if command == "process" else ()
+    done = quick_isochrome(command, *given, "frames.tif", *OUT)
+    assert done.code == 2
+    assert "frames.tif: is a picture or a video" in done.err and "swapped?" in done.err
+
+
+@pytest.mark.parametrize("name", ["frames.jpg", "frames.png"])
+def test_a_tiff_by_another_name_is_read_as_what_it_is_and_named(place, quick_isochrome, name):
+    shutil.copy(place / "frames.tif", place / name)
+    done = quick_isochrome("check", name, "--scene", "small.toml")
+    assert done.code == 0
+    assert f"{name}: is a TIFF by its first bytes" in done.out and "rename it" in done.out
+    assert "compressed with loss" not in done.out  # as a JPEG is, and a TIFF is not
+
+
+def test_an_image_by_its_own_name_is_not_named(place, quick_isochrome):
+    tifffile.imwrite(place / "own.tif", np.asarray(tifffile.imread(place / "frames.tif")))
+    done = quick_isochrome("check", "own.tif", "--scene", "small.toml")
+    assert "by its name" not in done.out
