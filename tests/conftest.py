@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -37,3 +38,32 @@ def code(tmp_path_factory):
     ignore = shutil.ignore_patterns("__pycache__")
     shutil.copytree(Path(isochrome.__file__).parent, home / "isochrome", ignore=ignore)
     return home
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _columns_have_words():
+    """Whatever table a command writes in any test: its columns are on the guide's page."""
+    sys.path.insert(0, str(Path(__file__).parent / "guide"))
+    from file_columns import columns, has_words
+
+    from isochrome.output import tables
+
+    known, write = columns(), tables._write_table
+
+    def checked(file, columns_, *, header=True):
+        frame = sys._getframe(1)
+        while frame.f_globals["__name__"] == "isochrome.output.tables":
+            frame = frame.f_back
+        room = frame.f_globals["__name__"]
+        # benchmarks have tables of their own, and an export has the columns that a run has
+        if room.startswith("isochrome.") and not room.endswith(("benchmarks", "exporting")):
+            missing = [name for name in columns_ if not has_words(name, known)]
+            assert not missing, (
+                f"{room} writes the columns {missing} without words; write one line for each "
+                "in tests/guide/files.toml, then run `python tests/guide/write_pages.py`"
+            )
+        write(file, columns_, header=header)
+
+    tables._write_table = checked
+    yield
+    tables._write_table = write

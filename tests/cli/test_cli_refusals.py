@@ -560,7 +560,7 @@ USAGE = {
         "two",
     ): "Invalid value for '--every'",
     ("--verson",): "No such option: --verson",
-    ("guide", "developer"): "the guide has no such page; did you mean 'developers'?",
+    ("guide", "colours"): "the guide has no such page; did you mean 'colour'?",
 }
 
 

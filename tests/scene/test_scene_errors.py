@@ -272,7 +272,9 @@ def test_text_that_is_no_toml_names_the_line():
 def test_files_that_cannot_be_a_scene_are_refused_by_name(tmp_path):
     binary = tmp_path / "frames.toml"
     binary.write_bytes(b"\xff\xfe\x00\x80" * 10)
-    with pytest.raises(InputError, match=r"frames\.toml: (is UTF-16 text|not UTF-8 text).*; save it as UTF-8"):
+    with pytest.raises(
+        InputError, match=r"frames\.toml: (is UTF-16 text|not UTF-8 text).*; save it as UTF-8"
+    ):
         load_scene(binary)
     huge = tmp_path / "huge.toml"
     huge.write_bytes(b"#" * 1_000_001)

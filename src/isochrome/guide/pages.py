@@ -8,6 +8,26 @@ from importlib import resources
 from isochrome.errors import InputError
 
 TOPICS = {
+    "first-video": "your first own video, step by step",
+    "without-model": "orders of a specimen that has no model, from points that you know",
+    "phase-steps": "phase-stepped sets, isoclinics and residual stress",
+    "colour": "white light: orders by their colours",
+    "calibration": "the fringe value, the camera's scale, and the uncertainty budget",
+    "fitting": "what the fringes know: unknowns of the scene, causes, wear laws, tractions",
+    "long-recordings": "long recordings, campaigns of many, and a cluster",
+    "paper-figures": "figures for a paper",
+    "conventions": "units, axes, and a glossary",
+    "trust": "how far to trust a result: chi, causes, budget; what was tested against what",
+    "theory": "the way from load to light, and the pages of its parts",
+    "theory-contact": "pressure, friction, wear",
+    "theory-stress": "stress below the surface, and in block, disc, ring and beam",
+    "theory-optics": "from stress to light: polariscope, bands, camera",
+    "theory-fringes": "from light to order: with a model, without one, steps, colours",
+    "theory-fitting": "least squares, causes, evidence, tractions",
+    "theory-calibration": "beam, disc, scale, and their budgets",
+    "scene-keys": "every key of a scene and of a calibration set",
+    "files": "every file and column that a command leaves",
+    "messages": "every warning and refusal: meaning, cause, remedy",
     "developers": "the rooms of the code, the way of a frame, recipes",
 }
 """What each page is about, in the order in which they are best read."""

@@ -25,7 +25,11 @@ WORKING = ".partial"
 WHOLE = "whole_number"
 """Attribute of a column of whole numbers, which is stored as floats where some are not known."""
 
-_UNITS = ("_per_n", "_n", "_mm", "_px", "_mpa", "_gpa", "_deg", "_um", "_m", "_s", "_nm")
+_UNITS = {
+    "n": "N", "mm": "mm", "mm2": "mm2", "um": "um", "nm": "nm", "m": "m", "s": "s",
+    "px": "pixel", "deg": "degree", "mpa": "MPa", "gpa": "GPa",
+}  # fmt: skip
+"""Units as netCDF spells them, by how they stand in names."""
 
 
 def create_store(path: Path, layout: RunLayout) -> None:
@@ -181,15 +185,11 @@ def named_units(name: str) -> dict[str, Any]:
 def units_of(name: str) -> str | None:
     """The unit that stands at the end of a key or column name, as netCDF spells it; or None."""
     stem = name.removesuffix(" standard_uncertainty").rsplit(".", 1)[-1]
-    if stem.endswith("_mm2_per_n"):
-        return "mm2 N-1"
-    if stem.endswith("_n_per_mm"):
-        return "N mm-1"
-    names = {"n": "N", "mpa": "MPa", "gpa": "GPa", "px": "pixel", "deg": "degree"}
-    for ending in sorted(_UNITS, key=len, reverse=True):
-        if stem.endswith(ending):
-            return names.get(ending[1:], ending[1:])
-    return None
+    above, per, below = stem.partition("_per_")
+    unit = _UNITS.get(above.rpartition("_")[2]) if "_" in above else None
+    if not per:
+        return unit
+    return f"{unit} {_UNITS[below]}-1" if unit and below in _UNITS else None
 
 
 def column_values(variable: xarray.DataArray) -> list[Any]:

@@ -45,9 +45,9 @@ class Camera(ScenePart):
     height_px : int, optional
         Rows.
     left_mm : float, optional
-        Outer edge of the first column, from the centre of the contact or specimen, mm.
+        Outer edge of the first column, from the middle of the contact or specimen, mm.
     top_mm : float, optional
-        Outer edge of the first row, below the surface or the specimen's centre, mm.
+        Outer edge of the first row, below the surface (a disc's, ring's or beam's top), mm.
     pixel_mm : float, optional
         Side of a square pixel, mm.
     roll_deg : float, default 0.0

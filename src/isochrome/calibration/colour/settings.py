@@ -8,19 +8,33 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from isochrome.calibration.settings import Beam, ImageSet
-from isochrome.scene import Camera, Frames, NonNegative, Polariscope, Positive, ScenePart
+from isochrome.scene import Camera, FileName, Frames, NonNegative, Polariscope, Positive, ScenePart
 
 
 class ColourBeam(Beam):
-    """A beam in four-point bending whose fringe value is known: its orders are known too."""
+    """A beam in four-point bending whose fringe value is known: its orders are known too.
+
+    Parameters
+    ----------
+    fringe_value_n_per_mm : float
+        Material fringe value at the polariscope's wavelength, N/mm per fringe.
+    """
 
     fringe_value_n_per_mm: Positive
 
 
 class ColourImage(ScenePart):
-    """One colour image of a loaded specimen; of a beam with the whole load on it."""
+    """One colour image of a loaded specimen; of a beam with the whole load on it.
 
-    file: Annotated[str, Field(min_length=1)]
+    Parameters
+    ----------
+    file : str
+        The image's file, relative to the set's.
+    load_n : float, optional
+        The whole load on a beam, N; other specimens need none.
+    """
+
+    file: FileName
     load_n: NonNegative | None = None
 
 
