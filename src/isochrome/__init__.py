@@ -1,6 +1,7 @@
 """Isochrome: photoelastic image analysis with a simulation back-end.
 
-Every command is one function of the same name here. What `__init__.pyi` lists is imported when it
+What a command does, a function here does too: `isochrome calibrate disc` is `calibrate_disc`, and
+`process` of several recordings `process_campaign`. What `__init__.pyi` lists is imported when it
 is first used, so that `import isochrome` costs nothing.
 """
 

@@ -93,6 +93,8 @@ class FrameReader:
         Name of each frame, where each has a file.
     claimed_count : int or None
         Number of frames that a video's head claims, not to be trusted.
+    lossy : bool
+        Whether a video's codec may lose the camera's noise.
     mask : ndarray of shape (row, col) or None
         True on the specimen, which every frame carries; None where none was given.
     """
@@ -119,6 +121,7 @@ class FrameReader:
         self.files = source.files
         self.names = source.names
         self.claimed_count = source.claimed
+        self.lossy = source.lossy
         self.mask: Mask | None = None
         self._source = source
         self._running: weakref.WeakSet[Generator[Frame]] = weakref.WeakSet()

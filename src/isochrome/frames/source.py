@@ -98,7 +98,7 @@ class Source:
     (None: they cannot be); `begins(start)`, the frame that decoding begins with to come to `start`
     (None: a video's first, else `start` itself); `files`, all that are read; `names`, of each frame
     where each has a file; `claimed`, what an untrustworthy head says; `start_s`, the first frame's
-    own time stamp, from which times count.
+    own time stamp, from which times count; `lossy`, whether a video's codec may lose noise.
     """
 
     kind: Kind
@@ -110,6 +110,7 @@ class Source:
     names: tuple[str, ...] = ()
     pixel_mm: float | None = None
     claimed: int | None = None
+    lossy: bool = False
     start_s: float | None = None
     listed: Callable[[], Extent] | None = None
     begins: Callable[[int], int] | None = None

@@ -178,9 +178,8 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
     if reader.mask is not None:
         text = f"the mask takes {100 * reader.mask.mean():.1f} % of the pixels for the specimen"
         yield Finding("note", text)
-    file = _first_file(reader)
-    kind = signature_of(file).name if file else ""
-    lossy = reader.kind == "video" or kind in ("JPEG", "WebP")
+    kind = signature_of(reader.files[0]).name
+    lossy = reader.lossy or kind in ("JPEG", "WebP")
     claimed = ENDINGS.get(Path(names[0]).suffix.lower(), kind)
     if kind != claimed:
         text = (
@@ -190,23 +189,18 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
         yield Finding("note", text)
     if lossy:
         text = (
-            "JPEG and video are compressed with loss, which hides camera noise; a fit with a model "
-            "tells it all the same, a reading without one takes it for less: TIFF or PNG keep it"
+            f"{names[0]}: is compressed with loss, which hides camera noise; a fit with a model "
+            "tells it all the same, a reading without one takes it for less: TIFF, PNG and FFV1 "
+            "keep it"
         )
         yield Finding("note", text)
-    if scene.frames.gamma == 1 and (lossy or reader.channel is not None):
+    ordinary = lossy or reader.kind == "video" or reader.channel is not None
+    if scene.frames.gamma == 1 and ordinary:
         text = (
             "frames.gamma = 1 says that grey levels are proportional to light; ordinary cameras "
             "store light^(1 / 2.2) in such files: set frames.gamma = 2.2 if yours does"
         )
         yield Finding("note", text)
-
-
-def _first_file(reader: FrameReader) -> Path | None:
-    """The file of the first frame; None where its name alone is known."""
-    path = reader.path if isinstance(reader.path, str | Path) else reader.path[0]
-    places = (Path(path), *(Path(path) / name for name in reader.names[:1]))
-    return next((place for place in places if place.is_file()), None)
 
 
 def _of_count(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:

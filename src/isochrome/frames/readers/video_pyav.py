@@ -188,7 +188,7 @@ def open_with_pyav(path: Path, stamp: Stamp, container: Container) -> Source:
     finally:
         running.close()
     with open_container(path) as (_, stream):
-        claimed = stream.frames
+        claimed, lossy = stream.frames, bool(stream.codec_context.codec.lossy)
     video.form = StoredForm.of(image)
     return Source(
         kind="video",
@@ -200,6 +200,7 @@ def open_with_pyav(path: Path, stamp: Stamp, container: Container) -> Source:
         begins=video.begins,
         files=(path,),
         claimed=claimed or None,
+        lossy=lossy,
         start_s=None if item.tick is None else float(item.tick * base),
     )
 
