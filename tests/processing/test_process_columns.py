@@ -1,13 +1,13 @@
 """Rows of frames become columns, small where there are many."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isochrome.guide import guide_page
 from isochrome.output import Floats, csv_text, json_pieces
 from isochrome.processing.processed import tabulate_set
 from isochrome.processing.result import causes_of, frame_columns, row_of_set
@@ -96,7 +96,7 @@ def test_what_a_frame_asked_for_is_in_its_causes_to_the_last_digit():
 
 @pytest.mark.parametrize("tracked", [False, True], ids=["whole", "tracked"])
 def test_the_columns_are_in_the_guide(tracked):
-    text = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+    text = guide_page("files")
     assert not [
         n for n in frame_columns(CONTACT, tracked=tracked) if "." not in n and n not in text
     ]

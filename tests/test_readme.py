@@ -1,0 +1,80 @@
+"""The README: short, its links and commands are there, and what it says to run runs."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from isochrome.cli import app
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text("utf-8")
+BLOCKS = re.findall(r"```(bash|python)\n(.*?)```", TEXT, re.S)
+SET_UP = [body for kind, body in BLOCKS if "venv" in body]
+"""Commands that make an environment: `.ci/run` runs them on a clean clone, as they stand."""
+TO_RUN = [(kind, body) for kind, body in BLOCKS if body not in SET_UP]
+PICTURES = {"side-by-side.png", "process.png", "simulation.png", "calibration.png"}
+
+
+def test_it_is_short():
+    assert len(TEXT.splitlines()) <= 150
+
+
+def test_every_link_leads_to_a_file():
+    links = re.findall(r"\]\(([^)#]+)\)", TEXT)
+    assert len(links) > 15
+    assert not [link for link in links if not (ROOT / link).is_file()]
+    assert {Path(link).name for link in links if link.startswith(".readme/")} == PICTURES
+    assert {path.name for path in (ROOT / ".readme").iterdir()} == PICTURES
+
+
+def test_the_set_up_commands_are_those_that_ci_runs():
+    checked = (ROOT / ".ci" / "run").read_text("utf-8")
+    assert len(SET_UP) == 2
+    for body, ending in zip(SET_UP, ("isochrome demo", "pytest -n auto"), strict=True):
+        assert body.strip().endswith(ending) and body.count("\n") == 1
+        assert f'grep -m 1 "{ending}$" README.md' in checked
+
+
+def test_every_command_that_it_names_is_one():
+    """Its words and options, as the command's own parser has them."""
+    named = [*re.findall(r"`(isochrome [^`]+)`", TEXT.replace("\n", " "))]
+    named += [line for kind, body in TO_RUN if kind == "bash" for line in body.strip().split("\n")]
+    assert len(named) > 25
+    for line in named:
+        command, words = get_command(app), shlex.split(line)[1:]
+        if words[0] in ("COMMAND", "--install-completion"):
+            continue
+        while words and words[0] in getattr(command, "commands", {}):
+            command = command.commands[words.pop(0)]
+        known = {name for parameter in command.params for name in parameter.opts} | {"--help"}
+        assert command.name, line
+        assert not [w for w in words if w.startswith("--") and w not in known], line
+
+
+@pytest.mark.long
+def test_every_command_runs_as_it_stands(tmp_path):
+    """One after the other, from the top of a clone, each in a process of its own."""
+    shutil.copytree(ROOT / "sample_images", tmp_path / "sample_images")
+    binaries = tmp_path / "bin"
+    binaries.mkdir()
+    script = f'#!/bin/sh\nexec "{sys.executable}" -m isochrome "$@"\n'
+    (binaries / "isochrome").write_text(script, "utf-8")
+    (binaries / "isochrome").chmod(0o755)
+    env = os.environ | {"PATH": f"{binaries}{os.pathsep}{os.environ['PATH']}"}
+    assert len(TO_RUN) == 4
+    for kind, body in TO_RUN:
+        command = ["bash", "-ec", body] if kind == "bash" else [sys.executable, "-c", body]
+        done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
+        assert done.returncode == 0, f"{body}\n{done.stderr}"
+        assert "warning" not in done.stderr and done.stdout
+    assert (tmp_path / "comparison" / "comparison.png").is_file()
+    assert (tmp_path / "calibration" / "calibration.json").is_file()
