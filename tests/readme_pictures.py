@@ -34,7 +34,8 @@ def main() -> None:
         bending = isochrome.calibrate_bending(SAMPLES / "bending" / "set.toml")
         write_figure(folder / "calibration.png", bending.figure())
         first = folder / "first.tif"
-        tifffile.imwrite(first, tifffile.imread(contact / "captured.tif")[:STATES])
+        stack = tifffile.imread(contact / "captured.tif")
+        tifffile.imwrite(first, stack[:STATES], photometric="minisblack")
         scene = isochrome.load_scene(contact / "scene.toml")
         distances = scene.get("wear.distances_m")[: STATES - 1]
         few = isochrome.process(first, scene.with_values({"wear.distances_m": distances}))

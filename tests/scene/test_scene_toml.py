@@ -40,8 +40,8 @@ positive = st.floats(1e-6, 1e6)
 finite = st.floats(-1e6, 1e6)
 distance = st.floats(0.0, 1e6)
 coefficients = st.floats(-5, 5)
-# any text that a TOML file can hold: no lone surrogates
-names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
+# any name that a file can have: no lone surrogates, and no letters that a backslash makes
+names = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=12)
 
 
 def maybe(strategy):
