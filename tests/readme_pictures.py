@@ -50,11 +50,12 @@ def main() -> None:
 
 
 def _shrink(source: Path, target: Path) -> None:
-    """A picture of WIDTH_PX, for a repository keeps every version of it."""
+    """A picture of WIDTH_PX and 256 colours, rare ones too: a repository keeps every version."""
     with Image.open(source) as picture:
         height = round(picture.height * WIDTH_PX / picture.width)
         small = picture.convert("RGB").resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
-    small.save(target, optimize=True)
+    few = small.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(target, optimize=True)
 
 
 if __name__ == "__main__":
