@@ -1,0 +1,12 @@
+from .levelling import LevelledTrace, UnclearScarError, levelled
+from .roughness import Roughness
+from .trace import Trace, read_trace
+
+__all__ = [
+    "LevelledTrace",
+    "Roughness",
+    "Trace",
+    "UnclearScarError",
+    "levelled",
+    "read_trace",
+]
