@@ -93,6 +93,8 @@ class LevelledTrace:
         Covariance of `depth_um` by roughness and levelling, µm².
     roughness : Roughness
         The roughness's spectrum, from the shoulders.
+    deepest_um : float
+        Depth of the smooth shape that its place was found with, µm.
     clear : float
         Depth over its standard uncertainty: below `CLEAR` no scar stands out.
     ridges_mm2 : tuple of float
@@ -119,6 +121,7 @@ class LevelledTrace:
     levelling_uncertainty_mm2: float
     depth_covariance_um2: Array = field(repr=False)
     roughness: Roughness
+    deepest_um: float
     clear: float
     ridges_mm2: tuple[float, float] = (0.0, 0.0)
     ridge_uncertainty_mm2: float = 0.0
@@ -324,6 +327,7 @@ def _level(
         levelling_uncertainty_mm2=float(np.sqrt(own @ covariance @ own + between)),
         depth_covariance_um2=to_depth @ covariance @ to_depth.T,
         roughness=roughness,
+        deepest_um=place.depth_um,
         clear=place.clear,
         ridges_mm2=(float(ridges[0] @ z), float(ridges[1] @ z)),
         ridge_uncertainty_mm2=float(np.sqrt(ridge_variance)),

@@ -39,7 +39,8 @@ _EDGE_MODEL = 0.01
 _BOUNDS, _USUAL, _SPREAD = (1.3, 6.0), 2.5, 0.7
 """Exponents m: bounds, mean and standard deviation of the prior."""
 
-_STEPS, _SETTLED = 25, 1e-4
+_STEPS, _SETTLED = 25, 3e-3
+"""Most steps, and the gain in variances that ends them."""
 _PARTS = 5
 """Points of a bin over which the shape is averaged."""
 
@@ -139,11 +140,8 @@ def refine_place(x_mm: Array, z_um: Array, start: ScarShape, whiten: Array) -> S
         return float(np.sum((z - depth * c) ** 2)) + own, depth, c
 
     def jacobian(values: Array, depth: float, c: Array) -> Array:
-        sizes = np.array([0.05 * np.exp(values[1]), 0.02, 0.02])
-        moved = [
-            (column(values + e) - column(values - e)) / (2.0 * s)
-            for e, s in zip(np.diag(sizes), sizes, strict=True)
-        ]
+        sizes = np.array([0.01 * np.exp(values[1]), 0.01, 0.02])
+        moved = [(column(values + e) - c) / e.sum() for e in np.diag(sizes)]
         return np.column_stack([c, *(depth * m for m in moved)])
 
     def allowed(values: Array) -> Array:

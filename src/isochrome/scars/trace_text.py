@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,23 +70,28 @@ def _table(text: str, path: Path) -> tuple[Array, Array]:
     if first is None:
         raise InputError(f"{path}: no line of numbers in its first {len(cells)}; {_FORM}")
     x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
-    values = np.empty((len(rows) - first, 2))
-    for k, (number, line) in enumerate(rows[first:]):
-        row = split(line)
-        for j, column in enumerate((x_column, z_column)):
-            cell = row[column].strip() if column < len(row) else ""
-            if not _NUMBER.fullmatch(cell):
-                raise InputError(
-                    f"{path}: line {number} has {cell[:30]!r} where a number is due; correct it, "
-                    "and leave out points that were not measured"
-                )
-            values[k, j] = float(cell)
-            if not np.isfinite(values[k, j]):
-                raise InputError(
-                    f"{path}: line {number} has {cell}, and all numbers must be finite; leave out "
-                    "points that were not measured"
-                )
+    lines = [line for _, line in rows[first:]]
+    values = split.numbers(lines, (x_column, z_column))
+    if values is None or not np.isfinite(values).all():
+        _refuse_line(rows[first:], split, (x_column, z_column), path)
+    assert values is not None
     return 1e3 * x_unit * values[:, 0], 1e6 * z_unit * values[:, 1]
+
+
+def _refuse_line(
+    rows: Sequence[tuple[int, str]], split: _Splitter, columns: tuple[int, int], path: Path
+) -> NoReturn:
+    """Name the first line that has no two finite numbers."""
+    for number, line in rows:
+        row = split(line)
+        for column in columns:
+            cell = row[column].strip() if column < len(row) else ""
+            if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
+                raise InputError(
+                    f"{path}: line {number} has {cell[:30]!r} where a finite number is due; "
+                    "correct it, and leave out points that were not measured"
+                )
+    raise InputError(f"{path}: its rows are no table of numbers; {_FORM}")
 
 
 class _Splitter:
@@ -98,6 +103,17 @@ class _Splitter:
     def __call__(self, line: str) -> list[str]:
         cells = [cell.strip().strip('"') for cell in line.split(self.separator)]
         return [cell.replace(",", ".") for cell in cells] if self.comma else cells
+
+    def numbers(self, lines: Sequence[str], columns: tuple[int, int]) -> Array | None:
+        """Two columns of many lines (n, 2), None where a cell is no number."""
+        if self.comma:
+            lines = [line.replace(",", ".") for line in lines]
+        try:
+            return np.loadtxt(
+                lines, delimiter=self.separator, usecols=columns, quotechar='"', ndmin=2
+            )
+        except ValueError:
+            return None
 
 
 def _splitter(lines: Sequence[str]) -> _Splitter:
