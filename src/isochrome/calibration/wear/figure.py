@@ -103,7 +103,7 @@ def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
         for one in found
     ]
     text = "worn area (1e-3 mm²): " + ", ".join(areas) if areas else "no clear scar"
-    style_axes(axes, z_label="depth below the level (µm)", title=text)
+    style_axes(axes, z_label="height over the level (µm)", title=text)
 
 
 def _draw_coefficients(axes: Any, calibration: WearCalibration) -> None:
