@@ -27,8 +27,11 @@ from isochrome.scars.template import (
     FORM_DEGREES,
     ScarShape,
     first_place,
+    form_spread,
     legendre,
     refine_place,
+    white_covariance_of,
+    whitening,
 )
 from isochrome.scars.trace import Trace
 from isochrome.scars.trace_bins import BinnedTrace, bin_trace
@@ -50,6 +53,9 @@ put where the heights begin to fall."""
 
 _SHOULDERS, _SHOULDER = 0.5, 0.1
 """Least unworn length over the window's, of both sides together, and of each."""
+
+_FEWEST_BINS = 20
+"""Bins from which a spectrum and a form can be told."""
 
 _LOUD = 5.0
 """Robust standard deviations beyond which a bin of a shoulder is no roughness (dust, a scratch)."""
@@ -191,6 +197,7 @@ def levelled(trace: Trace) -> LevelledTrace:
             f"{place.depth_um:.2g} µm deep, {place.clear:.1f} of its standard uncertainty where "
             f"{CLEAR:g} are asked; measure a longer trace or several of them, or give the volume"
         )
+    _check_shoulders(bins, place, trace.name)
     found = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
     if max(found.ridges_mm2) < _PILED_UP * found.ridge_uncertainty_mm2:
         return found
@@ -221,12 +228,12 @@ def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
     def roots(place: ScarShape, before: Roughness | None = None) -> tuple[Roughness, Array]:
         unworn = _shoulders(bins, place, name)
         found = fit_roughness(z, unworn, form, bins.spacing_mm, before)
-        return found, np.linalg.inv(np.linalg.cholesky(_firm(found.covariance(n))))
+        return found, whitening(x, _firm(found.covariance(n)))
 
-    roughness, whiten = roots(first_place(x, z))
-    place = refine_place(x, z, first_place(x, z, whiten), whiten)
-    roughness, whiten = roots(place, roughness)
-    place = refine_place(x, z, place, whiten)
+    roughness, white = roots(first_place(x, z, whitening(x, white_covariance_of(z))))
+    place = refine_place(x, z, first_place(x, z, white), white)
+    roughness, white = roots(place, roughness)
+    place = refine_place(x, z, place, white)
     return place, roughness, _shoulders(bins, place, name)
 
 
@@ -253,12 +260,17 @@ def _window(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
     return place.centre_mm - place.half_mm - left, place.centre_mm + place.half_mm + right
 
 
-def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
-    """Bins outside the window that show the unworn surface."""
-    x = bins.x_mm
+def _beside(bins: BinnedTrace, place: ScarShape) -> tuple[Mask, Mask]:
+    """Bins left and right of the window."""
     low, high = _window(place, bins.spacing_mm)
-    left, right = x < low - 0.5 * bins.spacing_mm, x > high + 0.5 * bins.spacing_mm
-    lengths = bins.spacing_mm * np.array([left.sum(), right.sum()])
+    half = 0.5 * bins.spacing_mm
+    return bins.x_mm < low - half, bins.x_mm > high + half
+
+
+def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
+    """Refuse a trace whose unworn parts are too short to level it."""
+    low, high = _window(place, bins.spacing_mm)
+    lengths = bins.spacing_mm * np.array([side.sum() for side in _beside(bins, place)])
     width = high - low
     if lengths.sum() < _SHOULDERS * width or lengths.min() < _SHOULDER * width:
         raise InputError(
@@ -266,7 +278,16 @@ def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
             f"{lengths[0]:.2g} and {lengths[1]:.2g} mm of unworn surface, too little to level it; "
             "measure farther over both edges, by half of the scar's width each"
         )
+
+
+def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
+    """Bins outside the window that show the unworn surface."""
+    x = bins.x_mm
+    left, right = _beside(bins, place)
     unworn = (left | right) & ~bins.filled
+    if unworn.sum() < _FEWEST_BINS:
+        _check_shoulders(bins, place, name)
+        raise InputError(f"{name}: too few points beside its scar; measure a longer trace")
     for _ in range(2):  # dust and scratches
         form = legendre(x, FORM_DEGREES[-1])
         beta = np.linalg.lstsq(form[unworn], bins.z_um[unworn], rcond=None)[0]
@@ -301,6 +322,8 @@ def _level(
     variance, freedom = roughness.variance(rows)
     areas = np.array([(to_area @ one - to_area) @ z for one in levels])
     between = float(weights @ (areas - weights @ areas) ** 2)
+    drawn = _drawn(x, levels, weights)
+    variance += float(to_area @ drawn @ to_area)
     own = to_area @ level
     flank = _FLANK * place.half_mm
     beside = np.array(
@@ -324,8 +347,10 @@ def _level(
         worn_area_mm2=float(rows @ z),
         worn_area_uncertainty_mm2=float(np.sqrt(variance + between)),
         degrees_of_freedom=freedom,
-        levelling_uncertainty_mm2=float(np.sqrt(own @ covariance @ own + between)),
-        depth_covariance_um2=to_depth @ covariance @ to_depth.T,
+        levelling_uncertainty_mm2=float(
+            np.sqrt(own @ covariance @ own + to_area @ drawn @ to_area + between)
+        ),
+        depth_covariance_um2=to_depth @ covariance @ to_depth.T + drawn,
         roughness=roughness,
         deepest_um=place.depth_um,
         clear=place.clear,
@@ -334,6 +359,16 @@ def _level(
         spikes=bins.spikes,
         messages=messages,
     )
+
+
+def _drawn(x: Array, levels: Array, weights: Array) -> Array:
+    """Covariance of a level that the forms' prior drew towards none (n, n), µm²."""
+    total = np.zeros((len(x), len(x)))
+    for degree, level, weight in zip(FORM_DEGREES, levels, weights, strict=True):
+        form = legendre(x, degree)[:, 2:] * form_spread(x, degree)[2:]
+        missed = level @ form - form
+        total += weight * (missed @ missed.T)
+    return total
 
 
 def _parts(x: Array, step: float, low: float, high: float) -> Array:
@@ -351,11 +386,13 @@ def _levels(x: Array, z: Array, unworn: Mask, covariance: Array) -> tuple[Array,
         form = legendre(x, degree)
         own = form[unworn]
         carried = inverse @ own
-        solved = np.linalg.solve(own.T @ carried, carried.T)
+        prior = 1.0 / form_spread(x, degree) ** 2
+        solved = np.linalg.solve(own.T @ carried + np.diag(prior), carried.T)
         matrix = np.zeros((len(x), len(x)))
         matrix[:, unworn] = form @ solved
         residual = heights - own @ (solved @ heights)
-        scores.append(float(residual @ inverse @ residual) + degree * np.log(count))
+        away = float(residual @ inverse @ residual + prior @ (solved @ heights) ** 2)
+        scores.append(away + degree * np.log(count))
         matrices.append(matrix)
     weight = np.exp(-0.5 * (np.array(scores) - min(scores)))
     return np.array(matrices), weight / weight.sum()

@@ -22,7 +22,11 @@ Array = NDArray[Any]
 FORM_DEGREES = (2, 3, 4)
 """Degrees of the form: a tilt and a curvature are always asked for."""
 
-_NARROWEST, _WIDEST = 3.0, 0.36
+FORM_RADIUS_MM, _HIGHER = 500.0, 0.25
+"""A flat specimen's form beforehand, one standard deviation: the curvature of this radius, and what
+has a higher degree over what that makes. Without it a short trace's form would take up its scar."""
+
+_NARROWEST, _WIDEST = 3.0, 0.45
 """Half-widths that are looked for: in bins, and over the trace's length."""
 
 _HALF_WIDTHS, _PLACES = 14, 60
@@ -49,6 +53,17 @@ def legendre(x_mm: Array, degree: int) -> Array:
     """Legendre polynomials up to a degree over a trace (n, degree + 1)."""
     middle, half = 0.5 * (x_mm[0] + x_mm[-1]), 0.5 * (x_mm[-1] - x_mm[0])
     return np.polynomial.legendre.legvander((x_mm - middle) / half, degree)
+
+
+def form_spread(x_mm: Array, degree: int) -> Array:
+    """Prior standard deviations of the form's coefficients (degree + 1,), µm; tilt has none (inf).
+
+    A radius R makes the second one L²/(12 R) over a length L.
+    """
+    curved = 1e3 * float(x_mm[-1] - x_mm[0]) ** 2 / (12.0 * FORM_RADIUS_MM)
+    spread = np.full(degree + 1, _HIGHER * curved)
+    spread[:2], spread[2] = np.inf, curved
+    return spread
 
 
 def shape(x_mm: Array, centre_mm: float, half_mm: float, exponent: float) -> Array:
@@ -90,25 +105,36 @@ class ScarShape:
         return self.depth_um * shape(x_mm, self.centre_mm, self.half_mm, self.exponent)
 
 
-def first_place(x_mm: Array, z_um: Array, whiten: Array | None = None) -> ScarShape:
-    """The place of an arc and a quadratic form that leave least of the heights.
+def whitening(x_mm: Array, covariance: Array) -> Array:
+    """Heights to what is white, with the form taken off (n, n).
 
-    `whiten` (n, n), the inverse of the root of the heights' covariance, or None for white noise.
+    The root of the inverse covariance of roughness and form, and from that the tilt projected out.
+    """
+    form, spread = legendre(x_mm, FORM_DEGREES[-1]), form_spread(x_mm, FORM_DEGREES[-1])
+    curved = form[:, 2:] * spread[2:]
+    root = np.linalg.inv(np.linalg.cholesky(covariance + curved @ curved.T))
+    q = np.linalg.qr(root @ form[:, :2])[0]
+    return np.asarray(root - q @ (q.T @ root))
+
+
+def white_covariance_of(z_um: Array) -> Array:
+    """A first covariance (n, n): what second differences show, as if it were white."""
+    size = 1.4826 * float(np.median(np.abs(np.diff(z_um, 2)))) / np.sqrt(6.0)
+    return np.asarray(max(size, 1e-6) ** 2 * np.eye(len(z_um)))
+
+
+def first_place(x_mm: Array, z_um: Array, white: Array) -> ScarShape:
+    """The place of an arc that with the form leaves least of the heights.
+
+    Parameters: bins (n,) and heights (n,); `white` (n, n), see `whitening`.
     """
     step, length = x_mm[1] - x_mm[0], x_mm[-1] - x_mm[0]
-    form = legendre(x_mm, FORM_DEGREES[0])
-    z = z_um
-    if whiten is not None:
-        form, z = whiten @ form, whiten @ z
-    q = np.linalg.qr(form)[0]
-    z = z - q @ (q.T @ z)
+    z = white @ z_um
     best, place = -1.0, ScarShape(0.0, 1.0, _USUAL)
     for half in np.geomspace(_NARROWEST * step, _WIDEST * length, _HALF_WIDTHS):
         centres = np.linspace(x_mm[0] + half, x_mm[-1] - half, _PLACES)
         columns = np.maximum(1.0 - ((x_mm[:, None] - centres) / half) ** 2, 0.0)
-        if whiten is not None:
-            columns = whiten @ columns
-        columns = columns - q @ (q.T @ columns)
+        columns = white @ columns
         gain = (columns.T @ z) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-12)
         k = int(np.argmax(gain))
         if gain[k] > best:
@@ -116,22 +142,19 @@ def first_place(x_mm: Array, z_um: Array, whiten: Array | None = None) -> ScarSh
     return place
 
 
-def refine_place(x_mm: Array, z_um: Array, start: ScarShape, whiten: Array) -> ScarShape:
+def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> ScarShape:
     """The least-squares place from a start, with the roughness's covariance.
 
     Gauss-Newton in c, ln a and m; depth and form are solved for in every step.
     """
-    form = whiten @ legendre(x_mm, FORM_DEGREES[-1])
-    q = np.linalg.qr(form)[0]
-    project = whiten - q @ (q.T @ whiten)
-    z = project @ z_um
+    z = white @ z_um
     step_mm = x_mm[1] - x_mm[0]
     limits = np.log([_NARROWEST * step_mm, _WIDEST * (x_mm[-1] - x_mm[0])])
     middle = x_mm[0], x_mm[-1]
     unknown = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
 
     def column(values: Array) -> Array:
-        return np.asarray(project @ shape(x_mm, values[0], float(np.exp(values[1])), values[2]))
+        return np.asarray(white @ shape(x_mm, values[0], float(np.exp(values[1])), values[2]))
 
     def cost_of(values: Array) -> tuple[float, float, Array]:
         c = column(values)
