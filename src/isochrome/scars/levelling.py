@@ -57,6 +57,9 @@ _SHOULDERS, _SHOULDER = 0.5, 0.1
 _FEWEST_BINS = 20
 """Bins from which a spectrum and a form can be told."""
 
+_SHALLOWEST = 2e-5
+"""Depth over width of a scar, of which less is a slip of units: 20 nm over a millimetre."""
+
 _LOUD = 5.0
 """Robust standard deviations beyond which a bin of a shoulder is no roughness (dust, a scratch)."""
 
@@ -198,6 +201,11 @@ def levelled(trace: Trace) -> LevelledTrace:
             f"{CLEAR:g} are asked; measure a longer trace or several of them, or give the volume"
         )
     _check_shoulders(bins, place, trace.name)
+    if place.depth_um < _SHALLOWEST * 2e3 * place.half_mm:
+        raise InputError(
+            f"{trace.name}: its scar is {place.depth_um:.2g} µm deep over {2 * place.half_mm:.3g} "
+            "mm, which no profilometer sees; check the unit of z (µm, mm) in its column's name"
+        )
     found = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
     if max(found.ridges_mm2) < _PILED_UP * found.ridge_uncertainty_mm2:
         return found
