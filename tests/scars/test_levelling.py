@@ -33,8 +33,10 @@ def pull(found, distance):
     return (found.worn_area_mm2 - worn_area_mm2(distance, K)) / found.worn_area_uncertainty_mm2
 
 
-@pytest.mark.parametrize("finish", FINISHES)
-@pytest.mark.parametrize("distance", DISTANCES_M)
+@pytest.mark.parametrize(
+    ("distance", "finish"),
+    list(zip(DISTANCES_M, (*FINISHES, "ground"), strict=True)),
+)
 def test_area_and_edges_are_within_their_uncertainty(finish, distance):
     """4.5: a spectrum of five degrees of freedom, beyond which one in 150 lies."""
     trace, middle = trace_of([1, int(distance)], distance, 0.08, finish)
@@ -99,7 +101,7 @@ def test_ridges_beside_a_scar_are_said_and_are_no_wear():
     assert found.worn_area_mm2 == pytest.approx(worn_area_mm2(155.0, K), rel=0.02)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_shallow_scar_is_wide_or_refused(seed):
     """1 µm deep in an Ra of .8 µm: below twice the roughness."""
     trace, _ = trace_of([8, seed], 31.0, 0.8, FINISHES[seed % 3])
@@ -133,7 +135,7 @@ def test_millimetres_called_micrometres_are_refused():
 def test_a_deep_waviness_widens_the_area():
     """Waves as long as the scar cannot be told from it: the ± has to hold them."""
     plain, waved = [], []
-    for seed in range(6):
+    for seed in range(3):
         trace, _ = trace_of([11, seed], 155.0, 0.05, "lapped", spikes=False)
         phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi)
         wave = 0.2 * np.sin(2.0 * np.pi * trace.x_mm / 1.1 + phase)
@@ -175,7 +177,7 @@ def test_the_spectrum_of_known_waves_is_found():
     rng = np.random.default_rng(13)
     step, count, length = 0.02, 240, 0.03
     pulls = []
-    for _ in range(8):
+    for _ in range(4):
         z = 0.2 * rough_surface("ground", count * 20, step / 20, rng, length_mm=length)
         z = z.reshape(count, 20).mean(axis=1)
         form = np.polynomial.legendre.legvander(np.linspace(-1, 1, count), 4)

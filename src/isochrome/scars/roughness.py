@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-WALK = 1.0
-"""Standard deviation of the prior's step of ln S from one octave to the next: 1 is a slope of the
-spectrum between a plateau and f^-1.4, so that both, and what is steeper, come out of the data."""
+WALK = 0.6
+"""Standard deviation of the prior's step of ln S from one octave to the next: between a plateau and
+f^-0.9, so that f^-2, two of them, and tool marks come out of the data. Measured on 150 traces: the
+pull of the worn area is 1.14 with it, and 1.25 with 1, which leaves each band to itself."""
 
 _LONGER = 1.3
 """Period of the waves over the trace, so that its two ends are not neighbours."""

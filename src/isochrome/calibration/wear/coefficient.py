@@ -38,9 +38,10 @@ SURE = 5.0
 """Difference of ln Z that is a clear margin: odds of 150 to 1 (Kass & Raftery 1995, JASA 90,
 773)."""
 
-_NODES = 41
+_NODES, _ZOOMS = 41, 4
 _REACH = 4.0
-"""Nodes of each prior's average, and how far they reach, in its standard deviations."""
+"""Nodes of an average over the priors, how often they are drawn closer about the posterior, and how
+far they reach at first, in the priors' standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,17 +145,20 @@ def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> 
     """Running-in, averaged over its priors; what it gives is the average by the posterior."""
     slid = np.array([volume.distance_m for volume in volumes])
     load = np.array([volume.normal_n for volume in volumes])
-    nodes = np.linspace(-_REACH, _REACH, _NODES)
-    ratio = np.exp(nodes)[:, None, None]
-    turn = np.exp(np.mean(np.log(np.unique(slid))) + nodes)[None, :, None]
-    until = np.minimum(slid, turn)
-    extra = until - until**2 / (2.0 * turn)  # ∫ (1 - s/s0) ds
-    work = 1e3 * load * (slid + (ratio - 1.0) * extra)
-    k, information, square, log_z = _solve(work, values, spread)
-    prior = -0.5 * (nodes[:, None] ** 2 + nodes[None, :] ** 2)
-    total = log_z + prior
-    log_evidence = logsumexp(total) - logsumexp(prior)
-    weight = np.exp(total - logsumexp(total))
+    typical = float(np.exp(np.mean(np.log(np.unique(slid)))))
+    ranges = [(-_REACH, _REACH)] * 2
+    for _ in range(_ZOOMS):
+        one, two = (np.linspace(low, high, _NODES) for low, high in ranges)
+        ratio, turn = np.exp(one)[:, None, None], typical * np.exp(two)[None, :, None]
+        until = np.minimum(slid, turn)
+        extra = until - until**2 / (2.0 * turn)  # ∫ (1 - s/s0) ds
+        work = 1e3 * load * (slid + (ratio - 1.0) * extra)
+        k, information, square, log_z = _solve(work, values, spread)
+        cell = (one[1] - one[0]) * (two[1] - two[0]) / (2.0 * np.pi)
+        total = log_z - 0.5 * (one[:, None] ** 2 + two**2) + np.log(cell)
+        log_evidence = logsumexp(total)
+        weight = np.exp(total - log_evidence)
+        ranges = [_narrowed(nodes, weight.sum(axis=axis)) for axis, nodes in ((1, one), (0, two))]
 
     def mean(part: Array) -> float:
         return float(np.sum(weight * part))
@@ -167,8 +171,14 @@ def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> 
         chi_square=float(square.min()),
         freedom=len(values) - 3,
         log_evidence=float(log_evidence),
-        first_over_last=float(np.exp(mean(np.broadcast_to(nodes[:, None], k.shape)))),
-        running_in_distance_m=float(
-            np.exp(mean(np.broadcast_to(np.log(turn[0, :, 0])[None, :], k.shape)))
-        ),
+        first_over_last=float(np.exp(mean(one[:, None]))),
+        running_in_distance_m=typical * float(np.exp(mean(two[None, :]))),
     )
+
+
+def _narrowed(nodes: Array, weight: Array) -> tuple[float, float]:
+    """Where a posterior is, with room: its grid is made finer until it is wider than its cells."""
+    middle = float(weight @ nodes)
+    spread = float(np.sqrt(np.sum(weight * (nodes - middle) ** 2)))
+    room = float(max(_REACH * 1.5 * spread, 3.0 * (nodes[1] - nodes[0])))
+    return max(middle - room, float(nodes[0])), min(middle + room, float(nodes[-1]))
