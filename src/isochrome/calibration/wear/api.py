@@ -15,6 +15,7 @@ from isochrome.calibration.wear.contradictions import contradictions
 from isochrome.calibration.wear.result import WearCalibration, WornDistance
 from isochrome.calibration.wear.settings import WearSet
 from isochrome.calibration.wear.worn_volumes import (
+    UNLIKELY,
     TraceScatter,
     WornVolume,
     trace_scars,
@@ -170,7 +171,7 @@ def _own_rows(
 
 def _is_off_law(archard: WearLawFit) -> bool:
     """Whether the distances leave Archard's law by more than chance."""
-    return float(chdtrc(archard.freedom, archard.chi_square)) < 0.05
+    return float(chdtrc(archard.freedom, archard.chi_square)) < UNLIKELY
 
 
 def _joined(parts: Array) -> float:
