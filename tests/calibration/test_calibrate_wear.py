@@ -195,6 +195,9 @@ def test_a_scene_says_where_width_and_load_are_others(ground_set):
     said = calibrate_wear(settings.model_copy(update={"scar": scar, "trace": heavy})).warnings
     assert any("normal_n = 80" in text for text in said)
     assert any("mm wide, and" in text for text in said)
+    unworn = scar.model_copy(update={"scene": "ring"})
+    with pytest.raises(InputError, match=r"scar.scene = 'ring' has no \[indenter\]"):
+        calibrate_wear(settings.model_copy(update={"scar": unworn}))
     other = scar.model_copy(update={"width_mm": 6.0})
     said = calibrate_wear(settings.model_copy(update={"scar": other})).warnings
     assert any("specimen.thickness_mm = 4" in text for text in said)

@@ -38,7 +38,7 @@ def pull(found, distance):
     list(zip(DISTANCES_M, (*FINISHES, "ground"), strict=True)),
 )
 def test_area_and_edges_are_within_their_uncertainty(finish, distance):
-    """4.5: a spectrum of five degrees of freedom, beyond which one in 150 lies."""
+    """4.5: Student's t of six degrees of freedom, beyond which one in 250 lies."""
     trace, middle = trace_of([1, int(distance)], distance, 0.08, finish)
     found = levelled(trace)
     assert abs(pull(found, distance)) < 4.5

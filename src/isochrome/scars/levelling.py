@@ -93,9 +93,10 @@ class LevelledTrace:
     worn_area_mm2 : float
         The worn area; it may be below zero where little is worn, mm².
     worn_area_uncertainty_mm2 : float
-        Its standard uncertainty by roughness and levelling, mm².
+        Its standard uncertainty by roughness and levelling, with what is not known of the
+        roughness's spectrum itself (`student_factor`), mm².
     degrees_of_freedom : float
-        Those of that uncertainty.
+        Those of the spectrum's part in it.
     levelling_uncertainty_mm2 : float
         The part of it that is the level's, by the shoulders alone, mm².
     depth_covariance_um2 : ndarray, shape (n, n)
@@ -136,6 +137,11 @@ class LevelledTrace:
     ridge_uncertainty_mm2: float = 0.0
     spikes: int = 0
     messages: tuple[str, ...] = ()
+
+    @property
+    def student_factor(self) -> float:
+        """What its variances are more by than the spectrum's own: ν/(ν-2), that of Student's t."""
+        return student_factor_of(self.degrees_of_freedom)
 
     @property
     def width_mm(self) -> float:
@@ -328,6 +334,7 @@ def _level(
     to_area = 1e-3 * step * inside  # µm to mm
     rows = to_area @ level - to_area  # of A = rows @ z
     variance, freedom = roughness.variance(rows)
+    wider = student_factor_of(freedom)
     areas = np.array([(to_area @ one - to_area) @ z for one in levels])
     between = float(weights @ (areas - weights @ areas) ** 2)
     drawn = _drawn(x, levels, weights)
@@ -353,12 +360,12 @@ def _level(
         edge_uncertainty_mm=place.edge_uncertainty_mm,
         window_mm=(low, high),
         worn_area_mm2=float(rows @ z),
-        worn_area_uncertainty_mm2=float(np.sqrt(variance + between)),
+        worn_area_uncertainty_mm2=float(np.sqrt(wider * (variance + between))),
         degrees_of_freedom=freedom,
         levelling_uncertainty_mm2=float(
-            np.sqrt(own @ covariance @ own + to_area @ drawn @ to_area + between)
+            np.sqrt(wider * (own @ covariance @ own + to_area @ drawn @ to_area + between))
         ),
-        depth_covariance_um2=to_depth @ covariance @ to_depth.T + drawn,
+        depth_covariance_um2=wider * (to_depth @ covariance @ to_depth.T + drawn),
         roughness=roughness,
         deepest_um=place.depth_um,
         clear=place.clear,
@@ -367,6 +374,15 @@ def _level(
         spikes=bins.spikes,
         messages=messages,
     )
+
+
+def student_factor_of(degrees_of_freedom: float) -> float:
+    """Variance of Student's t over that of the normal distribution, ν/(ν-2); at least 3 degrees.
+
+    Source: JCGM 101:2008, 6.4.9.3: the standard uncertainty where a variance is itself estimated.
+    """
+    freedom = max(degrees_of_freedom, 3.0)
+    return freedom / (freedom - 2.0) if np.isfinite(freedom) else 1.0
 
 
 def _drawn(x: Array, levels: Array, weights: Array) -> Array:

@@ -19,7 +19,7 @@ from isochrome.calibration.wear.worn_volumes import (
     WornVolume,
 )
 from isochrome.contact import contact_states
-from isochrome.errors import IsochromeError
+from isochrome.errors import InputError, IsochromeError
 from isochrome.scene import load_scene, scene_names
 
 Array = NDArray[Any]
@@ -176,6 +176,11 @@ def _of_scene(
         return
     name = settings.scar.scene
     scene = load_scene(name if name in scene_names() else settings.path(name))
+    if scene.indenter is None or scene.load is None or scene.wear is None:
+        raise InputError(
+            f"{settings.name}: scar.scene = '{name}' has no [indenter], [load] and [wear] to "
+            "simulate scars with; name a scene that wears, or remove the key"
+        )
     thickness = scene.specimen.thickness_mm
     if thickness is not None and abs(settings.scar.width_mm / thickness - 1.0) > _ALIKE:
         yield (

@@ -136,10 +136,15 @@ def _groups(scars: Sequence[TraceScar]) -> list[tuple[TraceScar, ...]]:
 
 
 def _areas(group: Sequence[TraceScar]) -> tuple[Array, Array]:
-    """Areas (n,), mm², and their variances, mm⁴."""
+    """Areas (n,), mm², and their variances by the spectra, mm⁴.
+
+    How well those are known is in the factor φ here, and not in each.
+    """
     scars = [scar.levelled for scar in group if scar.levelled is not None]
     areas = np.array([scar.worn_area_mm2 for scar in scars])
-    return areas, np.array([scar.worn_area_uncertainty_mm2**2 for scar in scars])
+    return areas, np.array(
+        [scar.worn_area_uncertainty_mm2**2 / scar.student_factor for scar in scars]
+    )
 
 
 def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
@@ -168,10 +173,11 @@ def _of_traces(
     areas, variances = _areas(group)
     width, count = settings.scar.width_mm, len(areas)
     levels = np.array(
-        [s.levelled.levelling_uncertainty_mm2 for s in group if s.levelled is not None]
-    )
+        [s.levelled.levelling_uncertainty_mm2**2 / s.levelled.student_factor
+         for s in group if s.levelled is not None]
+    )  # fmt: skip
     total = float(np.mean(variances)) / count
-    level = min(float(np.mean(levels**2)) / count, total)
+    level = min(float(np.mean(levels)) / count, total)
     first = group[0].test
     return WornVolume(
         distance_m=first.distance_m,
