@@ -77,14 +77,13 @@ def test_the_uncertainty_is_that_of_a_monte_carlo():
     found = calibrate_wear(volumes(true.tolist(), spread=spread, **relative))
     work = 44.0 * 1e3 * np.array(DISTANCES)
     weight = 1.0 / np.square(spread)
-    draws = []
-    for _ in range(20_000):
-        own = true + np.array(spread) * rng.standard_normal(4)
-        shared = work * (1.0 + 0.015 * rng.standard_normal()) * (1.0 + 0.01 * rng.standard_normal())
-        draws.append(np.sum(weight * shared * own) / np.sum(weight * shared**2))
+    own = true + np.array(spread) * rng.standard_normal((20_000, 4))
+    common = (1.0 + np.array([0.015, 0.01]) * rng.standard_normal((20_000, 2))).prod(axis=1)
+    shared = work * common[:, None]
+    draws = (weight * shared * own).sum(axis=1) / (weight * shared**2).sum(axis=1)
     assert found.standard_uncertainty == pytest.approx(np.std(draws), rel=0.05)
     low, high = found.interval_95
-    inside = np.mean((np.array(draws) > low) & (np.array(draws) < high))
+    inside = np.mean((draws > low) & (draws < high))
     assert inside == pytest.approx(0.95, abs=0.01)
     assert sum(item.share for item in found.budget) == pytest.approx(1.0)
     assert {item.input for item in found.budget} == {"volumes", "normal_n", "distance_m"}
@@ -123,6 +122,7 @@ def test_traces_give_the_coefficient_within_its_interval(ground):
     assert ground.degrees_of_freedom > 8.0
 
 
+@pytest.mark.long
 def test_the_profilometer_and_the_width_go_into_the_budget(ground_set, ground):
     settings = WearSet.read(ground_set)
     known = {"height_percent": 0.5, "lateral_percent": 0.2, "width_mm": 0.04, "load_percent": 1.0}
@@ -140,6 +140,7 @@ def test_the_profilometer_and_the_width_go_into_the_budget(ground_set, ground):
     assert found.degrees_of_freedom > ground.degrees_of_freedom
 
 
+@pytest.mark.long
 def test_a_distance_whose_traces_are_not_all_clear_is_left_out(tmp_path, ground_set):
     folder = shutil.copytree(ground_set.parent, tmp_path / "set")
     rng = np.random.default_rng(3)
@@ -161,6 +162,7 @@ def test_traces_that_show_no_scar_at_all_are_refused(tmp_path):
         calibrate_wear(tmp_path / "set.toml")
 
 
+@pytest.mark.long
 def test_scars_that_are_exchanged_are_said(tmp_path, ground_set):
     folder = shutil.copytree(ground_set.parent, tmp_path / "set")
     for number in (1, 2, 3):
@@ -175,6 +177,7 @@ def test_scars_that_are_exchanged_are_said(tmp_path, ground_set):
     assert "do not agree on one coefficient" in said
 
 
+@pytest.mark.long
 def test_traces_of_one_distance_that_differ_are_said(tmp_path, ground_set):
     folder = shutil.copytree(ground_set.parent, tmp_path / "set")
     rng = np.random.default_rng(5)
@@ -186,6 +189,7 @@ def test_traces_of_one_distance_that_differ_are_said(tmp_path, ground_set):
     assert "scatter of the traces" in {item.input for item in found.budget}
 
 
+@pytest.mark.long
 def test_a_scene_says_where_width_and_load_are_others(ground_set):
     settings = WearSet.read(ground_set)
     scar = settings.scar.model_copy(update={"scene": "line-contact-wear"})
@@ -296,6 +300,7 @@ def test_by_another_law_the_scene_gets_that_laws_coefficient(tmp_path):
     assert write_into_scene(exactly, path) == pytest.approx(K, rel=1e-6)
 
 
+@pytest.mark.long
 def test_the_command_leaves_json_and_figure(tmp_path, ground_set, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(app, ["calibrate", "wear", str(ground_set), "--json"])

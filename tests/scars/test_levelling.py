@@ -132,6 +132,7 @@ def test_millimetres_called_micrometres_are_refused():
         levelled(replace(trace, z_um=1e-3 * trace.z_um))
 
 
+@pytest.mark.long
 def test_a_deep_waviness_widens_the_area():
     """Waves as long as the scar cannot be told from it: the ± has to hold them."""
     plain, waved = [], []
