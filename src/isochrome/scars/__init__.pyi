@@ -1,4 +1,5 @@
-from .levelling import LevelledTrace, UnclearScarError, levelled
+from .levelled_trace import LevelledTrace
+from .levelling import UnclearScarError, levelled
 from .roughness import Roughness
 from .trace import Trace, read_trace
 
