@@ -119,7 +119,7 @@ def levelled(trace: Trace) -> LevelledTrace:
         raise UnclearScarError(
             f"{trace.name}: no scar stands out of its roughness: the clearest dip is "
             f"{place.depth_um:.2g} µm deep, {place.clear:.1f} of its standard uncertainty where "
-            f"{STANDS_OUT:g} are asked; measure a longer trace or several of them, or give the volume"
+            f"{STANDS_OUT:g} are asked; measure a longer trace, or give the volume"
         )
     _check_shoulders(bins, place, trace.name)
     if place.depth_um < _SHALLOWEST * 2e3 * place.half_mm:
