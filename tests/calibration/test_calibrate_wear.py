@@ -231,8 +231,8 @@ def test_running_in_is_told_and_its_numbers_are_found():
     best = found.laws[0]
     assert found.law == "running_in"
     assert best.coefficient_mm2_per_n == pytest.approx(K, abs=3.0 * best.own_uncertainty)
-    assert best.first_over_last == pytest.approx(3.0, rel=0.25)
-    assert best.running_in_distance_m == pytest.approx(60.0, rel=0.25)
+    assert best.first_over_last == pytest.approx(3.0, rel=0.05)
+    assert best.running_in_distance_m == pytest.approx(60.0, rel=0.05)
     assert any("runs in over" in text for text in found.warnings)
     assert any("do not agree on one coefficient" in text for text in found.warnings)
 
