@@ -7,17 +7,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from isochrome.errors import InputError
 from isochrome.scene.imaging import Camera, Frames
+from isochrome.scene.measured_course import FILES, with_tables
 from isochrome.scene.parts import Friction, Indenter, Load, Numerics, Polariscope, Wear
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
 from isochrome.scene.specimen import BODIES, Body, Specimen
 from isochrome.scene.uncertain import PAIRS, with_pairs
 from isochrome.scene.validation import validate
 
-NO_KEYS = ("folder", "name", PAIRS)
+NO_KEYS = ("folder", "name", PAIRS, FILES)
 """Fields of a scene that are no keys of its file."""
 
 
@@ -56,6 +57,8 @@ class Scene(ScenePart):
         Name of the scene, in titles and messages.
     stated_uncertainty : tuple of tuple of (str, float), optional
         What `uncertainties` holds, as pairs.
+    table_files : tuple of str, optional
+        The files from which friction and load were read: their parts hold the tables.
 
     Raises
     ------
@@ -84,11 +87,13 @@ class Scene(ScenePart):
     folder: Path | None = Field(default=None, exclude=True, repr=False)
     name: str = Field(default="scene", exclude=True, repr=False)
     stated_uncertainty: tuple[tuple[str, float], ...] = Field(default=(), exclude=True, repr=False)
+    table_files: tuple[str, ...] = Field(default=(), exclude=True, repr=False)
 
     @model_validator(mode="before")
     @classmethod
-    def _plain_values(cls, data: Any) -> Any:
-        return with_pairs(cls, data)
+    def _plain_values(cls, data: Any, info: ValidationInfo) -> Any:
+        given = data.get("folder") if isinstance(data, dict) else None
+        return with_pairs(cls, with_tables(data, given or info.context))
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Scene:
@@ -260,7 +265,8 @@ class Scene(ScenePart):
         Parameters: `of_frames`, whether those of [frames] are among them, which a simulation does
         not read.
         """
-        named = [
+        named: list[str | None] = [
+            *self.table_files,
             self.camera.response if self.camera else None,
             self.indenter.profile if self.indenter else None,
         ]
