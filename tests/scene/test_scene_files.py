@@ -110,7 +110,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_a_line(tmp_path, text, words):
     [
         HEAD + STEADY + "200,0.2\n",  # nothing has changed over the gap
         HEAD + STEADY + "20,0.3\n",  # ten steps are no gap
-        HEAD + "0,.1\n.1,.12\n1,.2\n10,.24\n100,.25\n",  # rows ten times as far as those before
+        HEAD + "0,.1\n.1,.1\n1,.1\n10,.1\n100,.12\n1e3,.2\n",  # each step ten times the last
     ],
 )
 def test_steps_that_are_no_gap_are_read(tmp_path, text):

@@ -142,6 +142,21 @@ class Wear(ScenePart):
         return value_at(self.coefficient_mm2_per_n, distance_m)
 
 
+class MeasuredScar(ScenePart):
+    """A profilometer's trace across the worn scar, see `isochrome.scars.read_trace`.
+
+    Parameters
+    ----------
+    file : str
+        The trace's file, relative to the scene's.
+    distance_m : float
+        Distance slid when it was measured, m; several traces may have the same.
+    """
+
+    file: FileName
+    distance_m: Positive
+
+
 class PolariscopeStep(ScenePart):
     """The elements' angles for one frame of a phase-stepped set; no plates: a plane polariscope.
 

@@ -12,7 +12,15 @@ from pydantic import Field, ValidationInfo, model_validator
 from isochrome.errors import InputError
 from isochrome.scene.imaging import Camera, Frames
 from isochrome.scene.measured_course import FILES, with_tables
-from isochrome.scene.parts import Friction, Indenter, Load, Numerics, Polariscope, Wear
+from isochrome.scene.parts import (
+    Friction,
+    Indenter,
+    Load,
+    MeasuredScar,
+    Numerics,
+    Polariscope,
+    Wear,
+)
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
 from isochrome.scene.specimen import BODIES, Body, Specimen
 from isochrome.scene.uncertain import PAIRS, with_pairs
@@ -49,6 +57,8 @@ class Scene(ScenePart):
         The pixel grid (mm), and what the sensor does to the light.
     frames : Frames, optional
         How captured frames are to be read.
+    scar : tuple of MeasuredScar, optional
+        Measured traces of the worn scar, which `compare` sets beside the simulated ones.
     numerics : Numerics, optional
         How finely the contact is computed.
     folder : Path, optional
@@ -83,6 +93,7 @@ class Scene(ScenePart):
     polariscope: Polariscope = Polariscope()
     camera: Camera | None = None
     frames: Frames = Frames()
+    scar: tuple[MeasuredScar, ...] = ()
     numerics: Numerics = Numerics()
     folder: Path | None = Field(default=None, exclude=True, repr=False)
     name: str = Field(default="scene", exclude=True, repr=False)
@@ -108,6 +119,8 @@ class Scene(ScenePart):
                 raise ValueError(f"{key} is missing, and {self._what()} needs it; add it")
         if self.indenter is None and (self.friction or self.wear):
             raise ValueError("[friction] and [wear] need an [indenter]; add it, or remove them")
+        if self.scar and self.wear is None:
+            raise ValueError("[[scar]] needs [wear], which makes scars; add it, or remove [[scar]]")
         if self.wear and self.wear.law == "dissipated_energy" and self.friction is None:
             raise ValueError(
                 "wear.law = 'dissipated_energy' needs [friction], which dissipates the energy; "
