@@ -98,7 +98,7 @@ def compare_command(
     out: Out = Path("isochrome-compare"),
     as_json: Json = False,
 ) -> None:
-    """Compare experiment and simulation: metrics and the side-by-side figure, of frames or scars."""
+    """Compare experiment and simulation, frames or scars: metrics and the side-by-side figure."""
     from isochrome.comparison import compare as run
 
     with steps(quiet=True) as say:

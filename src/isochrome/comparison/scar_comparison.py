@@ -44,6 +44,8 @@ class ScarComparison(Result):
 
     Parameters
     ----------
+    draw : callable, optional
+        Makes the figure.
     scene : Scene
         The scene whose wear made the simulated scars.
     names : tuple of str
@@ -54,8 +56,6 @@ class ScarComparison(Result):
         Each trace on its scar; None where it shows none.
     messages : tuple of str
         What is to be known of the traces.
-    draw : callable, optional
-        Makes the figure.
     """
 
     scene: Scene
@@ -141,9 +141,9 @@ def compare_scars(
 ) -> ScarComparison:
     """Set measured scars beside the simulated ones: depth over x, worn area, width, difference.
 
-    Each trace is levelled on its shoulders, moved onto the simulated scar of its distance by the
-    middles between their edges, and subtracted. The scene's wear is solved at the traces' distances,
-    and once more for either side of each uncertainty that the scene states, which makes the band.
+    Each trace is levelled on its shoulders, moved onto the simulated scar of its distance by least
+    squares, and subtracted. The scene's wear is solved at the traces'
+    distances, and again with each input moved by its stated uncertainty, which makes the band.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.comparison.scar_metrics import ScarPair
-from isochrome.comparison.simulated_scars import SimulatedScar, combined
+from isochrome.comparison.simulated_scars import SimulatedScar, root_sum_square
 from isochrome.figures import (
     BAND,
     BOLD_PT,
@@ -99,7 +99,7 @@ def _draw_all(
 
 
 def _draw_simulated(axes: Axes, scar: SimulatedScar, colour: Any, **line: Any) -> None:
-    spread = np.broadcast_to(combined(scar.moved_um), scar.depth_um.shape)
+    spread = np.broadcast_to(root_sum_square(scar.moved_um), scar.depth_um.shape)
     draw_band(axes, scar.x_mm, scar.depth_um, spread, colour=colour, **line)
 
 
@@ -129,7 +129,9 @@ def _draw_distance(
 
 def _area_text(scar: SimulatedScar, traces: Sequence[tuple[str, ScarPair]]) -> str:
     """Worn areas, in 1e-3 mm²: the mean of the traces' beside the simulated one."""
-    model = with_uncertainty(1e3 * scar.worn_area_mm2, 1e3 * float(combined(scar.moved_area_mm2)))
+    model = with_uncertainty(
+        1e3 * scar.worn_area_mm2, 1e3 * float(root_sum_square(scar.moved_area_mm2))
+    )
     head = f"{scar.distance_m:g} m: worn area (1e-3 mm²)"
     if not traces:
         return f"{head}: no clear scar, simulated {model}"

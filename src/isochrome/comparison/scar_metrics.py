@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.comparison.simulated_scars import SimulatedScar, combined
+from isochrome.comparison.simulated_scars import SimulatedScar, root_sum_square
 from isochrome.scars import LevelledTrace
 
 Array = NDArray[np.floating]
 
 _FIRM = 1e-8
 """Of a covariance's diagonal, added to it: rounding."""
+_STEPS, _SETTLED = 10, 0.02
+"""Most steps of an alignment, and the step over the shift's uncertainty that ends it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +30,7 @@ class ScarPair:
     scar : SimulatedScar
         The scar.
     shift_mm : float
-        What was taken off the trace's x, mm: the trace's centre less the scar's.
+        What was taken off the trace's x, mm.
     shift_uncertainty_mm : float
         Its standard uncertainty, mm.
     x_mm : ndarray, shape (n,)
@@ -62,7 +64,7 @@ class ScarPair:
     @property
     def area_difference_mm2(self) -> tuple[float, float]:
         """Measured less simulated worn area, and its standard uncertainty, mm²."""
-        own = float(combined(self.scar.moved_area_mm2))
+        own = float(root_sum_square(self.scar.moved_area_mm2))
         return (
             self.trace.worn_area_mm2 - self.scar.worn_area_mm2,
             float(np.hypot(self.trace.worn_area_uncertainty_mm2, own)),
@@ -75,12 +77,15 @@ class ScarPair:
 
 
 def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
-    r"""Move a trace onto a simulated scar by their middles, and subtract.
+    r"""Move a trace onto a simulated scar, and subtract.
 
-    A trace's x begins anywhere, so that both middles between edges are put on each other. With
-    d = h_measured - h_simulated over the n bins of the scar and its covariance,
+    A trace's x begins anywhere. With d = h_measured - h_simulated over the n bins of the scar, the
+    shift is that of least dᵀ C_trace⁻¹ d, from the middles between both scars' edges, and
 
-        C = C_trace + Σ_inputs δh δhᵀ + u_shift² h' h'ᵀ,    chi² = dᵀ C⁻¹ d / n.
+        u_shift² = 1/(h'ᵀ C_trace⁻¹ h'),    C = C_trace + Σ_inputs δh δhᵀ + u_shift² h' h'ᵀ,
+        chi² = dᵀ C⁻¹ d / n.
+
+    A scar that is deeper or wider than the other stays in the middle: h' is odd about it.
 
     Parameters
     ----------
@@ -94,21 +99,17 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     ScarPair
         Both, and what they differ by.
     """
-    shift = trace.centre_mm - scar.centre_mm
-    spread = 0.5 * float(np.hypot(*trace.edge_uncertainty_mm))
+    shift, spread = _aligned(trace, scar)
     x = trace.x_mm - shift
+    inside, slope = _both(trace, scar, shift), scar.slope(x)
     simulated = scar.on_bins(x, scar.depth_um)
     rows = [scar.on_bins(x, moved) for moved in scar.moved_um.values()]
     inputs = np.array(rows).reshape(-1, len(x))
     covariance = trace.depth_covariance_um2 + inputs.T @ inputs
-    by_shift = spread * scar.slope(x)
-    covariance += np.outer(by_shift, by_shift)
+    covariance += spread**2 * np.outer(slope, slope)
     difference = trace.depth_um - simulated
-    low, high = _both(trace, scar, shift)
-    inside = np.flatnonzero((x >= low) & (x <= high))
-    part = covariance[np.ix_(inside, inside)]
-    part[np.diag_indices_from(part)] *= 1.0 + _FIRM
     d = difference[inside]
+    part = _firm(covariance[np.ix_(inside, inside)])
     return ScarPair(
         trace=trace,
         scar=scar,
@@ -124,10 +125,35 @@ def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
     )
 
 
-def _both(trace: LevelledTrace, scar: SimulatedScar, shift: float) -> tuple[float, float]:
-    """From where to where either of both scars reaches, mm."""
+def _firm(covariance: Array) -> Array:
+    """A covariance (n, n) that is definite beyond rounding."""
+    return covariance + _FIRM * np.diag(np.diag(covariance))
+
+
+def _aligned(trace: LevelledTrace, scar: SimulatedScar) -> tuple[float, float]:
+    """The shift (mm) of least squares by Gauss-Newton steps, and its standard uncertainty."""
+    shift = trace.centre_mm - scar.centre_mm
+    for _ in range(_STEPS):
+        x = trace.x_mm - shift
+        inside, slope = _both(trace, scar, shift), scar.slope(x)
+        d = (trace.depth_um - scar.on_bins(x, scar.depth_um))[inside]
+        weighed = np.linalg.solve(
+            _firm(trace.depth_covariance_um2[np.ix_(inside, inside)]), slope[inside]
+        )
+        weight = float(weighed @ slope[inside])
+        step = -float(weighed @ d) / weight
+        shift += step
+        if abs(step) < _SETTLED * weight**-0.5:
+            break
+    return shift, weight**-0.5
+
+
+def _both(trace: LevelledTrace, scar: SimulatedScar, shift: float) -> NDArray[np.intp]:
+    """Bins where either of both scars reaches."""
     left, right = (edge - shift for edge in trace.window_mm)
-    return min(left, scar.edges_mm[0]), max(right, scar.edges_mm[1])
+    low, high = min(left, scar.edges_mm[0]), max(right, scar.edges_mm[1])
+    x = trace.x_mm - shift
+    return np.flatnonzero((x >= low) & (x <= high))
 
 
 def scar_columns(name: str, scar: SimulatedScar, pair: ScarPair | None) -> dict[str, Any]:
@@ -145,15 +171,15 @@ def scar_columns(name: str, scar: SimulatedScar, pair: ScarPair | None) -> dict[
         "measured_area_mm2": trace and trace.worn_area_mm2,
         "measured_area_uncertainty_mm2": trace and trace.worn_area_uncertainty_mm2,
         "simulated_area_mm2": scar.worn_area_mm2,
-        "simulated_area_uncertainty_mm2": float(combined(scar.moved_area_mm2)),
+        "simulated_area_uncertainty_mm2": float(root_sum_square(scar.moved_area_mm2)),
         "area_difference_mm2": area,
         "area_difference_uncertainty_mm2": spread,
         "measured_width_mm": trace and trace.width_mm,
         "measured_width_uncertainty_mm": pair and pair.measured_width_uncertainty_mm,
         "simulated_width_mm": scar.width_mm,
-        "simulated_width_uncertainty_mm": float(combined(scar.moved_width_mm)),
+        "simulated_width_uncertainty_mm": float(root_sum_square(scar.moved_width_mm)),
         "simulated_depth_um": float(scar.depth_um.max()),
-        "simulated_depth_uncertainty_um": float(combined(scar.moved_depth_um)),
+        "simulated_depth_uncertainty_um": float(root_sum_square(scar.moved_depth_um)),
         "difference_rms_um": pair and pair.rms_um,
         "difference_chi": pair and pair.chi,
     }

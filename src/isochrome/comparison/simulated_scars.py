@@ -79,7 +79,7 @@ class SimulatedScar:
         return np.asarray(np.diff(np.interp(ends, self.x_mm, self.depth_um)) / step)
 
 
-def combined(moved: Mapping[str, Any]) -> Any:
+def root_sum_square(moved: Mapping[str, Any]) -> Any:
     """Root of the sum of squares of what inputs that know nothing of each other move."""
     return np.sqrt(sum((np.square(value) for value in moved.values()), np.zeros(())))
 
