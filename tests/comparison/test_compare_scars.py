@@ -170,6 +170,12 @@ def test_traces_may_be_named_without_a_scene_of_their_own(measured, tmp_path):
     own = compare(load_scene(measured), load_scene(measured))
     assert listed.columns["measured_area_mm2"] == own.columns["measured_area_mm2"][::-1]
     assert listed.columns["difference_chi"] == own.columns["difference_chi"][::-1]
+    traces = "".join(
+        f'[[trace]]\nfile = "{d}.csv"\ndistance_m = {d}\nnormal_n = 44.0\n' for d in (77, 233)
+    )
+    (folder / "set.toml").write_text("[scar]\nwidth_mm = 4.0\n" + traces)
+    of_set = compare(folder / "set.toml", measured)
+    assert of_set.columns == own.columns
 
 
 def test_another_load_is_said_and_exact_inputs_too(measured):

@@ -92,7 +92,9 @@ def simulate_command(
 def compare_command(
     experiment: Annotated[
         str,
-        typer.Argument(help="Result folder of process, or frames; or a scene with [[scar]]."),
+        typer.Argument(
+            help="Result folder of process, or frames; or traces: a scene or a wear set."
+        ),
     ],
     simulation: Annotated[str, typer.Argument(help="Result folder of simulate, or frames.")],
     out: Out = Path("isochrome-compare"),

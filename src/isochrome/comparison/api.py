@@ -86,12 +86,14 @@ def compare(
     Each pair of frames gives the root mean square and the 95th percentile of the difference of
     their orders, the share of pixels on a wrong branch, the distance of their fringe lines, and
     what their grey levels have in common: the correlation NCC and the structural similarity SSIM.
-    Where the experiment is a scene, the traces of its [[scar]] are compared, see `compare_scars`.
+    Where the experiment is a scene with [[scar]], or a set of `calibrate_wear`, its traces are
+    compared with the scars that the simulation's scene makes, see `compare_scars`.
 
     Parameters
     ----------
     experiment : str, Path or Scene
-        Result folder of `process`, TIFF stack, image folder or video; or a scene with [[scar]].
+        Result folder of `process`, TIFF stack, image folder or video; or a scene with [[scar]], or
+        the TOML file of a wear set.
     simulation : str, Path or Scene
         Result folder of `simulate`, TIFF stack, image folder or video on the same pixel grid; for
         scars that folder or a scene.

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from isochrome.calibration import WearSet
 from isochrome.comparison.scar_figure import scars_figure
 from isochrome.comparison.scar_metrics import ScarPair, pair_scar, profile_columns, scar_columns
 from isochrome.comparison.simulated_scars import SimulatedScar, simulated_scars
@@ -25,7 +26,7 @@ from isochrome.output import (
     write_json,
 )
 from isochrome.scars import UnclearScarError, levelled, read_trace
-from isochrome.scene import Scene, dump_scene, load_scene
+from isochrome.scene import Scene, dump_scene, load_scene, parse_toml, read_text
 
 MAIN_SCAR_METRICS = (
     "measured_area_mm2", "measured_area_uncertainty_mm2", "simulated_area_mm2",
@@ -135,7 +136,7 @@ class ScarComparison(Result):
 
 
 def compare_scars(
-    measured: str | Path | Scene | Sequence[tuple[str | Path, float]],
+    measured: str | Path | Scene | WearSet | Sequence[tuple[str | Path, float]],
     simulation: str | Path | Scene,
     out: str | Path | None = None,
 ) -> ScarComparison:
@@ -147,8 +148,9 @@ def compare_scars(
 
     Parameters
     ----------
-    measured : str, Path, Scene or sequence of (str or Path, float)
-        A scene with [[scar]], or files of traces with the distances slid, m.
+    measured : str, Path, Scene, WearSet or sequence of (str or Path, float)
+        A scene with [[scar]], a set of `calibrate_wear` with [[trace]], or files of traces with the
+        distances slid, m.
     simulation : str, Path or Scene
         Result folder of `simulate`, or a scene: a file, a name or a Scene.
     out : str or Path, optional
@@ -205,24 +207,33 @@ def compare_scars(
 
 
 def _traces(
-    measured: str | Path | Scene | Sequence[tuple[str | Path, float]],
+    measured: str | Path | Scene | WearSet | Sequence[tuple[str | Path, float]],
 ) -> tuple[list[Path], list[float]]:
     """Files of traces, and their distances (m)."""
-    if isinstance(measured, str | Path | Scene):
+    rows: list[tuple[Path, float]]
+    if isinstance(measured, str | Path) and _is_wear_set(Path(measured)):
+        measured = WearSet.read(measured)
+    if isinstance(measured, WearSet):
+        rows = [(measured.path(trace.file), trace.distance_m) for trace in measured.trace]
+    elif isinstance(measured, str | Path | Scene):
         scene = load_scene(measured)
         rows = [(scene.path(scar.file), scar.distance_m) for scar in scene.scar]
         if not rows:
             raise InputError(
-                f"{scene.name}: has no [[scar]], with file and distance_m, to compare; add them"
+                f"{scene.name}: has no [[scar]], with file and distance_m, to compare; add them, "
+                "or name a set of `isochrome calibrate wear` with [[trace]]"
             )
     else:
         rows = [(Path(file), float(distance)) for file, distance in measured]
-        wrong = [distance for _, distance in rows if not 0.0 < distance < np.inf]
-        if wrong or not rows:
-            raise InputError(
-                f"distances of traces {wrong}: give each trace with a distance above 0 m"
-            )
+    wrong = [distance for _, distance in rows if not 0.0 < distance < np.inf]
+    if wrong or not rows:
+        raise InputError(f"distances of traces {wrong}: give traces, each with one above 0 m")
     return [file for file, _ in rows], [distance for _, distance in rows]
+
+
+def _is_wear_set(path: Path) -> bool:
+    """Whether a TOML file has traces, as sets of a wear calibration and no scenes have."""
+    return path.is_file() and "trace" in parse_toml(read_text(path), str(path))
 
 
 def _simulated_scene(simulation: str | Path | Scene) -> Scene:

@@ -1,4 +1,4 @@
-"""The sample of a wear calibration: traces across the scars of the true contact."""
+"""The sample of a wear test: traces across the scars of the true contact, and its friction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from isochrome.contact import SurfaceState, contact_states
 from isochrome.output import write_csv, write_json, write_text
 from isochrome.samples.contact_images import SCENE, true_contact
 from isochrome.samples.sensor import sample_text
-from isochrome.scene import load_scene
+from isochrome.scene import Scene, load_scene
 
 Array = NDArray[np.floating]
 
@@ -28,8 +28,13 @@ _DUST, _HIGHEST_UM = 4, 8.0
 """Most points with dust on them, and how high it is."""
 
 
+SPEED_MM_PER_S, RATE_HZ, SCATTER, KEEP = 257.7, 5.0, 0.006, 0.8
+"""The cylinder's 100 revolutions a minute; rows a second of the friction's file, and the scatter of
+its tester, of which this part is still there in the next row."""
+
+
 def render_wear(folder: Path, seed: int) -> None:
-    """Write the traces, the calibration set and the truth to a folder."""
+    """Write the traces, the friction, the calibration set and the truth to a folder."""
     truth = true_contact(load_scene(SCENE))
     states = {state.distance_m: state for state in contact_states(truth)}
     text = sample_text("wear-set.toml")
@@ -41,6 +46,7 @@ def render_wear(folder: Path, seed: int) -> None:
         places[item["file"]] = middle
         worn = float(np.trapezoid(state.wear_depth_mm, state.grid.x_mm))
         areas[f"{item['distance_m']:g}"] = float(f"{worn:.6g}")
+    write_csv(folder / "friction.csv", _friction(truth, np.random.default_rng([seed, 31])))
     write_text(folder / "set.toml", text)
     values: dict[str, Any] = {
         "rendered": "by Isochrome: every value below was put in, none was measured",
@@ -49,10 +55,23 @@ def render_wear(folder: Path, seed: int) -> None:
         "wear.coefficient_mm2_per_n": truth.get("wear.coefficient_mm2_per_n"),
         "worn_area_mm2_by_distance_m": areas,
         "scar_middle_mm": places,
+        "friction_distance_m": list(truth.get("friction.coefficient").distance_m),
+        "friction.coefficient": list(truth.get("friction.coefficient").value),
+        "sliding_speed_mm_per_s": SPEED_MM_PER_S,
         "ra_um": RA_UM,
         "correlation_mm": CORRELATION_MM,
     }
     write_json(folder / "truth.json", values)
+
+
+def _friction(truth: Scene, rng: np.random.Generator) -> dict[str, list[float]]:
+    """The friction that a tester recorded over the test's time: the true one, and scatter."""
+    assert truth.wear is not None
+    end_s = 1e3 * max(truth.wear.distances_m) / SPEED_MM_PER_S
+    time = np.arange(int(end_s * RATE_HZ) + 2) / RATE_HZ
+    scatter = SCATTER * _correlated(len(time), KEEP, rng)
+    found = truth.friction_at(1e-3 * SPEED_MM_PER_S * time) + scatter
+    return {"time_s": np.round(time, 1).tolist(), "coefficient": np.round(found, 4).tolist()}
 
 
 def _trace(state: SurfaceState, rng: np.random.Generator) -> tuple[Array, Array, float]:
@@ -72,10 +91,15 @@ def _trace(state: SurfaceState, rng: np.random.Generator) -> tuple[Array, Array,
 def _ground(x: Array, rng: np.random.Generator) -> Array:
     """Gaussian heights (n,) of Ra 1 that are correlated as exp(-distance/length)."""
     keep = float(np.exp(-(x[1] - x[0]) / CORRELATION_MM))
-    fresh = rng.standard_normal(len(x)) * np.sqrt(1.0 - keep**2)
-    heights = np.empty(len(x))
+    return np.asarray(_correlated(len(x), keep, rng) * np.sqrt(np.pi / 2.0))  # Ra = Rq sqrt(2/pi)
+
+
+def _correlated(count: int, keep: float, rng: np.random.Generator) -> Array:
+    """Gaussian numbers (count,) of variance 1, of each of which a part is in the next."""
+    fresh = rng.standard_normal(count) * np.sqrt(1.0 - keep**2)
+    numbers = np.empty(count)
     last = rng.standard_normal()
     for i, new in enumerate(fresh):
         last = keep * last + new
-        heights[i] = last
-    return np.asarray(heights * np.sqrt(np.pi / 2.0))  # Ra = Rq sqrt(2/pi)
+        numbers[i] = last
+    return numbers
