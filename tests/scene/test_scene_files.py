@@ -91,8 +91,10 @@ STEADY = "".join(f"{k},0.2\n" for k in range(10))
         ("time_min,coefficient\n0,0.1\n1,0.2\n", ["time_min", "distance_m or time_s"]),
         ("distance_m,mu\n0,0.1\n1,0.2\n", ["distance_m, mu", "coefficient; name them so"]),
         ("distance_m,distance_m\n0,0.1\n1,0.2\n", ["distance_m stands there twice"]),
-        ("0,0.1\n1,0.2\n", ["(no header)", "name them so"]),
+        ("0,0.1\n1,0.2\n", ["no names", "name them so"]),
         (HEAD + STEADY + "200,0.3\n", ["lines 11 and 12", "191 m apart", "from 0.2 to 0.3"]),
+        ("\0" * 500, ["is no text"]),
+        ("a" * 500 + ",b\n1,2\n2,3\n", ["a" * 80 + "...", "name them so"]),
         (b"\xff\xfed\x00i\x00", ["not UTF-8 text", "save it as UTF-8"]),
     ],
 )

@@ -18,6 +18,8 @@ from isochrome.output.tables import check_given_table
 _DELIMITERS = (";", "\t", ",")
 """In this order: a comma may be a decimal comma between semicolons, never the other way round."""
 _COMMENT = "#"
+_LONGEST = 80
+"""Letters of a header in a message."""
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
 
@@ -41,6 +43,12 @@ class GivenTable:
     names: tuple[str, ...]
     cells: list[list[str]] = field(repr=False)
     lines: list[int] = field(repr=False)
+
+    @property
+    def header(self) -> str:
+        """Its columns' names, as a message may hold them."""
+        text = ", ".join(self.names) or "no names"
+        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
     def column(self, name: str) -> NDArray[np.float64]:
         """A column (n,) as finite numbers; InputError that names the line and cell on others."""
@@ -93,6 +101,8 @@ def read_given_table(path: Path, what: str) -> GivenTable:
         raise InputError(
             f"{path}: {what} cannot be read ({reason}); check its name, and save it as UTF-8"
         ) from error
+    if "\0" in text:
+        raise InputError(f"{path}: is no text; export {what} as a CSV file")
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)

@@ -132,7 +132,7 @@ def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Float
     place = _DISTANCE if _DISTANCE in given.names else _TIME
     if place not in given.names or kind.column not in given.names:
         raise InputError(
-            f"{given.path}: has the columns {', '.join(given.names) or '(no header)'}, and "
+            f"{given.path}: has the columns {given.header}, and "
             f"{kind.part}.{FILE} needs {_DISTANCE} or {_TIME}, and {kind.column}; name them so, in "
             "these units"
         )
