@@ -245,7 +245,8 @@ def test_pulls_of_area_and_shift_are_those_of_their_uncertainties():
         rows.append((distance, bench, bench.trace(distance, rng)))
     pulls = np.array([pull_of(scene, *row) for row in rows])
     area, shift = np.sqrt(np.mean(pulls[:, :2] ** 2, axis=0))
-    assert 0.75 < area < 1.25, area
+    # an area's ± also holds what one trace leaves unknown of its roughness's spectrum
+    assert 0.6 < area < 1.25, area
     assert 0.75 < shift < 1.25, shift
     assert 0.85 < pulls[:, 2].mean() < 1.15
 
