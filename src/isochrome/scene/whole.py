@@ -275,8 +275,8 @@ class Scene(ScenePart):
     def files(self, *, of_frames: bool) -> list[Path]:
         """The files that the scene names, on which results depend.
 
-        Parameters: `of_frames`, whether those of [frames] are among them, which a simulation does
-        not read.
+        Parameters: `of_frames`, whether those of [frames] and [[scar]] are among them, which a
+        simulation does not read.
         """
         named: list[str | None] = [
             *self.table_files,
@@ -286,7 +286,7 @@ class Scene(ScenePart):
         if of_frames:
             own = self.frames
             named += [own.no_load_dark, own.no_load_bright, own.no_load_steps]
-            named += [own.mask, own.colour_table]
+            named += [own.mask, own.colour_table, *(scar.file for scar in self.scar)]
         return [self.path(name) for name in named if name is not None]
 
     def get(self, key: str) -> Any:

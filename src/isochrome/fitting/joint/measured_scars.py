@@ -3,12 +3,10 @@
 A contact that is in equilibrium wears W(s) = ∫ P' dK whatever its shape, so a scar's area tells of
 load, friction and wear coefficient without a contact being solved:
 
-    cost += Σ ((A - W(s))/u)²,    u² = u_A² ν/(ν - 2)
+    cost += Σ ((A - W(s))/u)²
 
-with u_A the area's standard uncertainty by roughness and levelling, and ν its degrees of freedom: a
-variance that is itself estimated from few of them is less sure by that.
-Sources: Archard (1953), J. Appl. Phys. 24, 981; Kirkup & Frenkel (2006), An introduction to
-uncertainty in measurement, for the variance of Student's t, ν/(ν - 2).
+with A a trace's worn area and u its standard uncertainty, of roughness and levelling.
+Source: Archard (1953), J. Appl. Phys. 24, 981.
 """
 
 from __future__ import annotations
@@ -27,8 +25,6 @@ from isochrome.scene import Scene
 
 _WEARING = ("specimen", "load", "friction", "wear")
 """Parts of a scene that the worn area goes with."""
-_FEWEST_FREEDOM = 3.0
-"""Degrees of freedom of an area's uncertainty below which its variance is not defined."""
 _CONTRADICTS = 3.0
 """Standard uncertainties beyond which a scar contradicts the fit."""
 
@@ -52,15 +48,8 @@ def measured_areas(scene: Scene) -> tuple[MeasuredArea, ...]:
     found = []
     for scar in scene.scar:
         trace = levelled(read_trace(scene.path(scar.file)))
-        freedom = trace.degrees_of_freedom
-        if freedom < _FEWEST_FREEDOM:
-            raise InputError(
-                f"{scar.file}: its shoulders tell its roughness by {freedom:.1f} degrees of "
-                f"freedom, and {_FEWEST_FREEDOM:g} are needed; measure farther over both edges"
-            )
-        spread = trace.worn_area_uncertainty_mm2 * np.sqrt(freedom / (freedom - 2.0))
-        own = scar.file, scar.distance_m, trace.worn_area_mm2, float(spread), trace.messages
-        found.append(MeasuredArea(*own))
+        area = trace.worn_area_mm2, trace.worn_area_uncertainty_mm2
+        found.append(MeasuredArea(scar.file, scar.distance_m, *area, trace.messages))
     return tuple(found)
 
 
