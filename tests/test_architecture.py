@@ -40,6 +40,7 @@ ORDER = (
     "sweeps",
     "frames",
     "estimation",
+    "scars",
     "fitting",
     "fringes",
     "calibration",

@@ -4,6 +4,7 @@ from .calibration import (
     calibrate_colour,
     calibrate_disc,
     calibrate_scale,
+    calibrate_wear,
     write_into_scene,
 )
 from .campaigns import process_campaign
@@ -27,6 +28,7 @@ __all__ = [
     "calibrate_colour",
     "calibrate_disc",
     "calibrate_scale",
+    "calibrate_wear",
     "check",
     "compare",
     "demo",

@@ -26,7 +26,8 @@ from shipped_sets import some_of_a_shipped_set
 COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
     ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "colour"),
-    ("calibrate", "scale"), ("fit",), ("check",), ("bench",), ("sweep",), ("export",), ("guide",),
+    ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("bench",),
+    ("sweep",), ("export",), ("guide",),
 ]  # fmt: skip
 
 HISTORY = (

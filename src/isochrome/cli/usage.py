@@ -64,6 +64,10 @@ EXAMPLES = {
         "isochrome calibrate colour colours.toml",
         "isochrome calibrate colour colours.toml --out colours --json",
     ),
+    "calibrate wear": (
+        "isochrome calibrate wear set.toml",
+        "isochrome calibrate wear set.toml --into scene.toml --out wear",
+    ),
     "calibrate scale": (
         "isochrome calibrate scale bar.tif --edges-mm 4.003 --into scene.toml",
         "isochrome calibrate scale bar.tif --edges-mm 4 --edges-uncertainty-mm 0.002",
