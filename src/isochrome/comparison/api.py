@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.comparison.figure import side_by_side
-from isochrome.comparison.frame_folders import load_frame_set
-from isochrome.comparison.frame_sets import FrameMetrics, compare_frames
+from isochrome.comparison.frame_folders import SetToCompare, load_frame_set
+from isochrome.comparison.frame_sets import ComparedFrames, FrameMetrics, compare_frames
 from isochrome.output import (
     Result,
     counted,
@@ -21,6 +21,7 @@ from isochrome.output import (
     write_figure,
     write_json,
 )
+from isochrome.scene import ArrayFrames
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,9 +72,9 @@ MAIN_METRICS = (
 
 
 def compare(
-    experiment: str | Path, simulation: str | Path, out: str | Path | None = None
+    experiment: SetToCompare, simulation: SetToCompare, out: str | Path | None = None
 ) -> Comparison:
-    """Compare two sets of frames: what `process` and `simulate` left, or bare frames.
+    """Compare two sets of frames: what `process` and `simulate` left or gave, or bare frames.
 
     Each pair of frames gives the root mean square and the 95th percentile of the difference of
     their orders, the share of pixels on a wrong branch, the distance of their fringe lines, and
@@ -81,10 +82,10 @@ def compare(
 
     Parameters
     ----------
-    experiment : str or Path
-        Result folder of `process`, TIFF stack, image folder or video.
-    simulation : str or Path
-        Result folder of `simulate`, TIFF stack, image folder or video on the same pixel grid.
+    experiment : str, Path, Processed, array or sequence of arrays
+        What `process` left in a folder or gave in memory, or frames as for `open_frames`.
+    simulation : str, Path, Simulation, array or sequence of arrays
+        What `simulate` left in a folder or gave in memory, or frames, on the same pixel grid.
     out : str or Path, optional
         Folder for metrics.csv, provenance.json and comparison.png.
 
@@ -123,13 +124,27 @@ def compare(
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
             write_json(
-                folder / "provenance.json", provenance(None, [Path(experiment), Path(simulation)])
+                folder / "provenance.json",
+                provenance(
+                    None,
+                    [
+                        _hashed(experiment, here, "experiment"),
+                        _hashed(simulation, there, "simulation"),
+                    ],
+                ),
             )
             write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
     return result
 
 
-def _draw(experiment: str | Path, simulation: str | Path, metrics: list[FrameMetrics]) -> Figure:
+def _hashed(given: SetToCompare, frames: ComparedFrames, name: str) -> str | Path | ArrayFrames:
+    """What provenance.json has the hash of: files, or what was in memory."""
+    return given if isinstance(given, str | Path) else ArrayFrames(frames.signal, name)
+
+
+def _draw(
+    experiment: SetToCompare, simulation: SetToCompare, metrics: list[FrameMetrics]
+) -> Figure:
     """The side-by-side figure of two sets, read once more: they may be large."""
     return side_by_side(load_frame_set(experiment), load_frame_set(simulation), metrics)
 

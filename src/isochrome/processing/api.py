@@ -14,7 +14,6 @@ from isochrome.errors import InputError
 from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
 from isochrome.frames import (
     FrameReader,
-    FramesPath,
     absolute,
     input_files,
     misfits,
@@ -56,12 +55,20 @@ from isochrome.runs import (
     waiting_workers,
     working_folder,
 )
-from isochrome.scene import Scene, check_pixel, load_scene
+from isochrome.scene import (
+    ArrayFrames,
+    FramesLike,
+    Scene,
+    SceneLike,
+    check_pixel,
+    frames_of,
+    load_scene,
+)
 
 
 def process(
-    frames: FramesPath,
-    scene: str | Path | Scene,
+    frames: FramesLike,
+    scene: SceneLike,
     out: str | Path | None = None,
     *,
     rois: bool = False,
@@ -86,11 +93,12 @@ def process(
 
     Parameters
     ----------
-    frames : str, Path or sequence of them
-        A TIFF stack, image, video, or a folder, list or glob of them, as for `open_frames`.
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene, which says what stood in front
-        of the camera.
+    frames : str, Path, sequence of them, array or sequence of arrays
+        A TIFF stack, image, video, or a folder, list or glob of them, or frames in memory, as for
+        `open_frames`.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables, which say what
+        stood in front of the camera.
     out : str or Path, optional
         Folder for frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv
         (fringe lines, where no model was fitted), isoclinic.tif (steps: degrees, direction of
@@ -165,7 +173,7 @@ def process(
     refuse_without_folder(out, workers, cluster)
     if out is not None:
         working_folder(Path(out))  # no place for results: to be said before anything is read
-    frames = frames if isinstance(frames, str | Path) else tuple(frames)
+    frames = frames_of(frames)
     with single_threaded(), open_scene_frames(frames, scene) as reader, ExitStack() as opened:
         opened.callback(close_kept)  # before the reader that it reads from is closed
         scene = with_file_scale(scene, reader)
@@ -189,7 +197,7 @@ def process(
 
 def _processed(
     recipe: FrameTask,
-    files: Sequence[Path],
+    files: Sequence[Path | ArrayFrames],
     out: str | Path | None,
     means: RunOptions,
     progress: RunProgress | None,
@@ -225,7 +233,7 @@ def _apparatus_of(source: FrameSource, count: int) -> Apparatus:
     return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
 
 
-def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path]) -> bool:
+def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path | ArrayFrames]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
     there = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
     if not there or working_folder(out).exists():  # an unfinished run, or one that is at work

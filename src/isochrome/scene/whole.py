@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, overload
 
 from pydantic import Field, model_validator
 
 from isochrome.errors import InputError
+from isochrome.scene.array_frames import ArrayFrames
 from isochrome.scene.imaging import Camera, Frames
 from isochrome.scene.parts import Friction, Indenter, Load, Numerics, Polariscope, Wear
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
@@ -250,17 +251,23 @@ class Scene(ScenePart):
         """
         return value_at(self.wear.coefficient_mm2_per_n if self.wear else 0.0, distance_m)
 
-    def path(self, name: str) -> Path:
-        """A path named in the scene, relative to the scene's own file."""
-        return (self.folder or Path()) / name
+    @overload
+    def path(self, name: str) -> Path: ...
 
-    def files(self, *, of_frames: bool) -> list[Path]:
-        """The files that the scene names, on which results depend.
+    @overload
+    def path(self, name: ArrayFrames) -> ArrayFrames: ...
+
+    def path(self, name: str | ArrayFrames) -> Path | ArrayFrames:
+        """A path named in the scene, relative to the scene's own file; an array as it is."""
+        return name if isinstance(name, ArrayFrames) else (self.folder or Path()) / name
+
+    def files(self, *, of_frames: bool) -> list[Path | ArrayFrames]:
+        """The files, and arrays in place of files, that the scene names and results depend on.
 
         Parameters: `of_frames`, whether those of [frames] are among them, which a simulation does
         not read.
         """
-        named = [
+        named: list[str | ArrayFrames | None] = [
             self.camera.response if self.camera else None,
             self.indenter.profile if self.indenter else None,
         ]

@@ -22,7 +22,7 @@ from isochrome.runs import (
     run_job,
     single_threaded,
 )
-from isochrome.scene import Scene, check_pixel, dump_scene, load_scene
+from isochrome.scene import Scene, SceneLike, check_pixel, dump_scene, load_scene
 from isochrome.simulation.figure import simulation_figure
 from isochrome.simulation.folder import HISTORY, PICTURE, finish_simulation_folder, run_layout
 from isochrome.simulation.model import (
@@ -107,7 +107,7 @@ class Simulation(Result):
 
 
 def simulate(
-    scene: str | Path | Scene,
+    scene: SceneLike,
     out: str | Path | None = None,
     *,
     components: bool = False,
@@ -125,8 +125,8 @@ def simulate(
 
     Parameters
     ----------
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables.
     out : str or Path, optional
         Folder for history.csv, frames.tif, fringe_order.tif, pressure.csv, scene.toml,
         provenance.json and simulation.png, to which the states go as soon as they are known, so

@@ -30,7 +30,7 @@ from isochrome.runs import (
     run_job,
     texts,
 )
-from isochrome.scene import Scene, dump_scene, load_scene
+from isochrome.scene import SceneLike, dump_scene, load_scene
 from isochrome.simulation import simulate, state_count
 from isochrome.stress import pixel_grid
 from isochrome.sweeps.figure import sweep_figure
@@ -135,7 +135,7 @@ class _Work:
 
 
 def sweep(
-    scene: str | Path | Scene,
+    scene: SceneLike,
     vary: Sequence[str] | Mapping[str, Values],
     out: str | Path,
     *,
@@ -152,8 +152,8 @@ def sweep(
 
     Parameters
     ----------
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables.
     vary : sequence of str, or mapping of str to sequence of float
         For each key 'KEY=first:last:number' (evenly from first to last, both included) or
         'KEY=value,value,...', or a mapping of keys to values.

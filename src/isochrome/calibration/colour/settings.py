@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from isochrome.calibration.settings import Beam, ImageSet
-from isochrome.scene import Camera, Frames, NonNegative, Polariscope, Positive, ScenePart
+from isochrome.scene import Camera, Frames, ImageFile, NonNegative, Polariscope, Positive, ScenePart
 
 
 class ColourBeam(Beam):
@@ -20,7 +21,7 @@ class ColourBeam(Beam):
 class ColourImage(ScenePart):
     """One colour image of a loaded specimen; of a beam with the whole load on it."""
 
-    file: Annotated[str, Field(min_length=1)]
+    file: ImageFile
     load_n: NonNegative | None = None
 
 
@@ -84,10 +85,14 @@ class ColourSet(ImageSet):
         return None
 
 
-def load_colour_set(source: str | Path | ColourSet) -> ColourSet:
+ColourSetLike = str | Path | ColourSet | Mapping[str, Any]
+"""A colour calibration's set as a caller may give it: a file, a ColourSet, or its tables."""
+
+
+def load_colour_set(source: ColourSetLike) -> ColourSet:
     """Read the set of a colour calibration.
 
-    Parameters: `source`, the TOML file's path, or a ColourSet (returned as it is).
+    Parameters: `source`, the TOML file's path, its tables, or a ColourSet (returned as it is).
     Returns the ColourSet. Raises InputError that names the file, key, value and fix.
     """
     return source if isinstance(source, ColourSet) else ColourSet.read(source)

@@ -19,9 +19,9 @@ from isochrome.frames.checks.findings import (
     survey,
 )
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
-from isochrome.frames.reading import FrameReader, FramesPath
+from isochrome.frames.reading import FrameReader
 from isochrome.output import Result, counted
-from isochrome.scene import Scene, check_pixel
+from isochrome.scene import FramesLike, Scene, check_pixel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,7 +93,7 @@ class Check(Result):
         return all(f.level != "error" for f in self.findings)
 
 
-def look_through(path: FramesPath, scene: Scene) -> Check:
+def look_through(path: FramesLike, scene: Scene) -> Check:
     """Look through captured frames once, without a model: what is wrong with them for this scene.
 
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
@@ -101,7 +101,7 @@ def look_through(path: FramesPath, scene: Scene) -> Check:
 
     Parameters
     ----------
-    path : str, Path or sequence of them
+    path : str, Path, sequence of them, array or sequence of arrays
         The frames, as for `open_frames`.
     scene : Scene
         What stood in front of the camera, as `load_scene` gives it.
