@@ -130,10 +130,12 @@ class ImageSet(ScenePart):
         return data | {"image": [_named(item, number) for number, item in enumerate(items, 1)]}
 
     @overload
-    def path(self, file: str) -> Path: ...
+    def path(self, file: str) -> Path:
+        """Where a file is."""
 
     @overload
-    def path(self, file: ArrayFrames) -> ArrayFrames: ...
+    def path(self, file: ArrayFrames) -> ArrayFrames:
+        """An array as it is."""
 
     def path(self, file: str | ArrayFrames) -> Path | ArrayFrames:
         """A path named in the set, relative to the set's own file; an array as it is."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -84,8 +84,10 @@ def _of_result(found: Processed | Simulation, bit_depth: int | None) -> Compared
     table = found.columns
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
-    scene = tomllib.loads(dump_scene(found.scene))
-    parts = _Parts(found.title, stack, order, scene, table, simulated=isinstance(found, Simulation))
+    parts = _Parts(
+        name=found.title, stack=stack, order=order, scene=tomllib.loads(dump_scene(found.scene)),
+        table=table, simulated=isinstance(found, Simulation),
+    )  # fmt: skip
     return _compared(parts, bit_depth)
 
 
@@ -107,14 +109,14 @@ def _load_result(
     stack = _read_stack(folder / signal_name)
     order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
     parts = _Parts(
-        str(folder / signal_name), stack, order, _scene(folder / "scene.toml"),
-        _read_table(folder / table_name), simulated=signal_name == "frames.tif",
-        pixel_mm=read_pixel_mm(folder / signal_name),
+        name=str(folder / signal_name), stack=stack, order=order,
+        scene=_scene(folder / "scene.toml"), table=_read_table(folder / table_name),
+        simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
     )  # fmt: skip
     return _compared(parts, bit_depth)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Parts:
     """What a result's folder holds: `name`, for messages; `stack` (frame, row, col[, channel]).
 
@@ -127,7 +129,6 @@ class _Parts:
     order: NDArray[Any] | None
     scene: dict[str, Any]
     table: Mapping[str, Sequence[Any]]
-    _: KW_ONLY
     simulated: bool
     pixel_mm: float | None = None
 

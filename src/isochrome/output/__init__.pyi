@@ -11,7 +11,7 @@ from .files import (
 )
 from .frame_names import counted_frames, messages_of_frames, named_frames
 from .frame_values import FrameValues
-from .record import Digested, provenance, sha256, write_figure
+from .record import InputContent, provenance, sha256, write_figure
 from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with_uncertainty
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
 from .scale import pixel_mm_of, read_pixel_mm
@@ -21,9 +21,9 @@ from .tiff_stack import Photometric, write_frames, write_tiff
 __all__ = [
     "FIGURE_DPI",
     "SUFFIXES",
-    "Digested",
     "Floats",
     "FrameValues",
+    "InputContent",
     "Photometric",
     "Result",
     "TiffCanvas",

@@ -49,8 +49,12 @@ class Digested(Protocol):
         """Its SHA-256 as hexadecimal text."""
 
 
+InputContent = str | Path | Digested
+"""A file, a folder, or what is read in place of one."""
+
+
 def provenance(
-    scene_toml: str | None, inputs: Iterable[str | Path | Digested] = (), seed: int | None = None
+    scene_toml: str | None, inputs: Iterable[InputContent] = (), seed: int | None = None
 ) -> dict[str, Any]:
     """Record what a result came from: version, scene, hashes of the inputs, seed.
 
@@ -58,7 +62,7 @@ def provenance(
     ----------
     scene_toml : str or None
         The resolved scene's text.
-    inputs : iterable of str, Path or Digested, optional
+    inputs : iterable of InputContent, optional
         Files, and arrays in place of files; a folder stands for the files in it.
     seed : int, optional
         Seed of the random numbers.

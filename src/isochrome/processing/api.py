@@ -9,6 +9,7 @@ from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
@@ -23,9 +24,9 @@ from isochrome.frames import (
 from isochrome.fringes import make_design
 from isochrome.optics import make_chain
 from isochrome.output import load_roifile
-from isochrome.processing.chunk import frame_row, layers_of, process_chunk
+from isochrome.processing.chunk import frame_row, layers_of, more_of, process_chunk
 from isochrome.processing.figure import figure_in_memory
-from isochrome.processing.folder import finish_set_folder
+from isochrome.processing.folder import finish_set_folder, set_dataset
 from isochrome.processing.frame_task import (
     FrameSource,
     FrameTask,
@@ -37,7 +38,14 @@ from isochrome.processing.frame_task import (
 )
 from isochrome.processing.kinds.colour_light import check_colour
 from isochrome.processing.kinds.tracked import EVERY, check_tracked, tracked_states
-from isochrome.processing.processed import Processed, collect, refuse_unread, restore, tabulate_set
+from isochrome.processing.processed import (
+    Processed,
+    add_frame_row,
+    collect,
+    refuse_unread,
+    restore,
+    tabulate_set,
+)
 from isochrome.processing.result import ProcessedFrame
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
@@ -135,8 +143,9 @@ def process(
     Returns
     -------
     Processed
-        The table of the frames, and the fitted scene; the maps (frame, row, col) in memory only
-        without `out`. Orders are in fringes, lengths in mm, loads in N.
+        The table of the frames, the fitted scene, and as `dataset` the maps over (frame, z_mm,
+        x_mm), which are in memory only without `out`. Orders are in fringes, lengths in mm, loads
+        in N.
 
     Raises
     ------
@@ -163,6 +172,14 @@ def process(
     >>> found = isochrome.process("simulated/frames.tif", scene)
     >>> print(f"{found.table['load.normal_n'][0]:.1f} N")
     60.0 N
+
+    From arrays, without any file:
+
+    >>> frames = isochrome.simulate(scene).frames
+    >>> found = isochrome.process(frames, scene)
+    >>> order = found.dataset.fringe_order[0]
+    >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
+    2.29 fringes
     """
     scene = load_scene(scene)
     check_scene(scene)
@@ -218,9 +235,11 @@ def _processed(
     recipe = source.recipe = replace(recipe, key=digest)  # opened, it need not be opened again
     job = Job(partial(process_chunk, recipe), _layout(source, count // recipe.steps), identity)
 
+    place = Path(out).absolute()
+
     def finish(bench: RunFolder) -> Processed:
         release_caches()
-        return finish_set_folder(bench, job, recipe, reader.shape, source.residual)
+        return finish_set_folder(bench, place, job, recipe, reader.shape, source.residual)
 
     found = run_job(job, out, finish, means=means, progress=progress)
     return found or restore(recipe.scene, Path(out), reader.shape, source.residual)
@@ -244,11 +263,11 @@ def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path | ArrayFrames]) 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
     """All states, kept in memory."""
     recipe, flagged = source.recipe, 0
-    rows, status, kept = [], [], list[ProcessedFrame]()
+    rows, more, kept = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
     found = source.states if recipe.every is None else partial(tracked_states, source)
     for item in found(0, count):
+        add_frame_row(more, len(rows), more_of(item, recipe.scene))
         rows.append(frame_row(item, recipe))
-        status.append(item.status)
         if isinstance(item, ProcessedFrame):
             kept.append(item)
         flagged += item.status != "ok"
@@ -257,8 +276,11 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     table = tabulate_set(rows)
     shares = [item.reading.kept if item.reading else None for item in kept]
     refuse_unread(recipe.scene, str(source.reader.path), table, shares)
-    result = collect(recipe.scene, table, status, kept, source.reader.shape, source.residual)
-    return replace(result, draw=partial(figure_in_memory, recipe.scene, table, status, kept))
+    shape, status = source.reader.shape, more["status"]
+    result = collect(recipe.scene, table, status, kept, shape, source.residual)
+    draw = partial(figure_in_memory, recipe.scene, table, status, kept)
+    load = partial(set_dataset, recipe.scene, result.columns, more, kept, shape)
+    return replace(result, draw=draw, load=load)
 
 
 def _layout(source: FrameSource, count: int) -> RunLayout:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import isochrome
-from isochrome.output import Digested, provenance
+from isochrome.output import InputContent, provenance
 
 LIBRARIES = ("numpy", "scipy", "scikit-image", "opencv-python-headless", "tifffile", "pillow", "av")
 """Those whose version may change a result's bits."""
@@ -33,7 +33,7 @@ def environment() -> dict[str, Any]:
 
 def run_identity(
     scene_toml: str,
-    files: Iterable[Path | Digested],
+    files: Iterable[InputContent],
     options: Mapping[str, Any],
     seed: int | None = None,
 ) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def run_identity(
     ----------
     scene_toml : str
         Text of the resolved scene.
-    files : iterable of Path or Digested
+    files : iterable of InputContent
         Files that are read, and arrays in place of files.
     options : mapping of str to Any
         Options of the command that change its result.

@@ -252,10 +252,12 @@ class Scene(ScenePart):
         return value_at(self.wear.coefficient_mm2_per_n if self.wear else 0.0, distance_m)
 
     @overload
-    def path(self, name: str) -> Path: ...
+    def path(self, name: str) -> Path:
+        """Where a file is."""
 
     @overload
-    def path(self, name: ArrayFrames) -> ArrayFrames: ...
+    def path(self, name: ArrayFrames) -> ArrayFrames:
+        """An array as it is."""
 
     def path(self, name: str | ArrayFrames) -> Path | ArrayFrames:
         """A path named in the scene, relative to the scene's own file; an array as it is."""

@@ -1,4 +1,5 @@
 from .api import Simulation, simulate
+from .dataset import picture_axes
 from .model import (
     Picture,
     SceneState,
@@ -20,6 +21,7 @@ __all__ = [
     "iter_scene_states",
     "make_picture",
     "no_model_sentence",
+    "picture_axes",
     "picture_signal",
     "render",
     "scene_states",

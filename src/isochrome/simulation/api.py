@@ -16,6 +16,7 @@ from isochrome.output import Result, counted, over_items, read_csv, saved_pictur
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
     Job,
+    RunDataset,
     RunOptions,
     refuse_without_folder,
     run_identity,
@@ -23,6 +24,7 @@ from isochrome.runs import (
     single_threaded,
 )
 from isochrome.scene import Scene, SceneLike, check_pixel, dump_scene, load_scene
+from isochrome.simulation.dataset import simulation_dataset
 from isochrome.simulation.figure import simulation_figure
 from isochrome.simulation.folder import HISTORY, PICTURE, finish_simulation_folder, run_layout
 from isochrome.simulation.model import (
@@ -79,6 +81,21 @@ class Simulation(Result):
     orders: NDArray[np.float32] | None = None
     maps: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     already: bool = False
+
+    @property
+    def dataset(self) -> RunDataset:
+        """Frames, fringe orders, components and history as an xarray.Dataset with axes.
+
+        Maps are over (state, z_mm, x_mm), frames of phase steps over (state, step, z_mm, x_mm), of
+        a colour camera with channel at the end. Raises InputError where they are in a folder.
+        """
+        if self.frames is None or self.orders is None:
+            raise InputError(
+                f"{self.title}: its frames and maps are the TIFF stacks of its folder; simulate "
+                "without out to have them in memory"
+            )
+        maps = {"frames": self.frames, "fringe_order": self.orders, **self.maps}
+        return simulation_dataset(self.scene, self.pixels, self.history, maps)
 
     @property
     def columns(self) -> Mapping[str, Sequence[Any]]:

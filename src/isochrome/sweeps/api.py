@@ -18,6 +18,7 @@ from isochrome.runs import (
     Job,
     Layer,
     Results,
+    RunDataset,
     RunFolder,
     RunLayout,
     RunOptions,
@@ -74,6 +75,11 @@ class Swept(Result):
     def columns(self) -> dict[str, list[Any]]:
         """Those of sweep.csv: a row for each state of each point."""
         return read_csv(self.out / TABLE)
+
+    @property
+    def dataset(self) -> RunDataset:
+        """The maps over the varied keys, state, z_mm and x_mm, see `open_run`."""
+        return open_run(self.out)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -158,9 +164,10 @@ def sweep(
         For each key 'KEY=first:last:number' (evenly from first to last, both included) or
         'KEY=value,value,...', or a mapping of keys to values.
     out : str or Path
-        Folder for run.zarr, whose axes are the varied keys, state, row and col, with the fringe
-        order, the grey levels (of a grey camera without phase steps) and the columns of
-        history.csv; sweep.csv, the same columns as a table; scene.toml and provenance.json.
+        Folder for run.zarr, whose axes are the varied keys (load_normal_n), state, z_mm and x_mm,
+        with the fringe order, the grey levels (of a grey camera without phase steps) and the
+        columns of history.csv; sweep.csv, the same columns as a table; scene.toml and
+        provenance.json.
     workers : int or None, default 1
         Processes on this machine; None: as many as are useful. A script that asks for more than
         one needs the usual ``if __name__ == "__main__":``.
@@ -199,7 +206,7 @@ def sweep(
     (2, 0)
     >>> with isochrome.open_run("loads") as run:
     ...     run.n_max.dims
-    ('load.normal_n', 'state')
+    ('load_normal_n', 'state')
     """
     scene = load_scene(scene)
     grid = make_grid(scene, vary)
