@@ -1,5 +1,5 @@
 from .api import MAIN_METRICS, Comparison, compare
-from .figure import side_by_side
+from .figure import plot_side_by_side, side_by_side
 from .frame_folders import load_frame_set
 from .frame_sets import ComparedFrames, FrameMetrics, compare_frames
 from .line_distance import SkeletonDistance, skeleton_distance
@@ -18,6 +18,7 @@ __all__ = [
     "compare_orders",
     "compare_signals",
     "load_frame_set",
+    "plot_side_by_side",
     "side_by_side",
     "skeleton_distance",
 ]

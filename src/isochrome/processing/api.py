@@ -179,7 +179,7 @@ def process(
     >>> found = isochrome.process(frames, scene)
     >>> order = found.dataset.fringe_order[0]
     >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
-    2.29 fringes
+    0.78 fringes
     """
     scene = load_scene(scene)
     check_scene(scene)

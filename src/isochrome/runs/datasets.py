@@ -35,7 +35,13 @@ class MapPlot(DataArrayPlotAccessor):
 
 
 class RunArray(xarray.DataArray):
-    """A map or column of a run: an xarray.DataArray whose `.plot()` has z down, in mm."""
+    """A map or column of a run: an xarray.DataArray whose `.plot()` has z down, in mm.
+
+    Parameters
+    ----------
+    data, coords, dims, name, attrs, indexes, fastpath : Any
+        As xarray.DataArray takes them.
+    """
 
     __slots__ = ()
 
@@ -46,7 +52,13 @@ class RunArray(xarray.DataArray):
 
 
 class RunDataset(xarray.Dataset):
-    """What a run found: an xarray.Dataset of RunArrays."""
+    """What a run found: an xarray.Dataset of RunArrays.
+
+    Parameters
+    ----------
+    data_vars, coords, attrs : Any
+        As xarray.Dataset takes them.
+    """
 
     __slots__ = ()
 

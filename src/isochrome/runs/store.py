@@ -310,7 +310,7 @@ def open_run(path: str | Path) -> RunDataset:
     >>> order.dims
     ('z_mm', 'x_mm')
     >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
-    2.29 fringes
+    0.78 fringes
     """
     from isochrome.runs.datasets import as_run
 
