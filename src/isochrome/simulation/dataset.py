@@ -55,8 +55,8 @@ def picture_axes(pixels: PixelGrid, *, coloured: bool = False) -> dict[str, Colu
     return {
         "row": Column(("row",), np.arange(pixels.rows), {"units": "pixel"}),
         "col": Column(("col",), np.arange(pixels.cols), {"units": "pixel"}),
-        "z_mm": Column(("row",), pixels.z_mm, units | {"long_name": "depth below the surface"}),
-        "x_mm": Column(("col",), pixels.x_mm, units | {"long_name": "along the surface"}),
+        "z_mm": Column(("row",), pixels.z_mm, units | {"long_name": "z"}),
+        "x_mm": Column(("col",), pixels.x_mm, units | {"long_name": "x"}),
     } | ({"channel": names} if coloured else {})
 
 

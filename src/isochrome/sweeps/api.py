@@ -32,7 +32,7 @@ from isochrome.runs import (
     texts,
 )
 from isochrome.scene import SceneLike, dump_scene, load_scene
-from isochrome.simulation import simulate, state_count
+from isochrome.simulation import picture_axes, simulate, state_count
 from isochrome.stress import pixel_grid
 from isochrome.sweeps.figure import sweep_figure
 from isochrome.sweeps.grid import SweepGrid, Values, make_grid
@@ -300,10 +300,11 @@ def _add_table(bench: RunFolder, job: Job, grid: SweepGrid, table: dict[str, lis
         columns[name] = Column(axes, data, named_units(name))
     places = {name: ((name,), np.array(own)) for name, own in grid.values.items()}
     places["state"] = (("state",), np.arange(shape[-1]))
+    pictured: dict[str, Column] = {}
     if not any(key.startswith("camera.") for key in grid.values):
-        pixels = pixel_grid(grid.scene_at(0))
-        places |= {"z_mm": (("row",), pixels.z_mm), "x_mm": (("col",), pixels.x_mm)}
+        pictured = picture_axes(pixel_grid(grid.scene_at(0)))
     coordinates = {name: Column(*place, named_units(name)) for name, place in places.items()}
+    coordinates |= pictured
     add_columns(bench.results / STORE, columns, coordinates, attributes(job.identity))
 
 
