@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import isochrome
+from test_notebooks import NOTEBOOKS, WITHOUT, code_cells
 
 SCRIPT = """
 from pathlib import Path
@@ -107,6 +108,23 @@ def test_a_script_of_the_whole_front_door_passes_and_mistakes_are_seen(tmp_path)
             number, code, done["wrong"],
         )  # fmt: skip
     assert lines[-1].startswith(f"Found {len(WRONG)} errors"), done["wrong"]
+
+
+@pytest.mark.long
+def test_the_notebooks_code_passes_a_strict_check(tmp_path):
+    """Of those that are stored with their outputs, and so import from the front door alone."""
+    (tmp_path / "mypy.ini").write_text(AS_INSTALLED)
+    for path in NOTEBOOKS:
+        cells = [] if path.stem in WITHOUT else code_cells(path)
+        code = "\n".join("".join(cell["source"]) for cell in cells)
+        name = path.stem.replace("-", "_")
+        (tmp_path / f"{name}.py").write_text(code.replace("%matplotlib inline", ""))
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "."], cwd=tmp_path,
+        env={"MYPYPATH": str(Path(isochrome.__file__).parents[1])},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stdout.startswith("Success"), done.stdout
 
 
 def test_what_the_front_door_offers_is_shown():

@@ -119,6 +119,27 @@ def test_results_in_memory_are_compared_as_their_folders_are(ring):
         isochrome.compare(isochrome.process(ring[0], RING, "OUT"), simulated)
 
 
+class Endless:
+    """A day's frames, none of which is made before it is asked for."""
+
+    def __init__(self, frame):
+        self.frame, self.asked = frame, 0
+
+    def __len__(self):
+        return 900_000
+
+    def __getitem__(self, index):
+        self.asked += 1
+        return self.frame
+
+
+def test_maps_that_memory_cannot_hold_are_refused_before_any_is_made(ring):
+    endless = Endless(ring[0][0])
+    with pytest.raises(InputError, match=r"900000 frames take 177 GB.*give a folder") as refusal:
+        isochrome.process(endless, RING)
+    assert endless.asked < 5 and len(str(refusal.value).splitlines()) == 1
+
+
 def test_steps_of_an_array_and_an_array_of_the_unloaded_specimen(empty):
     """A phase-stepped set, with its no-load set as an array in the scene."""
     names = ("polariser_deg", "input_plate_deg", "output_plate_deg", "analyser_deg")

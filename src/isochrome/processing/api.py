@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
@@ -23,7 +24,7 @@ from isochrome.frames import (
 )
 from isochrome.fringes import make_design
 from isochrome.optics import make_chain
-from isochrome.output import load_roifile
+from isochrome.output import counted, load_roifile
 from isochrome.processing.chunk import frame_row, layers_of, more_of, process_chunk
 from isochrome.processing.figure import figure_in_memory
 from isochrome.processing.folder import finish_set_folder, set_dataset
@@ -72,6 +73,9 @@ from isochrome.scene import (
     frames_of,
     load_scene,
 )
+
+MOST_IN_MEMORY = 8_000_000_000
+"""Bytes of maps beyond which a result belongs on the disk."""
 
 
 def process(
@@ -263,6 +267,14 @@ def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path | ArrayFrames]) 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
     """All states, kept in memory."""
     recipe, flagged = source.recipe, 0
+    pictures = count if recipe.every is None else -(-count // recipe.every)
+    needed = 4 * len(layers_of(recipe.scene)) * pictures * math.prod(source.reader.shape)
+    if needed > MOST_IN_MEMORY:
+        raise InputError(
+            f"{source.reader.path}: the maps of {counted(pictures, 'frame')} take "
+            f"{needed / 1e9:.0f} GB, and {MOST_IN_MEMORY / 1e9:.0f} GB are kept in memory; give a "
+            "folder for them (out), or fewer frames"
+        )
     rows, more, kept = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
     found = source.states if recipe.every is None else partial(tracked_states, source)
     for item in found(0, count):
