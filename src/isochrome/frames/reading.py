@@ -257,8 +257,8 @@ def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
     full = 1.0 if bit_depth is None else 2.0**bit_depth - 1.0
     if not whole and values.min(initial=0.0) < -_DARKEST * full:
         raise InputError(
-            f"{label}: holds the value {values.min():.4g}, and light is 0 or more; give the frame "
-            "as it was captured"
+            f"{label}: holds the value {values.min():.4g}, and light is 0 or more; check how "
+            "the frame was written"
         )
     if bit_depth is None or (whole and bit_depth >= 8 * image.dtype.itemsize):
         return
