@@ -39,6 +39,7 @@ ORDER = (
     "sweeps",
     "frames",
     "estimation",
+    "scars",
     "fitting",
     "fringes",
     "calibration",

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from isochrome.calibration import (
     calibrate_bending,
     calibrate_disc,
     calibrate_scale,
+    calibrate_wear,
     save_calibration,
 )
 from isochrome.campaigns import process_campaign
@@ -208,6 +209,23 @@ def calibrated_scale(places, make):
     return Left(found, out, None, "scale.json", "scale.png", command=command, again=run)
 
 
+def calibrated_wear(places, make):
+    text = "".join(
+        f"[[volume]]\ndistance_m = {s}\nnormal_n = 44.0\nvalue_mm3 = {8.8e-5 * s + e}\n"
+        for s, e in ((31.0, 1e-4), (77.0, -1e-4), (155.0, 2e-4))
+    )
+    path = places["home"] / "wear.toml"
+    path.write_text(text, "utf-8")
+    out = places["home"] / "wear"
+    found = calibrate_wear(path)
+    save_calibration(found, out, source=path)
+    again = partial(calibrate_wear, path)
+    command = ("calibrate", "wear", path)
+    return Left(
+        found, out, None, "calibration.json", "calibration.png", command=command, again=again
+    )
+
+
 def benched(places, make):
     out = places["home"] / "bench"
     found = isochrome.bench(out, suite="inputs", quick=True)
@@ -238,6 +256,7 @@ MAKE: dict[str, Callable[..., Left]] = {
     "calibrate disc": calibrated("disc", calibrate_disc, (0, 2)),
     "calibrate colour": calibrated_colour,
     "calibrate scale": calibrated_scale,
+    "calibrate wear": calibrated_wear,
     "bench": benched,
     "demo": demonstrated,
 }
@@ -309,7 +328,7 @@ def test_the_json_is_the_one_on_disk(name, results, tmp_path):
 
 @marked(
     "simulate", "process", "process track", "compare", "fit", "fit track", "check", "sweep",
-    "calibrate scale",
+    "calibrate scale", "calibrate wear",
 )  # fmt: skip
 def test_the_command_prints_that_json(name, results, tmp_path):
     left = results(name)

@@ -5,6 +5,7 @@ from .calibration import (
     calibrate_colour,
     calibrate_disc,
     calibrate_scale,
+    calibrate_wear,
     write_into_scene,
 )
 from .campaigns import process_campaign
@@ -41,6 +42,7 @@ __all__ = [
     "calibrate_colour",
     "calibrate_disc",
     "calibrate_scale",
+    "calibrate_wear",
     "camera_frame",
     "check",
     "compare",

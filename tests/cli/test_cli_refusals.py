@@ -470,6 +470,31 @@ def test_compare_with_nothing(refuses):
     refuses(2, ["weg", "no such file"], "compare", "frames.tif", "weg", "--out", "out")
 
 
+def test_compare_of_scars_without_scars(refuses):
+    words = ["small", "no [[scar]]", "file and distance_m"]
+    refuses(2, words, "compare", "small.toml", "small.toml", "--out", "out")
+
+
+def test_compare_of_scars_with_a_trace_that_is_none(place, refuses):
+    text = (place / "small.toml").read_text("utf-8")
+    scar = '\n[[scar]]\nfile = "Spur.csv"\ndistance_m = 77.0\n'
+    (place / "Narben.toml").write_text(text + scar, "utf-8")
+    (place / "Spur.csv").write_text("x_mm,z_um\n0,high\n", "utf-8")
+    compared = ("compare", "Narben.toml", "small.toml", "--out", "out")
+    refuses(2, ["Spur.csv"], *compared)
+    (place / "Spur.csv").unlink()
+    refuses(2, ["Spur.csv", "check its name"], *compared)
+
+
+def test_friction_from_a_file_that_falls(place, refuses):
+    text = (place / "small.toml").read_text("utf-8")
+    falling = text.replace("coefficient = 0.25", 'file = "Reibung.csv"')
+    (place / "Reibung.toml").write_text(falling, "utf-8")
+    (place / "Reibung.csv").write_text("distance_m;coefficient\n5;0,2\n3;0,2\n", "utf-8")
+    words = ["Reibung.toml", "Reibung.csv", "line 3", "distance_m = 3", "sort it"]
+    refuses(2, words, "simulate", "Reibung.toml", "--out", "out")
+
+
 # Calibration sets
 
 

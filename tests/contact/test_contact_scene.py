@@ -145,11 +145,11 @@ def test_a_profile_in_micrometres_adds_to_the_cylinder(tmp_path):
     ("text", "words"),
     [
         ("x_mm,height\n0,1\n1,2\n2,3\n", "needs the columns x_mm and gap_mm"),
-        ("x_mm,gap_mm\n0,1\n1,two\n2,3\n", "numbers in all rows"),
+        ("x_mm,gap_mm\n0,1\n1,two\n2,3\n", "line 3: gap_mm = 'two'"),
         ("x_mm,gap_mm\n0,1\n1,2\n", "three rows or more"),
         ("x_mm,gap_mm\n0,1\n0,2\n1,3\n", "rising x_mm"),
-        ("x_mm,gap_mm\n0,1\n1,nan\n2,3\n", "finite"),
-        ("", "three rows or more|needs the columns"),
+        ("x_mm,gap_mm\n0,1\n1,nan\n2,3\n", "line 3: gap_mm = 'nan'"),
+        ("", "an empty table"),
     ],
 )
 def test_a_profile_that_cannot_be_used_names_its_file(tmp_path, text, words):

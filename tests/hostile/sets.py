@@ -124,9 +124,9 @@ def profile(name: str, text: str, *says: str) -> None:
 
 profile("profile of no rows", "x_mm,gap_mm\n", "p.csv", "three rows or more")
 profile("profile of NaN", "x_mm,gap_mm\n0,nan\n1,0\n2,1\n", "p.csv", "finite")
-profile("profile of text", "x_mm,gap_mm\n0,a\n1,b\n2,c\n", "p.csv", "numbers in all rows")
+profile("profile of text", "x_mm,gap_mm\n0,a\n1,b\n2,c\n", "p.csv", "gap_mm = 'a'")
 profile("profile that goes back", "x_mm,gap_mm\n0,1\n2,0\n1,1\n", "p.csv", "rising x_mm")
-profile("profile of NULs", "\0" * 500, "p.csv", "x_mm")
+profile("profile of NULs", "\0" * 500, "p.csv", "no text")
 
 
 @hostile(SETS, "p.csv", "is not a file", "itself")

@@ -313,12 +313,12 @@ def test_a_response_saved_with_a_byte_order_mark_is_the_same_response(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (None, r"cannot be read .*check camera\.response"),
+        (None, "the camera's response cannot be read .*check its name"),
         ("wavelength_nm,grey\n400,1\n700,1\n", "columns wavelength_nm, red, green, blue"),
         ("wavelength_nm,red,green,blue\n400,1,1,1\n", "two rows or more"),
         ("wavelength_nm,red,green,blue\n700,1,1,1\n400,1,1,1\n", "rising wavelength_nm"),
         ("wavelength_nm,red,green,blue\n400,1,1,nan\n700,1,1,1\n", "finite"),
-        ("wavelength_nm,red,green,blue\n400,1,1,x\n700,1,1,1\n", "numbers in all rows"),
+        ("wavelength_nm,red,green,blue\n400,1,1,x\n700,1,1,1\n", "line 2: blue = 'x'"),
         ("wavelength_nm,red,green,blue\n400,1,1,-1\n700,1,1,1\n", "must not be negative"),
         ("wavelength_nm,red,green,blue\n400,1,1,0\n700,1,1,0\n", "nor zero all over a channel"),
         (b"\xff\xfe\x00\x01", "cannot be read"),

@@ -10,6 +10,9 @@ from .scale.result import MeasuredValue, ScaleCalibration, ScalePicture
 from .scene_file import check_scene_file, write_into_scene
 from .settings import Beam, CalibrationSet, Disc, LoadedImage, Uncertainty, load_set
 from .shot import Shot, as_shots
+from .wear.api import calibrate_wear
+from .wear.result import WearCalibration, WornDistance
+from .wear.settings import WearSet
 
 __all__ = [
     "Beam",
@@ -26,12 +29,16 @@ __all__ = [
     "ScalePicture",
     "Shot",
     "Uncertainty",
+    "WearCalibration",
+    "WearSet",
+    "WornDistance",
     "as_shots",
     "bending_from_shots",
     "calibrate_bending",
     "calibrate_colour",
     "calibrate_disc",
     "calibrate_scale",
+    "calibrate_wear",
     "check_scene_file",
     "disc_from_shots",
     "find_rim",

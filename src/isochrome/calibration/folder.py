@@ -9,11 +9,12 @@ from isochrome.calibration.colour.api import ColourCalibration
 from isochrome.calibration.colour.folder import write_colours
 from isochrome.calibration.result import Calibration
 from isochrome.calibration.scale.result import ScaleCalibration
+from isochrome.calibration.wear.result import WearCalibration
 from isochrome.output import provenance, staged, write_figure, write_json
 
 
 def save_calibration(
-    calibration: Calibration | ColourCalibration | ScaleCalibration,
+    calibration: Calibration | ColourCalibration | ScaleCalibration | WearCalibration,
     out: str | Path,
     *,
     source: str | Path | Sequence[str | Path] | None = None,
@@ -28,7 +29,7 @@ def save_calibration(
 
     Parameters
     ----------
-    calibration : Calibration, ColourCalibration or ScaleCalibration
+    calibration : Calibration, ColourCalibration, ScaleCalibration or WearCalibration
         The calibration.
     out : str or Path
         The folder.

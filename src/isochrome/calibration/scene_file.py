@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,16 @@ import numpy as np
 
 from isochrome.calibration.result import Calibration
 from isochrome.calibration.scale.result import LENS, ScaleCalibration
+from isochrome.calibration.wear.result import WearCalibration
 from isochrome.errors import InputError
 from isochrome.output import replacing
 from isochrome.scene import Scene, parse_scene, parse_toml, read_text, scene_names
 
 MARK = "calibrated: "
 """What a comment of ours begins with: a second calibration replaces it."""
+
+_SMALL = 1e-4
+"""Values below which are written with an exponent."""
 
 CLEAR = 3.0
 """Standard uncertainties beyond which a value is no nothing: a lens's value below is not written,
@@ -60,7 +65,7 @@ def check_scene_file(path: str | Path) -> str:
 
 
 def write_into_scene(
-    calibration: Calibration | ScaleCalibration,
+    calibration: Calibration | ScaleCalibration | WearCalibration,
     scene: str | Path,
     *,
     source: str | Path | None = None,
@@ -69,6 +74,7 @@ def write_into_scene(
 
     Of a scale it is `camera.pixel_mm`, and `camera.distortion`, `camera.keystone_x` and
     `camera.keystone_z` where they are beyond three of their uncertainties, or the file states them.
+    Of wear it is `wear.coefficient_mm2_per_n`, by the law that the scene states.
 
     It is written as { value = ..., standard_uncertainty = ... }, from which a fit has its prior, or
     an input of its budget. The value is rounded two digits beyond the uncertainty's first. A
@@ -77,8 +83,8 @@ def write_into_scene(
 
     Parameters
     ----------
-    calibration : Calibration or ScaleCalibration
-        What `calibrate_bending`, `calibrate_disc` or `calibrate_scale` found.
+    calibration : Calibration, ScaleCalibration or WearCalibration
+        What `calibrate_bending`, `calibrate_disc`, `calibrate_scale` or `calibrate_wear` found.
     scene : str or Path
         The TOML file.
     source : str or Path, optional
@@ -87,14 +93,14 @@ def write_into_scene(
     Returns
     -------
     float
-        The value written, N/mm per fringe; of a scale mm a pixel.
+        The value written, N/mm per fringe; of a scale mm a pixel, of wear mm²/N.
 
     Raises
     ------
     InputError
         Where the scene is one of the package, or the file is missing, is no scene or cannot be
         written, or its layout cannot be edited; or where its frames are not the whole pictures
-        that a scale is of.
+        that a scale is of, or has no wear by a law that was asked.
 
     Examples
     --------
@@ -108,6 +114,8 @@ def write_into_scene(
     text = check_scene_file(scene)
     if isinstance(calibration, ScaleCalibration):
         _check_picture(calibration, parse_scene(text, folder=Path(scene).parent), str(scene))
+    if isinstance(calibration, WearCalibration):
+        calibration = _by_scene_law(calibration, text, str(scene))
     comment = _comment(calibration, source)
     entries = [(key, _rounded(*value)) for key, value in _to_write(calibration, text)]
     for key, entry in reversed(entries):  # each is put on top of its table
@@ -145,8 +153,24 @@ def edited(
     raise InputError(f"{name}: its layout cannot be edited; set {key} = {written} in it by hand")
 
 
+def _by_scene_law(calibration: WearCalibration, text: str, name: str) -> WearCalibration:
+    """The calibration with the coefficient of the law that a scene states."""
+    wear = parse_scene(text).wear
+    if wear is None:
+        raise InputError(
+            f"{name}: has no [wear] that a coefficient could stand in; add one with its distances_m"
+        )
+    found = calibration.coefficient_by(wear.law)
+    if found is None:
+        raise InputError(
+            f"{name}: its wear.law is '{wear.law}', and the set states no friction, without which "
+            "its coefficient is not known; add friction to every [[trace]] and [[volume]]"
+        )
+    return replace(calibration, coefficient_mm2_per_n=found[0], standard_uncertainty=found[1])
+
+
 def _to_write(
-    calibration: Calibration | ScaleCalibration, text: str
+    calibration: Calibration | ScaleCalibration | WearCalibration, text: str
 ) -> Iterator[tuple[str, tuple[float, float]]]:
     """The first value, and of the others those that are clear or that the scene states."""
     stated = parse_toml(text, "scene")
@@ -182,11 +206,17 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
 
 def _rounded(value: float, spread: float) -> tuple[str, str]:
     """A value and its uncertainty as texts, two digits beyond the uncertainty's first."""
+    if 0.0 < abs(value) < _SMALL:
+        exponent = int(np.floor(np.log10(abs(value))))
+        parts = _rounded(value / 10.0**exponent, spread / 10.0**exponent)
+        return f"{parts[0]}e{exponent}", f"{parts[1]}e{exponent}"
     digits = max(1, 2 - int(np.floor(np.log10(spread)))) if spread > 0 else 6
     return f"{value:.{digits}f}", f"{spread:.{digits}f}"
 
 
-def _comment(calibration: Calibration | ScaleCalibration, source: str | Path | None) -> str:
+def _comment(
+    calibration: Calibration | ScaleCalibration | WearCalibration, source: str | Path | None
+) -> str:
     """What the comment says of the values."""
     origin = "" if source is None else f", {Path(source).name}"
     mark = f"{MARK}{calibration.scene_comment}{origin}"

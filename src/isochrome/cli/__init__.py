@@ -90,20 +90,25 @@ def simulate_command(
 
 @app.command("compare")
 def compare_command(
-    experiment: Annotated[str, typer.Argument(help="Result folder of process, or frames.")],
+    experiment: Annotated[
+        str,
+        typer.Argument(
+            help="Result folder of process, or frames; or traces: a scene or a wear set."
+        ),
+    ],
     simulation: Annotated[str, typer.Argument(help="Result folder of simulate, or frames.")],
     out: Out = Path("isochrome-compare"),
     as_json: Json = False,
 ) -> None:
-    """Compare experiment and simulation: metrics and the side-by-side figure."""
-    from isochrome.comparison import MAIN_METRICS
+    """Compare experiment and simulation, frames or scars: metrics and the side-by-side figure."""
     from isochrome.comparison import compare as run
 
     with steps(quiet=True) as say:
         say("comparing")
         result = run(experiment, simulation, out)
-    names = ("label", *MAIN_METRICS)
-    print_result(result, out, as_json, lambda found: print_columns(found.columns, names))
+    print_result(
+        result, out, as_json, lambda found: print_columns(found.columns, found.main_columns)
+    )
 
 
 @app.command("fit")

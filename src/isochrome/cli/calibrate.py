@@ -19,7 +19,7 @@ from isochrome.console import (
 )
 
 calibrate_app = typer.Typer(
-    help="Calibrate the material fringe value, a colour table, or the camera's scale.",
+    help="Calibrate the material fringe value, a colour table, the camera's scale, or the wear.",
     no_args_is_help=True,
     add_completion=False,
 )
@@ -133,6 +133,26 @@ def scale_command(
         typer.echo(f"taken as exact: {key}")
     print_warnings(list(result.warnings))
     typer.echo(_left(out, into, "values"))
+
+
+@calibrate_app.command("wear")
+def wear_command(
+    settings: SetArgument,
+    out: Out = Path("isochrome-calibrate"),
+    into: Into = None,
+    as_json: Json = False,
+) -> None:
+    """Calibrate the wear coefficient from traces over worn scars, or from worn volumes."""
+    from isochrome import calibration
+
+    run = partial(calibration.calibrate_wear, settings)
+    result = _calibrated(run, settings, out, into, as_json)
+    if as_json:
+        return
+    for name, value in result.main_values():
+        typer.echo(f"{name} = {value}")
+    print_warnings(list(result.warnings))
+    typer.echo(_left(out, into, "value"))
 
 
 def _calibrated(

@@ -1,4 +1,4 @@
-"""`compare`: the metrics and the side-by-side figure of any two sets of frames."""
+"""`compare`: the metrics and the side-by-side figure of two sets of frames, or of scars."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from isochrome.comparison.figure import side_by_side
 from isochrome.comparison.frame_folders import SetToCompare, load_frame_set
 from isochrome.comparison.frame_sets import ComparedFrames, FrameMetrics, compare_frames
+from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
+from isochrome.errors import InputError
 from isochrome.output import (
     Result,
     counted,
@@ -21,7 +23,7 @@ from isochrome.output import (
     write_figure,
     write_json,
 )
-from isochrome.scene import ArrayFrames
+from isochrome.scene import ArrayFrames, Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,6 +45,11 @@ class Comparison(Result):
 
     metrics: list[FrameMetrics]
     columns: dict[str, list[Any]]
+
+    @property
+    def main_columns(self) -> tuple[str, ...]:
+        """Columns that the command prints."""
+        return "label", *MAIN_METRICS
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -72,27 +79,33 @@ MAIN_METRICS = (
 
 
 def compare(
-    experiment: SetToCompare, simulation: SetToCompare, out: str | Path | None = None
-) -> Comparison:
-    """Compare two sets of frames: what `process` and `simulate` left or gave, or bare frames.
+    experiment: SetToCompare | Scene,
+    simulation: SetToCompare | Scene,
+    out: str | Path | None = None,
+) -> Comparison | ScarComparison:
+    """Compare two sets of frames, or measured scars with the simulated ones.
 
     Each pair of frames gives the root mean square and the 95th percentile of the difference of
     their orders, the share of pixels on a wrong branch, the distance of their fringe lines, and
     what their grey levels have in common: the correlation NCC and the structural similarity SSIM.
+    Where the experiment is a scene with [[scar]], or a set of `calibrate_wear`, its traces are
+    compared with the scars that the simulation's scene makes, see `compare_scars`.
 
     Parameters
     ----------
-    experiment : str, Path, Processed, array or sequence of arrays
-        What `process` left in a folder or gave in memory, or frames as for `open_frames`.
-    simulation : str, Path, Simulation, array or sequence of arrays
-        What `simulate` left in a folder or gave in memory, or frames, on the same pixel grid.
+    experiment : str, Path, Scene, Processed, array or sequence of arrays
+        What `process` left in a folder or gave in memory, or frames as for `open_frames`; or a
+        scene with [[scar]], or the TOML file of a wear set.
+    simulation : str, Path, Scene, Simulation, array or sequence of arrays
+        What `simulate` left in a folder or gave in memory, or frames, on the same pixel grid; for
+        scars that folder or a scene.
     out : str or Path, optional
-        Folder for metrics.csv, provenance.json and comparison.png.
+        Folder for metrics.csv, provenance.json and comparison.png, or scars.csv and scars.png.
 
     Returns
     -------
-    Comparison
-        The metrics, a row a frame; orders are in fringes, distances in pixels.
+    Comparison or ScarComparison
+        The metrics, a row a frame or trace; orders are in fringes, distances in pixels.
 
     Raises
     ------
@@ -116,6 +129,14 @@ def compare(
     >>> print(f"{found.table['order_rms_fringe'][0]:.3f}")
     0.008
     """
+    tabled = isinstance(experiment, str | Path) and Path(experiment).suffix == ".toml"
+    if isinstance(experiment, Scene) or tabled:
+        assert isinstance(experiment, str | Path | Scene)
+        if not isinstance(simulation, str | Path | Scene):
+            raise InputError("scars are compared with a simulation's folder or scene; name that")
+        return compare_scars(experiment, simulation, out)
+    if isinstance(simulation, Scene):
+        raise InputError("frames are compared with frames; simulate the scene first")
     here, there = load_frame_set(experiment), load_frame_set(simulation)
     metrics = compare_frames(here, there)
     draw = partial(_draw, experiment, simulation, metrics)

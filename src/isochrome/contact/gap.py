@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from functools import lru_cache
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from isochrome.contact.surface import Floats
 from isochrome.errors import InputError
-from isochrome.output import check_given_table
+from isochrome.output import read_given_table
 from isochrome.scene import Scene
 
 FAR_MM = 1e3
@@ -46,7 +45,6 @@ def read_profile(path: Path) -> tuple[Floats, Floats]:
     Returns x (m,) rising and the gap (m,), mm. Raises InputError that names the file and the fix.
     """
     try:
-        check_given_table(path, "the profile")
         stat = path.stat()
     except OSError as error:
         raise InputError(f"{path}: the profile cannot be read ({error}); check its name") from error
@@ -56,22 +54,17 @@ def read_profile(path: Path) -> tuple[Floats, Floats]:
 @lru_cache(maxsize=4)
 def _read_version(path: Path, changed_ns: int, size: int) -> tuple[Floats, Floats]:
     """One version of a profile's file: every state of a scene asks for it, several times."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: the profile cannot be read ({error}); check its name") from error
-    unit = 1e-3 if rows and "gap_um" in rows[0] else 1.0
-    name = "gap_um" if unit == 1e-3 else "gap_mm"
-    try:
-        table = np.array([[float(row["x_mm"]), float(row[name])] for row in rows], dtype=float)
-    except (KeyError, TypeError, ValueError) as error:
+    given = read_given_table(path, "the profile")
+    name = "gap_um" if "gap_um" in given.names else "gap_mm"
+    if not {"x_mm", name} <= set(given.names):
         raise InputError(
-            f"{path}: a profile needs the columns x_mm and gap_mm (or gap_um), numbers in all rows"
-        ) from error
-    if len(table) < 3 or not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0.0).any():
-        raise InputError(f"{path}: a profile needs three rows or more, finite, with rising x_mm")
-    x, gap = table[:, 0], (table[:, 1] - table[:, 1].min()) * unit
+            f"{path}: a profile needs the columns x_mm and gap_mm (or gap_um), and has "
+            f"{given.header}; name them so"
+        )
+    x, gap = given.column("x_mm"), given.column(name)
+    if len(x) < 3 or (np.diff(x) <= 0.0).any():
+        raise InputError(f"{path}: a profile needs three rows or more, with rising x_mm")
+    gap = (gap - gap.min()) * (1e-3 if name == "gap_um" else 1.0)
     for shared in (x, gap):
         shared.flags.writeable = False
     return x, gap

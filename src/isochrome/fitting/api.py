@@ -14,6 +14,7 @@ from isochrome.fitting.frame.unknowns import GAMMA
 from isochrome.fitting.frame_set import PreparedFrames, light_terms
 from isochrome.fitting.joint.frame_sequence import alone_scene, make_sequence
 from isochrome.fitting.joint.joint_fit import JointFit
+from isochrome.fitting.joint.measured_scars import measured_areas, refuse_scars
 from isochrome.fitting.joint.separate_fits import is_each
 from isochrome.fitting.refusals import refuse_keys
 from isochrome.fitting.result import Fit, fitted_scene
@@ -64,6 +65,8 @@ def fit(
     first, then all together. Frames of a worn contact are states of one run: the wear is simulated
     with the load, friction and wear that the unknowns stand for, over all distances, in every step
     of the fit. Where frames share neither an unknown nor a history, their own fits are the result.
+    Scars of such a run, [[scar]] in the scene, are observations too: the worn area of each counts
+    by its own uncertainty beside the frames.
 
     Parameters
     ----------
@@ -175,6 +178,9 @@ class _Task:
         progress: RunProgress | None,
     ) -> None:
         sequence = make_sequence(placed(data.scene, data.shape), len(data), shared, own)
+        if data.scene.scar:
+            refuse_scars(sequence)
+            sequence = replace(sequence, areas=measured_areas(data.scene))
         rows, cols = data.shape
         self.data, self.tractions = data, tractions
         self.free_top = "camera.top_mm" in shared + own

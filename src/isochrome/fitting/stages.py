@@ -21,6 +21,7 @@ from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.frame_sequence import Sequence, alone_scene
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.joint.joint_solution import JointSolution, solve_jointly
+from isochrome.fitting.joint.measured_scars import scar_messages
 from isochrome.fitting.joint.separate_fits import (
     fit_of_each,
     is_each,
@@ -174,6 +175,7 @@ def joint_stage(
     assert now.fit.covariance is not None
     refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.covariance, joint.known)
     laws = None if apart is None else _laws(apart.fit)
+    notes += scar_messages(sequence.areas, joint.scene)
     return make_result(joint, alone, laws, notes), joint
 
 

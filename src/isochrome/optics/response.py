@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.output import check_given_table
+from isochrome.output import read_given_table
 from isochrome.scene import Camera
 
 Array = NDArray[np.floating]
@@ -87,25 +86,17 @@ def read_response(path: Path, names: tuple[str, ...]) -> Response:
 
     Parameters: `path`; `names` of the channels' columns. Returns a Response. Raises InputError.
     """
-    try:
-        check_given_table(path, "the camera's response")
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            f"{path}: the camera's response cannot be read ({error}); check camera.response"
-        ) from error
+    given = read_given_table(path, "the camera's response")
     columns = ("wavelength_nm", *names)
-    try:
-        table = np.array([[float(row[c]) for c in columns] for row in rows], dtype=float)
-    except (KeyError, TypeError, ValueError) as error:
+    if not set(columns) <= set(given.names):
         raise InputError(
-            f"{path}: a camera's response needs the columns {', '.join(columns)}, numbers in all "
-            "rows; for one grey column set camera.colour = false, for three set it true"
-        ) from error
-    if len(table) < 2 or not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0.0).any():
+            f"{path}: a camera's response needs the columns {', '.join(columns)}, and has "
+            f"{given.header}; for one grey column set camera.colour = false, for three set it true"
+        )
+    table = np.stack([given.column(name) for name in columns], axis=1)
+    if len(table) < 2 or (np.diff(table[:, 0]) <= 0.0).any():
         raise InputError(
-            f"{path}: a camera's response needs two rows or more, finite, with rising wavelength_nm"
+            f"{path}: a camera's response needs two rows or more, with rising wavelength_nm"
         )
     if (table[:, 1:] < 0.0).any() or not (table[:, 1:] > 0.0).any(axis=0).all():
         raise InputError(

@@ -11,6 +11,7 @@ from .files import (
 )
 from .frame_names import counted_frames, messages_of_frames, named_frames
 from .frame_values import FrameValues
+from .given_table import GivenTable, read_given_table
 from .record import InputContent, provenance, sha256, write_figure
 from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with_uncertainty
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
@@ -23,6 +24,7 @@ __all__ = [
     "SUFFIXES",
     "Floats",
     "FrameValues",
+    "GivenTable",
     "InputContent",
     "Photometric",
     "Result",
@@ -46,6 +48,7 @@ __all__ = [
     "plain",
     "provenance",
     "read_csv",
+    "read_given_table",
     "read_pixel_mm",
     "read_roi_mask",
     "replacing",

@@ -46,7 +46,7 @@ _POINTS, _TOLERANCE = 3, 1e-6
 def render_contact(folder: Path, seed: int) -> None:
     """Write the stack, its no-load frames, its scene and its truth to a folder."""
     nominal = load_scene(SCENE)
-    truth = _true_scene(nominal)
+    truth = true_contact(nominal)
     pixel = truth.get("camera.pixel_mm")
     states = scene_states(truth)
     shape = (truth.get("camera.height_px"), truth.get("camera.width_px"))
@@ -70,7 +70,8 @@ def render_contact(folder: Path, seed: int) -> None:
     write_truth(folder, seed, _true_values(truth, nominal, states), sensor)
 
 
-def _true_scene(nominal: Scene) -> Scene:
+def true_contact(nominal: Scene) -> Scene:
+    """The contact as it truly was: other load, wear and friction than the nominal scene's."""
     assert nominal.wear is not None
     table = DistanceTable(distance_m=nominal.wear.distances_m, value=FRICTION)
     return nominal.with_values(

@@ -38,6 +38,7 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
     from isochrome.samples.contact_images import SCENE, render_contact
     from isochrome.samples.disc_images import render_disc
     from isochrome.samples.sensor import sample_text
+    from isochrome.samples.wear_traces import render_wear
 
     if seed < 0:
         raise InputError(f"seed = {seed}, but must be 0 or above")
@@ -48,6 +49,7 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
             (SCENE, render_contact),
             ("bending", render_bending),
             ("disc", render_disc),
+            ("wear", render_wear),
         ):
             (folder / name).mkdir()
             draw(folder / name, seed)

@@ -74,7 +74,8 @@ class Load(ScenePart):
     Parameters
     ----------
     normal_n : float or PositiveTable
-        Normal load, N; of a contact a number, or a table over distance.
+        Normal load, N; of a contact a number, or a table over distance; or in its place `file`, a
+        CSV file with the columns distance_m (or time_s) and normal_n, as for `Friction`.
     tangential_n : float, optional
         Tangential load of a stuck contact, N.
     bulk_mpa : float, optional
@@ -104,7 +105,10 @@ class Friction(ScenePart):
     Parameters
     ----------
     coefficient : float or FrictionTable
-        The coefficient mu, a number, or a table over distance.
+        The coefficient mu, a number, or a table over distance; or in its place `file`, a CSV file
+        with the columns distance_m (or time_s, which `sliding_speed_mm_per_s`, here or in [frames],
+        makes distances of) and coefficient. Up to 200 rows are used as they are, and a longer
+        file is followed by 200 points at most, see `scene.measured_course`.
     static_state_first : bool, default False
         Whether one more state comes before sliding starts, without tangential traction.
     """
@@ -136,6 +140,21 @@ class Wear(ScenePart):
     def coefficient_at(self, distance_m: Distance) -> Distance:
         """Coefficient k (mm²/N) at a sliding distance (m), linear between the table's points."""
         return value_at(self.coefficient_mm2_per_n, distance_m)
+
+
+class MeasuredScar(ScenePart):
+    """A profilometer's trace across the worn scar, see `isochrome.scars.read_trace`.
+
+    Parameters
+    ----------
+    file : str
+        The trace's file, relative to the scene's.
+    distance_m : float
+        Distance slid when it was measured, m; several traces may have the same.
+    """
+
+    file: FileName
+    distance_m: Positive
 
 
 class PolariscopeStep(ScenePart):

@@ -117,7 +117,7 @@ def parse_scene(
     4.0
     """
     data = parse_toml(text, label or name)
-    scene = validate(Scene, data, label or name, reserved=NO_KEYS)
+    scene = validate(Scene, data, label or name, reserved=NO_KEYS, folder=folder)
     return scene.model_copy(update={"name": name, "folder": folder})
 
 

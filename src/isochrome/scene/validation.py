@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import difflib
 import typing
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from isochrome.errors import InputError
+from isochrome.scene.measured_course import FILE, FILES, FROM_FILES, SPEED
 from isochrome.scene.scene_values import NUMBER, TABLE
 from isochrome.scene.uncertain import PAIRS
 
@@ -19,7 +21,12 @@ M = typing.TypeVar("M", bound=BaseModel)
 
 
 def validate(
-    model: type[M], data: dict[str, Any], label: str, *, reserved: tuple[str, ...] = ()
+    model: type[M],
+    data: dict[str, Any],
+    label: str,
+    *,
+    reserved: tuple[str, ...] = (),
+    folder: Path | None = None,
 ) -> M:
     """Check a dictionary against a pydantic model.
 
@@ -33,6 +40,8 @@ def validate(
         Name of the file, in messages.
     reserved : tuple of str, optional
         Names of fields that are no keys.
+    folder : Path, optional
+        Folder to which the names of tables' files are relative; by default the working one.
 
     Returns
     -------
@@ -48,7 +57,7 @@ def validate(
         if key in data:
             raise InputError(f"{label}: unknown key '{key}'; remove it")
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context=folder)
     except ValidationError as error:
         raise InputError(f"{label}: {_sentence(model, error)}") from error
 
@@ -129,7 +138,8 @@ def _keys_beside(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str
             if inner is None:
                 break
             here = inner
-    return [k for k in here.model_fields if k not in ("folder", "name", PAIRS)]
+    known = [k for k in here.model_fields if k not in ("folder", "name", PAIRS, FILES)]
+    return known + ([FILE, SPEED] if loc and loc[0] in FROM_FILES else [])
 
 
 def _model_inside(annotation: Any) -> type[BaseModel] | None:

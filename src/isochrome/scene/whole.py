@@ -7,18 +7,27 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, overload
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from isochrome.errors import InputError
 from isochrome.scene.array_frames import ArrayFrames
 from isochrome.scene.imaging import Camera, Frames
-from isochrome.scene.parts import Friction, Indenter, Load, Numerics, Polariscope, Wear
+from isochrome.scene.measured_course import FILES, with_tables
+from isochrome.scene.parts import (
+    Friction,
+    Indenter,
+    Load,
+    MeasuredScar,
+    Numerics,
+    Polariscope,
+    Wear,
+)
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
 from isochrome.scene.specimen import BODIES, Body, Specimen
 from isochrome.scene.uncertain import PAIRS, with_pairs
 from isochrome.scene.validation import validate
 
-NO_KEYS = ("folder", "name", PAIRS)
+NO_KEYS = ("folder", "name", PAIRS, FILES)
 """Fields of a scene that are no keys of its file."""
 
 
@@ -49,6 +58,8 @@ class Scene(ScenePart):
         The pixel grid (mm), and what the sensor does to the light.
     frames : Frames, optional
         How captured frames are to be read.
+    scar : tuple of MeasuredScar, optional
+        Measured traces of the worn scar, which `compare` sets beside the simulated ones.
     numerics : Numerics, optional
         How finely the contact is computed.
     folder : Path, optional
@@ -57,6 +68,8 @@ class Scene(ScenePart):
         Name of the scene, in titles and messages.
     stated_uncertainty : tuple of tuple of (str, float), optional
         What `uncertainties` holds, as pairs.
+    table_files : tuple of str, optional
+        The files from which friction and load were read: their parts hold the tables.
 
     Raises
     ------
@@ -81,15 +94,18 @@ class Scene(ScenePart):
     polariscope: Polariscope = Polariscope()
     camera: Camera | None = None
     frames: Frames = Frames()
+    scar: tuple[MeasuredScar, ...] = ()
     numerics: Numerics = Numerics()
     folder: Path | None = Field(default=None, exclude=True, repr=False)
     name: str = Field(default="scene", exclude=True, repr=False)
     stated_uncertainty: tuple[tuple[str, float], ...] = Field(default=(), exclude=True, repr=False)
+    table_files: tuple[str, ...] = Field(default=(), exclude=True, repr=False)
 
     @model_validator(mode="before")
     @classmethod
-    def _plain_values(cls, data: Any) -> Any:
-        return with_pairs(cls, data)
+    def _plain_values(cls, data: Any, info: ValidationInfo) -> Any:
+        given = data.get("folder") if isinstance(data, dict) else None
+        return with_pairs(cls, with_tables(data, given or info.context))
 
     @model_validator(mode="after")
     def _parts_agree(self) -> Scene:
@@ -104,6 +120,8 @@ class Scene(ScenePart):
                 raise ValueError(f"{key} is missing, and {self._what()} needs it; add it")
         if self.indenter is None and (self.friction or self.wear):
             raise ValueError("[friction] and [wear] need an [indenter]; add it, or remove them")
+        if self.scar and self.wear is None:
+            raise ValueError("[[scar]] needs [wear], which makes scars; add it, or remove [[scar]]")
         if self.wear and self.wear.law == "dissipated_energy" and self.friction is None:
             raise ValueError(
                 "wear.law = 'dissipated_energy' needs [friction], which dissipates the energy; "
@@ -266,17 +284,18 @@ class Scene(ScenePart):
     def files(self, *, of_frames: bool) -> list[Path | ArrayFrames]:
         """The files, and arrays in place of files, that the scene names and results depend on.
 
-        Parameters: `of_frames`, whether those of [frames] are among them, which a simulation does
-        not read.
+        Parameters: `of_frames`, whether those of [frames] and [[scar]] are among them, which a
+        simulation does not read.
         """
         named: list[str | ArrayFrames | None] = [
+            *self.table_files,
             self.camera.response if self.camera else None,
             self.indenter.profile if self.indenter else None,
         ]
         if of_frames:
             own = self.frames
             named += [own.no_load_dark, own.no_load_bright, own.no_load_steps]
-            named += [own.mask, own.colour_table]
+            named += [own.mask, own.colour_table, *(scar.file for scar in self.scar)]
         return [self.path(name) for name in named if name is not None]
 
     def get(self, key: str) -> Any:

@@ -43,16 +43,40 @@ class Unknown:
 
 
 @dataclass(frozen=True)
+class MeasuredArea:
+    """The worn area of one trace.
+
+    Parameters
+    ----------
+    name : str
+        The trace's file.
+    distance_m : float
+        Distance slid, m.
+    area_mm2, standard_uncertainty_mm2 : float
+        The worn area and what roughness and levelling leave of it open, mm².
+    messages : tuple of str
+        What its levelling says.
+    """
+
+    name: str
+    distance_m: float
+    area_mm2: float
+    standard_uncertainty_mm2: float
+    messages: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Sequence:
     """The unknowns of `count` frames of a `scene`.
 
     Of a key that a run's course is made of, frames at one distance have one value: the course has
-    one there.
+    one there. `areas`, those of measured scars of the run.
     """
 
     scene: Scene
     count: int
     unknowns: tuple[Unknown, ...]
+    areas: tuple[MeasuredArea, ...] = ()
 
     @cached_property
     def run(self) -> bool:

@@ -31,6 +31,7 @@ from isochrome.fitting.frame.renderer import SceneRenderer
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import WEAR, fit_region, limits, thinning
 from isochrome.fitting.joint.frame_sequence import Sequence, Unknown
+from isochrome.fitting.joint.measured_scars import scar_equations
 from isochrome.fitting.joint.normal_equations import (
     DirectionMaps,
     NormalEquations,
@@ -200,12 +201,13 @@ class JointProblem:
     def _sums(
         self, sequence: Sequence, values: Array, renderer: SceneRenderer, stride: int
     ) -> NormalEquations | None:
-        """The frames' normal equations at some values."""
-        return add_up(
+        """The normal equations of frames and measured scars at some values."""
+        sums = add_up(
             (data.every(stride) for data in self.frames), sequence, values,
             renderer=renderer, progress=self.progress, exact=self.prior.any,
             regions=lambda i: self._region(i, stride),
         )  # fmt: skip
+        return sums and (sums + scar_equations(sequence, values) if sequence.areas else sums)
 
     def keep_clear(self, values: Array) -> None:
         """Leave out the pixels whose model at some values is near black or white, see `gamma`."""
@@ -222,7 +224,8 @@ class JointProblem:
         if stride == 1 and self._clear:
             bits = np.unpackbits(self._clear[index], count=self.shape[0] * self.shape[1])
             return bits.reshape(self.shape).astype(bool)
-        hidden = max(_EDGE_PX, hidden_px(self.first[index])) + self._margin_px
+        least = _EDGE_PX if self.sequence.count > 1 else 0.0  # a single frame is fitted as alone
+        hidden = max(least, hidden_px(self.first[index])) + self._margin_px
         return fit_region(self.first[index], self.shape, stride, hidden)
 
     def result(self, values: Array, normal: NormalEquations, converged: bool) -> JointFit:

@@ -24,8 +24,11 @@ def is_each(sequence: Sequence) -> bool:
     """Whether each frame's own fit is all that can be known of it.
 
     So it is where frames share neither unknowns nor a history, and for a single frame, but where a
-    frame shows a state that other distances led to, which its own fit does not follow.
+    frame shows a state that other distances led to, which its own fit does not follow, or a scar
+    was measured.
     """
+    if sequence.areas:
+        return False
     scene = sequence.scene
     given = [key for key in COURSE if getattr(scene, key.partition(".")[0]) is not None]
     if any(isinstance(scene.get(key), DistanceTable) for key in given):
@@ -86,9 +89,11 @@ def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
 
     A frame's own value is its own; a shared one, the mean weighted by the uncertainties. The wear
     coefficient is found from the areas that the frames say were worn, under their own friction.
-    Raises PhysicsError for an unknown that no frame tells.
+    Raises PhysicsError for an unknown that no frame tells, nor a measured scar.
     """
     for unknown in sequence.unknowns:
+        if sequence.areas and unknown.key in COURSE:
+            continue  # a scar may tell it; what nothing tells is refused where the fit ends
         refuse_undetermined(unknown.key, [alone[i] for i in unknown.frames])
     values = np.array([_mean([alone[i] for i in u.frames], u.key) for u in sequence.unknowns])
     worn = [k for k, u in enumerate(sequence.unknowns) if u.key == WEAR]

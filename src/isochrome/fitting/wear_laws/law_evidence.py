@@ -94,7 +94,7 @@ def segments(sequence: Sequence) -> Sequence | None:
         inside = tuple(i for i in frames if (sequence.distances_m[i] or 0.0) in group)
         unknowns.append(Unknown(WEAR, inside, False))
     scene = sequence.scene.with_values({"wear.law": "archard"})
-    return Sequence(scene, sequence.count, tuple(unknowns))
+    return replace(sequence, scene=scene, unknowns=tuple(unknowns))
 
 
 def mean_coefficients(scene: Scene, ends_m: Array) -> Array:

@@ -1,0 +1,1 @@
+"""The wear coefficient, from the traces or the volumes of measured scars."""

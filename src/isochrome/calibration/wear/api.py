@@ -1,0 +1,273 @@
+"""From measured scars to the wear coefficient: traces, volumes, law, budget."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, stdtrit
+
+from isochrome.calibration.wear.coefficient import SURE, WearLawFit, fit_laws
+from isochrome.calibration.wear.contradictions import contradictions
+from isochrome.calibration.wear.result import WearCalibration, WornDistance
+from isochrome.calibration.wear.settings import WearSet
+from isochrome.calibration.wear.worn_volumes import (
+    UNLIKELY,
+    TraceScatter,
+    WornVolume,
+    trace_scars,
+    worn_volumes,
+)
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import BudgetInput, variance_shares
+from isochrome.scene import check_reach
+
+Array = NDArray[Any]
+
+_PLAUSIBLE = 1e-15, 1e-1
+"""Coefficients (mm²/N) from diamond to chalk, with room on both sides."""
+
+
+def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
+    """Calibrate the wear coefficient from measured scars.
+
+    k = V/(P s), equation 11 of the paper, at each distance and for all of them by their weights; V
+    of traces is the mean worn area times the scar's width. What other laws give, and which of them
+    the volumes speak for, stands beside.
+
+    Parameters
+    ----------
+    settings : str, Path or WearSet
+        The calibration set, a TOML file: [scar], [[trace]] or [[volume]], [uncertainty].
+
+    Returns
+    -------
+    WearCalibration
+        The coefficient with its uncertainty, budget, laws, distances and warnings.
+
+    Raises
+    ------
+    InputError
+        Where the set or a trace is wrong; it names the file, the key or line, and the fix.
+    PhysicsError
+        Where no trace shows a scar, or nothing was worn.
+
+    Notes
+    -----
+    Source: Archard (1953), J. Appl. Phys. 24, 981; JCGM 100:2008 (GUM), 5.1 and G.4, for the
+    uncertainty and its degrees of freedom.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> from isochrome.calibration import WearSet
+    >>> volume = {"distance_m": 155.0, "normal_n": 44.0, "value_mm3": 0.01364}
+    >>> found = isochrome.calibrate_wear(WearSet(volume=[volume]))
+    >>> round(found.coefficient_mm2_per_n / 1e-9, 6)
+    2.0
+    """
+    if isinstance(settings, WearSet):
+        found = settings
+    else:
+        found = WearSet.read(settings)
+        check_reach(found.model_dump(exclude_unset=True), found.name)
+    scars = trace_scars(found)
+    volumes, scatter = worn_volumes(found, scars)
+    if not volumes:
+        raise PhysicsError(
+            f"{found.name}: no distance has traces that all show a scar: "
+            f"{next(scar.why_not for scar in scars if scar.why_not)}"
+        )
+    spread = _own_spread(volumes)
+    laws = fit_laws(volumes, spread)
+    archard = next(fit for fit in laws if fit.law == "archard")
+    k = archard.coefficient_mm2_per_n
+    if not _PLAUSIBLE[0] <= k <= _PLAUSIBLE[1]:
+        raise InputError(
+            f"{found.name}: the scars give k = {k:.3g} mm²/N, where {_PLAUSIBLE[0]:g} to "
+            f"{_PLAUSIBLE[1]:g} is allowed; check volumes (mm³), loads (N) and distances (m)"
+        )
+    inputs = common_inputs(found, volumes, spread, k)
+    chi = None if _has_scatter_only(volumes) else _chi(archard, scatter)
+    rows = _own_rows(volumes, spread, archard) + inputs
+    budget, total = _budget(rows)
+    freedom = _freedom(volumes, scatter, archard, spread, total)
+    reach = float(stdtrit(freedom, 0.975)) * total if np.isfinite(freedom) else 1.959964 * total
+    law = laws[0].law
+    if law != "archard" and archard.log_evidence > -SURE:
+        law = "archard"
+    return WearCalibration(
+        coefficient_mm2_per_n=k,
+        standard_uncertainty=total,
+        degrees_of_freedom=freedom,
+        interval_95=(k - reach, k + reach),
+        chi=chi,
+        law=law,
+        laws=laws,
+        by_distance=_by_distance(found, volumes, spread),
+        traces=scars,
+        budget=budget,
+        warnings=contradictions(found, scars, volumes, spread, scatter, laws, law),
+    )
+
+
+def _own_spread(volumes: Sequence[WornVolume]) -> Array:
+    """Standard uncertainties of the volumes' own errors (n,), mm³.
+
+    Of volumes without one, all alike: what they scatter about V = k P s, since a volume's error is
+    roughness and levelling, which the distance does not change. A single one's, and that of
+    volumes which agree to rounding, stays at rounding.
+    """
+    spread = np.array([volume.own_uncertainty_mm3 for volume in volumes])
+    if np.isfinite(spread).all():
+        return np.asarray(np.maximum(spread, 1e-12 * max(v.volume_mm3 for v in volumes)))
+    values = np.array([volume.volume_mm3 for volume in volumes])
+    work = np.array([volume.work_n_mm for volume in volumes])
+    residual = values - work * (work @ values) / (work @ work)
+    size = float(np.sqrt(residual @ residual / max(len(values) - 1, 1)))
+    return np.full(len(values), max(size, 1e-12 * float(values.max())))
+
+
+def _has_scatter_only(volumes: Sequence[WornVolume]) -> bool:
+    return not all(np.isfinite(volume.own_uncertainty_mm3) for volume in volumes)
+
+
+def _weights(volumes: Sequence[WornVolume], spread: Array) -> Array:
+    """dk/dV of Archard's law (n,), 1/(N mm)."""
+    work = np.array([volume.work_n_mm for volume in volumes])
+    return np.asarray(work / spread**2 / np.sum((work / spread) ** 2))
+
+
+def _own_rows(
+    volumes: Sequence[WornVolume], spread: Array, archard: WearLawFit
+) -> list[tuple[str, float | None, float, float]]:
+    """Name, value, uncertainty and sensitivity of what the volumes' own errors add to k."""
+    weights = _weights(volumes, spread)
+    traced = np.array([bool(volume.scars) for volume in volumes])
+    parts = {
+        "roughness": np.array([volume.roughness_mm3 for volume in volumes]),
+        "levelling": np.array([volume.levelling_mm3 for volume in volumes]),
+    }
+    promised = np.sqrt(sum(part**2 for part in parts.values()))
+    # less scatter than was promised makes both parts less, more of it is a part of its own
+    share = np.minimum(1.0, np.divide(spread, promised, out=np.ones_like(spread), where=traced))
+    rows: list[tuple[str, float | None, float, float]] = []
+    if traced.any():
+        for name, part in parts.items():
+            rows.append((name, None, _joined(weights * part * share), 1.0))
+        more = np.sqrt(np.maximum(spread**2 - promised**2, 0.0)) * traced
+        rows.append(("scatter of the traces", None, _joined(weights * more), 1.0))
+    if not traced.all():
+        name = "scatter of the volumes" if _has_scatter_only(volumes) else "volumes"
+        rows.append((name, None, _joined(weights * spread * ~traced), 1.0))
+    if archard.freedom > 0 and _is_off_law(archard) and not _has_scatter_only(volumes):
+        wider = archard.own_uncertainty * np.sqrt(archard.chi_square / archard.freedom - 1.0)
+        rows.append(("scatter of the distances", None, float(wider), 1.0))
+    return rows
+
+
+def _is_off_law(archard: WearLawFit) -> bool:
+    """Whether the distances leave Archard's law by more than chance."""
+    return float(chdtrc(archard.freedom, archard.chi_square)) < UNLIKELY
+
+
+def _joined(parts: Array) -> float:
+    return float(np.sqrt(np.sum(parts**2)))
+
+
+def common_inputs(
+    settings: WearSet, volumes: Sequence[WornVolume], spread: Array, k: float
+) -> list[tuple[str, float | None, float, float]]:
+    """Name, value, standard uncertainty and sensitivity dk/dx of the inputs common to all.
+
+    k goes as 1/P and 1/s, and its part by traces as the width and the profilometer's two scales.
+    """
+    known = settings.uncertainty
+    by_traces = np.array([bool(volume.scars) for volume in volumes])
+    part = _weights(volumes, spread) * np.array([v.volume_mm3 for v in volumes])
+    traced = float(part[by_traces].sum())
+    first = volumes[0]
+    rows: list[tuple[str, float | None, float, float]] = []
+    if known.load_percent:
+        load = first.normal_n
+        rows.append(("normal_n", load, load * known.load_percent / 100.0, -k / load))
+    if known.distance_percent:
+        slid = first.distance_m
+        rows.append(("distance_m", slid, slid * known.distance_percent / 100.0, -k / slid))
+    if settings.scar is not None and by_traces.any():
+        width = settings.scar.width_mm
+        if known.width_mm:
+            rows.append(("scar.width_mm", width, known.width_mm, traced / width))
+        if known.height_percent:
+            rows.append(("profilometer's height scale", 1.0, known.height_percent / 100.0, traced))
+        if known.lateral_percent:
+            rows.append(
+                ("profilometer's lateral scale", 1.0, known.lateral_percent / 100.0, traced)
+            )
+    return rows
+
+
+def _budget(
+    rows: Sequence[tuple[str, float | None, float, float]],
+) -> tuple[tuple[BudgetInput, ...], float]:
+    """The budget, the largest share first, and the combined standard uncertainty."""
+    parts = np.array([u * c for _, _, u, c in rows])
+    shares = variance_shares(parts)
+    items = [
+        BudgetInput(
+            input=name, value=value, standard_uncertainty=u, sensitivity=c, share=float(share)
+        )
+        for (name, value, u, c), share in zip(rows, shares, strict=True)
+    ]
+    return tuple(sorted(items, key=lambda item: -item.share)), _joined(parts)
+
+
+def _freedom(
+    volumes: Sequence[WornVolume],
+    scatter: TraceScatter,
+    archard: WearLawFit,
+    spread: Array,
+    total: float,
+) -> float:
+    """Effective degrees of freedom by Welch and Satterthwaite (JCGM 100:2008, G.4)."""
+    if not total > 0.0:
+        return np.inf
+    if _has_scatter_only(volumes):
+        own, freedom = archard.own_uncertainty, float(max(archard.freedom, 1))
+    else:
+        weights = _weights(volumes, spread)
+        traced = np.array([bool(volume.scars) for volume in volumes])
+        own, freedom = _joined((weights * spread)[traced]), scatter.degrees_of_freedom
+    return freedom * (total / own) ** 4 if own > 0.0 and np.isfinite(freedom) else np.inf
+
+
+def _chi(archard: WearLawFit, scatter: TraceScatter) -> float | None:
+    """Root of the square scatter over its degrees of freedom, in what the shoulders promise."""
+    freedom = archard.freedom + scatter.freedom
+    square = archard.chi_square * scatter.factor + scatter.chi_square
+    return float(np.sqrt(square / freedom)) if freedom > 0 else None
+
+
+def _by_distance(
+    settings: WearSet, volumes: Sequence[WornVolume], spread: Array
+) -> tuple[WornDistance, ...]:
+    """Each distance's coefficient, with what all share in its uncertainty."""
+    found = []
+    for volume, own in zip(volumes, spread, strict=True):
+        k = volume.volume_mm3 / volume.work_n_mm
+        shared = common_inputs(settings, [volume], np.array([own]), k)
+        of_scale = [u * c for name, _, u, c in shared if name not in ("normal_n", "distance_m")]
+        u_volume = float(np.hypot(own, volume.work_n_mm * _joined(np.array(of_scale))))
+        parts = np.array([own / volume.work_n_mm, *(u * c for _, _, u, c in shared)])
+        found.append(
+            WornDistance(
+                volume=volume,
+                standard_uncertainty_mm3=u_volume,
+                coefficient_mm2_per_n=k,
+                standard_uncertainty=_joined(parts),
+            )
+        )
+    return tuple(sorted(found, key=lambda row: row.volume.distance_m))

@@ -1,0 +1,99 @@
+"""Measured scars as observations of a fit, beside the frames: the worn area at a distance.
+
+A contact that is in equilibrium wears W(s) = ∫ P' dK whatever its shape, so a scar's area tells of
+load, friction and wear coefficient without a contact being solved:
+
+    cost += Σ ((A - W(s))/u)²
+
+with A a trace's worn area and u its standard uncertainty, of roughness and levelling.
+Source: Archard (1953), J. Appl. Phys. 24, 981.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.estimation import STEP
+from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.unknowns import scales
+from isochrome.fitting.joint.frame_sequence import MeasuredArea, Sequence, local_values
+from isochrome.fitting.joint.normal_equations import NormalEquations, with_number
+from isochrome.output import with_uncertainty
+from isochrome.scars import levelled, read_trace
+from isochrome.scene import Scene
+
+_WEARING = ("specimen", "load", "friction", "wear")
+"""Parts of a scene that the worn area goes with."""
+_CONTRADICTS = 3.0
+"""Standard uncertainties beyond which a scar contradicts the fit."""
+
+
+def refuse_scars(sequence: Sequence) -> None:
+    """Raise InputError where a sequence's frames do not show the wear that a scar measures."""
+    if not sequence.run:
+        raise InputError(
+            f"{sequence.scene.name}: [[scar]] is measured at one of a run's distances, and these "
+            "frames are no states of one; give wear.distances_m, one of each frame, or remove "
+            "[[scar]]"
+        )
+
+
+def measured_areas(scene: Scene) -> tuple[MeasuredArea, ...]:
+    """Read the worn areas of a scene's [[scar]].
+
+    Raises InputError for a trace that cannot be read or levelled, PhysicsError where one shows no
+    scar.
+    """
+    found = []
+    for scar in scene.scar:
+        trace = levelled(read_trace(scene.path(scar.file)))
+        area = trace.worn_area_mm2, trace.worn_area_uncertainty_mm2
+        found.append(MeasuredArea(scar.file, scar.distance_m, *area, trace.messages))
+    return tuple(found)
+
+
+def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
+    """The normal equations of a sequence's measured areas at some values (p,) of its unknowns."""
+    areas = sequence.areas
+    distances = tuple(area.distance_m for area in areas)
+    whole = sequence.whole(values)
+    spread = np.array([area.standard_uncertainty_mm2 for area in areas])
+    worn = local_values(whole, distances)[:, 2]
+    residual = (np.array([area.area_mm2 for area in areas]) - worn) / spread
+    rows = np.zeros((len(values), len(areas)))
+    for k, unknown in enumerate(sequence.unknowns):
+        if unknown.key.split(".")[0] in _WEARING:
+            ahead = values.copy()
+            ahead[k] += STEP * float(scales(with_number(whole, unknown.key), (unknown.key,))[0])
+            moved = local_values(sequence.whole(ahead), distances)[:, 2]
+            rows[k] = (moved - worn) / (ahead[k] - values[k]) / spread
+    normal = rows @ rows.T
+    return NormalEquations(
+        normal=normal,
+        middle=normal,
+        gradient=rows @ residual,
+        squares=np.diag(normal).copy(),
+        cost=float(residual @ residual),
+        freedom=len(areas),
+        positive=(),
+        chi=(),
+    )
+
+
+def scar_messages(areas: tuple[MeasuredArea, ...], scene: Scene) -> tuple[str, ...]:
+    """What to say of measured areas beside those of a fitted scene."""
+    if not areas:
+        return ()
+    worn = local_values(scene, tuple(area.distance_m for area in areas))[:, 2]
+    found = [text for area in areas for text in area.messages]
+    for area, model in zip(areas, worn.tolist(), strict=True):
+        away = abs(area.area_mm2 - model) / area.standard_uncertainty_mm2
+        if away > _CONTRADICTS:
+            measured = with_uncertainty(area.area_mm2, area.standard_uncertainty_mm2)
+            found.append(
+                f"{area.name}: its worn area, {measured} mm², and the fitted scene's, "
+                f"{model:.4g} mm², are {away:.1f} standard uncertainties apart: frames and scars "
+                "contradict each other; check load, distances and the profilometer's scale"
+            )
+    return tuple(found)

@@ -1,0 +1,13 @@
+from .levelled_trace import LevelledTrace
+from .levelling import UnclearScarError, levelled
+from .roughness import Roughness
+from .trace import Trace, read_trace
+
+__all__ = [
+    "LevelledTrace",
+    "Roughness",
+    "Trace",
+    "UnclearScarError",
+    "levelled",
+    "read_trace",
+]

@@ -1,0 +1,300 @@
+r"""Friction and load over the sliding distance from the file of a tester.
+
+A tester stores 10^5 rows, most of their digits noise, and a wear run ends a step at every point
+of a table. So a long file is followed by few straight lines: of all continuous lines with bends at
+some of the rows it is that of least ∫ (v - line)² ds, which keeps ∫ v ds, and stretches are halved
+until the mean of what is left, in each quarter of each of them, is below `FOLLOWED` of the largest
+value and four standard errors of the file's own noise. What is faster than that is averaged: noise,
+and whatever comes back within a few hundredths of the way, such as a roller out of round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isochrome.errors import InputError
+from isochrome.output import GivenTable, read_given_table
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.floating]
+
+FILE, SPEED = "file", "sliding_speed_mm_per_s"
+"""Keys of a part that is read from a file."""
+
+FILES = "table_files"
+"""The field of a scene that names the files; no key of a scene's file."""
+
+FEW = 200
+"""Rows that are used as they stand, and the points of a longer file's lines at most: a table of so
+many noisy points costs a wear run seconds, and one of smooth ones nothing."""
+FOLLOWED = 2e-4
+"""Of the largest value: what a quarter of a stretch may be off in its mean."""
+_STANDARD_ERRORS = 4.0
+_AVERAGED = 0.1
+"""Of the root mean square of a file: the largest one of what its lines average away."""
+_QUARTERS, _LEAST = 4, 1e-300
+
+_GAP, _GAP_CHANGE, _GAP_STEPS = 20.0, 0.02, 5.0
+"""A gap is a step of so many times the steps before and after it, over which the value changes by
+so much of the largest value, and by so many of its median changes from row to row."""
+
+_DISTANCE, _TIME = "distance_m", "time_s"
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What a file holds: the scene's part and key, the column, and its allowed values."""
+
+    part: str
+    key: str
+    column: str
+    low: float
+    high: float
+    allowed: str
+
+
+_KINDS = (
+    _Kind("friction", "coefficient", "coefficient", -5.0, 5.0, "it is from -5 to 5"),
+    _Kind("load", "normal_n", "normal_n", 5e-324, 1e30, "it is above 0"),
+)
+
+FROM_FILES = tuple(kind.part for kind in _KINDS)
+"""Parts that a file may give."""
+
+
+def with_tables(data: Any, folder: Path | None) -> Any:
+    """A scene's tables with those read that stand in files, and the files' names under FILES.
+
+    Parameters: `data`, the scene's tables; `folder`, to which names are relative. Returns the
+    tables. Raises InputError that names the file, line and value.
+    """
+    if not isinstance(data, dict):
+        return data
+    found, files = dict(data), list(data.get(FILES, ()))
+    for kind in _KINDS:
+        part = found.get(kind.part)
+        if not isinstance(part, dict) or not {FILE, SPEED} & set(part):
+            continue
+        name, speed = part.get(FILE), part.get(SPEED)
+        if not isinstance(name, str) or not name:
+            raise InputError(
+                f"{kind.part}.{FILE} = {name!r} is not allowed: it is the name of a CSV file with "
+                f"the columns {_DISTANCE} or {_TIME}, and {kind.column}; correct it"
+            )
+        if kind.key in part:
+            raise InputError(
+                f"{kind.part}.{FILE} and {kind.part}.{kind.key} exclude each other; remove one"
+            )
+        speed = _speed(kind, speed, found.get("frames"))
+        table = read_course((folder or Path()) / name, kind, speed)
+        rest = {key: value for key, value in part.items() if key not in (FILE, SPEED)}
+        found[kind.part] = rest | {kind.key: table}
+        files.append(name)
+    return found | {FILES: tuple(files)} if files else found
+
+
+def _speed(kind: _Kind, own: Any, frames: Any) -> float | None:
+    """The sliding speed (mm/s) for a file's times: the part's own, else that of the frames."""
+    key, speed = f"{kind.part}.{SPEED}", own
+    if own is None:
+        key = f"frames.{SPEED}"
+        speed = frames.get(SPEED) if isinstance(frames, dict) else getattr(frames, SPEED, None)
+    if speed is None:
+        return None
+    number = isinstance(speed, int | float) and not isinstance(speed, bool)
+    if not number or not 0.0 < speed < 1e30:
+        raise InputError(f"{key} = {speed!r} is not allowed: it is above 0, in mm/s; correct it")
+    return float(speed)
+
+
+def read_course(path: Path, kind: _Kind, speed_mm_per_s: float | None) -> dict[str, list[float]]:
+    """A file's values over the distance, as a table of a scene, see `few_lines`.
+
+    Parameters: `path`; `kind`; `speed_mm_per_s`, which times need. Returns distance_m and value.
+    Raises InputError.
+    """
+    given = read_given_table(path, f"the {kind.part}")
+    distance, value = _columns(given, kind, speed_mm_per_s)
+    _refuse_gap(given, kind, distance, value)
+    distance, value = few_lines(distance, value, str(path))
+    return {"distance_m": distance.tolist(), "value": value.tolist()}
+
+
+def _columns(given: GivenTable, kind: _Kind, speed: float | None) -> tuple[Floats, Floats]:
+    """Distances (m) and values (n,), checked row by row."""
+    import numpy as np
+
+    place = _DISTANCE if _DISTANCE in given.names else _TIME
+    if place not in given.names or kind.column not in given.names:
+        raise InputError(
+            f"{given.path}: has the columns {given.header}, and "
+            f"{kind.part}.{FILE} needs {_DISTANCE} or {_TIME}, and {kind.column}; name them so, in "
+            "these units"
+        )
+    at, value = given.column(place), given.column(kind.column)
+    if len(at) < 2:
+        raise InputError(f"{given.path}: has {len(at)} rows of numbers; give two or more")
+    for column, values, wrong, allowed in (
+        (place, at, at < 0.0, "it is 0 or more"),
+        (place, at, np.r_[False, np.diff(at) <= 0.0], "it must rise from row to row; sort it"),
+        (kind.column, value, (value < kind.low) | (value > kind.high), kind.allowed),
+    ):
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(
+                f"{given.path}: line {given.lines[row]}: {column} = {values[row]:g} is not "
+                f"allowed: {allowed}; correct that line"
+            )
+    if place == _DISTANCE:
+        return at, value
+    if speed is None:
+        raise InputError(
+            f"{given.path}: has times, and only a sliding speed makes distances of them; add "
+            f"{kind.part}.{SPEED} (or frames.{SPEED}), or give the column {_DISTANCE}"
+        )
+    return 1e-3 * speed * at, value
+
+
+def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats) -> None:
+    """Refuse a long step without rows over which the value has changed."""
+    import numpy as np
+
+    step, change = np.diff(distance), np.abs(np.diff(value))
+    if len(step) < 3:
+        return
+    beside = np.maximum(np.r_[0.0, step[:-1]], np.r_[step[1:], 0.0])
+    much = max(_GAP_CHANGE * float(np.abs(value).max()), _GAP_STEPS * float(np.median(change)))
+    gap = np.flatnonzero((step > _GAP * beside) & (change > much))
+    if len(gap):
+        row = int(gap[0])
+        raise InputError(
+            f"{given.path}: lines {given.lines[row]} and {given.lines[row + 1]} are "
+            f"{step[row]:.3g} m apart, over {_GAP:g} times the steps beside, and {kind.column} "
+            f"goes from {value[row]:g} to {value[row + 1]:g} between them; add the rows that are "
+            "missing there, or a few on the line that it followed"
+        )
+
+
+def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Floats]:
+    """Follow a measured curve by few straight lines; one of up to FEW points is left as it is.
+
+    Equation: the least ∫ (v - Σ c_k hat_k(s))² ds over the c_k, with hats between bends s_k at some
+    of the places. Stretches between bends are halved where the mean of v - line over the n places
+    of one of their quarters is above FOLLOWED of max |v| and four standard errors; until none is
+    left, or FEW bends are used. The standard error is the larger of σ/√n, with σ the noise of the
+    rows, and σ_b min(1, √(b/n)), with σ_b that of means over b of them, a quarter of one of FEW
+    stretches: so noise that lasts over many rows is not followed either. Both are from second
+    differences, median |v[i-1] - 2 v[i] + v[i+1]| / (0.6745 √6).
+
+    Parameters
+    ----------
+    distance_m : ndarray, shape (n,)
+        Places, m, rising.
+    value : ndarray, shape (n,)
+        The values there.
+    label : str
+        Name of the curve in messages.
+
+    Returns
+    -------
+    bends_m : ndarray, shape (m,)
+        Places of the bends, m, the first and last place among them.
+    values : ndarray, shape (m,)
+        The lines' values there.
+
+    Raises
+    ------
+    InputError
+        Where what would be averaged away is more than a tenth of the values.
+    """
+    import numpy as np
+
+    count = len(value)
+    if count <= FEW:
+        return distance_m, value
+    block = max(1, count // (_QUARTERS * FEW))
+    means = value[: count // block * block].reshape(-1, block).mean(axis=1)
+    noise = _Noise(_noise_of(value), block, _noise_of(means))
+    allowed = FOLLOWED * float(np.abs(value).max()) + _LEAST
+    bends = np.unique(np.linspace(0, count - 1, 5).round().astype(int))
+    while True:
+        fitted = _line_values(distance_m, value, bends)
+        residual = value - np.interp(distance_m, distance_m[bends], fitted)
+        worst = _worst_means(residual, bends, allowed, noise)
+        order = np.argsort(-worst)[: FEW - len(bends)]
+        chosen = order[worst[order] > 1.0]
+        if not len(chosen):
+            break
+        bends = np.union1d(bends, (bends[chosen] + bends[chosen + 1]) // 2)
+    left, size = (float(np.sqrt(np.mean(v**2))) for v in (residual, value))
+    if left > _AVERAGED * size:
+        raise InputError(
+            f"{label}: swings by {left:.3g} (rms) about its mean course of {size:.3g}, too fast "
+            f"for {FEW} points to follow; over {_AVERAGED:g} of it is not averaged unasked: give "
+            "the means over the strokes or cycles"
+        )
+    return distance_m[bends], fitted
+
+
+def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
+    """Values (m,) at the bends of the lines of least squares, by their tridiagonal equations."""
+    import numpy as np
+    from scipy.linalg import solveh_banded
+
+    weight = np.zeros(len(s))
+    step = np.diff(s)
+    weight[:-1] += 0.5 * step
+    weight[1:] += 0.5 * step
+    m = len(bends)
+    cell = np.clip(np.searchsorted(bends, np.arange(len(s)), side="right") - 1, 0, m - 2)
+    right = (s - s[bends][cell]) / np.diff(s[bends])[cell]
+    left = 1.0 - right
+    sums = [np.bincount(cell, weight * f, minlength=m) for f in (left * left, right * right)]
+    bands = np.zeros((2, m))
+    bands[1] = sums[0]
+    bands[1, 1:] += sums[1][:-1]
+    bands[0, 1:] = np.bincount(cell, weight * left * right, minlength=m)[:-1]
+    load = np.bincount(cell, weight * left * value, minlength=m)
+    load[1:] += np.bincount(cell, weight * right * value, minlength=m)[:-1]
+    return np.asarray(solveh_banded(bands, load))
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """Noise of rows, and of means over a block of them."""
+
+    of_rows: float
+    block: int
+    of_means: float
+
+    def __call__(self, count: Any) -> Any:
+        """Standard error of the mean over so many rows (any shape)."""
+        import numpy as np
+
+        of_means = self.of_means * np.sqrt(np.minimum(1.0, self.block / count))
+        return np.maximum(self.of_rows / np.sqrt(count), of_means)
+
+
+def _noise_of(values: Floats) -> float:
+    """Noise of a series (n,), from its second differences, which a smooth course hardly has."""
+    import numpy as np
+
+    return float(np.median(np.abs(np.diff(values, 2))) / (0.6745 * 6.0**0.5))
+
+
+def _worst_means(residual: Floats, bends: Any, allowed: float, noise: _Noise) -> Floats:
+    """Of each stretch (m-1,) the largest mean of a quarter, over what is allowed there; 0 for one
+    between neighbours."""
+    import numpy as np
+
+    parts = np.arange(_QUARTERS + 1) * np.diff(bends)[:, None] // _QUARTERS + bends[:-1, None]
+    total = np.r_[0.0, np.cumsum(residual)]
+    count = np.maximum(np.diff(parts, axis=1), 1)
+    over = np.abs(np.diff(total[parts], axis=1)) / count
+    over /= allowed + _STANDARD_ERRORS * noise(count)
+    return np.where(np.diff(bends) > 1, over.max(axis=1), 0.0)
