@@ -255,7 +255,7 @@ def test_a_front_door_offers_what_it_lists():
         door = importlib.import_module(dotted(stub).removesuffix(".__init__"))
         assert sorted(set(door.__all__) - {"__version__"}) == sorted(names)
         assert set(names) <= set(dir(door))
-        for name in names:
+        for name in set(names) - {"samples"}:  # whose functions are named after the samples
             assert not isinstance(getattr(door, name), ModuleType), f"{stub}: {name}"
 
 

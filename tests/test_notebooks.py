@@ -1,16 +1,38 @@
-"""The notebooks run from the first cell to the last, in a fresh kernel of this interpreter."""
+"""The notebooks run from the first cell to the last, in a fresh kernel of this interpreter.
+
+Those that are stored with their outputs give them again: the same text, and pictures alike.
+"""
 
 from __future__ import annotations
 
+import ast
+import base64
+import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+FOLDER = Path(__file__).parents[1] / "notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 NO_END_S = 1800
 """A cell of seconds that takes so long hangs, on a loaded machine too."""
+
+MOST_BYTES = 2_000_000
+"""Of all notebooks together."""
+
+WITHOUT = {"calibrate-the-material", "reproduce-the-paper", "what-the-fringes-know"}
+"""Notebooks that are stored without outputs, and import from rooms: a list that gets shorter."""
+
+ALIKE = 6.0
+"""Mean difference of two pictures of one cell, of 255: other versions of matplotlib and of fonts
+move letters by a pixel, which is below 3; another map, or another line, is above 10."""
+
+MODULES = {"isochrome", "numpy", "matplotlib", "matplotlib.pyplot", "tempfile", "pathlib"}
+"""What the stored notebooks import."""
 
 
 @pytest.fixture
@@ -30,12 +52,72 @@ def own_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "python3"
 
 
-def test_there_is_a_notebook_and_none_holds_outputs() -> None:
-    assert NOTEBOOKS, "no notebook in notebooks/"
+def code_cells(path: Path) -> list[dict[str, Any]]:
+    """The code cells of a notebook."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    return [cell for cell in cells if cell["cell_type"] == "code"]
+
+
+def test_notebooks_are_stored_with_their_outputs_and_are_small() -> None:
+    assert {path.stem for path in NOTEBOOKS} > WITHOUT
     for path in NOTEBOOKS:
-        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-        full = [c["id"] for c in cells if c.get("outputs") or c.get("execution_count")]
-        assert not full, f"{path.name}: clear the outputs of {', '.join(full)} before saving"
+        cells = code_cells(path)
+        full = [bool(cell.get("outputs")) for cell in cells]
+        if path.stem in WITHOUT:
+            assert not any(full), f"{path.name}: clear its outputs, or take it out of WITHOUT"
+        else:
+            assert all(full), f"{path.name}: run it to its end before saving"
+            pictures = [item for cell in cells for item in pictures_of(cell["outputs"])]
+            assert pictures, f"{path.name}: shows no picture"
+    assert sum(path.stat().st_size for path in NOTEBOOKS) < MOST_BYTES
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_imports_from_the_front_door_alone(path: Path) -> None:
+    if path.stem in WITHOUT:
+        return
+    for cell in code_cells(path):
+        code = "".join(cell["source"]).replace("%matplotlib inline", "")
+        for node in ast.walk(ast.parse(code)):
+            if isinstance(node, ast.Import):
+                assert {alias.name for alias in node.names} <= MODULES, path.name
+            if isinstance(node, ast.ImportFrom):
+                assert node.module in MODULES - {"isochrome"}, path.name
+
+
+def texts_of(outputs: list[Any]) -> str:
+    """What a cell prints and shows as text, but for what stands in a picture's place."""
+    found = []
+    for item in outputs:
+        text = item.get("text")
+        if text is None and "image/png" not in item.get("data", {}):
+            text = item.get("data", {}).get("text/plain", "")
+        found.append("".join(text or ""))
+    return "".join(found)
+
+
+def pictures_of(outputs: list[Any]) -> list[np.ndarray]:
+    """The pictures of a cell, (rows, cols, 3) of 0 to 255."""
+    from PIL import Image
+
+    found = []
+    for item in outputs:
+        data = item.get("data", {}).get("image/png")
+        if data is not None:
+            image = Image.open(io.BytesIO(base64.b64decode("".join(data))))
+            found.append(np.asarray(image.convert("RGB"), dtype=float))
+    return found
+
+
+def difference(one: np.ndarray, other: np.ndarray) -> float:
+    """How far two pictures are apart, in the mean of the part that both have."""
+    rows, cols = (min(one.shape[axis], other.shape[axis]) for axis in (0, 1))
+    if (
+        max(one.shape[0], other.shape[0]) > 1.1 * rows
+        or max(one.shape[1], other.shape[1]) > 1.1 * cols
+    ):
+        return 255.0
+    return float(np.abs(one[:rows, :cols] - other[:rows, :cols]).mean())
 
 
 @pytest.mark.long
@@ -44,7 +126,9 @@ def test_there_is_a_notebook_and_none_holds_outputs() -> None:
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:jupyter_core.*")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:zmq.*")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_runs_to_its_end(path: Path, tmp_path: Path, own_kernel: str) -> None:
+def test_notebook_runs_to_its_end_and_gives_what_is_stored(
+    path: Path, tmp_path: Path, own_kernel: str
+) -> None:
     import nbclient
     import nbformat
 
@@ -59,3 +143,26 @@ def test_notebook_runs_to_its_end(path: Path, tmp_path: Path, own_kernel: str) -
         client.execute()
     except nbclient.exceptions.CellExecutionError as error:
         pytest.fail(f"{path.name}: {error}", pytrace=False)
+    if path.stem in WITHOUT:
+        return
+    ran = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    for number, (stored, now) in enumerate(zip(code_cells(path), ran, strict=True)):
+        where = f"{path.name}, code cell {number}"
+        assert texts_of(now.outputs) == texts_of(stored["outputs"]), where
+        pairs = zip(pictures_of(now.outputs), pictures_of(stored["outputs"]), strict=True)
+        for one, other in pairs:
+            assert difference(one, other) < ALIKE, f"{where}: its picture is another"
+
+
+def test_a_picture_that_drifts_is_noticed() -> None:
+    """Moved by a pixel it is alike; with another map, or lines, or size, it is not."""
+    rng = np.random.default_rng(0)
+    coarse = np.kron(rng.uniform(0, 255, (12, 16)), np.ones((20, 20)))
+    picture = np.repeat(coarse[..., None], 3, axis=2)
+    page = np.full((300, 400, 3), 255.0)
+    page[30:270, 40:360] = picture
+    other = page.copy()
+    other[30:270, 40:360] = picture[::-1]
+    assert difference(page, page) == 0.0
+    assert difference(page, other) > ALIKE
+    assert difference(page, page[:200]) > ALIKE

@@ -1,3 +1,4 @@
+from . import samples
 from .benchmarks import bench
 from .calibration import (
     calibrate_bending,
@@ -8,19 +9,32 @@ from .calibration import (
     write_into_scene,
 )
 from .campaigns import process_campaign
-from .comparison import compare
+from .comparison import compare, plot_side_by_side
 from .demonstration import demo
+from .errors import InputError, PhysicsError
+from .figures import plot_frame, plot_over_distance
 from .fitting import fit, track
 from .frames import open_frames
-from .processing import check, process
+from .processing import check, plot_order, process
 from .runs import export, open_run
 from .scene import Scene, dump_scene, load_scene, parse_scene, scene_names
-from .simulation import simulate
+from .simulation import (
+    camera_frame,
+    plot_pressure,
+    plot_scar,
+    polariscope_light,
+    scene_states,
+    simulate,
+    stress_map,
+    surface_tractions,
+)
 from .sweeps import sweep
 
 __version__: str
 
 __all__ = [
+    "InputError",
+    "PhysicsError",
     "Scene",
     "__version__",
     "bench",
@@ -29,6 +43,7 @@ __all__ = [
     "calibrate_disc",
     "calibrate_scale",
     "calibrate_wear",
+    "camera_frame",
     "check",
     "compare",
     "demo",
@@ -39,10 +54,21 @@ __all__ = [
     "open_frames",
     "open_run",
     "parse_scene",
+    "plot_frame",
+    "plot_order",
+    "plot_over_distance",
+    "plot_pressure",
+    "plot_scar",
+    "plot_side_by_side",
+    "polariscope_light",
     "process",
     "process_campaign",
+    "samples",
     "scene_names",
+    "scene_states",
     "simulate",
+    "stress_map",
+    "surface_tractions",
     "sweep",
     "track",
     "write_into_scene",

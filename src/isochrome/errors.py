@@ -14,12 +14,37 @@ class IsochromeError(Exception):
 
 
 class InputError(IsochromeError, ValueError):
-    """The input or the scene is wrong (exit code 2)."""
+    """The input or the scene is wrong (exit code 2).
+
+    Its text is one line that names the file, key or frame, the value, and what to do.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> try:
+    ...     isochrome.load_scene("rign")
+    ... except isochrome.InputError as error:
+    ...     print(error)
+    rign: no such scene file; did you mean 'ring'?
+    """
 
     exit_code = 2
 
 
 class PhysicsError(IsochromeError, ArithmeticError):
-    """The input is well formed, but its physics cannot be computed honestly (exit code 3)."""
+    """The input is well formed, but its physics cannot be computed honestly (exit code 3).
+
+    Its text is one line that says what was refused, and what to change.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("line-contact-wear")
+    >>> try:
+    ...     isochrome.simulate(scene.with_values({"load.normal_n": 4e4}))
+    ... except isochrome.PhysicsError as error:
+    ...     print(error.exit_code)
+    3
+    """
 
     exit_code = 3

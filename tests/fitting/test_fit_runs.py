@@ -80,8 +80,10 @@ def test_frames_that_share_nothing_are_fitted_as_each_is_alone(tmp_path):
             # five of its own standard uncertainties: one of a million fits is off by more
             assert abs(own[key]["value"] - value) < 5.0 * own[key]["standard_uncertainty"]
     with open_run(tmp_path / "out") as dataset:
-        assert dataset[LOAD].dims == ("frame",) and dataset[LOAD].attrs["units"] == "N"
-        assert dataset[LOAD].values.tolist() == [own[LOAD]["value"] for own in found.frames]
+        assert (
+            dataset.load_normal_n.dims == ("frame",) and dataset.load_normal_n.attrs["units"] == "N"
+        )
+        assert dataset.load_normal_n.values.tolist() == [own[LOAD]["value"] for own in found.frames]
         assert dataset.chi.values.tolist() == found.frame_chi
         assert "film.tif" in dataset.attrs["inputs_sha256"]
 

@@ -57,8 +57,10 @@ def test_a_stopped_track_goes_on_and_ends_with_the_same_bytes(tmp_path, short_ch
     again = track(path, scene, (LOAD,), out=tmp_path / "out")
     assert again.already and again.to_json() == whole.to_json() and again.scene == whole.scene
     with open_run(tmp_path / "out") as dataset:
-        np.testing.assert_array_equal(dataset[LOAD].values, whole.values[:, 0])
-        assert dataset[LOAD].dims == ("frame",) and dataset[LOAD].attrs["units"] == "N"
+        np.testing.assert_array_equal(dataset.load_normal_n.values, whole.values[:, 0])
+        assert (
+            dataset.load_normal_n.dims == ("frame",) and dataset.load_normal_n.attrs["units"] == "N"
+        )
         assert dataset.searched.values.tolist() == [1] + [0] * 9
 
 

@@ -90,10 +90,10 @@ def test_a_run_is_one_dataset_with_named_axes_and_units(tmp_path):
     place = make_set(tmp_path, 3, known=True)
     found = process(place / "film.tif", place / "scene.toml", place / "out")
     with open_run(place / "out") as dataset:
-        assert dict(dataset.sizes) == {"frame": 3, "row": ROWS, "col": COLS}
+        assert dict(dataset.sizes) == {"frame": 3, "z_mm": ROWS, "x_mm": COLS}
         for name in ("fringe_order", "confidence", "normalised"):
             stack = tifffile.imread(place / "out" / f"{name}.tif")
-            assert dataset[name].dims == ("frame", "row", "col")
+            assert dataset[name].dims == ("frame", "z_mm", "x_mm")
             assert dataset[name].dtype == np.float32
             np.testing.assert_array_equal(dataset[name].values, stack)
         error = dataset.fringe_order.values - np.stack([order_of(i) for i in range(3)])
@@ -104,7 +104,7 @@ def test_a_run_is_one_dataset_with_named_axes_and_units(tmp_path):
         np.testing.assert_allclose(dataset.z_mm, 0.05 * (np.arange(ROWS) + 0.5))
         # the stacks of maps have the camera's scale, for ImageJ
         assert read_pixel_mm(place / "out" / "fringe_order.tif") == pytest.approx(0.05, rel=1e-6)
-        assert dataset.x_mm.dims == ("col",) and dataset.z_mm.dims == ("row",)
+        assert dataset.col.dims == ("x_mm",) and dataset.row.dims == ("z_mm",)
         assert dataset.x_mm.attrs["units"] == "mm"
         assert dataset.name.values.tolist() == [f"film.tif[{i}]" for i in range(3)]
         assert {"distance_m", "time_s", "label"} <= set(dataset.coords)

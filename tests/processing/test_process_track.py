@@ -100,12 +100,12 @@ def test_key_frames_are_processed_as_without_tracking(tracked, tmp_path):
 def test_the_dataset_has_pictures_of_key_frames_and_columns_of_all(tracked, tmp_path):
     place, found = tracked
     with open_run(place / "out") as dataset:
-        assert dict(dataset.sizes) == {"frame": 8, "key_frame": 2, "row": 160, "col": 240}
+        assert dict(dataset.sizes) == {"frame": 8, "key_frame": 2, "z_mm": 160, "x_mm": 240}
         assert dataset.key_frame.values.tolist() == [0, 5]
-        assert dataset.fringe_order.dims == ("key_frame", "row", "col")
+        assert dataset.fringe_order.dims == ("key_frame", "z_mm", "x_mm")
         stack = tifffile.imread(place / "out" / "fringe_order.tif")
         np.testing.assert_array_equal(dataset.fringe_order.sel(key_frame=5).values, stack[1])
-        assert dataset[LOAD].values.tolist() == found.columns[LOAD]
+        assert dataset.load_normal_n.values.tolist() == found.columns[LOAD]
         assert dataset.left_mm.values == pytest.approx(course(8)[LEFT], abs=2e-3)
     (table,) = export(place / "out", "csv", tmp_path)
     columns = read_csv(table)

@@ -14,7 +14,14 @@ from isochrome.output import read_csv, read_pixel_mm
 from isochrome.runs import open_run
 from isochrome.runs.exporting import export
 from isochrome.runs.job import Layer, RunLayout
-from isochrome.runs.store import Column, add_columns, column, column_values, create_store
+from isochrome.runs.store import (
+    Column,
+    add_columns,
+    column,
+    column_values,
+    create_store,
+    identifier,
+)
 from runs.counting import COLS, ROWS, truth
 
 NAMES = ["erstes Bild ü", "second", "", "fourth"]
@@ -88,7 +95,7 @@ def test_netcdf_is_plain_hdf5_with_scales_units_and_text(run):
         assert order.attrs["units"] == "1"
         # dimension scales are how netCDF-4 names axes, and what MATLAB's ncinfo shows
         assert [order.dims[k][0].name for k in range(3)] == ["/frame", "/row", "/col"]
-        assert file["load.normal_n"].attrs["units"] == "N"
+        assert file["load_normal_n"].attrs["units"] == "N"
         assert file["x_mm"].attrs["units"] == "mm"
         # those alone that lie on its own axes: others are not to be read with it
         assert set(order.attrs["coordinates"].split()) == {"x_mm", "z_mm", "time_s", "label"}
@@ -110,7 +117,7 @@ def test_netcdf_is_read_by_the_reference_library(run):
         assert order.dimensions == ("frame", "row", "col")
         np.testing.assert_array_equal(np.ma.filled(order[...], np.nan), pictures())
         assert file["warnings"][1] == "weak; schwach µ"
-        np.testing.assert_array_equal(file["load.normal_n"][...], [44.0, 45.0, 46.0, 1 / 3])
+        np.testing.assert_array_equal(file["load_normal_n"][...], [44.0, 45.0, 46.0, 1 / 3])
         assert set(order.coordinates.split()) == {"x_mm", "z_mm", "time_s", "label"}
         # only those that lie on its own axes
         assert set(file["chi"].coordinates.split()) == {"time_s", "label"}
@@ -128,7 +135,7 @@ def test_netcdf_gives_all_that_went_into_the_run_again(tmp_path, every):
     with xarray.open_dataset(path, engine="h5netcdf") as again:
         assert dict(again.sizes) == {axis: 4 // every, "frame": 4, "row": ROWS, "col": COLS}
         assert set(again.coords) == {"time_s", "label", "frame", "x_mm", "z_mm", *own}
-        assert set(again.data_vars) == {"fringe_order", *COLUMNS}
+        assert set(again.data_vars) == {"fringe_order", *map(identifier, COLUMNS)}
         order = again.fringe_order
         assert order.dims == (axis, "row", "col") and order.dtype == np.float32
         assert order.attrs == {"units": "1", "long_name": "fringe order N"}
@@ -136,11 +143,11 @@ def test_netcdf_gives_all_that_went_into_the_run_again(tmp_path, every):
         on_frames = {"time_s", "label"} if every == 1 else own
         assert set(order.coords) == {"x_mm", "z_mm", *on_frames, *(["frame"] * (every == 1))}
         for name, values in COLUMNS.items():
-            assert again[name].dims == ("frame",)
+            assert again[identifier(name)].dims == ("frame",)
             known = [np.nan if v is None else v for v in values]
-            np.testing.assert_array_equal(again[name].values, known, name)
+            np.testing.assert_array_equal(again[identifier(name)].values, known, name)
         assert again.branch.dtype == np.int64
-        assert again["load.normal_n"].attrs["units"] == "N"
+        assert again["load_normal_n"].attrs["units"] == "N"
         assert again.n_max_row_px.attrs["units"] == "pixel"
         assert again.label.values.tolist() == NAMES
         np.testing.assert_array_equal(again.time_s.values, TIMES)
@@ -195,7 +202,7 @@ def test_pictures_that_imagej_cannot_hold_have_their_scale_in_centimetres(tmp_pa
 def test_csv_is_the_table_of_all_but_pictures(run):
     (path,) = export(run, "csv")
     table = read_csv(path)
-    assert {"frame", "time_s", "label", *COLUMNS} == set(table)
+    assert {"frame", "time_s", "label", *map(identifier, COLUMNS)} == set(table)
     assert table["frame"] == [0.0, 1.0, 2.0, 3.0] and table["label"] == NAMES
     np.testing.assert_array_equal(table["n_max_row_px"], [3.0, np.nan, 4.0, 5.0])
 

@@ -21,7 +21,7 @@ from isochrome.frames import (
     open_frames,
     saturation_level,
 )
-from isochrome.scene import Camera, Frames, Scene, Specimen, check_width
+from isochrome.scene import ArrayFrames, Camera, Frames, Scene, Specimen, check_width
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def _shot(
     valid = seen.valid & below_saturation(seen.raw, seen.raw_sigma, level)
     linear = seen.light.astype(float)
     return Shot(
-        **(vars(seen) | {"name": item.file, "valid": valid}
+        **(vars(seen) | {"name": str(item.file), "valid": valid}
            | {"light": linear if dark is None else linear - dark}),
         load_n=item.load_n, bright=given.polariscope.field == "bright",
         no_load_light=no_load_light,
@@ -85,7 +85,7 @@ def _shot(
 
 
 def read_one_frame(
-    path: Path, frames: Frames, camera: Camera, *, colour: bool = False, **light: Any
+    path: Path | ArrayFrames, frames: Frames, camera: Camera, *, colour: bool = False, **light: Any
 ) -> tuple[Array, FrameReader]:
     """The one image of a file as stored, and its reader, closed.
 

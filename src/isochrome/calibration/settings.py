@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, overload
 
 from pydantic import Field, model_validator
 
@@ -11,13 +12,15 @@ from isochrome.calibration.result import CUTS
 from isochrome.calibration.stated import with_stated
 from isochrome.errors import InputError
 from isochrome.scene import (
+    ArrayFrames,
     Camera,
-    FileName,
     Frames,
+    ImageFile,
     NonNegative,
     Polariscope,
     Positive,
     ScenePart,
+    as_tables,
     check_reach,
     parse_toml,
     read_text,
@@ -78,13 +81,13 @@ class LoadedImage(ScenePart):
 
     Parameters
     ----------
-    file : str
-        The frame's file, relative to the set's.
+    file : str or array_like
+        The frame's file, relative to the set's; in Python the frame itself may stand here.
     load_n : float
         The load, N; 0 is a residual frame.
     """
 
-    file: FileName
+    file: ImageFile
     load_n: NonNegative
 
 
@@ -112,22 +115,52 @@ class Uncertainty(ScenePart):
 
 
 class ImageSet(ScenePart):
-    """A set of images, read from a file beside which they lie."""
+    """A set of images, read from a file beside which they lie, or given as its tables."""
 
     folder: Path | None = Field(default=None, exclude=True, repr=False)
     name: str = Field(default="set", exclude=True, repr=False)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _named_arrays(cls, data: Any) -> Any:
+        """The images that are arrays with a name for messages."""
+        items = data.get("image") if isinstance(data, dict) else None
+        if not isinstance(items, list | tuple):
+            return data
+        return data | {"image": [_named(item, number) for number, item in enumerate(items, 1)]}
+
+    @overload
     def path(self, file: str) -> Path:
-        """A path named in the set, relative to the set's own file."""
-        return (self.folder or Path()) / file
+        """Where a file is."""
+
+    @overload
+    def path(self, file: ArrayFrames) -> ArrayFrames:
+        """An array as it is."""
+
+    def path(self, file: str | ArrayFrames) -> Path | ArrayFrames:
+        """A path named in the set, relative to the set's own file; an array as it is."""
+        return file if isinstance(file, ArrayFrames) else (self.folder or Path()) / file
 
     @classmethod
-    def read(cls, source: str | Path) -> Self:
-        """The set of a TOML file. Raises InputError that names the file, key, value and fix."""
+    def read(cls, source: str | Path | Mapping[str, Any]) -> Self:
+        """The set of a TOML file, or of its tables.
+
+        Raises InputError that names the file, key, value and fix.
+        """
+        if isinstance(source, Mapping):
+            return validate(cls, as_tables(source), "set", reserved=("folder", "name"))
         path = Path(source)
         data = parse_toml(read_text(path), str(path))
         found = validate(cls, data, str(path), reserved=("folder", "name"))
         return found.model_copy(update={"folder": path.parent, "name": str(path)})
+
+
+def _named(item: Any, number: int) -> Any:
+    """An [[image]] whose array, if it has one, knows its number."""
+    file = item.get("file") if isinstance(item, Mapping) else None
+    if file is None or isinstance(file, str | Path | ArrayFrames):
+        return item
+    return {**item, "file": ArrayFrames(file, f"image {number}")}
 
 
 class CalibrationSet(ImageSet):
@@ -193,13 +226,18 @@ class CalibrationSet(ImageSet):
         return self.frames.stated_gamma if given else self.camera.gamma
 
 
-def load_set(source: str | Path | CalibrationSet, *, specimen: str | None = None) -> CalibrationSet:
+SetLike = str | Path | CalibrationSet | Mapping[str, Any]
+"""A calibration set as a caller may give it: a file, a CalibrationSet, or its tables."""
+
+
+def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
     """Read a calibration set.
 
     Parameters
     ----------
-    source : str, Path or CalibrationSet
-        The TOML file, or a CalibrationSet, which is returned as it is.
+    source : str, Path, CalibrationSet or mapping
+        The TOML file, a CalibrationSet, which is returned as it is, or the tables of such a file
+        as dictionaries, in which an image may be an array.
     specimen : {'beam', 'disc'}, optional
         The specimen where only one will do.
 

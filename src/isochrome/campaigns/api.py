@@ -29,7 +29,7 @@ from isochrome.runs import (
     wipe,
     working_folder,
 )
-from isochrome.scene import Scene, load_scene
+from isochrome.scene import Scene, SceneLike, load_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -116,7 +116,7 @@ class Campaign(Result):
 
 def process_campaign(
     recordings: str | Path | Sequence[FramesPath],
-    scene: str | Path | Scene,
+    scene: SceneLike,
     out: str | Path,
     *,
     workers: int | None = 1,
@@ -133,8 +133,8 @@ def process_campaign(
     recordings : str, Path or sequence
         A glob, of which each video, TIFF stack or folder is a recording, or a list with what
         `process` takes for each of them.
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables.
     out : str or Path
         Folder for NAME/ (what `process` leaves), summary.csv (for each recording its counts, the
         median and largest chi, of each fitted key the mean, the standard deviation over the frames

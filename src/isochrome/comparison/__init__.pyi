@@ -1,5 +1,5 @@
 from .api import MAIN_METRICS, Comparison, compare
-from .figure import side_by_side
+from .figure import plot_side_by_side, side_by_side
 from .frame_folders import load_frame_set
 from .frame_sets import ComparedFrames, FrameMetrics, compare_frames
 from .line_distance import SkeletonDistance, skeleton_distance
@@ -26,6 +26,7 @@ __all__ = [
     "compare_signals",
     "load_frame_set",
     "pair_scar",
+    "plot_side_by_side",
     "side_by_side",
     "simulated_scars",
     "skeleton_distance",

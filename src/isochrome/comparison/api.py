@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.comparison.figure import side_by_side
-from isochrome.comparison.frame_folders import load_frame_set
-from isochrome.comparison.frame_sets import FrameMetrics, compare_frames
+from isochrome.comparison.frame_folders import SetToCompare, load_frame_set
+from isochrome.comparison.frame_sets import ComparedFrames, FrameMetrics, compare_frames
 from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
 from isochrome.output import (
@@ -23,7 +23,7 @@ from isochrome.output import (
     write_figure,
     write_json,
 )
-from isochrome.scene import Scene
+from isochrome.scene import ArrayFrames, Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,7 +79,9 @@ MAIN_METRICS = (
 
 
 def compare(
-    experiment: str | Path | Scene, simulation: str | Path | Scene, out: str | Path | None = None
+    experiment: SetToCompare | Scene,
+    simulation: SetToCompare | Scene,
+    out: str | Path | None = None,
 ) -> Comparison | ScarComparison:
     """Compare two sets of frames, or measured scars with the simulated ones.
 
@@ -91,11 +93,11 @@ def compare(
 
     Parameters
     ----------
-    experiment : str, Path or Scene
-        Result folder of `process`, TIFF stack, image folder or video; or a scene with [[scar]], or
-        the TOML file of a wear set.
-    simulation : str, Path or Scene
-        Result folder of `simulate`, TIFF stack, image folder or video on the same pixel grid; for
+    experiment : str, Path, Scene, Processed, array or sequence of arrays
+        What `process` left in a folder or gave in memory, or frames as for `open_frames`; or a
+        scene with [[scar]], or the TOML file of a wear set.
+    simulation : str, Path, Scene, Simulation, array or sequence of arrays
+        What `simulate` left in a folder or gave in memory, or frames, on the same pixel grid; for
         scars that folder or a scene.
     out : str or Path, optional
         Folder for metrics.csv, provenance.json and comparison.png, or scars.csv and scars.png.
@@ -127,7 +129,11 @@ def compare(
     >>> print(f"{found.table['order_rms_fringe'][0]:.3f}")
     0.008
     """
-    if isinstance(experiment, Scene) or Path(experiment).suffix == ".toml":
+    tabled = isinstance(experiment, str | Path) and Path(experiment).suffix == ".toml"
+    if isinstance(experiment, Scene) or tabled:
+        assert isinstance(experiment, str | Path | Scene)
+        if not isinstance(simulation, str | Path | Scene):
+            raise InputError("scars are compared with a simulation's folder or scene; name that")
         return compare_scars(experiment, simulation, out)
     if isinstance(simulation, Scene):
         raise InputError("frames are compared with frames; simulate the scene first")
@@ -139,13 +145,27 @@ def compare(
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
             write_json(
-                folder / "provenance.json", provenance(None, [Path(experiment), Path(simulation)])
+                folder / "provenance.json",
+                provenance(
+                    None,
+                    [
+                        _hashed(experiment, here, "experiment"),
+                        _hashed(simulation, there, "simulation"),
+                    ],
+                ),
             )
             write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
     return result
 
 
-def _draw(experiment: str | Path, simulation: str | Path, metrics: list[FrameMetrics]) -> Figure:
+def _hashed(given: SetToCompare, frames: ComparedFrames, name: str) -> str | Path | ArrayFrames:
+    """What provenance.json has the hash of: files, or what was in memory."""
+    return given if isinstance(given, str | Path) else ArrayFrames(frames.signal, name)
+
+
+def _draw(
+    experiment: SetToCompare, simulation: SetToCompare, metrics: list[FrameMetrics]
+) -> Figure:
     """The side-by-side figure of two sets, read once more: they may be large."""
     return side_by_side(load_frame_set(experiment), load_frame_set(simulation), metrics)
 

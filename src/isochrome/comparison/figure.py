@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.comparison.frame_folders import SetToCompare, load_frame_set
 from isochrome.comparison.frame_sets import (
     ComparedFrames,
     FrameMetrics,
@@ -39,6 +40,7 @@ from isochrome.fringes import order_contours, skeletons
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 MOST_ROWS = len(LETTERS) // 3
 
@@ -93,36 +95,130 @@ def side_by_side(
     images = [_images(experiment, simulation, each, of_order) for each in chosen]
     grey = _grey_range([image for row in images for image in row[:2]])
     limit = centred_limit(*(gap for *_, gap in images))
-    styles = (
-        ("experiment: {}", FRAME_MAP, grey),
-        ("simulation", FRAME_MAP, grey),
-        ("experiment − simulation", DIFFERENCE_MAP, (-limit, limit)),
-    )
-    known = simulation if simulation.pixel_mm is not None else experiment
-    place: Place = {
-        "pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm
-    }  # fmt: skip
+    place = _place_of(experiment, simulation)
 
     figure, panels, captions, foot = _lay_out(len(chosen), experiment.signal.shape[1:])
     differences = []
     for row, (_, there, numbers) in enumerate(chosen):
         label = plain_name(numbers.label, _LABEL_LENGTH)
-        for axes, image, (title, cmap, (low, high)) in zip(
-            panels[row], images[row], styles, strict=True
-        ):
-            drawn = show_image(
-                axes, image, cmap=cmap, vmin=low, vmax=high, title=title.format(label), **place
-            )
-        differences.append(drawn)
+        differences.append(_draw_row(panels[row], images[row], grey, limit, label, place))
         if lines:
             _draw_lines(panels[row][0], simulation, there, place)
         _tidy(panels[row], row, last=row == len(chosen) - 1)
         _write_line(captions[row], _caption(numbers), size_pt=TEXT_PT)
-    of_what = "fringe order (fringes)" if of_order else "signal (0 to 1)"
-    add_colour_bar(differences, f"difference of {of_what}", length=min(1.0, 2.0 / len(chosen)))
+    bar = f"difference of {_of_what(of_order)}"
+    add_colour_bar(differences, bar, length=min(1.0, 2.0 / len(chosen)))
     text = _foot_text(lines, len(chosen), len(pairs), place["pixel_mm"])
     _write_line(foot, text, size_pt=NOTE_PT, colour=GREY)
     return figure
+
+
+def plot_side_by_side(
+    experiment: SetToCompare,
+    simulation: SetToCompare,
+    axes: Sequence[Axes] | None = None,
+    *,
+    frame: int = 0,
+    lines: bool = True,
+) -> tuple[Axes, Axes, Axes]:
+    """Draw one frame of an experiment, its simulation and their difference beside each other.
+
+    As a row of the figure that `compare` makes: the difference is that of the fringe order where
+    both have one, else that of the signal.
+
+    Parameters
+    ----------
+    experiment : str, Path, Processed, array or sequence of arrays
+        What was captured, as for `compare`.
+    simulation : str, Path, Simulation, array or sequence of arrays
+        What was simulated, on the same pixel grid.
+    axes : sequence of matplotlib.axes.Axes, optional
+        Three of them; by default those of a new figure of matplotlib.pyplot.
+    frame : int, default 0
+        Number of the pair of frames.
+    lines : bool, default True
+        Whether the simulation's dark-fringe centre lines are drawn over the experiment.
+
+    Returns
+    -------
+    tuple of three matplotlib.axes.Axes
+        What was drawn on: experiment, simulation, difference.
+
+    Raises
+    ------
+    InputError
+        Where the sets do not fit together, or there is no such frame.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> simulated = isochrome.simulate(scene)
+    >>> found = isochrome.process(simulated.frames, scene)
+    >>> axes = isochrome.plot_side_by_side(found, simulated)
+    >>> [one.get_title(loc="left") for one in axes][1:]
+    ['simulation', 'experiment − simulation']
+    """
+    here, there = load_frame_set(experiment), load_frame_set(simulation)
+    pairs = frame_pairs(here, there)
+    if not 0 <= frame < len(pairs):
+        raise InputError(f"frame = {frame}: there are {len(pairs)}, counted from 0")
+    if axes is not None and len(axes) != 3:
+        raise InputError(f"{len(axes)} axes for a side-by-side row: give three")
+    of_order = here.order is not None and there.order is not None
+    own, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
+    (numbers,) = compare_frames(own, model)
+    images = _images(own, model, (0, 0, numbers), of_order)
+    limit, place = centred_limit(images[2]), _place_of(here, there)
+    panels = three_axes(images[0].shape) if axes is None else list(axes)
+    label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
+    drawn = _draw_row(panels, images, _grey_range(list(images[:2])), limit, label, place)
+    if lines:
+        _draw_lines(panels[0], model, 0, place)
+    add_colour_bar(drawn, f"difference of {_of_what(of_order)}")
+    return panels[0], panels[1], panels[2]
+
+
+def three_axes(shape: tuple[int, ...]) -> list[Axes]:
+    """Three Axes beside each other in a new figure of pyplot, for pictures of a shape."""
+    from matplotlib import pyplot
+
+    height = float(np.clip(_PANEL_WIDTH_IN * shape[0] / shape[1], 0.8, 6.0)) + 0.7
+    size = 3 * _PANEL_WIDTH_IN + 1.75, height
+    found: Any = pyplot.subplots(1, 3, figsize=size, layout="constrained", sharex=True, sharey=True)
+    return list(found[1])
+
+
+def _place_of(experiment: ComparedFrames, simulation: ComparedFrames) -> Place:
+    known = simulation if simulation.pixel_mm is not None else experiment
+    return {"pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm}
+
+
+def _of_what(of_order: bool) -> str:
+    return "fringe order (fringes)" if of_order else "signal (0 to 1)"
+
+
+def _draw_row(
+    panels: Sequence[Axes],
+    images: tuple[NDArray[Any], NDArray[Any], NDArray[Any]],
+    grey: tuple[float, float],
+    limit: float,
+    label: str,
+    place: Place,
+) -> AxesImage:
+    """Experiment, simulation and their difference on three Axes. Returns the difference's image."""
+    styles = (
+        (f"experiment: {label}", FRAME_MAP, grey),
+        ("simulation", FRAME_MAP, grey),
+        ("experiment − simulation", DIFFERENCE_MAP, (-limit, limit)),
+    )
+    drawn = [
+        show_image(axes, image, cmap=cmap, vmin=low, vmax=high, title=title, **place)
+        for axes, image, (title, cmap, (low, high)) in zip(panels, images, styles, strict=True)
+    ]
+    return drawn[-1]
 
 
 def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place) -> None:

@@ -1,8 +1,10 @@
-"""Frame sets from folders: what `process` and `simulate` leave, or bare frames."""
+"""Frame sets to compare: results of `process` and `simulate`, on disk or in memory, or frames."""
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -12,25 +14,34 @@ from numpy.typing import NDArray
 
 from isochrome.comparison.frame_sets import ComparedFrames
 from isochrome.errors import InputError
+from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
 from isochrome.output import read_csv, read_pixel_mm
+from isochrome.processing import PICTURE, Processed
+from isochrome.scene import FramesLike, dump_scene
+from isochrome.simulation import Simulation
 
 _SIGNALS = (("normalised.tif", "frames.csv"), ("frames.tif", "history.csv"))
 _ORDER = "fringe_order.tif"
 
 
-def load_frame_set(path: str | Path, *, bit_depth: int | None = None) -> ComparedFrames:
-    """Load frames to compare from a result folder, a TIFF stack, an image folder or a video.
+SetToCompare = FramesLike | Processed | Simulation | ComparedFrames
+"""A frame set as a caller may give it: a result's folder, a result in memory, or frames."""
+
+
+def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> ComparedFrames:
+    """Load frames to compare from a result's folder, a result in memory, or captured frames.
 
     A folder with `normalised.tif` (made by `isochrome process`) or `frames.tif` (by `simulate`)
     gives signals, fringe orders (`fringe_order.tif`), labels (`frames.csv`, `history.csv`) and
-    the frame's place (`scene.toml`); anything else is read as bare frames without orders. Of colour
-    frames the channel is taken that the scene names, else the one nearest to its wavelength.
+    the frame's place (`scene.toml`), and so does what these gave in memory; anything else is read
+    as bare frames without orders, as by `open_frames`. Of colour frames the channel is taken that
+    the scene names, else the one nearest to its wavelength.
     Whole-number images are divided by 2^bits - 1.
 
     Parameters
     ----------
-    path : str or Path
-        File or folder.
+    given : str, Path, array, sequence of arrays, Processed, Simulation or ComparedFrames
+        File or folder, frames in memory, or what `process` or `simulate` gave without a folder.
     bit_depth : int, optional
         Bits of the sensor, for whole-number images; by default what the scene or the file says,
         else the container's.
@@ -46,42 +57,112 @@ def load_frame_set(path: str | Path, *, bit_depth: int | None = None) -> Compare
         Where the path does not exist, its parts do not fit together, or it holds a phase-stepped
         set.
     """
-    place = Path(path)
-    if not place.exists():
-        raise InputError(f"{place}: no such file or folder; give a result folder or frames")
-    for signal_name, table_name in _SIGNALS:
-        if place.is_dir() and (place / signal_name).exists():
-            return _load_result(place, signal_name, table_name, bit_depth)
-    return _load_bare(place, bit_depth)
+    if isinstance(given, ComparedFrames):
+        return given
+    if isinstance(given, Processed | Simulation):
+        return _of_result(given, bit_depth)
+    if isinstance(given, str | Path):
+        place = Path(given)
+        if not place.exists():
+            raise InputError(f"{place}: no such file or folder; give a result folder or frames")
+        for signal_name, table_name in _SIGNALS:
+            if place.is_dir() and (place / signal_name).exists():
+                return _load_result(place, signal_name, table_name, bit_depth)
+    return _load_bare(given, bit_depth)
+
+
+def _of_result(found: Processed | Simulation, bit_depth: int | None) -> ComparedFrames:
+    """The frames of a result whose maps are in memory."""
+    if isinstance(found, Simulation):
+        stack, order = found.frames, found.orders
+    else:
+        stack, order = _maps_of(found)
+    if stack is None:
+        raise InputError(
+            f"{found.title}: its maps are in the folder that it was written to; name that folder"
+        )
+    table = found.columns
+    if PICTURE in table:
+        table = _of_pictures(table, [at is not None for at in table[PICTURE]])
+    parts = _Parts(
+        name=found.title, stack=stack, order=order, scene=tomllib.loads(dump_scene(found.scene)),
+        table=table, simulated=isinstance(found, Simulation),
+    )  # fmt: skip
+    return _compared(parts, bit_depth)
+
+
+def _maps_of(found: Processed) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+    """Signals and orders (frame, row, col); None for what is not in memory, or was not read."""
+    if found.frames is None:
+        return None, None
+    stack = np.stack([frame.normalised for frame in found.frames])
+    readings = [frame.reading for frame in found.frames]
+    if not any(readings):
+        return stack, None
+    blank = np.full(stack.shape[1:], np.nan, np.float32)
+    return stack, np.stack([reading.order if reading else blank for reading in readings])
 
 
 def _load_result(
     folder: Path, signal_name: str, table_name: str, bit_depth: int | None
 ) -> ComparedFrames:
-    scene = _scene(folder / "scene.toml")
-    camera = scene.get("camera", {})
-    light = scaled(_read_stack(folder / signal_name), bit_depth or camera.get("bit_depth"))
-    signal = _one_channel(light, scene)
+    stack = _read_stack(folder / signal_name)
     order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
+    parts = _Parts(
+        name=str(folder / signal_name), stack=stack, order=order,
+        scene=_scene(folder / "scene.toml"), table=_read_table(folder / table_name),
+        simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
+    )  # fmt: skip
+    return _compared(parts, bit_depth)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Parts:
+    """What a result's folder holds: `name`, for messages; `stack` (frame, row, col[, channel]).
+
+    `order` (frame, row, col), None where none was read; `scene`, its tables; `table`, a column each
+    of frames.csv or history.csv; `simulated`, whether a simulation left it; `pixel_mm` of the file.
+    """
+
+    name: str
+    stack: NDArray[Any]
+    order: NDArray[Any] | None
+    scene: dict[str, Any]
+    table: Mapping[str, Sequence[Any]]
+    simulated: bool
+    pixel_mm: float | None = None
+
+
+def _compared(parts: _Parts, bit_depth: int | None) -> ComparedFrames:
+    """A result's frames as a signal of 0 to 1, with their orders, place and labels."""
+    scene, order, table = parts.scene, parts.order, parts.table
+    camera = scene.get("camera", {})
+    light = scaled(parts.stack, bit_depth or camera.get("bit_depth"))
+    signal = _one_channel(light, scene)
     steps = len(scene.get("polariscope", {}).get("step", ()))
     if order is not None and steps > 1 and len(signal) == steps * len(order):
         raise InputError(
-            f"{folder}: {signal_name} is a phase-stepped set, {steps} frames for each of "
+            f"{parts.name}: is a phase-stepped set, {steps} frames for each of "
             f"{len(order)} states, and a comparison needs one dark-field frame a state; take "
             "[[polariscope.step]] out of the scene and simulate it again"
         )
     if order is not None and order.shape != signal.shape:
         raise InputError(
-            f"{folder / _ORDER} has shape {order.shape}, {signal_name} beside it {signal.shape}: "
+            f"{parts.name} has shape {signal.shape} and {_ORDER} beside it {order.shape}: "
             "the folder mixes two runs; make it again"
         )
-    table = _read_table(folder / table_name, len(signal))
-    if order is not None and signal_name == "frames.tif":
+    length = len(next(iter(table.values()), ()))
+    if table and length != len(signal):
+        raise InputError(
+            f"{parts.name}: its table has {length} rows for {len(signal)} frames: the folder mixes "
+            "two runs; make it again"
+        )
+    if order is not None and parts.simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
     return ComparedFrames(
         signal=signal,
         order=None if order is None else order.astype(np.float32, copy=False),
-        pixel_mm=read_pixel_mm(folder / signal_name) or camera.get("pixel_mm"),
+        pixel_mm=parts.pixel_mm or camera.get("pixel_mm"),
         left_mm=float(camera.get("left_mm", 0.0)),
         top_mm=float(camera.get("top_mm", 0.0)),
         labels=_labels(table, len(signal)),
@@ -89,14 +170,14 @@ def _load_result(
     )
 
 
-def _load_bare(place: Path, bit_depth: int | None) -> ComparedFrames:
-    from isochrome.frames import open_frames
-
-    with open_frames(place, bit_depth=bit_depth) as reader:
+def _load_bare(given: FramesLike, bit_depth: int | None) -> ComparedFrames:
+    with open_frames(given, bit_depth=bit_depth) as reader:
         images = [scaled(frame.image, reader.bit_depth) for frame in reader]
         scale = reader.pixel_mm
     if not images:
-        raise InputError(f"{place}: no frame in it; give a TIFF stack, an image folder or a video")
+        raise InputError(
+            f"{reader.path}: no frame in it; give a TIFF stack, an image folder or a video"
+        )
     return ComparedFrames(signal=np.stack(images), pixel_mm=scale)
 
 
@@ -121,8 +202,6 @@ def scaled(image: NDArray[Any], bit_depth: int | None = None) -> NDArray[np.floa
 
 def _read_stack(path: Path) -> NDArray[Any]:
     """Read a TIFF as (frame, row, col) or, in colour, (frame, row, col, 3), in its own type."""
-    from isochrome.frames import open_tiff
-
     return np.stack([raw.image for raw in open_tiff(path).frames(0)])
 
 
@@ -130,8 +209,6 @@ def _one_channel(stack: NDArray[Any], scene: dict[str, Any]) -> NDArray[Any]:
     """Reduce colour to the channel that the scene names, else the nearest to its wavelength."""
     if stack.ndim == 3:
         return stack
-    from isochrome.frames import CHANNELS, channel_for
-
     channel = scene.get("frames", {}).get("channel")
     channel = channel or channel_for(scene.get("polariscope", {}).get("wavelength_nm"))
     if channel == "mean":
@@ -140,21 +217,16 @@ def _one_channel(stack: NDArray[Any], scene: dict[str, Any]) -> NDArray[Any]:
     return stack[..., CHANNELS.index(channel)]
 
 
-def _read_table(path: Path, count: int) -> dict[str, list[Any]]:
-    """Read a result table with one row a picture; no columns when it is not there.
-
-    Of a tracked video, only the key frames have one.
-    """
+def _read_table(path: Path) -> dict[str, list[Any]]:
+    """Read a result table with one row a picture; no columns when it is not there."""
     table = read_csv(path) if path.exists() else {}
-    if "picture" in table:
-        shown = np.isfinite(table["picture"])
-        table = {name: list(compress(values, shown)) for name, values in table.items()}
-    length = len(next(iter(table.values()), []))
-    if table and length != count:
-        raise InputError(
-            f"{path} has {length} rows for {count} frames: the folder mixes two runs; make it again"
-        )
-    return table
+    return _of_pictures(table, np.isfinite(table[PICTURE])) if PICTURE in table else table
+
+
+def _of_pictures(table: Mapping[str, Sequence[Any]], shown: Iterable[bool]) -> dict[str, list[Any]]:
+    """The rows of a tracked video's key frames, which alone have pictures."""
+    flags = list(shown)
+    return {name: list(compress(values, flags)) for name, values in table.items()}
 
 
 def _scene(path: Path) -> dict[str, Any]:
@@ -167,7 +239,7 @@ def _scene(path: Path) -> dict[str, Any]:
         raise InputError(f"{path} is not valid TOML ({error}): make the results again") from error
 
 
-def _labels(table: dict[str, list[Any]], count: int) -> tuple[str, ...]:
+def _labels(table: Mapping[str, Sequence[Any]], count: int) -> tuple[str, ...]:
     """Name the frames: by their label, else by sliding distance and named state."""
     if "label" in table:
         return tuple(str(name) for name in table["label"])
@@ -185,9 +257,9 @@ def _labels(table: dict[str, list[Any]], count: int) -> tuple[str, ...]:
     return tuple(labels)
 
 
-def _noise(table: dict[str, list[Any]]) -> NDArray[np.floating] | None:
+def _noise(table: Mapping[str, Sequence[Any]]) -> NDArray[np.floating] | None:
     """Take the signal's noise of each frame out of a table that has it as numbers."""
     values = table.get("noise", [])
-    if not values or not all(isinstance(value, float) for value in values):
+    if not len(values) or not all(isinstance(value, float) for value in values):
         return None
     return np.array(values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,15 @@ class ComparedFrames:
     def label(self, index: int) -> str:
         """Name frame `index`: its label, or "frame 0", "frame 1" ... without labels."""
         return self.labels[index] if self.labels else f"frame {index}"
+
+    def only(self, index: int) -> ComparedFrames:
+        """Frame `index` alone."""
+        own = slice(index, index + 1)
+        noise = self.noise_of(index)
+        return replace(
+            self, signal=self.signal[own], order=None if self.order is None else self.order[own],
+            labels=self.labels[own], noise=noise,
+        )  # fmt: skip
 
     def noise_of(self, index: int) -> float | None:
         """Noise of frame `index` in signal units; None when not known."""

@@ -1,3 +1,4 @@
+from .plots import given_axes, place_of_image, plot_frame, plot_over_distance
 from .style import (
     BOLD_PT,
     CHANNEL_COLOURS,
@@ -69,8 +70,12 @@ __all__ = [
     "draw_line",
     "draw_values",
     "frame_values_figure",
+    "given_axes",
     "new_figure",
+    "place_of_image",
     "plain_name",
+    "plot_frame",
+    "plot_over_distance",
     "show_image",
     "style_axes",
     "write_head",

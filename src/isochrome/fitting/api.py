@@ -21,7 +21,7 @@ from isochrome.fitting.result import Fit, fitted_scene
 from isochrome.fitting.stages import FrameWork, Row, joint_stage
 from isochrome.fitting.tractions.api import asked_for, with_tractions
 from isochrome.fitting.tractions.surface_fit import refuse_without_contact
-from isochrome.frames import FramesPath, absolute, input_files, open_scene_frames
+from isochrome.frames import absolute, input_files, open_scene_frames
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
     Job,
@@ -35,7 +35,7 @@ from isochrome.runs import (
     run_job,
     single_threaded,
 )
-from isochrome.scene import Scene, dump_scene, load_scene
+from isochrome.scene import FramesLike, SceneLike, dump_scene, frames_of, load_scene
 
 __all__ = ["Fit", "fit", "fitted_scene"]
 
@@ -44,8 +44,8 @@ _PASSES = 12
 
 
 def fit(
-    frames: FramesPath,
-    scene: str | Path | Scene,
+    frames: FramesLike,
+    scene: SceneLike,
     free: list[str] | tuple[str, ...],
     *,
     per_frame: list[str] | tuple[str, ...] = (),
@@ -70,11 +70,13 @@ def fit(
 
     Parameters
     ----------
-    frames : str, Path or sequence of them
-        A TIFF stack, image, video, or a folder, list or glob of them, as for `open_frames`; one
+    frames : str, Path, sequence of them, array or sequence of arrays
+        A TIFF stack, image, video, or a folder, list or glob of them, or frames in memory, as for
+        `open_frames`; one
         frame a state.
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene, where the fit starts.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables, where the fit
+        starts.
     free : list or tuple of str
         Keys that all frames share, such as 'load.normal_n' (an unknown frames.gamma is one of
         them).
@@ -146,7 +148,7 @@ def fit(
     if scene.frames.gamma == "unknown":
         scene = scene.with_values({GAMMA: scene.frames.first_gamma})
         shared += () if GAMMA in own + shared else (GAMMA,)
-    frames = frames if isinstance(frames, str | Path) else tuple(frames)
+    frames = frames_of(frames)
     files = input_files(open_scene_frames(frames, scene), scene)
     if cluster is not None:
         frames, scene = absolute(frames, scene)

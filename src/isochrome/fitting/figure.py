@@ -29,8 +29,7 @@ from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.model_frame import evaluate_model
 from isochrome.fitting.frame_set import Lights, PreparedFrames
 from isochrome.fitting.result import Fit
-from isochrome.frames import FramesPath
-from isochrome.scene import Scene
+from isochrome.scene import FramesLike, Scene
 from isochrome.stress import PixelGrid
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ _SHOWN, _COLUMNS = 6, 3
 
 
 def figure_of_frames(
-    path: FramesPath,
+    path: FramesLike,
     scene: Scene,
     plain: frozenset[int],
     lights: Lights,

@@ -13,13 +13,12 @@ from isochrome.fitting.arrays import Mask
 from isochrome.fitting.frame.single_state import sliding_scene, timed_distance
 from isochrome.fitting.refusals import refuse_states
 from isochrome.frames import (
-    FramesPath,
     SequentialFrames,
     load_no_load,
     open_scene_frames,
     with_file_scale,
 )
-from isochrome.scene import Scene, check_pixel
+from isochrome.scene import FramesLike, Scene, check_pixel
 
 Lights = dict[int, tuple[Terms, Terms]]
 """Polynomial products of illumination and background, by the number of their frame."""
@@ -97,7 +96,7 @@ class PreparedFrames(FrameSet):
     frames' scale; `scene`, with the frames' own distances too where their times tell them.
     """
 
-    def __init__(self, path: FramesPath, scene: Scene) -> None:
+    def __init__(self, path: FramesLike, scene: Scene) -> None:
         """Raises InputError where the frames cannot be this scene's states."""
         self.path, self.reader = path, open_scene_frames(path, scene)
         super().__init__(self.reader.shape)

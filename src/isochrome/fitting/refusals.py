@@ -7,9 +7,8 @@ import numpy as np
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.unknowns import LENS
-from isochrome.frames import FramesPath
 from isochrome.output import counted
-from isochrome.scene import DistanceTable, Scene
+from isochrome.scene import DistanceTable, FramesLike, Scene
 from isochrome.simulation import no_model_sentence, state_count
 
 _SAME_EFFECT = {
@@ -83,7 +82,7 @@ def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
         )
 
 
-def refuse_states(path: FramesPath, count: int, scene: Scene) -> None:
+def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
     """Raise InputError where a scene has other states than one, or one for each of `count` frames.
 
     Parameters: `path` of the frames, for the message; `count` of them; `scene`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from isochrome.frames.readers import tiff
 from isochrome.frames.readers.images import read_image
 from isochrome.frames.readers.signature import signature_of
 from isochrome.output import SUFFIXES, read_roi_mask
-from isochrome.scene import Frames
+from isochrome.scene import ArrayFrames, Frames
 
 Mask = NDArray[np.bool_]
 LEVELS = 64
@@ -31,8 +31,8 @@ class WithFrames(Protocol):
     def frames(self) -> Frames:
         """How the frames are to be read."""
 
-    def path(self, name: str, /) -> Path:
-        """A path relative to the file that names it."""
+    def path(self, name: Any, /) -> Any:
+        """A path relative to the file that names it; an array as it is."""
 
 
 def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, int]) -> Mask:
@@ -79,9 +79,9 @@ def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, 
 
 
 def _of_file(
-    path: Path, frames: Frames, shape: tuple[int, int], full_shape: tuple[int, int]
+    path: Path | ArrayFrames, frames: Frames, shape: tuple[int, int], full_shape: tuple[int, int]
 ) -> Mask:
-    if path.suffix.lower() in SUFFIXES:
+    if isinstance(path, Path) and path.suffix.lower() in SUFFIXES:
         full = read_roi_mask(path, full_shape)
         where = "ROIs are placed on the full frame, not on frames.roi"
     else:
@@ -105,20 +105,9 @@ def _of_file(
     return part
 
 
-def _of_image(path: Path) -> Mask:
+def _of_image(path: Path | ArrayFrames) -> Mask:
     """An image's nonzero pixels, (row, col)."""
-    if not path.is_file():
-        raise InputError(f"{path}: frames.mask: no such file; check its name")
-    signature = signature_of(path)
-    if signature.name == "JPEG":
-        raise InputError(
-            f"{path}: frames.mask is compressed with loss, so that its zeros are not kept; save "
-            "the mask as PNG or TIFF"
-        )
-    if signature.kind == "tiff":
-        values = tiff.read_single(path, inverted_too=True)
-    else:
-        values = read_image(path)
+    values = _values_of_array(path) if isinstance(path, ArrayFrames) else _values_of_file(path)
     values = np.nan_to_num(values if values.ndim == 2 else values.max(axis=2))
     inside = np.asarray(values != 0)
     partly = inside & (values != values.max())
@@ -133,6 +122,28 @@ def _of_image(path: Path) -> Mask:
             "outside the specimen to 0, or remove the key"
         )
     return inside
+
+
+def _values_of_array(array: ArrayFrames) -> np.ndarray:
+    if array.count != 1 or array.dtype.kind not in "biuf":
+        raise InputError(
+            f"{array}: frames.mask is to be one picture (row, col) of true and false, or numbers"
+        )
+    return array.frame(0)
+
+
+def _values_of_file(path: Path) -> np.ndarray:
+    if not path.is_file():
+        raise InputError(f"{path}: frames.mask: no such file; check its name")
+    signature = signature_of(path)
+    if signature.name == "JPEG":
+        raise InputError(
+            f"{path}: frames.mask is compressed with loss, so that its zeros are not kept; save "
+            "the mask as PNG or TIFF"
+        )
+    if signature.kind == "tiff":
+        return tiff.read_single(path, inverted_too=True)
+    return read_image(path)
 
 
 def _of_polygon(corners: Sequence[tuple[float, float]], shape: tuple[int, int], key: str) -> Mask:

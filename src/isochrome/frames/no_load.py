@@ -10,7 +10,7 @@ from isochrome.errors import InputError
 from isochrome.frames.linear import Linear, to_linear
 from isochrome.frames.opening import open_scene_frames
 from isochrome.frames.reading import FrameReader
-from isochrome.scene import Scene
+from isochrome.scene import ArrayFrames, Scene
 
 
 def load_no_load(
@@ -87,7 +87,7 @@ def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader
 
 
 def _check_shape(
-    path: Path, key: str, reader: FrameReader, full_shape: tuple[int, int] | None
+    path: Path | ArrayFrames, key: str, reader: FrameReader, full_shape: tuple[int, int] | None
 ) -> None:
     if full_shape is not None and reader.full_shape != full_shape:
         raise InputError(
@@ -97,7 +97,7 @@ def _check_shape(
 
 
 def _average(
-    scene: Scene, name: str | None, key: str, full_shape: tuple[int, int] | None
+    scene: Scene, name: str | ArrayFrames | None, key: str, full_shape: tuple[int, int] | None
 ) -> Linear | None:
     if name is None:
         return None

@@ -1,4 +1,4 @@
-"""Which reader a path needs, and what is read from it: channel, region, bit depth."""
+"""Which reader files or arrays need, and what is read from it: channel, region, bit depth."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Literal
 from isochrome.errors import InputError
 from isochrome.frames.mask import load_mask
 from isochrome.frames.readers import images, tiff, video
+from isochrome.frames.readers.in_memory import open_arrays
 from isochrome.frames.readers.signature import signature_of
-from isochrome.frames.reading import Channel, FrameReader, FramesPath
+from isochrome.frames.reading import Channel, FrameReader
 from isochrome.frames.several_files import open_parts
 from isochrome.frames.source import Kind, Source, natural_key, refusing, turned
-from isochrome.scene import Camera, Roi, Scene
+from isochrome.scene import ArrayFrames, Camera, FramesLike, Roi, Scene, frames_of
 
 KNOWN = images.SUFFIXES + tiff.SUFFIXES + video.SUFFIXES
 
@@ -23,7 +24,7 @@ SCALE = 0.005
 
 
 def open_frames(
-    path: FramesPath,
+    path: FramesLike,
     *,
     channel: Channel | None = None,
     wavelength_nm: float | None = None,
@@ -35,12 +36,16 @@ def open_frames(
     """Open captured frames: a TIFF stack, an image, a video, or a folder, list or glob of them.
 
     Several videos, or several TIFF stacks, are one recording, in natural order (part2 before
-    part10) but for a list, which has its own.
+    part10) but for a list, which has its own. In place of files, frames may be given that are in
+    memory, or that come one by one as they are asked for: an array (frame, row, col) or (frame,
+    row, col, 3) of numpy, xarray or Dask, one picture (row, col) or (row, col, 3), or a list or
+    PIMS sequence of pictures. They are taken as those of a file of their type, uint8, uint16 or
+    float, where NaN is a pixel that is not known.
 
     Parameters
     ----------
-    path : str, Path or sequence of them
-        Where the frames are.
+    path : str, Path, sequence of them, array or sequence of arrays
+        Where the frames are, or the frames themselves.
     channel : {'red', 'green', 'blue', 'mean'}, optional
         Channel of a colour source; by default the one nearest to `wavelength_nm`: below 490 blue,
         below 580 green, else red, unknown green.
@@ -75,9 +80,15 @@ def open_frames(
     >>> with isochrome.open_frames(stack) as frames:
     ...     frames.kind, frames.bit_depth, frames.count()
     ('tiff', 8, 6)
+    >>> import numpy
+    >>> dark = numpy.zeros((2, 494, 659), dtype="uint16")
+    >>> with isochrome.open_frames(dark, bit_depth=12) as frames:
+    ...     frames.kind, frames.bit_depth, frames.count()
+    ('array', 12, 2)
     """
+    path = frames_of(path)
     source = turned(_source(path), rotate_deg, flip)
-    label = path if isinstance(path, str | Path) else f"{path[0]} ..."
+    label = f"{path[0]} ..." if isinstance(path, tuple) else path
     rows, cols = source.form.shape
     dtype = source.form.dtype
     if roi is not None and (roi.top_px + roi.height_px > rows or roi.left_px + roi.width_px > cols):
@@ -99,13 +110,13 @@ def open_frames(
 
 
 def open_scene_frames(
-    path: FramesPath, scene: Scene, *, masked: bool = True, any_scale: bool = False
+    path: FramesLike, scene: Scene, *, masked: bool = True, any_scale: bool = False
 ) -> FrameReader:
     """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
 
     Parameters
     ----------
-    path : str, Path or sequence of them
+    path : str, Path, sequence of them, array or sequence of arrays
         The frames, as for `open_frames`.
     scene : Scene
         What stood in front of the camera.
@@ -141,7 +152,7 @@ def open_scene_frames(
     return reader
 
 
-def input_files(reader: FrameReader, scene: Scene) -> list[Path]:
+def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
     """List the captured files and those that the scene names, in order.
 
     Parameters
@@ -153,32 +164,32 @@ def input_files(reader: FrameReader, scene: Scene) -> list[Path]:
 
     Returns
     -------
-    list of Path
-        The files that results depend on.
+    list of Path or ArrayFrames
+        The files, and arrays in place of files, that results depend on.
     """
     return [*reader.files, *scene.files(of_frames=True)]
 
 
-def absolute(frames: FramesPath, scene: Scene) -> tuple[FramesPath, Scene]:
+def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
     """Make frames and scene findable from any folder, as another machine stands in another.
 
     Parameters
     ----------
-    frames : str, Path or sequence of them
+    frames : str, Path, sequence of them, array or sequence of arrays
         The frames, as for `open_frames`.
     scene : Scene
         What stood in front of the camera.
 
     Returns
     -------
-    tuple of FramesPath and Scene
+    tuple of FramesLike and Scene
         The same with absolute paths.
     """
-    found: FramesPath
-    if isinstance(frames, str | Path):
-        found = str(Path(frames).absolute())
-    else:
-        found = tuple(str(Path(path).absolute()) for path in frames)
+    found = frames_of(frames)
+    if isinstance(found, str | Path):
+        found = str(Path(found).absolute())
+    elif isinstance(found, tuple):
+        found = tuple(str(Path(path).absolute()) for path in found)
     folder = (scene.folder or Path()).absolute()
     return found, scene.model_copy(update={"folder": folder})
 
@@ -253,12 +264,15 @@ def _after_turn(rotate_deg: int) -> str:
     return " after its turn by frames.rotate_deg" if rotate_deg in (90, 270) else ""
 
 
-def _source(path: FramesPath) -> Source:
-    if not isinstance(path, str | Path):
+def _source(path: FramesLike) -> Source:
+    if isinstance(path, ArrayFrames):
+        return open_arrays(path)
+    if isinstance(path, tuple):
         files = tuple(Path(p) for p in path)
         if not files:
             raise InputError("the list of frames is empty; name at least one image")
         return _of_files(files, "list")
+    assert isinstance(path, str | Path)
     place = Path(path)
     try:
         folder, there = place.is_dir(), os.path.lexists(place)

@@ -15,12 +15,16 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.frames.source import Kind, RawFrame, Source
-from isochrome.scene import Roi
+from isochrome.scene import FramesLike, Roi
 
 Mask = NDArray[np.bool_]
 Channel = Literal["red", "green", "blue", "mean"]
 CHANNELS = ("red", "green", "blue")
 FramesPath = str | Path | Sequence[str | Path]
+"""The files of a recording."""
+_DARKEST = 0.25
+"""How far below zero, in full scales, noise and a subtracted background may take a float frame."""
+
 _FAR = 300
 """Frames that are sooner passed over than left out by opening their file anew."""
 
@@ -60,7 +64,7 @@ class FrameReader:
     ----------
     source : Source
         What the file's head tells, and how to read it.
-    path : str, Path or sequence of them
+    path : str, Path, sequence of them or ArrayFrames
         Where the frames are.
     channel : {'red', 'green', 'blue', 'mean'} or None
         Channel to take of a colour source.
@@ -71,9 +75,9 @@ class FrameReader:
 
     Attributes
     ----------
-    path : str, Path or sequence of them
+    path : str, Path, sequence of them or ArrayFrames
         Where the frames are.
-    kind : {'tiff', 'image', 'folder', 'list', 'video'}
+    kind : {'tiff', 'image', 'folder', 'list', 'video', 'array'}
         What they are read from.
     shape : tuple of int
         Size of what it yields, (rows, cols).
@@ -87,7 +91,7 @@ class FrameReader:
         Channel taken of a colour source; None for grey.
     pixel_mm : float or None
         Side of a pixel that the file names, mm.
-    files : tuple of Path
+    files : tuple of Path or ArrayFrames
         All files that are read, in order.
     names : tuple of str
         Name of each frame, where each has a file.
@@ -103,7 +107,7 @@ class FrameReader:
         self,
         source: Source,
         *,
-        path: FramesPath,
+        path: FramesLike,
         channel: Channel | None,
         roi: Roi | None,
         bit_depth: int | None,
@@ -251,9 +255,16 @@ class SequentialFrames:
 
 def _check_range(image: np.ndarray, bit_depth: int | None, label: str) -> None:
     """Refuse values that a sensor of this bit depth cannot give."""
-    if bit_depth is None or (image.dtype.kind == "u" and bit_depth >= 8 * image.dtype.itemsize):
+    whole = image.dtype.kind == "u"
+    values = image if whole else image[np.isfinite(image)]
+    full = 1.0 if bit_depth is None else 2.0**bit_depth - 1.0
+    if not whole and values.min(initial=0.0) < -_DARKEST * full:
+        raise InputError(
+            f"{label}: holds the value {values.min():.4g}, and light is 0 or more; check how "
+            "the frame was written"
+        )
+    if bit_depth is None or (whole and bit_depth >= 8 * image.dtype.itemsize):
         return
-    values = image if image.dtype.kind == "u" else image[np.isfinite(image)]
     top = values.max(initial=0)
     if top > 2**bit_depth - 1:
         raise InputError(

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.scene import ArrayFrames
 
 MAX_PIXELS = 200_000_000
 """A frame that claims more pixels is a damaged or hostile file: refused before memory is taken."""
@@ -25,7 +26,7 @@ MAX_BYTES = 400_000_000
 CLOCK_S = 2.0
 """The coarsest clock of a file system (FAT)."""
 
-Kind = Literal["tiff", "image", "folder", "list", "video"]
+Kind = Literal["tiff", "image", "folder", "list", "video", "array"]
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class Source:
     sensor_bits: int | None
     frames: Callable[[int], Generator[RawFrame]]
     extent: Callable[[], Extent]
-    files: tuple[Path, ...]
+    files: tuple[Path | ArrayFrames, ...]
     names: tuple[str, ...] = ()
     pixel_mm: float | None = None
     claimed: int | None = None

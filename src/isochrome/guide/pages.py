@@ -14,6 +14,7 @@ TOPICS = {
     "colour": "white light: orders by their colours",
     "calibration": "the fringe value, the camera's scale, and the uncertainty budget",
     "fitting": "what the fringes know: unknowns of the scene, causes, wear laws, tractions",
+    "arrays": "frames, scenes and results as arrays in Python",
     "long-recordings": "long recordings, campaigns of many, and a cluster",
     "paper-figures": "figures for a paper",
     "conventions": "units, axes, and a glossary",

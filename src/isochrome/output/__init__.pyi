@@ -12,7 +12,7 @@ from .files import (
 from .frame_names import counted_frames, messages_of_frames, named_frames
 from .frame_values import FrameValues
 from .given_table import GivenTable, read_given_table
-from .record import provenance, sha256, write_figure
+from .record import InputContent, provenance, sha256, write_figure
 from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with_uncertainty
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
 from .scale import pixel_mm_of, read_pixel_mm
@@ -25,6 +25,7 @@ __all__ = [
     "Floats",
     "FrameValues",
     "GivenTable",
+    "InputContent",
     "Photometric",
     "Result",
     "TiffCanvas",

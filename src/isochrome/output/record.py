@@ -6,7 +6,7 @@ import hashlib
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from isochrome.errors import InputError
 from isochrome.output.files import replacing
@@ -42,8 +42,19 @@ def write_figure(path: str | Path, figure: Figure, *, dpi: float = FIGURE_DPI) -
         FigureCanvasAgg(figure).print_figure(beside, format="png", dpi=dpi)
 
 
+class Digested(Protocol):
+    """What is read in place of a file, and knows the hash of its content."""
+
+    def digest(self) -> str:
+        """Its SHA-256 as hexadecimal text."""
+
+
+InputContent = str | Path | Digested
+"""A file, a folder, or what is read in place of one."""
+
+
 def provenance(
-    scene_toml: str | None, inputs: Iterable[str | Path] = (), seed: int | None = None
+    scene_toml: str | None, inputs: Iterable[InputContent] = (), seed: int | None = None
 ) -> dict[str, Any]:
     """Record what a result came from: version, scene, hashes of the inputs, seed.
 
@@ -51,8 +62,8 @@ def provenance(
     ----------
     scene_toml : str or None
         The resolved scene's text.
-    inputs : iterable of str or Path, optional
-        Files; a folder stands for the files in it.
+    inputs : iterable of InputContent, optional
+        Files, and arrays in place of files; a folder stands for the files in it.
     seed : int, optional
         Seed of the random numbers.
 
@@ -73,7 +84,11 @@ def provenance(
     except PackageNotFoundError:  # run from a source tree
         number = "unknown"
     hashes: dict[str, str] = {}
-    for path in map(Path, inputs):
+    for place in inputs:
+        if not isinstance(place, str | Path):
+            hashes[f"{place} ({len(hashes) + 1})"] = place.digest()
+            continue
+        path = Path(place)
         files = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
         hashes |= {str(file): sha256(file) for file in files}
     return {"isochrome": number, "scene": scene_toml, "inputs_sha256": hashes, "seed": seed}

@@ -1,6 +1,16 @@
 from .api import check_scene, process
 from .checking import check
-from .processed import Processed
+from .figure import plot_order
+from .processed import PICTURE, Processed
 from .result import SPREAD, ProcessedFrame
 
-__all__ = ["SPREAD", "Processed", "ProcessedFrame", "check", "check_scene", "process"]
+__all__ = [
+    "PICTURE",
+    "SPREAD",
+    "Processed",
+    "ProcessedFrame",
+    "check",
+    "check_scene",
+    "plot_order",
+    "process",
+]

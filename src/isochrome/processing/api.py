@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
 from isochrome.frames import (
     FrameReader,
-    FramesPath,
     absolute,
     input_files,
     misfits,
@@ -23,10 +24,10 @@ from isochrome.frames import (
 )
 from isochrome.fringes import make_design
 from isochrome.optics import make_chain
-from isochrome.output import load_roifile
-from isochrome.processing.chunk import frame_row, layers_of, process_chunk
+from isochrome.output import counted, load_roifile
+from isochrome.processing.chunk import frame_row, layers_of, more_of, process_chunk
 from isochrome.processing.figure import figure_in_memory
-from isochrome.processing.folder import finish_set_folder
+from isochrome.processing.folder import finish_set_folder, set_dataset
 from isochrome.processing.frame_task import (
     FrameSource,
     FrameTask,
@@ -38,7 +39,14 @@ from isochrome.processing.frame_task import (
 )
 from isochrome.processing.kinds.colour_light import check_colour
 from isochrome.processing.kinds.tracked import EVERY, check_tracked, tracked_states
-from isochrome.processing.processed import Processed, collect, refuse_unread, restore, tabulate_set
+from isochrome.processing.processed import (
+    Processed,
+    add_frame_row,
+    collect,
+    refuse_unread,
+    restore,
+    tabulate_set,
+)
 from isochrome.processing.result import ProcessedFrame
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
@@ -56,12 +64,23 @@ from isochrome.runs import (
     waiting_workers,
     working_folder,
 )
-from isochrome.scene import Scene, check_pixel, load_scene
+from isochrome.scene import (
+    ArrayFrames,
+    FramesLike,
+    Scene,
+    SceneLike,
+    check_pixel,
+    frames_of,
+    load_scene,
+)
+
+MOST_IN_MEMORY = 8_000_000_000
+"""Bytes of maps beyond which a result belongs on the disk."""
 
 
 def process(
-    frames: FramesPath,
-    scene: str | Path | Scene,
+    frames: FramesLike,
+    scene: SceneLike,
     out: str | Path | None = None,
     *,
     rois: bool = False,
@@ -86,11 +105,12 @@ def process(
 
     Parameters
     ----------
-    frames : str, Path or sequence of them
-        A TIFF stack, image, video, or a folder, list or glob of them, as for `open_frames`.
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene, which says what stood in front
-        of the camera.
+    frames : str, Path, sequence of them, array or sequence of arrays
+        A TIFF stack, image, video, or a folder, list or glob of them, or frames in memory, as for
+        `open_frames`.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables, which say what
+        stood in front of the camera.
     out : str or Path, optional
         Folder for frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv
         (fringe lines, where no model was fitted), isoclinic.tif (steps: degrees, direction of
@@ -127,8 +147,9 @@ def process(
     Returns
     -------
     Processed
-        The table of the frames, and the fitted scene; the maps (frame, row, col) in memory only
-        without `out`. Orders are in fringes, lengths in mm, loads in N.
+        The table of the frames, the fitted scene, and as `dataset` the maps over (frame, z_mm,
+        x_mm), which are in memory only without `out`. Orders are in fringes, lengths in mm, loads
+        in N.
 
     Raises
     ------
@@ -155,6 +176,14 @@ def process(
     >>> found = isochrome.process("simulated/frames.tif", scene)
     >>> print(f"{found.table['load.normal_n'][0]:.1f} N")
     60.0 N
+
+    From arrays, without any file:
+
+    >>> frames = isochrome.simulate(scene).frames
+    >>> found = isochrome.process(frames, scene)
+    >>> order = found.dataset.fringe_order[0]
+    >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
+    0.78 fringes
     """
     scene = load_scene(scene)
     check_scene(scene)
@@ -165,7 +194,7 @@ def process(
     refuse_without_folder(out, workers, cluster)
     if out is not None:
         working_folder(Path(out))  # no place for results: to be said before anything is read
-    frames = frames if isinstance(frames, str | Path) else tuple(frames)
+    frames = frames_of(frames)
     with single_threaded(), open_scene_frames(frames, scene) as reader, ExitStack() as opened:
         opened.callback(close_kept)  # before the reader that it reads from is closed
         scene = with_file_scale(scene, reader)
@@ -189,7 +218,7 @@ def process(
 
 def _processed(
     recipe: FrameTask,
-    files: Sequence[Path],
+    files: Sequence[Path | ArrayFrames],
     out: str | Path | None,
     means: RunOptions,
     progress: RunProgress | None,
@@ -210,9 +239,11 @@ def _processed(
     recipe = source.recipe = replace(recipe, key=digest)  # opened, it need not be opened again
     job = Job(partial(process_chunk, recipe), _layout(source, count // recipe.steps), identity)
 
+    place = Path(out).absolute()
+
     def finish(bench: RunFolder) -> Processed:
         release_caches()
-        return finish_set_folder(bench, job, recipe, reader.shape, source.residual)
+        return finish_set_folder(bench, place, job, recipe, reader.shape, source.residual)
 
     found = run_job(job, out, finish, means=means, progress=progress)
     return found or restore(recipe.scene, Path(out), reader.shape, source.residual)
@@ -225,7 +256,7 @@ def _apparatus_of(source: FrameSource, count: int) -> Apparatus:
     return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
 
 
-def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path]) -> bool:
+def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path | ArrayFrames]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
     there = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
     if not there or working_folder(out).exists():  # an unfinished run, or one that is at work
@@ -236,11 +267,19 @@ def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path]) -> bool:
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
     """All states, kept in memory."""
     recipe, flagged = source.recipe, 0
-    rows, status, kept = [], [], list[ProcessedFrame]()
+    pictures = count if recipe.every is None else -(-count // recipe.every)
+    needed = 4 * len(layers_of(recipe.scene)) * pictures * math.prod(source.reader.shape)
+    if needed > MOST_IN_MEMORY:
+        raise InputError(
+            f"{source.reader.path}: the maps of {counted(pictures, 'frame')} take "
+            f"{needed / 1e9:.0f} GB, and {MOST_IN_MEMORY / 1e9:.0f} GB are kept in memory; give a "
+            "folder for them (out), or fewer frames"
+        )
+    rows, more, kept = list[dict[str, Any]](), dict[str, Any](), list[ProcessedFrame]()
     found = source.states if recipe.every is None else partial(tracked_states, source)
     for item in found(0, count):
+        add_frame_row(more, len(rows), more_of(item, recipe.scene))
         rows.append(frame_row(item, recipe))
-        status.append(item.status)
         if isinstance(item, ProcessedFrame):
             kept.append(item)
         flagged += item.status != "ok"
@@ -249,8 +288,11 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     table = tabulate_set(rows)
     shares = [item.reading.kept if item.reading else None for item in kept]
     refuse_unread(recipe.scene, str(source.reader.path), table, shares)
-    result = collect(recipe.scene, table, status, kept, source.reader.shape, source.residual)
-    return replace(result, draw=partial(figure_in_memory, recipe.scene, table, status, kept))
+    shape, status = source.reader.shape, more["status"]
+    result = collect(recipe.scene, table, status, kept, shape, source.residual)
+    draw = partial(figure_in_memory, recipe.scene, table, status, kept)
+    load = partial(set_dataset, recipe.scene, result.columns, more, kept, shape)
+    return replace(result, draw=draw, load=load)
 
 
 def _layout(source: FrameSource, count: int) -> RunLayout:

@@ -10,7 +10,6 @@ from isochrome.frames import (
     Check,
     Finding,
     Frame,
-    FramesPath,
     load_no_load,
     look_through,
     open_scene_frames,
@@ -22,13 +21,13 @@ from isochrome.processing.kinds.image_only import told_exposure
 from isochrome.processing.kinds.with_model import frame_causes
 from isochrome.processing.result import Capture
 from isochrome.runs import single_threaded
-from isochrome.scene import Scene
+from isochrome.scene import FramesLike, Scene, SceneLike, load_scene
 
 _TRIED = 4
 """Frames at the most in which the scene's fringes are looked for: one takes seconds."""
 
 
-def check(path: FramesPath, scene: Scene) -> Check:
+def check(path: FramesLike, scene: SceneLike) -> Check:
     """Look through captured frames once, and say what is wrong with them for this scene.
 
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
@@ -39,10 +38,10 @@ def check(path: FramesPath, scene: Scene) -> Check:
 
     Parameters
     ----------
-    path : str, Path or sequence of them
+    path : str, Path, sequence of them, array or sequence of arrays
         The frames, as for `open_frames`.
-    scene : Scene
-        What stood in front of the camera, as `load_scene` gives it.
+    scene : str, Path, Scene or mapping
+        What stood in front of the camera, as `load_scene` takes it.
 
     Returns
     -------
@@ -60,6 +59,7 @@ def check(path: FramesPath, scene: Scene) -> Check:
     >>> found.ok, found.count
     (True, 1)
     """
+    scene = load_scene(scene)
     found = look_through(path, scene)
     light = scene.polariscope
     alone = bool(light.step) or light.several_wavelengths  # their states tell the order themselves
@@ -71,7 +71,7 @@ def check(path: FramesPath, scene: Scene) -> Check:
         return found.with_more(_by_fringes(path, scene))
 
 
-def _by_fringes(path: FramesPath, scene: Scene) -> Iterator[Finding]:
+def _by_fringes(path: FramesLike, scene: Scene) -> Iterator[Finding]:
     """What the first frames' fringes say of the scene."""
     with open_scene_frames(path, scene) as reader:
         scene = with_file_scale(scene, reader)

@@ -63,15 +63,11 @@ def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) 
     rois: list[tuple[str, bytes]] = []
     for item in states:
         rows.append(frame_row(item, recipe))
-        more.append(_more(item, recipe.scene))
+        more.append(more_of(item, recipe.scene))
         if isinstance(item, FollowedFrame):
             continue
-        maps = item.maps()
         for name, seen in pictures.items():
-            # no order was read: none is known, and none can be relied upon
-            empty = 0.0 if name == CONFIDENCE.name else np.nan
-            blank = np.full(item.normalised.shape, empty, dtype=np.float32)
-            seen.append(maps.get(name, blank))
+            seen.append(picture_of(item, name))
         # where a model was fitted, its frames can be drawn anew: lines are for who asks
         lines = item.skeleton() if recipe.rois or item.fit is None else []
         if lines:
@@ -103,7 +99,17 @@ def frame_row(item: ProcessedFrame | FollowedFrame, recipe: FrameTask) -> dict[s
     return row_of_set(row, columns)
 
 
-def _more(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
+def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:
+    """A layer's picture of a frame (rows, cols), blank where it has none."""
+    found = item.maps().get(name)
+    if found is not None:
+        return found
+    # no order was read: none is known, and none can be relied upon
+    empty = 0.0 if name == CONFIDENCE.name else np.nan
+    return np.full(item.normalised.shape, empty, dtype=np.float32)
+
+
+def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:
     """What the dataset and the figure need to know besides the row."""
     left, top = item.corner_mm(scene)
     return {

@@ -10,19 +10,25 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from isochrome.errors import InputError
 from isochrome.figures import (
     DIRECTION_MAP,
+    FINE_PT,
     FRAME_MAP,
     LINE_COLOURS,
     LINE_PT,
+    OVERLAY_COLOUR,
     PANEL_IN,
     VALUE_MAP,
     Place,
     add_colour_bar,
     draw_frame_values,
     draw_line,
+    given_axes,
     new_figure,
+    place_of_image,
     plain_name,
     show_image,
     write_head,
@@ -34,12 +40,15 @@ from isochrome.processing.result import ProcessedFrame
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 
 _MOST_LINES = 12
 """Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""
 
+
+_ORDER_LABEL = "fringe order N (fringes)"
 
 _BESIDE = 0.7
 """Inches that an axis' numbers and label take beside a picture."""
@@ -119,22 +128,87 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
         lines = item.lines
         if item.order is not None:
             lines = order_contours(item.order, _line_orders(largest))
-            orders.append(show_image(
-                axes[k, 1], item.order, cmap=VALUE_MAP, vmin=0, vmax=largest,
-                title=f"fringe order, {100 * item.kept:.1f} % known", **item.place,
-            ))  # fmt: skip
+            title = f"fringe order, {100 * item.kept:.1f} % known"
+            orders.append(_show_order(axes[k, 1], item.order, largest, title, item.place))
         if item.isoclinic is not None:
             directions.append(_show_isoclinic(axes[k, 2], item.isoclinic, item.place))
         for line in lines:
             whole = line.kind == "dark" if line.order is None else float(line.order).is_integer()
             colour = LINE_COLOURS[0 if whole else 1]
             draw_line(ax, line.rows, line.cols, item.place, color=colour, lw=LINE_PT)
-    _share_bar(orders, "fringe order N (fringes)")
+    _share_bar(orders, _ORDER_LABEL)
     _share_bar(directions, "counter-clockwise from x (degrees)")
     for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
         ax.set_visible(False)
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
     return f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
+
+
+def _show_order(axes: Any, order: np.ndarray, largest: float, title: str, place: Place) -> Any:
+    """A map of the fringe order, from 0 to the largest."""
+    return show_image(axes, order, cmap=VALUE_MAP, vmin=0, vmax=largest, title=title, **place)
+
+
+def plot_order(
+    order: ArrayLike,
+    axes: Axes | None = None,
+    *,
+    lines: bool = True,
+    pixel_mm: float | None = None,
+    left_mm: float = 0.0,
+    top_mm: float = 0.0,
+    title: str = "",
+) -> Axes:
+    """Draw a map of the fringe order with its colour bar, hatched where it is not known.
+
+    In mm where its coordinates z_mm and x_mm, or `pixel_mm`, tell the scale; else in pixels.
+
+    Parameters
+    ----------
+    order : array_like, shape (rows, cols)
+        Fringe order, fringes; NaN = not known.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw; by default a new figure of matplotlib.pyplot.
+    lines : bool, default True
+        Whether the lines of whole and half orders are drawn; of many, fewer.
+    pixel_mm : float, optional
+        Side of a pixel, mm.
+    left_mm : float, default 0.0
+        Outer edge of the first column, mm.
+    top_mm : float, default 0.0
+        Outer edge of the first row, mm.
+    title : str, default ''
+        Title.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        What was drawn on.
+
+    Raises
+    ------
+    InputError
+        Where the map has another shape.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36})
+    >>> simulated = isochrome.simulate(scene).dataset
+    >>> isochrome.plot_order(simulated.fringe_order[0]).get_ylabel()
+    'z (mm)'
+    """
+    values = np.asarray(order, dtype=float)
+    if values.ndim != 2:
+        raise InputError(f"an order map of shape {values.shape} to draw: give one (rows, cols)")
+    place = place_of_image(order, pixel_mm, left_mm, top_mm)
+    drawn, largest = given_axes(axes), _largest_order(values)
+    _share_bar([_show_order(drawn, values, largest, title, place)], _ORDER_LABEL)
+    for line in order_contours(values, _line_orders(largest)) if lines else ():
+        draw_line(drawn, line.rows, line.cols, place, color=OVERLAY_COLOUR, lw=FINE_PT)
+    return drawn
 
 
 def _line_orders(largest: float) -> np.ndarray:
@@ -162,9 +236,12 @@ def _share_bar(images: list[Any], label: str) -> None:
 
 
 def _largest(item: Shown) -> float:
-    if item.order is None or not np.isfinite(item.order).any():
-        return 1.0
-    return float(np.nanpercentile(item.order, 99.9))
+    return 1.0 if item.order is None else _largest_order(item.order)
+
+
+def _largest_order(order: np.ndarray) -> float:
+    """The order up to which colours go; 1 where none is known."""
+    return float(np.nanpercentile(order, 99.9)) if np.isfinite(order).any() else 1.0
 
 
 def set_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Shown]) -> Figure:

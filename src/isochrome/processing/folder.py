@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+import isochrome
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
     FIGURE_DPI,
@@ -22,7 +23,16 @@ from isochrome.output import (
     write_text,
     write_tiff,
 )
-from isochrome.processing.chunk import ISOCLINIC, LINES, NORMALISED, ORDER, ROIS, lines_of
+from isochrome.processing.chunk import (
+    ISOCLINIC,
+    LINES,
+    NORMALISED,
+    ORDER,
+    ROIS,
+    layers_of,
+    lines_of,
+    picture_of,
+)
 from isochrome.processing.figure import Shown, set_figure, shown_frames, shown_label
 from isochrome.processing.frame_task import FrameTask
 from isochrome.processing.processed import (
@@ -34,19 +44,25 @@ from isochrome.processing.processed import (
     refuse_unread,
     warnings_last,
 )
+from isochrome.processing.result import ProcessedFrame
 from isochrome.runs import (
     STORE,
     Column,
     Job,
+    RunDataset,
     RunFolder,
     add_columns,
     attributes,
     column,
+    make_dataset,
+    open_run,
     parts,
     picture,
     rows,
 )
 from isochrome.scene import Scene, dump_scene
+from isochrome.simulation import picture_axes
+from isochrome.stress import pixel_grid
 
 _TRACKED_DPI = 110.0
 """Of a picture as wide as a screen."""
@@ -57,6 +73,7 @@ _MORE = ("status", "time_s", "left_mm", "top_mm")
 
 def finish_set_folder(
     bench: RunFolder,
+    out: Path,
     job: Job,
     recipe: FrameTask,
     shape: tuple[int, int],
@@ -64,7 +81,8 @@ def finish_set_folder(
 ) -> Processed:
     """Make the files that need all frames, from what is kept of their chunks.
 
-    Parameters: `bench`, where the run's chunks lie; `job`; `recipe`; `shape` (rows, cols);
+    Parameters: `bench`, where the run's chunks lie; `out`, where its results will; `job`; `recipe`;
+    `shape` (rows, cols);
     `residual`, what was taken out of the frames. Returns Processed. Raises InputError, OSError, and
     PhysicsError where nothing could be read in any frame.
     """
@@ -88,9 +106,10 @@ def finish_set_folder(
     if result.fitted is not None:
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
-    _write_columns(folder / STORE, scene, table, more, shape, job.identity)
+    columns, axes = _set_columns(scene, table, more, shape)
+    add_columns(folder / STORE, columns, axes, attributes(job.identity))
     draw = partial(set_figure, scene, table, _shown(bench, table, more))
-    result = replace(result, draw=draw)
+    result = replace(result, draw=draw, load=partial(open_run, out))
     dpi = FIGURE_DPI if recipe.every is None else _TRACKED_DPI
     write_figure(folder / FIGURE, result.figure(), dpi=dpi)
     return result
@@ -148,21 +167,43 @@ def _shown(
     ]
 
 
-def _write_columns(
-    store: Path,
+def set_dataset(
+    scene: Scene,
+    table: Mapping[str, list[Any]],
+    more: Mapping[str, list[Any]],
+    frames: Sequence[ProcessedFrame],
+    shape: tuple[int, int],
+) -> RunDataset:
+    """The dataset of a set that is in memory, as run.zarr has it.
+
+    Parameters: as `_set_columns`; `frames` with pictures. Returns a RunDataset.
+    """
+    columns, axes = _set_columns(scene, table, more, shape)
+    names = ("key_frame" if PICTURE in table else "frame", "row", "col")
+    maps = {
+        layer.name: Column(
+            names,
+            np.stack([picture_of(item, layer.name) for item in frames]),
+            {"units": layer.units, "long_name": layer.what},
+        )
+        for layer in layers_of(scene)
+    }
+    known = {"isochrome": isochrome.__version__, "scene": dump_scene(scene)}
+    return make_dataset(maps | columns, axes, attributes(known))
+
+
+def _set_columns(
     scene: Scene,
     table: Mapping[str, list[Any]],
     more: Mapping[str, list[Any]],
     shape: tuple[int, int],
-    identity: Mapping[str, Any],
-) -> None:
-    """Add the columns of frames.csv over frame, the axes' coordinates and the run's attributes.
+) -> tuple[dict[str, Column], dict[str, Column]]:
+    """The columns of frames.csv over frame, and the axes' coordinates.
 
     x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel, of the scene's own place; left_mm
     and top_mm over frame say where each frame was found to stand.
-    Parameters: `store`, the run's; `scene`; `table`, the columns of frames.csv; `more`, besides
-    them status, time_s, left_mm and top_mm; `shape` (rows, cols); `identity`, what the run is a
-    result of. Raises OSError.
+    Parameters: `scene`; `table`, the columns of frames.csv; `more`, besides them status, time_s,
+    left_mm and top_mm; `shape` (rows, cols).
     """
     found = dict(table) | {name: more[name] for name in _MORE}
     # all are there, whatever is known of them: a dataset's axes do not come and go
@@ -171,7 +212,7 @@ def _write_columns(
     if PICTURE in table:
         whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
         axes["key_frame"] = Column(("key_frame",), np.array(whole), {})
-    add_columns(store, columns, axes, attributes(identity))
+    return columns, axes
 
 
 def _places(
@@ -186,6 +227,8 @@ def _places(
     if pixel is None:
         return axes
     camera = scene.camera
+    if scene.model is not None and camera is not None and camera.pixel_mm is not None:
+        return picture_axes(pixel_grid(scene, shape))  # the very places of the scene's simulation
     for name, axis, count, edge, what in (
         ("z_mm", "row", shape[0], camera.top_mm if camera else None, "depth below the surface"),
         ("x_mm", "col", shape[1], camera.left_mm if camera else None, "along the surface"),

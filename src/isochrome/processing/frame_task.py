@@ -12,7 +12,7 @@ from typing import Any
 from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis, prepare_frame
 from isochrome.fitting import Apparatus, frame_distance, frame_scene, scene_at, timed_distance
-from isochrome.frames import Frame, FrameReader, FramesPath, load_no_load
+from isochrome.frames import Frame, FrameReader, load_no_load
 from isochrome.fringes import ResidualStress
 from isochrome.processing.frame_source import Cursor
 from isochrome.processing.kinds.colour_light import (
@@ -26,7 +26,7 @@ from isochrome.processing.kinds.with_model import process_with_model
 from isochrome.processing.placement import placed_disc
 from isochrome.processing.result import Capture, ProcessedFrame, failed_frame
 from isochrome.runs import run_identity, trim_heap
-from isochrome.scene import Scene, dump_scene
+from isochrome.scene import ArrayFrames, FramesLike, Scene, dump_scene
 from isochrome.specimens import surface_field_grid
 
 
@@ -42,7 +42,7 @@ class FrameTask:
     frames have in common.
     """
 
-    frames: FramesPath
+    frames: FramesLike
     scene: Scene
     reader: FrameReader
     key: str
@@ -218,7 +218,7 @@ def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
     return "initial sliding" if slides else "static", 0.0
 
 
-def identity_of(recipe: FrameTask, files: Sequence[Path]) -> Mapping[str, Any]:
+def identity_of(recipe: FrameTask, files: Sequence[Path | ArrayFrames]) -> Mapping[str, Any]:
     """What a run on a set is a result of, as provenance.json keeps it.
 
     Parameters: `recipe`; `files`, see `frames.input_files`. Raises InputError where one is not

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting import CORRECT, FRICTION, fitted_scene, over_distance, untracked_inputs
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
@@ -35,7 +35,7 @@ from isochrome.processing.result import (
     ProcessedFrame,
     causes_of,
 )
-from isochrome.runs import column_values, open_run
+from isochrome.runs import RunDataset, column_values, identifier, open_run
 from isochrome.scene import Scene
 from isochrome.simulation import no_model_sentence
 
@@ -79,6 +79,8 @@ class Processed(Result):
         Whether an earlier run had left it all.
     failed : int, default 0
         How many frames were left out.
+    load : callable, optional
+        Makes the dataset.
     """
 
     scene: Scene
@@ -90,6 +92,18 @@ class Processed(Result):
     residual: ResidualStress | None = None
     already: bool = False
     failed: int = 0
+    load: Callable[[], RunDataset] | None = field(default=None, compare=False)
+
+    @property
+    def dataset(self) -> RunDataset:
+        """The maps and columns as an xarray.Dataset, the same in memory and of a folder.
+
+        Maps are over (frame, z_mm, x_mm), or (frame, row, col) where no scale is known; see
+        `open_run`, which reads those of a folder as they are used. Raises InputError.
+        """
+        if self.load is None:
+            raise InputError(f"{self.title}: its maps were not kept; process the frames again")
+        return self.load()
 
     @property
     def tracked(self) -> bool:
@@ -306,14 +320,15 @@ def restore(
     """
     names = read_csv(out / "frames.csv")
     with open_run(out) as dataset:
-        table = {name: column_values(dataset[name]) for name in names}
+        table = {name: column_values(dataset[identifier(name)]) for name in names}
         status = column_values(dataset["status"])
     for name in ("warnings", CAUSES):
         if name in table:
             table[name] = ["" if text is None else text for text in table[name]]
     draw = partial(saved_picture, out.absolute() / FIGURE)
     found = collect(scene, table, status, None, shape, residual)
-    return replace(found, already=True, draw=draw)
+    load = partial(open_run, out.absolute())
+    return replace(found, already=True, draw=draw, load=load)
 
 
 def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:

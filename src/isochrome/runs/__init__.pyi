@@ -1,4 +1,5 @@
 from .chunks import RunFolder, parts, picture, rows
+from .datasets import RunArray, RunDataset, make_dataset
 from .execution import WORTH_WORKERS_S, RunOptions, Stopped, refuse_without_folder, run_job
 from .exporting import export
 from .identity import environment, run_identity
@@ -13,6 +14,7 @@ from .store import (
     attributes,
     column,
     column_values,
+    identifier,
     named_units,
     open_run,
     texts,
@@ -39,6 +41,8 @@ __all__ = [
     "Layer",
     "NoCluster",
     "Results",
+    "RunArray",
+    "RunDataset",
     "RunFolder",
     "RunLayout",
     "RunOptions",
@@ -53,8 +57,10 @@ __all__ = [
     "export",
     "has_run",
     "holds_results",
+    "identifier",
     "in_flight",
     "locked",
+    "make_dataset",
     "named_units",
     "open_run",
     "parts",

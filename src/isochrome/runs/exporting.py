@@ -11,7 +11,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.output import replacing, staged, write_csv, write_frames
-from isochrome.runs.store import STORE, open_run
+from isochrome.runs.store import STORE, identifier, open_store
 
 if TYPE_CHECKING:
     import xarray
@@ -62,7 +62,9 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
         raise InputError(f"--to {to}: is no format known here; give {', '.join(FORMATS)}")
     place = Path(run)
     target = Path(out) if out is not None else place
-    with open_run(place) as dataset, staged(target) as folder:
+    with open_store(place) as stored, staged(target) as folder:
+        names = {str(name): identifier(str(name)) for name in (*stored.variables, *stored.sizes)}
+        dataset = stored.rename({old: new for old, new in names.items() if old != new})
         try:
             files = _write(dataset, to, folder)
         except (ValueError, KeyError, TypeError, IndexError, RuntimeError) as error:
@@ -183,11 +185,12 @@ def _labels(dataset: xarray.Dataset, array: xarray.DataArray) -> list[str]:
         return [str(text) for text in labels]
     axes = array.dims[:-2]
     values = [dataset[axis].values if axis in dataset.coords else None for axis in axes]
+    names = [dataset[axis].attrs.get("long_name", axis) for axis in axes]
     places = product(*(range(size) for size in array.shape[:-2]))
     return [
         ", ".join(
-            f"{axis} = {k if own is None else f'{own[k]:.6g}'}"
-            for axis, own, k in zip(axes, values, place, strict=True)
+            f"{name} = {k if own is None else f'{own[k]:.6g}'}"
+            for name, own, k in zip(names, values, place, strict=True)
         )
         for place in places
     ]

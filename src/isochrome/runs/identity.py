@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import isochrome
-from isochrome.output import provenance
+from isochrome.output import InputContent, provenance
 
 LIBRARIES = ("numpy", "scipy", "scikit-image", "opencv-python-headless", "tifffile", "pillow", "av")
 """Those whose version may change a result's bits."""
@@ -32,7 +32,10 @@ def environment() -> dict[str, Any]:
 
 
 def run_identity(
-    scene_toml: str, files: Iterable[Path], options: Mapping[str, Any], seed: int | None = None
+    scene_toml: str,
+    files: Iterable[InputContent],
+    options: Mapping[str, Any],
+    seed: int | None = None,
 ) -> dict[str, Any]:
     """Say what a run is a result of, as provenance.json keeps it: scene, files, code and options.
 
@@ -40,8 +43,8 @@ def run_identity(
     ----------
     scene_toml : str
         Text of the resolved scene.
-    files : iterable of Path
-        Files that are read.
+    files : iterable of InputContent
+        Files that are read, and arrays in place of files.
     options : mapping of str to Any
         Options of the command that change its result.
     seed : int, optional

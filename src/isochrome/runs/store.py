@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,8 @@ from isochrome.runs.job import RunLayout
 
 if TYPE_CHECKING:
     import xarray
+
+    from isochrome.runs.datasets import RunDataset
 
 STORE = "run.zarr"
 WORKING = ".partial"
@@ -49,7 +52,7 @@ def create_store(path: Path, layout: RunLayout) -> None:
             dtype="float32",
             fill_value=np.nan,
             compressors=None,
-            dimension_names=(*layout.picture_axes, *layout.shape),
+            dimension_names=tuple(map(identifier, (*layout.picture_axes, *layout.shape))),
             attributes={"units": layer.units, "long_name": layer.what},
         )
 
@@ -82,6 +85,7 @@ def add_columns(
     """Add columns, coordinates and attributes to a run's store.
 
     As xarray would, which is not asked, for it takes longer to start than all columns to write.
+    Names become identifiers: load.normal_n is load_normal_n.
 
     Parameters
     ----------
@@ -104,17 +108,53 @@ def add_columns(
     group = zarr.open_group(path, mode="r+", zarr_format=3)
     nothing = {"T": "", "f": np.nan}  # by the kind of value, else 0
     for name, column in {**coordinates, **columns}.items():
+        own = identifier(name)
         group.create_array(
-            name,
+            own,
             data=column.values,
             chunks=tuple(max(1, size) for size in column.values.shape),
             fill_value=nothing.get(column.values.dtype.kind, 0),
-            dimension_names=column.axes,
-            attributes=dict(column.attributes),
+            dimension_names=tuple(map(identifier, column.axes)),
+            attributes=described(name, column),
         )
     # an axis' own coordinate is known by its name, the others have to be named
-    beside = " ".join(name for name, own in coordinates.items() if own.axes != (name,))
+    beside = " ".join(
+        identifier(name) for name, column in coordinates.items() if column.axes != (name,)
+    )
     group.attrs.update({**attributes, **({"coordinates": beside} if beside else {})})
+
+
+_PARTS = {
+    " standard_uncertainty": "_u",
+    " noise_uncertainty": "_u_noise",
+    " cramer_rao_bound": "_bound",
+}
+"""What is known of a value besides itself, as it ends the name of a column."""
+
+
+def identifier(name: str) -> str:
+    """Give the name of a column in a dataset, which may stand in Python and MATLAB code.
+
+    Parameters
+    ----------
+    name : str
+        Name of a key or column of a table, such as `load.normal_n standard_uncertainty`.
+
+    Returns
+    -------
+    str
+        The same as an identifier, such as `load_normal_n_u`.
+    """
+    for words, ending in _PARTS.items():
+        if name.endswith(words):
+            name = name.removesuffix(words) + ending
+    return re.sub(r"\W", "_", name)
+
+
+def described(name: str, column: Column) -> dict[str, Any]:
+    """The attributes of a column in a dataset, where its name is another than in a table."""
+    said = {} if identifier(name) == name else {"long_name": name}
+    return said | dict(column.attributes)
 
 
 def column(values: Sequence[Any], axis: str, name: str) -> Column:
@@ -233,12 +273,14 @@ def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def open_run(path: str | Path) -> xarray.Dataset:
+def open_run(path: str | Path) -> RunDataset:
     """Open the dataset that a run left, read from the disk as it is used.
 
-    Pictures are over (frame, row, col), those of a tracked video over (key_frame, row, col), the
-    frame numbers of its key frames; the columns of the table are over frame. Coordinates are z_mm,
-    x_mm, distance_m and time_s.
+    Pictures are over (frame, z_mm, x_mm), those of a tracked video over (key_frame, z_mm, x_mm),
+    the frame numbers of its key frames; the columns of the table are over frame, their names made
+    identifiers: load_normal_n, and load_normal_n_u for its standard uncertainty. Coordinates are
+    the pictures' row and col too, distance_m and time_s. Where no scale is known, row and col are
+    the axes. `.plot()` of a picture has z down, in mm.
 
     Parameters
     ----------
@@ -247,9 +289,9 @@ def open_run(path: str | Path) -> xarray.Dataset:
 
     Returns
     -------
-    xarray.Dataset
-        The pictures and columns, with units; as attributes the resolved scene, hashes of the
-        inputs, version and seed.
+    RunDataset
+        The pictures and columns as an xarray.Dataset, with units; as attributes the resolved scene,
+        hashes of the inputs, version and seed.
 
     Raises
     ------
@@ -264,9 +306,19 @@ def open_run(path: str | Path) -> xarray.Dataset:
     ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
     >>> found = isochrome.sweep(scene, {"load.normal_n": [60.0]}, "loads")
     >>> with isochrome.open_run("loads") as run:
-    ...     run.fringe_order.shape
-    (1, 1, 128, 128)
+    ...     order = run.fringe_order.sel(load_normal_n=60.0, state=0).load()
+    >>> order.dims
+    ('z_mm', 'x_mm')
+    >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
+    0.78 fringes
     """
+    from isochrome.runs.datasets import as_run
+
+    return as_run(open_store(path))
+
+
+def open_store(path: str | Path) -> xarray.Dataset:
+    """The dataset that a run left, its pictures over row and col. Raises InputError."""
     place = Path(path)
     store = place if place.suffix == ".zarr" else place / STORE
     if not (store / "zarr.json").is_file():

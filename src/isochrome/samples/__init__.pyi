@@ -1,3 +1,13 @@
 from .render import SEED, render_samples, samples_path
+from .shipped import CalibrationSample, ContactSample, bending, disc, line_contact_wear
 
-__all__ = ["SEED", "render_samples", "samples_path"]
+__all__ = [
+    "SEED",
+    "CalibrationSample",
+    "ContactSample",
+    "bending",
+    "disc",
+    "line_contact_wear",
+    "render_samples",
+    "samples_path",
+]

@@ -1,3 +1,4 @@
+from .array_frames import ArrayFrames, FramesLike, ImageFile, frames_of
 from .imaging import Camera, FileName, Frames, Roi
 from .known_orders import FreeBoundary, FreeCorner, KnownLine, KnownOrder
 from .parts import (
@@ -14,7 +15,16 @@ from .parts import (
 from .pixel_scale import STIFFEST_GPA, UNDOUBTED_MM, check_moduli, check_pixel, check_width
 from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
 from .specimen import Specimen
-from .toml import dump_scene, load_scene, parse_scene, parse_toml, read_text, scene_names
+from .toml import (
+    SceneLike,
+    as_tables,
+    dump_scene,
+    load_scene,
+    parse_scene,
+    parse_toml,
+    read_text,
+    scene_names,
+)
 from .uncertain import plain_value, split_uncertainties
 from .validation import check_reach, validate
 from .whole import Scene
@@ -22,13 +32,16 @@ from .whole import Scene
 __all__ = [
     "STIFFEST_GPA",
     "UNDOUBTED_MM",
+    "ArrayFrames",
     "Camera",
     "DistanceTable",
     "FileName",
     "Frames",
+    "FramesLike",
     "FreeBoundary",
     "FreeCorner",
     "Friction",
+    "ImageFile",
     "Indenter",
     "KnownLine",
     "KnownOrder",
@@ -41,15 +54,18 @@ __all__ = [
     "Positive",
     "Roi",
     "Scene",
+    "SceneLike",
     "ScenePart",
     "Specimen",
     "Spectrum",
     "Wear",
+    "as_tables",
     "check_moduli",
     "check_pixel",
     "check_reach",
     "check_width",
     "dump_scene",
+    "frames_of",
     "load_scene",
     "parse_scene",
     "parse_toml",

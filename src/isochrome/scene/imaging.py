@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from isochrome.errors import InputError
+from isochrome.scene.array_frames import ImageFile
 from isochrome.scene.known_orders import FreeBoundary, KnownLine, KnownOrder, Rows
 from isochrome.scene.scene_values import NUMBER, Finite, Positive, ScenePart
 
@@ -130,6 +131,8 @@ class Roi(ScenePart):
 class Frames(ScenePart):
     """How the captured frames are to be read; paths are relative to the scene file.
 
+    In Python an image may be given as an array in place of its file.
+
     A picture that lies otherwise than the scene is turned, then mirrored, before anything else:
     roi, mask, known orders and the angles of plates are those of the turned picture, and no-load
     frames are turned alike. Where both `mask` and `polygon_px` are given, the specimen is inside
@@ -143,17 +146,17 @@ class Frames(ScenePart):
         How the turned picture is mirrored: left to right, or top to bottom.
     roi : Roi, optional
         The part of the frame that the camera's grid stands for.
-    mask : str, optional
+    mask : str or array_like, optional
         An image of the frame's or the region's size, nonzero = specimen, or ImageJ rois drawn on
         the full frame.
     polygon_px : tuple of tuple of float, optional
         Corners (row, col) of the specimen in the region of interest, pixel centres at whole
         numbers.
-    no_load_dark : str, optional
+    no_load_dark : str or array_like, optional
         The unloaded specimen in the dark field: the background.
-    no_load_bright : str, optional
+    no_load_bright : str or array_like, optional
         The unloaded specimen in the bright field: the illumination.
-    no_load_steps : str, optional
+    no_load_steps : str or array_like, optional
         A phase-stepped set of the unloaded specimen, one frame a [[polariscope.step]]: its residual
         stress is taken out.
     gamma : float or {'unknown'}, default 1.0
@@ -177,11 +180,11 @@ class Frames(ScenePart):
     rotate_deg: Turn = 0
     flip: Flip | None = None
     roi: Roi | None = None
-    mask: FileName | None = None
+    mask: ImageFile | None = None
     polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None
-    no_load_dark: FileName | None = None
-    no_load_bright: FileName | None = None
-    no_load_steps: FileName | None = None
+    no_load_dark: ImageFile | None = None
+    no_load_bright: ImageFile | None = None
+    no_load_steps: ImageFile | None = None
     gamma: Annotated[
         Annotated[Exponent, Tag(NUMBER)] | Annotated[Literal["unknown"], Tag("unknown")],
         Discriminator(lambda value: value if value == "unknown" else NUMBER),

@@ -18,6 +18,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from isochrome.scene.array_frames import takes_arrays
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -41,10 +43,22 @@ class ScenePart(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
-        wants_truth = cls.model_fields[str(info.field_name)].annotation is bool
+        annotation = cls.model_fields[str(info.field_name)].annotation
+        wants_truth = annotation is bool
+        if not takes_arrays(annotation):
+            value = _of_numpy(value)
         if isinstance(value, bool) and not wants_truth:
             raise PydanticCustomError("truth", "Input should not be true or false")
         return value
+
+
+def _of_numpy(value: Any) -> Any:
+    """A number or array of numpy, pandas or xarray in plain Python; all else as it is."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return type(value)(map(_of_numpy, value)) if type(value) in (list, tuple) else value
+    return value.values.tolist() if hasattr(value, "dims") else value
 
 
 class DistanceTable(ScenePart):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -26,15 +27,21 @@ MAX_BYTES = 1_000_000
 """A settings file of over a megabyte is not one."""
 
 
-def load_scene(scene: str | Path | Scene) -> Scene:
-    """Read a scene: a TOML file's path, or the name of one inside the package.
+SceneLike = str | Path | Scene | Mapping[str, Any]
+"""A scene as a caller may give it: a file, a name, a Scene, or its tables."""
+
+
+def load_scene(scene: SceneLike) -> Scene:
+    """Read a scene: a TOML file's path, the name of one inside the package, or its tables.
 
     Every key is checked, with its unit and its range; unknown keys are refused.
 
     Parameters
     ----------
-    scene : str, Path or Scene
-        A path, a name such as 'line-contact-wear', or a Scene, which is returned as it is.
+    scene : str, Path, Scene or mapping
+        A path, a name such as 'line-contact-wear', a Scene, which is returned as it is, or the
+        tables of a scene's file as dictionaries. In these, numbers may be numpy's, and images (the
+        no-load frames and the mask) arrays; paths are relative to the working folder.
 
     Returns
     -------
@@ -52,9 +59,20 @@ def load_scene(scene: str | Path | Scene) -> Scene:
     >>> scene = isochrome.load_scene("line-contact-wear")
     >>> scene.model, scene.load.normal_n
     ('contact', 44.0)
+    >>> import numpy
+    >>> scene = isochrome.load_scene({
+    ...     "specimen": {"thickness_mm": 4.0},
+    ...     "frames": {"no_load_bright": numpy.full((494, 659), 200, dtype="uint8")},
+    ... })
+    >>> scene.frames.no_load_bright
+    <array of 494 x 659 uint8>
     """
     if isinstance(scene, Scene):
         return scene
+    if isinstance(scene, Mapping):
+        found = validate(Scene, as_tables(scene), "scene", reserved=NO_KEYS)
+        check_reach(found.model_dump(exclude_unset=True), "scene")
+        return found
     path = Path(scene)
     if str(scene) in scene_names():
         text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
@@ -208,6 +226,25 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: not UTF-8 text; save it as UTF-8") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its name") from error
+
+
+def as_tables(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Make plain dictionaries of mappings that are tables of a settings file.
+
+    Parameters
+    ----------
+    data : mapping
+        The tables.
+
+    Returns
+    -------
+    dict
+        The same, with the values as they are.
+    """
+    return {
+        str(key): as_tables(value) if isinstance(value, Mapping) else value
+        for key, value in data.items()
+    }
 
 
 def parse_toml(text: str, label: str) -> dict[str, Any]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, overload
 
 from pydantic import Field, ValidationInfo, model_validator
 
 from isochrome.errors import InputError
+from isochrome.scene.array_frames import ArrayFrames
 from isochrome.scene.imaging import Camera, Frames
 from isochrome.scene.measured_course import FILES, with_tables
 from isochrome.scene.parts import (
@@ -268,17 +269,25 @@ class Scene(ScenePart):
         """
         return value_at(self.wear.coefficient_mm2_per_n if self.wear else 0.0, distance_m)
 
+    @overload
     def path(self, name: str) -> Path:
-        """A path named in the scene, relative to the scene's own file."""
-        return (self.folder or Path()) / name
+        """Where a file is."""
 
-    def files(self, *, of_frames: bool) -> list[Path]:
-        """The files that the scene names, on which results depend.
+    @overload
+    def path(self, name: ArrayFrames) -> ArrayFrames:
+        """An array as it is."""
+
+    def path(self, name: str | ArrayFrames) -> Path | ArrayFrames:
+        """A path named in the scene, relative to the scene's own file; an array as it is."""
+        return name if isinstance(name, ArrayFrames) else (self.folder or Path()) / name
+
+    def files(self, *, of_frames: bool) -> list[Path | ArrayFrames]:
+        """The files, and arrays in place of files, that the scene names and results depend on.
 
         Parameters: `of_frames`, whether those of [frames] and [[scar]] are among them, which a
         simulation does not read.
         """
-        named: list[str | None] = [
+        named: list[str | ArrayFrames | None] = [
             *self.table_files,
             self.camera.response if self.camera else None,
             self.indenter.profile if self.indenter else None,

@@ -1,4 +1,6 @@
 from .api import Simulation, simulate
+from .dataset import picture_axes
+from .figure import plot_pressure, plot_scar
 from .model import (
     Picture,
     SceneState,
@@ -11,19 +13,27 @@ from .model import (
     state_difference,
 )
 from .rendering import Rendered, render
+from .steps import camera_frame, polariscope_light, stress_map, surface_tractions
 
 __all__ = [
     "Picture",
     "Rendered",
     "SceneState",
     "Simulation",
+    "camera_frame",
     "iter_scene_states",
     "make_picture",
     "no_model_sentence",
+    "picture_axes",
     "picture_signal",
+    "plot_pressure",
+    "plot_scar",
+    "polariscope_light",
     "render",
     "scene_states",
     "simulate",
     "state_count",
     "state_difference",
+    "stress_map",
+    "surface_tractions",
 ]

@@ -16,13 +16,22 @@ from isochrome.output import Result, counted, over_items, read_csv, saved_pictur
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
     Job,
+    RunDataset,
     RunOptions,
     refuse_without_folder,
     run_identity,
     run_job,
     single_threaded,
 )
-from isochrome.scene import Scene, check_moduli, check_pixel, dump_scene, load_scene
+from isochrome.scene import (
+    Scene,
+    SceneLike,
+    check_moduli,
+    check_pixel,
+    dump_scene,
+    load_scene,
+)
+from isochrome.simulation.dataset import simulation_dataset
 from isochrome.simulation.figure import simulation_figure
 from isochrome.simulation.folder import HISTORY, PICTURE, finish_simulation_folder, run_layout
 from isochrome.simulation.model import (
@@ -81,6 +90,21 @@ class Simulation(Result):
     already: bool = False
 
     @property
+    def dataset(self) -> RunDataset:
+        """Frames, fringe orders, components and history as an xarray.Dataset with axes.
+
+        Maps are over (state, z_mm, x_mm), frames of phase steps over (state, step, z_mm, x_mm), of
+        a colour camera with channel at the end. Raises InputError where they are in a folder.
+        """
+        if self.frames is None or self.orders is None:
+            raise InputError(
+                f"{self.title}: its frames and maps are the TIFF stacks of its folder; simulate "
+                "without out to have them in memory"
+            )
+        maps = {"frames": self.frames, "fringe_order": self.orders, **self.maps}
+        return simulation_dataset(self.scene, self.pixels, self.history, maps)
+
+    @property
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """Those of history.csv."""
         return self.history
@@ -107,7 +131,7 @@ class Simulation(Result):
 
 
 def simulate(
-    scene: str | Path | Scene,
+    scene: SceneLike,
     out: str | Path | None = None,
     *,
     components: bool = False,
@@ -125,8 +149,8 @@ def simulate(
 
     Parameters
     ----------
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables.
     out : str or Path, optional
         Folder for history.csv, frames.tif, fringe_order.tif, pressure.csv, scene.toml,
         provenance.json and simulation.png, to which the states go as soon as they are known, so

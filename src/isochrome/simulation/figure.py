@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from isochrome.contact import SurfaceState
+from isochrome.errors import InputError
 from isochrome.figures import (
     BOLD_PT,
     FINE_PT,
-    FRAME_MAP,
     LINE_COLOURS,
     add_legend,
+    given_axes,
     new_figure,
     plain_name,
-    show_image,
+    plot_frame,
     style_axes,
     write_head,
 )
 from isochrome.scene import Scene
+from isochrome.simulation.model import SceneState
 from isochrome.stress import PixelGrid
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from isochrome.simulation.rendering import Rendered
@@ -47,21 +54,21 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
     bits = scene.camera.bit_depth if scene.camera is not None else None
     for ax, item in zip(axes, items, strict=False):
         largest = float(np.nanmax(item.picture.order))
-        show_image(
-            ax,
+        plot_frame(
             item.frames[0],
+            ax,
+            full=1.0 if bits is None else 2**bits - 1,
             pixel_mm=pixels.pixel_mm,
             left_mm=pixels.left_mm,
             top_mm=pixels.top_mm,
-            cmap=FRAME_MAP,
-            vmin=0,
-            vmax=1.0 if bits is None else 2**bits - 1,
             title=f"{item.state.label}: N up to {largest:.2f}",
         )
     for ax in axes[len(items) :]:
         ax.set_visible(False)
     if lower is not None:
-        _curves(lower.subplots(1, 2), items)
+        left, right = lower.subplots(1, 2)
+        plot_pressure([item.state for item in items], left)
+        plot_scar([item.state for item in items], right)
         if len(items) > 1:
             handles, labels = lower.axes[0].get_legend_handles_labels()
             add_legend(lower, handles, labels, loc="outside right center")
@@ -71,20 +78,95 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
     return figure
 
 
-def _curves(axes: np.ndarray, items: list[Rendered]) -> None:
-    """Pressure and worn depth along the surface, one line a state."""
-    widest = 0.0
-    for item, colour in zip(items, LINE_COLOURS * 2, strict=False):
-        surface = item.state.surface
-        assert surface is not None
+States = SceneState | Sequence[SceneState]
+
+
+def plot_pressure(states: States, axes: Axes | None = None) -> Axes:
+    """Draw the pressure along the surface of a contact, one line a state.
+
+    It reaches a little beyond the widest contact.
+
+    Parameters
+    ----------
+    states : SceneState or sequence of SceneState
+        States of a contact, of `scene_states` or of what `simulate` gave.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw; by default a new figure of matplotlib.pyplot.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        What was drawn on.
+
+    Raises
+    ------
+    InputError
+        Where a state is not a contact's.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> states = isochrome.scene_states(isochrome.load_scene("line-contact-wear"))
+    >>> isochrome.plot_pressure(states).get_ylabel()
+    'pressure p (MPa)'
+    """
+    return _along_surface(states, axes, "pressure p (MPa)", lambda own: own.pressure_mpa)
+
+
+def plot_scar(states: States, axes: Axes | None = None) -> Axes:
+    """Draw the worn depth along the surface of a contact, downwards, one line a state.
+
+    It reaches a little beyond the widest contact.
+
+    Parameters
+    ----------
+    states : SceneState or sequence of SceneState
+        States of a contact, of `scene_states` or of what `simulate` gave.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw; by default a new figure of matplotlib.pyplot.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        What was drawn on.
+
+    Raises
+    ------
+    InputError
+        Where a state is not a contact's.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> states = isochrome.scene_states(isochrome.load_scene("line-contact-wear"))
+    >>> isochrome.plot_scar(states).get_ylabel()
+    'worn depth h (µm)'
+    """
+    drawn = _along_surface(states, axes, "worn depth h (µm)", lambda own: 1e3 * own.wear_depth_mm)
+    if not drawn.yaxis_inverted():
+        drawn.invert_yaxis()
+    return drawn
+
+
+def _along_surface(
+    states: States,
+    axes: Axes | None,
+    label: str,
+    value: Callable[[SurfaceState], NDArray[np.floating]],
+) -> Axes:
+    """One line a state, over the widest contact and a little beyond."""
+    given = [states] if isinstance(states, SceneState) else list(states)
+    surfaces = [state.surface for state in given if state.surface is not None]
+    if not surfaces or len(surfaces) < len(given):
+        raise InputError("states without a surface under load: give those of a contact")
+    drawn = given_axes(axes)
+    for state, surface, colour in zip(given, surfaces, cycle(LINE_COLOURS), strict=False):
         x = surface.grid.x_mm
-        widest = max(widest, *(abs(edge) for edge in surface.edges_mm))
-        axes[0].plot(x, surface.pressure_mpa, color=colour, lw=BOLD_PT, label=item.state.label)
-        axes[1].plot(
-            x, 1e3 * surface.wear_depth_mm, color=colour, lw=BOLD_PT, label=item.state.label
-        )
-    axes[1].invert_yaxis()
-    for ax, name in zip(axes, ("pressure p (MPa)", "worn depth h (µm)"), strict=True):
-        style_axes(ax, x_label="x (mm)", z_label=name)
-        ax.set_xlim(-1.25 * widest, 1.25 * widest)
-        ax.grid(alpha=0.3, lw=FINE_PT)
+        drawn.plot(x, value(surface), color=colour, lw=BOLD_PT, label=state.label)
+    widest = max(abs(edge) for surface in surfaces for edge in surface.edges_mm)
+    style_axes(drawn, x_label="x (mm)", z_label=label)
+    drawn.set_xlim(-1.25 * widest, 1.25 * widest)
+    drawn.grid(alpha=0.3, lw=FINE_PT)
+    if axes is None and len(given) > 1:
+        add_legend(drawn)
+    return drawn

@@ -85,6 +85,9 @@ class Picture:
 def scene_states(scene: Scene) -> list[SceneState]:
     """Solve a scene's mechanics: every state, in the scene's order.
 
+    With `stress_map`, `polariscope_light` and `camera_frame` it is the way of `simulate`, step by
+    step.
+
     Parameters
     ----------
     scene : Scene
@@ -93,7 +96,7 @@ def scene_states(scene: Scene) -> list[SceneState]:
     Returns
     -------
     list of SceneState
-        The states.
+        The states; those of a contact have what acts on its surface, see `surface_tractions`.
 
     Raises
     ------
@@ -101,6 +104,18 @@ def scene_states(scene: Scene) -> list[SceneState]:
         Where the scene has no model.
     PhysicsError
         Where it cannot be solved.
+
+    Notes
+    -----
+    Source: Johnson (1985), Contact Mechanics, sections 4.2 and 5.4; Archard (1953), J. Appl. Phys.
+    24, 981, for the wear.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> states = isochrome.scene_states(isochrome.load_scene("line-contact-wear"))
+    >>> [state.label for state in states][:3]
+    ['static', 'initial sliding', '31 m']
     """
     return list(iter_scene_states(scene))
 

@@ -18,6 +18,7 @@ from isochrome.runs import (
     Job,
     Layer,
     Results,
+    RunDataset,
     RunFolder,
     RunLayout,
     RunOptions,
@@ -30,8 +31,8 @@ from isochrome.runs import (
     run_job,
     texts,
 )
-from isochrome.scene import Scene, dump_scene, load_scene
-from isochrome.simulation import simulate, state_count
+from isochrome.scene import SceneLike, dump_scene, load_scene
+from isochrome.simulation import picture_axes, simulate, state_count
 from isochrome.stress import pixel_grid
 from isochrome.sweeps.figure import sweep_figure
 from isochrome.sweeps.grid import SweepGrid, Values, make_grid
@@ -74,6 +75,11 @@ class Swept(Result):
     def columns(self) -> dict[str, list[Any]]:
         """Those of sweep.csv: a row for each state of each point."""
         return read_csv(self.out / TABLE)
+
+    @property
+    def dataset(self) -> RunDataset:
+        """The maps over the varied keys, state, z_mm and x_mm, see `open_run`."""
+        return open_run(self.out)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -135,7 +141,7 @@ class _Work:
 
 
 def sweep(
-    scene: str | Path | Scene,
+    scene: SceneLike,
     vary: Sequence[str] | Mapping[str, Values],
     out: str | Path,
     *,
@@ -152,15 +158,16 @@ def sweep(
 
     Parameters
     ----------
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables.
     vary : sequence of str, or mapping of str to sequence of float
         For each key 'KEY=first:last:number' (evenly from first to last, both included) or
         'KEY=value,value,...', or a mapping of keys to values.
     out : str or Path
-        Folder for run.zarr, whose axes are the varied keys, state, row and col, with the fringe
-        order, the grey levels (of a grey camera without phase steps) and the columns of
-        history.csv; sweep.csv, the same columns as a table; scene.toml and provenance.json.
+        Folder for run.zarr, whose axes are the varied keys (load_normal_n), state, z_mm and x_mm,
+        with the fringe order, the grey levels (of a grey camera without phase steps) and the
+        columns of history.csv; sweep.csv, the same columns as a table; scene.toml and
+        provenance.json.
     workers : int or None, default 1
         Processes on this machine; None: as many as are useful. A script that asks for more than
         one needs the usual ``if __name__ == "__main__":``.
@@ -199,7 +206,7 @@ def sweep(
     (2, 0)
     >>> with isochrome.open_run("loads") as run:
     ...     run.n_max.dims
-    ('load.normal_n', 'state')
+    ('load_normal_n', 'state')
     """
     scene = load_scene(scene)
     grid = make_grid(scene, vary)
@@ -293,10 +300,11 @@ def _add_table(bench: RunFolder, job: Job, grid: SweepGrid, table: dict[str, lis
         columns[name] = Column(axes, data, named_units(name))
     places = {name: ((name,), np.array(own)) for name, own in grid.values.items()}
     places["state"] = (("state",), np.arange(shape[-1]))
+    pictured: dict[str, Column] = {}
     if not any(key.startswith("camera.") for key in grid.values):
-        pixels = pixel_grid(grid.scene_at(0))
-        places |= {"z_mm": (("row",), pixels.z_mm), "x_mm": (("col",), pixels.x_mm)}
+        pictured = picture_axes(pixel_grid(grid.scene_at(0)))
     coordinates = {name: Column(*place, named_units(name)) for name, place in places.items()}
+    coordinates |= pictured
     add_columns(bench.results / STORE, columns, coordinates, attributes(job.identity))
 
 

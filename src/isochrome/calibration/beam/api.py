@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,7 @@ from isochrome.calibration.channels import calibrate_channels
 from isochrome.calibration.held_out import widened_to_held_out
 from isochrome.calibration.order_line import ResidualOrder
 from isochrome.calibration.result import Calibration, ImageFit
-from isochrome.calibration.settings import Beam, CalibrationSet, Uncertainty, load_set
+from isochrome.calibration.settings import Beam, SetLike, Uncertainty, load_set
 from isochrome.calibration.shot import Shot, by_load, unused
 from isochrome.calibration.whole_set.set_result import causes, sentences, stated_values
 from isochrome.output import with_uncertainty
@@ -52,7 +51,7 @@ MOST_PIXELS = 300_000
 """Pixels of all images that are fitted together."""
 
 
-def calibrate_bending(source: str | Path | CalibrationSet) -> Calibration:
+def calibrate_bending(source: SetLike) -> Calibration:
     """Calibrate the material fringe value from images of a beam in four-point bending.
 
     Between the inner loads the order grows linearly across the height, to N = 3 P (L_o - L_i)/(2 h²
@@ -61,8 +60,9 @@ def calibrate_bending(source: str | Path | CalibrationSet) -> Calibration:
 
     Parameters
     ----------
-    source : str, Path or CalibrationSet
-        A calibration set (TOML path or CalibrationSet) with [beam].
+    source : str, Path, CalibrationSet or mapping
+        A calibration set with [beam]: its TOML file, a CalibrationSet, or its tables as
+        dictionaries, in which an [[image]]'s file, and the no-load frames, may be arrays.
 
     Returns
     -------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from isochrome.calibration.colour.beam_exposure import ALIKE, image_exposures
 from isochrome.calibration.colour.bending_order import known_beam_order
 from isochrome.calibration.colour.colour_frames import read_colour_shots
-from isochrome.calibration.colour.settings import ColourSet, load_colour_set
+from isochrome.calibration.colour.settings import ColourSet, ColourSetLike, load_colour_set
 from isochrome.errors import InputError, PhysicsError
 from isochrome.frames import as_captured
 from isochrome.fringes import (
@@ -148,7 +147,7 @@ class ColourCalibration(Result):
         }  # fmt: skip
 
 
-def calibrate_colour(source: str | Path | ColourSet) -> ColourCalibration:
+def calibrate_colour(source: ColourSetLike) -> ColourCalibration:
     """Calibrate a colour table from images of a beam, or from images' own colours.
 
     With [beam], its fringe value, loads and both no-load frames every pixel's order is known, and
@@ -159,8 +158,9 @@ def calibrate_colour(source: str | Path | ColourSet) -> ColourCalibration:
 
     Parameters
     ----------
-    source : str, Path or ColourSet
-        A calibration set's file, or a ColourSet.
+    source : str, Path, ColourSet or mapping
+        A calibration set's file, a ColourSet, or the tables of such a file as dictionaries, in
+        which images may be arrays.
 
     Returns
     -------
@@ -294,7 +294,7 @@ def _of_light(
         )
     ends = shots.dark is None or shots.bright is None
     standard = int(np.argmin(np.abs(np.log(light.brightness))))
-    against = given.image[standard].file if shots.bright is None else "the no-load frames"
+    against = str(given.image[standard].file) if shots.bright is None else "the no-load frames"
     messages += exposure_messages(given, light.brightness, against)
     # where full light would saturate, a no-load frame cannot show it: less of it, and more signal
     full = float((light.background + light.illumination).max())

@@ -14,6 +14,7 @@ from isochrome.calibration.loading import read_one_frame
 from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, estimate_noise, load_mask, to_linear
 from isochrome.fringes import ColourShots
+from isochrome.scene import ArrayFrames
 
 Array = NDArray[Any]
 
@@ -55,7 +56,7 @@ def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
 
 
 def _read(
-    given: ColourSet, path: Path, *, masked: bool
+    given: ColourSet, path: Path | ArrayFrames, *, masked: bool
 ) -> tuple[tuple[Array, Array, Array], int | None]:
     """Grey levels of one image, 1 = full scale, with noise and trusted pixels."""
     channels, depth = [], None
@@ -67,7 +68,7 @@ def _read(
 
 
 def _channel(
-    given: ColourSet, path: Path, name: Any, *, masked: bool
+    given: ColourSet, path: Path | ArrayFrames, name: Any, *, masked: bool
 ) -> tuple[Array, Array, Array, int | None]:
     frame, reader = read_one_frame(path, given.frames, given.camera, colour=True, channel=name)
     depth = reader.bit_depth

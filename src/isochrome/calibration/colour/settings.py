@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from isochrome.calibration.settings import Beam, ImageSet
-from isochrome.scene import Camera, FileName, Frames, NonNegative, Polariscope, Positive, ScenePart
+from isochrome.scene import Camera, Frames, ImageFile, NonNegative, Polariscope, Positive, ScenePart
 
 
 class ColourBeam(Beam):
@@ -28,13 +29,13 @@ class ColourImage(ScenePart):
 
     Parameters
     ----------
-    file : str
-        The image's file, relative to the set's.
+    file : str or array
+        The image's file, relative to the set's; in Python an array too.
     load_n : float, optional
         The whole load on a beam, N; other specimens need none.
     """
 
-    file: FileName
+    file: ImageFile
     load_n: NonNegative | None = None
 
 
@@ -98,10 +99,14 @@ class ColourSet(ImageSet):
         return None
 
 
-def load_colour_set(source: str | Path | ColourSet) -> ColourSet:
+ColourSetLike = str | Path | ColourSet | Mapping[str, Any]
+"""A colour calibration's set as a caller may give it: a file, a ColourSet, or its tables."""
+
+
+def load_colour_set(source: ColourSetLike) -> ColourSet:
     """Read the set of a colour calibration.
 
-    Parameters: `source`, the TOML file's path, or a ColourSet (returned as it is).
+    Parameters: `source`, the TOML file's path, its tables, or a ColourSet (returned as it is).
     Returns the ColourSet. Raises InputError that names the file, key, value and fix.
     """
     return source if isinstance(source, ColourSet) else ColourSet.read(source)

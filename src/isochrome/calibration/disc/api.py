@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,7 +38,7 @@ from isochrome.calibration.disc.disc_starts import check_scans, choose_centre_or
 from isochrome.calibration.disc.order_slope import fit_rise, overlay, rise_with_load
 from isochrome.calibration.held_out import widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit
-from isochrome.calibration.settings import CalibrationSet, Disc, Uncertainty, load_set
+from isochrome.calibration.settings import Disc, SetLike, Uncertainty, load_set
 from isochrome.calibration.shot import Shot, by_load, unused
 from isochrome.calibration.whole_set.set_model import SetFit
 from isochrome.calibration.whole_set.set_result import causes, sentences, stated_values
@@ -58,7 +57,7 @@ FROM_RISE = (
 )
 
 
-def calibrate_disc(source: str | Path | CalibrationSet) -> Calibration:
+def calibrate_disc(source: SetLike) -> Calibration:
     """Calibrate the material fringe value from images of a disc under diametral compression.
 
     The whole field of orders is fitted to each image; at the centre N = 8 P/(pi D f_sigma) under
@@ -67,8 +66,9 @@ def calibrate_disc(source: str | Path | CalibrationSet) -> Calibration:
 
     Parameters
     ----------
-    source : str, Path or CalibrationSet
-        A calibration set (TOML path or CalibrationSet) with [disc].
+    source : str, Path, CalibrationSet or mapping
+        A calibration set with [disc]: its TOML file, a CalibrationSet, or its tables as
+        dictionaries, in which an [[image]]'s file, and the no-load frames, may be arrays.
 
     Returns
     -------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from isochrome.calibration.scale.target_fit import TargetFit, fit_target
 from isochrome.errors import InputError
 from isochrome.estimation import BudgetInput, budget_of
 from isochrome.frames import open_frames
+from isochrome.scene import FramesLike, frames_of
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ Input = tuple[str, float, float, float]
 
 
 def calibrate_scale(
-    images: str | Path | Sequence[str | Path],
+    images: FramesLike,
     *,
     target: str | None = None,
     columns: int | None = None,
@@ -59,8 +59,8 @@ def calibrate_scale(
 
     Parameters
     ----------
-    images : str, Path or sequence of them
-        One picture or several, of one size.
+    images : str, Path, sequence of them, array or sequence of arrays
+        One picture or several, of one size, as files or in memory, as for `open_frames`.
     target : {'chessboard', 'dots'}, optional
         What they show; give this or `edges_mm`.
     columns, rows : int, optional
@@ -99,7 +99,8 @@ def calibrate_scale(
     >>> round(found.pixel_mm.value, 4)
     0.02
     """
-    paths = [images] if isinstance(images, str | Path) else list(images)
+    given = frames_of(images)
+    paths = given if isinstance(given, tuple) else (given,)
     _check_one_way(target, edges_mm)
     _check_uncertainty("spacing_uncertainty_mm", spacing_uncertainty_mm, spacing_mm, "spacing_mm")
     _check_uncertainty("edges_uncertainty_mm", edges_uncertainty_mm, edges_mm, "edges_mm")
@@ -152,7 +153,7 @@ def _count(key: str, value: int | None) -> int:
     return value
 
 
-def _pictures(paths: Sequence[str | Path]) -> list[tuple[str, Array]]:
+def _pictures(paths: Sequence[FramesLike]) -> list[tuple[str, Array]]:
     """Every frame of the files, with its name; colours as their mean. Raises InputError."""
     found = [
         (frame.name, np.asarray(frame.image, dtype=float))

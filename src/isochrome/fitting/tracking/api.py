@@ -24,7 +24,6 @@ from isochrome.fitting.tracking.result import (
 from isochrome.fitting.tracking.tracker import Tracker
 from isochrome.frames import (
     FrameReader,
-    FramesPath,
     SequentialFrames,
     input_files,
     load_no_load,
@@ -45,7 +44,15 @@ from isochrome.runs import (
     run_job,
     single_threaded,
 )
-from isochrome.scene import Scene, check_pixel, dump_scene, load_scene
+from isochrome.scene import (
+    FramesLike,
+    Scene,
+    SceneLike,
+    check_pixel,
+    dump_scene,
+    frames_of,
+    load_scene,
+)
 
 __all__ = ["Track", "refuse_shared", "track"]
 
@@ -74,8 +81,8 @@ def refuse_shared(keys: tuple[str, ...]) -> None:
 
 
 def track(
-    frames: FramesPath,
-    scene: str | Path | Scene,
+    frames: FramesLike,
+    scene: SceneLike,
     keys: list[str] | tuple[str, ...],
     *,
     as_stated: bool = False,
@@ -93,11 +100,12 @@ def track(
 
     Parameters
     ----------
-    frames : str, Path or sequence of them
-        A TIFF stack, image, video, or a folder, list or glob of them, as for `open_frames`.
-    scene : str, Path or Scene
-        A TOML file, the name of a scene of the package, or a Scene, where the first frame's search
-        starts.
+    frames : str, Path, sequence of them, array or sequence of arrays
+        A TIFF stack, image, video, or a folder, list or glob of them, or frames in memory, as for
+        `open_frames`.
+    scene : str, Path, Scene or mapping
+        A TOML file, the name of a scene of the package, a Scene, or its tables, where the first
+        frame's search starts.
     keys : list or tuple of str
         Keys to follow: load.normal_n, load.tangential_n, load.bulk_mpa, friction.coefficient,
         wear.coefficient_mm2_per_n, camera.left_mm, camera.top_mm.
@@ -151,13 +159,10 @@ def track(
     scene = load_scene(scene)
     keys = tuple(keys)
     refuse_keys(scene, (), keys)
+    frames = frames_of(frames)
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
         check_pixel(scene, reader.shape)
-        files = input_files(reader, scene)
-        identity = provenance(dump_scene(scene), files) | environment()
-        options = {"track": list(keys)} | ({"as_stated": True} if as_stated else {})
-        identity |= {"options": options}
         with closing(_TrackWork(reader, sliding_scene(scene), keys)) as work:
             count = reader.count(decode=False)
             if count == 0:
@@ -168,6 +173,9 @@ def track(
                 work.ask(count)
             if out is None:
                 return _in_memory(work, count, progress)
+            identity = provenance(dump_scene(scene), input_files(reader, scene)) | environment()
+            options = {"track": list(keys)} | ({"as_stated": True} if as_stated else {})
+            identity |= {"options": options}
             layout = RunLayout(axes={"frame": count}, chunk=CHUNK)
             job = Job(work, layout, identity, in_turn=True)
             found = run_job(

@@ -21,9 +21,9 @@ from isochrome.frames.checks.findings import (
 )
 from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
 from isochrome.frames.readers.signature import signature_of
-from isochrome.frames.reading import FrameReader, FramesPath
+from isochrome.frames.reading import FrameReader
 from isochrome.output import Result, counted
-from isochrome.scene import Scene, check_moduli, check_pixel
+from isochrome.scene import FramesLike, Scene, check_moduli, check_pixel
 
 ENDINGS = {
     ".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG",
@@ -101,7 +101,7 @@ class Check(Result):
         return all(f.level != "error" for f in self.findings)
 
 
-def look_through(path: FramesPath, scene: Scene) -> Check:
+def look_through(path: FramesLike, scene: Scene) -> Check:
     """Look through captured frames once, without a model: what is wrong with them for this scene.
 
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
@@ -109,7 +109,7 @@ def look_through(path: FramesPath, scene: Scene) -> Check:
 
     Parameters
     ----------
-    path : str, Path or sequence of them
+    path : str, Path, sequence of them, array or sequence of arrays
         The frames, as for `open_frames`.
     scene : Scene
         What stood in front of the camera, as `load_scene` gives it.
@@ -178,15 +178,17 @@ def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
     if reader.mask is not None:
         text = f"the mask takes {100 * reader.mask.mean():.1f} % of the pixels for the specimen"
         yield Finding("note", text)
-    kind = signature_of(reader.files[0]).name
-    lossy = reader.lossy or kind in ("JPEG", "WebP")
-    claimed = ENDINGS.get(Path(names[0]).suffix.lower(), kind)
-    if kind != claimed:
-        text = (
-            f"{names[0]}: is a {kind} by its first bytes and a {claimed} by its name; it is read "
-            f"as the {kind} that it is: rename it, for other programs may not open it"
-        )
-        yield Finding("note", text)
+    lossy = reader.lossy
+    if isinstance(reader.files[0], Path):  # arrays have no first bytes
+        kind = signature_of(reader.files[0]).name
+        lossy = lossy or kind in ("JPEG", "WebP")
+        claimed = ENDINGS.get(Path(names[0]).suffix.lower(), kind)
+        if kind != claimed:
+            text = (
+                f"{names[0]}: is a {kind} by its first bytes and a {claimed} by its name; it is "
+                f"read as the {kind} that it is: rename it, for other programs may not open it"
+            )
+            yield Finding("note", text)
     if lossy:
         text = (
             f"{names[0]}: is compressed with loss, which hides camera noise; a fit with a model "

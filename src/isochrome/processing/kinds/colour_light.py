@@ -15,7 +15,6 @@ from isochrome.frames import (
     CHANNELS,
     Frame,
     FrameReader,
-    FramesPath,
     Linear,
     estimate_noise,
     load_no_load,
@@ -25,7 +24,7 @@ from isochrome.frames import (
 from isochrome.fringes import ColourReading, ColourTable, read_colour, read_table, spectral_table
 from isochrome.optics import camera_response
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, largest_pixel
-from isochrome.scene import Scene
+from isochrome.scene import FramesLike, Scene
 from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
 
@@ -90,7 +89,7 @@ def _table(scene: Scene) -> ColourTable:
     return spectral_table(scene.polariscope, camera_response(scene.camera, path))
 
 
-def colour_frames(path: FramesPath, scene: Scene) -> Iterator[list[Frame]]:
+def colour_frames(path: FramesLike, scene: Scene) -> Iterator[list[Frame]]:
     """The three channels of each frame of a set, red, green and blue.
 
     Parameters: `path` of the frames; `scene`. Yields lists of three Frames.

@@ -1,0 +1,120 @@
+"""A run's maps and columns as xarray has them, with axes in mm, drawn the right way up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import xarray
+from xarray.plot.accessor import DataArrayPlotAccessor
+
+from isochrome.runs.store import Column, described, identifier
+
+_PICTURE = (("z_mm", "x_mm"), ("row", "col"))
+"""The two axes of a picture: in mm, or where no scale is known in pixels."""
+
+
+class MapPlot(DataArrayPlotAccessor):
+    """xarray's `.plot`, with z down and true proportions where it draws a picture."""
+
+    __slots__ = ()
+
+    def __call__(self, **kwargs: Any) -> Any:  # type: ignore[override]
+        """Draw as xarray does, a picture the right way up."""
+        shape = [name for name, size in self._da.sizes.items() if size > 1]
+        pictured = any(set(pair) <= set(shape) for pair in _PICTURE)
+        drawn_as_one = len(shape) == 2 or {"row", "col"} & set(kwargs)
+        if not (pictured and drawn_as_one):
+            return super().__call__(**kwargs)  # a line, or a histogram
+        drawn = super().__call__(**({"yincrease": False} | kwargs))
+        facets = getattr(drawn, "axs", None)
+        for axes in [drawn.axes] if facets is None else facets.flat:
+            if "aspect" not in kwargs:
+                axes.set_aspect("equal")
+        return drawn
+
+
+class RunArray(xarray.DataArray):
+    """A map or column of a run: an xarray.DataArray whose `.plot()` has z down, in mm.
+
+    Parameters
+    ----------
+    data, coords, dims, name, attrs, indexes, fastpath : Any
+        As xarray.DataArray takes them.
+    """
+
+    __slots__ = ()
+
+    @property
+    def plot(self) -> MapPlot:  # type: ignore[override]
+        """See `xarray.DataArray.plot`."""
+        return MapPlot(self)
+
+
+class RunDataset(xarray.Dataset):
+    """What a run found: an xarray.Dataset of RunArrays.
+
+    Parameters
+    ----------
+    data_vars, coords, attrs : Any
+        As xarray.Dataset takes them.
+    """
+
+    __slots__ = ()
+
+    def __getitem__(self, key: Any) -> Any:
+        """A variable, or a part of the dataset."""
+        found = super().__getitem__(key)
+        return RunArray(found) if type(found) is xarray.DataArray else found
+
+
+def make_dataset(
+    columns: Mapping[str, Column], coordinates: Mapping[str, Column], attributes: Mapping[str, Any]
+) -> RunDataset:
+    """Make a dataset of maps and columns that are in memory, as `open_run` opens one.
+
+    Parameters
+    ----------
+    columns : mapping of str to Column
+        The maps and columns, by name.
+    coordinates : mapping of str to Column
+        The coordinates, by name.
+    attributes : mapping
+        Attributes of all.
+
+    Returns
+    -------
+    RunDataset
+        The dataset, with the axes z_mm and x_mm where these are known.
+    """
+    data, places = (
+        {name: (own.axes, own.values, described(name, own)) for name, own in part.items()}
+        for part in (columns, coordinates)
+    )
+    return as_run(xarray.Dataset(data, places, dict(attributes)))
+
+
+def as_run(dataset: xarray.Dataset) -> RunDataset:
+    """Give a run's dataset names that are identifiers, and its pictures axes in mm.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        As it is stored, by this version or an earlier one.
+
+    Returns
+    -------
+    RunDataset
+        The same data, not read yet where they were not.
+    """
+    named = {str(name): identifier(str(name)) for name in (*dataset.variables, *dataset.sizes)}
+    found = dataset.rename({old: new for old, new in named.items() if old != new})
+    axes = {
+        pixel: place
+        for place, pixel in zip(*_PICTURE, strict=True)
+        if place in found.coords and found[place].dims == (pixel,)
+    }
+    found = found.swap_dims(axes)
+    made = RunDataset(dict(found.data_vars), dict(found.coords), found.attrs)
+    made.set_close(dataset.close)
+    return made

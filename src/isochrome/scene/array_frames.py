@@ -1,0 +1,305 @@
+"""Frames that are given as arrays, wherever the name of a file may stand."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence, Set
+from itertools import islice
+from pathlib import Path
+from typing import Annotated, Any, Protocol, get_args
+
+import numpy as np
+from pydantic import PlainSerializer, PlainValidator
+from pydantic_core import PydanticCustomError
+
+from isochrome.errors import InputError
+
+MOST_FRAMES = 1_000_000
+"""More frames than that are no recording: some hours at 100 frames a second."""
+
+_WHAT = "frames are an array (frame, row, col[, 3]), one (row, col[, 3]), or a list of them"
+
+_NAMED = (("row", "col"), ("z_mm", "x_mm"), ("y", "x"), ("Y", "X"))
+"""Names that the axes of a picture have where they have names."""
+
+
+class FrameSequence(Protocol):
+    """What gives frames by their number: an array, or a sequence of them, in memory or not."""
+
+    def __len__(self) -> int:
+        """How many frames there are."""
+
+    def __getitem__(self, index: int, /) -> Any:
+        """One frame (row, col) or (row, col, 3)."""
+
+
+class ArrayFrames:
+    """Frames in an array, or in what yields arrays, such as those of xarray, Dask and PIMS.
+
+    Of a lazy one nothing is computed but the frame that is asked for. An array of three axes whose
+    last has the length 3 is one frame in colour.
+
+    Parameters
+    ----------
+    given : array_like or sequence of array_like
+        An array (frame, row, col), (frame, row, col, 3), (row, col) or (row, col, 3), or a sequence
+        of frames. An xarray.DataArray may have its times as the coordinate time_s, and the pixels'
+        places as z_mm and x_mm.
+    name : str, optional
+        What it is called in messages; by default its form.
+
+    Attributes
+    ----------
+    count : int
+        Number of frames.
+    form : tuple of int
+        Shape of a frame, (row, col) or (row, col, 3).
+    dtype : dtype
+        Type of its pixels.
+    pixel_mm : float or None
+        Side of a pixel, mm, where coordinates tell it.
+
+    Raises
+    ------
+    InputError
+        Where it holds no frames; it says what it is, and what is allowed.
+    """
+
+    def __init__(self, given: object, name: str | None = None) -> None:
+        self.given, self._name = given, name
+        self._check_kind()
+        self._stacked = False
+        if hasattr(given, "shape") and hasattr(given, "dtype"):
+            shape = tuple(int(size) for size in given.shape)
+            single = len(shape) == 2 or (len(shape) == 3 and shape[-1] == 3)
+            self._stacked = not single
+            self.count = 1 if single else next(iter(shape), 0)
+            self.form = shape if single else shape[1:]
+            self.dtype = _numpy_type(given.dtype)
+        elif hasattr(given, "__len__") and hasattr(given, "__getitem__"):
+            self._stacked, self.count = True, len(given)
+            self._check_count()
+            first = self._item(0)
+            self.form, self.dtype = first.shape, first.dtype
+        else:
+            raise InputError(
+                f"{self._called}: is neither a file's name nor an array; {_WHAT}, such as "
+                "np.asarray makes"
+            )
+        self._check_count()
+        self._check_form()
+        self.pixel_mm = self._scale()
+
+    @property
+    def _called(self) -> str:
+        return self._name or f"an object of type {type(self.given).__name__}"
+
+    def __str__(self) -> str:
+        """Its name, or what it is."""
+        if self._name is not None:
+            return self._name
+        many = f"{self.count} frames, " if self._stacked else ""
+        return f"array of {many}{' x '.join(map(str, self.form))} {self.dtype}"
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both hold the very same array."""
+        return isinstance(other, ArrayFrames) and other.given is self.given
+
+    def __hash__(self) -> int:
+        return id(self.given)
+
+    def frame(self, index: int) -> np.ndarray:
+        """A copy of frame `index`, (row, col) or (row, col, 3), in native byte order."""
+        image = self._item(index)
+        return np.array(image, dtype=image.dtype.newbyteorder("="))
+
+    def label(self, index: int) -> str:
+        """What a frame is called."""
+        stem = self._name or "array"
+        return f"{stem}[{index}]" if self._stacked else stem
+
+    def times(self) -> tuple[float, ...] | None:
+        """When the frames were captured (s), from the first on; None where nobody has said."""
+        times = self._coordinate("time_s")
+        if times is None or times.shape != (self.count,):
+            return None
+        return tuple((times - times[0]).tolist())
+
+    def digest(self) -> str:
+        """The SHA-256 of its form and of all pixels, as hexadecimal text."""
+        found = hashlib.sha256(f"{self.count} {self.form} {self.dtype.name}".encode())
+        found.update(repr(self.times()).encode())
+        for index in range(self.count):
+            found.update(np.ascontiguousarray(self.frame(index)).data)
+        return found.hexdigest()
+
+    def _item(self, index: int) -> np.ndarray:
+        """A frame as it is given."""
+        try:
+            item: Any = self.given[index] if self._stacked else self.given  # type: ignore[index]
+            if isinstance(item, np.ma.MaskedArray):
+                self._refuse_masked()
+            return np.asarray(item)
+        except InputError:
+            raise
+        except Exception as error:  # whatever computes or reads a lazy one
+            reason = (str(error).splitlines() or [""])[0].strip()[:160] or type(error).__name__
+            raise InputError(
+                f"{self._called}: frame {index} cannot be read ({type(error).__name__}: {reason}); "
+                f"{_WHAT}"
+            ) from error
+
+    def _check_kind(self) -> None:
+        """Refuse what np.asarray would make something of, and not what was meant."""
+        given = self.given
+        if isinstance(given, np.ma.MaskedArray):
+            self._refuse_masked()
+        if isinstance(given, Iterator):
+            raise InputError(
+                f"{self._called}: can be gone through once, and frames are read several times; "
+                "give a list of them"
+            )
+        if isinstance(given, Mapping | Set | bytes | bytearray):
+            raise InputError(f"{self._called}: holds no frames in order; {_WHAT}")
+
+    def _refuse_masked(self) -> None:
+        raise InputError(
+            f"{self._called}: is a masked array, whose mask nobody would look at; give "
+            "array.filled(...), and the specimen's pixels as frames.mask"
+        )
+
+    def _check_count(self) -> None:
+        if not 1 <= self.count <= MOST_FRAMES:
+            raise InputError(
+                f"{self._called}: holds {self.count} frames, and 1 to {MOST_FRAMES} are allowed; "
+                "give those wanted"
+            )
+
+    def _check_form(self) -> None:
+        """Refuse frames of other axes, or of axes in another order."""
+        form = self.form
+        if len(form) not in (2, 3) or (len(form) == 3 and form[2] != 3):
+            more = "; leave transparency out, as [..., :3] does" if form[2:] == (4,) else ""
+            raise InputError(f"{self}: a frame has the shape {form}; {_WHAT}{more}")
+        if isinstance(self.given, Sequence):
+            for index in range(self.count):
+                shape = np.shape(self._item(index))
+                if shape != form:
+                    raise InputError(
+                        f"{self}: frame {index} has the shape {shape} and the first {form}; all "
+                        "frames must have one size: remove or crop the odd one"
+                    )
+        dims = tuple(getattr(self.given, "dims", ()))
+        start = 1 if self._stacked else 0
+        for pair in _NAMED:
+            if set(pair) <= set(dims) and dims[start : start + 2] != pair:
+                raise InputError(
+                    f"{self}: its axes are {dims}, and {pair[0]}, {pair[1]} are to be the picture's"
+                    f" two; put them in order with .transpose(..., '{pair[0]}', '{pair[1]}')"
+                )
+
+    def _coordinate(self, name: str) -> np.ndarray | None:
+        """A coordinate of an array that has them; None where it has not this one."""
+        coords = getattr(self.given, "coords", None)
+        if not isinstance(coords, Mapping) or name not in coords:
+            return None
+        return np.asarray(coords[name], dtype=float)
+
+    def _scale(self) -> float | None:
+        """The side of a pixel by the coordinates. Raises InputError where they are uneven."""
+        found = None
+        for name, count in zip(("z_mm", "x_mm"), self.form, strict=False):
+            places = self._coordinate(name)
+            if places is None or places.shape != (count,) or count < 2:
+                continue
+            steps = np.diff(places)
+            side = float(steps.mean())
+            even = np.ptp(steps) <= 1e-3 * abs(side) and (found is None or _alike(found, side))
+            if not (side > 0 and even):
+                raise InputError(
+                    f"{self}: its coordinate {name} does not rise by one step, the same in both "
+                    f"directions; sort it with .sortby('{name}'), or drop the coordinate"
+                )
+            found = side
+        return found
+
+
+def _alike(one: float, other: float) -> bool:
+    return abs(one / other - 1.0) < 1e-3
+
+
+def _numpy_type(dtype: Any) -> np.dtype[Any]:
+    """An array's type as numpy's; that of any object where numpy does not know it."""
+    try:
+        found: np.dtype[Any] = np.dtype(dtype)
+    except TypeError:
+        return np.dtype(object)
+    return found
+
+
+FramesLike = str | Path | Sequence[str | Path] | FrameSequence | ArrayFrames
+"""Frames as a caller may give them: files, or arrays."""
+
+
+def frames_of(given: FramesLike | Iterator[str | Path]) -> FramesLike:
+    """Tell files from arrays.
+
+    Parameters
+    ----------
+    given : str, Path, sequence of them, or frames as ArrayFrames takes them
+        Frames as a caller gives them.
+
+    Returns
+    -------
+    str, Path, tuple of them or ArrayFrames
+        The names of files as they are; all else as ArrayFrames.
+
+    Raises
+    ------
+    InputError
+        Where it is neither.
+    """
+    if isinstance(given, str | Path | ArrayFrames):
+        return given
+    if isinstance(given, Iterator):
+        first = tuple(islice(given, 1))
+        if not isinstance(next(iter(first), ""), str | Path):
+            return ArrayFrames(given)  # which refuses it
+        given = (*first, *given)
+    if isinstance(given, Sequence):
+        named = [isinstance(item, str | Path) for item in given]
+        if all(named):
+            return tuple(given)
+        if any(named):
+            raise InputError(
+                "frames: files and arrays are mixed in one list; give either, or read the files "
+                "first with open_frames"
+            )
+    return ArrayFrames(given)
+
+
+def _file_or_array(value: Any) -> str | ArrayFrames:
+    """A key's image. Raises ValueError."""
+    if isinstance(value, ArrayFrames):
+        return value
+    if isinstance(value, str | Path):
+        if not str(value):
+            raise PydanticCustomError("empty", "String should have at least 1 character")
+        return str(value)
+    if isinstance(value, int | float | Mapping) or value is None:
+        raise PydanticCustomError("image", "Input should be a valid string (or in Python an array)")
+    return ArrayFrames(value)
+
+
+ImageFile = Annotated[
+    str | ArrayFrames, PlainValidator(_file_or_array), PlainSerializer(str, when_used="json")
+]
+"""An image that a scene or a set names: a file, or in Python an array."""
+
+
+def takes_arrays(annotation: Any) -> bool:
+    """Whether a key of this type may be an array that is an image."""
+    return annotation is ArrayFrames or any(map(takes_arrays, get_args(annotation)))

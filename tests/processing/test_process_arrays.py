@@ -1,0 +1,298 @@
+"""What is found in arrays is what is found in the files of their pixels, bit by bit; nothing is
+written."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+import xarray as xr
+from PIL import Image
+
+import isochrome
+from isochrome.errors import InputError
+from isochrome.output import plain
+from isochrome.samples import samples_path
+
+CONTACT = samples_path() / "line-contact-wear"
+RING = isochrome.load_scene("ring").with_values(
+    {
+        "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+        "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0,
+    }
+)  # fmt: skip
+NAMES = ("name", "label", "file")
+"""Columns that say where a frame comes from."""
+
+
+def numbers_of(result):
+    """All that a result tells, but for where its frames come from; each float to its last bit."""
+    columns = {name: values for name, values in result.columns.items() if name not in NAMES}
+    found = json.dumps(plain({"columns": columns, "json": result.to_json()}), sort_keys=True)
+    return nameless(json.loads(found))
+
+
+def nameless(item):
+    if isinstance(item, dict):
+        return {key: nameless(value) for key, value in item.items() if key not in NAMES}
+    return list(map(nameless, item)) if isinstance(item, list) else item
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory):
+    """A ring's frame and its file."""
+    folder = tmp_path_factory.mktemp("ring")
+    frames = isochrome.simulate(RING).frames
+    tifffile.imwrite(folder / "ring.tif", frames[0])
+    return frames, folder / "ring.tif"
+
+
+@pytest.fixture(autouse=True)
+def empty(tmp_path, monkeypatch):
+    """An empty working folder, which stays so but for what a test writes into OUT."""
+    monkeypatch.chdir(tmp_path)
+    yield tmp_path
+    assert {path.name for path in tmp_path.iterdir()} <= {"OUT", "OTHER"}
+
+
+@pytest.mark.parametrize(
+    "form",
+    [np.asarray, list, lambda f: f[0], lambda f: xr.DataArray(f, dims=("frame", "row", "col"))],
+)
+def test_process_of_an_array_is_that_of_its_file(ring, form):
+    frames, file = ring
+    one, other = isochrome.process(form(frames), RING), isochrome.process(file, RING)
+    assert numbers_of(one) == numbers_of(other)
+    for name, values in other.frames[0].maps().items():
+        assert np.array_equal(one.frames[0].maps()[name], values, equal_nan=True), name
+    assert one.fitted == other.fitted
+
+
+def test_fit_and_check_of_an_array_are_those_of_its_file(ring):
+    frames, file = ring
+    start = RING.with_values({"load.normal_n": 63.0})
+    one, other = (isochrome.fit(given, start, ["load.normal_n"]) for given in (frames, file))
+    assert numbers_of(one) == numbers_of(other) and one.scene == other.scene
+    assert one.figure().axes  # which goes through the frames once more
+    one, other = (isochrome.check(given, RING) for given in (frames, file))
+    assert numbers_of(one) == numbers_of(other) and one.ok
+
+
+def test_a_scene_may_be_its_tables(ring):
+    tables = RING.model_dump(exclude_unset=True)
+    found = isochrome.simulate(tables)
+    assert np.array_equal(found.frames, ring[0])
+    assert isochrome.check(ring[0], tables).ok
+
+
+def test_an_array_in_memory_and_on_disk_leaves_the_same_and_is_not_taken_for_another(ring, empty):
+    frames, file = ring
+    found = isochrome.process(frames, RING, "OUT")
+    other = isochrome.process(file, RING, "OTHER")
+    assert numbers_of(found) == numbers_of(other)
+    for name in ("fringe_order.tif", "normalised.tif", "confidence.tif"):
+        one, two = (tifffile.imread(empty / folder / name) for folder in ("OUT", "OTHER"))
+        assert np.array_equal(one, two, equal_nan=True)
+    assert isochrome.process(frames.copy(), RING, "OUT").already
+    changed = frames.copy()
+    changed[0, 64, 64] += 1
+    assert not isochrome.process(changed, RING, "OUT").already
+
+
+def test_results_in_memory_are_compared_as_their_folders_are(ring):
+    found, simulated = isochrome.process(ring[0], RING), isochrome.simulate(RING)
+    isochrome.process(ring[0], RING, "OUT")
+    isochrome.simulate(RING, "OTHER")
+    one, other = isochrome.compare(found, simulated), isochrome.compare("OUT", "OTHER")
+    assert one.columns["order_rms_fringe"] == other.columns["order_rms_fringe"]
+    assert one.columns["ncc"] == other.columns["ncc"]
+    assert one.table["rmse_over_noise"][0] == pytest.approx(other.table["rmse_over_noise"][0])
+    bare = isochrome.compare(ring[0], simulated.frames)
+    assert bare.columns["ncc"] == [1.0] and bare.columns["order_rms_fringe"] == [None]
+    with pytest.raises(InputError, match="name that folder"):
+        isochrome.compare(isochrome.process(ring[0], RING, "OUT"), simulated)
+
+
+class Endless:
+    """A day's frames, none of which is made before it is asked for."""
+
+    def __init__(self, frame):
+        self.frame, self.asked = frame, 0
+
+    def __len__(self):
+        return 900_000
+
+    def __getitem__(self, index):
+        self.asked += 1
+        return self.frame
+
+
+def test_maps_that_memory_cannot_hold_are_refused_before_any_is_made(ring):
+    endless = Endless(ring[0][0])
+    with pytest.raises(InputError, match=r"900000 frames take 177 GB.*give a folder") as refusal:
+        isochrome.process(endless, RING)
+    assert endless.asked < 5 and len(str(refusal.value).splitlines()) == 1
+
+
+def test_steps_of_an_array_and_an_array_of_the_unloaded_specimen(empty):
+    """A phase-stepped set, with its no-load set as an array in the scene."""
+    names = ("polariser_deg", "input_plate_deg", "output_plate_deg", "analyser_deg")
+    angles = [
+        (90, 45, -45, 0), (90, 45, -45, 90), (90, 45, 0, 0), (90, 45, 45, 45), (90, 45, 90, 90),
+        (90, 45, 135, 135),
+    ]  # fmt: skip
+    steps = tuple(dict(zip(names, map(float, each), strict=True)) for each in angles)
+    scene = RING.with_values({"polariscope.step": steps})
+    frames = isochrome.simulate(scene).frames
+    unloaded = isochrome.simulate(scene.with_values({"load.normal_n": 1e-6})).frames
+    (empty / "OUT").mkdir()
+    tifffile.imwrite("OUT/unloaded.tif", unloaded, photometric="minisblack")
+    tifffile.imwrite("OUT/frames.tif", frames, photometric="minisblack")
+    of_file = scene.with_values({"frames.no_load_steps": "OUT/unloaded.tif"})
+    of_array = scene.with_values({"frames.no_load_steps": unloaded})
+    one, other = isochrome.process(frames, of_array), isochrome.process("OUT/frames.tif", of_file)
+    assert numbers_of(one) == numbers_of(other)
+    assert np.array_equal(one.residual.order, other.residual.order, equal_nan=True)
+
+
+SETS = {
+    "bending": isochrome.calibrate_bending,
+    "disc": isochrome.calibrate_disc,
+}
+
+
+def set_of_arrays(name):
+    """A shipped set with its images as arrays."""
+    import tomllib
+
+    folder = samples_path() / name
+    given = tomllib.loads((folder / "set.toml").read_text("utf-8"))
+    for item in given["image"]:
+        item["file"] = np.asarray(Image.open(folder / item["file"]))
+    return given
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SETS)
+def test_calibration_of_arrays_is_that_of_their_files(name):
+    calibrate = SETS[name]
+    one, other = calibrate(set_of_arrays(name)), calibrate(samples_path() / name / "set.toml")
+    assert numbers_of(one) == numbers_of(other)
+    assert one.columns["file"][0] == "image 1"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"image": [{"file": np.zeros((3, 9, 9, 9)), "load_n": 5.0}]}, "image 1: "),
+        ({"image": [{"file": np.zeros((9, 9), bool), "load_n": 5.0}]}, "image 1: pixels of type"),
+        ({"image": [{"file": np.zeros((2, 9, 9), "u1"), "load_n": 5.0}]}, "more than one frame"),
+        ({"image": []}, "image"),
+        ({"images": []}, "unknown key 'images'"),
+        ({"image": [{"load_n": 5.0}]}, "file"),
+    ],
+)
+def test_a_set_of_wrong_arrays_is_refused_in_one_line(change, words):
+    given = set_of_arrays("bending") | change
+    with pytest.raises(InputError) as refusal:
+        isochrome.calibrate_bending(given)
+    text = str(refusal.value)
+    assert words in text and len(text.splitlines()) == 1 and len(text) < 400
+
+
+def test_the_scale_of_an_array_is_that_of_its_file(empty):
+    row, col = np.indices((220, 300)) // 25
+    board = np.where((row + col) % 2 & (row < 8) & (col < 11), 30, 220).astype("uint8")
+    board = np.pad(board, 20, constant_values=220)
+    (empty / "OUT").mkdir()
+    tifffile.imwrite("OUT/board.tif", board)
+    size = {"target": "chessboard", "columns": 10, "rows": 7, "spacing_mm": 0.5}
+    one, other = (isochrome.calibrate_scale(given, **size) for given in (board, "OUT/board.tif"))
+    two = isochrome.calibrate_scale([board, board], **size)
+    assert numbers_of(one) == numbers_of(other)
+    assert len(two.images) == 2 and two.pixel_mm.value == pytest.approx(one.pixel_mm.value)
+
+
+SAMPLE = f"""
+    import isochrome, sys, tifffile
+    from pathlib import Path
+    folder = Path({str(CONTACT)!r})
+    read = {{name: tifffile.imread(folder / f"{{name}}.tif")
+            for name in ("captured", "no-load-dark", "no-load-bright")}}
+    scene = isochrome.load_scene(folder / "scene.toml")
+    tables = scene.model_dump(exclude_unset=True)
+    tables["frames"] |= {{"no_load_dark": read["no-load-dark"],
+                         "no_load_bright": read["no-load-bright"]}}
+"""
+
+WATCHED = """
+    written = []
+    def watch(event, arguments):
+        if event == "open":
+            path, mode, flags = arguments
+            if isinstance(path, str) and flags & (1 | 2 | 64) and "/dev/" not in path:
+                written.append(path)
+        elif event in ("os.mkdir", "os.rename", "os.link", "os.symlink"):
+            written.append(str(arguments[0]))
+    sys.dont_write_bytecode = True
+    sys.addaudithook(watch)
+"""
+
+AS_FILES = """
+    frames, scene = folder / "captured.tif", folder / "scene.toml"
+    slide = Path("OUT/sliding.tif")
+    slide.parent.mkdir()
+    tifffile.imwrite(slide, read["captured"][1:], photometric="minisblack")
+    sliding = isochrome.load_scene(scene)
+"""
+
+AS_ARRAYS = """
+    frames, scene = read["captured"], tables
+    slide, sliding = frames[1:], isochrome.load_scene(tables)
+"""
+
+COMMANDS = """
+    import json
+    from isochrome.output import plain
+    place = ["camera.left_mm", "camera.top_mm"]
+    sliding = sliding.with_values({"friction.static_state_first": False}).model_copy(
+        update={"folder": folder})
+    found = [
+        isochrome.process(frames, scene),
+        isochrome.fit(frames, scene, ["load.normal_n"], per_frame=place, as_stated=True),
+        isochrome.check(frames, scene),
+        isochrome.track(slide, sliding, ["load.normal_n", *place], as_stated=True),
+    ]
+    import hashlib
+    maps = [hashlib.sha256(values.tobytes()).hexdigest()
+            for frame in found[0].frames for values in frame.maps().values()]
+    columns = [{k: v for k, v in one.columns.items() if k != "name"} for one in found]
+    print(json.dumps(plain([columns, maps, [one.warnings for one in found]])))
+"""
+
+
+def printed(script):
+    """What a fresh interpreter prints of a script, in this folder."""
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(map(textwrap.dedent, script))],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+@pytest.mark.long
+def test_the_sample_arrays_give_what_their_files_give_and_no_file_is_written():
+    """process, fit, check and track of the six sample frames: every number, and every map."""
+    (of_files,) = printed([SAMPLE, AS_FILES, COMMANDS])
+    of_arrays, written = printed([SAMPLE, AS_ARRAYS, WATCHED, COMMANDS, "print(written)"])
+    assert json.loads(of_arrays) == json.loads(of_files)
+    assert len(json.loads(of_files)[1]) == 18
+    assert written == "[]"
+    assert [path.name for path in Path().iterdir()] == ["OUT"]
