@@ -341,6 +341,7 @@ def test_the_command_prints_that_json(name, results, tmp_path):
     assert printed == json.loads((tmp_path / "again.json").read_text("utf-8"))
 
 
+@pytest.mark.long
 @every_result
 def test_the_figure_is_the_picture_on_disk(name, results, tmp_path):
     left = results(name)

@@ -85,6 +85,7 @@ def test_the_images_own_part_is_covered_too(beam_frame):
     assert low < np.sum(np.square(pulls)) < high
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [10_058, 10_080])
 def test_dark_edges_of_order_one_are_not_taken_for_what_lies_beyond(beam_frame, seed):
     """The lower load's edges have order 1.08: nearly as dark as the frame outside the beam."""

@@ -70,6 +70,7 @@ def test_two_of_four_loads_swapped(beams, refused):
     assert code == 3 and "swapped between files" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("edges", "said", "cause"),
     [
@@ -110,6 +111,7 @@ def test_spans_in_reverse_order(beams, refused):
     assert code == 2 and "inner_span_mm = 100" in line and "swapped" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("edge", [0.0, 0.1, 0.2])
 def test_too_few_fringes(beam_frame, refused, edge):
     frame = beam_frame(edge, np.random.default_rng(1), **SMALL)

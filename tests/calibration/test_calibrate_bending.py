@@ -42,10 +42,12 @@ def assert_right(found, bar):
     assert abs(found.order_at_zero_load) < 4 * found.order_at_zero_load_uncertainty
 
 
+@pytest.mark.long
 def test_a_rendered_beam_of_full_size_gives_its_fringe_value(whole):
     assert_right(whole, 2e-4)  # u = 4e-5
 
 
+@pytest.mark.long
 # the bars are 3 to 6 standard uncertainties of these frames; most beyond 3 are set by the fringes
 @pytest.mark.parametrize(
     ("edges", "options", "bar"),

@@ -277,6 +277,7 @@ def test_a_table_by_hand_is_read_on_its_steps(tmp_path):
     assert not table.spread.any()
 
 
+@pytest.mark.long
 def test_images_without_fringes_are_refused(tmp_path):
     grey = np.random.default_rng(1).normal(100.0, 1.0, (1, 40, 40, 3)).astype(np.uint8)
     tifffile.imwrite(tmp_path / "flat.tif", grey, photometric="rgb")

@@ -188,6 +188,7 @@ def test_a_blurred_or_bent_target_is_said(saved, monkeypatch):
     assert "neighbours are alike" in calibrate_scale(saved(dots(shown, 0)), **DOTS).warnings[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("angle", [-12.0, 0.0, 3.7, 90.0, 84.0])
 def test_two_edges_give_the_pixel(saved, angle):
     shown = Shown(noise=3.0, x_mm=0.013)
@@ -259,6 +260,7 @@ def test_options_that_make_no_sense_are_refused(name, saved):
         calibrate_scale(saved(np.zeros((40, 50), np.uint8)), **options)
 
 
+@pytest.mark.long
 def test_pictures_that_cannot_serve_are_refused(saved):
     with pytest.raises(InputError, match="list of images is empty"):
         calibrate_scale([], **BOARD)

@@ -112,6 +112,7 @@ def test_inputs_beside_their_values_are_common_and_go_as_the_formula():
     assert "scar.width_mm" not in parts  # a volume holds it already
 
 
+@pytest.mark.long
 def test_traces_give_the_coefficient_within_its_interval(ground):
     assert abs(ground.coefficient_mm2_per_n - K) < 4.0 * ground.standard_uncertainty
     assert ground.coefficient_mm2_per_n == pytest.approx(K, rel=0.01)

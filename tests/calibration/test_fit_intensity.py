@@ -76,6 +76,7 @@ def test_jacobian_against_finite_differences():
     assert np.max(np.abs(search.jacobian(TRUTH, part) - exact) / largest) < 3e-3
 
 
+@pytest.mark.long
 def test_coverage_and_chi():
     rng = np.random.default_rng(7)
     pulls, chis = [], []

@@ -128,6 +128,7 @@ def test_a_name_cannot_break_the_comment(tmp_path):
     assert write_into_scene(exact, path) == 14.61234
 
 
+@pytest.mark.long
 def test_the_command_carries_the_value_into_a_scene(tmp_path, beam_frame, monkeypatch, capsys):
     rng = np.random.default_rng(0)
     tifffile.imwrite(tmp_path / "beam.tif", beam_frame(2.0, rng, shape=(100, 120), pixel=0.23))

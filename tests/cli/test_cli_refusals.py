@@ -212,6 +212,7 @@ def test_a_phase_stepped_scene_is_not_processed(refuses, scene_with):
     refuses(2, ["polariscope.step"], *process("frames.tif", scene_with(step)))
 
 
+@pytest.mark.long
 def test_in_another_process_a_refusal_is_one_line_too(place, isochrome):
     (place / "cut.tif").write_bytes((place / "frames.tif").read_bytes()[:9000])
     done = isochrome(*process("cut.tif"))
@@ -603,6 +604,7 @@ def test_a_usage_error_is_one_line_that_names_the_help(quick_isochrome, argument
         assert USAGE[arguments] in done.json()["error"]
 
 
+@pytest.mark.long
 def test_the_two_json_shapes_cannot_be_mixed_up(isochrome):
     # A result never has the key 'error': a script may tell the two apart by it.
     done = isochrome("check", "frames.tif", "--scene", "small.toml", "--json")

@@ -163,6 +163,7 @@ def check_folder(out, found) -> None:
     assert (out / "scars.png").stat().st_size > 20_000
 
 
+@pytest.mark.long
 def test_traces_may_be_named_without_a_scene_of_their_own(measured, tmp_path):
     folder = measured.parent
     traces = [(folder / "233.csv", 233.0), (folder / "77.csv", 77.0)]
@@ -189,6 +190,7 @@ def test_another_load_is_said_and_exact_inputs_too(measured):
     assert found.columns["simulated_area_uncertainty_mm2"] == [0.0, 0.0]
 
 
+@pytest.mark.long
 def test_a_trace_without_a_clear_scar_is_left_out_and_said(measured):
     rough = Bench(rough_um=1.5).trace(1.0, np.random.default_rng(0))
     write_trace(measured.parent / "77.csv", rough)

@@ -122,6 +122,7 @@ def edges_advance(*, mu_beta, mu_beta_first, load_ratio):
     return bool((np.diff(edges, axis=0) >= 0.0).all())
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(
     st.floats(-2.0, 3.0).map(lambda e: 10.0**e),

@@ -75,6 +75,7 @@ def test_the_edge_of_an_old_scar_is_placed_to_the_grid_it_is_overrun_on():
     assert np.abs(largest(overrun(0.006, 1e-3, **old)) / exact - 1.0).max() < 3e-4
 
 
+@pytest.mark.long
 def test_a_state_on_a_steep_rise_of_the_load_is_no_jump():
     """Goes wrong: the course's load there, interpolated to a thousandth of the tolerance of the
     largest, is not the state's own, and the state is solved afresh on the grid, with a spike of 4 %

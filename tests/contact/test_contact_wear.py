@@ -46,6 +46,7 @@ def converged():
     return history(133, DOSES, tolerance=1e-6)[2]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
 def test_peak_pressure_and_depth_are_within_the_tolerance_asked_for(converged, tolerance):
     _, _, states = history(133, DOSES, tolerance=tolerance)

@@ -83,6 +83,7 @@ def test_a_static_and_a_sliding_frame_of_a_block_share_all_but_what_the_shear_ad
     assert abs(static) < 1e-3 and sliding > 3e-3
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_process_reads_a_blocks_orders_with_its_smooth_stress(tmp_path):
     solid = Solid(friction=0.25)

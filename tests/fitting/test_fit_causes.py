@@ -109,6 +109,7 @@ LIGHTS = [
 THINGS = [{"dust": 40}, {"shadow_px": 6}]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_freed_in_a_frame_that_is_what_its_scene_says(seed):
     freed, stated, said = fitted(Defects(), seed=seed)

@@ -69,6 +69,7 @@ def study(count, seed, size):
     return np.concatenate(found), np.concatenate(over_limit), np.array(keys)
 
 
+@pytest.mark.long
 def test_uncertainties_are_those_of_the_errors_and_near_the_limit():
     z, over_limit, keys = study(6, 1, HALF_SIZE)
     # 27 pulls, of which the correlated ones count as fewer: over six seeds their RMS is 0.7 to 1.2,

@@ -131,6 +131,7 @@ def test_evidence_is_the_integral_over_what_the_law_leaves_open():
     assert margin == pytest.approx(running_in - archard, abs=0.1)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_the_right_law_leaves_a_misfit_of_its_degrees_of_freedom():
     rng = np.random.default_rng(1)

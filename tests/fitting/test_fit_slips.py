@@ -161,6 +161,7 @@ def test_a_place_that_is_held_wrong_is_named_with_the_right_one(image):
     assert "with camera.left_mm = -2 and camera.top_mm = " in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("defects", [{"roll_deg": -2.0}, {"gamma": 2.2}, {"spot": 0.5}])
 def test_no_slip_is_named_where_a_cause_explains_the_frame(defects):
     freed = explained(frame(bench(ROWS, COLS), Defects(**defects), 1), stated())

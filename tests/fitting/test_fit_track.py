@@ -105,6 +105,7 @@ def test_a_drifting_and_swinging_contact_is_followed_with_its_uncertainty(tmp_pa
         assert (tmp_path / "out" / name).stat().st_size > 0
 
 
+@pytest.mark.long
 def test_a_load_that_jumps_is_lost_told_and_found_again(tmp_path):
     load = np.r_[np.full(4, 44.0), np.full(4, 80.0)]
     rng = np.random.default_rng(2)

@@ -136,6 +136,7 @@ def test_an_unloaded_frame_shows_no_pressure():
         invert_tractions(view.data(), view.scene())
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_without_noise_the_pressure_comes_closer_to_the_true_one():
     errors = []

@@ -184,6 +184,7 @@ def test_a_model_that_is_off_is_no_glare():
     assert off.kept > 0.95 * right.kept
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [0.02, 0.04])
 @pytest.mark.parametrize("name", ["beam", "ramp"])
 def test_without_a_model_a_glare_is_covered_too(name, size):

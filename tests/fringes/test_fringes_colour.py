@@ -155,6 +155,7 @@ def meets_the_bar(reading, order, *, kept):
 CASES = [("contact", 0.0), ("contact", 0.3), ("worn", 0.25), ("disc", 0.0), ("beam", 0.0)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "mu"), CASES)
 def test_with_no_load_frames_the_order_is_read(kind, mu):
     shot = rendered(kind, mu=mu)
@@ -202,6 +203,7 @@ def test_without_no_load_frames_the_light_is_found(kind, no_load):
     assert reading.blind
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kwargs", [{"gamma": 2.2}, {"field": "bright"}, {"noise": 10.0}])
 def test_gamma_bright_field_and_more_noise(kwargs):
     shot = rendered("contact", mu=0.3, **kwargs)

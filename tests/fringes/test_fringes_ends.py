@@ -52,6 +52,7 @@ def long_but(names):
     return [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.long]) for n in names]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", long_but(NAMES))
 def test_blind_the_order_is_right_and_most_is_kept(name):
     seen, light, got = reading(name)

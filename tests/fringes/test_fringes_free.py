@@ -174,6 +174,7 @@ def test_of_the_pixels_said_to_be_sure_at_least_as_many_are_right():
     assert_sure_pixels_are_right("both")
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_their_uncertainties_say():
     seen, _, got = reading("contact, mu 0.3")
     ratio = (got.reading.order - seen.order) / got.reading.uncertainty

@@ -155,6 +155,7 @@ def never_worse(rows):
         wrong, share = now_wrong, now_share
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "seed"), [("crack", 26), ("beam", 10), ("hole", 24)])
 def test_true_lines_never_make_a_map_worse(kind, seed):
     never_worse(judged(kind, seed))

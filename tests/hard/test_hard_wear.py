@@ -101,6 +101,7 @@ def test_worn_corners_follow_the_matrix_exponential(friction):
         assert np.abs(state.wear_depth_mm[on] - depth).max() <= 1e-3 * depth.max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
 def test_worn_corners_are_right_to_the_tolerance_asked_for(tolerance):
     """Goes wrong: numerics.tolerance holds under a cylinder, and is missed tenfold at a corner."""

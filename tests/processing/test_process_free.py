@@ -85,6 +85,7 @@ def test_without_a_known_point_no_order_is_given_and_that_is_said(captured):
     assert "known_order" in found.columns["warnings"][0]
 
 
+@pytest.mark.long
 def test_a_frames_result_does_not_depend_on_the_others_or_their_order(captured):
     folder, _ = captured
     stack = tifffile.imread(folder / "captured.tif")
@@ -115,6 +116,7 @@ def test_a_frame_without_an_order_has_no_confidence(tmp_path):
     assert np.isfinite(order[1]).mean() > 0.6 and (sure[1] > 0.0).mean() > 0.6
 
 
+@pytest.mark.long
 def test_a_known_order_that_fits_no_fringe_is_told_and_nothing_is_read(captured):
     """The light there says 0.32, 0.68, 1.32, …: 1.0 is none of them, whatever the branch."""
     folder, truth = captured

@@ -40,6 +40,7 @@ def errors_of(found, sets):
     return error[np.isfinite(error)]
 
 
+@pytest.mark.long
 def test_the_folder_holds_the_loads_field_and_the_residual_one(sets, tmp_path):
     scene, truth = sets
     found = process(*folder_of(tmp_path, bare(scene), truth), tmp_path / "out")

@@ -37,6 +37,7 @@ def stepped(tmp_path_factory):
     return place / "out"
 
 
+@pytest.mark.long
 def test_each_line_of_the_table_is_a_roi_on_its_slice(stepped):
     table = read_csv(stepped / "skeleton.csv")
     rois = read_zip(stepped / "skeleton.zip")

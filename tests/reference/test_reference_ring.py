@@ -78,6 +78,7 @@ def test_field_is_in_equilibrium_and_compatible(assert_equilibrium):
     assert_equilibrium(field, radius * np.cos(angle), radius * np.sin(angle), step=2e-4, scale=UNIT)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 0.8])
 def test_finite_elements_come_to_the_same_field(ratio):
     """Their error falls with the square of the elements' size, and towards this field."""
@@ -96,6 +97,7 @@ def test_finite_elements_come_to_the_same_field(ratio):
     assert errors[1] < 1e-3 and errors[1] < 0.35 * errors[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 0.8])
 def test_finite_elements_find_what_the_hole_changes_of_a_disc(ratio):
     errors = []
@@ -156,6 +158,7 @@ def test_a_thin_ring_bends_like_an_arch(ratio, off):
     assert hole_below == pytest.approx(below / section, rel=off)
 
 
+@pytest.mark.long
 @given(x=st.floats(-1.0, 1.0), z=st.floats(-1.0, 1.0), ratio=st.floats(0.01, 0.9))
 @settings(max_examples=100, deadline=None)
 def test_field_mirrors_left_to_right_and_top_to_bottom(x, z, ratio):

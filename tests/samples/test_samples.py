@@ -353,6 +353,7 @@ print(samples_path())
     assert Path(found) == (package / "sample_images").resolve()
 
 
+@pytest.mark.long
 def test_a_wrong_seed_or_folder_ends_with_exit_code_2_and_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("in the way")
     for arguments in (["out", "--seed", "-1"], ["file"]):

@@ -189,6 +189,7 @@ def test_a_phase_stepped_scene_gives_a_frame_for_each_step_and_state():
     assert np.abs(one[1] + one[3] - dark).max() <= 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("bits", "dtype"), [(8, np.uint8), (12, np.uint16), (None, np.float32)], ids=str
 )
