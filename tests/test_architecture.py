@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -58,6 +59,12 @@ SIMULATION = ("contact", "stress", "optics", "specimens", "simulation")
 HEAVY = ("matplotlib", "cv2", "skimage", "tifffile", "scipy.optimize")
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """The syntax of a module."""
+    return ast.parse(path.read_text("utf-8"))
+
+
 def modules() -> list[Path]:
     return sorted(p for p in HOUSE.rglob("*.py"))
 
@@ -76,7 +83,7 @@ def of_room(room: str) -> list[Path]:
 def imports_of(path: Path) -> set[str]:
     """Rooms that a module imports from, wherever in it the import stands."""
     rooms = set()
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path.name}: relative import; write it in full"
             names = [node.module or ""]
@@ -126,7 +133,7 @@ def test_nobody_compares_with_a_specimens_name():
         f"{path.relative_to(HOUSE).as_posix()}:{node.lineno}"
         for path in modules()
         if room_of(path) not in ("specimens", "scene")
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.Compare | ast.MatchValue)
         and SPECIMENS & {c.value for c in ast.walk(node) if isinstance(c, ast.Constant)}
     ]
@@ -195,7 +202,7 @@ def modules_imported_by(path: Path) -> set[str]:
     """Modules from which a module takes names, those behind front doors included."""
     return {
         behind_the_door(node.module or "", alias.name)
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
@@ -206,7 +213,7 @@ def behind_the_door(module: str, name: str) -> str:
     stub = HOUSE.joinpath(*module.split(".")[1:]) / "__init__.pyi"
     if not module.startswith("isochrome") or not stub.is_file():
         return module
-    for node in ast.parse(stub.read_text("utf-8")).body:
+    for node in parsed(stub).body:
         if isinstance(node, ast.ImportFrom) and name in {alias.name for alias in node.names}:
             return behind_the_door(f"{module}.{node.module}", name)
     return f"{module}.{name}"
@@ -224,7 +231,7 @@ def test_public_names_stand_once():
         node.name
         for p in modules()
         if p.stem != "__main__"
-        for node in ast.parse(p.read_text("utf-8")).body
+        for node in parsed(p).body
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
     )
     assert not [name for name, count in names.items() if count > 1]
@@ -236,7 +243,7 @@ def test_a_room_is_entered_by_its_front_door(room):
     inside = {
         f"{path.relative_to(HOUSE).as_posix()}: {node.module}"
         for path in of_room(room)
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.ImportFrom)
         and (parts := (node.module or "").split("."))[0] == "isochrome"
         and len(parts) > 2
@@ -250,7 +257,7 @@ def test_a_front_door_offers_what_it_lists():
     stubs = sorted(HOUSE.rglob("__init__.pyi"))
     assert len(stubs) > 15
     for stub in stubs:
-        tree = ast.parse(stub.read_text("utf-8"))
+        tree = parsed(stub)
         names = [a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names]
         door = importlib.import_module(dotted(stub).removesuffix(".__init__"))
         assert sorted(set(door.__all__) - {"__version__"}) == sorted(names)
@@ -305,7 +312,7 @@ def test_a_dataclass_of_many_fields_is_built_by_keyword():
     found = {
         path.relative_to(HOUSE).as_posix()
         for path in modules()
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.ClassDef) and built_by_position(node)
     }
     assert not found, "give kw_only=True to their large dataclasses"
@@ -438,7 +445,7 @@ def test_one_file_holds_the_look_of_all_figures():
     for path in modules():
         if not drawing(path) or path.name == "style.py":
             continue
-        tree = ast.parse(path.read_text("utf-8"))
+        tree = parsed(path)
         faults = list(looks_of(tree))
         faults += [
             f"{node.lineno}: {node.func.attr}"

@@ -57,6 +57,7 @@ NAMES = ("frame", "order", "over distance", "pressure", "scar")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_plot_is_drawn_on_the_axes_that_are_given_or_on_its_own(ring, states, name):
     draw = plots(ring, states)[name]
+    pyplot.close("all")
     mine = pyplot.figure().subplots()
     assert draw(mine) is mine and len(pyplot.get_fignums()) == 1
     own = draw(None)

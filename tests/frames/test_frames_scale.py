@@ -76,7 +76,11 @@ def test_fit_and_process_work_with_the_files_size(tmp_path):
     )
     data = PreparedFrames(stack(tmp_path), parse_scene(text))
     assert data.scene.camera.pixel_mm == pytest.approx(0.01, rel=1e-6)
-    found = process(stack(tmp_path), parse_scene(BARE))
+    names = {"dark": 5, "bright": 220}
+    for name, level in names.items():
+        write_tiff(tmp_path / f"{name}.tif", np.full_like(FRAMES[:1], level), pixel_mm=0.01)
+    keys = "".join(f"no_load_{name} = '{tmp_path / name}.tif'\n" for name in names)
+    found = process(stack(tmp_path), parse_scene(BARE + "[frames]\n" + keys))
     assert set(found.columns["pixel_mm"]) == {data.scene.camera.pixel_mm}
 
 

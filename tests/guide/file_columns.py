@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ NO_OUTPUT = {
 """File names in the code that no command leaves as a result of its own, and why."""
 
 
+@cache
 def words() -> dict[str, Any]:
     """What files.toml holds."""
     return tomllib.loads(WORDS.read_text("utf-8"))
@@ -86,6 +88,7 @@ def has_words(column: str, known: set[str]) -> bool:
     return not rest or rest == "standard_uncertainty" or f"KEY {rest}" in known
 
 
+@cache
 def left_by_the_code() -> set[str]:
     """File names that stand in the code of the rooms whose commands leave files."""
     found = set()

@@ -7,6 +7,7 @@ import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import isochrome
@@ -42,17 +43,20 @@ class Entry:
     remedy: str
 
 
+@cache
 def entries() -> list[Entry]:
     """The entries, as they are written by hand."""
     found = tomllib.loads(WORDS.read_text("utf-8"))["entry"]
     return [Entry(**one | {"words": tuple(one["words"])}) for one in found]
 
 
+@cache
 def no_messages() -> list[str]:
     """Words of texts that are no message by themselves: labels, and ends of other sentences."""
     return tomllib.loads(WORDS.read_text("utf-8"))["no_messages"]
 
 
+@cache
 def texts() -> dict[str, str]:
     """The texts of the code that may be said to a user, and the module of each."""
     found: dict[str, str] = {}

@@ -281,6 +281,16 @@ def frames_of(given: FramesLike | Iterator[str | Path]) -> FramesLike:
     return ArrayFrames(given)
 
 
+def no_escape(name: str) -> str:
+    """Refuse a name in which a backslash of TOML's double quotes became another letter."""
+    if any(letter in name for letter in "\b\t\n\f\r\x1b"):
+        raise ValueError(
+            f"{name!r} holds a letter that no name has: in double quotes a backslash begins an "
+            "escape; write the path with / or in single quotes, 'C:\\frames\\new.tif'"
+        )
+    return name
+
+
 def _file_or_array(value: Any) -> str | ArrayFrames:
     """A key's image. Raises ValueError."""
     if isinstance(value, ArrayFrames):
@@ -288,7 +298,7 @@ def _file_or_array(value: Any) -> str | ArrayFrames:
     if isinstance(value, str | Path):
         if not str(value):
             raise PydanticCustomError("empty", "String should have at least 1 character")
-        return str(value)
+        return no_escape(str(value))
     if isinstance(value, int | float | Mapping) or value is None:
         raise PydanticCustomError("image", "Input should be a valid string (or in Python an array)")
     return ArrayFrames(value)

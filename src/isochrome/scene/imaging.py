@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
 from isochrome.errors import InputError
-from isochrome.scene.array_frames import ImageFile
+from isochrome.scene.array_frames import ImageFile, no_escape
 from isochrome.scene.known_orders import FreeBoundary, KnownLine, KnownOrder, Rows
 from isochrome.scene.scene_values import NUMBER, Finite, Positive, ScenePart
 
@@ -17,17 +17,7 @@ Exponent = Annotated[float, Field(ge=0.1, le=10)]
 Bend = Annotated[float, Field(ge=-0.1, le=0.1)]
 
 
-def _no_escape(name: str) -> str:
-    """Refuse a name in which a backslash of TOML's double quotes became another letter."""
-    if any(letter in name for letter in "\b\t\n\f\r\x1b"):
-        raise ValueError(
-            f"{name!r} holds a letter that no name has: in double quotes a backslash begins an "
-            "escape; write the path with / or in single quotes, 'C:\\frames\\new.tif'"
-        )
-    return name
-
-
-FileName = Annotated[str, Field(min_length=1), AfterValidator(_no_escape)]
+FileName = Annotated[str, Field(min_length=1), AfterValidator(no_escape)]
 # angles are written with a point elsewhere: 90.0 is 90
 Turn = Annotated[
     Literal[0, 90, 180, 270],
