@@ -65,6 +65,7 @@ def test_rendered_beams_give_their_fringe_value(beam_frame, edges, options, bar)
     assert_right(calibrated(beam_frame, edges, **options), bar)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_errors_are_as_large_as_stated_and_to_both_sides(beam_frame):
     pulls = []

@@ -63,10 +63,10 @@ def test_centre_order_three_two_loads(disc_frame):
 @pytest.mark.parametrize(
     ("centre", "options", "bar"),
     [
-        pytest.param(1.7, {}, 6e-5, marks=pytest.mark.long),
+        pytest.param(1.7, {}, 6e-5, marks=pytest.mark.study),
         (3.0, SMALL | {"bright": True}, 1e-4),
-        pytest.param(12.0, {"angle": -4.0}, 3e-5, marks=pytest.mark.long),
-        pytest.param(5.0, {"blur": 1.0}, 3e-4, marks=pytest.mark.long),
+        pytest.param(12.0, {"angle": -4.0}, 3e-5, marks=pytest.mark.study),
+        pytest.param(5.0, {"blur": 1.0}, 3e-4, marks=pytest.mark.study),
     ],
 )
 # the bars are three times the largest of three seeds' errors; blur leaves chi at 1.9

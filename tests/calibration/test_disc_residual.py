@@ -97,6 +97,7 @@ def test_residual_tensor(round_, uniform):
     assert 0.9 < found.chi < 1.1
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_an_unloaded_image_serves_the_residual():
     rng = np.random.default_rng(6)

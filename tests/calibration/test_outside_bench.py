@@ -94,8 +94,8 @@ def test_a_diameter_that_the_rim_agrees_with_changes_nothing():
         (beam, "keystone_x", -0.01),
         (beam, "keystone_z", 0.02),
         (disc, "keystone_z", 0.02),
-        pytest.param(disc, "distortion", 0.02, marks=pytest.mark.long),
-        pytest.param(disc, "keystone_x", -0.01, marks=pytest.mark.long),
+        pytest.param(disc, "distortion", 0.02, marks=pytest.mark.study),
+        pytest.param(disc, "keystone_x", -0.01, marks=pytest.mark.study),
     ],
 )
 def test_a_lens_is_found_and_its_value_kept(specimen, key, value):

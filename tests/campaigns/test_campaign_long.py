@@ -93,6 +93,8 @@ def test_a_recording_that_kills_its_worker_harms_no_other(stacks, place):
 CONTACT = WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n"
 
 
+@pytest.mark.study
+@pytest.mark.long
 def test_fitted_values_are_summed_up_and_drawn(place):
     (place / "contact.toml").write_text(CONTACT, "utf-8")
     truth = {"first": (44.0, 0.25), "second": (40.0, 0.3)}

@@ -140,6 +140,7 @@ def test_a_finite_blocks_frame_gives_load_and_order_within_the_bars(
     assert found.chi == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("friction", [0.0, 0.25])
 def test_a_block_in_the_scene_leaves_nothing_to_free(tmp_path, friction):

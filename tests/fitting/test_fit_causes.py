@@ -207,7 +207,10 @@ def test_a_blur_is_no_shadow(blur_px):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("load", "left_mm", "blur_px", "seed"),
-    [(42.008, -1.92691, 0.822, 1719522194), (25.3827, -1.91113, 1.0376, 1587952543)],
+    [
+        (42.008, -1.92691, 0.822, 1719522194),
+        pytest.param(25.3827, -1.91113, 1.0376, 1587952543, marks=pytest.mark.study),
+    ],
 )
 def test_rows_that_a_blur_explains_are_taken_in_again(load, left_mm, blur_px, seed):
     """In these static frames most of what is odd lies beside the surface."""

@@ -95,6 +95,7 @@ def test_frames_that_are_what_their_scene_says_ask_for_nothing(tmp_path):
     assert np.abs(pulls(found)).max() < 4.0
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(("key", "defects", "value", "bar"), some(DEFECTS, (0,)))
 def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, value, bar):

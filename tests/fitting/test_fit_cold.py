@@ -49,6 +49,7 @@ def test_a_sliding_contact_is_found_from_far_values():
     assert study("sliding", range(3, 4)) == []
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_friction_of_a_held_contact_is_found_beside_its_forces():
     # The slip at the edges tells it: its own uncertainty says how well.

@@ -119,10 +119,10 @@ GAMMA = 2.2
     ("name", "ends"),
     [
         ("worn contact, mu 0.3", "both"),
+        pytest.param("worn contact, mu 0.3", "none", marks=pytest.mark.long),
         *(
-            pytest.param(*case, marks=pytest.mark.long)
+            pytest.param(*case, marks=[pytest.mark.study, pytest.mark.long])
             for case in (
-                ("worn contact, mu 0.3", "none"),
                 ("worn contact, mu 0.3, bulk", "none"),
                 ("disc", "both"),
                 ("beam", "none"),

@@ -178,6 +178,7 @@ def set_of_arrays(name):
     return given
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize("name", SETS)
 def test_calibration_of_arrays_is_that_of_their_files(name):
@@ -287,6 +288,7 @@ def printed(script):
     return done.stdout.splitlines()
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_the_sample_arrays_give_what_their_files_give_and_no_file_is_written():
     """process, fit, check and track of the six sample frames: every number, and every map."""

@@ -146,6 +146,7 @@ def test_two_workers_leave_the_same_files(tracked):
     assert contents(place / "two") == contents(place / "out")
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_other_key_frames_are_another_run(tracked):
     place, _ = tracked
