@@ -181,7 +181,7 @@ PLACES = {
     "write": (
         ("isochrome.runs.workers", "keep"),
         ("isochrome.processing.folder", "write_csv"),
-        ("isochrome.processing.folder", "_write_columns"),
+        ("isochrome.processing.folder", "add_columns"),
     ),
 }
 """What reads and writes: functions that no other of them calls."""
