@@ -79,6 +79,17 @@ def test_noise_alone_is_not_saturation(gamma):
         assert levels.max() < 255 and saturation_level(levels, full=255.0) == np.inf
 
 
+@pytest.mark.parametrize("noise", [0.3, 0.6])
+def test_a_dark_no_load_frame_of_few_levels_is_not_saturated(noise):
+    """Four levels of dark light that fades to the corners, and their noise: no plateau on top."""
+    light = 7.0 - ((ROW - 120.0) / 240.0) ** 2 - ((COL - 144.0) / 240.0) ** 2
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        levels = np.rint(light + rng.uniform() + noise * rng.standard_normal(ROW.shape))
+        valid = to_linear(levels.astype(np.uint8), bit_depth=8, allow_blank=True).valid
+        assert valid.mean() > 0.999
+
+
 def test_fractions_are_told_alike():
     levels, lost = stored(280.0, noise=3.0)
     light = (levels / 255.0).astype(np.float32)

@@ -21,6 +21,9 @@ _FEWEST_FULL, _FEWEST = 3, 25
 """Pixels that make a plateau, at full scale and below it, where a label may be as even."""
 _LEAST_SHARE = 1e-3
 """Of all pixels, below full scale."""
+_FEWEST_LEVELS = 8
+"""Levels that occur, for a plateau below full scale: the noise of half a level of an unloaded frame
+in the dark field piles up on its upper two or three as on a plateau."""
 _ABOVE = 0.05
 """Over the plateau's own pixels: so many may be brighter, as hot ones and glare are."""
 _TOUCHING = 0.5
@@ -72,6 +75,8 @@ def saturation_level(
     levels, counts = _histogram(values)
     for i in _last_levels(levels, counts, 0.5 * (lowest + highest)):
         level, at_full = float(levels[i]), bool(levels[i] >= full)
+        if not at_full and len(levels) < _FEWEST_LEVELS:
+            continue
         plateau = usable & (image == level)
         fewest = _FEWEST_FULL if at_full else max(_FEWEST, _LEAST_SHARE * values.size)
         if counts[i] < fewest or _share(plateau, _touching(plateau)) < _TOUCHING:
