@@ -1,10 +1,11 @@
 """The noise of a rendered camera is found again, whatever the fringes."""
 
+import cv2
 import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.frames import NoiseModel, estimate_noise
+from isochrome.frames import NoiseModel, estimate_noise, noise_between_pixels
 
 SHAPE = (240, 320)
 
@@ -159,3 +160,37 @@ def test_levels_up_to_which_clipping_reaches_are_those_of_the_sensor():
     model = estimate_noise(image.astype(np.uint16), bit_depth=10)
     # 3 % at either end of the lit levels by the count of pixels, see above; thrice that
     assert model.sigma([250.0, 750.0]) == pytest.approx([12.0, 12.0], rel=0.09)
+
+
+@pytest.mark.parametrize("quality", [80, 85, 90])
+@pytest.mark.parametrize("sigma", [4.0, 7.0])
+def test_the_noise_that_a_lossy_file_keeps_between_pixels_is_found(sigma, quality):
+    """JPEG drops the finest part: neighbours show a quarter of it at worst, squares most of it."""
+    for seed in range(3):
+        raw = captured(fringes(seed), sigma, seed)
+        image = cv2.imdecode(
+            cv2.imencode(".jpg", raw, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_UNCHANGED
+        )
+        model, valid = estimate_noise(image), np.ones(image.shape, dtype=bool)
+        left = float(np.std(image - fringes(seed)))  # what the file kept of it, and its own steps
+        found = noise_between_pixels(image, valid, model) * float(model.sigma(np.median(image)))
+        # the quietest tenth of the squares speaks: it is not louder than the frame
+        assert 0.75 * left < found < 1.2 * left
+
+
+@pytest.mark.parametrize(("finest", "most"), [(0.05, 1.03), (0.2, 1.1)])
+def test_of_white_noise_squares_show_no_more_than_neighbours(finest, most):
+    """Nor do fringes: a tenth of the squares is as smooth as their polynomial."""
+    for seed in range(3):
+        raw = captured(fringes(seed, finest=finest), 3.0, seed)
+        valid = np.ones(raw.shape, dtype=bool)
+        # a decile of 800 squares of 154 degrees of freedom: .4 %, and the model's own 1 %; of
+        # fringes of 5 pixels all over a frame, a quartic of 13 leaves some
+        assert noise_between_pixels(raw, valid, estimate_noise(raw)) < most
+
+
+def test_too_few_whole_squares_tell_no_noise_between_pixels():
+    raw = captured(fringes(1), 3.0, 1)
+    valid = np.zeros(raw.shape, dtype=bool)
+    valid[:, 100:112] = True  # a strip that no square fits in
+    assert noise_between_pixels(raw, valid, estimate_noise(raw)) == 1.0

@@ -28,6 +28,14 @@ def test_with_no_load_frames_nothing_is_silently_wrong(seed):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("seed", [104, pytest.param(276, marks=STUDY)])
+def test_a_lossy_files_noise_and_a_dark_frame_of_four_levels_lose_nothing(seed):
+    """JPEG 81, noise 6.9 of which neighbours show 2.8; a dark frame taken for a clipped one."""
+    row = CASE.judged(seed)
+    assert row.wrong == 0.0 and row.kept > 0.9 and row.rms < 0.01
+
+
+@pytest.mark.long
 def test_a_line_of_nought_that_nothing_says_is_open():
     """A cantilever: N touches 1/2 on its axis, and mirrored beyond it there is a line of N = 0."""
     row = CASE.judged(58)

@@ -3,7 +3,7 @@ from .checks.findings import Finding, misfits
 from .linear import Linear, Normalised, find_outliers, normalise, to_linear
 from .mask import load_mask
 from .no_load import load_no_load, open_no_load_steps
-from .noise import NoiseModel, estimate_noise, full_scale
+from .noise import NoiseModel, estimate_noise, full_scale, noise_between_pixels
 from .opening import (
     absolute,
     channel_for,
@@ -44,6 +44,7 @@ __all__ = [
     "load_no_load",
     "look_through",
     "misfits",
+    "noise_between_pixels",
     "normalise",
     "one_recording",
     "open_frames",

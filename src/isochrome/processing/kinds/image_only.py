@@ -17,6 +17,7 @@ from isochrome.frames import (
     Normalised,
     estimate_noise,
     full_scale,
+    noise_between_pixels,
     normalise,
     saturation_level,
     to_linear,
@@ -170,6 +171,7 @@ def _light(
     bit_depth = capture.bit_depth
     model = estimate_noise(frame.image, linear.valid, bit_depth=bit_depth)
     sigma = model.linear_sigma(frame.image, bit_depth=bit_depth, gamma=scene.frames.first_gamma)
+    sigma *= noise_between_pixels(frame.image, linear.valid, model)
     low, high = np.percentile(linear.image[linear.valid], [1.0, 99.0])
     sigma = np.maximum(sigma, FLAWS * (high - low))
     given = [part.valid for part in (capture.dark, capture.bright) if part]
