@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 import isochrome
 from isochrome.calibration import WearSet, calibrate_wear, write_into_scene
+from isochrome.calibration.wear.worn_volumes import TraceScar, worn_volumes
 from isochrome.cli import app, main
 from isochrome.errors import InputError, PhysicsError
 from isochrome.samples import samples_path
@@ -124,6 +125,31 @@ def test_traces_give_the_coefficient_within_its_interval(ground):
 
 
 @pytest.mark.long
+def test_what_variances_of_few_degrees_promise_makes_no_scatter_of_chance(ground_set, ground):
+    """Areas drawn by one variance, each trace's own estimate of it of six degrees of freedom.
+
+    The scatter over it is chi squared of eight, divided by eight: 1, whatever the six are.
+    """
+    settings, rng, freedom = WearSet.read(ground_set), np.random.default_rng(4), 6.0
+    base, shares = ground.traces[0].levelled, []
+    for _ in range(400):
+        drawn = []
+        for scar in ground.traces:
+            # its variance, widened as Student's t is
+            estimate = 1e-10 * rng.chisquare(freedom) / (freedom - 2.0)
+            one = replace(
+                base,
+                worn_area_mm2=1e-3 + 1e-5 * rng.standard_normal(),
+                worn_area_uncertainty_mm2=float(np.sqrt(estimate)),
+                degrees_of_freedom=freedom,
+            )
+            drawn.append(TraceScar(scar.test, one))
+        _, scatter = worn_volumes(settings, drawn)
+        shares.append(scatter.chi_square / scatter.freedom)
+    # 400 draws of a chi squared of eight over eight, its variances' own scatter with it: .03
+    assert np.mean(shares) == pytest.approx(1.0, abs=0.09)
+
+
 def test_the_profilometer_and_the_width_go_into_the_budget(ground_set, ground):
     settings = WearSet.read(ground_set)
     known = {"height_percent": 0.5, "lateral_percent": 0.2, "width_mm": 0.04, "load_percent": 1.0}

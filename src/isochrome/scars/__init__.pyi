@@ -1,4 +1,4 @@
-from .levelled_trace import LevelledTrace
+from .levelled_trace import LevelledTrace, student_factor_of
 from .levelling import UnclearScarError, levelled
 from .roughness import Roughness
 from .trace import Trace, read_trace
@@ -10,4 +10,5 @@ __all__ = [
     "UnclearScarError",
     "levelled",
     "read_trace",
+    "student_factor_of",
 ]

@@ -101,9 +101,25 @@ class LevelledTrace:
 
 
 def student_factor_of(degrees_of_freedom: float) -> float:
-    """Variance of Student's t over that of the normal distribution, ν/(ν-2); at least 3 degrees.
+    """Variance of Student's t over that of the normal distribution.
 
-    Source: JCGM 101:2008, 6.4.9.3: the standard uncertainty where a variance is itself estimated.
+    Equation: ν/(ν - 2), of ν = 3 at least. It is also the mean of the true variance over one that
+    is estimated. Source: JCGM 101:2008, 6.4.9.3.
+
+    Parameters
+    ----------
+    degrees_of_freedom : float
+        ν, with which a variance is estimated.
+
+    Returns
+    -------
+    float
+        The factor; 1 for infinitely many.
+
+    Examples
+    --------
+    >>> student_factor_of(12.0)
+    1.2
     """
     freedom = max(degrees_of_freedom, 3.0)
     return freedom / (freedom - 2.0) if np.isfinite(freedom) else 1.0

@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from isochrome.calibration.wear.settings import SlidTest, WearSet, WearTrace
-from isochrome.scars import LevelledTrace, UnclearScarError, levelled, read_trace
+from isochrome.scars import (
+    LevelledTrace,
+    UnclearScarError,
+    levelled,
+    read_trace,
+    student_factor_of,
+)
 
 Array = NDArray[Any]
 
@@ -152,12 +158,14 @@ def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
     square, freedom, weights, known = 0.0, 0, [], []
     for group in groups:
         areas, variances = _areas(group)
-        square += float(np.sum((areas - areas.mean()) ** 2 / variances))
+        own = [scar.levelled.degrees_of_freedom for scar in group if scar.levelled is not None]
+        known += own
+        mean = float(variances.mean()) * student_factor_of(sum(own))
+        square += float(np.sum((areas - areas.mean()) ** 2)) / mean
         freedom += len(areas) - 1
         # a distance's share of the coefficient goes with its load times distance
         size = (group[0].test.distance_m * group[0].test.normal_n) ** 2
         weights += [size / len(areas)] * len(areas)
-        known += [scar.levelled.degrees_of_freedom for scar in group if scar.levelled is not None]
     if not groups:
         return TraceScatter(1.0, np.inf, 0.0, 0)
     share = np.array(weights) / np.sum(weights)
