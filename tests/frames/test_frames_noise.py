@@ -194,3 +194,5 @@ def test_too_few_whole_squares_tell_no_noise_between_pixels():
     valid = np.zeros(raw.shape, dtype=bool)
     valid[:, 100:112] = True  # a strip that no square fits in
     assert noise_between_pixels(raw, valid, estimate_noise(raw)) == 1.0
+    strip = raw[:12]  # lower than a square
+    assert noise_between_pixels(strip, np.ones(strip.shape, bool), estimate_noise(strip)) == 1.0

@@ -230,6 +230,8 @@ def noise_between_pixels(
     >>> noise_between_pixels(white, everywhere, estimate_noise(white)) < 1.02
     True
     """
+    if min(image.shape) < _SQUARE:
+        return 1.0
     fits = _polynomials(_SQUARE, _DEGREE)
     squares = np.lib.stride_tricks.sliding_window_view(image, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]
     whole = np.lib.stride_tricks.sliding_window_view(valid, (_SQUARE, _SQUARE))[::_STEP, ::_STEP]

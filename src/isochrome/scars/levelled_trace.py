@@ -109,7 +109,7 @@ def student_factor_of(degrees_of_freedom: float) -> float:
     Parameters
     ----------
     degrees_of_freedom : float
-        ν, with which a variance is estimated.
+        Those with which a variance is estimated, ν.
 
     Returns
     -------
