@@ -187,6 +187,7 @@ def test_process_leaves_what_the_contract_names(processed):
         assert 0.95 < chi < 1.05
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_process_leaves_rois_where_they_are_asked_for(isochrome, place):
     roifile = pytest.importorskip("roifile")
@@ -264,7 +265,13 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
     [
         # all loads of both: tests/samples/test_samples.py
         pytest.param("bending", "bending", (0, 3), id="bending, two loads", marks=pytest.mark.long),
-        pytest.param("disc", "disc", (0, 2), id="disc, two loads", marks=pytest.mark.long),
+        pytest.param(
+            "disc",
+            "disc",
+            (0, 2),
+            id="disc, two loads",
+            marks=[pytest.mark.long, pytest.mark.study],
+        ),
     ],
 )
 def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, command, keep):
