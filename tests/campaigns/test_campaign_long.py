@@ -81,6 +81,7 @@ class Deadly(str):
         return os._exit, (9,)
 
 
+@pytest.mark.study
 def test_a_recording_that_kills_its_worker_harms_no_other(stacks, place):
     named = [stacks[0], Deadly(stacks[1]), *stacks[2:]]
     found = process_campaign(named, "scene.toml", "out", workers=2)

@@ -166,6 +166,7 @@ def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, def
     assert found.searched == (0,) and np.abs(track_pulls(found)).max() < 4.0
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_rich_light_is_held_through_the_track(tmp_path):
     found = followed(tmp_path, Defects(spot=0.5))

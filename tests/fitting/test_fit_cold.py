@@ -27,6 +27,7 @@ def study(kind: str, seeds: range) -> list[str]:
     return wrong
 
 
+@pytest.mark.long
 def test_a_held_contact_is_found_from_far_values():
     assert study("held", range(6, 7)) == []
 
