@@ -126,7 +126,7 @@ GAMMA = 2.2
     [
         ("worn contact, mu 0.3", "both"),
         *(
-            pytest.param(*case, marks=[pytest.mark.study, pytest.mark.long])
+            pytest.param(*case, marks=pytest.mark.study)
             for case in (
                 ("worn contact, mu 0.3", "none"),
                 ("worn contact, mu 0.3, bulk", "none"),
