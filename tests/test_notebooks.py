@@ -31,8 +31,8 @@ ALIKE = 6.0
 """Mean difference of two pictures of one cell, of 255: other versions of matplotlib and of fonts
 move letters by a pixel, which is below 3; another map, or another line, is above 10."""
 
-SLOWEST = {"calibrate-the-material", "what-the-fringes-know"}
-"""A minute and more each; what they calibrate and fit, the sample's tests and the README's do."""
+SLOWEST = {"calibrate-the-material", "what-the-fringes-know", "reproduce-the-paper"}
+"""Half a minute and more each; what they compute is also held by tests of its own."""
 
 MODULES = {"isochrome", "numpy", "matplotlib", "matplotlib.pyplot", "tempfile", "pathlib"}
 """What the stored notebooks import."""

@@ -269,7 +269,7 @@ MAKE: dict[str, Callable[..., Left]] = {
 MARKS = {
     "demo": (pytest.mark.long, pytest.mark.study),
     "bench": (pytest.mark.long,),
-    "calibrate disc": (pytest.mark.long,),
+    "calibrate disc": (pytest.mark.long, pytest.mark.study),
     "calibrate bending": (pytest.mark.long,),
     "campaign": (pytest.mark.long,),
     "process track": (pytest.mark.long,),

@@ -212,6 +212,7 @@ def test_hostile_images_are_refused(beam_frame):
 
 
 SET = BENDING_BEAM + "[camera]\npixel_mm = 0.07\nbit_depth = 8\n"
+SMALL_SET = SET.replace("pixel_mm = 0.07", f"pixel_mm = {SMALL['pixel']}")
 
 
 def write_set(folder, frame, text=SET, edges=(2.0, 3.0, 4.0), extra="", **options):
@@ -228,8 +229,7 @@ def test_a_set_from_its_file(beam_frame, tmp_path):
     rest = beam_frame(0.0, np.random.default_rng(1), **SMALL)
     tifffile.imwrite(tmp_path / "rest.tif", rest)
     extra = '[[image]]\nfile = "rest.tif"\nload_n = 0.0\n[uncertainty]\nload_percent = 0.2\n'
-    text = SET.replace("pixel_mm = 0.07", f"pixel_mm = {SMALL['pixel']}")
-    found = calibrate_bending(write_set(tmp_path, beam_frame, text, extra=extra, **SMALL))
+    found = calibrate_bending(write_set(tmp_path, beam_frame, SMALL_SET, extra=extra, **SMALL))
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=4e-4)  # u of the images 9e-5
     record = json.loads(json.dumps(found.to_json()))
     assert record["standard_uncertainty"] == pytest.approx(0.002 * F_SIGMA, rel=0.05)
@@ -240,8 +240,8 @@ def test_a_set_from_its_file(beam_frame, tmp_path):
 
 @pytest.mark.long
 def test_a_tone_curve_that_is_given_is_undone(beam_frame, tmp_path):
-    text = SET + "gamma = 2.2\n"
-    found = calibrate_bending(write_set(tmp_path, beam_frame, text, gamma=2.2))
+    text = SMALL_SET + "gamma = 2.2\n"
+    found = calibrate_bending(write_set(tmp_path, beam_frame, text, gamma=2.2, **SMALL))
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
     assert found.chi < 1.3
 
@@ -249,10 +249,10 @@ def test_a_tone_curve_that_is_given_is_undone(beam_frame, tmp_path):
 @pytest.mark.long
 def test_no_load_frames_take_the_unevenness(beam_frame, tmp_path):
     rng = np.random.default_rng(8)
-    tifffile.imwrite(tmp_path / "dark.tif", beam_frame(0.0, rng))
-    tifffile.imwrite(tmp_path / "bright.tif", beam_frame(0.0, rng, bright=True))
-    text = SET + '[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
-    found = calibrate_bending(write_set(tmp_path, beam_frame, text))
+    tifffile.imwrite(tmp_path / "dark.tif", beam_frame(0.0, rng, **SMALL))
+    tifffile.imwrite(tmp_path / "bright.tif", beam_frame(0.0, rng, bright=True, **SMALL))
+    text = SMALL_SET + '[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
+    found = calibrate_bending(write_set(tmp_path, beam_frame, text, **SMALL))
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
     assert found.chi < 1.1
 

@@ -191,6 +191,7 @@ def test_a_blur_that_hardly_shows_is_found(disc_frame):
     assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 3.0 * found.standard_uncertainty
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
     rng = np.random.default_rng(3)

@@ -150,6 +150,7 @@ def test_simulate_in_json_is_the_history(quick_isochrome):
     assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_simulate_gives_the_principal_stresses_to_whoever_asks(quick_isochrome, place):
     done = quick_isochrome("simulate", "small.toml", "--out", "Spannung", "--components")
@@ -208,6 +209,7 @@ def test_process_finds_the_simulated_order(processed):
     assert np.sqrt(np.mean(error**2)) < 0.005 and np.abs(error).max() < 0.25
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.process_too
 def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome, place):
@@ -260,6 +262,7 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
 # Calibrate
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("specimen", "command", "keep"),
     [

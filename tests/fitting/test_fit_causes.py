@@ -210,7 +210,7 @@ def test_a_blur_is_no_shadow(blur_px):
 @pytest.mark.parametrize(
     ("load", "left_mm", "blur_px", "seed"),
     [
-        (42.008, -1.92691, 0.822, 1719522194),
+        pytest.param(42.008, -1.92691, 0.822, 1719522194, marks=pytest.mark.study),
         pytest.param(25.3827, -1.91113, 1.0376, 1587952543, marks=pytest.mark.study),
     ],
 )

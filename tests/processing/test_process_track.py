@@ -337,6 +337,7 @@ def test_every_is_for_tracking(tmp_path):
         process(place / "film.tif", place / "scene.toml", place / "out", every=5)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_worn_contact_is_followed_by_its_frames_times(tmp_path):
     """A sliding speed of 100 m/s in jest: 2 m from frame to frame, and the scar grows as by law."""

@@ -162,6 +162,7 @@ def test_a_cluster_leaves_the_same_files(tmp_path):
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 
+@pytest.mark.study
 @pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", pytest.param("2", marks=pytest.mark.study)])
