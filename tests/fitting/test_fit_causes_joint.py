@@ -107,6 +107,7 @@ def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, val
     assert found.warnings[0].startswith("the frames show ") and f"{key} = " in found.warnings[0]
 
 
+@pytest.mark.long
 def test_what_the_scene_states_is_held_where_that_is_wanted(tmp_path):
     found = joint(tmp_path, Defects(roll_deg=0.5), as_stated=True)
     assert set(found.shared) == {FRICTION, *PLACE} and not found.scene.get(ROLL)
