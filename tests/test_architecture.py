@@ -8,18 +8,16 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-import isochrome
+from package_code import HOUSE, modules, nodes, parsed
 
-HOUSE = Path(isochrome.__file__).parent
-
-ROOMS = sorted({p.relative_to(HOUSE).parts[0].removesuffix(".py") for p in HOUSE.rglob("*.py")})
+ROOMS = sorted({p.relative_to(HOUSE).parts[0].removesuffix(".py") for p in modules()})
 
 LEAVES = ("errors", "progress", "output", "runs", "figures", "reference")
 """Rooms that anybody to their right may use; they know nothing but each other."""
@@ -59,16 +57,6 @@ SIMULATION = ("contact", "stress", "optics", "specimens", "simulation")
 HEAVY = ("matplotlib", "cv2", "skimage", "tifffile", "scipy.optimize")
 
 
-@cache
-def parsed(path: Path) -> ast.Module:
-    """The syntax of a module."""
-    return ast.parse(path.read_text("utf-8"))
-
-
-def modules() -> list[Path]:
-    return sorted(p for p in HOUSE.rglob("*.py"))
-
-
 def room_of(path: Path) -> str:
     return path.relative_to(HOUSE).parts[0].removesuffix(".py")
 
@@ -80,10 +68,11 @@ def of_room(room: str) -> list[Path]:
     return found
 
 
+@cache
 def imports_of(path: Path) -> set[str]:
     """Rooms that a module imports from, wherever in it the import stands."""
     rooms = set()
-    for node in ast.walk(parsed(path)):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path.name}: relative import; write it in full"
             names = [node.module or ""]
@@ -133,7 +122,7 @@ def test_nobody_compares_with_a_specimens_name():
         f"{path.relative_to(HOUSE).as_posix()}:{node.lineno}"
         for path in modules()
         if room_of(path) not in ("specimens", "scene")
-        for node in ast.walk(parsed(path))
+        for node in nodes(path)
         if isinstance(node, ast.Compare | ast.MatchValue)
         and SPECIMENS & {c.value for c in ast.walk(node) if isinstance(c, ast.Constant)}
     ]
@@ -202,12 +191,13 @@ def modules_imported_by(path: Path) -> set[str]:
     """Modules from which a module takes names, those behind front doors included."""
     return {
         behind_the_door(node.module or "", alias.name)
-        for node in ast.walk(parsed(path))
+        for node in nodes(path)
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
 
 
+@cache
 def behind_the_door(module: str, name: str) -> str:
     """The module that a front door takes a name from; `module` itself where it is no door."""
     stub = HOUSE.joinpath(*module.split(".")[1:]) / "__init__.pyi"
@@ -243,7 +233,7 @@ def test_a_room_is_entered_by_its_front_door(room):
     inside = {
         f"{path.relative_to(HOUSE).as_posix()}: {node.module}"
         for path in of_room(room)
-        for node in ast.walk(parsed(path))
+        for node in nodes(path)
         if isinstance(node, ast.ImportFrom)
         and (parts := (node.module or "").split("."))[0] == "isochrome"
         and len(parts) > 2
@@ -279,7 +269,7 @@ def test_a_module_is_short_and_its_public_things_are_described(room):
 def faults_of(path: Path) -> Iterator[str]:
     """What is wrong with a module."""
     text = path.read_text("utf-8")
-    tree = ast.parse(text)
+    tree = parsed(path)
     if len(text.splitlines()) > LONGEST:
         yield f"more than {LONGEST} lines"
     if not ast.get_docstring(tree):
@@ -312,7 +302,7 @@ def test_a_dataclass_of_many_fields_is_built_by_keyword():
     found = {
         path.relative_to(HOUSE).as_posix()
         for path in modules()
-        for node in ast.walk(parsed(path))
+        for node in nodes(path)
         if isinstance(node, ast.ClassDef) and built_by_position(node)
     }
     assert not found, "give kw_only=True to their large dataclasses"
@@ -414,9 +404,9 @@ NO_COLOUR = {"none", "white"}
 """What a marker is filled with that is open."""
 
 
-def looks_of(tree: ast.AST) -> Iterator[str]:
+def looks_of(walked: Iterable[ast.AST]) -> Iterator[str]:
     """Sizes and colours that a module sets by a literal of its own."""
-    for node in ast.walk(tree):
+    for node in walked:
         pairs: list[tuple[object, ast.expr]] = []
         if isinstance(node, ast.keyword):
             pairs = [(node.arg, node.value)]
@@ -445,11 +435,10 @@ def test_one_file_holds_the_look_of_all_figures():
     for path in modules():
         if not drawing(path) or path.name == "style.py":
             continue
-        tree = parsed(path)
-        faults = list(looks_of(tree))
+        faults = list(looks_of(nodes(path)))
         faults += [
             f"{node.lineno}: {node.func.attr}"
-            for node in ast.walk(tree)
+            for node in nodes(path)
             if isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
             and node.func.attr in ("suptitle", "legend")
@@ -471,4 +460,4 @@ def test_one_file_holds_the_look_of_all_figures():
     ],
 )
 def test_a_look_of_its_own_is_noticed(line, count):
-    assert len(list(looks_of(ast.parse(line)))) == count
+    assert len(list(looks_of(ast.walk(ast.parse(line))))) == count

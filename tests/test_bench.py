@@ -267,6 +267,7 @@ def test_an_unknown_suite_is_refused_with_the_known_ones():
         bench(suite="colour")
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_defects_suite_names_a_defect_and_keeps_to_its_uncertainty(tmp_path):
     """The first single one: a roll. Its row, the table and the picture."""
@@ -296,6 +297,7 @@ def test_inputs_suite_covers_the_truth_by_the_whole_uncertainty(tmp_path):
     report.figure(rows).savefig(tmp_path / "inputs.png")
 
 
+@pytest.mark.long
 def test_fit_suite_holds_a_fit_to_the_truth_and_writes_a_table_and_a_picture(monkeypatch, tmp_path):
     case, cases = load_benchmarks("case_fit"), load_benchmarks("cases")
     few = {case.ONE: case.one_frame}
@@ -327,6 +329,7 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
     assert max(map(len, got.text.splitlines())) <= 110
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no resource module there")
 def test_memory_is_that_of_the_run_alone(tmp_path):

@@ -34,7 +34,11 @@ def place(root: Path, test: str) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("test", "verdict"),
-    [("assert isochrome.THREE == 3", "noticed"), ("assert isochrome.THREE < 9", "survives")],
+    [
+        # what is noticed, `.ci/run` asks of a sample of the list
+        pytest.param("assert isochrome.THREE == 3", "noticed", marks=pytest.mark.study),
+        ("assert isochrome.THREE < 9", "survives"),
+    ],
 )
 def test_a_change_survives_a_test_that_does_not_see_it(tmp_path, test, verdict):
     root = tmp_path / "tree"

@@ -31,6 +31,9 @@ ALIKE = 6.0
 """Mean difference of two pictures of one cell, of 255: other versions of matplotlib and of fonts
 move letters by a pixel, which is below 3; another map, or another line, is above 10."""
 
+SLOWEST = {"calibrate-the-material", "what-the-fringes-know", "reproduce-the-paper"}
+"""Half a minute and more each; what they compute is also held by tests of its own."""
+
 MODULES = {"isochrome", "numpy", "matplotlib", "matplotlib.pyplot", "tempfile", "pathlib"}
 """What the stored notebooks import."""
 
@@ -125,7 +128,14 @@ def difference(one: np.ndarray, other: np.ndarray) -> float:
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:jupyter_client.*")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:jupyter_core.*")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:zmq.*")
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=pytest.mark.study if path.stem in SLOWEST else ())
+        for path in NOTEBOOKS
+    ],
+    ids=lambda path: path.stem,
+)
 def test_notebook_runs_to_its_end_and_gives_what_is_stored(
     path: Path, tmp_path: Path, own_kernel: str
 ) -> None:

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,10 @@ NAME = "a <b>bold<b> & long.toml"
 
 @dataclass(frozen=True)
 class Left:
-    """A result, and what its command left: the files' names, and the command's line."""
+    """A result, and what its command left: the files' names, and the command's line.
+
+    `again` gives what the same call gives once more: of a run that is kept, the run taken up.
+    """
 
     result: Result
     folder: Path
@@ -125,7 +128,10 @@ def compared(places, make):
     run = lambda: isochrome.compare(one, other, places["home"] / "compared")  # noqa: E731
     command = ("compare", one, other)
     out = places["home"] / "compared"
-    return Left(run(), out, "metrics.csv", None, "comparison.png", command=command, again=run)
+    found = run()
+    return Left(
+        found, out, "metrics.csv", None, "comparison.png", command=command, again=lambda: found
+    )
 
 
 def fitted(places, make):
@@ -199,14 +205,13 @@ def calibrated_scale(places, make):
     shown, picture = Shown(), places["home"] / "a <b>bold<b> & board.tif"
     write_tiff(picture, dots(shown)[None])
     size = {"columns": shown.columns, "rows": shown.rows, "spacing_mm": shown.spacing_mm}
-    run = lambda: calibrate_scale(picture, target="dots", **size)  # noqa: E731
     out = places["home"] / "scale"
-    found = run()
+    found = calibrate_scale(picture, target="dots", **size)
     save_calibration(found, out, source=[picture])
     options = [str(part) for key, value in size.items()
                for part in (f"--{key.replace('_', '-')}", value)]  # fmt: skip
     command = ("calibrate", "scale", picture, "--target", "dots", *options)
-    return Left(found, out, None, "scale.json", "scale.png", command=command, again=run)
+    return Left(found, out, None, "scale.json", "scale.png", command=command, again=lambda: found)
 
 
 def calibrated_wear(places, make):
@@ -219,11 +224,11 @@ def calibrated_wear(places, make):
     out = places["home"] / "wear"
     found = calibrate_wear(path)
     save_calibration(found, out, source=path)
-    again = partial(calibrate_wear, path)
     command = ("calibrate", "wear", path)
     return Left(
-        found, out, None, "calibration.json", "calibration.png", command=command, again=again
-    )
+        found, out, None, "calibration.json", "calibration.png", command=command,
+        again=lambda: found,
+    )  # fmt: skip
 
 
 def benched(places, make):
@@ -264,11 +269,11 @@ MAKE: dict[str, Callable[..., Left]] = {
 MARKS = {
     "demo": (pytest.mark.long, pytest.mark.study),
     "bench": (pytest.mark.long,),
-    "calibrate disc": (pytest.mark.long,),
+    "calibrate disc": (pytest.mark.long, pytest.mark.study),
     "calibrate bending": (pytest.mark.long,),
     "campaign": (pytest.mark.long,),
     "process track": (pytest.mark.long,),
-    "process track, in memory": (pytest.mark.long,),
+    "process track, in memory": (pytest.mark.long, pytest.mark.study),
     "fit track": (pytest.mark.long,),
 }
 
@@ -276,7 +281,9 @@ MARKS = {
 def marked(*names: str) -> pytest.MarkDecorator:
     """A test of some results, those of seconds in the slow part."""
     return pytest.mark.parametrize(
-        "name", [pytest.param(name, marks=MARKS.get(name, ())) for name in names]
+        "name",
+        [pytest.param(name, marks=MARKS.get(name, ())) for name in names],
+        scope="module",
     )
 
 
@@ -342,9 +349,19 @@ def test_the_command_prints_that_json(name, results, tmp_path):
 
 
 @pytest.mark.long
-@every_result
+@marked(*(name for name in MAKE if "in memory" not in name))
 def test_the_figure_is_the_picture_on_disk(name, results, tmp_path):
-    left = results(name)
+    assert_drawn_as_on_disk(results(name), tmp_path)
+
+
+@pytest.mark.study
+@pytest.mark.long
+@marked(*(name for name in MAKE if "in memory" in name))
+def test_the_figure_of_what_was_kept_in_memory_is_the_picture_on_disk(name, results, tmp_path):
+    assert_drawn_as_on_disk(results(name), tmp_path)
+
+
+def assert_drawn_as_on_disk(left, tmp_path):
     write_figure(tmp_path / "figure.png", left.result.figure(), dpi=left.dpi)
     drawn = imread(tmp_path / "figure.png")
     assert min(drawn.shape[:2]) > 100 and np.ptp(drawn[..., :3]) > 0.5  # no empty page
@@ -424,7 +441,7 @@ def test_its_page_for_a_notebook_holds_table_and_warnings(name, results):
     assert result.title in text and next(iter(result.columns)) in text
 
 
-@pytest.mark.parametrize("name", ["simulate", "process", "fit", "campaign", "calibrate colour"])
+@marked("simulate", "process", "fit", "campaign", "calibrate colour")
 def test_names_are_text_on_a_page(name, results):
     page = Page()
     page.feed(results(name).result._repr_html_())

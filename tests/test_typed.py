@@ -86,20 +86,29 @@ AS_INSTALLED = "[mypy]\nstrict = True\n[mypy-isochrome.*]\nfollow_imports = sile
 """Of an installed package the types are used, and its own modules are not judged."""
 
 
+@pytest.fixture(scope="module")
+def checked(tmp_path_factory):
+    """Judges scripts in a folder, with what was learnt of the package for the scripts before."""
+    learnt = tmp_path_factory.mktemp("learnt")
+
+    def check(folder, *scripts):
+        (folder / "mypy.ini").write_text(AS_INSTALLED)
+        command = [sys.executable, "-m", "mypy", "--show-error-codes", "--cache-dir", str(learnt)]
+        return subprocess.run(
+            [*command, *scripts], cwd=folder,
+            env={"MYPYPATH": str(Path(isochrome.__file__).parents[1])},
+            capture_output=True, text=True, check=False,
+        ).stdout  # fmt: skip
+
+    return check
+
+
 @pytest.mark.long
-def test_a_script_of_the_whole_front_door_passes_and_mistakes_are_seen(tmp_path):
+def test_a_script_of_the_whole_front_door_passes_and_mistakes_are_seen(tmp_path, checked):
     (tmp_path / "right.py").write_text(SCRIPT)
     wrong = "\n".join(WRONG)
     (tmp_path / "wrong.py").write_text(f"{SCRIPT}\n{wrong}\n")
-    (tmp_path / "mypy.ini").write_text(AS_INSTALLED)
-    home = Path(isochrome.__file__).parents[1]
-    done = {
-        name: subprocess.run(
-            [sys.executable, "-m", "mypy", "--show-error-codes", f"{name}.py"],
-            cwd=tmp_path, env={"MYPYPATH": str(home)}, capture_output=True, text=True, check=False,
-        ).stdout
-        for name in ("right", "wrong")
-    }  # fmt: skip
+    done = {name: checked(tmp_path, f"{name}.py") for name in ("right", "wrong")}
     assert done["right"].startswith("Success"), done["right"]
     lines = done["wrong"].splitlines()
     first = len(SCRIPT.splitlines()) + 2
@@ -111,20 +120,15 @@ def test_a_script_of_the_whole_front_door_passes_and_mistakes_are_seen(tmp_path)
 
 
 @pytest.mark.long
-def test_the_notebooks_code_passes_a_strict_check(tmp_path):
+def test_the_notebooks_code_passes_a_strict_check(tmp_path, checked):
     """Of those that are stored with their outputs, and so import from the front door alone."""
-    (tmp_path / "mypy.ini").write_text(AS_INSTALLED)
     for path in NOTEBOOKS:
         cells = [] if path.stem in WITHOUT else code_cells(path)
         code = "\n".join("".join(cell["source"]) for cell in cells)
         name = path.stem.replace("-", "_")
         (tmp_path / f"{name}.py").write_text(code.replace("%matplotlib inline", ""))
-    done = subprocess.run(
-        [sys.executable, "-m", "mypy", "."], cwd=tmp_path,
-        env={"MYPYPATH": str(Path(isochrome.__file__).parents[1])},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.stdout.startswith("Success"), done.stdout
+    done = checked(tmp_path, ".")
+    assert done.startswith("Success"), done
 
 
 def test_what_the_front_door_offers_is_shown():

@@ -7,6 +7,7 @@ imported from the package.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -59,15 +60,19 @@ def picture(paint, shown, seed=0):
     step = [(np.arange(n * SAMPLES) + 0.5) / SAMPLES - 0.5 * n for n in shown.shape]
     v, u = np.meshgrid(*step, indexing="ij")
     x, z = u.copy(), v.copy()
-    for _ in range(12):  # the way from target to picture, inverted by plain fixed points
+    off = 1.0
+    while off > 1e-7:  # px; the way from target to picture, inverted by plain fixed points
         a, b = seen_places(x, z, (0.5 * cols, 0.5 * rows), shown)
-        x, z = x + (u - a), z + (v - b)
+        du, dv = u - a, v - b
+        x, z, off = x + du, z + dv, max(np.abs(du).max(), np.abs(dv).max())
     x, z = shown.pixel_mm * x - shown.x_mm, shown.pixel_mm * z - shown.z_mm
     light = paint(x / (1.0 - shown.shorten), z)
     light = light.reshape(rows, SAMPLES, cols, SAMPLES).mean(axis=(1, 3))
     light = gaussian_filter(light, shown.blur_px, mode="nearest")
     noise = shown.noise * np.random.default_rng(seed).normal(size=light.shape)
-    return np.clip(np.rint(30.0 + 190.0 * light + noise), 0, 255).astype(np.uint8)
+    grey = np.clip(np.rint(30.0 + 190.0 * light + noise), 0, 255).astype(np.uint8)
+    grey.flags.writeable = False  # a picture is painted once for all that ask for it
+    return grey
 
 
 def ramp(off_mm, shown):
@@ -75,6 +80,7 @@ def ramp(off_mm, shown):
     return np.clip(2.0 * SAMPLES * off_mm / shown.pixel_mm, -1.0, 1.0)
 
 
+@cache
 def chessboard(shown, seed=0):
     """A board of `columns` x `rows` inner corners with a white margin."""
 
@@ -90,6 +96,7 @@ def chessboard(shown, seed=0):
     return picture(paint, shown, seed)
 
 
+@cache
 def dots(shown, seed=0, *, bright=False):
     """A grid of `columns` x `rows` round dots of half the spacing, black on white or reversed."""
 

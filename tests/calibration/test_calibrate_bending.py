@@ -28,12 +28,6 @@ def calibrated(frame, edges, seed=0, uncertainty=None, **options):
     )
 
 
-@pytest.fixture(scope="module")
-def whole(beam_frame):
-    """Three loads at the full size, of which every second column is fitted."""
-    return calibrated(beam_frame, (2.0, 3.0, 4.0))
-
-
 def assert_right(found, bar):
     error = found.fringe_value_n_per_mm - F_SIGMA
     assert abs(error) < bar * F_SIGMA
@@ -43,8 +37,9 @@ def assert_right(found, bar):
 
 
 @pytest.mark.long
-def test_a_rendered_beam_of_full_size_gives_its_fringe_value(whole):
-    assert_right(whole, 2e-4)  # u = 4e-5
+def test_a_rendered_beam_of_full_size_gives_its_fringe_value(beam_frame):
+    """Three loads at the full size, of which every second column is fitted."""
+    assert_right(calibrated(beam_frame, (2.0, 3.0, 4.0)), 2e-4)  # u = 4e-5
 
 
 @pytest.mark.long
@@ -53,11 +48,11 @@ def test_a_rendered_beam_of_full_size_gives_its_fringe_value(whole):
     ("edges", "options", "bar"),
     [
         ((2.0, 4.0), SMALL | {"tilt": -4.0}, 5e-4),
-        pytest.param((2.0, 4.0), {"bright": True}, 5e-4, marks=pytest.mark.long),
+        ((2.0, 4.0), SMALL | {"bright": True}, 5e-4),
         # the beam is taller than the frame
-        pytest.param((3.0, 6.0), {"pixel": 0.04}, 5e-4, marks=pytest.mark.long),
+        pytest.param((3.0, 6.0), {"pixel": 0.04}, 5e-4, marks=pytest.mark.study),
         ((0.6, 1.0), SMALL, 2e-3),
-        pytest.param((4.0, 9.0), {"blur": 1.5}, 5e-4, marks=pytest.mark.long),
+        pytest.param((4.0, 9.0), {"blur": 1.5}, 5e-4, marks=pytest.mark.study),
         ((2.0, 4.0), SMALL | {"noise": 12.0}, 1.5e-3),
     ],
 )
@@ -77,12 +72,13 @@ def test_errors_are_as_large_as_stated_and_to_both_sides(beam_frame):
     assert 2 <= np.sum(np.array(pulls) > 0) <= 10
 
 
-def test_tilt_axis_and_orders_are_those_of_the_frame(whole):
+def test_tilt_axis_and_orders_are_those_of_the_frame(beam_frame):
+    whole = calibrated(beam_frame, (2.0, 3.0, 4.0), **SMALL)
     for image, edge in zip(whole.images, (2.0, 3.0, 4.0), strict=True):
         assert image.order == pytest.approx(edge, abs=1e-3)
         assert image.predicted_order == pytest.approx(edge, abs=3e-3)
         assert image.geometry["tilt_deg"] == pytest.approx(2.0, abs=0.02)
-        row = 330 / 2 + 4.0 + 0.15 / PIXEL / math.cos(math.radians(2.0))
+        row = 110 / 2 + 4.0 + 0.15 / SMALL["pixel"] / math.cos(math.radians(2.0))
         assert image.geometry["neutral_axis_row_px"] == pytest.approx(row, abs=0.2)
 
 
@@ -195,27 +191,28 @@ def test_an_unloaded_image_bounds_the_order_that_one_load_cannot_tell(beam_frame
 
 @pytest.mark.long
 def test_hostile_images_are_refused(beam_frame):
-    rng = np.random.default_rng(0)
-    frames = [beam_frame(e, rng) for e in (2.0, 4.0)]
+    rng, pixel = np.random.default_rng(0), SMALL["pixel"]
+    frames = [beam_frame(e, rng, **SMALL) for e in (2.0, 4.0)]
     loads = [bending_load(e) for e in (2.0, 4.0)]
     with pytest.raises(PhysicsError, match="swapped"):
-        bending_from_images(frames, loads[::-1], BEAM, PIXEL)
+        bending_from_images(frames, loads[::-1], BEAM, pixel)
     with pytest.raises(PhysicsError, match="lengths are in mm"):
-        bending_from_images(frames, [1e4 * p for p in loads], BEAM, PIXEL)
+        bending_from_images(frames, [1e4 * p for p in loads], BEAM, pixel)
     with pytest.raises(PhysicsError, match=r"no fringes|too few"):
-        bending_from_images([beam_frame(0.05, rng)], [1.0], BEAM, PIXEL)
+        bending_from_images([beam_frame(0.05, rng, **SMALL)], [1.0], BEAM, pixel)
     with pytest.raises(PhysicsError, match=r"no fringes|too few"):
-        bending_from_images([rng.normal(100, 3, (200, 300))], [1.0], BEAM, PIXEL)
+        bending_from_images([rng.normal(100, 3, (200, 300))], [1.0], BEAM, pixel)
     with pytest.raises(InputError, match="as many of each"):
-        bending_from_images(frames, [1.0], BEAM, PIXEL)
+        bending_from_images(frames, [1.0], BEAM, pixel)
     with pytest.raises(InputError, match="no image has a load"):
-        bending_from_images(frames, [0.0, 0.0], BEAM, PIXEL)
-    odd = [*frames, beam_frame(3.0, rng), beam_frame(4.4, rng)]
+        bending_from_images(frames, [0.0, 0.0], BEAM, pixel)
+    odd = [*frames, beam_frame(3.0, rng, **SMALL), beam_frame(4.4, rng, **SMALL)]
     with pytest.raises(PhysicsError, match=r"image 4 .* the other loads predict"):
-        bending_from_images(odd, [*loads, bending_load(3.0), bending_load(5.5)], BEAM, PIXEL)
+        bending_from_images(odd, [*loads, bending_load(3.0), bending_load(5.5)], BEAM, pixel)
 
 
 SET = BENDING_BEAM + "[camera]\npixel_mm = 0.07\nbit_depth = 8\n"
+SMALL_SET = SET.replace("pixel_mm = 0.07", f"pixel_mm = {SMALL['pixel']}")
 
 
 def write_set(folder, frame, text=SET, edges=(2.0, 3.0, 4.0), extra="", **options):
@@ -232,8 +229,7 @@ def test_a_set_from_its_file(beam_frame, tmp_path):
     rest = beam_frame(0.0, np.random.default_rng(1), **SMALL)
     tifffile.imwrite(tmp_path / "rest.tif", rest)
     extra = '[[image]]\nfile = "rest.tif"\nload_n = 0.0\n[uncertainty]\nload_percent = 0.2\n'
-    text = SET.replace("pixel_mm = 0.07", f"pixel_mm = {SMALL['pixel']}")
-    found = calibrate_bending(write_set(tmp_path, beam_frame, text, extra=extra, **SMALL))
+    found = calibrate_bending(write_set(tmp_path, beam_frame, SMALL_SET, extra=extra, **SMALL))
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=4e-4)  # u of the images 9e-5
     record = json.loads(json.dumps(found.to_json()))
     assert record["standard_uncertainty"] == pytest.approx(0.002 * F_SIGMA, rel=0.05)
@@ -244,8 +240,8 @@ def test_a_set_from_its_file(beam_frame, tmp_path):
 
 @pytest.mark.long
 def test_a_tone_curve_that_is_given_is_undone(beam_frame, tmp_path):
-    text = SET + "gamma = 2.2\n"
-    found = calibrate_bending(write_set(tmp_path, beam_frame, text, gamma=2.2))
+    text = SMALL_SET + "gamma = 2.2\n"
+    found = calibrate_bending(write_set(tmp_path, beam_frame, text, gamma=2.2, **SMALL))
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
     assert found.chi < 1.3
 
@@ -253,10 +249,10 @@ def test_a_tone_curve_that_is_given_is_undone(beam_frame, tmp_path):
 @pytest.mark.long
 def test_no_load_frames_take_the_unevenness(beam_frame, tmp_path):
     rng = np.random.default_rng(8)
-    tifffile.imwrite(tmp_path / "dark.tif", beam_frame(0.0, rng))
-    tifffile.imwrite(tmp_path / "bright.tif", beam_frame(0.0, rng, bright=True))
-    text = SET + '[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
-    found = calibrate_bending(write_set(tmp_path, beam_frame, text))
+    tifffile.imwrite(tmp_path / "dark.tif", beam_frame(0.0, rng, **SMALL))
+    tifffile.imwrite(tmp_path / "bright.tif", beam_frame(0.0, rng, bright=True, **SMALL))
+    text = SMALL_SET + '[frames]\nno_load_dark = "dark.tif"\nno_load_bright = "bright.tif"\n'
+    found = calibrate_bending(write_set(tmp_path, beam_frame, text, **SMALL))
     assert found.fringe_value_n_per_mm == pytest.approx(F_SIGMA, rel=5e-4)
     assert found.chi < 1.1
 

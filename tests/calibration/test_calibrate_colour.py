@@ -179,6 +179,7 @@ def test_a_table_of_a_beam_reads_another_specimen_to_the_bar(table, tmp_path):
     assert_read(found, [order], kept=0.9)
 
 
+@pytest.mark.long
 def test_the_folder_holds_table_numbers_and_figure(beam, table, tmp_path):
     (place, _), calibration = beam, table
     save_calibration(calibration, tmp_path / "out", source=place / "set.toml")

@@ -60,6 +60,7 @@ def test_centre_order_three_two_loads(disc_frame):
         assert image.geometry["load_angle_deg"] == pytest.approx(2.0, abs=0.006)
 
 
+# the bars are three times the largest of three seeds' errors; blur leaves chi at 1.9
 @pytest.mark.parametrize(
     ("centre", "options", "bar"),
     [
@@ -69,7 +70,6 @@ def test_centre_order_three_two_loads(disc_frame):
         pytest.param(5.0, {"blur": 1.0}, 3e-4, marks=pytest.mark.study),
     ],
 )
-# the bars are three times the largest of three seeds' errors; blur leaves chi at 1.9
 @pytest.mark.long
 def test_one_load(disc_frame, centre, options, bar):
     found = calibrated(disc_frame, (centre,), **options)
@@ -109,12 +109,12 @@ def test_hostile_frames_are_refused(disc_frame):
     rng = np.random.default_rng(0)
     disc = Disc(diameter_mm=DIAMETER)
     with pytest.raises(PhysicsError, match="rim leaves the frame"):
-        disc_from_images([disc_frame(3.0, rng, shape=(240, 400))], [100.0], disc)
+        disc_from_images([disc_frame(3.0, rng, **SMALL | {"shape": (120, 200)})], [100.0], disc)
     with pytest.raises(PhysicsError, match=r"no round disc|nothing but even|rim leaves"):
         disc_from_images([rng.normal(100, 3, (200, 200))], [100.0], disc)
     with pytest.raises(PhysicsError):  # a bright field taken for a dark one
-        disc_from_images([disc_frame(3.0, rng, bright=True)], [100.0], disc)
-    frames = [disc_frame(c, rng) for c in (2.0, 3.0)]
+        disc_from_images([disc_frame(3.0, rng, bright=True, **SMALL)], [100.0], disc)
+    frames = [disc_frame(c, rng, **SMALL) for c in (2.0, 3.0)]
     with pytest.raises(PhysicsError):
         disc_from_images(frames, [disc_load(3.0), disc_load(2.0)], disc)
 
@@ -191,6 +191,7 @@ def test_a_blur_that_hardly_shows_is_found(disc_frame):
     assert abs(found.fringe_value_n_per_mm - F_SIGMA) < 3.0 * found.standard_uncertainty
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
     rng = np.random.default_rng(3)

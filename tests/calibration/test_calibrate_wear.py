@@ -413,3 +413,13 @@ def test_a_wrong_set_is_refused_in_a_line_and_leaves_nothing(tmp_path, name, mon
     assert stop.value.code == 2
     assert len(said) == 1 and what in said[0]
     assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+def test_a_backslash_in_the_name_of_a_trace_or_a_scene_is_named(tmp_path):
+    """It was looked for as a file with a new line in its name."""
+    set_file, scar = tmp_path / "set.toml", "[scar]\nwidth_mm = 4.0\n"
+    trace = "[[trace]]\nfile = {}\ndistance_m = 31.0\nnormal_n = 44.0\n"
+    for text in (scar + trace.format(r'"new\n1.csv"'), scar + r'scene = "a\new.toml"' + "\n"):
+        set_file.write_text(text, "utf-8")
+        with pytest.raises(InputError, match="a backslash begins an escape"):
+            calibrate_wear(set_file)

@@ -142,6 +142,7 @@ def test_a_misfit_that_is_no_residual_is_within_what_is_stated(disc_frame, optio
             assert any(b.name == "model misfit" for b in found.budget)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_clean_disc_has_no_misfit_and_no_residual(disc_frame):
     rng = np.random.default_rng(1)

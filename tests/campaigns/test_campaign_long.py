@@ -59,6 +59,7 @@ def test_killed_in_the_second_recording_it_ends_with_the_same_bytes(place, code,
     assert not (place / "out.partial").exists()
 
 
+@pytest.mark.study
 def test_recordings_side_by_side_are_the_same_as_one_after_the_other(drawn_stacks, place):
     (place / drawn_stacks[2]).write_bytes(b"no TIFF")
     one = process_campaign(drawn_stacks, "scene.toml", "one")
@@ -81,6 +82,7 @@ class Deadly(str):
         return os._exit, (9,)
 
 
+@pytest.mark.study
 def test_a_recording_that_kills_its_worker_harms_no_other(stacks, place):
     named = [stacks[0], Deadly(stacks[1]), *stacks[2:]]
     found = process_campaign(named, "scene.toml", "out", workers=2)

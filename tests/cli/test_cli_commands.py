@@ -150,6 +150,7 @@ def test_simulate_in_json_is_the_history(quick_isochrome):
     assert found["out"] == "isochrome-simulate" and set(HISTORY) <= set(found["history"])
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_simulate_gives_the_principal_stresses_to_whoever_asks(quick_isochrome, place):
     done = quick_isochrome("simulate", "small.toml", "--out", "Spannung", "--components")
@@ -187,6 +188,7 @@ def test_process_leaves_what_the_contract_names(processed):
         assert 0.95 < chi < 1.05
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_process_leaves_rois_where_they_are_asked_for(isochrome, place):
     roifile = pytest.importorskip("roifile")
@@ -207,6 +209,7 @@ def test_process_finds_the_simulated_order(processed):
     assert np.sqrt(np.mean(error**2)) < 0.005 and np.abs(error).max() < 0.25
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.process_too
 def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome, place):
@@ -259,12 +262,19 @@ def test_fit_gives_the_keys_by_name_and_a_scene_that_reloads(quick_isochrome, pl
 # Calibrate
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("specimen", "command", "keep"),
     [
         # all loads of both: tests/samples/test_samples.py
         pytest.param("bending", "bending", (0, 3), id="bending, two loads", marks=pytest.mark.long),
-        pytest.param("disc", "disc", (0, 2), id="disc, two loads", marks=pytest.mark.long),
+        pytest.param(
+            "disc",
+            "disc",
+            (0, 2),
+            id="disc, two loads",
+            marks=[pytest.mark.long, pytest.mark.study],
+        ),
     ],
 )
 def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, command, keep):

@@ -2,7 +2,7 @@
 
 Every case calls the command line's own entry, in a folder with a space and letters beyond ASCII in
 its name. What a process of its own adds is the same for all: its streams, its exit code, what it
-does as it ends. A case of each command and of either code has one, with `-m long`, or always.
+does as it ends. A case of each command and of either code has one, with `-m study`, or always.
 """
 
 import contextlib
@@ -212,12 +212,10 @@ def test_a_phase_stepped_scene_is_not_processed(refuses, scene_with):
     refuses(2, ["polariscope.step"], *process("frames.tif", scene_with(step)))
 
 
-@pytest.mark.long
 def test_in_another_process_a_refusal_is_one_line_too(place, isochrome):
-    (place / "cut.tif").write_bytes((place / "frames.tif").read_bytes()[:9000])
-    done = isochrome(*process("cut.tif"))
+    done = isochrome(*simulate("weg.toml"))
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
-    assert done.err.startswith("isochrome: cut.tif: ") and not (place / "out").exists()
+    assert done.err.startswith("isochrome: weg.toml: ") and not (place / "out").exists()
 
 
 # A pixel in micrometres or metres
@@ -542,32 +540,33 @@ def test_calibration_set_that_does_not_exist(refuses):
     ],
     ids=lambda a: " ".join(a[:2]),
 )
-def test_a_refusal_with_json_is_one_object_and_one_line(isochrome, arguments):
-    done = isochrome(*arguments, "--json")
+@pytest.mark.process_too
+def test_a_refusal_with_json_is_one_object_and_one_line(quick_isochrome, arguments):
+    done = quick_isochrome(*arguments, "--json")
     found = done.json()
     assert set(found) == {"error", "exit_code"} and found["exit_code"] == done.code == 2
     assert done.err == f"isochrome: {found['error']}\n"
 
 
-@pytest.mark.long
+@pytest.mark.process_too
 @pytest.mark.parametrize(
     ("value", "words"), [(0, "all black"), (255, "all white"), (np.nan, "no number")]
 )
-def test_check_finds_blank_frames_and_ends_with_2(place, isochrome, value, words):
+def test_check_finds_blank_frames_and_ends_with_2(place, quick_isochrome, value, words):
     dtype = np.float32 if np.isnan(value) else np.uint8
     write_stack(place / "flat.tif", np.full((2, 120, 160), value, dtype))
-    done = isochrome("check", "flat.tif", "--scene", "small.toml", "--json")
+    done = quick_isochrome("check", "flat.tif", "--scene", "small.toml", "--json")
     found = done.json()
     assert (done.code, found["ok"], found["frames"], done.err) == (2, False, 2, "")
     errors = [f["text"] for f in found["findings"] if f["level"] == "error"]
     assert len(errors) == 1 and errors[0].startswith("frames 0-1:") and words in errors[0]
 
 
-@pytest.mark.long
-def test_check_finds_a_truncated_tiff_and_ends_with_2(place, isochrome):
+@pytest.mark.process_too
+def test_check_finds_a_truncated_tiff_and_ends_with_2(place, quick_isochrome):
     whole = (place / "frames.tif").read_bytes()
     (place / "cut.tif").write_bytes(whole[: len(whole) // 2])
-    done = isochrome("check", "cut.tif", "--scene", "small.toml")
+    done = quick_isochrome("check", "cut.tif", "--scene", "small.toml")
     assert (done.code, done.err) == (2, "")
     assert done.out.startswith("error: cut.tif") and "truncated" in done.out
 
@@ -604,9 +603,9 @@ def test_a_usage_error_is_one_line_that_names_the_help(quick_isochrome, argument
         assert USAGE[arguments] in done.json()["error"]
 
 
-@pytest.mark.long
-def test_the_two_json_shapes_cannot_be_mixed_up(isochrome):
+@pytest.mark.process_too
+def test_the_two_json_shapes_cannot_be_mixed_up(quick_isochrome):
     # A result never has the key 'error': a script may tell the two apart by it.
-    done = isochrome("check", "frames.tif", "--scene", "small.toml", "--json")
+    done = quick_isochrome("check", "frames.tif", "--scene", "small.toml", "--json")
     assert done.code == 0 and "error" not in done.json()
     assert json.dumps(done.json(), allow_nan=False)

@@ -46,8 +46,8 @@ def largest(scene):
     [
         (0.012, 1e-3),
         (0.003, 1e-3),
-        pytest.param(0.012, 1e-4, marks=pytest.mark.long),
-        pytest.param(0.006, 1e-4, marks=pytest.mark.long),
+        pytest.param(0.012, 1e-4, marks=pytest.mark.study),
+        (0.006, 1e-4),
     ],
 )
 def test_a_contact_that_overruns_its_old_edge_is_within_the_tolerance(spacing, tolerance):
@@ -109,7 +109,7 @@ def steep_rise(length):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("length", "tolerance"),
-    [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.long)],
+    [(3.0, 1e-4), pytest.param(1.0, 1e-4, marks=pytest.mark.study)],
 )
 def test_a_steep_rise_of_the_load_on_a_worn_scar_is_within_the_tolerance(length, tolerance):
     """Goes wrong: the bend of the old edge goes inside faster than wear smooths it, a mesh as fine

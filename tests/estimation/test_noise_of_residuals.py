@@ -96,7 +96,14 @@ def test_what_changes_slowly_from_line_to_line_is_no_noise_of_theirs():
     assert line_correlation(KEEP, (noise(6) + slow).ravel(), 1) > 10.0
 
 
-@pytest.mark.parametrize("kind", ["pixels", "rows", "columns", "compressed"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "pixels",
+        "compressed",
+        *(pytest.param(k, marks=pytest.mark.long) for k in ("rows", "columns")),
+    ],
+)
 def test_the_gradients_covariance_is_that_of_many_draws(kind):
     """Its promise: the variance of Σ r j over draws of the noise, whatever neighbours share."""
     slopes = np.stack([np.sin(ROWS / 40.0).ravel(), np.cos(COLS / 70.0).ravel()])

@@ -123,7 +123,7 @@ def test_nothing_is_freed_in_a_frame_that_is_what_its_scene_says(seed):
 @pytest.mark.parametrize(
     ("key", "value", "bar"),
     [
-        p if i in (1, 3) else pytest.param(*p, marks=pytest.mark.long)
+        p if i in (1, 3, 4) else pytest.param(*p, marks=pytest.mark.study)
         for i, p in enumerate(GEOMETRY)
     ],
 )
@@ -141,7 +141,7 @@ def test_a_camera_that_is_not_square_is_found_and_named(key, value, bar):
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "defects", "value", "bar"),
-    [p if i == 2 else pytest.param(*p, marks=pytest.mark.long) for i, p in enumerate(OTHERS)],
+    [p if i in (2, 4) else pytest.param(*p, marks=pytest.mark.study) for i, p in enumerate(OTHERS)],
 )
 def test_light_and_plates_that_are_not_ideal_are_found_and_named(key, defects, value, bar):
     freed, _, said = fitted(Defects(**defects))
@@ -154,7 +154,7 @@ def test_light_and_plates_that_are_not_ideal_are_found_and_named(key, defects, v
 @pytest.mark.long
 @pytest.mark.parametrize(
     "defects",
-    [p if i in (1, 2) else pytest.param(p, marks=pytest.mark.long) for i, p in enumerate(LIGHTS)],
+    [p if i in (1, 2) else pytest.param(p, marks=pytest.mark.study) for i, p in enumerate(LIGHTS)],
 )
 def test_uneven_light_is_described_and_said(defects):
     freed, _, said = fitted(Defects(**defects))
@@ -180,9 +180,11 @@ def test_dust_and_shadow_are_left_out_and_said(defects):
     "defects",
     [
         {"shadow_px": 2},
-        {"shadow_px": 7, "roll_deg": -1.4, "keystone_x": 0.008},
-        pytest.param({"shadow_px": 6, "spot": 0.1, "bar": 0.1}, marks=pytest.mark.long),
-        pytest.param({"shadow_px": 4, "background_slope": 0.8}, marks=pytest.mark.long),
+        pytest.param(
+            {"shadow_px": 7, "roll_deg": -1.4, "keystone_x": 0.008}, marks=pytest.mark.study
+        ),
+        {"shadow_px": 6, "spot": 0.1, "bar": 0.1},
+        pytest.param({"shadow_px": 4, "background_slope": 0.8}, marks=pytest.mark.study),
     ],
 )
 def test_a_shadow_on_the_surface_bends_nothing_else(defects):
@@ -196,7 +198,7 @@ def test_a_shadow_on_the_surface_bends_nothing_else(defects):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("blur_px", [1.0, 2.0])
+@pytest.mark.parametrize("blur_px", [1.0, pytest.param(2.0, marks=pytest.mark.study)])
 def test_a_blur_is_no_shadow(blur_px):
     """What it does lies near the surface too; no row is left out for it."""
     freed, _, _ = fitted(Defects(blur_px=blur_px))
@@ -208,7 +210,7 @@ def test_a_blur_is_no_shadow(blur_px):
 @pytest.mark.parametrize(
     ("load", "left_mm", "blur_px", "seed"),
     [
-        (42.008, -1.92691, 0.822, 1719522194),
+        pytest.param(42.008, -1.92691, 0.822, 1719522194, marks=pytest.mark.study),
         pytest.param(25.3827, -1.91113, 1.0376, 1587952543, marks=pytest.mark.study),
     ],
 )
@@ -257,7 +259,7 @@ def test_the_area_of_the_pixels_moves_no_load():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("share", [0.99, 1.01])
+@pytest.mark.parametrize("share", [pytest.param(0.99, marks=pytest.mark.study), 1.01])
 def test_a_scale_that_is_off_is_suspected_and_not_freed(share):
     """The frame cannot tell the pixel from the moduli: the message says so."""
     off = bench().with_values({"camera.pixel_mm": share * bench().camera.pixel_mm})
@@ -353,6 +355,7 @@ def test_rows_with_a_noise_of_their_own_are_counted():
     assert np.sum(np.square(found)) < 18.5
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_dust_does_not_hide_what_a_lens_and_a_band_do():
     defects = Defects(dust=30, keystone_z=0.01, band_nm=25.0)
@@ -363,7 +366,7 @@ def test_dust_does_not_hide_what_a_lens_and_a_band_do():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("keystone", [4e-4, 2e-4])
+@pytest.mark.parametrize("keystone", [4e-4, pytest.param(2e-4, marks=pytest.mark.study)])
 def test_a_lens_too_weak_to_be_asked_for_is_in_the_uncertainty(keystone):
     """As it is held the load errs by four and eight standard uncertainties."""
     held, found = [], []

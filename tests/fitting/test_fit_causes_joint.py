@@ -107,6 +107,7 @@ def test_what_the_frames_share_is_one_unknown_of_all(tmp_path, key, defects, val
     assert found.warnings[0].startswith("the frames show ") and f"{key} = " in found.warnings[0]
 
 
+@pytest.mark.long
 def test_what_the_scene_states_is_held_where_that_is_wanted(tmp_path):
     found = joint(tmp_path, Defects(roll_deg=0.5), as_stated=True)
     assert set(found.shared) == {FRICTION, *PLACE} and not found.scene.get(ROLL)
@@ -166,6 +167,7 @@ def test_what_a_videos_frames_share_is_held_through_the_track(tmp_path, key, def
     assert found.searched == (0,) and np.abs(track_pulls(found)).max() < 4.0
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_rich_light_is_held_through_the_track(tmp_path):
     found = followed(tmp_path, Defects(spot=0.5))
@@ -181,7 +183,11 @@ def test_a_track_that_is_held_to_its_scene_is_off(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("key", "value", "spread"), [(ROLL, 0.5, 0.1), ("frames.gamma", 1.1, 0.02)]
+    ("key", "value", "spread"),
+    [
+        pytest.param(ROLL, 0.5, 0.1, marks=pytest.mark.study),
+        ("frames.gamma", 1.1, 0.02),
+    ],
 )
 def test_a_tracked_value_has_the_uncertainty_of_what_is_held(key, value, spread):
     """As much as it moves when that is held one standard uncertainty beside its value."""

@@ -27,6 +27,7 @@ def study(kind: str, seeds: range) -> list[str]:
     return wrong
 
 
+@pytest.mark.long
 def test_a_held_contact_is_found_from_far_values():
     assert study("held", range(6, 7)) == []
 
@@ -92,6 +93,7 @@ def test_another_cylinder_than_the_scenes_is_flagged_by_chi(seed):
     assert fit.chi > 1.3, fit.chi
 
 
+@pytest.mark.long
 def test_other_minima_have_a_value_for_each_key():
     """An unknown that nothing is scanned in has the scene's."""
     case = random_case("held", 1)

@@ -295,6 +295,7 @@ def test_running_in_is_told_with_its_distance(tmp_path):
         assert abs(value - true) < 4.0 * spread, key
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_laws_of_friction_are_alike_where_it_is_constant(tmp_path):
     found = fitted(tmp_path, scene())

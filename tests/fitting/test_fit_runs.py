@@ -190,6 +190,7 @@ def test_two_workers_leave_the_same_files(place, options):
     assert contents(place / "two") == contents(place / "one")
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_cluster_leaves_the_same_files(place, monkeypatch):

@@ -66,6 +66,7 @@ def test_equations_are_the_areas_derivatives_by_the_closed_form():
     assert found.cost == pytest.approx(4.0, rel=1e-6) and found.freedom == 1
 
 
+@pytest.mark.long
 def test_with_scars_no_value_is_less_sure_than_by_the_frame_alone(tmp_path, one_frame):
     start = scene_of([77.0], **TRUTH).with_values({LOAD: 48.0, WEAR: 2.0e-9})
     alone = values_of(isochrome.fit(one_frame, start, [LOAD, FRICTION, WEAR]))

@@ -100,6 +100,7 @@ def test_two_frames_share_the_wear_and_keep_their_own_friction(rendered, tmp_pat
     assert [str(frame) for frame in rows["frame"]] == ["all", "all", "0", "1"]
 
 
+@pytest.mark.long
 def test_uncertainty_is_the_spread_over_seeds(rendered):
     values, spread = [], []
     for seed in range(8):

@@ -206,6 +206,7 @@ def test_load_friction_and_wear_each_over_distance(tmp_path):
     assert found.scene.friction_at(77.0) == found.frames[2][FRICTION]["value"]
 
 
+@pytest.mark.long
 def test_a_set_too_long_to_keep_is_read_in_each_pass_and_fitted_as_if_it_were_kept(tmp_path):
     """Of more than eight frames each pass reads the file again."""
     size = {"camera.width_px": 80, "camera.height_px": 60, "camera.pixel_mm": 0.05}

@@ -102,10 +102,14 @@ TABLE = (upside_down, bright_for_dark, modulus_in_mpa)
 """The rows of the issue; the others are as sure, and take longer."""
 
 
+ONES = (far_away,)
+"""`fit` names the others, by the same question."""
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     "slip",
-    [slip if slip in TABLE else pytest.param(slip, marks=pytest.mark.long) for slip in SLIPS],
+    [slip if slip in ONES else pytest.param(slip, marks=pytest.mark.study) for slip in SLIPS],
     ids=lambda slip: slip.__name__,
 )
 def test_process_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
@@ -148,6 +152,7 @@ def explained(image, scene, keys=None):
     return fit_with_causes(prepare_frame(seen, scene, bit_depth=8), scene, keys)
 
 
+@pytest.mark.long
 def test_a_slip_is_named_beside_a_small_cause():
     """A roll is left for the fit of the mended scene."""
     seen = frame(bench(ROWS, COLS), Defects(roll_deg=0.3, spot=0.2), 2)
@@ -192,6 +197,7 @@ def test_a_turn_on_top_of_the_scenes_own_is_named_as_one(first, then):
     np.testing.assert_array_equal(as_turned(marked, *_together(first, then)), both)
 
 
+@pytest.mark.long
 def test_a_turned_scene_is_named_with_what_its_keys_should_be(image):
     """A picture that was upright, and was stated upside down: no turn is the right one."""
     scene = parse_scene(dump_scene(stated()) + "\n[frames]\nrotate_deg = 180\n")

@@ -79,7 +79,7 @@ def pulls(result, courses):
     ("count", "keys"),
     [
         pytest.param(16, (LOAD, LEFT), marks=pytest.mark.long),
-        pytest.param(40, (LOAD, FRICTION, LEFT), marks=pytest.mark.long),
+        pytest.param(40, (LOAD, FRICTION, LEFT), marks=[pytest.mark.long, pytest.mark.study]),
     ],
 )
 def test_a_drifting_and_swinging_contact_is_followed_with_its_uncertainty(tmp_path, count, keys):

@@ -71,6 +71,7 @@ def test_a_track_is_one_processs_work(tmp_path):
             track(tmp_path / "film.tif", contact(), (LOAD,), out=tmp_path / "out", **means)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_stopped_track_of_a_worn_contact_goes_on_with_its_scar(tmp_path, short_chunks):
     count = 10

@@ -206,16 +206,23 @@ def test_uncertainties_of_the_resultants_are_their_errors():
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(
+    "as_stated", [True, pytest.param(False, marks=pytest.mark.study)], ids=["stated", "asked"]
+)
+def test_a_fit_that_leaves_a_lobe_says_that_tractions_find_it(tmp_path, as_stated):
+    view = Pressed((CONTACT, LOBE), **SMALL)
+    write_tiff(tmp_path / "frame.tif", view.frame()[None], pixel_mm=view.pixel)
+    plain = fit(tmp_path / "frame.tif", view.scene(42.0), FREE, as_stated=as_stated)
+    assert any("--tractions finds the pressure" in text for text in plain.warnings)
+
+
+@pytest.mark.long
 def test_the_command_leaves_tractions_and_principal_stresses(tmp_path):
     view = Pressed((CONTACT, LOBE), **SMALL)
     write_tiff(tmp_path / "frame.tif", view.frame()[None], pixel_mm=view.pixel)
     scene = view.scene(42.0)
 
-    plain = fit(tmp_path / "frame.tif", scene, FREE)
-    assert any("--tractions finds the pressure" in text for text in plain.warnings)
-
     out = tmp_path / "out"
-    # what the frame asks for is asked once: the tractions stand beside it
     found = fit(tmp_path / "frame.tif", scene, FREE, tractions=True, as_stated=True, out=out)
     assert not any("--tractions" in text for text in found.warnings)
     saved = json.loads((out / "fit.json").read_text("utf-8"))["tractions"]

@@ -68,6 +68,7 @@ def test_a_missing_size_is_taken_from_the_file_but_for_a_disc(tmp_path):
     assert with_file_scale(rim, reader) is rim
 
 
+@pytest.mark.long
 def test_fit_and_process_work_with_the_files_size(tmp_path):
     text = (
         "[specimen]\nyoung_gpa = 2.1\npoisson = 0.4\nthickness_mm = 4\nfringe_value_n_per_mm = 15\n"

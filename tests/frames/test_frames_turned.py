@@ -160,6 +160,7 @@ def test_a_turned_file_with_the_turn_stated_gives_the_same_bytes(
         assert check(path, scene).findings == upright["check"]
 
 
+@pytest.mark.long
 def test_a_tracked_recording_is_turned_too(tmp_path, contact):
     _, pictures, text = contact
     found = []

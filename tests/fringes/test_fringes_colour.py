@@ -22,9 +22,9 @@ from isochrome.stress import pixel_grid
 from scene_texts import PAPER_PAIR
 
 
-def slow(value):
-    """A case for the slow run alone."""
-    return pytest.param(value, marks=pytest.mark.long)
+def study(value):
+    """A case of a long test whose other cases hold its promise."""
+    return pytest.param(value, marks=pytest.mark.study)
 
 
 SPECIMENS = {
@@ -188,8 +188,8 @@ def test_full_frames_meet_the_bar(kind, mu, no_load):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("no_load", [slow("dark"), slow("bright"), "none"])
-@pytest.mark.parametrize("kind", ["contact", slow("disc"), "beam"])
+@pytest.mark.parametrize("no_load", [study("dark"), study("bright"), "none"])
+@pytest.mark.parametrize("kind", ["contact", study("disc"), "beam"])
 def test_without_no_load_frames_the_light_is_found(kind, no_load):
     """Without the bright one, wide black places are left open: they may be no specimen at all."""
     shot = rendered(kind, mu=0.3 if kind == "contact" else 0.0)
@@ -284,8 +284,8 @@ def gaussian_response(peaks, widths):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("no_load", [slow("both"), "none"])
-@pytest.mark.parametrize("kind", ["contact", slow("beam")])
+@pytest.mark.parametrize("no_load", [study("both"), "none"])
+@pytest.mark.parametrize("kind", ["contact", study("beam")])
 @pytest.mark.parametrize(
     ("peaks", "widths"), [((620, 560, 440), (35, 33, 30)), ((600, 540, 460), (50, 50, 50))]
 )

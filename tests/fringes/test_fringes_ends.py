@@ -22,8 +22,6 @@ from specimens import NAMES, View, light_of, shoot, view
 RMS, WRONG_SHARE, KEPT = 0.05, 0.005, 0.70
 """What a blind reading promises: fringes, share off by over half a fringe, share kept."""
 WRONG, SCENES = 0.5, 10
-QUICK = ("worn contact, mu 0.3",)
-"""What every run reads; the others are for the long one."""
 
 
 @lru_cache(maxsize=64)
@@ -48,12 +46,14 @@ def is_right(seen: View, got: OrderReading, kept: float = KEPT) -> bool:
     )
 
 
-def long_but(names):
-    return [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.long]) for n in names]
+OTHERS = ("contact", "worn contact", "worn contact, mu 0.3, bulk", "contact, mu 0.3", "beam")
+"""Fields between those that are read in each slow run: a fit as the worn contact's, for them."""
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", long_but(NAMES))
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.study if n in OTHERS else ()) for n in NAMES]
+)
 def test_blind_the_order_is_right_and_most_is_kept(name):
     seen, light, got = reading(name)
     assert light.settled and light.tone == 1.0
@@ -87,7 +87,13 @@ def test_the_dark_end_is_found_where_few_fringes_reach_it():
     assert np.sqrt(np.mean(away**2)) < 0.02
 
 
-@pytest.mark.parametrize("name", long_but(["worn contact, mu 0.3", "hole"]))
+@pytest.mark.parametrize(
+    "name",
+    [
+        "worn contact, mu 0.3",
+        pytest.param("hole", marks=[pytest.mark.long, pytest.mark.study]),
+    ],
+)
 def test_errors_are_as_large_as_their_uncertainties_say(name):
     seen, _, got = reading(name)
     ratio = (got.order - seen.order) / got.uncertainty
@@ -119,10 +125,10 @@ GAMMA = 2.2
     ("name", "ends"),
     [
         ("worn contact, mu 0.3", "both"),
-        pytest.param("worn contact, mu 0.3", "none", marks=pytest.mark.long),
         *(
-            pytest.param(*case, marks=[pytest.mark.study, pytest.mark.long])
+            pytest.param(*case, marks=pytest.mark.study)
             for case in (
+                ("worn contact, mu 0.3", "none"),
                 ("worn contact, mu 0.3, bulk", "none"),
                 ("disc", "both"),
                 ("beam", "none"),

@@ -66,7 +66,9 @@ def quenched_disc():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", [light_disc, quenched_disc, layered_contact])
+@pytest.mark.parametrize(
+    "case", [pytest.param(light_disc, marks=pytest.mark.study), quenched_disc, layered_contact]
+)
 def test_the_loads_own_field_is_left(case):
     scene, residual = case()
     sets = with_residual(scene, residual, exposure=0.9)
@@ -192,7 +194,9 @@ def test_a_residual_that_may_be_beyond_half_an_order_all_over_is_left_out_and_sa
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.study) for seed in (2, 3))]
+)
 def test_noise_of_ten_grey_levels_is_told(seed):
     rng = np.random.default_rng(seed)
     scene = disc(**{"camera.noise_grey": 10.0, "load.normal_n": rng.uniform(50.0, 450.0)})

@@ -111,6 +111,7 @@ def test_in_wide_band_light_no_order_is_lost_or_wrong(name):
     assert share > 0.85 and wrong == 0.0 and rms < 0.01
 
 
+@pytest.mark.long
 def test_a_blurred_lens_loses_no_order():
     order = WIDE["valley"]
     wave = gaussian_filter(np.cos(2.0 * np.pi * order), 2.0, mode="nearest")

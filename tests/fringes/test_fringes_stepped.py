@@ -213,7 +213,7 @@ def test_the_order_of_the_steps_does_not_matter():
 @pytest.mark.parametrize(
     ("scene", "highest"),
     [
-        (disc(), 17.0),
+        pytest.param(disc(), 17.0, marks=pytest.mark.long),
         (disc(**UNMATCHED, **MISALIGNED), 17.0),
         pytest.param(contact(), 3.0, marks=pytest.mark.long),
         pytest.param(contact(0.3), 3.4, marks=pytest.mark.long),

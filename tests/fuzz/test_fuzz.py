@@ -50,7 +50,7 @@ def test_a_finding_is_kept_with_its_reason(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("way", ["chance", "coverage"])
+@pytest.mark.parametrize("way", ["chance", pytest.param("coverage", marks=pytest.mark.study)])
 def test_the_command_for_long_runs(way, tmp_path):
     if way == "coverage":
         pytest.importorskip("atheris", reason="atheris is there for Linux on x86-64 alone")

@@ -9,9 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import isochrome
+from package_code import HOUSE, modules, nodes
 
-HOUSE = Path(isochrome.__file__).parent
 WORDS = Path(__file__).with_name("files.toml")
 
 HEAD = """# Every file and column
@@ -88,23 +87,26 @@ def has_words(column: str, known: set[str]) -> bool:
     return not rest or rest == "standard_uncertainty" or f"KEY {rest}" in known
 
 
+def _is_layer(function: ast.expr) -> bool:
+    return isinstance(function, ast.Name) and function.id == "Layer"
+
+
 @cache
 def left_by_the_code() -> set[str]:
     """File names that stand in the code of the rooms whose commands leave files."""
     found = set()
-    for path in sorted(HOUSE.rglob("*.py")):
+    for path in modules():
         place = path.relative_to(HOUSE).as_posix()
         if place.startswith(("samples", "benchmarks", "guide", "cli", "demonstration")):
             continue
-        tree = ast.parse(path.read_text("utf-8"))
-        told = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
-        for node in ast.walk(tree):
+        told = {id(n.value) for n in nodes(path) if isinstance(n, ast.Expr)}
+        for node in nodes(path):
             text = node.value if isinstance(node, ast.Constant) and id(node) not in told else None
             if isinstance(text, str) and re.fullmatch(
                 r"[a-z_0-9]+\.(csv|tif|png|json|toml|zip|zarr|nc|txt)", text
             ):
                 found.add(text)
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Layer":
+            if isinstance(node, ast.Call) and _is_layer(node.func):
                 name = node.args[0]
                 if isinstance(name, ast.Constant) and not any(
                     k.arg == "stack" for k in node.keywords

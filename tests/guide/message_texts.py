@@ -5,14 +5,13 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import isochrome
+from package_code import HOUSE, modules, nodes
 
-HOUSE = Path(isochrome.__file__).parent
 WORDS = Path(__file__).with_name("messages.toml")
 GAP = "…"
 """What stands for a value that is put into a sentence."""
@@ -60,32 +59,31 @@ def no_messages() -> list[str]:
 def texts() -> dict[str, str]:
     """The texts of the code that may be said to a user, and the module of each."""
     found: dict[str, str] = {}
-    for path in sorted(HOUSE.rglob("*.py")):
+    for path in modules():
         place = path.relative_to(HOUSE).as_posix()
         silent = path.name == "figure.py" or place.startswith(SILENT)
-        tree = ast.parse(path.read_text("utf-8"))
-        found |= dict.fromkeys(texts_of(tree, raised_alone=silent), place)
+        found |= dict.fromkeys(texts_of(nodes(path), raised_alone=silent), place)
     return found
 
 
-def texts_of(tree: ast.AST, *, raised_alone: bool = False) -> Iterator[str]:
+def texts_of(walked: Sequence[ast.AST], *, raised_alone: bool = False) -> Iterator[str]:
     """What is raised, however short, and what else has some words; docstrings apart."""
     passed: set[int] = set()
-    for node in ast.walk(tree):
+    for node in walked:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             passed.add(id(node.value))
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).startswith("typer."):
+        elif isinstance(node, ast.Call) and _called(node.func).startswith("typer."):
             passed |= {id(inner) for inner in ast.walk(node)}
         elif isinstance(node, ast.JoinedStr):
             passed |= {id(inner) for inner in node.values}
     raised = {
         id(inner)
-        for node in ast.walk(tree)
+        for node in walked
         if isinstance(node, ast.Raise | ast.Call) and (call := _of_exception(node))
         for given in call.args
         for inner in ast.walk(given)
     }
-    for node in ast.walk(tree):
+    for node in walked:
         if id(node) in passed or not isinstance(node, ast.Constant | ast.JoinedStr):
             continue
         if raised_alone and id(node) not in raised:
@@ -100,7 +98,14 @@ def _of_exception(node: ast.Raise | ast.Call) -> ast.Call | None:
     """The call that makes an exception, or ends a command, with a text."""
     if isinstance(node, ast.Raise):
         return node.exc if isinstance(node.exc, ast.Call) else None
-    return node if ast.unparse(node.func) in ("fail", "Finding") else None
+    return node if _called(node.func) in ("fail", "Finding") else None
+
+
+def _called(function: ast.expr) -> str:
+    """The dotted name of what is called; empty where it has none."""
+    if isinstance(function, ast.Attribute):
+        return f"{_called(function.value)}.{function.attr}"
+    return function.id if isinstance(function, ast.Name) else ""
 
 
 def fixed(node: ast.Constant | ast.JoinedStr) -> str:
@@ -119,12 +124,17 @@ def entry_of(text: str, known: list[Entry]) -> Entry | None:
     return max(having, key=lambda pair: pair[0])[1] if having else None
 
 
+@cache
+def explained() -> dict[str, Entry | None]:
+    """Every text of the code with the entry that explains it."""
+    return {text: entry_of(text, entries()) for text in texts()}
+
+
 def page() -> str:
     """The page as Markdown: rooms, entries, and under each the messages that it explains."""
-    known, said = entries(), texts()
+    known = entries()
     shown: dict[str, list[str]] = {entry.title: [] for entry in known}
-    for text in said:
-        entry = entry_of(text, known)
+    for text, entry in explained().items():
         if entry is not None:
             shown[entry.title].append(text)
     lines = [HEAD]

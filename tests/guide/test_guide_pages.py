@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import re
 
@@ -102,11 +103,11 @@ def test_a_new_column_would_be_noticed():
 
 
 def test_every_message_has_its_meaning_cause_and_remedy():
-    known, silent = message_texts.entries(), message_texts.no_messages()
+    explained, silent = message_texts.explained(), message_texts.no_messages()
     missing = {
         text: place
         for text, place in message_texts.texts().items()
-        if message_texts.entry_of(text, known) is None and not any(w in text for w in silent)
+        if explained[text] is None and not any(w in text for w in silent)
     }
     assert not missing, (
         f"no words for the messages {missing}; put some fixed words of each under `words` of an "
@@ -122,10 +123,11 @@ def test_every_entry_is_whole_and_is_for_a_message_that_the_code_has():
     assert not stale, f"no message has these words any more; remove them: {stale}"
     assert len(words) == len(set(words)) and all(len(w) >= 7 for w in words)
     titles = [entry.title for entry in known]
+    used = {id(entry) for entry in message_texts.explained().values()}
     assert len(titles) == len(set(titles))
     for entry in known:
         assert all(part.endswith(".") for part in (entry.meaning, entry.cause, entry.remedy))
-        assert any(message_texts.entry_of(t, known) is entry for t in said), entry.title
+        assert id(entry) in used, entry.title
 
 
 def test_messages_are_read_from_the_code():
@@ -137,7 +139,7 @@ def f(x):
     y = "a sentence that is a warning, of many words"
     return _damaged("half of it"), "short label"
 '''
-    found = set(message_texts.texts_of(message_texts.ast.parse(code)))
+    found = set(message_texts.texts_of(list(ast.walk(ast.parse(code)))))
     assert found == {"…: is bad; mend it", "a sentence that is a warning, of many words"}
 
 

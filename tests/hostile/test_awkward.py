@@ -53,9 +53,7 @@ def check_done(ended):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "name", [NAMES[2], *(pytest.param(n, marks=pytest.mark.long) for n in NAMES if n != NAMES[2])]
-)
+@pytest.mark.parametrize("name", NAMES)
 def test_any_name_that_the_system_can_hold_will_do(place, name):
     (place / f"d{name}").mkdir()
     (place / f"{name}.toml").write_text(PLAIN, "utf-8")

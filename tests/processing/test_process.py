@@ -149,7 +149,7 @@ def test_fitted_values_are_the_rendered_ones(first_and_last):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("radius_mm", [27.0, 49.22])
+@pytest.mark.parametrize("radius_mm", [27.0, pytest.param(49.22, marks=pytest.mark.study)])
 def test_a_wrong_scene_gives_a_poor_chi_and_says_so(radius_mm, tmp_path):
     """A radius 10 % off leaves orders to be used with care; one twice too large leaves none."""
     write_tiff(tmp_path / "static.tif", simulate(parse_scene(STATIC)).frames)

@@ -105,6 +105,7 @@ def test_an_array_in_memory_and_on_disk_leaves_the_same_and_is_not_taken_for_ano
     assert not isochrome.process(changed, RING, "OUT").already
 
 
+@pytest.mark.long
 def test_results_in_memory_are_compared_as_their_folders_are(ring):
     found, simulated = isochrome.process(ring[0], RING), isochrome.simulate(RING)
     isochrome.process(ring[0], RING, "OUT")

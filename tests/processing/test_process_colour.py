@@ -127,6 +127,7 @@ def test_a_pixel_that_is_saturated_in_a_no_load_frame_is_not_used(folder, tmp_pa
     assert not known[151:169, 101:139].any() and known[180:].mean() > 0.95
 
 
+@pytest.mark.long
 def test_a_mask_of_the_specimen_is_kept_to(folder):
     corners = "[[60.0, 50.0], [60.0, 250.0], [200.0, 250.0], [200.0, 50.0]]"
     text = SCENE + NO_LOAD + f"polygon_px = {corners}\n"

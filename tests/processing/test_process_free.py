@@ -187,7 +187,7 @@ def test_a_wrong_gamma_is_told_with_what_to_set_and_costs_its_pixels(captured):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("share", "read"), [(0.09, False), pytest.param(0.015, True, marks=pytest.mark.long)]
+    ("share", "read"), [(0.09, False), pytest.param(0.015, True, marks=pytest.mark.study)]
 )
 def test_an_overexposed_frame_gives_no_order_without_a_bright_no_load_frame(captured, share, read):
     """The bright crests are cut off: how bright they would be is not in the picture."""

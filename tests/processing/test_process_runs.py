@@ -248,7 +248,7 @@ if __name__ == "__main__":
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to another process there")
 def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
-    place = make_set(tmp_path, 400)
+    place = make_set(tmp_path, 160)  # eight chunks
     again = command("out", "1")
     run = start(place, code, "-m", *again)
     wait_until(lambda: finished_chunks(place / "out") >= 2, "it finished no chunks", run=run)
@@ -256,8 +256,8 @@ def test_ctrl_c_keeps_what_is_finished_and_names_the_command(tmp_path, code):
     _, said = run.communicate(timeout=60)
     assert run.returncode == 130
     assert said.count("\n") == 1 and said.startswith("isochrome: stopped; ")
-    assert "of 400 are finished and kept in " in said
+    assert "of 160 are finished and kept in " in said
     assert said.rstrip().endswith(f"to resume: isochrome {shlex.join(again[1:])}")
     assert not (place / "out").exists()
     finished(start(place, code, "-m", *again))
-    assert tifffile.imread(place / "out" / "normalised.tif").shape == (400, ROWS, COLS)
+    assert tifffile.imread(place / "out" / "normalised.tif").shape == (160, ROWS, COLS)

@@ -139,6 +139,7 @@ def test_a_complete_run_gives_its_table_again(tracked):
             np.testing.assert_array_equal(numbers(again.columns[name]), numbers(values), name)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_two_workers_leave_the_same_files(tracked):
     place, _ = tracked
@@ -233,6 +234,7 @@ def rings():
     return np.clip(light + np.random.default_rng(1).normal(0.0, 3.0, SHAPE), 0, 255)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_both_commands_that_track_say_the_same(tmp_path):
     """A jump, fringes of something else, and no fringes: one engine decides what is told."""
@@ -335,6 +337,7 @@ def test_every_is_for_tracking(tmp_path):
         process(place / "film.tif", place / "scene.toml", place / "out", every=5)
 
 
+@pytest.mark.study
 @pytest.mark.long
 def test_a_worn_contact_is_followed_by_its_frames_times(tmp_path):
     """A sliding speed of 100 m/s in jest: 2 m from frame to frame, and the scar grows as by law."""

@@ -11,6 +11,7 @@ import pytest
 from isochrome.errors import InputError
 from isochrome.scars import LevelledTrace, Roughness, Trace, UnclearScarError, levelled
 from isochrome.scars.roughness import fit_roughness, make_bands
+from isochrome.scars.template import ScarShape, form_spread, refine_place, whitening
 from worn_scars import (
     DISTANCES_M,
     FINISHES,
@@ -199,3 +200,30 @@ def test_a_result_is_whole():
     assert len(found.x_mm) == len(found.depth_um) == len(found.level_um) == len(found.unworn)
     assert found.depth_covariance_um2.shape == (len(found.x_mm),) * 2
     assert found.levelling_uncertainty_mm2 < found.worn_area_uncertainty_mm2
+
+
+def test_a_places_covariance_is_that_of_all_its_unknowns():
+    """Truth: depth, place, width, exponent and form side by side, by central differences."""
+    x = np.linspace(0.0, 6.0, 241)
+    noise, truth = 0.05, np.array([4.0, 3.1, 0.9, 2.5])
+
+    def depth(values):
+        fine = x[:, None] + (x[1] - x[0]) * (np.arange(40) + 0.5 - 20.0) / 40.0
+        u = np.abs((fine - values[1]) / values[2])
+        return values[0] * np.mean(np.maximum(1.0 - u ** values[3], 0.0) ** 1.2, axis=1)
+
+    size = 1e-3 * truth
+    slopes = [(depth(truth + e) - depth(truth - e)) / (2.0 * e.sum()) for e in np.diag(size)]
+    form = np.polynomial.legendre.legvander(x / 3.0 - 1.0, 4)
+    rows = np.column_stack([*slopes, form])
+    normal = rows.T @ rows / noise**2 + np.diag(1.0 / np.r_[[np.inf] * 4, form_spread(x, 4)] ** 2)
+    normal[3, 3] += 1.0 / 0.7**2  # what is known of the exponent beforehand
+    start = ScarShape(3.0, 1.0, 2.5)
+    found = refine_place(x, -depth(truth), start, whitening(x, noise**2 * np.eye(len(x))))
+    assert (found.centre_mm, found.half_mm) == pytest.approx((3.1, 0.9), abs=1e-3)
+    # shapes are means of five points of a bin, and slopes one-sided differences of a hundredth
+    expected = np.linalg.inv(normal)[1:4, 1:4]
+    spread = np.sqrt(np.diag(expected))
+    assert found.covariance / np.outer(spread, spread) == pytest.approx(
+        expected / np.outer(spread, spread), abs=0.05
+    )

@@ -134,6 +134,7 @@ def test_a_stopped_simulation_goes_on_and_ends_with_the_same_bytes(tmp_path, mon
     assert not (tmp_path / "out.partial").exists()
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(
     "components",
@@ -148,6 +149,7 @@ def test_two_workers_leave_the_same_files(tmp_path, components):
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 
+@pytest.mark.study
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_cluster_leaves_the_same_files(tmp_path):
@@ -160,6 +162,7 @@ def test_a_cluster_leaves_the_same_files(tmp_path):
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 
+@pytest.mark.study
 @pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", pytest.param("2", marks=pytest.mark.study)])

@@ -189,9 +189,9 @@ def half_plane_and_block(solid):
     ("solid", "bar"),
     [
         (Solid(spacing_mm=0.04), 2.5e-3),
-        pytest.param(Solid(support="sliding"), 1e-3, marks=pytest.mark.long),
+        pytest.param(Solid(support="sliding"), 1e-3, marks=[pytest.mark.long, pytest.mark.study]),
         pytest.param(Solid(friction=0.25), 1e-3, marks=pytest.mark.long),
-        pytest.param(Solid(left_mm=-6.0), 1e-3, marks=pytest.mark.long),
+        pytest.param(Solid(left_mm=-6.0), 1e-3, marks=[pytest.mark.long, pytest.mark.study]),
     ],
 )
 def test_a_blocks_stress_is_that_of_finite_elements_of_all_of_it(solid, bar):

@@ -11,7 +11,7 @@ from .files import (
 )
 from .frame_names import counted_frames, messages_of_frames, named_frames
 from .frame_values import FrameValues
-from .given_table import GivenTable, read_given_table
+from .given_table import GivenTable, numbered_lines, read_given_table, read_given_text
 from .record import InputContent, provenance, sha256, write_figure
 from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with_uncertainty
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
@@ -40,6 +40,7 @@ __all__ = [
     "make_canvas",
     "messages_of_frames",
     "named_frames",
+    "numbered_lines",
     "numbers",
     "open_canvas",
     "output_folder",
@@ -49,6 +50,7 @@ __all__ = [
     "provenance",
     "read_csv",
     "read_given_table",
+    "read_given_text",
     "read_pixel_mm",
     "read_roi_mask",
     "replacing",

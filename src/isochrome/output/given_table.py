@@ -69,6 +69,67 @@ class GivenTable:
         return found
 
 
+def read_given_text(path: Path, what: str, *, fallback: str | None = None) -> str:
+    """Read the text of a file that somebody gives, in UTF-8 with a byte-order mark or without one.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What it is to be, in words, such as 'the friction'.
+    fallback : str, optional
+        Encoding of what is no UTF-8; without one that is refused.
+
+    Returns
+    -------
+    str
+        Its text.
+
+    Raises
+    ------
+    InputError
+        Where it is no plain file, too large, cannot be read, or is no text.
+    """
+    try:
+        check_given_table(path, what)
+        given = path.read_bytes()
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise InputError(f"{path}: {what} cannot be read ({why}); check its name") from error
+    try:
+        text = given.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if fallback is None:
+            raise InputError(
+                f"{path}: {what} cannot be read (not UTF-8 text); save it as UTF-8"
+            ) from error
+        text = given.decode(fallback)
+    if "\0" in text:
+        raise InputError(f"{path}: is no text; export {what} as a CSV file")
+    return text
+
+
+def numbered_lines(text: str) -> list[tuple[int, str]]:
+    """Number the lines of a table from 1; empty ones and those that begin with # are passed over.
+
+    Parameters
+    ----------
+    text : str
+        The table's text.
+
+    Returns
+    -------
+    list of tuple of int and str
+        Number and line.
+    """
+    return [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith(_COMMENT)
+    ]
+
+
 def read_given_table(path: Path, what: str) -> GivenTable:
     """Read a table of numbers: UTF-8 text with one header line of names, then a line a row.
 
@@ -93,21 +154,7 @@ def read_given_table(path: Path, what: str) -> GivenTable:
     InputError
         Where it cannot be read, is empty, or a row has another number of cells than the header.
     """
-    try:
-        check_given_table(path, what)
-        text = path.read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise InputError(
-            f"{path}: {what} cannot be read ({reason}); check its name, and save it as UTF-8"
-        ) from error
-    if "\0" in text:
-        raise InputError(f"{path}: is no text; export {what} as a CSV file")
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith(_COMMENT)
-    ]
+    lines = numbered_lines(read_given_text(path, what))
     if not lines:
         raise InputError(f"{path}: an empty table; give one with a header line")
     try:

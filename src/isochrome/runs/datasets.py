@@ -8,7 +8,7 @@ from typing import Any
 import xarray
 from xarray.plot.accessor import DataArrayPlotAccessor
 
-from isochrome.runs.store import Column, described, identifier
+from isochrome.runs.store import Column, described, with_identifiers
 
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))
 """The two axes of a picture: in mm, or where no scale is known in pixels."""
@@ -107,8 +107,7 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
     RunDataset
         The same data, not read yet where they were not.
     """
-    named = {str(name): identifier(str(name)) for name in (*dataset.variables, *dataset.sizes)}
-    found = dataset.rename({old: new for old, new in named.items() if old != new})
+    found = with_identifiers(dataset)
     axes = {
         pixel: place
         for place, pixel in zip(*_PICTURE, strict=True)

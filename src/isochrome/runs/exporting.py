@@ -11,7 +11,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.output import replacing, staged, write_csv, write_frames
-from isochrome.runs.store import STORE, identifier, open_store
+from isochrome.runs.store import STORE, open_store, with_identifiers
 
 if TYPE_CHECKING:
     import xarray
@@ -63,8 +63,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
     place = Path(run)
     target = Path(out) if out is not None else place
     with open_store(place) as stored, staged(target) as folder:
-        names = {str(name): identifier(str(name)) for name in (*stored.variables, *stored.sizes)}
-        dataset = stored.rename({old: new for old, new in names.items() if old != new})
+        dataset = with_identifiers(stored)
         try:
             files = _write(dataset, to, folder)
         except (ValueError, KeyError, TypeError, IndexError, RuntimeError) as error:

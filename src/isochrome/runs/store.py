@@ -151,6 +151,12 @@ def identifier(name: str) -> str:
     return re.sub(r"\W", "_", name)
 
 
+def with_identifiers(dataset: xarray.Dataset) -> xarray.Dataset:
+    """A dataset whose variables and axes are named by identifiers, of whatever version it is."""
+    names = {str(name): identifier(str(name)) for name in (*dataset.variables, *dataset.sizes)}
+    return dataset.rename({old: new for old, new in names.items() if old != new})
+
+
 def described(name: str, column: Column) -> dict[str, Any]:
     """The attributes of a column in a dataset, where its name is another than in a table."""
     said = {} if identifier(name) == name else {"long_name": name}

@@ -235,12 +235,9 @@ def _level(
     messages: tuple[str, ...],
     ridged: bool = False,
 ) -> LevelledTrace:
-    """The levelled trace of a scar's place, its roughness and its shoulders.
-
-    Where there are ridges, the window ends at the edges.
-    """
+    """The levelled trace of a scar; where there are ridges, the window ends at its edges."""
     x, z, step = bins.x_mm, bins.z_um, bins.spacing_mm
-    edges = place.centre_mm - place.half_mm, place.centre_mm + place.half_mm
+    edges = _edges(place)
     low, high = edges if ridged else _window(place, step)
     inside = _parts(x, step, low, high)
     covariance = _firm(roughness.covariance(len(x)))
@@ -251,19 +248,10 @@ def _level(
     variance, freedom = roughness.variance(rows)
     wider = student_factor_of(freedom)
     areas = np.array([(to_area @ one - to_area) @ z for one in levels])
-    between = float(weights @ (areas - weights @ areas) ** 2)
     drawn = _drawn(x, levels, weights)
-    variance += float(to_area @ drawn @ to_area)
+    shared = float(to_area @ drawn @ to_area + weights @ (areas - weights @ areas) ** 2)
     own = to_area @ level
-    flank = _FLANK * place.half_mm
-    beside = np.array(
-        [
-            _parts(x, step, edges[0] - flank, edges[0]),
-            _parts(x, step, edges[1], edges[1] + flank),
-        ]
-    )
-    ridges = 1e-3 * step * (beside - beside @ level)
-    ridge_variance = max(roughness.variance(row)[0] for row in ridges)
+    ridges, ridge_uncertainty = _ridges(bins, place, level, roughness)
     to_depth = level - np.eye(len(x))
     return LevelledTrace(
         name=name,
@@ -275,20 +263,38 @@ def _level(
         edge_uncertainty_mm=place.edge_uncertainty_mm,
         window_mm=(low, high),
         worn_area_mm2=float(rows @ z),
-        worn_area_uncertainty_mm2=float(np.sqrt(wider * (variance + between))),
+        worn_area_uncertainty_mm2=float(np.sqrt(wider * (variance + shared))),
         degrees_of_freedom=freedom,
-        levelling_uncertainty_mm2=float(
-            np.sqrt(wider * (own @ covariance @ own + to_area @ drawn @ to_area + between))
-        ),
+        levelling_uncertainty_mm2=float(np.sqrt(wider * (own @ covariance @ own + shared))),
         depth_covariance_um2=wider * (to_depth @ covariance @ to_depth.T + drawn),
         roughness=roughness,
         deepest_um=place.depth_um,
         clear=place.clear,
-        ridges_mm2=(float(ridges[0] @ z), float(ridges[1] @ z)),
-        ridge_uncertainty_mm2=float(np.sqrt(ridge_variance)),
+        ridges_mm2=ridges,
+        ridge_uncertainty_mm2=ridge_uncertainty,
         spikes=bins.spikes,
         messages=messages,
     )
+
+
+def _edges(place: ScarShape) -> tuple[float, float]:
+    return place.centre_mm - place.half_mm, place.centre_mm + place.half_mm
+
+
+def _ridges(
+    bins: BinnedTrace, place: ScarShape, level: Array, roughness: Roughness
+) -> tuple[tuple[float, float], float]:
+    """Areas above the level, left and right beside the scar, and their uncertainty, mm²."""
+    (left, right), flank = _edges(place), _FLANK * place.half_mm
+    beside = np.array(
+        [
+            _parts(bins.x_mm, bins.spacing_mm, left - flank, left),
+            _parts(bins.x_mm, bins.spacing_mm, right, right + flank),
+        ]
+    )
+    rows = 1e-3 * bins.spacing_mm * (beside - beside @ level)
+    variance = max(roughness.variance(row)[0] for row in rows)
+    return (float(rows[0] @ bins.z_um), float(rows[1] @ bins.z_um)), float(np.sqrt(variance))
 
 
 def _drawn(x: Array, levels: Array, weights: Array) -> Array:

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.estimation import Bounds, Damping, minimise
+
 Array = NDArray[Any]
 
 FORM_DEGREES = (2, 3, 4)
@@ -43,8 +45,10 @@ _EDGE_MODEL = 0.01
 _BOUNDS, _USUAL, _SPREAD = (1.3, 6.0), 2.5, 0.7
 """Exponents m: bounds, mean and standard deviation of the prior."""
 
-_STEPS, _SETTLED = 25, 3e-3
-"""Most steps, and the gain in variances that ends them."""
+_STEPS, _SETTLED = 25, 1e-4
+"""Most steps, and the promised gain in variances that ends them: a hundredth of an uncertainty."""
+_DAMPING, _REACH = 1e-3, 0.3
+"""The first damping, and the longest step over the half-width."""
 _PARTS = 5
 """Points of a bin over which the shape is averaged."""
 
@@ -145,68 +149,79 @@ def first_place(x_mm: Array, z_um: Array, white: Array) -> ScarShape:
 def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> ScarShape:
     """The least-squares place from a start, with the roughness's covariance.
 
-    Gauss-Newton in c, ln a and m; depth and form are solved for in every step.
+    Damped steps in c, ln a and m; depth and form are solved for at every one.
     """
-    z = white @ z_um
-    step_mm = x_mm[1] - x_mm[0]
-    limits = np.log([_NARROWEST * step_mm, _WIDEST * (x_mm[-1] - x_mm[0])])
-    middle = x_mm[0], x_mm[-1]
-    unknown = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
-
-    def column(values: Array) -> Array:
-        return np.asarray(white @ shape(x_mm, values[0], float(np.exp(values[1])), values[2]))
-
-    def cost_of(values: Array) -> tuple[float, float, Array]:
-        c = column(values)
-        depth = float(c @ z) / max(float(c @ c), 1e-300)
-        own = ((values[2] - _USUAL) / _SPREAD) ** 2
-        return float(np.sum((z - depth * c) ** 2)) + own, depth, c
-
-    def jacobian(values: Array, depth: float, c: Array) -> Array:
-        sizes = np.array([0.01 * np.exp(values[1]), 0.01, 0.02])
-        moved = [(column(values + e) - c) / e.sum() for e in np.diag(sizes)]
-        return np.column_stack([c, *(depth * m for m in moved)])
-
-    def allowed(values: Array) -> Array:
-        return np.array(
-            [
-                np.clip(values[0], *middle),
-                np.clip(values[1], *limits),
-                np.clip(values[2], *_BOUNDS),
-            ]
-        )
-
-    prior = np.diag([0.0, 0.0, 0.0, 1.0 / _SPREAD**2])
-    cost, depth, c = cost_of(unknown)
-    damping = 1e-3
-    for _ in range(_STEPS):
-        rows = jacobian(unknown, depth, c)
-        normal = rows.T @ rows + prior
-        right = rows.T @ (z - depth * c)
-        right[3] -= (unknown[2] - _USUAL) / _SPREAD**2
-        held = np.diag(damping * np.maximum(np.diag(normal), 1e-12))
-        move = np.linalg.solve(normal + held, right)[1:]
-        trial = allowed(
-            unknown + np.clip(move, -0.3 * np.exp(unknown[1]), 0.3 * np.exp(unknown[1]))
-        )
-        new = cost_of(trial)
-        if new[0] <= cost:
-            gained = cost - new[0]
-            (cost, depth, c), unknown, damping = new, trial, damping / 5.0
-            if gained < _SETTLED:
-                break
-        else:
-            damping *= 8.0
-            if damping > 1e8:
-                break
-    rows = jacobian(unknown, depth, c)
-    inverse = np.linalg.inv(rows.T @ rows + prior)
-    scale = np.array([1.0, float(np.exp(unknown[1])), 1.0])
-    return ScarShape(
-        centre_mm=float(unknown[0]),
-        half_mm=float(np.exp(unknown[1])),
-        exponent=float(unknown[2]),
-        depth_um=-depth,
-        covariance=inverse[1:, 1:] * np.outer(scale, scale),
-        clear=abs(depth) * float(np.sqrt(c @ c)),
+    heights = _WhiteHeights(x_mm, white, white @ z_um)
+    length, step_mm = float(x_mm[-1] - x_mm[0]), float(x_mm[1] - x_mm[0])
+    bounds = Bounds(
+        np.array([x_mm[0], np.log(_NARROWEST * step_mm), _BOUNDS[0]]),
+        np.array([x_mm[-1], np.log(_WIDEST * length), _BOUNDS[1]]),
     )
+
+    def cut(values: Array, step: Array) -> Array:
+        reach = _REACH * np.exp(values[1])
+        return bounds.cut(values, np.clip(step, -reach, reach))
+
+    values = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
+    values = values + bounds.cut(values, np.zeros(3))
+    found = minimise(
+        heights.at,
+        values,
+        heights.at(values),
+        enough=lambda _: _SETTLED,
+        damping=Damping(_DAMPING),
+        iterations=_STEPS,
+        bounds=bounds,
+        cut=cut,
+    )
+    (centre, _, exponent), half = found.values.tolist(), float(np.exp(found.values[1]))
+    scale = np.array([1.0, half, 1.0])
+    return ScarShape(
+        centre_mm=centre,
+        half_mm=half,
+        exponent=exponent,
+        depth_um=-found.point.depth,
+        covariance=np.linalg.inv(found.point.normal) * np.outer(scale, scale),
+        clear=abs(found.point.depth) * found.point.size,
+    )
+
+
+@dataclass(frozen=True)
+class _PlacePoint:
+    """Least squares at one place: what `minimise` asks, `depth` -D, and `size` of the column."""
+
+    cost: float
+    normal: Array
+    gradient: Array
+    depth: float
+    size: float
+
+
+@dataclass(frozen=True)
+class _WhiteHeights:
+    """Whitened heights `z` (n,) over `x_mm` (n,), and what whitens (n, n)."""
+
+    x_mm: Array
+    white: Array
+    z: Array
+
+    def column(self, values: Array) -> Array:
+        """The whitened shape (n,) of c, ln a and m."""
+        centre, half, exponent = values[0], float(np.exp(values[1])), values[2]
+        return np.asarray(self.white @ shape(self.x_mm, centre, half, exponent))
+
+    def at(self, values: Array) -> _PlacePoint:
+        """Cost and normal equations in c, ln a and m, with the depth eliminated."""
+        c = self.column(values)
+        square = max(float(c @ c), 1e-300)
+        depth = float(c @ self.z) / square
+        residual = self.z - depth * c
+        steps = np.diag([0.01 * np.exp(values[1]), 0.01, 0.02])
+        slopes = [depth * (self.column(values + e) - c) / e.sum() for e in steps]
+        rows = np.array([slope - c * float(c @ slope) / square for slope in slopes])
+        away = (values[2] - _USUAL) / _SPREAD
+        normal, gradient = rows @ rows.T, rows @ residual
+        normal[2, 2] += 1.0 / _SPREAD**2
+        gradient[2] -= away / _SPREAD
+        cost = float(residual @ residual) + float(away**2)
+        return _PlacePoint(cost, normal, gradient, depth, float(np.sqrt(square)))

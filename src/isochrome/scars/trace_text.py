@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.output import check_given_table
+from isochrome.output import numbered_lines, read_given_text
 
 Array = NDArray[Any]
 
@@ -42,26 +42,13 @@ def parse_trace(path: Path) -> tuple[Array, Array]:
 
     Raises InputError that names the file, the line and the fix.
     """
-    try:
-        check_given_table(path, "the trace")
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        why = error.strerror or str(error)
-        raise InputError(f"{path}: the trace cannot be read ({why}); check its name") from error
-    except UnicodeDecodeError:
-        text = path.read_bytes().decode("latin-1")  # µ of an older program
-    if "\x00" in text:
-        raise InputError(f"{path}: is no text; export the trace as a CSV file")
+    text = read_given_text(path, "the trace", fallback="latin-1")  # µ of an older program
     return _surface_data(text, path) if _SDF.match(text) else _table(text, path)
 
 
 def _table(text: str, path: Path) -> tuple[Array, Array]:
     """The two columns of a table of numbers."""
-    rows = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    rows = numbered_lines(text)
     if not rows:
         raise InputError(f"{path}: is empty; {_FORM}")
     split = _splitter([line for _, line in rows])

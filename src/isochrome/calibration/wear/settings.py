@@ -9,7 +9,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from isochrome.calibration.settings import ImageSet
-from isochrome.scene import NonNegative, Positive, ScenePart, plain_value, split_uncertainties
+from isochrome.scene import (
+    FileName,
+    NonNegative,
+    Positive,
+    ScenePart,
+    plain_value,
+    split_uncertainties,
+)
 
 Friction = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
 
@@ -27,7 +34,7 @@ class ScarTrack(ScenePart):
     """
 
     width_mm: Positive
-    scene: Annotated[str, Field(min_length=1)] | None = None
+    scene: FileName | None = None
 
 
 class SlidTest(ScenePart):
@@ -61,7 +68,7 @@ class WearTrace(SlidTest):
         Mean friction coefficient.
     """
 
-    file: Annotated[str, Field(min_length=1)]
+    file: FileName
 
 
 class WearVolume(SlidTest):

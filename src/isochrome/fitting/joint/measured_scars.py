@@ -14,11 +14,9 @@ from __future__ import annotations
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.estimation import STEP
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.unknowns import scales
 from isochrome.fitting.joint.frame_sequence import MeasuredArea, Sequence, local_values
-from isochrome.fitting.joint.normal_equations import NormalEquations, with_number
+from isochrome.fitting.joint.normal_equations import NormalEquations, local_slopes
 from isochrome.output import with_uncertainty
 from isochrome.scars import levelled, read_trace
 from isochrome.scene import Scene
@@ -57,17 +55,11 @@ def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
     """The normal equations of a sequence's measured areas at some values (p,) of its unknowns."""
     areas = sequence.areas
     distances = tuple(area.distance_m for area in areas)
-    whole = sequence.whole(values)
     spread = np.array([area.standard_uncertainty_mm2 for area in areas])
-    worn = local_values(whole, distances)[:, 2]
-    residual = (np.array([area.area_mm2 for area in areas]) - worn) / spread
-    rows = np.zeros((len(values), len(areas)))
-    for k, unknown in enumerate(sequence.unknowns):
-        if unknown.key.split(".")[0] in _WEARING:
-            ahead = values.copy()
-            ahead[k] += STEP * float(scales(with_number(whole, unknown.key), (unknown.key,))[0])
-            moved = local_values(sequence.whole(ahead), distances)[:, 2]
-            rows[k] = (moved - worn) / (ahead[k] - values[k]) / spread
+    local = local_values(sequence.whole(values), distances)
+    residual = (np.array([area.area_mm2 for area in areas]) - local[:, 2]) / spread
+    wearing = {u.key for u in sequence.unknowns if u.key.split(".")[0] in _WEARING}
+    rows = local_slopes(sequence, values, distances, local, wearing)[..., 2] / spread
     normal = rows @ rows.T
     return NormalEquations(
         normal=normal,

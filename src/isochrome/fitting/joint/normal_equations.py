@@ -8,7 +8,7 @@ carries them to whatever unknowns the course is made of.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -202,18 +202,20 @@ class DirectionMaps:
             for key in COURSE
             if sequence.in_course(key) and key in {u.key for u in sequence.unknowns}
         ]
-        self._steps = {u.key: self._step(u.key) for u in sequence.unknowns}
+        self._steps = {u.key: difference_step(self.whole, u.key) for u in sequence.unknowns}
         self._moved: dict[str, Scene] = {}
         if self.course:
             for key in (*self.course, WEAR):
-                step = self._steps.setdefault(key, self._step(key))
+                step = self._steps.setdefault(key, difference_step(self.whole, key))
                 self._moved[key] = moved_values(self.whole, key, step)
             self._local = local_values(self.whole, sequence.distances_m)
             self._along = {
                 key: local_values(there, sequence.distances_m) - self._local
                 for key, there in self._moved.items()
             }
-            self._by_unknown = self._differences()
+            self._by_unknown = local_slopes(
+                sequence, values, sequence.distances_m, self._local, self.course
+            )
 
     def keys(self, index: int) -> list[str]:
         """The directions of a frame."""
@@ -247,20 +249,32 @@ class DirectionMaps:
             found[rows] += np.linalg.solve(square, self._by_unknown[:, index, which].T)
         return found
 
-    def _step(self, key: str) -> float:
-        """A difference step, of the scale of the key's (first) value."""
-        return STEP * float(scales(with_number(self.whole, key), (key,))[0])
 
-    def _differences(self) -> Array:
-        """Change of the local values by one unit of each unknown, (p, frames, 3)."""
-        found = np.zeros((len(self.sequence.unknowns), *self._local.shape))
-        for row, unknown in enumerate(self.sequence.unknowns):
-            if unknown.key in self.course:
-                ahead = self.values.copy()
-                ahead[row] += self._steps[unknown.key]
-                there = local_values(self.sequence.whole(ahead), self.sequence.distances_m)
-                found[row] = (there - self._local) / self._steps[unknown.key]
-        return found
+def difference_step(scene: Scene, key: str) -> float:
+    """A difference step of a key, of the scale of its (first) value."""
+    return STEP * float(scales(with_number(scene, key), (key,))[0])
+
+
+def local_slopes(
+    sequence: Sequence,
+    values: Array,
+    distances_m: tuple[float | None, ...],
+    local: Array,
+    keys: Collection[str],
+) -> Array:
+    """Change of the `local_values` at some distances by one unit of each unknown (p, distances, 3).
+
+    Parameters: `values` (p,) of the unknowns; `local` (distances, 3), the local values there;
+    `keys`, those of the unknowns that move them: others give 0.
+    """
+    found = np.zeros((len(values), *local.shape))
+    whole = sequence.whole(values)
+    for row, unknown in enumerate(sequence.unknowns):
+        if unknown.key in keys:
+            ahead, step = values.copy(), difference_step(whole, unknown.key)
+            ahead[row] += step
+            found[row] = (local_values(sequence.whole(ahead), distances_m) - local) / step
+    return found
 
 
 def moved_values(scene: Scene, key: str, step: float) -> Scene:

@@ -81,10 +81,10 @@ class _Seam:
         """Whether the light does not settle on which side the field lies beyond it."""
         return self.worse <= settled * self.size
 
-    def takes_zero_line(self, order: Array, said: Sequence[ZeroPlace]) -> bool:
-        """Whether turning over takes lines of N = 0 from the signed order (m, n), not `said`."""
+    def takes_zero_line(self, order: Array, said: Sequence[ZeroPlace], lines: int) -> bool:
+        """Whether turning over takes one of the signed order's `lines` of N = 0, not `said`."""
         turned = np.where(self.beyond, self.crest - order, order)
-        return zero_lines(turned, said) < zero_lines(order, said)
+        return zero_lines(turned, said) < lines
 
 
 @dataclass(frozen=True)
@@ -187,11 +187,12 @@ def _not_settled(
 ) -> list[_Seam]:
     """The seams that the light leaves open, as in `open_seams`."""
     order = terms[..., 0]
+    seams = [s for s in _seams(patches, terms, points) if s.crest and s.is_open(_SETTLED_ZERO)]
+    lines = 0 if all(seam.is_open() for seam in seams) else zero_lines(order, said)
     return [
         seam
-        for seam in _seams(patches, terms, points)
-        if seam.crest
-        and (seam.is_open() or (seam.is_open(_SETTLED_ZERO) and seam.takes_zero_line(order, said)))
+        for seam in seams
+        if seam.is_open() or (lines and seam.takes_zero_line(order, said, lines))
     ]
 
 
