@@ -12,11 +12,12 @@ from test_fringes_free import reading as read_as_it_is
 from isochrome.errors import InputError
 from isochrome.fringes.on_branch import OrderReading, widened
 from isochrome.fringes.single_frame.background_modulation import (
+    as_doubtful,
     fit_background_modulation,
     gamma_misfit,
 )
 from isochrome.fringes.single_frame.end_problem import EndProblem
-from isochrome.fringes.single_frame.end_search import as_doubtful, search_all
+from isochrome.fringes.single_frame.end_search import search_all
 from specimens import NAMES, View, light_of, shoot, view
 
 RMS, WRONG_SHARE, KEPT = 0.05, 0.005, 0.70

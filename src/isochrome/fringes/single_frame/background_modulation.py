@@ -15,15 +15,24 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fringes.single_frame.end_images import QUADRATICS, SmoothImages, binned_light
-from isochrome.fringes.single_frame.end_problem import EndProblem
+from isochrome.fringes.single_frame.end_images import (
+    QUADRATICS,
+    bright_lines,
+    shapes_of_ends,
+    surface_above,
+    surface_through,
+    variance_of_ends,
+)
+from isochrome.fringes.single_frame.end_problem import EndProblem, eliminated, ends_at
 from isochrome.fringes.single_frame.end_search import (
+    NOT_TOLD,
     TONES,
     Found,
-    as_doubtful,
+    fresh_patches,
+    overlap,
     possible,
     search_all,
-    tone_step,
+    search_on,
 )
 from isochrome.fringes.single_frame.patches import binned
 from isochrome.fringes.windows import Array, Mask
@@ -35,16 +44,13 @@ _LEAST_PIXELS = 100
 _LOW, _HIGH = 1.0, 99.0
 """Percentiles of the light at which the search for the ends starts: both occur in a frame that
 holds at least one whole fringe."""
-_ABOVE, _STIFF, _PULLS, _ENOUGH = 0.01, 0.1, 12, 400.0
-"""Of the bright end's first surface: weight of light below it over light above; prior of its shape
-over the contrast; rounds; and how many pixels' worth the light counts."""
+_LEAST_CONTRAST = 6.0
+"""Of those, over the noise of a binned pixel: noise alone makes 4.65."""
+_CREST = 0.6
+"""Share of the contrast from which a bright line may be a crest."""
 _BLACK = 1e-6
-_STRAY = 0.02
-"""Prior deviation of the dark end's quadratics, over the contrast."""
-_SPOTS = 0.1
-"""Prior deviation of spots and bars, over the contrast, where the frame asks for them."""
-_SMOOTH_PX = 8
-"""Over which the ends' uncertainty is taken as linear."""
+_EVEN = 0.1
+"""Spots and bars of a lamp that shows none, over those of one that does: no lamp is a quadratic."""
 _NEAR_END = 1.1
 """Times the least exponent, or a share of the largest: a search so near to its end was stopped."""
 
@@ -198,7 +204,8 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     """The results that the frame does not exclude, of a lamp of spots and bars and of an even one.
 
     The richer light comes first: where an even lamp's search rests in a frame of spots, patches lie
-    on the wrong sides of crests. An even lamp is then searched from where the other rests.
+    on the wrong sides of crests. An even lamp is then searched from where the other rests, and is
+    as uncertain as slight spots leave it.
     """
     spotted = search_all(problem, starts)
     if problem.given[1]:
@@ -206,6 +213,7 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     cut, count = problem.shapes[0].shape[-1], problem.spreads[1].size
     kept = np.ones(cut + count + 1, dtype=bool)
     kept[cut + QUADRATICS : -1] = False
+    slight = np.where(kept[cut:-1], 1.0, _EVEN)
     even = replace(
         problem,
         shapes=(problem.shapes[0], problem.shapes[1][..., :QUADRATICS]),
@@ -217,7 +225,8 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
         bright = problem.ends(found.unknowns)[1].ravel()
         quadratic = np.linalg.lstsq(smooth, bright, rcond=None)[0]
         begin.append(np.concatenate([found.unknowns[:cut], quadratic, found.unknowns[-1:]]))
-    plain = [_among(found, kept) for found in search_all(even, begin)]
+    nearly = replace(problem, spreads=(problem.spreads[0], problem.spreads[1] * slight))
+    plain = [search_on(_among(found, kept), nearly) for found in search_all(even, begin)]
     return possible(plain, spotted)
 
 
@@ -229,9 +238,14 @@ def _among(found: Found, kept: Mask) -> Found:
     return replace(found, unknowns=unknowns, covariance=covariance)
 
 
-def _smooth(shape: tuple[int, ...], by: int) -> tuple[SmoothImages, SmoothImages]:
-    """What the dark and the bright end are sums of: stray light is nearly even, a lamp is not."""
-    return binned_light(shape, by, uneven=_STRAY), binned_light(shape, by, spots=_SPOTS)
+def as_doubtful(results: list[Found]) -> Found:
+    """The first of some results, as uncertain as the others make it.
+
+    Parameters: the `results`, such as `possible` ones.
+    """
+    best, *others = results
+    away = [other.unknowns - best.unknowns for other in others]
+    return replace(best, covariance=best.covariance + sum(np.outer(a, a) for a in away))
 
 
 def _told_tone(tone: float) -> float:
@@ -275,7 +289,14 @@ def gamma_misfit(
         Where no fringe can be followed, or the fringes leave the exponent open.
     """
     problem, starts = _problem(light, sigma, valid, ends, True)
-    return tone_step(problem, starts[0])
+    data, orders, _ = fresh_patches(problem, starts[0])
+    try:
+        normal = eliminated(data, ends_at(data, starts[0]), orders)
+        covariance = np.linalg.inv(normal.matrix)
+    except np.linalg.LinAlgError as error:
+        raise InputError(NOT_TOLD) from error
+    uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
+    return float((covariance @ normal.slope)[-1]), float(uncertainty)
 
 
 def _problem(
@@ -291,9 +312,9 @@ def _problem(
     if not whole.any():
         raise InputError("no part of the frame is trusted; check its mask and exposure")
     low, high = np.percentile(small[whole], [_LOW, _HIGH])
-    if not high > low:
+    if not high - low > _LEAST_CONTRAST * np.median(noise[whole]):
         raise InputError("the frame has no contrast; is the light on, and the specimen loaded?")
-    smooth = _smooth(light.shape, by)
+    smooth = shapes_of_ends(light.shape, by)
     given = ends[0] is not None, ends[1] is not None
     shapes, spreads = zip(
         *(
@@ -319,27 +340,24 @@ def _problem(
         np.eye(shape.shape[-1])[0] * (1.0 if known else level)
         for known, level, shape in zip(given, (low, high), shapes, strict=True)
     ]
-    starts = [np.concatenate([*flat, [1.0]])]
-    if not given[1]:
-        raised = np.zeros_like(flat[1])  # spots begin at nought
-        quadratics = shapes[1][..., :QUADRATICS]
-        raised[:QUADRATICS] = _envelope(small, quadratics, whole, float(low), float(high))
-        starts.append(np.concatenate([flat[0], raised, [1.0]]))
+    if given[1]:
+        return problem, [np.concatenate([*flat, [1.0]])]
+    starts = [np.concatenate([flat[0], bright, [1.0]]) for bright in _brights(problem, low, high)]
     return problem, starts
 
 
-def _envelope(light: Array, shapes: Array, valid: Mask, low: float, high: float) -> Array:
-    """A smooth surface that rests on the light from above: asymmetric least squares."""
-    rows, values = shapes[valid], light[valid]
-    terms = np.eye(rows.shape[1])[0] * high
-    stiff = np.full(len(terms), (_STIFF * (high - low)) ** -2)
-    stiff[0] = 0.0
-    gain = _ENOUGH / (len(values) * (0.05 * (high - low)) ** 2)
-    for _ in range(_PULLS):
-        weight = gain * np.where(values > rows @ terms, 1.0, _ABOVE)
-        weighted = rows * weight[:, None]
-        terms = np.linalg.solve(weighted.T @ rows + np.diag(stiff), weighted.T @ values)
-    return np.asarray(terms)
+def _brights(problem: EndProblem, low: float, high: float) -> list[Array]:
+    """Bright ends to start from: a smooth one above the light, and one that all crests lie on."""
+    shapes, spread = problem.shapes[1], problem.spreads[1]
+    above = np.zeros(spread.size)  # spots begin at nought
+    above[:QUADRATICS] = surface_above(
+        problem.light, problem.valid, shapes[..., :QUADRATICS], (low, high)
+    )
+    lines = bright_lines(problem.light, problem.sigma, problem.valid)
+    lines[~(lines > low + _CREST * (shapes @ above - low))] = np.nan
+    if not np.isfinite(lines).any():
+        return [above]
+    return [above, surface_through(lines, shapes, problem.scale * spread, problem.scale)]
 
 
 def _ends(
@@ -349,7 +367,7 @@ def _ends(
     found: Found,
 ) -> BackgroundModulation:
     """The ends on all pixels."""
-    full = _smooth(shape, 1)
+    full = shapes_of_ends(shape, 1)
     given = dark is not None, bright is not None
     g = float(found.unknowns[-1])
     cut = 1 if given[0] else full[0].spread.size
@@ -360,31 +378,5 @@ def _ends(
         tone=g,
         tone_uncertainty=float(np.sqrt(found.covariance[-1, -1])),
         given=given,
-        variance=_variance(shape, given, cut, found.covariance),
+        variance=variance_of_ends(shape, given, cut, found.covariance),
     )
-
-
-def _variance(
-    shape: tuple[int, ...], given: tuple[bool, bool], cut: int, covariance: Array
-) -> Array:
-    """Covariance of the dark end, the bright end and the exponent at each pixel: it is smooth."""
-    import cv2
-
-    by = max(1, min(_SMOOTH_PX, *(n // 4 for n in shape)))
-    spread, turn = np.linalg.eigh(covariance)
-    root = (turn * np.sqrt(np.maximum(spread, 0.0)))[:, spread > 0.0]
-    images = [smooth.images for smooth in _smooth(shape, by)]
-    errors = [
-        np.zeros((*image.shape[:2], root.shape[1])) if known else image @ part
-        for image, part, known in zip(images, (root[:cut], root[cut:-1]), given, strict=True)
-    ]
-    errors.append(np.broadcast_to(root[-1], errors[0].shape))
-    rows, cols = shape
-    variance = np.empty((3, 3, rows, cols))
-    for i in range(3):
-        for j in range(i + 1):
-            coarse = np.einsum("yxk,yxk->yx", errors[i], errors[j])
-            variance[i, j] = variance[j, i] = cv2.resize(
-                coarse, (cols, rows), interpolation=cv2.INTER_LINEAR
-            )
-    return variance

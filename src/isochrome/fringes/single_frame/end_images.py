@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from isochrome.fringes.ridges import line_points, noise_gain
+from isochrome.fringes.windows import Array, Mask
 
 _DEGREE = 2
 """Of the products: lamps fall off to the corners."""
@@ -108,3 +107,105 @@ def _waves() -> list[tuple[int, int, float]]:
             if size > _FAINTEST and i + j:
                 found.append((i, j, size))
     return found
+
+
+_ABOVE, _STIFF, _PULLS, _ENOUGH = 0.01, 0.1, 12, 400.0
+"""Of the first surface: weight of light below it over light above; prior of its shape over the
+contrast; rounds; and how many pixels' worth the light counts."""
+_LINE_PX, _CLEAR = 3.0, 0.5
+"""Width of a bright line that is looked for, and its least curvature over that of noise."""
+_STRAY = 0.02
+"""Prior deviation of the dark end's quadratics, over the contrast."""
+_SPOTS = 0.1
+"""Prior deviation of spots and bars, over the contrast, where the frame asks for them."""
+_SMOOTH_PX = 8
+"""Over which the ends' uncertainty is taken as linear."""
+_NEAR, _LENGTH_PX, _TIMES = 0.02, 6.0, 6
+"""A surface is asked to pass the crests within a share of the contrast, which is told anew after
+some pixels of a line; rounds."""
+
+
+def surface_above(light: Array, valid: Mask, shapes: Array, between: tuple[float, float]) -> Array:
+    """Terms of a smooth surface that rests on the light from above: asymmetric least squares.
+
+    Parameters: `light`, `valid` (rows, cols); `shapes` (rows, cols, terms); the light's range
+    `between`. Returns the terms.
+    """
+    low, high = between
+    rows, values = shapes[valid], light[valid]
+    terms = np.eye(rows.shape[1])[0] * high
+    stiff = np.full(len(terms), (_STIFF * (high - low)) ** -2)
+    stiff[0] = 0.0
+    gain = _ENOUGH / (len(values) * (0.05 * (high - low)) ** 2)
+    for _ in range(_PULLS):
+        weight = gain * np.where(values > rows @ terms, 1.0, _ABOVE)
+        weighted = rows * weight[:, None]
+        terms = np.linalg.solve(weighted.T @ rows + np.diag(stiff), weighted.T @ values)
+    return np.asarray(terms)
+
+
+def bright_lines(light: Array, sigma: Array, valid: Mask) -> Array:
+    """The light (rows, cols) on lines that are brighter than either side; NaN elsewhere.
+
+    Parameters: `light`, its noise `sigma`, `valid` (rows, cols).
+    """
+    strength, _, _, level = line_points(np.where(valid, light, np.nan), _LINE_PX)
+    return np.where(-strength > _CLEAR * noise_gain(_LINE_PX) * sigma, level, np.nan)
+
+
+def surface_through(crests: Array, shapes: Array, spread: Array, contrast: float) -> Array:
+    """Terms of the bright end that lies on bright lines, as if each of them were a crest.
+
+    Iteratively reweighted: what lies far below the surface is no crest (Cauchy's weights).
+    Parameters: `crests`, light on lines (rows, cols), NaN elsewhere; `shapes` (rows, cols, terms);
+    `spread`, the terms' prior deviations (terms,), inf for none; `contrast`. Returns the terms.
+    """
+    on_line = np.isfinite(crests)
+    rows, values = shapes[on_line], crests[on_line]
+    near = _NEAR * contrast
+    stiff = np.diag(spread**-2.0)
+    weight = np.ones(len(values))
+    for _ in range(_TIMES):
+        weighted = rows * (weight / (_LENGTH_PX * near**2))[:, None]
+        terms = np.linalg.solve(weighted.T @ rows + stiff, weighted.T @ values)
+        below = np.maximum(rows @ terms - values, 0.0) / near
+        weight = 1.0 / (1.0 + (0.5 * below) ** 2)
+    return np.asarray(terms)
+
+
+def shapes_of_ends(shape: tuple[int, ...], by: int) -> tuple[SmoothImages, SmoothImages]:
+    """What the dark and the bright end are sums of: stray light is nearly even, a lamp is not.
+
+    Parameters: `shape`, rows and columns of the whole frame; `by`, pixels a bin.
+    """
+    return binned_light(shape, by, uneven=_STRAY), binned_light(shape, by, spots=_SPOTS)
+
+
+def variance_of_ends(
+    shape: tuple[int, ...], given: tuple[bool, bool], cut: int, covariance: Array
+) -> Array:
+    """Covariance of the dark end, the bright end and the exponent at each pixel: it is smooth.
+
+    Parameters: `shape`, rows and columns; which ends are `given`, by one term each; `cut`, terms of
+    the dark end; the unknowns' `covariance`. Returns (3, 3, rows, cols).
+    """
+    import cv2
+
+    by = max(1, min(_SMOOTH_PX, *(n // 4 for n in shape)))
+    spread, turn = np.linalg.eigh(covariance)
+    root = (turn * np.sqrt(np.maximum(spread, 0.0)))[:, spread > 0.0]
+    images = [smooth.images for smooth in shapes_of_ends(shape, by)]
+    errors = [
+        np.zeros((*image.shape[:2], root.shape[1])) if known else image @ part
+        for image, part, known in zip(images, (root[:cut], root[cut:-1]), given, strict=True)
+    ]
+    errors.append(np.broadcast_to(root[-1], errors[0].shape))
+    rows, cols = shape
+    variance = np.empty((3, 3, rows, cols))
+    for i in range(3):
+        for j in range(i + 1):
+            coarse = np.einsum("yxk,yxk->yx", errors[i], errors[j])
+            variance[i, j] = variance[j, i] = cv2.resize(
+                coarse, (cols, rows), interpolation=cv2.INTER_LINEAR
+            )
+    return variance

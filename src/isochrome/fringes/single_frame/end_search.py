@@ -6,7 +6,7 @@ at every patch afresh now and then, and keeps the cheaper result. For that the f
 by the ends as they stand, cut into patches and fitted by quadratics as any frame is (`patches`);
 those that can be followed are used, with their light as it is. Where two results cost about the
 same the light does not tell which is right: the frame is read by both (`possible`), and where only
-numbers are wanted, such as the exponent, their difference is an uncertainty (`as_doubtful`).
+numbers are wanted, such as the exponent, their difference is an uncertainty.
 The loop is not `isochrome.estimation.minimise`: the patches follow each step by steps of their own
 and are made anew in between, and a cost is compared only as long as they are the same ones.
 Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the elimination; Levenberg
@@ -46,6 +46,8 @@ _ROUNDS, _EVERY = 24, 4
 """Steps at most, and between two fresh looks at the patches."""
 _REST = 3e-4
 """Change of the order by a step, fringes, below which the search rests."""
+_MORE = 2
+"""Steps where a result is refined that rests but for what the problem leaves open besides."""
 _FREELY = 0.1
 """Damping below which a step is small because the search rests."""
 _STALE = 0.02
@@ -143,13 +145,6 @@ def cheapest(results: list[Found]) -> Found:
     return best
 
 
-def as_doubtful(results: list[Found]) -> Found:
-    """The first of some results, as uncertain as the others make it."""
-    best, *others = results
-    away = [other.unknowns - best.unknowns for other in others]
-    return replace(best, covariance=best.covariance + sum(np.outer(a, a) for a in away))
-
-
 def _tried(problem: EndProblem, start: Array) -> Found | None:
     """What a start leads to, None where it leads to unknowns that the fringes leave open."""
     try:
@@ -188,21 +183,6 @@ def _of_both(one: Found, other: Found) -> tuple[Indices, Indices]:
     return a, b
 
 
-def tone_step(problem: EndProblem, unknowns: Array) -> tuple[float, float]:
-    """Change of g from where the ends rest, and its standard uncertainty, by one linear step.
-
-    Parameters: `problem`, of unknown tone; `unknowns`, found with g held. Returns both numbers.
-    """
-    data, orders, _ = fresh_patches(problem, unknowns)
-    try:
-        normal = eliminated(data, ends_at(data, unknowns), orders)
-        covariance = np.linalg.inv(normal.matrix)
-    except np.linalg.LinAlgError as error:
-        raise InputError(NOT_TOLD) from error
-    uncertainty = np.sqrt(overlap(data) * covariance[-1, -1])
-    return float((covariance @ normal.slope)[-1]), float(uncertainty)
-
-
 def _search(problem: EndProblem, unknowns: Array) -> Found:
     data, orders, _ = fresh_patches(problem, unknowns)
     damping, since, change, resting = 1e-3, 0, np.inf, False
@@ -230,6 +210,23 @@ def _search(problem: EndProblem, unknowns: Array) -> Found:
             damping = 1e-3
         if resting and since == 1:
             break  # the fresh look has moved nothing
+    return _found(data, unknowns, orders, change)
+
+
+def search_on(found: Found, problem: EndProblem) -> Found:
+    """A result as one of a problem that leaves more open, by full steps from where it rests.
+
+    The patches are those in use. Parameters: `found`, its unknowns those of `problem`.
+    """
+    data = replace(found.data, problem=problem)
+    unknowns, orders, change = found.unknowns, found.orders, found.change
+    own, cost = _start(data, unknowns, orders)
+    for _ in range(_MORE):
+        normal = eliminated(data, ends_at(data, unknowns), orders)
+        tried = _followed(data, unknowns, orders, own, normal, _damped(normal, 0.0))
+        if not tried[0] < cost:
+            break
+        cost, unknowns, orders, own = tried
     return _found(data, unknowns, orders, change)
 
 
