@@ -139,11 +139,22 @@ def write_trace(path: Path, x, z):
     np.savetxt(path, np.c_[x, z], fmt="%.5f", delimiter=",", header="x_mm,z_um", comments="")
 
 
-def write_set(folder: Path, rng, coefficient, ra_um, finish, *, head="", traces=3, **how) -> Path:
-    """A set of the paper's four distances with some traces each; its file."""
+def write_set(
+    folder: Path,
+    rng,
+    coefficient,
+    ra_um,
+    finish,
+    *,
+    head="",
+    traces=3,
+    distances=DISTANCES_M,
+    **how,
+) -> Path:
+    """A set of some distances, the paper's four, with some traces each; its file."""
     folder.mkdir(parents=True, exist_ok=True)
     text = f"[scar]\nwidth_mm = {WIDTH_MM}\n{head}"
-    for distance in DISTANCES_M:
+    for distance in distances:
         for number in range(1, traces + 1):
             x, z, _ = rough_trace(rng, distance, coefficient, ra_um, finish, **how)
             name = f"{distance:g}m-{number}.csv"

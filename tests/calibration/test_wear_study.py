@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from isochrome.calibration import calibrate_wear
-from isochrome.errors import PhysicsError
-from worn_scars import FINISHES, write_set
+from isochrome.errors import InputError, PhysicsError
+from worn_scars import FINISHES, worn_depth_um, write_set
 
 
 def judged(folder, numbers, *, roughest=0.8):
@@ -57,3 +57,31 @@ def test_the_interval_holds_the_truth_in_two_hundred_sets(tmp_path):
     assert 0.92 <= np.mean(held) <= 0.99
     assert np.mean(np.abs(errors[ra < 0.2]) < 0.01) > 0.97
     assert np.abs(errors / spreads).max() < 4.0
+
+
+@pytest.mark.long
+@pytest.mark.study
+def test_a_shallow_scar_has_a_wide_uncertainty_or_is_refused(tmp_path):
+    """A hundred sets of three traces after 31 m, Ra from half the depth to all of it.
+
+    Student's t of some twenty degrees of freedom lies beyond 3 of its standard deviations once in
+    200 draws.
+    """
+    pulls = []
+    for number in range(100):
+        rng = np.random.default_rng([2026, 19, number])
+        k = 2e-9 * np.exp(rng.uniform(-0.4, 0.4))
+        deepest = worn_depth_um(np.zeros(1), 31.0, k)[0]
+        ra = deepest * rng.uniform(0.5, 1.0)
+        path = write_set(
+            tmp_path / str(number), rng, k, ra, FINISHES[number % 3], distances=(31.0,)
+        )
+        try:
+            found = calibrate_wear(path)
+        except (InputError, PhysicsError):
+            continue
+        pulls.append((found.coefficient_mm2_per_n - k) / found.standard_uncertainty)
+    print(
+        f"{100 - len(pulls)} of 100 refused; pulls of the others {np.abs(pulls).max():.2f} at most"
+    )
+    assert np.abs(pulls).max() < 3.0

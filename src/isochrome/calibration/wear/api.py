@@ -23,6 +23,7 @@ from isochrome.calibration.wear.worn_volumes import (
 )
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import BudgetInput, variance_shares
+from isochrome.scars import student_factor_of
 from isochrome.scene import check_reach
 
 Array = NDArray[Any]
@@ -95,7 +96,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     rows = _own_rows(volumes, spread, archard) + inputs
     budget, total = _budget(rows)
     freedom = _freedom(volumes, scatter, archard, spread, total)
-    reach = float(stdtrit(freedom, 0.975)) * total if np.isfinite(freedom) else 1.959964 * total
+    reach = _reach(freedom, total, scattered=_has_scatter_only(volumes))
     law = laws[0].law
     if law != "archard" and archard.log_evidence > -SURE:
         law = "archard"
@@ -242,6 +243,18 @@ def _freedom(
         traced = np.array([bool(volume.scars) for volume in volumes])
         own, freedom = _joined((weights * spread)[traced]), scatter.degrees_of_freedom
     return freedom * (total / own) ** 4 if own > 0.0 and np.isfinite(freedom) else np.inf
+
+
+def _reach(freedom: float, total: float, *, scattered: bool) -> float:
+    """Half the interval that holds the coefficient with 95 %, by Student's t.
+
+    `total` is the standard deviation of that distribution, its scale times (ν/(ν - 2))^(1/2); of
+    volumes that are known by their scatter alone it is the scale itself (JCGM 100:2008, 4.2.3).
+    """
+    if not np.isfinite(freedom):
+        return 1.959964 * total
+    scale = total if scattered else total / np.sqrt(student_factor_of(freedom))
+    return float(stdtrit(freedom, 0.975) * scale)
 
 
 def _chi(archard: WearLawFit, scatter: TraceScatter) -> float | None:

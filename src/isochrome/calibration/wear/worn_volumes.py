@@ -170,8 +170,9 @@ def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
         return TraceScatter(1.0, np.inf, 0.0, 0)
     share = np.array(weights) / np.sum(weights)
     before = min(MOST_FREEDOM, float(1.0 / np.sum(share**2 / np.array(known))))
-    factor = (before + square) / (before + freedom)
-    return TraceScatter(factor, before + freedom, square, freedom)
+    both = before + freedom
+    factor = (before + square) / both * student_factor_of(both)
+    return TraceScatter(factor, both, square, freedom)
 
 
 def _of_traces(
