@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from isochrome.console import print_fit, print_json, print_warnings, run_bar, sentence_of
+from isochrome.console import print_fit, print_json, print_warnings, run_bar
+from isochrome.output import sentence_of, sentence_of_orders
 from isochrome.progress import Tally
 
 BEFORE, DONE, SLEPT_S = 900, 1000, 0.05
@@ -122,3 +123,22 @@ def test_json_is_one_line_without_nan(capfd):
     assert json.loads(out, parse_constant=pytest.fail) == {
         "chi": None, "long": [1.5] * 10_000, "text": "two\nlines",
     }  # fmt: skip
+
+
+def test_what_was_read_without_a_model_is_a_sentence():
+    """Nothing was said but a table: no sentence had a place for an order."""
+    table = {
+        "frame": [0, 1, 2],
+        "kept_share": [0.9, 0.8, None],
+        "n_max": [3.2, 4.126, float("nan")],
+        "order_uncertainty": [0.004, 0.0062, float("nan")],
+        "fringe_lines": [5, 6, 0],
+    }
+    said = "in 3 frames: order read in 85 % of the pixels, up to 4.13 fringes, ± 0.0051 typically"
+    assert sentence_of_orders(table) == said
+    one = {name: values[:1] for name, values in table.items()}
+    assert sentence_of_orders(one).startswith("order read in 90 % of the pixels, up to 3.20 ")
+    none = {name: values[2:] for name, values in table.items()}
+    assert sentence_of_orders(none) == "no order could be read"
+    lines = {name: table[name] for name in ("frame", "fringe_lines")}
+    assert sentence_of_orders(lines).startswith("in 3 frames: 11 fringe lines, and no order: ")

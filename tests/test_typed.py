@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import isochrome
-from test_notebooks import NOTEBOOKS, WITHOUT, code_cells
+from test_notebooks import NOTEBOOKS, code_cells
 
 SCRIPT = """
 from pathlib import Path
@@ -121,10 +121,8 @@ def test_a_script_of_the_whole_front_door_passes_and_mistakes_are_seen(tmp_path,
 
 @pytest.mark.long
 def test_the_notebooks_code_passes_a_strict_check(tmp_path, checked):
-    """Of those that are stored with their outputs, and so import from the front door alone."""
     for path in NOTEBOOKS:
-        cells = [] if path.stem in WITHOUT else code_cells(path)
-        code = "\n".join("".join(cell["source"]) for cell in cells)
+        code = "\n".join("".join(cell["source"]) for cell in code_cells(path))
         name = path.stem.replace("-", "_")
         (tmp_path / f"{name}.py").write_text(code.replace("%matplotlib inline", ""))
     done = checked(tmp_path, ".")

@@ -1,4 +1,4 @@
-from . import samples
+from . import reference, samples
 from .benchmarks import bench
 from .calibration import (
     calibrate_bending,
@@ -14,6 +14,7 @@ from .demonstration import demo
 from .errors import InputError, PhysicsError
 from .figures import plot_frame, plot_over_distance
 from .fitting import fit, track
+from .folder_report import report
 from .frames import open_frames
 from .processing import check, plot_order, process
 from .runs import export, open_run
@@ -28,6 +29,7 @@ from .simulation import (
     stress_map,
     surface_tractions,
 )
+from .stress import stress_components
 from .sweeps import sweep
 
 __version__: str
@@ -63,10 +65,13 @@ __all__ = [
     "polariscope_light",
     "process",
     "process_campaign",
+    "reference",
+    "report",
     "samples",
     "scene_names",
     "scene_states",
     "simulate",
+    "stress_components",
     "stress_map",
     "surface_tractions",
     "sweep",

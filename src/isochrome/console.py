@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from statistics import fmean, median
 from time import monotonic
 from typing import Any
 
@@ -15,7 +14,6 @@ from isochrome.progress import Tally
 
 _SHOWN = 60
 """Rows of a fit's table that are shown."""
-SPREAD = "standard_uncertainty"
 LINE_EVERY_S = 60.0
 """Seconds from line to line of a log, where no terminal shows a bar."""
 
@@ -56,6 +54,7 @@ def _bars() -> Iterator[Any]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
+    console.quiet = not console.is_terminal  # a bar that is disabled still ends with a line
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -137,44 +136,6 @@ def print_result(result: Any, out: Path, as_json: bool, show: Callable[[Any], No
     typer.echo(f"results: {out}{again}")
 
 
-WORDS = {
-    "load.normal_n": ("load", " N"),
-    "friction.coefficient": ("friction", ""),
-    "wear.coefficient_mm2_per_n": ("wear coefficient", " mm²/N"),
-    "camera.left_mm": ("left edge", " mm"),
-    "camera.top_mm": ("upper edge", " mm"),
-    "specimen.fringe_value_n_per_mm": ("fringe value", " N/mm"),
-}
-"""What a sentence calls a value, and its unit; others go by their keys, which hold theirs."""
-
-
-def sentence_of(
-    rows: Iterable[Sequence[Any]], frames: int, causes: Sequence[str], looked: bool = True
-) -> str:
-    """A result as a sentence: load 62.00 ± 0.28 N, friction 0.180 ± 0.001; causes found: none.
-
-    Of several frames it is the mean, the least and the most, and the ± of one of them.
-    Parameters: `rows` of key, mean, least, most and standard uncertainty; `frames`, how many there
-    are; `causes`, what they asked for; `looked`, whether anybody asked them.
-    """
-    parts = [_spoken(*row) for row in rows]
-    head = f"mean of {frames} frames, ± of each: " if frames > 1 and parts else ""
-    found = f"; causes found: {', '.join(causes) or 'none'}" if looked else ""
-    return f"{head}{', '.join(parts) or 'nothing fitted'}{found}"
-
-
-def _spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
-    """A value with its name and unit."""
-    from isochrome.output import with_uncertainty
-
-    word, unit = WORDS.get(key, (key, ""))
-    if mean is None or mean != mean:
-        return f"{word} not known"
-    text = with_uncertainty(mean, float("nan") if spread is None else spread)
-    span = f" ({least:.5g} to {most:.5g})" if least != most else ""
-    return f"{word} {text}{unit}{span}"
-
-
 def print_summary(result: Any) -> None:
     """What thousands of frames come to, as a table."""
     print_columns(result.summary())
@@ -220,7 +181,7 @@ def print_fit(result: Any, asked: Sequence[str] | None = None) -> None:
     Parameters: `result`, a Fit; `asked`, the keys that were to be fitted, None for all: others were
     freed because the frames asked for them.
     """
-    from isochrome.output import with_uncertainty
+    from isochrome.output import sentence_of_values, with_uncertainty
 
     table = result.columns
     names = ("frame", "key", "value", "standard_uncertainty", "cramer_rao_bound")
@@ -236,23 +197,7 @@ def print_fit(result: Any, asked: Sequence[str] | None = None) -> None:
         typer.echo(f"wear law: {result.wear_laws.sentence()}")
     for i, one in enumerate(result.tractions):
         typer.echo(f"frame {i}, without a contact model: {one.sentence()}")
-    typer.echo(_sentence_of_fit(table, asked))
-
-
-def _sentence_of_fit(table: Mapping[str, Sequence[Any]], asked: Sequence[str] | None) -> str:
-    """The table of a fit as a sentence."""
-    by_key: dict[str, list[tuple[float, float]]] = {}
-    for key, *found in zip(*(table[n] for n in ("key", "value", SPREAD)), strict=True):
-        by_key.setdefault(key, []).append((found[0], found[1]))
-    rows = {
-        key: (key, fmean(values), min(values), max(values), median(spreads))
-        for key, found in by_key.items()
-        for values, spreads in [tuple(zip(*found, strict=True))]
-    }
-    wanted = [row for key, row in rows.items() if asked is None or key in asked]
-    causes = [_spoken(*row) for row in rows.values() if row not in wanted]
-    frames = len({frame for frame in table["frame"] if frame != "all"})
-    return sentence_of(wanted, frames, causes, looked=asked is not None)
+    typer.echo(sentence_of_values(table, asked)[0])
 
 
 def print_columns(table: dict[str, list[Any]], names: Any = None) -> None:

@@ -6,6 +6,7 @@ The truth is the order of the pictures, which the calibration never sees.
 from __future__ import annotations
 
 import json
+import tomllib
 
 import numpy as np
 import pytest
@@ -189,6 +190,24 @@ def test_the_folder_holds_table_numbers_and_figure(beam, table, tmp_path):
     again = read_table(tmp_path / "out" / "colour_table.csv")
     np.testing.assert_allclose(again.signal, calibration.colour_table.signal, rtol=0, atol=1e-8)
     np.testing.assert_allclose(again.spread, calibration.colour_table.spread, rtol=0, atol=1e-8)
+
+
+def test_what_arrays_give_is_what_their_files_give_bit_by_bit(beam, table):
+    place, _ = beam
+    tables = tomllib.loads((place / "set.toml").read_text("utf-8"))
+    before = sorted(place.iterdir())
+    read = {
+        name: tifffile.imread(place / f"{name}.tif").reshape(150, 200, 3)
+        for name in ("loaded", "dark", "bright")
+    }
+    tables["image"][0]["file"] = read["loaded"]
+    tables["frames"] = {"no_load_dark": read["dark"], "no_load_bright": read["bright"]}
+    found = calibrate_colour(tables)
+    for name in ("signal", "spread", "order"):
+        one, other = (getattr(each.colour_table, name) for each in (found, table))
+        np.testing.assert_array_equal(one, other)
+    assert found.warnings == table.warnings
+    assert sorted(place.iterdir()) == before
 
 
 def test_an_image_whose_sides_differ_is_no_beam(beam):

@@ -27,7 +27,7 @@ COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
     ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "colour"),
     ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("bench",),
-    ("sweep",), ("export",), ("guide",),
+    ("sweep",), ("export",), ("report",), ("guide",),
 ]  # fmt: skip
 
 HISTORY = (
@@ -175,7 +175,7 @@ def test_process_leaves_what_the_contract_names(processed):
     out = folder / "Ergebnis"
     assert files_in(out) == {
         "frames.csv", "fringe_order.tif", "confidence.tif", "normalised.tif", "scene.toml",
-        "fitted_scene.toml", "provenance.json", "process.png", "run.zarr",
+        "fitted_scene.toml", "provenance.json", "process.png", "report.html", "run.zarr",
     }  # fmt: skip
     for name in ("fringe_order", "confidence", "normalised"):
         stack = tifffile.imread(out / f"{name}.tif")
@@ -220,7 +220,9 @@ def test_what_was_found_can_be_simulated_and_compared(processed, quick_isochrome
     done = quick_isochrome("compare", "Versuch", "Rechnung", "--out", "Vergleich", "--json")
     metrics = done.json()["metrics"]
     assert (done.code, done.err) == (0, "")
-    assert files_in(place / "Vergleich") == {"metrics.csv", "comparison.png", "provenance.json"}
+    assert files_in(place / "Vergleich") == {
+        "metrics.csv", "comparison.png", "provenance.json", "report.html",
+    }  # fmt: skip
     assert set(columns_of(place / "Vergleich" / "metrics.csv")) == set(metrics)
     assert max(metrics["order_rms_fringe"]) < 0.005
     assert max(metrics["wrong_branch_share"]) == 0.0

@@ -32,6 +32,38 @@ def test_a_decimal_comma(scene_said, written):
     assert "line " in said and "a decimal comma: write 4.0, with a point" in said
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("calibrate", "scale", "frames.tif", "--edges-mm", "4,003"),
+        ("calibrate", "scale", "frames.tif", "--edges-mm=4,003"),
+    ],
+)
+def test_a_decimal_comma_on_the_command_line(place, quick_isochrome, words):
+    """It was said to be no number, and not why."""
+    done = quick_isochrome(*words)
+    assert done.code == 2 and done.err.count("\n") == 1 and not done.out
+    assert "'--edges-mm'" in done.err
+    assert "4,003 has a decimal comma: write 4.003, with a point" in done.err
+
+
+def test_a_decimal_comma_where_a_whole_number_is_due(place, quick_isochrome):
+    """A point was advised, which is refused as well."""
+    done = quick_isochrome("process", "frames.tif", "--scene", "small.toml", "--every", "2,5")
+    assert done.code == 2 and done.err.count("\n") == 1 and "'--every'" in done.err
+    assert "2,5 is no whole number" in done.err and "point" not in done.err
+
+
+def test_a_decimal_comma_among_the_values_of_a_sweep(place, quick_isochrome):
+    """Where it parts two values they are named: no point is taken without a word."""
+    done = quick_isochrome("sweep", "small.toml", "--vary", "load.normal_n=6,5:7,5:3", *OUT)
+    assert done.code == 2 and "with points in its numbers, not commas" in done.err
+    done = quick_isochrome("sweep", "small.toml", "--vary", "friction.coefficient=0,1,0,2", *OUT)
+    assert done.code == 2 and "a comma parts values, and a number has a point" in done.err
+    done = quick_isochrome("sweep", "small.toml", "--vary", "load.normal_n=42,5", *OUT)
+    assert done.code == 0 and "load.normal_n = 42, 5\n2 points" in done.out
+
+
 def test_a_byte_order_mark_is_read_over(place, quick_isochrome):
     text = (place / "small.toml").read_text("utf-8")
     (place / "s.toml").write_text(text, "utf-8-sig")

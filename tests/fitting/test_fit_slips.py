@@ -19,9 +19,10 @@ from isochrome.estimation import prepare_frame
 from isochrome.fitting.api import fit
 from isochrome.fitting.causes import trials
 from isochrome.fitting.causes.freeing import fit_with_causes
-from isochrome.fitting.causes.report import cause_messages
+from isochrome.fitting.causes.report import cause_messages, opposite_shear
 from isochrome.fitting.causes.trials import _together
 from isochrome.frames import Frame, as_turned
+from isochrome.processing import check, process
 from isochrome.scene import dump_scene, parse_scene
 
 ROWS, COLS = 124, 166
@@ -119,6 +120,15 @@ def test_process_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
     assert SLIPS[slip] in said and HELD in said
 
 
+def test_a_slip_is_an_error_of_check_and_all_that_is_said(image):
+    """It was a warning between others, and the command ended with 0."""
+    seen, scene = upside_down(image)
+    found = check(seen, scene)
+    (finding,) = [each for each in found.findings if each.frame == 0]
+    assert finding.level == "error" and not found.ok
+    assert finding.text.startswith(f"frame 0: {SLIPS[upside_down]}")
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("slip", TABLE)
 def test_fit_names_the_slip_and_ends_with_3(tmp_path, refused, image, slip):
@@ -203,3 +213,31 @@ def test_a_turned_scene_is_named_with_what_its_keys_should_be(image):
     scene = parse_scene(dump_scene(stated()) + "\n[frames]\nrotate_deg = 180\n")
     (said,) = cause_messages(explained(np.rot90(image, 2), scene))
     assert "with frames.rotate_deg = 0 " in said
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_shear_that_points_the_other_way_is_said_with_the_line_that_mirrors(image, mirrored):
+    """A mirrored picture looks as one of sliding the other way: nothing was said of it."""
+    seen = np.ascontiguousarray(image[:, ::-1] if mirrored else image)
+    found = process(seen, stated(friction__coefficient=0.2))
+    said = [text for text in found.warnings if "the other sign" in text]
+    value = found.columns["friction.coefficient"][0]
+    assert value == pytest.approx(-FRICTION if mirrored else FRICTION, abs=1e-3)
+    assert len(said) == mirrored
+    if mirrored:
+        assert 'if it is mirrored, give frames.flip = "horizontal", else' in said[0]
+        fitted = fit(seen, stated(friction__coefficient=0.2), ["friction.coefficient"])
+        assert sum("the other sign" in text for text in fitted.warnings) == 1
+
+
+def test_the_line_that_mirrors_goes_on_top_of_the_scenes_own_turn():
+    scene = parse_scene(dump_scene(stated()) + "\n[frames]\nrotate_deg = 180\n")
+    key = "friction.coefficient"
+    said = opposite_shear(scene, key, -0.2, 0.04)
+    assert said and 'give frames.rotate_deg = 0 and frames.flip = "vertical", else' in said
+    assert opposite_shear(scene, key, -0.2, 0.06) is None  # it may be none at all
+    assert opposite_shear(scene, key, 0.2, 0.01) is None
+    assert opposite_shear(scene, "load.tangential_n", -2.0, 0.01) is None  # nobody stated it
+    held = scene.with_values({"load.tangential_n": 3.0})
+    assert opposite_shear(held, "load.tangential_n", -2.0, 0.01) is not None

@@ -103,7 +103,7 @@ def left_by_the_code() -> set[str]:
         for node in nodes(path):
             text = node.value if isinstance(node, ast.Constant) and id(node) not in told else None
             if isinstance(text, str) and re.fullmatch(
-                r"[a-z_0-9]+\.(csv|tif|png|json|toml|zip|zarr|nc|txt)", text
+                r"[a-z_0-9]+\.(csv|tif|png|json|toml|zip|zarr|nc|txt|html)", text
             ):
                 found.add(text)
             if isinstance(node, ast.Call) and _is_layer(node.func):

@@ -96,7 +96,7 @@ def test_the_folder_holds_maps_table_and_figure(folder, tmp_path):
     process(folder / "frames.tif", in_folder(SCENE + NO_LOAD, folder), tmp_path / "out")
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "frames.csv", "fringe_order.tif", "confidence.tif", "normalised.tif", "scene.toml",
-        "skeleton.csv", "provenance.json", "process.png", "run.zarr",
+        "skeleton.csv", "provenance.json", "process.png", "report.html", "run.zarr",
     }  # fmt: skip
     order = tifffile.imread(tmp_path / "out" / "fringe_order.tif")
     sure = tifffile.imread(tmp_path / "out" / "confidence.tif")

@@ -106,4 +106,5 @@ def test_columns_follow_the_scenes_kind():
     plain = frame_columns(UNLOADED)
     assert plain[-2:] == ("fringe_lines", "warnings") and "kept_share" not in plain
     known = frame_columns(parse_scene("[specimen]\nthickness_mm = 4.0\n" + KNOWN))
-    assert set(known) - set(plain) == {"kept_share", *(f"n_max{end}" for end in ENDS)}
+    own = {"kept_share", "order_uncertainty", *(f"n_max{end}" for end in ENDS)}
+    assert set(known) - set(plain) == own

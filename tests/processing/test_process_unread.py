@@ -72,6 +72,15 @@ def lit(place):
     return place
 
 
+def test_nothing_is_kept_of_long_work_that_came_to_nothing(lit, monkeypatch):
+    """The mended scene was refused beside it: the run in the working folder had another one."""
+    monkeypatch.setattr("isochrome.runs.execution.WORTH_KEEPING_S", 0.0)
+    save(lit, normal(120, 3)[None])
+    with pytest.raises(PhysicsError, match=NOTHING) as refused:
+        process(lit / "film.tif", parse_scene(KNOWN, folder=lit), lit / "out")
+    assert "finished and kept" not in str(refused.value) and not list(lit.glob("out*"))
+
+
 @pytest.mark.parametrize("out", ["out", None])
 def test_known_orders_that_lead_nowhere_are_no_result(lit, out):
     """Half of the light all over is a quarter of a fringe, and not the order 0 that is known."""
@@ -123,7 +132,9 @@ def test_one_frame_that_is_read_makes_a_result(lit):
     order = 1.4 * (np.arange(SHAPE[1]) / SHAPE[1]) ** 1.5 + np.zeros((SHAPE[0], 1))
     fringes = normal(20.0 + 200.0 * np.sin(np.pi * order) ** 2, 4)
     save(lit, np.stack([normal(120, 3), 0 * fringes, fringes]))  # one tells nothing, one is black
-    process(lit / "film.tif", parse_scene(KNOWN, folder=lit), lit / "out", keep_going=True)
+    done = process(lit / "film.tif", parse_scene(KNOWN, folder=lit), lit / "out", keep_going=True)
+    spreads = done.columns["order_uncertainty"]
+    assert 0.0 < spreads[2] < 0.03 and not any(value and value > 0.0 for value in spreads[:2])
     found = tifffile.imread(lit / "out" / "fringe_order.tif")
     assert np.isnan(found[:2]).all()
     assert (tifffile.imread(lit / "out" / "confidence.tif")[:2] == 0.0).all()

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from isochrome.cli.calibrate import calibrate_app
-from isochrome.cli.long import export_command, sweep_command
+from isochrome.cli.long import export_command, report_command, sweep_command
 from isochrome.cli.options import (
     AS_STATED,
     RUN,
@@ -48,6 +48,7 @@ app.add_typer(calibrate_app, name="calibrate")
 app.command("process", epilog=examples_of("process"))(process_command)
 app.command("sweep", epilog=examples_of("sweep"))(sweep_command)
 app.command("export", epilog=examples_of("export"))(export_command)
+app.command("report", epilog=examples_of("report"))(report_command)
 
 STOPPED = 130
 """Exit code after Ctrl-C, as shells have it."""

@@ -1,4 +1,4 @@
-"""Commands of long runs: grids of simulations, and their results for other programs."""
+"""Commands of long runs: grids of simulations, reports, and results for other programs."""
 
 from __future__ import annotations
 
@@ -36,6 +36,9 @@ def sweep_command(
         print_json({"out": str(out), **result.to_json()})
     else:
         print_warnings(list(result.reasons))
+        for key in dict.fromkeys(text.partition("=")[0].strip() for text in vary):
+            values = ", ".join(f"{value:g}" for value in dict.fromkeys(result.columns[key]))
+            typer.echo(f"{key} = {values}")
         typer.echo(f"{counted(result.points, 'point')}; results: {out}")
     if result.failed:
         typer.echo(
@@ -62,4 +65,23 @@ def export_command(
         print_json({"files": files})
         return
     for file in files:
+        typer.echo(file)
+
+
+def report_command(
+    run: Annotated[
+        str, typer.Argument(metavar="FOLDER", help="Result folder of process, fit or track.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for report.html; by default the run's own.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write a run's report: one HTML file that opens offline on any machine."""
+    from isochrome.folder_report import report as write
+
+    file = write(run, out)
+    if as_json:
+        print_json({"report": str(file)})
+    else:
         typer.echo(file)

@@ -23,15 +23,14 @@ from isochrome.console import (
     print_result,
     print_summary,
     run_bar,
-    sentence_of,
 )
 
 if TYPE_CHECKING:
     from isochrome.frames import FramesPath
     from isochrome.processing import Processed
 
-_SHOWN = ("frame", "label", "chi", "kept_share", "n_max", "load.normal_n", "friction.coefficient",
-          "fringe_lines")  # fmt: skip
+_SHOWN = ("frame", "label", "chi", "kept_share", "n_max", "order_uncertainty",
+          "load.normal_n", "friction.coefficient", "fringe_lines")  # fmt: skip
 _SHOWN_OF_CAMPAIGN = ("recording", "status", "frames", "failed_frames", "flagged_frames",
                       "chi_median", "load.normal_n mean", "friction.coefficient mean",
                       "kept_share")  # fmt: skip
@@ -75,7 +74,7 @@ def process_command(
 
 def _print_processed(result: Processed, looked: bool) -> None:
     """What was found in each frame, or what the thousands of a tracked video come to."""
-    from isochrome.output import counted
+    from isochrome.output import counted, sentence_of, sentence_of_orders
 
     table = result.columns
     count = len(table["frame"])
@@ -88,6 +87,8 @@ def _print_processed(result: Processed, looked: bool) -> None:
     rows = list(zip(*result.summary().values(), strict=True))
     if rows:
         typer.echo(sentence_of(rows, count, result.causes, looked))
+    else:
+        typer.echo(sentence_of_orders(table))
 
 
 def _process_campaign(

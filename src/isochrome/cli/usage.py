@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any, NoReturn
 
 import typer
@@ -47,6 +49,10 @@ EXAMPLES = {
     "export": (
         "isochrome export experiment --to netcdf",
         "isochrome export experiment --to tiff --out for-imagej",
+    ),
+    "report": (
+        "isochrome report experiment",
+        "isochrome report experiment --out for-a-colleague",
     ),
     "guide": (
         "isochrome guide",
@@ -110,7 +116,24 @@ def _usage_in_a_line() -> Iterator[None]:
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "isochrome"
         own = command.removeprefix("isochrome").strip()
-        fail(f"{own}{': ' if own else ''}{say().rstrip('. ')}; see '{command} --help'", 2)
+        text = f"{own}{': ' if own else ''}{say().rstrip('. ')}"
+        fail(_decimal_comma(text) or f"{text}; see '{command} --help'", 2)
+
+
+def _decimal_comma(text: str) -> str | None:
+    """The sentence for an option whose number has a comma; None where that is not what is wrong.
+
+    Parameters: `text`, the usage error, which names the option.
+    """
+    named = re.search(r"Invalid value for '(--[a-z-]+)'", text)
+    words = [part for word in sys.argv for part in word.split("=", 1)]
+    for option, value in pairwise(words):
+        if named and option == named.group(1) and re.fullmatch(r"[-+]?\d+,\d+", value):
+            if "integer" in text:  # a point would not mend it
+                return f"{text}; {value} is no whole number"
+            right = value.replace(",", ".")
+            return f"{text}; {value} has a decimal comma: write {right}, with a point"
+    return None
 
 
 def fail(text: str, code: int) -> NoReturn:

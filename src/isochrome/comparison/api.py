@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from isochrome.comparison.comparison_report import comparison_report
 from isochrome.comparison.figure import side_by_side
 from isochrome.comparison.frame_folders import SetToCompare, load_frame_set
 from isochrome.comparison.frame_sets import ComparedFrames, FrameMetrics, compare_frames
@@ -23,6 +24,8 @@ from isochrome.output import (
     write_figure,
     write_json,
 )
+from isochrome.reporting import write_report
+from isochrome.runs import REPORT
 from isochrome.scene import ArrayFrames, Scene
 
 if TYPE_CHECKING:
@@ -100,7 +103,8 @@ def compare(
         What `simulate` left in a folder or gave in memory, or frames, on the same pixel grid; for
         scars that folder or a scene.
     out : str or Path, optional
-        Folder for metrics.csv, provenance.json and comparison.png, or scars.csv and scars.png.
+        Folder for metrics.csv, provenance.json, comparison.png and report.html, or scars.csv and
+        scars.png.
 
     Returns
     -------
@@ -144,17 +148,12 @@ def compare(
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
-            write_json(
-                folder / "provenance.json",
-                provenance(
-                    None,
-                    [
-                        _hashed(experiment, here, "experiment"),
-                        _hashed(simulation, there, "simulation"),
-                    ],
-                ),
-            )
+            sets = ((experiment, here, "experiment"), (simulation, there, "simulation"))
+            record = provenance(None, [_hashed(*one) for one in sets])
+            write_json(folder / "provenance.json", record)
             write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
+            content = comparison_report(here, there, metrics, result.columns, record)
+            write_report(folder / REPORT, content)
     return result
 
 

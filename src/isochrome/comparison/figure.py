@@ -92,10 +92,10 @@ def side_by_side(
         raise InputError(f"{len(metrics)} metrics for {len(pairs)} frames: give one a frame")
     chosen = [(*pairs[k], metrics[k]) for k in _evenly_spaced(len(pairs), max_rows)]
     of_order = any(numbers.orders is not None for *_, numbers in chosen)
-    images = [_images(experiment, simulation, each, of_order) for each in chosen]
-    grey = _grey_range([image for row in images for image in row[:2]])
+    images = [pair_images(experiment, simulation, each, of_order) for each in chosen]
+    grey = grey_range([image for row in images for image in row[:2]])
     limit = centred_limit(*(gap for *_, gap in images))
-    place = _place_of(experiment, simulation)
+    place = place_of_pair(experiment, simulation)
 
     figure, panels, captions, foot = _lay_out(len(chosen), experiment.signal.shape[1:])
     differences = []
@@ -170,11 +170,11 @@ def plot_side_by_side(
     of_order = here.order is not None and there.order is not None
     own, model = (part.only(at) for part, at in zip((here, there), pairs[frame], strict=True))
     (numbers,) = compare_frames(own, model)
-    images = _images(own, model, (0, 0, numbers), of_order)
-    limit, place = centred_limit(images[2]), _place_of(here, there)
+    images = pair_images(own, model, (0, 0, numbers), of_order)
+    limit, place = centred_limit(images[2]), place_of_pair(here, there)
     panels = three_axes(images[0].shape) if axes is None else list(axes)
     label = plain_name(here.label(pairs[frame][0]), _LABEL_LENGTH)
-    drawn = _draw_row(panels, images, _grey_range(list(images[:2])), limit, label, place)
+    drawn = _draw_row(panels, images, grey_range(list(images[:2])), limit, label, place)
     if lines:
         _draw_lines(panels[0], model, 0, place)
     add_colour_bar(drawn, f"difference of {_of_what(of_order)}")
@@ -191,7 +191,8 @@ def three_axes(shape: tuple[int, ...]) -> list[Axes]:
     return list(found[1])
 
 
-def _place_of(experiment: ComparedFrames, simulation: ComparedFrames) -> Place:
+def place_of_pair(experiment: ComparedFrames, simulation: ComparedFrames) -> Place:
+    """Where the frames of two sets lie."""
     known = simulation if simulation.pixel_mm is not None else experiment
     return {"pixel_mm": known.pixel_mm, "left_mm": known.left_mm, "top_mm": known.top_mm}
 
@@ -233,7 +234,7 @@ def _draw_lines(axes: Axes, simulation: ComparedFrames, index: int, place: Place
             draw_line(axes, line.rows, line.cols, place, **look)
 
 
-def _images(
+def pair_images(
     experiment: ComparedFrames,
     simulation: ComparedFrames,
     pair: tuple[int, int, FrameMetrics],
@@ -247,7 +248,7 @@ def _images(
     return measured, model, measured - (numbers.signals.gain * model + numbers.signals.offset)
 
 
-def _grey_range(images: list[NDArray[Any]]) -> tuple[float, float]:
+def grey_range(images: list[NDArray[Any]]) -> tuple[float, float]:
     """Black and white for all frames of the figure: the range that 99 % of the pixels fill."""
     bounds = [np.nanpercentile(image, (0.5, 99.5)) for image in images]
     low, high = float(np.min(bounds)), float(np.max(bounds))

@@ -36,6 +36,7 @@ from .values import (
     draw_budget,
     draw_frame_values,
     draw_values,
+    frame_axis,
     frame_values_figure,
 )
 
@@ -69,6 +70,7 @@ __all__ = [
     "draw_frame_values",
     "draw_line",
     "draw_values",
+    "frame_axis",
     "frame_values_figure",
     "given_axes",
     "new_figure",

@@ -49,9 +49,19 @@ _FEW = 40
 
 
 def frame_axis(found: FrameValues) -> tuple[Array, str]:
-    """Where frames stand on an axis, and its label: their distance where they have several.
+    """Say where frames stand on an axis: at their distances where they have several.
 
-    Parameters: `found`. Returns (n,), NaN for a frame that stands still among those that slide.
+    Parameters
+    ----------
+    found : FrameValues
+        The values of all frames.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+        The distances (m), NaN for a frame that stands still among those that slide; else numbers.
+    str
+        The axis' label.
     """
     known = found.distance_m[np.isfinite(found.distance_m)]
     if known.size and np.ptp(known) > 0.0:

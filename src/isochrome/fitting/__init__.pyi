@@ -1,8 +1,11 @@
 from .api import fit
 from .causes.freeing import Freed, fit_with_causes
-from .causes.report import cause_messages
+from .causes.report import cause_messages, opposite_shear
+from .fit_report import fit_report
+from .folder import restore_values
 from .frame.frame_estimate import FrameFit
 from .frame.frame_fit import fit_frame, placed
+from .frame.inputs import taken_as_exact
 from .frame.model_frame import ModelFrame, evaluate_model
 from .frame.single_state import (
     frame_distance,
@@ -39,18 +42,22 @@ __all__ = [
     "find_apparatus",
     "fit",
     "fit_frame",
+    "fit_report",
     "fit_with_causes",
     "fitted_scene",
     "frame_distance",
     "frame_scene",
     "free_keys",
     "nothing_found",
+    "opposite_shear",
     "over_distance",
     "placed",
     "refuse_shared",
+    "restore_values",
     "scene_at",
     "slid_until",
     "sliding_scene",
+    "taken_as_exact",
     "timed_distance",
     "track",
     "untracked_inputs",

@@ -93,8 +93,8 @@ def fit(
         light, and dust is left out. Frames that share an unknown or a history are asked together,
         and what they ask for is one unknown of all of them.
     out : str or Path, optional
-        Folder for fit.csv, scene.toml (fitted), fit.json, provenance.json, fit.png, run.zarr
-        (values over frame, see `open_run`), of several frames fit_over_distance.png and
+        Folder for fit.csv, scene.toml (fitted), fit.json, provenance.json, fit.png, report.html,
+        run.zarr (values over frame, see `open_run`), of several frames fit_over_distance.png and
         wear_laws.csv, and with `tractions` tractions.csv, tractions.png, sigma_1_mpa.tif,
         sigma_2_mpa.tif and fringe_order.tif.
     workers : int or None, default 1

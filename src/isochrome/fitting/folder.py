@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,16 +12,19 @@ import numpy as np
 
 from isochrome.estimation import POOR_CHI, BudgetInput
 from isochrome.fitting.figure import budget_figure, fit_figure, over_distance_figure
+from isochrome.fitting.fit_report import fit_report
 from isochrome.fitting.frame.unknowns import WEAR
 from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.result import PARTS, Fit, Found, KeyBudget, keys_of
-from isochrome.fitting.tracking.result import Track
+from isochrome.fitting.tracking.result import Track, restored
 from isochrome.fitting.tractions.api import write_tractions
 from isochrome.fitting.wear_laws.law_evidence import LawFit
 from isochrome.fitting.wear_laws.law_report import WearLaws
 from isochrome.output import saved_picture, write_csv, write_figure, write_json, write_text
+from isochrome.reporting import write_report
 from isochrome.runs import (
+    REPORT,
     STORE,
     Column,
     Job,
@@ -77,7 +81,7 @@ def column_name(key: str, part: str) -> str:
 
 
 def keep_values(folder: Path, job: Job, result: Fit | Track, columns: dict[str, Column]) -> None:
-    """Leave what every fit leaves: fit.csv, fit.json, the fitted scene, and values over frame.
+    """Leave what every fit leaves: fit.csv, fit.json, scene, values over frame, report.
 
     Parameters: `folder`, with the run's store; `job`; `result`; `columns` of the store. Raises
     OSError.
@@ -91,6 +95,7 @@ def keep_values(folder: Path, job: Job, result: Fit | Track, columns: dict[str, 
         "distance_m": column(distances, "frame", "distance_m"),
     }
     add_columns(folder / STORE, columns, axes, attributes(job.identity))
+    write_report(folder / REPORT, fit_report(folder, result, job.identity))
 
 
 def kept_values(out: Path, scene: Scene) -> tuple[dict[str, Any], Scene]:
@@ -131,6 +136,29 @@ def restore_fit(out: Path, scene: Scene) -> Fit:
         already=True,
         draw=partial(saved_picture, out.absolute() / PICTURE),
     )
+
+
+def restore_values(out: Path, scene: Scene, options: Mapping[str, Any]) -> Fit | Track:
+    """Read a fit or a track from the folder that a run left complete.
+
+    Parameters
+    ----------
+    out : Path
+        The folder.
+    scene : Scene
+        The scene, for its name.
+    options : mapping
+        Those of the run's provenance.json: of a track its keys.
+
+    Returns
+    -------
+    Fit or Track
+        What was found; a fit without its tractions.
+    """
+    if "track" not in options:
+        return restore_fit(out, scene)
+    found, fitted = kept_values(out, scene)
+    return restored(found, tuple(options["track"]), fitted)
 
 
 def _is_value(values: Any) -> bool:

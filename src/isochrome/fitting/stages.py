@@ -11,7 +11,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI, FrameData, Minimum
 from isochrome.fitting.causes.freeing import Freed, fit_with_causes, free_causes
-from isochrome.fitting.causes.report import cause_messages
+from isochrome.fitting.causes.report import cause_messages, opposite_shear
 from isochrome.fitting.causes.solution import FrameSolution
 from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.frame_fit import fit_frame, placed
@@ -157,7 +157,7 @@ def joint_stage(
             refuse_undetermined(key, (f for i, f in enumerate(alone) if key in sequence.acting(i)))
         joint = fit_of_each(sequence, alone)
         said = tuple(messages_of_frames(messages, single=sequence.count == 1))
-        return make_result(joint, alone, None, said), joint
+        return make_result(joint, alone, None, (*said, *_opposite_shears(joint))), joint
     start = starting_values(sequence, alone)
     now = solve_jointly(data, sequence, start, progress)
     apart = _worn_apart(now)
@@ -175,7 +175,7 @@ def joint_stage(
     assert now.fit.covariance is not None
     refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.covariance, joint.known)
     laws = None if apart is None else _laws(apart.fit)
-    notes += scar_messages(sequence.areas, joint.scene)
+    notes += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
     return make_result(joint, alone, laws, notes), joint
 
 
@@ -188,6 +188,19 @@ def _worn_apart(now: JointSolution) -> JointSolution | None:
     worn = mean_coefficients(now.fit.scene, segment_ends(sequence))
     start = np.concatenate([now.fit.values[rest], worn])
     return solve_jointly(now.data, sequence, start, now.progress)
+
+
+def _opposite_shears(joint: JointFit) -> list[str]:
+    """What to say where frames show the scene's shear the other way."""
+    messages = []
+    found = zip(joint.unknowns, joint.values, joint.standard_uncertainty, strict=True)
+    for unknown, value, spread in found:
+        first = unknown.frames[0]
+        given = alone_scene(joint.sequence.scene, first)
+        text = opposite_shear(given, unknown.key, float(value), float(spread))
+        if text is not None and first not in joint.lost:
+            messages.append((first, text))
+    return messages_of_frames(messages, single=joint.sequence.count == 1)
 
 
 def _laws(free: JointFit) -> WearLaws:

@@ -16,6 +16,7 @@ from .record import InputContent, provenance, sha256, write_figure
 from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with_uncertainty
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
 from .scale import pixel_mm_of, read_pixel_mm
+from .sentence import sentence_of, sentence_of_orders, sentence_of_values
 from .tables import Floats, check_given_table, csv_text, numbers, read_csv, write_csv
 from .tiff_stack import Photometric, write_frames, write_tiff
 
@@ -56,6 +57,9 @@ __all__ = [
     "replacing",
     "roi_entries",
     "saved_picture",
+    "sentence_of",
+    "sentence_of_orders",
+    "sentence_of_values",
     "sha256",
     "staged",
     "with_uncertainty",

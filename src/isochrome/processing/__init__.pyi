@@ -1,8 +1,9 @@
 from .api import check_scene, process
 from .checking import check
 from .figure import plot_order
-from .processed import PICTURE, Processed
+from .processed import PICTURE, Processed, restore
 from .result import SPREAD, ProcessedFrame
+from .run_report import process_report
 
 __all__ = [
     "PICTURE",
@@ -13,4 +14,6 @@ __all__ = [
     "check_scene",
     "plot_order",
     "process",
+    "process_report",
+    "restore",
 ]

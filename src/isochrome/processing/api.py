@@ -115,8 +115,8 @@ def process(
         Folder for frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv
         (fringe lines, where no model was fitted), isoclinic.tif (steps: degrees, direction of
         sigma_1), residual_order.tif and residual_isoclinic.tif (of the no-load steps),
-        fitted_scene.toml (to simulate what was found), scene.toml, provenance.json, process.png and
-        run.zarr, which has all of it with named axes (see `open_run`).
+        fitted_scene.toml (to simulate what was found), scene.toml, provenance.json, process.png,
+        report.html and run.zarr, which has all of it with named axes (see `open_run`).
     rois : bool, default False
         Whether skeleton.csv and skeleton.zip, the lines as ImageJ ROIs that lie on these maps, are
         wanted of every frame.

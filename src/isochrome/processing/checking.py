@@ -33,8 +33,9 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
     in one pass with one frame in memory. Where they can be the scene's, and it has a model, the
     first frame that shows its fringes is fitted, and what it asks for besides what the scene states
-    is a warning, as `process` says it: the key that mends it, and its value. Without a model frames
-    that are exposed otherwise than both no-load frames are named with their factor.
+    is a warning, as `process` says it: the key that mends it, and its value. A slip in the scene
+    with which nothing can be read, such as a picture that lies otherwise, is an error. Without a
+    model frames that are exposed otherwise than both no-load frames are named with their factor.
 
     Parameters
     ----------
@@ -91,8 +92,10 @@ def _asked(frames: Iterator[Frame], scene: Scene, capture: Capture) -> Iterator[
         except (InputError, PhysicsError) as error:
             refused = refused or str(error)
         if said is not None:
-            for text in said:
-                yield Finding("warning", f"{named_frames([frame.index])}: {text}", frame.index)
+            texts, slip = said
+            for text in texts:
+                text = f"{named_frames([frame.index])}: {text}"
+                yield Finding("error" if slip else "warning", text, frame.index)
             return
         vain.append(frame.index)
     text = refused or "the scene's fringes are not there; correct the scene, if they should be"

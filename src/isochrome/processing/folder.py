@@ -45,7 +45,10 @@ from isochrome.processing.processed import (
     warnings_last,
 )
 from isochrome.processing.result import ProcessedFrame
+from isochrome.processing.run_report import process_report
+from isochrome.reporting import write_report
 from isochrome.runs import (
+    REPORT,
     STORE,
     Column,
     Job,
@@ -112,6 +115,7 @@ def finish_set_folder(
     result = replace(result, draw=draw, load=partial(open_run, out))
     dpi = FIGURE_DPI if recipe.every is None else _TRACKED_DPI
     write_figure(folder / FIGURE, result.figure(), dpi=dpi)
+    write_report(folder / REPORT, process_report(folder, result, job.identity))
     return result
 
 

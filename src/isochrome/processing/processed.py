@@ -29,6 +29,7 @@ from isochrome.output import (
 from isochrome.processing.result import (
     CAUSES,
     NOTHING,
+    ORDER_SPREAD,
     SEARCHED,
     SEPARATOR,
     SPREAD,
@@ -130,7 +131,7 @@ class Processed(Result):
         """What was fitted, how well, and how much was read."""
         for key in fitted_keys(self.columns):
             yield key, over_items(self.columns[key], self.columns[f"{key} {SPREAD}"])
-        for name in ("n_max", "chi", "kept_share", "fringe_lines"):
+        for name in ("n_max", ORDER_SPREAD, "chi", "kept_share", "fringe_lines"):
             if any(value is not None for value in self.columns.get(name, ())):
                 yield name, over_items(self.columns[name])
 
@@ -313,10 +314,28 @@ def orders_are_read(scene: Scene) -> bool:
 def restore(
     scene: Scene, out: Path, shape: tuple[int, int], residual: ResidualStress | None
 ) -> Processed:
-    """What an earlier run found, from the folder that it left complete.
+    """Read what an earlier run found, from the folder that it left complete.
 
-    Parameters: `scene`; `out`, the folder; `shape` (rows, cols) of the frames; `residual`, what was
-    taken out of them. Returns Processed. Raises InputError.
+    Parameters
+    ----------
+    scene : Scene
+        The scene as given.
+    out : Path
+        The folder.
+    shape : tuple of two ints
+        Rows and columns of the frames.
+    residual : ResidualStress or None
+        The residual stress that was taken out of them.
+
+    Returns
+    -------
+    Processed
+        What was found.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read.
     """
     names = read_csv(out / "frames.csv")
     with open_run(out) as dataset:
@@ -342,7 +361,7 @@ def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
     return messages
 
 
-def _values_of(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> dict[str, float]:
+def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> dict[str, float]:
     """What was fitted to a frame: the values of keys, and those that it asked for."""
     values = {key: table[key][k] for key in keys if table[key][k] is not None}
     return values | causes_of(table[CAUSES][k] or "" if CAUSES in table else "")
@@ -357,7 +376,7 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
     # of a tracked video the key frames count, whose every pixel was fitted
     whole = [at is not None for at in table.get(PICTURE, table["frame"])]
     own = [
-        {key: {"value": value} for key, value in _values_of(table, keys, k).items()} if at else {}
+        {key: {"value": value} for key, value in own_values(table, keys, k).items()} if at else {}
         for k, at in enumerate(whole)
     ]
     grid = {

@@ -33,7 +33,10 @@ SEPARATOR = " | "
 CAUSES = "causes"
 """Column of what frames asked for besides the scene's unknowns."""
 
-_LARGEST = ("n_max", "n_max_row_px", "n_max_col_px")
+ORDER_SPREAD = "order_uncertainty"
+"""Column of the typical standard uncertainty of an order, of frames without a model."""
+
+_LARGEST = ("n_max", "n_max_row_px", "n_max_col_px", ORDER_SPREAD)
 
 
 def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
@@ -114,6 +117,16 @@ def largest_pixel(order: Array) -> dict[str, Any]:
         return {"n_max": float("nan"), "n_max_row_px": None, "n_max_col_px": None}
     row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
     return {"n_max": float(order[row, col]), "n_max_row_px": int(row), "n_max_col_px": int(col)}
+
+
+def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
+    """Columns of the orders that are known: the largest with its pixel, and the median of their u.
+
+    Parameters: `order`, `uncertainty` (rows, cols), fringes; NaN where an order is not known.
+    """
+    known = uncertainty[np.isfinite(order) & np.isfinite(uncertainty)]
+    typical = float(np.median(known)) if known.size else float("nan")
+    return largest_pixel(order) | {ORDER_SPREAD: typical}
 
 
 @dataclass(frozen=True, kw_only=True)

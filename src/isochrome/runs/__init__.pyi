@@ -19,7 +19,7 @@ from .store import (
     open_run,
     texts,
 )
-from .work_folder import PROVENANCE, has_run, holds_results, wipe, working_folder
+from .work_folder import PROVENANCE, REPORT, has_run, holds_results, wipe, working_folder
 from .workers import (
     NoCluster,
     WorkersLost,
@@ -33,6 +33,7 @@ from .workers import (
 __all__ = [
     "CHUNK_BYTES",
     "PROVENANCE",
+    "REPORT",
     "STORE",
     "WORKING",
     "WORTH_WORKERS_S",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from isochrome.errors import InputError, IsochromeError
+from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.output import write_json
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs.chunks import ChunkRecord, RunFolder, check_chunk, read_record
@@ -164,7 +164,12 @@ def run_job(
             else:
                 state.kept = _kept(run, means)
                 _compute(job, run, state.kept, means, progress)
-                found = finish(run)
+                try:
+                    found = finish(run)
+                except PhysicsError:  # as these frames and this scene would end again
+                    state.own = True
+                    state.kept.clear()
+                    raise
                 check_unchanged(stamps)
                 _leave_record(run, job)
                 state.finished = True

@@ -12,7 +12,7 @@ from typing import Any
 from isochrome.errors import InputError
 from isochrome.runs.chunks import RunFolder, sync_folder, write_through
 from isochrome.runs.store import STORE
-from isochrome.runs.work_folder import FINISHED, PROVENANCE, is_finished, sync_tree
+from isochrome.runs.work_folder import FINISHED, PROVENANCE, REPORT, is_finished, sync_tree
 
 
 def publish(run: RunFolder, target: Path) -> None:
@@ -46,7 +46,7 @@ def check_own(target: Path, names: Iterable[str]) -> None:
     Parameters: `target`, the output folder; `names` of the results. Raises InputError.
     """
     outputs = _outputs(_record(target))
-    known = {*outputs, PROVENANCE} | ({STORE} if outputs else set())
+    known = {*outputs, PROVENANCE} | ({STORE, REPORT} if outputs else set())
     for name in names:
         place = target / name
         if name not in known and place.exists() and not place.is_symlink():

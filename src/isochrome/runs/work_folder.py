@@ -27,6 +27,9 @@ from isochrome.runs.lock import LOCK, OWNER
 from isochrome.runs.store import STORE, WORKING, create_store
 
 PROVENANCE = "provenance.json"
+REPORT = "report.html"
+"""A view of the results, which `isochrome report` makes anew: a run is whole without it."""
+
 FINISHED = "finished"
 _MANIFEST, _RECORDS, _GROUP = "manifest.json", "chunks", "group.json"
 
@@ -97,7 +100,8 @@ def holds_results(target: Path, identity: Mapping[str, Any]) -> bool:
         outputs = record.get("outputs")
         if not outputs or difference(record, identity) is not None:
             return False
-        sizes = [(target / name).stat().st_size == size for name, size in outputs.items()]
+        files = {name: size for name, size in outputs.items() if name != REPORT}
+        sizes = [(target / name).stat().st_size == size for name, size in files.items()]
     except (OSError, ValueError, AttributeError):
         return False
     return all(sizes)

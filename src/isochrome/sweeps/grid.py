@@ -55,7 +55,10 @@ def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> Sweep
             raise InputError(f"--vary {key}: is given twice; give all its values at once")
         values[key] = tuple(float(v) for v in own)
         if len(set(values[key])) < len(values[key]) or not values[key]:
-            raise InputError(f"--vary {key}: needs values, each once, not {list(values[key])}")
+            raise InputError(
+                f"--vary {key}: needs values, each once, not {list(values[key])}; a comma parts "
+                "values, and a number has a point"
+            )
     if not values:
         raise InputError("a sweep varies something: give --vary, such as load.normal_n=20:60:5")
     count = math.prod(len(own) for own in values.values())
@@ -80,8 +83,9 @@ def _parsed(text: str) -> tuple[str, list[float]]:
         if not equals or not key or not np.isfinite(found).all():
             raise ValueError
     except ValueError:
+        comma = "with points in its numbers, not commas, " if "," in rest and ":" in rest else ""
         raise InputError(
-            f"--vary {text}: give KEY=first:last:number, two or more of them, or "
+            f"--vary {text}: give KEY=first:last:number, {comma}two or more of them, or "
             "KEY=value,value,..., such as load.normal_n=20:60:5"
         ) from None
     return key.strip(), found

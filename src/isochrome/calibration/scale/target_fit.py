@@ -77,7 +77,7 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
         left = _residual(values, seen, grids, shape)
         return np.concatenate([part.ravel().view(float) for part in left])
 
-    options = {"method": "lm", "jac": "3-point", "x_scale": "jac", "xtol": 1e-12, "ftol": 1e-12}
+    options = {"method": "trf", "jac": "3-point", "x_scale": "jac", "xtol": 1e-12, "ftol": 1e-12}
     best = least_squares(residual, first, **options)
     if np.abs(best.x[1:4]).max() > _LARGEST:
         raise PhysicsError(

@@ -8,8 +8,10 @@ from isochrome.fitting.causes.cause import Cause
 from isochrome.fitting.causes.freeing import Freed
 from isochrome.fitting.causes.score import Asked
 from isochrome.fitting.causes.solution import Askable
-from isochrome.fitting.frame.unknowns import LOAD
+from isochrome.fitting.causes.trials import lying_otherwise
+from isochrome.fitting.frame.unknowns import FRICTION, LOAD, TANGENTIAL
 from isochrome.output import with_uncertainty
+from isochrome.scene import Scene
 
 _FAR = 4.0
 """Standard uncertainties from what is stated that chance does not explain."""
@@ -59,6 +61,37 @@ def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
     if suspects:
         messages.append(_suspect_sentence(freed.now, suspects))
     return tuple(messages)
+
+
+def opposite_shear(given: Scene, key: str, value: float, spread: float) -> str | None:
+    """What to say where a frame shows the shear that its scene states, the other way.
+
+    A picture mirrored left to right is that of a cylinder which slides the other way: no frame
+    tells one from the other.
+
+    Parameters
+    ----------
+    given : Scene
+        The scene of the frame as it was given.
+    key : str
+        An unknown.
+    value, spread : float
+        What was found of it, and its standard uncertainty.
+
+    Returns
+    -------
+    str or None
+        A sentence; None where the shear points as stated, is not stated, or is not seen.
+    """
+    stated = given.get(key) if key in (FRICTION, TANGENTIAL) else None
+    if not stated or stated * value >= 0.0 or not abs(value) > _FAR * spread:
+        return None
+    line, _ = lying_otherwise(given, 0, "horizontal")
+    return (
+        f"{key} = {with_uncertainty(value, spread)} has the other sign than the scene's "
+        f"{stated:g}: the other body slides the other way, or the picture is mirrored left to "
+        f"right; if it is mirrored, give {line}, else the other sign in the scene"
+    )
 
 
 def _who(solution: Askable) -> str:

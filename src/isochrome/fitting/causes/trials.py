@@ -161,7 +161,7 @@ def _turns(
     camera, (rows, cols) = scene.camera, data.shape
     assert camera is not None and camera.pixel_mm is not None and camera.left_mm is not None
     for turn, flip in ways:
-        line, what = _lying(scene, turn, flip)
+        line, what = lying_otherwise(scene, turn, flip)
         start = scene
         if turn in (90, 270) and rows != cols:
             size = {"camera.width_px": rows, "camera.height_px": cols}
@@ -172,8 +172,11 @@ def _turns(
         yield _Slip(what, line, data.lying(partial(as_turned, rotate_deg=turn, flip=flip)), start)
 
 
-def _lying(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
-    """The keys that turn a picture, on top of what the scene turns already, and what it is then."""
+def lying_otherwise(scene: Scene, turn: int, flip: str | None) -> tuple[str, str]:
+    """The keys that turn a picture, on top of what the scene turns already, and what it is then.
+
+    Parameters: `scene`; `turn`, 0, 90, 180 or 270 degrees, and `flip`, as in its [frames].
+    """
     frames = scene.frames
     whole, mirrored = _together((frames.rotate_deg, frames.flip), (turn, flip))
     parts = [f"frames.rotate_deg = {whole}"] if whole != frames.rotate_deg else []

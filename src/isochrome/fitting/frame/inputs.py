@@ -91,10 +91,21 @@ def inputs_of_rows(rows: Iterable[tuple[str, float, float]]) -> StatedInputs:
 
 
 def taken_as_exact(scene: Scene, keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Keys of the measured numbers that move a scene's fringes, and that a fit takes as exact.
+    """Name the measured numbers that move a scene's fringes, and that a fit takes as exact.
 
-    Parameters: `scene`; `keys`, the fit's unknowns. Numbers with a stated uncertainty, 0 too, are
-    none of them.
+    Numbers with a stated uncertainty, 0 too, are none of them.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    keys : tuple of str
+        The fit's unknowns.
+
+    Returns
+    -------
+    tuple of str
+        Their keys.
     """
     exact = []
     for key in _MATTER:

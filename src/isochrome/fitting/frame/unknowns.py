@@ -15,6 +15,7 @@ from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
 
 LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n"
+TANGENTIAL = "load.tangential_n"
 LEFT, TOP, GAMMA, BLUR = "camera.left_mm", "camera.top_mm", "frames.gamma", "camera.blur_px"
 
 LENS = ("camera.roll_deg", "camera.distortion", "camera.keystone_x", "camera.keystone_z")
@@ -40,7 +41,7 @@ _MICROMETRE = 1e-7
 _LITTLE = 0.01
 """Share of that below which a coefficient says nothing of how far it may change."""
 
-_SIGNED = (LEFT, TOP, "load.tangential_n")
+_SIGNED = (LEFT, TOP, TANGENTIAL)
 """Unknowns of either sign, which a start at a small value says nothing of."""
 
 
@@ -62,7 +63,7 @@ def free_keys(scene: Scene) -> tuple[str, ...]:
     """
     keys = list(specimen_model(scene).unknowns)
     if is_held(scene):
-        keys.append("load.tangential_n")
+        keys.append(TANGENTIAL)
     elif scene.friction is not None:
         keys.append(FRICTION)
     if scene.wear is not None:
@@ -102,7 +103,7 @@ def _scale(scene: Scene, key: str) -> float:
         return 0.3 * value
     if key == WEAR:
         return 10.0 * max(value, _LITTLE * _visible_wear(scene))
-    if key == "load.tangential_n":
+    if key == TANGENTIAL:
         return max(10.0 * value, scene.load_at(0.0))
     if key.startswith("load.bulk"):
         return max(10.0 * value, 10.0)

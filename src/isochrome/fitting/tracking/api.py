@@ -115,8 +115,8 @@ def track(
         blur, plates, band of wavelengths, uneven light, dust), and what is found is held in all
         frames and named in the warnings. Of a contact that wears only the first is asked.
     out : str or Path, optional
-        Folder for fit.csv, scene.toml (the means), fit.json, provenance.json, fit.png, run.zarr
-        (values over frame, see `open_run`).
+        Folder for fit.csv, scene.toml (the means), fit.json, provenance.json, fit.png,
+        report.html, run.zarr (values over frame, see `open_run`).
     workers : int or None, optional
         Only one process can follow a track: more than one is refused.
     cluster : str, optional

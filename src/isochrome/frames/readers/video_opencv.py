@@ -54,9 +54,10 @@ def quiet_cv2() -> ModuleType:
     loud = "OPENCV_LOG_LEVEL" in os.environ
     import cv2
 
-    if not loud:
-        log = cv2.utils.logging
-        log.setLogLevel(log.LOG_LEVEL_SILENT)
+    if not loud and hasattr(cv2, "setLogLevel"):  # until version 5
+        cv2.setLogLevel(0)
+    elif not loud:
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     return cv2
 
 

@@ -23,7 +23,7 @@ from isochrome.frames import (
 )
 from isochrome.fringes import ColourReading, ColourTable, read_colour, read_table, spectral_table
 from isochrome.optics import camera_response
-from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, largest_pixel
+from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, order_columns
 from isochrome.scene import FramesLike, Scene
 from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid
@@ -145,7 +145,7 @@ def process_colour(frames: Sequence[Frame], scene: Scene, capture: Capture) -> P
         columns={
             "kept_share": found.kept,
             "strange_share": found.strange,
-            **largest_pixel(found.order),
+            **order_columns(found.order, found.uncertainty),
         },
     )
 

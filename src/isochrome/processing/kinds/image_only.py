@@ -37,7 +37,7 @@ from isochrome.fringes import (
     widened,
 )
 from isochrome.output import with_uncertainty
-from isochrome.processing.result import SPREAD, Capture, ProcessedFrame, frame_fields, largest_pixel
+from isochrome.processing.result import SPREAD, Capture, ProcessedFrame, frame_fields, order_columns
 from isochrome.scene import Scene
 
 Array = NDArray[Any]
@@ -352,4 +352,4 @@ def _columns(found: FreeReading | None, seen: _Signal, lines: int) -> dict[str, 
     columns = kept | {"fringe_lines": lines} | seen.columns
     if found is None or not np.isfinite(found.reading.order).any():
         return columns
-    return columns | largest_pixel(found.reading.order)
+    return columns | order_columns(found.reading.order, found.reading.uncertainty)

@@ -19,7 +19,7 @@ from isochrome.frames import (
 )
 from isochrome.fringes import ResidualStress, SteppedReading, read_residual, read_steps
 from isochrome.optics import Chain, make_chain
-from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, largest_pixel
+from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, order_columns
 from isochrome.scene import Scene
 from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.stress import pixel_grid, principal_direction
@@ -148,6 +148,6 @@ def _columns(found: SteppedReading, residual: ResidualStress | None) -> dict[str
         "kept_share": found.reading.kept,
         "isoclinic_share": float(np.isfinite(found.isoclinic).mean()),
         "whole_order_from": found.parts[0].source if found.parts else "none",
-        **largest_pixel(found.order),
+        **order_columns(found.order, found.reading.uncertainty),
     }
     return columns if residual is None else columns | {"residual_order_max": residual.largest}

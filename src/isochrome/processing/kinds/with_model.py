@@ -18,6 +18,7 @@ from isochrome.fitting import (
     evaluate_model,
     fit_frame,
     fit_with_causes,
+    opposite_shear,
 )
 from isochrome.frames import Frame
 from isochrome.fringes import OrderReading, read_order
@@ -56,7 +57,7 @@ def process_with_model(
     said: tuple[str, ...] = ()
     if apparatus is not None:
         data, said = apparatus.seen(data), apparatus.warnings
-    data, fit, scene, notes = _fitted(data, scene, frame, as_stated)
+    data, fit, scene, notes, slip = _fitted(data, scene, frame, as_stated)
     if fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fit.scene.frames.stated_gamma)
     if fit.plain:
@@ -79,15 +80,15 @@ def process_with_model(
         fit=fit,
         noise=noise,
         chi=fit.chi,
-        warnings=(*said, *notes, *_warnings(fit, reading, lost)),
+        warnings=(*said, *notes, *(() if slip else _warnings(fit, reading, lost))),
     )
-    return _without_model(found, frame, scene, capture, data) if lost else found
+    return _without_model(found, frame, scene, capture, data, slip) if lost else found
 
 
 def _without_model(
-    lost: ProcessedFrame, frame: Frame, scene: Scene, capture: Capture, data: FrameData
+    lost: ProcessedFrame, frame: Frame, scene: Scene, capture: Capture, data: FrameData, slip: bool
 ) -> ProcessedFrame:
-    """A frame whose fit was lost, as the image alone shows it."""
+    """A frame whose fit was lost, as the image alone shows it; a `slip` is all that is said."""
     assert lost.fit is not None
     # the place that the lost fit ended at says nothing: the specimen is where it began
     inside = evaluate_model(data, scene.with_values({GAMMA: data.gamma})).picture.material
@@ -98,41 +99,55 @@ def _without_model(
         lines=image.lines,
         noise=image.noise,
         fit=_without_values(lost.fit, scene),
-        warnings=(*lost.warnings, *image.warnings),
+        warnings=(*lost.warnings, *(() if slip else image.warnings)),
     )
 
 
 def _fitted(
     data: FrameData, scene: Scene, frame: Frame, as_stated: bool
-) -> tuple[FrameData, FrameFit, Scene, list[str]]:
+) -> tuple[FrameData, FrameFit, Scene, list[str], bool]:
     """The frame as it was fitted, the fit, the scene that it began with, and what to say.
 
-    A disc's scene is placed by its rim.
+    The last is whether a slip in the scene was found: the fit says nothing then. A disc's scene is
+    placed by its rim.
     """
     notes: list[str] = []
     if scene.rim_diameter_mm is not None:
         scene, notes = placed_disc(scene, data)
     try:
         if as_stated:
-            return data, fit_frame(data, scene), scene, notes
+            fit = fit_frame(data, scene)
+            return data, fit, scene, [*notes, *_opposite(scene, fit)], False
         freed = fit_with_causes(data, scene)
-        return freed.data, freed.fit, scene, [*notes, *cause_messages(freed)]
+        fit, slip = freed.fit, freed.slip is not None
+        notes += [*cause_messages(freed), *(() if slip else _opposite(scene, fit))]
+        return freed.data, fit, scene, notes, slip
     except PhysicsError as error:
         raise PhysicsError(f"frame {frame.index} ({frame.name}): {error}") from error
 
 
-def frame_causes(frame: Frame, scene: Scene, capture: Capture) -> list[str] | None:
+def _opposite(given: Scene, fit: FrameFit) -> list[str]:
+    """What is said where the shear points the other way than the scene's."""
+    found = zip(fit.keys, fit.values, fit.standard_uncertainty, strict=True)
+    texts = [opposite_shear(given, key, float(value), float(u)) for key, value, u in found]
+    return [text for text in texts if text is not None and fit.positive]
+
+
+def frame_causes(frame: Frame, scene: Scene, capture: Capture) -> tuple[list[str], bool] | None:
     """What `process` will say of how a scene explains a frame; None where it shows no fringes.
 
-    Parameters: as of `process_with_model`. Raises InputError on a blank frame, PhysicsError where
-    no values give fringes of the right contrast.
+    Parameters: as of `process_with_model`. Returns the sentences, and whether they name a slip in
+    the scene, with which nothing can be read. Raises InputError on a blank frame, PhysicsError
+    where no values give fringes of the right contrast.
     """
     no_load = capture.dark, capture.bright
     data = prepare_frame(
         frame, scene, bit_depth=capture.bit_depth, no_load=no_load, gamma_found=True
     )
-    _, fit, _, notes = _fitted(data, scene, frame, as_stated=False)
-    return [*notes, *_of_chi(fit)] if fit.positive or notes else None
+    _, fit, _, notes, slip = _fitted(data, scene, frame, as_stated=False)
+    if slip:
+        return notes, True
+    return ([*notes, *_of_chi(fit)], False) if fit.positive or notes else None
 
 
 def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:

@@ -65,6 +65,16 @@ def stress_components(
     -------
     StressComponents
         Stress (MPa) of the places' shape, float64.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> static, *_ = isochrome.scene_states(isochrome.load_scene("line-contact-wear"))
+    >>> surface = static.surface
+    >>> tractions = surface.grid.x_mm, surface.pressure_mpa, surface.shear_mpa
+    >>> stress = isochrome.stress_components(0.0, 0.3, *tractions)
+    >>> print(f"{stress.sigma_z.item():.1f} MPa")
+    -14.6 MPa
     """
     difference, trace = difference_and_trace(x_mm, z_mm, nodes_mm, pressure_mpa, shear_mpa)
     return StressComponents.from_invariants(difference, trace)

@@ -1,0 +1,118 @@
+"""`report`: one HTML file of a run, from the folder that it left."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.fitting import fit_report, restore_values
+from isochrome.output import output_folder
+from isochrome.processing import process_report, restore
+from isochrome.reporting import ReportContent, write_report
+from isochrome.runs import PROVENANCE, REPORT, STORE, WORKING, open_run
+from isochrome.scene import Scene, parse_scene, read_text
+
+_NEEDED = {"frames.csv": "process", "fit.json": "fit"}
+"""The file by which a run's folder is known, and the command that leaves it."""
+
+_OTHERS = {
+    "summary.csv": "is a campaign; name the folder of one of its recordings",
+    "metrics.csv": "is a comparison, whose report compare writes itself; run compare again",
+    "history.csv": "is a simulation, which has no report; process its frames, or compare it",
+    "calibration.json": "is a calibration, which has no report; see its calibration.png",
+}
+
+
+def report(folder: str | Path, out: str | Path | None = None) -> Path:
+    """Write the report of a run: one HTML file that opens offline on any machine.
+
+    It has what was found in a sentence; some frames beside their simulation, with N, x and z under
+    the mouse; the values over the distance with their bands; causes, budget and warnings with
+    their remedies; the scene; and what a paper states. `process`, `fit` and `track` leave it beside
+    their results; this makes it anew, of the files alone.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder that process, fit or track left.
+    out : str or Path, optional
+        Folder for report.html; by default the run's own.
+
+    Returns
+    -------
+    Path
+        The file, below 10 MB.
+
+    Raises
+    ------
+    InputError
+        Where the folder holds no finished run, or its files cannot be read.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> frames = isochrome.simulate(scene).frames
+    >>> found = isochrome.process(frames, scene, "processed")
+    >>> isochrome.report("processed").name
+    'report.html'
+    """
+    place = Path(folder)
+    command = _command(place)
+    try:
+        content = _content(place, command)
+    except (OSError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+        reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
+        raise InputError(
+            f"{place}: cannot be read ({reason}); run {command} again with --restart"
+        ) from error
+    target = place if out is None else output_folder(out)
+    return write_report(target / REPORT, content)
+
+
+def _command(place: Path) -> str:
+    """The command that left a folder. Raises InputError where it holds no finished run of one."""
+    if not place.is_dir():
+        raise InputError(f"{place}: no such folder; name one that process, fit or track left")
+    found = next((name for name in _NEEDED if (place / name).is_file()), None)
+    for name, what in _OTHERS.items():
+        if found is None and (place / name).is_file():
+            raise InputError(f"{place}: {what}")
+    if found is None or not (place / PROVENANCE).is_file():
+        unfinished = Path(f"{place.resolve()}{WORKING}").is_dir()
+        hint = (
+            "the run is not finished: run the same command again to resume"
+            if unfinished
+            else "name a folder that process, fit or track left"
+        )
+        missing = PROVENANCE if found else " and no ".join(_NEEDED)
+        raise InputError(f"{place}: holds no {missing}; {hint}")
+    command = _NEEDED[found]
+    for name in ("scene.toml", STORE):
+        if not (place / name).exists():
+            raise InputError(f"{place}: holds no {name}; run {command} again with --restart")
+    return command
+
+
+def _content(place: Path, command: str) -> ReportContent:
+    """What the report of a run says."""
+    record: Mapping[str, Any] = json.loads((place / PROVENANCE).read_text("utf-8"))
+    scene = _scene(place)
+    if command == "fit":
+        found = restore_values(place, scene, record.get("options") or {})
+        return fit_report(place, found, record)
+    with open_run(place) as dataset:
+        rows, cols = dataset["normalised"].shape[-2:]
+    return process_report(place, restore(scene, place, (rows, cols), None), record)
+
+
+def _scene(place: Path) -> Scene:
+    """The scene of a run, which goes by the folder's name."""
+    name = place.resolve().name
+    file = place / "scene.toml"
+    return parse_scene(read_text(file), name=name, folder=place, label=str(file))

@@ -1,0 +1,277 @@
+"""What the report of processed frames says, from the folder of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import IsochromeError
+from isochrome.figures import centred_limit
+from isochrome.fitting import (
+    frame_scene,
+    scene_at,
+    sliding_scene,
+    taken_as_exact,
+)
+from isochrome.output import counted, numbers, sentence_of, sentence_of_orders
+from isochrome.processing.chunk import NORMALISED, ORDER
+from isochrome.processing.processed import (
+    PICTURE,
+    Processed,
+    fitted_keys,
+    own_values,
+)
+from isochrome.processing.result import CAUSES
+from isochrome.reporting import (
+    FRINGES,
+    SIGNAL,
+    Pane,
+    ReportContent,
+    ReportFrame,
+    ReportTable,
+    choose_frames,
+    curves_of,
+    paper_rows,
+)
+from isochrome.runs import STORE
+from isochrome.scene import Scene, dump_scene
+from isochrome.simulation import (
+    iter_scene_states,
+    make_picture,
+    picture_signal,
+    state_difference,
+)
+from isochrome.stress import pixel_grid
+
+Array = NDArray[Any]
+
+_NO_BUDGET = (
+    "Processing states the ± of the images' noise, without the shares of what the scene states; "
+    "isochrome fit with the same frames gives them."
+)
+
+
+def process_report(folder: Path, result: Processed, record: Mapping[str, Any]) -> ReportContent:
+    """Collect what the report of processed frames says; maps are read of the few that it shows.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the run's store is.
+    result : Processed
+        What was found.
+    record : mapping
+        What provenance.json holds: versions and hashes.
+
+    Returns
+    -------
+    ReportContent
+        What the report says.
+
+    Raises
+    ------
+    InputError
+        Where the store cannot be read.
+    """
+    table, scene = result.columns, result.scene
+    rows = list(zip(*result.summary().values(), strict=True))
+    count = len(table["frame"])
+    fitted = scene.model is not None and bool(rows)
+    looked = not (record.get("options") or {}).get("as_stated", False)
+    verdict = sentence_of(rows, count, result.causes, looked) if rows else sentence_of_orders(table)
+    frames, choice = _frames(folder, scene, table)
+    return ReportContent(
+        command="process",
+        title=result.title,
+        verdict=f"{verdict[:1].upper()}{verdict[1:]}. {_goodness(table)}",
+        frames=frames,
+        choice=choice,
+        curves=curves_of(result.over_frames),
+        no_budget=_NO_BUDGET if fitted else "There is none: nothing was fitted to these frames.",
+        causes=result.causes if looked and fitted else None,
+        tables=_causes(table),
+        taken_as_exact=taken_as_exact(scene, fitted_keys(table)) if fitted else (),
+        warnings=result.warnings,
+        scene=dump_scene(scene),
+        paper=paper_rows(scene, record),
+    )
+
+
+def _goodness(table: Mapping[str, list[Any]]) -> str:
+    """Chi in a sentence: about 1 where the model describes the frames."""
+    chi = numbers(table["chi"])
+    known = chi[np.isfinite(chi)]
+    if not known.size:
+        return "How well a model describes the frames is not known."
+    span = f"{np.median(known):.2f} in the median, {known.max():.2f} at most"
+    return f"Residual over noise: {span} (about 1 where the frames are described to their noise)."
+
+
+def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
+    """What each frame asked for, with its value."""
+    cells = table.get(CAUSES, [])
+    asking = [k for k, text in enumerate(cells) if text]
+    if not asking:
+        return []
+    columns = {
+        "frame": [table["frame"][k] for k in asking],
+        "asked for": [cells[k] for k in asking],
+    }
+    return [ReportTable("What the frames asked for besides the scene (frames.csv)", columns)]
+
+
+def _frames(
+    folder: Path, scene: Scene, table: Mapping[str, list[Any]]
+) -> tuple[list[ReportFrame], str]:
+    """The frames that are shown, and which of how many they are."""
+    import zarr
+
+    group: Any = zarr.open_group(folder / STORE, mode="r")
+    stored = table[PICTURE] if PICTURE in table else table["frame"]
+    having = np.flatnonzero(np.isfinite(numbers(stored)) & np.isfinite(numbers(table["noise"])))
+    chi, largest = (
+        numbers(table[name])[having] if name in table else np.full(len(having), np.nan)
+        for name in ("chi", "n_max")
+    )
+    chosen = choose_frames(chi, largest)
+    left, top = (np.asarray(group[name]) for name in ("left_mm", "top_mm"))
+    shown = []
+    for one in chosen:
+        k = int(having[one.number])
+        layers = {
+            name: np.asarray(group[name][int(stored[k])])
+            for name in (NORMALISED.name, ORDER.name)
+            if name in group
+        }
+        shown.append(_Shown(k, one.why, layers, float(left[k]), float(top[k])))
+    what = "frames" if PICTURE not in table else "key frames"
+    text = f"{len(chosen)} of {counted(len(table['frame']), 'frame')} are shown"
+    if len(chosen) < len(having):
+        text += f", chosen among {len(having)} {what} for the reason that stands beside each"
+    return _report_frames(scene, table, shown), f"{text}."
+
+
+_LIGHT = (0.0, 1.0)
+"""What is black and white: darkness, and the brightest field."""
+
+_DIFFERENCE = "experiment − simulation, order N"
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A frame that is shown: its number, the reason, its maps, and where it stands (mm)."""
+
+    number: int
+    why: str
+    layers: Mapping[str, Array]
+    left_mm: float
+    top_mm: float
+
+    @property
+    def signal(self) -> Array:
+        """The frame as a signal, 0 in darkness."""
+        return self.layers[NORMALISED.name]
+
+    @property
+    def order(self) -> Array | None:
+        """Its fringe order, None where none is read."""
+        return self.layers.get(ORDER.name)
+
+
+def _report_frames(
+    scene: Scene, table: Mapping[str, list[Any]], shown: Sequence[_Shown]
+) -> list[ReportFrame]:
+    """Frames with their pictures: one range of orders and of differences for all of them."""
+    models = [_model(scene, table, one) for one in shown]
+    orders = [one.order[np.isfinite(one.order)] for one in shown if one.order is not None]
+    largest = max((float(known.max()) for known in orders if known.size), default=1.0)
+    gaps = [
+        one.order - model.order
+        for one, (model, _) in zip(shown, models, strict=True)
+        if one.order is not None and model is not None
+    ]
+    limit = centred_limit(*gaps) if gaps else 1.0
+    found = []
+    for one, (model, note) in zip(shown, models, strict=True):
+        panes = [Pane("experiment", "experiment", one.signal, _LIGHT, SIGNAL)]
+        if model is not None:
+            panes.append(Pane("simulation", "simulation", model.signal, _LIGHT, SIGNAL))
+        if one.order is not None and model is not None:
+            gap = one.order - model.order
+            panes.append(Pane("difference", _DIFFERENCE, gap, (-limit, limit), FRINGES))
+        if one.order is not None:
+            panes.append(Pane("order", "fringe order N", one.order, (0.0, largest), FRINGES))
+        pixel = table["pixel_mm"][one.number]
+        found.append(
+            ReportFrame(
+                number=one.number,
+                label=str(table["label"][one.number]),
+                why=one.why,
+                panes=tuple(panes),
+                order=one.order,
+                model_order=None if model is None else model.order,
+                pixel_mm=None if pixel is None or pixel != pixel else float(pixel),
+                left_mm=one.left_mm if np.isfinite(one.left_mm) else 0.0,
+                top_mm=one.top_mm if np.isfinite(one.top_mm) else 0.0,
+                notes=(note,) if note else (),
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class _Model:
+    """What a frame's own values make: `signal`, 0 in darkness, and `order` (fringes)."""
+
+    signal: Array
+    order: Array
+
+
+def _model(
+    scene: Scene, table: Mapping[str, list[Any]], shown: _Shown
+) -> tuple[_Model | None, str]:
+    """The simulation of a frame with what was fitted to it; else None, and the reason."""
+    keys = fitted_keys(table)
+    if scene.model is None or not keys:
+        return None, ""
+    found = own_values(table, keys, shown.number)  # NaN for what its state does not have
+    values = {key: value for key, value in found.items() if np.isfinite(value)}
+    if not values:
+        return None, "nothing was fitted to it, so there is no simulation"
+    try:
+        own = _own_scene(scene, table, shown, values)
+        *_, state = iter_scene_states(own)
+        pixels = pixel_grid(own)
+        picture = make_picture(own, state_difference(own, state, pixels), pixels)
+        signal = picture_signal(own, picture)
+    except IsochromeError as error:
+        return None, f"its simulation was refused: {error}"
+    there = picture.material
+    return _Model(np.where(there, signal, np.nan), np.where(there, picture.order, np.nan)), ""
+
+
+def _own_scene(
+    scene: Scene, table: Mapping[str, list[Any]], shown: _Shown, values: Mapping[str, float]
+) -> Scene:
+    """The scene of a frame alone, as `own_scene` has it, with what was fitted."""
+    rows, cols = shown.signal.shape
+    bare = sliding_scene(scene)
+    if scene.frames.sliding_speed_mm_per_s is None:
+        bare = frame_scene(bare, shown.number)
+    else:
+        bare = scene_at(bare, float(table["distance_m"][shown.number]))
+    camera: dict[str, Any] = {
+        "camera.height_px": rows,
+        "camera.width_px": cols,
+        "camera.pixel_mm": float(table["pixel_mm"][shown.number]),
+        "camera.left_mm": shown.left_mm,
+        "camera.top_mm": shown.top_mm,
+        "camera.colour": False,  # the frames are of one channel
+        "camera.response": None,
+    }
+    return bare.with_values(camera | dict(values))

@@ -1,0 +1,27 @@
+from .charts import Curve, curves_of
+from .content import ReportContent, ReportTable, warnings_with_remedies
+from .frame_choice import MOST_FRAMES, ChosenFrame, choose_frames
+from .page import report_html, write_report
+from .paper_table import paper_rows
+from .pictures import FRINGES, SIGNAL, OrderMap, Pane, ReportFrame, encode_frames, order_map
+
+__all__ = [
+    "FRINGES",
+    "MOST_FRAMES",
+    "SIGNAL",
+    "ChosenFrame",
+    "Curve",
+    "OrderMap",
+    "Pane",
+    "ReportContent",
+    "ReportFrame",
+    "ReportTable",
+    "choose_frames",
+    "curves_of",
+    "encode_frames",
+    "order_map",
+    "paper_rows",
+    "report_html",
+    "warnings_with_remedies",
+    "write_report",
+]

@@ -1,0 +1,251 @@
+"""Pictures and orders of some frames as text in a page, in bounded room."""
+
+from __future__ import annotations
+
+import base64
+import io
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.figures import DIFFERENCE_MAP, FRAME_MAP, VALUE_MAP
+
+Array = NDArray[Any]
+
+STEP = 0.01
+"""Fringes: orders in a report are rounded to this."""
+
+ROOM_BYTES = 8_000_000
+"""Text for all frames of a report, of the 10 MB that one has at most."""
+
+_LARGEST = 65_000
+"""Steps that 16 bits hold; orders hundreds of fringes above the smallest are given as not known."""
+
+_LEAST_BYTES = 0.4
+"""Bytes a pixel of a frame, of which no camera's frame takes less: nothing finer is tried."""
+
+_GREYS, _COLOURS = 64, 15
+"""Levels of a grey picture and of a difference: more are not told apart on paper."""
+
+
+FRINGES, SIGNAL = "fringes", "of the full light"
+"""Units of what a pane shows."""
+
+
+@dataclass(frozen=True)
+class Pane:
+    """One picture of a frame.
+
+    Parameters
+    ----------
+    key : {'experiment', 'simulation', 'order', 'difference'}
+        Which it is.
+    label : str
+        What the page calls it.
+    values : ndarray of shape (row, col)
+        What is shown; NaN = not known.
+    span : tuple of two floats
+        The values that are shown black and white, or in the end colours.
+    unit : {FRINGES, SIGNAL}
+        The unit of the values.
+    """
+
+    key: str
+    label: str
+    values: Array
+    span: tuple[float, float]
+    unit: str
+
+
+@dataclass(frozen=True)
+class OrderMap:
+    """Fringe orders as text, rounded to STEP.
+
+    Parameters
+    ----------
+    data : str
+        Base64 of zlib: N/STEP - first + 1 as 16-bit whole numbers, 0 = not known; each less the
+        one to its left (modulo 2^16), first all low bytes and then all high ones, row by row.
+    first : int
+        The smallest N/STEP.
+    """
+
+    data: str
+    first: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportFrame:
+    """A frame as a report shows it.
+
+    Parameters
+    ----------
+    number : int
+        Number of the frame in the run.
+    label : str
+        What figures call it.
+    why : str
+        Why it is shown.
+    panes : tuple of Pane
+        Its pictures, the experiment first.
+    order : ndarray of shape (row, col), optional
+        Fringe order that was read, fringes, NaN = not known; None where none is read.
+    model_order : ndarray of shape (row, col), optional
+        Fringe order of the simulation.
+    pixel_mm : float, optional
+        Side of a pixel, mm; None where no scale is known.
+    left_mm, top_mm : float, default 0
+        Outer edges of the first column and row, mm.
+    notes : tuple of str, default ()
+        What to say of it, such as why it has no simulation.
+    """
+
+    number: int
+    label: str
+    why: str
+    panes: tuple[Pane, ...]
+    order: Array | None = None
+    model_order: Array | None = None
+    pixel_mm: float | None = None
+    left_mm: float = 0.0
+    top_mm: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> list[dict[str, Any]]:
+    """Make text of frames, of each n-th pixel of each n-th row where all would take too much room.
+
+    Parameters
+    ----------
+    frames : sequence of ReportFrame
+        The frames.
+    room : int, default 8,000,000
+        Bytes that all of it may take.
+
+    Returns
+    -------
+    list of dict
+        For each frame its pictures as PNG and its orders, as the page takes them.
+    """
+    found: list[tuple[dict[str, Any], int]] = []
+    for done, frame in enumerate(frames):
+        own = (room - sum(size for _, size in found)) // (len(frames) - done)
+        shape = frame.panes[0].values.shape
+        stride = max(1, int(np.sqrt(_LEAST_BYTES * np.prod(shape) / own)))
+        encoded = _encoded(frame, stride)
+        while _size(encoded) > own and min(shape) > stride:
+            stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / own)))
+            encoded = _encoded(frame, stride)
+        found.append((encoded, _size(encoded)))
+    return [encoded for encoded, _ in found]
+
+
+def _size(encoded: dict[str, Any]) -> int:
+    maps = (encoded[name] for name in ("order", "model_order") if encoded[name])
+    return sum(len(p["png"]) for p in encoded["panes"]) + sum(len(m["data"]) for m in maps)
+
+
+def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
+    """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
+    first = stride // 2
+    rows, cols = (size // stride for size in frame.panes[0].values.shape)
+    part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
+    pixel = frame.pixel_mm
+    return {
+        "number": frame.number,
+        "label": frame.label,
+        "why": frame.why,
+        "notes": frame.notes,
+        "rows": rows,
+        "cols": cols,
+        "stride": stride,
+        "first": first,
+        "pixel_mm": pixel,
+        "left_mm": frame.left_mm,
+        "top_mm": frame.top_mm,
+        "panes": [
+            {"key": p.key, "label": p.label, "span": p.span, "unit": p.unit,
+             "png": _png(p, _means(p.values, stride)), "bar": _bar(p)}
+            for p in frame.panes
+        ],
+        "order": _map(frame.order, part),
+        "model_order": _map(frame.model_order, part),
+    }  # fmt: skip
+
+
+def _means(values: Array, stride: int) -> Array:
+    """Means over squares of `stride` pixels; NaN where one of them is not known."""
+    if stride == 1:
+        return values
+    rows, cols = (size // stride for size in values.shape)
+    whole = values[: rows * stride, : cols * stride]
+    means: Array = whole.reshape(rows, stride, cols, stride).mean(axis=(1, 3))
+    return means
+
+
+def _map(order: Array | None, part: tuple[slice, ...]) -> dict[str, Any] | None:
+    if order is None:
+        return None
+    made = order_map(order[part])
+    return {"data": made.data, "first": made.first}
+
+
+def order_map(order: Array) -> OrderMap:
+    """Make text of fringe orders.
+
+    Parameters
+    ----------
+    order : ndarray of shape (row, col)
+        Fringe order N, fringes; NaN = not known.
+
+    Returns
+    -------
+    OrderMap
+        The text, in which each order is within STEP/2 of its own.
+    """
+    known = np.isfinite(order)
+    steps = np.rint(np.where(known, order, 0.0).astype(float) / STEP).astype(np.int64)
+    first = int(steps[known].min()) if known.any() else 0
+    level = np.where(known & (steps - first < _LARGEST), steps - first + 1, 0)
+    moved = np.diff(level, axis=1, prepend=0) % 65536
+    low, high = (moved % 256).astype(np.uint8), (moved // 256).astype(np.uint8)
+    data = zlib.compress(low.tobytes() + high.tobytes(), 6)
+    return OrderMap(base64.b64encode(data).decode(), first)
+
+
+def _bar(pane: Pane) -> str:
+    """The colours from one end of a pane's span to the other, as base64 of a PNG of one row."""
+    return _png(pane, np.linspace(*pane.span, _GREYS)[None])
+
+
+def _png(pane: Pane, values: Array) -> str:
+    """A picture as base64 of a PNG with a palette; what is not known is transparent."""
+    from PIL import Image
+
+    name, count = {
+        "difference": (DIFFERENCE_MAP, _COLOURS),
+        "order": (VALUE_MAP, _GREYS),
+    }.get(pane.key, (FRAME_MAP, _GREYS))
+    low, high = pane.span
+    share = (values - low) / ((high - low) or 1.0)
+    level = np.rint(np.nan_to_num(share, nan=0.0) * (count - 1))
+    level = np.where(np.isfinite(values), np.clip(level, 0, count - 1), count).astype(np.uint8)
+    picture = Image.fromarray(level, "P")
+    picture.putpalette(_palette(name, count))
+    file = io.BytesIO()
+    bits = 4 if count < 16 else 8
+    picture.save(file, "PNG", transparency=count, bits=bits, compress_level=5)
+    return base64.b64encode(file.getvalue()).decode()
+
+
+def _palette(name: str, count: int) -> bytes:
+    """Red, green and blue of a colour map's levels, and of what is not known."""
+    from matplotlib import colormaps
+
+    colours = colormaps[name](np.linspace(0.0, 1.0, count))[:, :3]
+    levels = np.rint(255 * np.vstack([colours, [1.0, 1.0, 1.0]])).astype(np.uint8)
+    return bytes(levels)

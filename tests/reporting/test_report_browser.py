@@ -1,0 +1,257 @@
+"""The report in a real browser, opened from a file with the network cut."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import warnings
+from importlib.util import find_spec
+
+import pytest
+from pages import COLS, LEFT, PIXEL, ROWS, TOP, order_field
+
+pytestmark = pytest.mark.browser
+
+CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
+
+missing = [name for name in ("playwright", "axe_playwright_python") if not find_spec(name)]
+missing += [] if shutil.which(CHROMIUM) else [CHROMIUM]
+if missing:
+    pytest.skip(f"NO BROWSER TESTS: no {', no '.join(missing)}", allow_module_level=True)
+
+SCALES = [1.0, 1.5, 2.0, 3.0]
+"""Device pixels a pixel of the page: a desk's screen, a telephone's, and the browser's zoom."""
+
+WIDTHS = [360, 768, 1920]
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A browser."""
+    from playwright import sync_api
+
+    with warnings.catch_warnings(), sync_api.sync_playwright() as driver:
+        warnings.simplefilter("ignore")
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class Opened:
+    """A page that was opened, and all that it asked for and complained of."""
+
+    def __init__(self, browser, file, **options):
+        options = {"viewport": {"width": 1000, "height": 900}} | options
+        self.context = browser.new_context(offline=True, **options)
+        self.page = self.context.new_page()
+        self.said, self.asked = [], []
+        self.page.on("console", lambda message: self.said.append(message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(file.as_uri())
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.context.close()
+
+    def readout(self, words="row"):
+        """What stands under the picture, once it has some words."""
+        self.page.wait_for_function(
+            "words => document.getElementById('readout').textContent.includes(words)", arg=words
+        )
+        return self.page.text_content("#readout")
+
+    def share(self):
+        """Share (%) of the picture that shows the experiment."""
+        cut = self.page.eval_on_selector("#over", "one => getComputedStyle(one).clipPath")
+        return 100.0 - float(re.search(r"inset\(0(?:px)? ([\d.]+)", cut)[1])
+
+
+@pytest.fixture
+def opened(chromium, report_file):
+    """The report of two frames."""
+    with Opened(chromium, report_file) as own:
+        yield own
+
+
+def is_right(text, row, col, number=0):
+    """Whether N, x and z are those of the pixel, each within its rounding."""
+    order = order_field(number)[row, col]
+    found = dict(re.findall(r"(N|simulation|difference|x|z|row|column) =? ?([-\d.]+)", text))
+    x, z = LEFT + (col + 0.5) * PIXEL, TOP + (row + 0.5) * PIXEL
+    return (
+        abs(float(found["N"]) - order) <= 0.0101
+        and abs(float(found["simulation"]) - (order - 0.05)) <= 0.0101
+        and abs(float(found["x"]) - x) <= 1e-4
+        and abs(float(found["z"]) - z) <= 1e-4
+        and (int(found["row"]), int(found["column"])) == (row, col)
+    )
+
+
+def test_no_error_and_no_request(opened, hostile_file, chromium):
+    assert opened.said == []
+    assert [url for url in opened.asked if not url.startswith(("file:", "data:"))] == []
+    assert sum(url.startswith("file:") for url in opened.asked) == 1
+    with Opened(chromium, hostile_file) as hostile:
+        hostile.page.hover("#stage")
+        assert hostile.said == [] and hostile.page.evaluate("window.stolen") is None
+        assert [url for url in hostile.asked if not url.startswith(("file:", "data:"))] == []
+        label = hostile.page.text_content("#frame-label")
+        assert "<script>window.stolen = 1</script>" in label
+
+
+def test_the_policy_stops_a_script_that_somebody_puts_in(chromium, report_file, tmp_path):
+    """So it is in force, and not only written there."""
+    text = report_file.read_text("utf-8")
+    other = tmp_path / "other.html"
+    bad = "<script>window.stolen = 1</script><img src=x onerror='window.stolen = 1'>"
+    other.write_text(text.replace("<main", f"{bad}<main", 1), "utf-8")
+    with Opened(chromium, other) as own:
+        assert own.page.evaluate("window.stolen") is None
+        assert any("Content Security Policy" in line for line in own.said)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_n_x_and_z_under_the_mouse_are_those_of_the_pixel(chromium, report_file, scale):
+    with Opened(chromium, report_file, device_scale_factor=scale) as own:
+        own.page.evaluate("window.scrollTo(0, 120)")
+        for row, col in ((10, 0), (45, 80), (89, 159), (30, 133)):
+            box = own.page.eval_on_selector(
+                "#under", "one => (({x, y, width, height}) => ({x, y, width, height}))"
+                "(one.getBoundingClientRect())"
+            )  # fmt: skip
+            x = box["x"] + (col + 0.5) * box["width"] / COLS
+            y = box["y"] + (row + 0.5) * box["height"] / ROWS
+            if not 0 < y < 900:
+                own.page.evaluate("y => window.scrollBy(0, y - 400)", y)
+                y = own.page.eval_on_selector(
+                    "#under", "one => one.getBoundingClientRect().y"
+                ) + (row + 0.5) * box["height"] / ROWS  # fmt: skip
+            own.page.mouse.move(x, y)
+            assert is_right(own.readout(f"row {row}, column {col}"), row, col)
+
+
+def test_a_pixel_that_is_not_known_says_so(opened):
+    box = opened.page.locator("#under").bounding_box()
+    opened.page.mouse.move(box["x"] + 50, box["y"] + 4)
+    assert opened.readout("row 0").startswith("N = not known; simulation not known; x =")
+
+
+def test_slider_wipe_and_blink_go_by_the_mouse(opened):
+    page = opened.page
+    assert opened.share() == 50.0
+    page.fill("#wipe", "80")
+    assert opened.share() == 80.0
+    slider = page.locator("#frame").bounding_box()
+    page.mouse.click(slider["x"] + slider["width"] - 3, slider["y"] + slider["height"] / 2)
+    assert "31 m" in page.text_content("#frame-label")
+    page.get_by_label("difference").check()
+    assert page.text_content("#under-label") == "difference"
+    page.click("#blink")
+    assert page.get_attribute("#blink", "aria-pressed") == "true"
+    first = opened.share()
+    page.wait_for_function(
+        "hidden => getComputedStyle(document.getElementById('over')).clipPath.includes(hidden)",
+        arg=f" {first:g}%",  # of the other picture as much is cut as of this one was shown
+    )
+    assert (first, opened.share()) in ((0.0, 100.0), (100.0, 0.0))
+    page.click("#blink")
+    assert opened.share() == 80.0
+
+
+def test_every_tool_goes_by_the_keyboard_alone(opened):
+    """From the top of the page with Tab, and each place shows where it is."""
+    page, seen = opened.page, []
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        name = page.evaluate("document.activeElement.id || document.activeElement.name")
+        ring = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+        if page.evaluate("document.activeElement === document.body"):
+            break
+        assert ring != "none", page.evaluate("document.activeElement.outerHTML.slice(0, 80)")
+        seen.append(name)
+        if name == "frame":
+            page.keyboard.press("ArrowRight")
+            assert "31 m" in page.text_content("#frame-label")
+        elif name == "beside":
+            page.keyboard.press("ArrowDown")
+            assert page.text_content("#under-label") == "difference"
+        elif name == "wipe":
+            page.keyboard.press("Home")
+            assert opened.share() == 0.0
+        elif name == "blink":
+            page.keyboard.press("Space")
+            assert page.get_attribute("#blink", "aria-pressed") == "true"
+            page.keyboard.press("Space")
+        elif name == "stage":
+            page.keyboard.press("ArrowRight")
+            page.keyboard.press("Shift+ArrowDown")
+            assert is_right(opened.readout("row 55, column 81"), 55, 81, number=1)
+    assert [name for name in seen if name in ("frame", "beside", "wipe", "blink", "stage")] == [
+        "frame", "beside", "wipe", "blink", "stage",
+    ]  # fmt: skip
+
+
+def test_nothing_moves_by_itself_for_who_asks_for_calm(chromium, report_file):
+    with Opened(chromium, report_file, reduced_motion="reduce") as own:
+        assert own.page.text_content("#blink") == "Swap"
+        own.page.click("#blink")
+        assert own.share() == 100.0
+        own.page.wait_for_timeout(800)  # longer than a blink
+        assert own.share() == 100.0
+        own.page.click("#blink")
+        assert own.share() == 0.0
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_it_is_readable_at_any_width(chromium, report_file, hostile_file, width):
+    """Nothing is wider than the screen, and no letter below 9 pixels."""
+    for file in (report_file, hostile_file):
+        with Opened(chromium, file, viewport={"width": width, "height": 800}) as own:
+            assert own.page.evaluate("document.documentElement.scrollWidth") <= width
+            sizes = own.page.evaluate(
+                "[...document.querySelectorAll('p, td, th, li, label, text')].map(one => "
+                "parseFloat(getComputedStyle(one).fontSize) * (one.ownerSVGElement ? "
+                "one.getScreenCTM().a : 1))"
+            )
+            assert min(sizes) >= 9.0
+
+
+def test_contrast_labels_and_roles_pass_an_automated_check(chromium, report_file):
+    """All rules of axe-core, at both ends of the widths and with the tables unfolded."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    axe = Axe()
+    for width in (WIDTHS[0], WIDTHS[-1]):
+        view = {"width": width, "height": 800}
+        with Opened(chromium, report_file, viewport=view, bypass_csp=True) as own:
+            own.page.eval_on_selector_all("details", "all => all.forEach(one => one.open = true)")
+            found = axe.run(own.page).response
+            assert len(found["passes"]) > 20
+            assert found["violations"] == [], [
+                (rule["id"], [node["html"][:120] for node in rule["nodes"]])
+                for rule in found["violations"]
+            ]
+
+
+def test_it_prints_all_that_is_folded_away_or_behind_the_slider(chromium, report_file, tmp_path):
+    with Opened(chromium, report_file) as own:
+        file = tmp_path / "report.pdf"
+        own.page.pdf(path=file)
+        data = file.read_bytes()
+        assert data.startswith(b"%PDF") and len(re.findall(rb"/Type\s*/Page\b", data)) >= 2
+        own.page.emulate_media(media="print")
+        assert not own.page.is_visible("#viewer") and not own.page.is_visible("nav")
+        figures = own.page.locator("#figures .frame")
+        assert figures.count() == 2 and all(one.is_visible() for one in figures.all())
+        own.page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        assert all(own.page.locator("details").nth(k).get_attribute("open") is not None
+                   for k in range(own.page.locator("details").count()))  # fmt: skip
+
+
+def test_without_scripts_all_frames_stand_there(chromium, report_file):
+    with Opened(chromium, report_file, java_script_enabled=False) as own:
+        assert not own.page.is_visible("#viewer")
+        assert own.page.locator("#figures img").first.is_visible()

@@ -1,0 +1,59 @@
+"""Curves over distance: what is thinned keeps its peaks and its bands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pages import made_values
+
+from isochrome.reporting import curves_of
+
+
+def test_few_values_are_drawn_as_they_are():
+    values = made_values(30)
+    load, chi = curves_of(values)
+    assert load.label == "normal load (N)" and load.across == "sliding distance (m)"
+    assert load.together == 1 and (load.value == values.values[:, 0]).all()
+    assert np.allclose(load.high - load.value, 1.0)  # two standard uncertainties of 0.5 N
+    assert (chi.low == chi.high).all()
+
+
+@pytest.mark.parametrize("count", [241, 1000, 20_000])
+def test_of_many_values_none_is_outside_its_envelope(count):
+    values = made_values(count)
+    load = curves_of(values)[0]
+    assert len(load.place) <= 240 and load.together == -(-count // 240)
+    own = np.arange(count) // load.together
+    inside = values.values[:, 0]
+    assert (load.least[own] <= inside).all() and (inside <= load.most[own]).all()
+    assert (load.low[own] <= inside - 1.0).all() and (inside + 1.0 <= load.high[own]).all()
+    assert load.most.max() == 60.0  # the one frame that is far off is seen
+    assert np.isclose(np.average(load.value, weights=np.bincount(own)), inside.mean())
+
+
+def test_a_frame_that_is_not_known_is_left_out():
+    values = made_values(10)
+    values.values[4] = np.nan
+    load = curves_of(values)[0]
+    assert 4.0 not in load.place and len(load.place) == 9
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
+def test_ticks_are_round_and_told_apart(low, span):
+    values = made_values(5)
+    values.values[:, 0] = low + span * np.linspace(0.0, 1.0, 5)
+    values.standard_uncertainty[:] = np.nan
+    drawn = curves_of(values)[0].drawing()
+    for ticks in (drawn["x_ticks"], drawn["y_ticks"]):
+        texts = [text for _, text in ticks]
+        assert 2 <= len(texts) <= 10 and len(set(texts)) == len(texts), texts
+
+
+def test_a_constant_has_a_drawing():
+    values = made_values(5)
+    values.values[:] = 0.0
+    values.standard_uncertainty[:] = 0.0
+    drawn = curves_of(values)[0].drawing()
+    assert "nan" not in drawn["line"] and drawn["y_ticks"]
