@@ -478,7 +478,7 @@ def test_pandas_is_imported_only_for_a_table(results, tmp_path):
 import sys
 from isochrome.output import Result
 from isochrome import check
-assert "pandas" not in sys.modules and "matplotlib" not in sys.modules
+assert "pandas" not in sys.modules and "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
     write_csv(tmp_path / "table.csv", results("check").result.columns)
