@@ -47,7 +47,10 @@ NO_ANCHOR = (
     "(a free corner, a counted place) as [[frames.known_order]]"
 )
 
-NOT_SETTLED = "no rest was found: give no-load frames, or mask what is not the specimen"
+NOT_SETTLED = (
+    "the search for the light's dark and bright ends found no rest: no order is reported; give "
+    "no-load frames, or mask what is not the specimen"
+)
 OVEREXPOSED = (
     "{:.0f} % of the specimen is saturated: no order is reported without frames.no_load_bright, as "
     "the bright end is not in the picture; lower the exposure, or give that frame"
@@ -84,6 +87,7 @@ out of the picture, and an order beyond a bright crest may be mirrored about it.
 class _Signal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
+    `settled`, whether the search for the ends came to rest: without it, no ± of it is one;
     `error`, what the ends and the tone curve leave open of the signal, over and above the noise;
     `columns` for frames.csv; `gamma_check`, what the fringes' contrast (rows, cols) and shape make
     of a stated gamma: an error more, and what to say.
@@ -93,6 +97,7 @@ class _Signal:
     sigma: Array
     valid: NDArray[np.bool_]
     error: Array
+    settled: bool = True
     notes: tuple[str, ...] = ()
     columns: dict[str, Any] = field(default_factory=dict)
     gamma_check: Callable[[Array], tuple[Array, list[str]]] | None = None
@@ -129,6 +134,8 @@ def process_image_only(
     saturated = _saturated(frame, capture, inside)
     if capture.bright is None and saturated > MOST_SATURATED:
         found, warnings = None, [OVEREXPOSED.format(100.0 * saturated)]
+    elif not seen.settled:
+        found, warnings = None, [NOT_SETTLED]
     elif capture.bright is None and len(lines) < FEWEST_LINES and scene.frames.known_order:
         found, warnings = None, [FEW_FRINGES.format(f"{len(lines)} fringe lines", FEWEST_LINES)]
     else:
@@ -222,6 +229,7 @@ def _by_ends(
         sigma=slope * sigma / np.where(done.valid, done.contrast, 1.0),
         valid=done.valid,
         error=ends.signal_uncertainty(light),
+        settled=ends.settled,
     )
     return done, signal
 
@@ -266,8 +274,6 @@ def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) ->
             f"gamma = {ends.tone:.3f} with a standard uncertainty of {ends.tone_uncertainty:.3f}, "
             "found from the fringes of this frame alone"
         )
-    if not ends.settled:
-        notes.append(NOT_SETTLED)
     return notes
 
 
