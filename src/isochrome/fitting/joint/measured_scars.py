@@ -5,7 +5,8 @@ load, friction and wear coefficient without a contact being solved:
 
     cost += Σ ((A - W(s))/u)²
 
-with A a trace's worn area and u its standard uncertainty, of roughness and levelling.
+with A a trace's worn area and u its standard uncertainty, of roughness and levelling. How well the
+traces' spectra are known widens u by Student's factor, of all traces' degrees of freedom together.
 Source: Archard (1953), J. Appl. Phys. 24, 981.
 """
 
@@ -18,7 +19,7 @@ from isochrome.fitting.arrays import Array
 from isochrome.fitting.joint.frame_sequence import MeasuredArea, Sequence, local_values
 from isochrome.fitting.joint.normal_equations import NormalEquations, local_slopes
 from isochrome.output import with_uncertainty
-from isochrome.scars import levelled, read_trace
+from isochrome.scars import LevelledTrace, levelled, read_trace, student_factor_of
 from isochrome.scene import Scene
 
 _WEARING = ("specimen", "load", "friction", "wear")
@@ -43,12 +44,27 @@ def measured_areas(scene: Scene) -> tuple[MeasuredArea, ...]:
     Raises InputError for a trace that cannot be read or levelled, PhysicsError where one shows no
     scar.
     """
-    found = []
-    for scar in scene.scar:
-        trace = levelled(read_trace(scene.path(scar.file)))
-        area = trace.worn_area_mm2, trace.worn_area_uncertainty_mm2
-        found.append(MeasuredArea(scar.file, scar.distance_m, *area, trace.messages))
-    return tuple(found)
+    traces = [levelled(read_trace(scene.path(scar.file))) for scar in scene.scar]
+    return tuple(
+        MeasuredArea(scar.file, scar.distance_m, trace.worn_area_mm2, spread, trace.messages)
+        for scar, trace, spread in zip(scene.scar, traces, _spreads(traces), strict=True)
+    )
+
+
+def _spreads(traces: list[LevelledTrace]) -> list[float]:
+    """The standard uncertainties of traces' worn areas beside each other, mm².
+
+    Student's factor of each alone would count four times over what four spectra leave open of the
+    scale of their noise: it is that of their weighted mean, whose degrees of freedom are
+    1 / Σ share² / ν (Welch (1947), Biometrika 34, 28; Satterthwaite (1946), Biometrics Bull. 2,
+    110).
+    """
+    if not traces:
+        return []
+    own = np.array([t.worn_area_uncertainty_mm2**2 / t.student_factor for t in traces])
+    share = (1.0 / own) / np.sum(1.0 / own)
+    freedom = 1.0 / np.sum(share**2 / np.array([t.degrees_of_freedom for t in traces]))
+    return list(np.sqrt(own * student_factor_of(float(freedom))).tolist())
 
 
 def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
