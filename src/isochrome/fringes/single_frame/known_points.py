@@ -45,6 +45,9 @@ _FEWEST = 6
 """Patches beyond an open seam from which it is said."""
 _ALONE = 0.1
 """Share of what could be followed, without a point, from which it is said."""
+_TELLABLE = 0.2
+"""Fringes between two answers that a known order tells apart: closer to a line than half of that it
+says the line, and not the side."""
 _DOUBTFUL = 0.003
 """Uncertainty of the signal by the ends of the light from which a line of N = 0 must be known."""
 _OF_ZERO_LINE = (
@@ -229,11 +232,16 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int) -> st
     differ = np.where(beyond, np.abs(mirrored - np.abs(terms[..., 0])), np.nan)
     row, col, at = _place(patches, clearly_apart(differ))
     share = 100.0 * beyond.sum() / max(1, np.isfinite(terms[..., 0]).sum())
+    said = (
+        f"the light cannot decide whether the order goes on or turns back at the line of order "
+        f"{abs(0.5 * crest):g}: {share:.0f} % of what was followed is not known"
+    )
+    most = float(np.nanmax(differ))
+    if most < _TELLABLE:
+        return f"{said}; it lies within {0.5 * most:.2f} of that line's order either way"
     first, second = sorted([float(mirrored[at]), abs(float(terms[at][0]))])
     return (
-        f"the light cannot decide whether the order goes on or turns back at the line of order "
-        f"{abs(0.5 * crest):g}: {share:.0f} % of what was followed is not known; a known order at "
-        f"row {row}, column {col} settles it: {first:.2f} or {second:.2f}"
+        f"{said}; a known order at row {row}, column {col} settles it: {first:.2f} or {second:.2f}"
     )
 
 
