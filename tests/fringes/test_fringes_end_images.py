@@ -13,6 +13,7 @@ from isochrome.fringes.single_frame.background_modulation import (
     gamma_misfit,
 )
 from isochrome.fringes.single_frame.end_images import (
+    as_spotted,
     binned_light,
     bright_lines,
     surface_through,
@@ -154,3 +155,27 @@ def test_the_no_load_frames_own_noise_is_no_tone_curve(noise):
     dark, bright = (end + 0.25 * noise * rng.normal(size=LIT) for end in (0.05, 0.85))
     away, spread = gamma_misfit(light, np.full(LIT, noise), np.ones(LIT, bool), (dark, bright))
     assert abs(away) < 4.0 * spread and abs(away) < 0.1
+
+
+@pytest.mark.parametrize(("times", "within"), [(3.0, (2.0, 4.5)), (0.3, (1.0, 1.0))])
+def test_spots_out_of_view_are_as_large_as_those_in_view(times, within):
+    """Sixty terms of a prior that is `times` too small, half of them measured to a hundredth.
+
+    What is left open of the others is their true variance, to what thirty normal values tell of it
+    (1 in 1000: a half to twice); spots that are smaller than expected make nothing surer.
+    """
+    rng = np.random.default_rng(4)
+    precision = rng.uniform(1.0, 4.0, 60)
+    terms = times * rng.standard_normal(60) / np.sqrt(precision)
+    spots = np.arange(60) >= 6
+    seen = np.arange(60) % 2 == 0
+    measured = np.where(seen, 1e4, 0.0)
+    found = np.where(seen, terms, 0.0)
+    covariance = as_spotted(np.diag(1.0 / (precision + measured)), found, precision, spots)
+    ratio = np.sqrt(np.diag(covariance) * precision)
+    low, high = within
+    rounding = 1e-12
+    assert low - rounding < ratio[~seen & spots].min()
+    assert ratio[~seen & spots].max() < high + rounding
+    assert (ratio[seen] < 0.03).all()
+    np.testing.assert_allclose(ratio[~seen & ~spots], 1.0)

@@ -94,7 +94,7 @@ def test_the_point_that_is_asked_for_settles_the_question(seed):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [309, pytest.param(321, marks=STUDY)])
 def test_no_point_is_asked_for_where_both_answers_are_the_lines_own(seed):
-    """The field ends .04 beyond the line N = 1/2: 0.46 or 0.54, which no known order tells apart."""
+    """The field ends .04 beyond the line N = 1/2: 0.46 or 0.54, and no known order tells those."""
     found = CASE.read(CASE.drawn(seed))
     assert any("of that line's order either way" in said for said in found.warnings)
     assert not any("of order 0.5" in said and "settles it" in said for said in found.warnings)

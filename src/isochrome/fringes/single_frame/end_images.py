@@ -209,3 +209,21 @@ def variance_of_ends(
                 coarse, (cols, rows), interpolation=cv2.INTER_LINEAR
             )
     return variance
+
+
+def as_spotted(covariance: Array, terms: Array, precision: Array, spots: Mask) -> Array:
+    """A covariance of the light's terms, the spots as large beforehand as those that were found.
+
+    Where no crest lies the light is as uncertain as its prior, and a lamp whose spots are three
+    times as strong in view is not smoother out of view. Equation: the prior variance of the spots
+    times t² = Σ (c/σ)² / γ, γ = Σ (1 - var c/σ²) the number of them that the frame tells, if t > 1.
+    Source: MacKay (1992), Neural Computation 4, 415.
+    Parameters: `covariance` (n, n) with the priors' `precision` 1/σ² (n,); the `terms` found (n,);
+    which of them are `spots`. Returns the covariance with that prior.
+    """
+    told = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
+    larger = np.sum(precision[spots] * terms[spots] ** 2) / max(told, 1.0)
+    if not larger > 1.0:
+        return covariance
+    less = np.where(spots, precision * (1.0 - 1.0 / larger), 0.0)
+    return np.asarray(np.linalg.inv(np.linalg.inv(covariance) - np.diag(less)))

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from isochrome.estimation import State, minimise_all, solve_all
+from isochrome.fringes.single_frame.end_images import QUADRATICS
 from isochrome.fringes.single_frame.patches import (
     TURN,
     offsets,
@@ -70,6 +71,13 @@ class EndProblem:
         """Which of the unknowns' vector are to be found (terms,)."""
         counts = [shape.shape[-1] for shape in self.shapes]
         return np.repeat([*(not known for known in self.given), self.tone], [*counts, 1])
+
+    @property
+    def spots(self) -> Mask:
+        """Which of the unknowns' vector are spots and bars of the bright end (terms,)."""
+        cut, count = (shape.shape[-1] for shape in self.shapes)
+        smooth = min(QUADRATICS, count)
+        return np.repeat([False, True, False], [cut + smooth, count - smooth, 1])
 
     @property
     def found_shapes(self) -> list[Array]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import damped
+from isochrome.fringes.single_frame.end_images import as_spotted
 from isochrome.fringes.single_frame.end_problem import (
     TERMS,
     EndEquations,
@@ -274,8 +275,9 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
     if not change < _REST:
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
-    covariance[np.ix_(free, free)] = inverse
     prior = data.problem.prior(unknowns)[0][free]
+    own = unknowns[free], prior / overlap(data), data.problem.spots[free]
+    covariance[np.ix_(free, free)] = as_spotted(inverse, *own)
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
     left = look(data, ends, orders).residual
     cost = np.einsum("pk,pk,pk->p", data.weight, left, left) * np.maximum(data.chi, 1.0) ** 2
