@@ -100,6 +100,15 @@ def test_no_point_is_asked_for_where_both_answers_are_the_lines_own(seed):
     assert not any("of order 0.5" in said and "settles it" in said for said in found.warnings)
 
 
+@pytest.mark.long
+@pytest.mark.study
+def test_no_point_is_asked_for_where_the_light_is_not_known():
+    """A wedge whose lamp is off by 5 % in a corner: answers .1 beside the truth settle nothing."""
+    found = CASE.read(CASE.drawn(67))
+    assert any("nor is the light there" in said for said in found.warnings)
+    assert CASE.asked(found) is None
+
+
 @pytest.mark.study
 @pytest.mark.long
 def test_of_open_questions_one_point_settles_19_of_20():

@@ -24,11 +24,13 @@ BRANCH = 0.25
 SURE = 0.05
 """The error, in fringes, that `confidence` is the probability to stay within."""
 
+LARGEST_UNCERTAINTY = 0.03
+"""Of an order that counts as known, fringes."""
+
 _WINDOW_PX = 1.7
 _WINDOWS_PX = (5.0, 5.0, 5.0, _WINDOW_PX)
 """Over which the order is moved in turn."""
 
-_LARGEST_UNCERTAINTY = 0.03
 _LARGEST_MISFIT = 0.1
 _STEEPEST = 0.25
 _POOLED_PX = 3.0
@@ -122,7 +124,7 @@ def read_order(
     known = (
         (weight > 0.0)
         & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
-        & (uncertainty < _LARGEST_UNCERTAINTY)
+        & (uncertainty < LARGEST_UNCERTAINTY)
         & (misfit * sigma < np.maximum(_LARGEST_MISFIT * illumination, 2.0 * sigma))
         & (np.abs(shift) < BRANCH)
         & (np.hypot(*np.gradient(np.where(material, base, np.nan))) < _STEEPEST)
@@ -164,6 +166,16 @@ def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReadi
     return replace(found, kept=reading.kept * found.kept)
 
 
+def moved_by_light(order: Array, error: Array) -> Array:
+    """How far an error of the signal moves an order that is read from it, fringes.
+
+    Equation: min(e/(pi |sin 2 pi N|), sqrt(e)/pi). Parameters: `order` N, fringes; `error` e of the
+    signal, of one shape.
+    """
+    slope = np.pi * np.abs(np.sin(2.0 * np.pi * order))
+    return np.asarray(np.minimum(error / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi))
+
+
 def widened(reading: OrderReading, error: Array) -> OrderReading:
     """Widen a reading by errors of the signal that pooling does not average out.
 
@@ -189,4 +201,4 @@ def widened(reading: OrderReading, error: Array) -> OrderReading:
     pull = gaussian_sum(sine * error, _POOLED_PX)
     slope = np.pi * gaussian_sum(sine * sine, _POOLED_PX)
     moved = np.minimum(pull / np.maximum(slope, 1e-9), np.sqrt(error) / np.pi)
-    return less_sure(reading, moved, _LARGEST_UNCERTAINTY)
+    return less_sure(reading, moved, LARGEST_UNCERTAINTY)

@@ -18,7 +18,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fringes.on_branch import OrderReading, less_sure, make_reading
+from isochrome.fringes.on_branch import (
+    LARGEST_UNCERTAINTY,
+    OrderReading,
+    less_sure,
+    make_reading,
+)
 from isochrome.fringes.single_frame.contrast import (
     FADED,
     contrast_map,
@@ -64,7 +69,7 @@ _LEAST_COVER = 0.15
 _CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
 """Readings at most with a contrast found from the last, and per cent of the frame that must rest.
 """
-_LARGEST_SPREAD, _LARGEST_UNCERTAINTY = 0.03, 0.03
+_LARGEST_SPREAD = 0.03
 _GROUND = 1e-3
 """Standard deviation of what a quadratic cannot follow, added to a patch's own, fringes."""
 _WORTH_SAYING = 0.01
@@ -104,7 +109,7 @@ def read_free(
     *,
     lines: Sequence[KnownPlaces] = (),
     corners: Sequence[FreeCorner] = (),
-    error: float = 0.0,
+    error: Array | None = None,
 ) -> FreeReading:
     """Read the fringe order of a normalised frame without a model.
 
@@ -123,9 +128,10 @@ def read_free(
         Fringe lines whose order is known.
     corners : sequence of FreeCorner, optional
         Corners of the outline that are free of load. Each part that is wanted needs one of these.
-    error : float, default 0
-        Standard uncertainty of the signal (1 - c)/2 by the ends of the light. From 0.003 on a line
-        of N = 0 must be among what is known: in a wrong light it stands for a line of N = 1.
+    error : ndarray (rows, cols), optional
+        Standard uncertainty of the signal (1 - c)/2 by the ends of the light. From 0.003 on in the
+        median a line of N = 0 must be among what is known: in a wrong light it stands for a line of
+        N = 1.
 
     Returns
     -------
@@ -149,7 +155,8 @@ def read_free(
 
     def anchored_by(patches: Patches, labels: Labels, wave: Array) -> Anchored:
         at_corners, unlit = corner_orders(corners, patches, labels, wave, valid)
-        found = anchor_parts(patches, labels, [*points, *lines, *at_corners], valid, error)
+        unlit_by = np.zeros(patches.chi.shape) if error is None else _at(error, patches)
+        found = anchor_parts(patches, labels, [*points, *lines, *at_corners], valid, unlit_by)
         return replace(found, said=(*unlit, *found.said))
 
     patches, labels, found, fade = _whole_contrast(wave, sigma, valid, anchored_by)
@@ -201,7 +208,7 @@ def _beside_stray(reading: OrderReading, wave: Array, sigma: Array) -> OrderRead
     weight = np.where(read, 1.0 / sigma, 0.0)
     residual = np.where(read, wave - np.cos(TURN * order), 0.0) * weight
     error = stray_error(residual, -TURN * np.sin(TURN * order) * weight, -2.0 * weight)
-    return less_sure(reading, error, _LARGEST_UNCERTAINTY)
+    return less_sure(reading, error, LARGEST_UNCERTAINTY)
 
 
 def _coarse_to_fine(
@@ -260,7 +267,7 @@ def _dense(patches: Patches, terms: Array, valid: Mask) -> OrderReading:
     mean = first / safe
     spread = np.sqrt(np.maximum(second / safe - mean**2, 0.0))
     uncertainty = np.maximum(np.sqrt(np.where(seen, cover, 1.0) / safe), spread)
-    known = seen & (spread < _LARGEST_SPREAD) & (uncertainty < _LARGEST_UNCERTAINTY)
+    known = seen & (spread < _LARGEST_SPREAD) & (uncertainty < LARGEST_UNCERTAINTY)
     return make_reading(mean, uncertainty, known, of=valid)
 
 
@@ -292,7 +299,7 @@ def common_reading(readings: Sequence[FreeReading]) -> FreeReading:
         return best
     square = np.sum([(best.reading.order - order) ** 2 for order in orders], axis=0)
     error = np.sqrt(np.where(np.isnan(square), np.inf, square))
-    reading = less_sure(best.reading, error, _LARGEST_UNCERTAINTY)
+    reading = less_sure(best.reading, error, LARGEST_UNCERTAINTY)
     said = _of_what_is_lost(best.reading, reading, orders)
     return replace(best, reading=reading, said=(*best.said, *said))
 

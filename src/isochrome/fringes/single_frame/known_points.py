@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from isochrome.fringes.on_branch import LARGEST_UNCERTAINTY, moved_by_light
 from isochrome.fringes.single_frame.patch_labels import Labels
 from isochrome.fringes.single_frame.patches import HALF, STRIDE, Patches
 from isochrome.fringes.single_frame.sign_ambiguity import (
@@ -48,6 +49,8 @@ _ALONE = 0.1
 _TELLABLE = 0.2
 """Fringes between two answers that a known order tells apart: closer to a line than half of that it
 says the line, and not the side."""
+_SHARP = 0.1
+"""Share of the difference of two answers that the light may move them by where a point is asked."""
 _DOUBTFUL = 0.003
 """Uncertainty of the signal by the ends of the light from which a line of N = 0 must be known."""
 _OF_ZERO_LINE = (
@@ -77,12 +80,12 @@ def anchor_parts(
     labels: Labels,
     known: Sequence[KnownPlaces],
     valid: Mask,
-    error: float = 0.0,
+    error: Array,
 ) -> Anchored:
     """Choose the whole number of each part where an order is known, and the side of open seams.
 
     Parameters: `patches`; their `labels`; what is `known`; `valid`, True = trusted pixel (rows,
-    cols); `error`, the signal's uncertainty by the ends of the light. Returns an Anchored.
+    cols); `error` (m, n), the signal's uncertainty by the ends of the light. Returns an Anchored.
     """
     terms = np.full_like(patches.terms, np.nan)
     field_terms = labels.sign[..., None] * patches.terms
@@ -118,7 +121,7 @@ def _unknown(own: Array, given: list[Stated], *said: str) -> Anchored:
     return Anchored(np.full_like(own, np.nan), points, said)
 
 
-def _one_part(patches: Patches, own: Array, given: list[Stated], error: float) -> Anchored:
+def _one_part(patches: Patches, own: Array, given: list[Stated], error: Array) -> Anchored:
     """A part's order by what is known in it."""
     candidates = {
         round(s * g.order - p.field) for g in given for p in g.places for s in (1.0, -1.0)
@@ -134,17 +137,20 @@ def _one_part(patches: Patches, own: Array, given: list[Stated], error: float) -
     if rivals:
         for j in (best, *rivals):
             if not all(p.fits(j) for g in given for p in g.places):
-                found = _with_seams(patches, own, given, j)
+                found = _with_seams(patches, own, given, j, error)
                 if not found.misses:
                     return found
         return _open(patches, own, given, best, rivals[0])
     sure = [g for g in given if g.fits(best)]
-    if lines[best] and (all(g.on_line for g in sure) or error > _DOUBTFUL):
+    doubtful = float(np.median(error)) > _DOUBTFUL
+    if lines[best] and (doubtful or all(g.on_line for g in sure)):
         return _unknown(own, sure, f"{sure[0]}: {_OF_ZERO_LINE}")
-    return _with_seams(patches, own, given, best)
+    return _with_seams(patches, own, given, best, error)
 
 
-def _with_seams(patches: Patches, own: Array, given: list[Stated], j: int) -> Anchored:
+def _with_seams(
+    patches: Patches, own: Array, given: list[Stated], j: int, error: Array
+) -> Anchored:
     """Open seams closed as points beyond them say, and what still lies beyond one left out."""
     terms = own.copy()
     terms[..., 0] += j
@@ -167,7 +173,7 @@ def _with_seams(patches: Patches, own: Array, given: list[Stated], j: int) -> An
     sources = [g.source(p, terms) for g, p in used]
     for crest, beyond in open_seams(patches, terms, sources, zero_said):
         if beyond.sum() >= _FEWEST:
-            said.append(_beyond_seam(patches, terms, beyond, crest))
+            said.append(_beyond_seam(patches, terms, beyond, crest, error))
         terms[beyond] = np.nan
     return Anchored(terms, tuple(misses), tuple(said))
 
@@ -226,20 +232,31 @@ def _open(patches: Patches, own: Array, given: list[Stated], best: int, rival: i
     return _unknown(own, given, said)
 
 
-def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int) -> str:
-    """What to say of patches whose branch the light does not settle."""
-    mirrored = np.abs(crest - terms[..., 0])
-    differ = np.where(beyond, np.abs(mirrored - np.abs(terms[..., 0])), np.nan)
-    row, col, at = _place(patches, clearly_apart(differ))
-    share = 100.0 * beyond.sum() / max(1, np.isfinite(terms[..., 0]).sum())
+def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error: Array) -> str:
+    """What to say of patches whose branch the light does not settle.
+
+    A point is asked for where the light is known well enough for its answer to be the order.
+    """
+    order = terms[..., 0]
+    mirrored = np.abs(crest - order)
+    share = 100.0 * beyond.sum() / max(1, np.isfinite(order).sum())
     said = (
         f"the light cannot decide whether the order goes on or turns back at the line of order "
         f"{abs(0.5 * crest):g}: {share:.0f} % of what was followed is not known"
     )
+    apart = np.abs(mirrored - np.abs(order))
+    moved = moved_by_light(np.where(beyond, order, 0.0), error)
+    lit = beyond & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
+    if not lit.any():
+        return (
+            f"{said}, nor is the light there: give a bright no-load frame (frames.no_load_bright)"
+        )
+    differ = np.where(lit, apart, np.nan)
     most = float(np.nanmax(differ))
     if most < _TELLABLE:
         return f"{said}; it lies within {0.5 * most:.2f} of that line's order either way"
-    first, second = sorted([float(mirrored[at]), abs(float(terms[at][0]))])
+    row, col, at = _place(patches, clearly_apart(differ))
+    first, second = sorted([float(mirrored[at]), abs(float(order[at]))])
     return (
         f"{said}; a known order at row {row}, column {col} settles it: {first:.2f} or {second:.2f}"
     )

@@ -344,8 +344,7 @@ def _read_signal(seen: _Signal, scene: Scene) -> tuple[FreeReading, list[str]]:
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
     sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
     error, messages = seen.error, list[str]()
-    typical = float(np.median(error[seen.valid]))
-    found = read_free(wave, sigma, seen.valid, known, lines=lines, corners=corners, error=typical)
+    found = read_free(wave, sigma, seen.valid, known, lines=lines, corners=corners, error=error)
     if seen.gamma_check is not None:
         other, messages = seen.gamma_check(found.contrast)
         error = np.hypot(error, other)
