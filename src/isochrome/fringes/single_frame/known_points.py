@@ -244,17 +244,17 @@ def _beyond_seam(patches: Patches, terms: Array, beyond: Mask, crest: int, error
         f"the light cannot decide whether the order goes on or turns back at the line of order "
         f"{abs(0.5 * crest):g}: {share:.0f} % of what was followed is not known"
     )
-    apart = np.abs(mirrored - np.abs(order))
+    apart = np.where(beyond, np.abs(mirrored - np.abs(order)), np.nan)
+    most = float(np.nanmax(apart))
+    if most < _TELLABLE:
+        return f"{said}; it lies within {0.5 * most:.2f} of that line's order either way"
     moved = moved_by_light(np.where(beyond, order, 0.0), error)
-    lit = beyond & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
+    lit = (apart >= _TELLABLE) & (moved < np.minimum(LARGEST_UNCERTAINTY, _SHARP * apart))
     if not lit.any():
         return (
             f"{said}, nor is the light there: give a bright no-load frame (frames.no_load_bright)"
         )
     differ = np.where(lit, apart, np.nan)
-    most = float(np.nanmax(differ))
-    if most < _TELLABLE:
-        return f"{said}; it lies within {0.5 * most:.2f} of that line's order either way"
     row, col, at = _place(patches, clearly_apart(differ))
     first, second = sorted([float(mirrored[at]), abs(float(order[at]))])
     return (
