@@ -1,4 +1,5 @@
 from .array_frames import ArrayFrames, FramesLike, ImageFile, frames_of
+from .editing.edited_text import toml_text, with_table_list, with_value, without_value
 from .imaging import Camera, FileName, Frames, Roi
 from .known_orders import FreeBoundary, FreeCorner, KnownLine, KnownOrder
 from .parts import (
@@ -73,5 +74,9 @@ __all__ = [
     "read_text",
     "scene_names",
     "split_uncertainties",
+    "toml_text",
     "validate",
+    "with_table_list",
+    "with_value",
+    "without_value",
 ]
