@@ -17,6 +17,7 @@ from .pixel_scale import STIFFEST_GPA, UNDOUBTED_MM, check_moduli, check_pixel, 
 from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
 from .specimen import Specimen
 from .toml import (
+    LIBRARY,
     SceneLike,
     as_tables,
     dump_scene,
@@ -31,6 +32,7 @@ from .validation import check_reach, validate
 from .whole import Scene
 
 __all__ = [
+    "LIBRARY",
     "STIFFEST_GPA",
     "UNDOUBTED_MM",
     "ArrayFrames",
