@@ -26,7 +26,7 @@ from shipped_sets import some_of_a_shipped_set
 COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
     ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "colour"),
-    ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("bench",),
+    ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("setup",), ("bench",),
     ("sweep",), ("export",), ("report",), ("guide",),
 ]  # fmt: skip
 

@@ -57,13 +57,8 @@ class SceneField:
     choices: tuple[str, ...] = ()
 
 
-_SPECIMEN, _INDENTER, _LOAD, _SLIDE, _CAMERA = (
-    "Specimen",
-    "Cylinder",
-    "Load",
-    "Sliding and wear",
-    "Light and camera",
-)
+_SPECIMEN, _INDENTER, _LOAD, _SLIDE = "Specimen", "Cylinder", "Load", "Sliding and wear"
+_CAMERA, _SELDOM = "Light and camera", "Seldom needed"
 
 FIELDS = (
     SceneField(
@@ -134,7 +129,8 @@ FIELDS = (
     ),
     SceneField(
         key="wear.coefficient_mm2_per_n", label="Wear coefficient", group=_SLIDE, kinds=_SLIDING,
-        unit="mm²/N", hint="about; 1e-9 mm²/N is 1e-6 mm³/(N m)",
+        unit="mm²/N", usual="1e-9",
+        hint="about; 1e-9 mm²/N is 1e-6 mm³/(N m)",
     ),
     SceneField(
         key="frames.sliding_speed_mm_per_s", label="Sliding speed of a video", group=_SLIDE,
@@ -161,27 +157,27 @@ FIELDS = (
         hint="1 for a measuring camera, 2.2 for a photograph, or unknown",
     ),
     SceneField(
-        key="frames.channel", label="Colour channel", group=_CAMERA, kinds=_ALL,
+        key="frames.channel", label="Colour channel", group=_SELDOM, kinds=_ALL,
         choices=("", "red", "green", "blue", "mean"),
     ),
     SceneField(
-        key="frames.rotate_deg", label="Quarter turns of the picture", group=_CAMERA, kinds=_ALL,
+        key="frames.rotate_deg", label="Quarter turns of the picture", group=_SELDOM, kinds=_ALL,
         unit="degrees", choices=("0", "90", "180", "270"),
     ),
     SceneField(
-        key="frames.flip", label="Mirrored", group=_CAMERA, kinds=_ALL,
+        key="frames.flip", label="Mirrored", group=_SELDOM, kinds=_ALL,
         choices=("", "horizontal", "vertical"),
     ),
     SceneField(
-        key="camera.left_mm", label="Left edge of the picture from the middle of the contact",
-        group=_CAMERA, kinds=_MODELS, unit="mm", hint="or by the contact point on the picture",
+        key="camera.left_mm", label="Left edge, from the middle of the contact",
+        group=_SELDOM, kinds=_MODELS, unit="mm", hint="or by the contact point on the picture",
     ),
     SceneField(
-        key="camera.top_mm", label="Upper edge of the picture below the surface", group=_CAMERA,
+        key="camera.top_mm", label="Upper edge, below the surface", group=_SELDOM,
         kinds=_MODELS, unit="mm", hint="or by the contact point on the picture",
     ),
     SceneField(
-        key="camera.roll_deg", label="Roll of the camera", group=_CAMERA, kinds=_MODELS,
+        key="camera.roll_deg", label="Roll of the camera", group=_SELDOM, kinds=_MODELS,
         unit="degrees", hint="or by the surface line on the picture",
     ),
 )  # fmt: skip

@@ -167,4 +167,5 @@ def shown_grey(
         The grey levels.
     """
     stored = np.clip(signal, 0.0, 1.0) ** np.float32(1.0 / gamma)
-    return np.rint(span[0] + (span[1] - span[0]) * stored).astype(np.uint8)
+    grey: NDArray[np.uint8] = np.rint(span[0] + (span[1] - span[0]) * stored).astype(np.uint8)
+    return grey

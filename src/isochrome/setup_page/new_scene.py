@@ -45,6 +45,8 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     if missing:
         raise InputError(f"fill in: {', '.join(missing)}; a scene of {KINDS[kind]} needs them")
     given |= no_load
+    if "wear.distances_m" not in given:
+        given.pop("wear.coefficient_mm2_per_n", None)
     if "wear.distances_m" in given and "friction.coefficient" not in given:
         raise InputError("fill in: Friction coefficient, about; what wears has slid")
     labels = {field.key: field for field in asked}
@@ -64,7 +66,7 @@ def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]
         for key, value in own.items():
             line = f"{key.partition('.')[2]} = {toml_text(value)}"
             field = fields.get(key)
-            yield f"{line:<34}# {_comment(key, field)}\n"
+            yield f"{line:<33} # {_comment(key, field)}\n"
 
 
 def _comment(key: str, field: SceneField | None) -> str:

@@ -43,6 +43,7 @@ async function takeAll(state) {
   page.state = state;
   get("saved").textContent = state.saved ? "saved" : state.has_scene ? "not saved yet" : "";
   get("save").disabled = !state.has_scene;
+  get("fit").disabled = !state.model || !state.pixel_mm;
   get("text").value = state.text;
   get("contact-name").textContent = !state.model || state.model === "contact" ? "Contact point" : "Middle of the top";
   get("make-row").hidden = get("kind-row").hidden = state.has_scene;
@@ -105,15 +106,12 @@ function showFields(state) {
   const kept = had && form.contains(had) ? had.id : null;
   const typed = new Map(state.has_scene ? [] : [...form.elements].map((one) => [one.dataset.key, one.value]));
   form.replaceChildren();
-  let group = "";
+  let group = "", holder = form;
   for (const field of data.fields) {
     if (!field.kinds.includes(kind)) continue;
     if (field.group !== group) {
       group = field.group;
-      const head = document.createElement("p");
-      head.className = "group";
-      head.textContent = group;
-      form.append(head);
+      holder = startGroup(form, group);
     }
     const stated = state.values[field.key];
     let value = state.has_scene ? shownValue(stated) : typed.get(field.key) ?? field.usual;
@@ -123,9 +121,24 @@ function showFields(state) {
     if (!state.has_scene && !value && field.key === "camera.bit_depth" && state.frames.bit_depth) {
       value = String(state.frames.bit_depth);
     }
-    form.append(fieldRow(field, value, state));
+    holder.append(fieldRow(field, value, state));
   }
   if (kept && get(kept)) get(kept).focus();
+}
+let seldomOpen = false;
+function startGroup(form, group) {
+  const folded = group === "Seldom needed";
+  const head = document.createElement(folded ? "summary" : "p");
+  head.className = "group";
+  head.textContent = group;
+  if (!folded) { form.append(head); return form; }
+  const holder = document.createElement("details");
+  holder.className = "plain";
+  holder.open = seldomOpen;
+  holder.addEventListener("toggle", () => { seldomOpen = holder.open; });
+  holder.append(head);
+  form.append(holder);
+  return holder;
 }
 function shownValue(value) {
   if (value === undefined || value === null) return "";
@@ -196,7 +209,8 @@ get("make").addEventListener("click", () => {
   } catch (error) { refused(error); return; }
   useTool({ tool: "new", kind, values }, "The scene is made. Next: where it is in the picture.").then((made) => {
     if (!made) return;
-    get("step-place").open = true;
+    get("step-scene").open = false;
+    get("step-place").open = get("step-check").open = true;
     if (page.state.model) {
       const radio = document.querySelector("input[name=tool][value=" + (page.state.pixel_mm ? "contact" : "scale") + "]");
       radio.checked = true;
@@ -229,7 +243,8 @@ get("fit").addEventListener("click", async () => {
     showFit();
     say("Frame " + page.frame + " is fitted.");
     get("step-fit").open = true;
-  } catch (error) { refused(error); } finally { get("fit").disabled = false; }
+    get("step-fit").scrollIntoView({ block: "nearest" });
+  } catch (error) { refused(error); } finally { get("fit").disabled = !page.state.model || !page.state.pixel_mm; }
 });
 function showFit() {
   const { values, warnings, chi, kept_share: kept, frame } = page.fit, holder = get("fit-result");
@@ -242,16 +257,18 @@ function showFit() {
   if (values.length) {
     const table = document.createElement("table");
     const top = table.createTHead().insertRow();
-    for (const words of ["Value", "found ± standard uncertainty", "Into the scene"]) {
+    for (const words of ["Value", "Found ± standard uncertainty", ""]) {
       const cell = document.createElement("th");
       cell.scope = "col";
-      cell.textContent = words;
+      cell.textContent = words || "Into the scene";
       top.append(cell);
     }
     const body = table.createTBody();
     for (const one of values) {
       const row = body.insertRow(), button = document.createElement("button");
-      row.insertCell().textContent = one.key + (one.asked ? " (the frame asks for it)" : "");
+      const what = row.insertCell(), named = data.fields.find((field) => field.key === one.key);
+      what.textContent = named ? named.label + (named.unit ? " (" + named.unit + ")" : "") : one.key;
+      if (one.asked) what.append(": the frame asks for it");
       row.insertCell().textContent = one.text;
       button.type = "button";
       button.textContent = "Take";
@@ -302,7 +319,7 @@ async function checkNow() {
     page.checked = found.revision;
     get("check-result").replaceChildren();
     const head = document.createElement("p");
-    head.textContent = found.count + " frames read: " + (found.ok ? "no error found." : "errors found, see below.");
+    head.textContent = found.frames + (found.frames === 1 ? " frame" : " frames") + " read: " + (found.ok ? "no error found." : "errors found, see below.");
     get("check-result").append(head, listOf(found.findings.map((one) => [one.level, one.text])));
     get("check-result").dataset.ok = found.ok;
     get("check-result").dataset.revision = found.revision;

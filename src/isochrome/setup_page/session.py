@@ -240,7 +240,8 @@ def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
     step = max(1, int(np.sqrt(values.size / 250_000)))
     low, high = np.percentile(values[::step, ::step], [_DARKEST, _BRIGHTEST])
     share = (values - low) / max(high - low, 1e-9)
-    return (255.0 * np.clip(share, 0.0, 1.0) + 0.5).astype(np.uint8)
+    grey: NDArray[np.uint8] = (255.0 * np.clip(share, 0.0, 1.0) + 0.5).astype(np.uint8)
+    return grey
 
 
 def _named_files(text: str) -> set[str]:
