@@ -231,8 +231,9 @@ while True:
 """
 
 
+@pytest.mark.long
 def test_a_save_that_is_killed_leaves_a_whole_scene(made, fresh):
-    """Ten times, at a moment of chance: the file is a scene, the last or the one before."""
+    """Three times, at a moment of chance: the file is a scene, the last or the one before."""
     apply_tool(made, {"tool": "save"})
     whole = (fresh / "scene.toml").read_text("utf-8")
     rng = np.random.default_rng(1)

@@ -71,7 +71,7 @@ function showSliders(state) {
     return;
   }
   if (!state.pixel_mm) {
-    holder.textContent = "The scale is not known yet: step 2, tool Scale.";
+    holder.textContent = "The scale is not known yet: set it with the tool Scale. Of a disc or ring the fit finds it by the rim.";
     return;
   }
   for (const one of SLIDERS) {

@@ -43,7 +43,7 @@ async function takeAll(state) {
   page.state = state;
   get("saved").textContent = state.saved ? "saved" : state.has_scene ? "not saved yet" : "";
   get("save").disabled = !state.has_scene;
-  get("fit").disabled = !state.model || !state.pixel_mm;
+  get("fit").disabled = !state.model;
   get("text").value = state.text;
   get("contact-name").textContent = !state.model || state.model === "contact" ? "Contact point" : "Middle of the top";
   get("make-row").hidden = get("kind-row").hidden = state.has_scene;
@@ -244,7 +244,7 @@ get("fit").addEventListener("click", async () => {
     say("Frame " + page.frame + " is fitted.");
     get("step-fit").open = true;
     get("step-fit").scrollIntoView({ block: "nearest" });
-  } catch (error) { refused(error); } finally { get("fit").disabled = !page.state.model || !page.state.pixel_mm; }
+  } catch (error) { refused(error); } finally { get("fit").disabled = !page.state.model; }
 });
 function showFit() {
   const { values, warnings, chi, kept_share: kept, frame } = page.fit, holder = get("fit-result");

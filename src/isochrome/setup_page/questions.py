@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import with_uncertainty
-from isochrome.processing import FrameResult, check, process_frame
+from isochrome.processing import FrameResult, FrameValue, check, process_frame
 from isochrome.scene import Scene, parse_scene, toml_text, with_value, without_value
 from isochrome.setup_page.session import SetupSession
 
@@ -58,19 +58,31 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "revision": session.revision,
         "chi": found.frame.chi,
         "kept_share": found.row.get("kept_share"),
-        "values": [
-            {
-                "key": one.key,
-                "value": _rounded(one.value, one.standard_uncertainty),
-                "text": with_uncertainty(one.value, one.standard_uncertainty),
-                "line": f"{one.key.partition('.')[2]} = "
-                f"{toml_text(_rounded(one.value, one.standard_uncertainty))}",
-                "asked": one.asked,
-            }
-            for one in found.values
-        ],
+        "values": [*_scale_row(scene, found), *map(_value_row, found.values)],
         "warnings": list(found.frame.warnings),
     }
+
+
+def _value_row(one: FrameValue) -> dict[str, Any]:
+    value = _rounded(one.value, one.standard_uncertainty)
+    return {
+        "key": one.key,
+        "value": value,
+        "text": with_uncertainty(one.value, one.standard_uncertainty),
+        "line": f"{one.key.partition('.')[2]} = {toml_text(value)}",
+        "asked": one.asked,
+    }
+
+
+def _scale_row(scene: Scene, found: FrameResult) -> list[dict[str, Any]]:
+    """The scale that a round specimen's rim gives, where the scene states none."""
+    pixel = found.frame.pixel_mm
+    stated = scene.camera is not None and scene.camera.pixel_mm is not None
+    if stated or pixel is None or scene.rim_diameter_mm is None or not found.values:
+        return []
+    value = float(f"{pixel:.6g}")
+    row = {"key": "camera.pixel_mm", "value": value, "text": f"{value:.6g} (by the rim)"}
+    return [row | {"line": f"pixel_mm = {toml_text(value)}", "asked": False}]
 
 
 def _rounded(value: float, spread: float) -> float:

@@ -23,11 +23,13 @@ function takeState(state) {
   const point = ([row, col]) => ({ row, col });
   own.contact = state.place ? [point(state.place)] : [];
   own.surface = state.surface ? state.surface.map(point) : [];
-  own.mask = state.polygon.map(point);
+  const begun = own.line.filter((one) => one.points.length < 2); // what the scene cannot hold yet
+  if (own.mask.length > 2 || state.polygon.length) own.mask = state.polygon.map(point);
   own.order = state.known_order.map((one) => ({ ...one }));
   own.line = state.known_line.map((one) => ({ order: one.order, points: one.points.map(point) }));
+  own.line.push(...begun);
   const box = state.region, whole = box.height_px === state.frames.rows && box.width_px === state.frames.cols;
-  own.region = whole ? [] : [
+  if (!whole || own.region.length === 2) own.region = whole ? [] : [
     { row: box.top_px, col: box.left_px },
     { row: box.top_px + box.height_px - 1, col: box.left_px + box.width_px - 1 },
   ];
@@ -47,13 +49,15 @@ const commands = {
     const rows = own.region.map((one) => Math.round(one.row)), cols = own.region.map((one) => Math.round(one.col));
     const top = Math.min(...rows), left = Math.min(...cols);
     const box = { top_px: top, left_px: left, height_px: Math.max(...rows) - top + 1, width_px: Math.max(...cols) - left + 1 };
-    return box.height_px > 1 && box.width_px > 1 && { region: box };
+    if (box.height_px > 1 && box.width_px > 1) return { region: box };
+    say("The region needs two corners that are apart in height and in width.");
+    return null;
   },
   polygon: () => (own.mask.length === 0 || own.mask.length > 2) && { points: pairs(own.mask) },
   known_order: () => ({ points: own.order }),
-  known_line: () => ({
-    lines: own.line.filter((one) => one.points.length > 1).map((one) => ({ order: one.order, points: pairs(one.points) })),
-  }),
+  known_line: () => own.line.every((one) => one.points.length > 1) && {
+    lines: own.line.map((one) => ({ order: one.order, points: pairs(one.points) })),
+  },
 };
 const NAMES = { mask: "polygon", order: "known_order", line: "known_line" };
 let commitLater = 0;
@@ -90,6 +94,16 @@ function addPoint(at) {
   }
   showPoints();
   draw();
+}
+/* without the mouse: in the middle of the view, beside a point that is there already */
+function addInView() {
+  const at = middleOfView(), list = points();
+  while (list.some((one) => Math.hypot(one.row - at.row, one.col - at.col) < 1)) {
+    at.row += Math.ceil(16 / view.zoom);
+    at.col += Math.ceil(24 / view.zoom);
+  }
+  addPoint(at);
+  commit();
 }
 /* between which two corners of an outline a new one belongs: where it lengthens it least */
 function placeInOutline(list, point) {
@@ -185,8 +199,7 @@ stage.addEventListener("keydown", (event) => {
     draw();
     commit(250);
   } else if (event.key === "Enter") {
-    addPoint(middleOfView());
-    commit();
+    addInView();
   } else if (event.key === "Delete" || event.key === "Backspace") removePoint(active);
   else if (event.key === "PageDown" || event.key === "PageUp") {
     if (list.length) active = (active + (event.key === "PageDown" ? 1 : list.length - 1)) % list.length;
@@ -272,7 +285,7 @@ function chooseTool(name) {
 for (const radio of document.getElementsByName("tool")) {
   radio.addEventListener("change", () => chooseTool(radio.value));
 }
-get("add-point").addEventListener("click", () => { addPoint(middleOfView()); commit(); });
+get("add-point").addEventListener("click", addInView);
 get("new-line").addEventListener("click", () => {
   if (own.line.length && own.line.at(-1).points.length < 2) own.line.pop();
   line = own.line.length;

@@ -88,23 +88,27 @@ function draw() {
 }
 function drawNow() {
   const box = stageBox(), scale = window.devicePixelRatio || 1;
-  const wide = Math.max(1, Math.round(box.width * scale)), high = Math.max(1, Math.round(box.height * scale));
+  /* a browser paints a canvas on whole pixels of the screen, wherever its box is: what is drawn
+     is moved by the difference, so that it lies where the mouse is told to be */
+  const x = Math.round(box.left * scale), y = Math.round(box.top * scale);
+  const wide = Math.max(1, Math.round(box.right * scale) - x), high = Math.max(1, Math.round(box.bottom * scale) - y);
+  const right = box.left * scale - x, down = box.top * scale - y, unit = scale * view.zoom;
   if (canvas.width !== wide || canvas.height !== high) {
     canvas.width = wide;
     canvas.height = high;
   }
-  const across = (canvas.width / box.width) * view.zoom, down = (canvas.height / box.height) * view.zoom;
   pen.setTransform(1, 0, 0, 1, 0, 0);
   pen.clearRect(0, 0, canvas.width, canvas.height);
   if (!shown.picture) return;
-  pen.setTransform(across, 0, 0, down, -view.left * across, -view.top * down);
-  pen.imageSmoothingEnabled = across < 1;
+  pen.setTransform(unit, 0, 0, unit, right - view.left * unit, down - view.top * unit);
+  pen.imageSmoothingEnabled = unit < 3; // else pixels are squares; nearer, they would be shifted by a half
   pen.drawImage(shown.picture, 0, 0);
   drawOver(pen);
-  pen.setTransform(canvas.width / box.width, 0, 0, canvas.height / box.height, 0, 0);
+  pen.setTransform(scale, 0, 0, scale, right, down);
   drawMarks(pen);
   if (shown.model) canvas.dataset.model = shown.model.serial;
 }
+addEventListener("scroll", draw, { passive: true, capture: true });
 new ResizeObserver(() => { if (view.fitted) fitView(); else keepInSight(); }).observe(stage);
 
 stage.addEventListener("wheel", (event) => {
