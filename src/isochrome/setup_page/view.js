@@ -80,6 +80,18 @@ const ORDERS = new Uint32Array(256).map((_, level) => {
   return (0xff000000 | (b << 16) | (g << 8) | r) >>> 0;
 });
 
+const MOST_SHIFT_PX = 8; // some multiple of an eighth of a pixel is whole by then
+const isWhole = (value) => Math.abs(value - Math.round(value)) < 1e-6;
+function wholeFrom(value, scale) {
+  const first = Math.ceil(value - 1e-6);
+  for (let at = first; at < first + MOST_SHIFT_PX; at++) if (isWhole(at * scale)) return at;
+  return first;
+}
+function wholeBelow(value, scale) {
+  const last = Math.max(1, Math.floor(value + 1e-6));
+  for (let at = last; at > Math.max(1, last - MOST_SHIFT_PX); at--) if (isWhole(at * scale)) return at;
+  return last;
+}
 let drawAsked = false;
 function draw() {
   if (drawAsked) return;
@@ -88,23 +100,24 @@ function draw() {
 }
 function drawNow() {
   const box = stageBox(), scale = window.devicePixelRatio || 1;
-  /* a browser paints a canvas on whole pixels of the screen, wherever its box is: what is drawn
-     is moved by the difference, so that it lies where the mouse is told to be */
-  const x = Math.round(box.left * scale), y = Math.round(box.top * scale);
-  const wide = Math.max(1, Math.round(box.right * scale) - x), high = Math.max(1, Math.round(box.bottom * scale) - y);
-  const right = box.left * scale - x, down = box.top * scale - y, unit = scale * view.zoom;
-  if (canvas.width !== wide || canvas.height !== high) {
-    canvas.width = wide;
-    canvas.height = high;
+  /* a browser paints a canvas on whole pixels, of the page or of the screen, wherever its box is:
+     it is put where both are whole, so that what is drawn lies where the mouse is told to be */
+  const x = wholeFrom(box.left, scale), y = wholeFrom(box.top, scale);
+  const wide = wholeBelow(box.right - x, scale), high = wholeBelow(box.bottom - y, scale);
+  Object.assign(canvas.style, { left: x - box.left + "px", top: y - box.top + "px", width: wide + "px", height: high + "px" });
+  if (canvas.width !== Math.round(wide * scale) || canvas.height !== Math.round(high * scale)) {
+    canvas.width = Math.round(wide * scale);
+    canvas.height = Math.round(high * scale);
   }
+  const unit = scale * view.zoom;
   pen.setTransform(1, 0, 0, 1, 0, 0);
   pen.clearRect(0, 0, canvas.width, canvas.height);
   if (!shown.picture) return;
-  pen.setTransform(unit, 0, 0, unit, right - view.left * unit, down - view.top * unit);
+  pen.setTransform(unit, 0, 0, unit, -view.left * unit, -view.top * unit);
   pen.imageSmoothingEnabled = unit < 3; // else pixels are squares; nearer, they would be shifted by a half
   pen.drawImage(shown.picture, 0, 0);
   drawOver(pen);
-  pen.setTransform(scale, 0, 0, scale, right, down);
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
   drawMarks(pen);
   if (shown.model) canvas.dataset.model = shown.model.serial;
 }
