@@ -18,7 +18,6 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from browsers import open_chromium
-
 from isochrome.samples import samples_path
 from isochrome.setup_page import SetupServer, open_session
 
