@@ -52,8 +52,12 @@ def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str)
 
     Parameters
     ----------
-    room, name, scripts
-        As for `assemble_page`.
+    room : str
+        The package that holds NAME.css and the scripts.
+    name : str
+        What the style is called.
+    scripts : sequence of str
+        Files that are one script, in this order.
     policy : str
         What else is allowed, such as "img-src data:"; all that is not named is forbidden.
 

@@ -14,6 +14,9 @@ KINDS = {
 }
 """What may stand in front of the camera, by the page's words."""
 
+STATED_SHAPES = ("disc", "ring", "beam", "other")
+"""Kinds that the scene names in specimen.shape."""
+
 _ALL = tuple(KINDS)
 _MODELS = ("contact", "disc", "ring", "beam")
 _SLIDING = ("contact",)

@@ -7,7 +7,7 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.scene import toml_text
-from isochrome.setup_page.fields import FIELDS, KINDS, SceneField
+from isochrome.setup_page.fields import FIELDS, KINDS, STATED_SHAPES, SceneField
 
 _ORDER = ("specimen", "indenter", "load", "friction", "wear", "polariscope", "camera", "frames")
 
@@ -57,11 +57,10 @@ def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]
     yield f"# {KINDS[kind]}; made on the page of `isochrome setup`\n"
     for table in _ORDER:
         own = {key: value for key, value in given.items() if key.startswith(f"{table}.")}
-        shape = table == "specimen" and kind not in ("contact",)
-        if not own and table not in ("specimen",):
+        if not own and table != "specimen":
             continue
         yield f"\n[{table}]\n"
-        if shape:
+        if table == "specimen" and kind in STATED_SHAPES:
             yield f"shape = {toml_text(kind)}\n"
         for key, value in own.items():
             line = f"{key.partition('.')[2]} = {toml_text(value)}"

@@ -56,7 +56,7 @@ def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
     return length_mm / apart
 
 
-def looked_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
+def place_of_point(pixels: PixelGrid, point: Point) -> tuple[float, float]:
     """Compute the place that a point of the picture looks at.
 
     Parameters
@@ -100,8 +100,11 @@ def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
     unit = pixels.pixel_mm
     row, col = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
     for _ in range(_PASSES if pixels.lens is not None else 0):
-        x, z = looked_at(pixels, (row, col))
-        right, below = looked_at(pixels, (row, col + 1.0)), looked_at(pixels, (row + 1.0, col))
+        x, z = place_of_point(pixels, (row, col))
+        right, below = (
+            place_of_point(pixels, (row, col + 1.0)),
+            place_of_point(pixels, (row + 1.0, col)),
+        )
         slopes = np.array([[right[0] - x, below[0] - x], [right[1] - z, below[1] - z]])
         across, down = np.linalg.solve(slopes, [x_mm - x, z_mm - z])
         row, col = row + float(down), col + float(across)
@@ -125,7 +128,7 @@ def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
     tuple of float
         The outer edges left_mm and top_mm, mm.
     """
-    x, z = looked_at(pixels, point)
+    x, z = place_of_point(pixels, point)
     return pixels.left_mm - x, pixels.top_mm - z
 
 

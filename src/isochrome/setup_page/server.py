@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from isochrome.errors import IsochromeError
 from isochrome.output import plain
+from isochrome.reporting import assemble_page, content_policy
 from isochrome.setup_page.edits import apply_tool, session_state
-from isochrome.setup_page.page import POLICY, page_html
+from isochrome.setup_page.fields import KINDS, field_rows
 from isochrome.setup_page.questions import check_answer, fit_answer, order_map_of_points
 from isochrome.setup_page.session import SetupSession
 
@@ -41,8 +42,16 @@ _PULSE_S = 0.5
 _GRACE_S = 3.0
 """Seconds without a page after which the server ends: a page that is loaded anew takes less."""
 
+_ROOM, _NAME = "isochrome.setup_page", "setup"
+_SCRIPTS = ("view.js", "tools.js", "overlay.js", "panel.js")
+_ALLOWED = "connect-src 'self'; img-src data:"
+_POLICY = (
+    content_policy(_ROOM, _NAME, scripts=_SCRIPTS, policy=_ALLOWED) + "; frame-ancestors 'none'"
+)
+"""What the server says of the page's content, beside what stands in the page itself."""
+
 _HEADERS = {
-    "Content-Security-Policy": POLICY,
+    "Content-Security-Policy": _POLICY,
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
@@ -226,7 +235,18 @@ class _Handler(BaseHTTPRequestHandler):
 
     def send_page(self) -> None:
         """Send the page itself."""
-        data = page_html(self.server.session.scene_file.name).encode()
+        html = assemble_page(
+            _ROOM,
+            _NAME,
+            scripts=_SCRIPTS,
+            policy=_ALLOWED,
+            values={
+                "scene_file": self.server.session.scene_file.name,
+                "kinds": list(KINDS.items()),
+                "data": {"fields": field_rows(), "kinds": KINDS},
+            },
+        )
+        data = html.encode()
         self._send(data, "text/html; charset=utf-8", HTTPStatus.OK, {})
 
     def _send(self, data: bytes, kind: str, status: HTTPStatus, more: Mapping[str, str]) -> None:
