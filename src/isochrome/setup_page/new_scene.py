@@ -70,6 +70,5 @@ def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]
 
 def _comment(key: str, field: SceneField | None) -> str:
     if field is None:
-        light = "dark" if key.endswith("dark") else "bright"
-        return f"the unloaded specimen in the {light} field"
+        return "the unloaded specimen"  # its field stands in the key
     return f"{field.label}, {field.unit}" if field.unit else field.label
