@@ -169,12 +169,16 @@ async function askMap() {
     get("hide-map").hidden = false;
     const known = bytes.reduce((count, level) => count + (level > 0), 0);
     const said = JSON.parse(answer.headers.get("X-Said"));
-    say("Coloured is what the points say: the order is known in " + Math.round((100 * known) / bytes.length) + " % of the picture. " + said.join(" "));
+    say("Coloured is what the points say: the order is known in " + Math.round((100 * known) / bytes.length) + " % of the region.");
+    const { top_px: top, left_px: left } = page.state.region;
+    if (said.length && (top || left)) said.push("Rows and columns here are counted in the region: add " + top + " and " + left + " for those of the picture.");
+    get("map-said").textContent = said.join(" ");
     draw();
   } catch (error) { lost(error); }
 }
 function hideMap() {
   shown.map = null;
+  get("map-said").textContent = "";
   get("hide-map").hidden = true;
   draw();
 }

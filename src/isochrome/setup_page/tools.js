@@ -55,10 +55,11 @@ const commands = {
   },
   polygon: () => (own.mask.length === 0 || own.mask.length > 2) && { points: pairs(own.mask) },
   known_order: () => ({ points: own.order }),
-  known_line: () => own.line.every((one) => one.points.length > 1) && {
+  known_line: () => own.line.every((one) => one.points.length > 1 && areApart(one.points)) && {
     lines: own.line.map((one) => ({ order: one.order, points: pairs(one.points) })),
   },
 };
+const areApart = (list) => list.every(({ row, col }, k) => !k || row !== list[k - 1].row || col !== list[k - 1].col);
 const NAMES = { mask: "polygon", order: "known_order", line: "known_line" };
 let commitLater = 0;
 function commit(wait = 0) {
@@ -234,6 +235,7 @@ function showPoints() {
     if (tool === "order") fields.push(["order", "order"]);
     row.append(String(number + 1) + ":");
     for (const [name, words] of fields) row.append(...pointField(one, number, name, words));
+    if (tool === "order") row.append(extremumField(one, number));
     const away = document.createElement("button");
     away.type = "button";
     away.textContent = "×";
@@ -267,6 +269,16 @@ function pointField(one, number, name, words) {
     commit();
   });
   return [label, field];
+}
+function extremumField(one, number) {
+  const field = document.createElement("select");
+  field.id = "point-" + number + "-extremum";
+  field.setAttribute("aria-label", "Whether point " + (number + 1) + " is the highest or lowest order around it");
+  for (const [value, words] of [["", "on a slope"], ["maximum", "highest around it"], ["minimum", "lowest around it"]]) {
+    field.append(new Option(words, value, false, value === (one.extremum || "")));
+  }
+  field.addEventListener("change", () => { one.extremum = field.value || null; commit(); });
+  return field;
 }
 function chooseTool(name) {
   tool = name;
