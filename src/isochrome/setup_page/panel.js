@@ -23,15 +23,17 @@ const refused = (error) => { if (error instanceof Refusal) say(error.message, tr
 
 /* tools go one after the other: each begins with the scene that the last has left */
 let queue = Promise.resolve(true);
-function useTool(asked, done = "") {
+function useTool(asked, done = "", settled = () => null) {
   queue = queue.then(async () => {
     try {
       const state = await post("tool", asked);
+      settled();
       say(done || (state.saved ? "Saved." : "The scene has changed; Save writes it."));
       await takeAll(state);
       return true;
     } catch (error) {
       refused(error);
+      settled();
       if (page.state) takeState(page.state);
       return false;
     }
@@ -331,7 +333,7 @@ async function checkNow() {
 get("check").addEventListener("click", checkNow);
 
 get("use-text").addEventListener("click", () => useTool({ tool: "text", text: get("text").value }));
-get("undo").addEventListener("click", () => useTool({ tool: "undo" }, "Taken back."));
+get("undo").addEventListener("click", () => useTool({ tool: "undo" }, "Taken back.", () => { for (const name in touched) delete touched[name]; }));
 get("save").addEventListener("click", () => useTool({ tool: "save" }, "Saved."));
 addEventListener("beforeunload", (event) => {
   if (page.state && page.state.has_scene && !page.state.saved) event.preventDefault();

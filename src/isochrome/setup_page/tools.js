@@ -11,6 +11,8 @@ const WORDS = {
 };
 const MOST = { look: 0, scale: 2, contact: 1, surface: 2, region: 2, mask: 500, order: 200, line: 500 };
 let tool = "look", active = -1, dragged = null, line = 0;
+const touched = {}; // by tool, how often its points were moved since the scene had them
+function touch() { touched[tool] = (touched[tool] || 0) + 1; }
 const own = { scale: [], contact: [], surface: [], region: [], mask: [], order: [], line: [] };
 
 function points() {
@@ -21,18 +23,20 @@ function points() {
 /* what the server knows of the scene goes into the tools */
 function takeState(state) {
   const point = ([row, col]) => ({ row, col });
-  own.contact = state.place ? [point(state.place)] : [];
-  own.surface = state.surface ? state.surface.map(point) : [];
-  const begun = own.line.filter((one) => one.points.length < 2); // what the scene cannot hold yet
-  if (own.mask.length > 2 || state.polygon.length) own.mask = state.polygon.map(point);
-  own.order = state.known_order.map((one) => ({ ...one }));
-  own.line = state.known_line.map((one) => ({ order: one.order, points: one.points.map(point) }));
-  own.line.push(...begun);
   const box = state.region, whole = box.height_px === state.frames.rows && box.width_px === state.frames.cols;
-  if (!whole || own.region.length === 2) own.region = whole ? [] : [
-    { row: box.top_px, col: box.left_px },
-    { row: box.top_px + box.height_px - 1, col: box.left_px + box.width_px - 1 },
-  ];
+  const known = {
+    contact: state.place ? [point(state.place)] : [],
+    surface: state.surface ? state.surface.map(point) : [],
+    mask: state.polygon.map(point),
+    order: state.known_order.map((one) => ({ ...one })),
+    line: state.known_line.map((one) => ({ order: one.order, points: one.points.map(point) })),
+    region: whole ? [] : [
+      { row: box.top_px, col: box.left_px },
+      { row: box.top_px + box.height_px - 1, col: box.left_px + box.width_px - 1 },
+    ],
+  };
+  // what the user has moved since, the answer knows nothing of
+  for (const name of Object.keys(known)) if (!touched[name]) own[name] = known[name];
   line = Math.min(line, Math.max(0, own.line.length - 1));
   active = Math.min(active, points().length - 1);
   showPoints();
@@ -61,14 +65,15 @@ const commands = {
 };
 const areApart = (list) => list.every(({ row, col }, k) => !k || row !== list[k - 1].row || col !== list[k - 1].col);
 const NAMES = { mask: "polygon", order: "known_order", line: "known_line" };
-let commitLater = 0;
+const commitLater = {};
 function commit(wait = 0) {
-  clearTimeout(commitLater);
-  const name = NAMES[tool] || tool;
-  if (tool === "look" || !commands[name]()) return;
-  commitLater = setTimeout(() => {
-    const asked = commands[name]();
-    if (asked) useTool({ tool: name, ...asked });
+  const mine = tool, name = NAMES[tool] || tool;
+  if (mine === "look") return;
+  touch();
+  clearTimeout(commitLater[mine]);
+  commitLater[mine] = setTimeout(() => {
+    const asked = commands[name](), moves = touched[mine];
+    if (asked) useTool({ tool: name, ...asked }, "", () => { if (touched[mine] === moves) delete touched[mine]; });
   }, wait);
 }
 
@@ -81,6 +86,7 @@ function inside(point) {
 function addPoint(at) {
   if (tool === "look") return;
   const point = inside(at);
+  touch();
   if (tool === "line" && !own.line[line]) {
     own.line[line] = { order: Number(get("new-order").value) || 0, points: [] };
   }
@@ -170,6 +176,7 @@ canvas.addEventListener("pointermove", (event) => {
     keepInSight();
     return;
   }
+  touch();
   Object.assign(dragged.point, inside({ row: at.row + dragged.row, col: at.col + dragged.col }));
   dragged.moved = true;
   showPoints();
