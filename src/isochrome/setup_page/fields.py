@@ -56,10 +56,12 @@ class SceneField:
     choices: tuple[str, ...] = ()
 
 
-FIELDS = tuple(
-    SceneField(**{name: tuple(v) if isinstance(v, list) else v for name, v in own.items()})
-    for own in _TABLES["field"]
-)
+def _made(own: dict[str, Any]) -> SceneField:
+    given: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in own.items()}
+    return SceneField(**given)
+
+
+FIELDS = tuple(map(_made, _TABLES["field"]))
 """All of them, in the order of the page."""
 
 
