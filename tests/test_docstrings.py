@@ -142,4 +142,5 @@ def test_few_examples_are_skipped():
         if example.options.get(doctest.SKIP)
     }
     slow = {"bench", "calibrate_bending", "calibrate_disc", "demo", "write_into_scene"}
-    assert skipped == slow | {"calibrate_colour", "track"}  # these two need images of one's own
+    own_images = {"calibrate_colour", "track"}
+    assert skipped == slow | own_images | {"setup"}  # which serves until somebody ends it

@@ -19,6 +19,7 @@ from .frames import open_frames
 from .processing import check, plot_order, process
 from .runs import export, open_run
 from .scene import Scene, dump_scene, load_scene, parse_scene, scene_names
+from .setup_page import setup
 from .simulation import (
     camera_frame,
     plot_pressure,
@@ -70,6 +71,7 @@ __all__ = [
     "samples",
     "scene_names",
     "scene_states",
+    "setup",
     "simulate",
     "stress_components",
     "stress_map",

@@ -26,7 +26,7 @@ from shipped_sets import some_of_a_shipped_set
 COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
     ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "colour"),
-    ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("bench",),
+    ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("setup",), ("bench",),
     ("sweep",), ("export",), ("report",), ("guide",),
 ]  # fmt: skip
 
@@ -88,7 +88,7 @@ def test_help_of_every_command(quick_isochrome, command):
     else:
         assert "--json" in done.out
         assert ("--out FOLDER" in done.out or "--out  " in done.out) == (
-            command not in (("check",), ("guide",))
+            command not in (("check",), ("guide",), ("setup",))
         )
         shown = " ".join(done.out.split())
         assert all(example in shown for example in EXAMPLES[" ".join(command)])

@@ -28,6 +28,7 @@ NO_OUTPUT = {
     "truth.json": "of the sample images",
     "set.toml": "of the sample images",
     "captured.tif": "of the sample images",
+    "fields.toml": "what the set-up page asks for",
 }
 """File names in the code that no command leaves as a result of its own, and why."""
 

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import re
-import shutil
-import warnings
-from importlib.util import find_spec
 
 import pytest
 from pages import COLS, LEFT, PIXEL, ROWS, TOP, order_field
 
+from browsers import open_chromium, skip_without_browser
+
 pytestmark = pytest.mark.browser
 
-CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
-
-missing = [name for name in ("playwright", "axe_playwright_python") if not find_spec(name)]
-missing += [] if shutil.which(CHROMIUM) else [CHROMIUM]
-if missing:
-    pytest.skip(f"NO BROWSER TESTS: no {', no '.join(missing)}", allow_module_level=True)
+skip_without_browser()
 
 SCALES = [1.0, 1.5, 2.0, 3.0]
 """Device pixels a pixel of the page: a desk's screen, a telephone's, and the browser's zoom."""
@@ -28,13 +22,8 @@ WIDTHS = [360, 768, 1920]
 @pytest.fixture(scope="module")
 def chromium():
     """A browser."""
-    from playwright import sync_api
-
-    with warnings.catch_warnings(), sync_api.sync_playwright() as driver:
-        warnings.simplefilter("ignore")
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with open_chromium() as browser:
         yield browser
-        browser.close()
 
 
 class Opened:

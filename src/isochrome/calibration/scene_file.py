@@ -1,17 +1,11 @@
-"""Calibrated values set in a scene file, whose comments and layout stay as they are.
-
-TOML allows one key in many layouts. Every plausible place in the text is tried, and the first
-edit is taken after which the file says what it said before, but for the one value.
-"""
+"""Calibrated values set in a scene file, whose comments and layout stay as they are."""
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +14,14 @@ from isochrome.calibration.scale.result import LENS, ScaleCalibration
 from isochrome.calibration.wear.result import WearCalibration
 from isochrome.errors import InputError
 from isochrome.output import replacing
-from isochrome.scene import Scene, parse_scene, parse_toml, read_text, scene_names
+from isochrome.scene import (
+    Scene,
+    parse_scene,
+    parse_toml,
+    read_text,
+    scene_names,
+    with_value,
+)
 
 MARK = "calibrated: "
 """What a comment of ours begins with: a second calibration replaces it."""
@@ -147,15 +148,8 @@ def edited(
     its line, without #; `name` of the file for messages; `key`, table and name. Returns
     the text. Raises InputError where no edit does only that.
     """
-    wanted = parse_toml(text, name)
-    known = {"value": float(value), "standard_uncertainty": float(spread)}
-    table, _, entry = key.partition(".")
-    wanted.setdefault(table, {})[entry] = known
     written = f"{{ value = {value}, standard_uncertainty = {spread} }}"
-    for candidate in _candidates(text, (table, entry), written, comment):
-        if _says(candidate, wanted):
-            return candidate
-    raise InputError(f"{name}: its layout cannot be edited; set {key} = {written} in it by hand")
+    return with_value(text, key, written, comment=comment, mark=MARK, name=name)
 
 
 def _by_scene_law(calibration: WearCalibration, text: str, name: str) -> WearCalibration:
@@ -226,53 +220,3 @@ def _comment(
     origin = "" if source is None else f", {Path(source).name}"
     mark = f"{MARK}{calibration.scene_comment}{origin}"
     return "".join(c for c in mark if c.isprintable() and c != ";")  # which ends it
-
-
-def _quoted(name: str) -> str:
-    """A pattern for a name of TOML, plain or in quotes."""
-    return rf"""(?:"{name}"|'{name}'|{name})"""
-
-
-def _candidates(text: str, key: tuple[str, str], value: str, comment: str) -> Iterator[str]:
-    """Edits that may be the right one: the value where the key stands, else the key put in."""
-    table, entry = _quoted(key[0]), _quoted(key[1])
-    stated = rf"{entry}[ \t]*=[ \t]*(?P<value>[-+0-9._eE]+|\{{[^{{}}\r\n]*\}})"
-    for found in re.finditer(stated, text):
-        start, end = found.span("value")
-        yield from _with_comment(text[:start] + value, text[end:], comment)
-    line_end = "\r\n" if "\r\n" in text else "\n"
-    line = f"{key[1]} = {value}"
-    head = rf"^[ \t]*\[[ \t]*{table}[ \t]*\][^\r\n]*\r?\n?"
-    for found in re.finditer(head, text, re.M):
-        before = text[: found.end()]
-        before += "" if before.endswith("\n") else line_end
-        yield f"{before}{line}  # {comment}{line_end}{text[found.end() :]}"
-    inline = rf"{table}[ \t]*=[ \t]*\{{[ \t]*(?P<rest>\}}?)"
-    for found in re.finditer(inline, text):
-        start = found.start("rest")
-        comma = " " if found["rest"] else ", "
-        yield from _with_comment(text[:start] + line + comma, text[start:], comment)
-    for found in re.finditer(rf"^[ \t]*{table}[ \t]*\.", text, re.M):
-        before, after = text[: found.start()], text[found.start() :]
-        yield f"{before}{key[0]}.{line}  # {comment}{line_end}{after}"
-    gap = "" if not text or text.endswith("\n") else line_end
-    yield f"{text}{gap}{line_end}[{key[0]}]{line_end}{line}  # {comment}{line_end}"
-
-
-def _with_comment(before: str, after: str, comment: str) -> Iterator[str]:
-    """The text with the comment on this line, beside one that is there, and without it."""
-    rest = re.match(r"""(?P<code>[^\r\n#"']*)(?P<comment>#[^\r\n]*)?""", after)
-    if rest is not None:
-        code, kept = rest["code"].rstrip(" \t"), rest["comment"] or ""
-        gap = rest["code"][len(code) :] or "  "
-        own = re.sub(rf";?[ \t]*{MARK}[^;]*", "", kept).replace("#;", "#").rstrip()
-        joint = "# " if own in ("", "#") else f"{own}; "
-        yield f"{before}{code}{gap}{joint}{comment}{after[rest.end() :]}"
-    yield before + after
-
-
-def _says(text: str, wanted: dict[str, Any]) -> bool:
-    try:
-        return parse_toml(text, "scene") == wanted
-    except InputError:
-        return False

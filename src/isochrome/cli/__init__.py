@@ -236,6 +236,40 @@ def check_command(
         raise typer.Exit(2)
 
 
+@app.command("setup", epilog=examples_of("setup"))
+def setup_command(
+    frames: FramesArgument,
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            "--scene",
+            help="Scene file, not yet there or there; by default scene.toml beside the frames.",
+        ),
+    ] = None,
+    join: Join = False,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")
+    ] = True,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="Port; by default a free one.")
+    ] = 0,
+    as_json: Json = False,
+) -> None:
+    """Set up a scene on its frames, on a page in the browser that this machine alone can open."""
+    from isochrome.frames import one_recording
+    from isochrome.setup_page import setup as run
+
+    def announce(url: str) -> None:
+        typer.echo(f"the page is open at {url} until you close it (or press Ctrl-C here)", err=True)
+
+    recording = one_recording(frames, join=join)
+    saved = run(recording, scene, browser=browser, port=port, announce=announce)
+    if as_json:
+        print_json({"scene": None if saved is None else str(saved)})
+    else:
+        typer.echo("nothing was saved" if saved is None else f"scene: {saved}")
+
+
 @app.command("bench", epilog=examples_of("bench"))
 def bench_command(
     suite: Annotated[

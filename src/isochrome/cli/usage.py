@@ -38,6 +38,10 @@ EXAMPLES = {
         "isochrome check captured.tif --scene scene.toml",
         "isochrome check 'runs/*.avi' --scene scene.toml --json",
     ),
+    "setup": (
+        "isochrome setup captured.tif",
+        "isochrome setup captured --scene scene.toml --no-browser",
+    ),
     "bench": (
         "isochrome bench",
         "isochrome bench fringes --out measured",

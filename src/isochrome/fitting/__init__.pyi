@@ -7,6 +7,7 @@ from .frame.frame_estimate import FrameFit
 from .frame.frame_fit import fit_frame, placed
 from .frame.inputs import taken_as_exact
 from .frame.model_frame import ModelFrame, evaluate_model
+from .frame.renderer import SceneRenderer
 from .frame.single_state import (
     frame_distance,
     frame_scene,
@@ -14,6 +15,7 @@ from .frame.single_state import (
     slid_until,
     sliding_scene,
     timed_distance,
+    with_numerics,
 )
 from .frame.unknowns import FRICTION, GAMMA, SMOOTH_KEYS, free_keys
 from .joint.frame_sequence import over_distance
@@ -34,6 +36,7 @@ __all__ = [
     "FrameFit",
     "Freed",
     "ModelFrame",
+    "SceneRenderer",
     "Tracked",
     "Tracker",
     "VainSearch",
@@ -61,4 +64,5 @@ __all__ = [
     "timed_distance",
     "track",
     "untracked_inputs",
+    "with_numerics",
 ]

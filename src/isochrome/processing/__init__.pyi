@@ -1,6 +1,7 @@
 from .api import check_scene, process
 from .checking import check
 from .figure import plot_order
+from .one_frame import FrameResult, FrameValue, one_state, process_frame
 from .processed import PICTURE, Processed, restore
 from .result import SPREAD, ProcessedFrame
 from .run_report import process_report
@@ -8,12 +9,16 @@ from .run_report import process_report
 __all__ = [
     "PICTURE",
     "SPREAD",
+    "FrameResult",
+    "FrameValue",
     "Processed",
     "ProcessedFrame",
     "check",
     "check_scene",
+    "one_state",
     "plot_order",
     "process",
+    "process_frame",
     "process_report",
     "restore",
 ]

@@ -1,3 +1,4 @@
+from .assembly import assemble_page, content_policy
 from .charts import Curve, curves_of
 from .content import ReportContent, ReportTable, warnings_with_remedies
 from .frame_choice import MOST_FRAMES, ChosenFrame, choose_frames
@@ -16,7 +17,9 @@ __all__ = [
     "ReportContent",
     "ReportFrame",
     "ReportTable",
+    "assemble_page",
     "choose_frames",
+    "content_policy",
     "curves_of",
     "encode_frames",
     "order_map",

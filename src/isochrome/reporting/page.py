@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import base64
-import hashlib
-from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.output import write_text
+from isochrome.reporting.assembly import assemble_page
 from isochrome.reporting.content import ReportContent, warnings_with_remedies
 from isochrome.reporting.pictures import ROOM_BYTES, STEP, encode_frames
 
@@ -70,36 +68,26 @@ def report_html(content: ReportContent) -> str:
     -------
     str
         HTML.
-
-    Notes
-    -----
-    Source: W3C (2024), Content Security Policy Level 3, section 2.3.1, for the hashes.
     """
-    from markupsafe import Markup
-
-    style, script = _part("report.css"), _part("report.js")
     frames = encode_frames(content.frames, room=ROOM_BYTES)
     strides = sorted({one["stride"] for one in frames})
-    policy = (
-        "default-src 'none'; img-src data:; "
-        f"style-src {_hash(style)}; script-src {_hash(script)}; base-uri 'none'; form-action 'none'"
-    )
-    return str(
-        _template().render(
-            content=content,
-            policy=Markup(policy),  # hashes are of the plain letters of base64
-            style=Markup(style),
-            script=Markup(script),
-            frames=frames,
-            data={"step": STEP, "frames": [_for_script(one) for one in frames]},
-            strides=strides,
-            step=STEP,
-            curves=[curve.drawing() for curve in content.curves],
-            groups=warnings_with_remedies(content.warnings),
-            picture=_picture(content.picture),
-            scene=content.scene[:_LONGEST_SCENE],
-            scene_is_cut=len(content.scene) > _LONGEST_SCENE,
-        )
+    return assemble_page(
+        "isochrome.reporting",
+        "report",
+        scripts=("report.js",),
+        policy="img-src data:",
+        values={
+            "content": content,
+            "frames": frames,
+            "data": {"step": STEP, "frames": [_for_script(one) for one in frames]},
+            "strides": strides,
+            "step": STEP,
+            "curves": [curve.drawing() for curve in content.curves],
+            "groups": warnings_with_remedies(content.warnings),
+            "picture": _picture(content.picture),
+            "scene": content.scene[:_LONGEST_SCENE],
+            "scene_is_cut": len(content.scene) > _LONGEST_SCENE,
+        },
     )
 
 
@@ -124,25 +112,3 @@ def _picture(png: bytes | None) -> str:
             small.quantize(128).save(file, "PNG")
         png = file.getvalue()
     return base64.b64encode(png).decode()
-
-
-def _hash(text: str) -> str:
-    """What a policy calls a text by."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-@cache
-def _part(name: str) -> str:
-    """A file of this room."""
-    return (resources.files("isochrome.reporting") / name).read_text("utf-8")
-
-
-@cache
-def _template() -> Any:
-    """The page's template, in which every value is escaped."""
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(_part("report.html.jinja"))

@@ -1,4 +1,5 @@
 from .array_frames import ArrayFrames, FramesLike, ImageFile, frames_of
+from .editing.edited_text import toml_text, with_table_list, with_value, without_value
 from .imaging import Camera, FileName, Frames, Roi
 from .known_orders import FreeBoundary, FreeCorner, KnownLine, KnownOrder
 from .parts import (
@@ -16,6 +17,7 @@ from .pixel_scale import STIFFEST_GPA, UNDOUBTED_MM, check_moduli, check_pixel, 
 from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
 from .specimen import Specimen
 from .toml import (
+    LIBRARY,
     SceneLike,
     as_tables,
     dump_scene,
@@ -30,6 +32,7 @@ from .validation import check_reach, validate
 from .whole import Scene
 
 __all__ = [
+    "LIBRARY",
     "STIFFEST_GPA",
     "UNDOUBTED_MM",
     "ArrayFrames",
@@ -73,5 +76,9 @@ __all__ = [
     "read_text",
     "scene_names",
     "split_uncertainties",
+    "toml_text",
     "validate",
+    "with_table_list",
+    "with_value",
+    "without_value",
 ]

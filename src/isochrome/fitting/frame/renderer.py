@@ -53,7 +53,23 @@ class _Rendered:
 
 
 class SceneRenderer:
-    """Signals of a one-state scene on every `stride`-th pixel of a picture."""
+    """Signals of a one-state scene on every `stride`-th pixel of a picture.
+
+    Parameters
+    ----------
+    scene : Scene
+        One state.
+    shape : tuple of two ints
+        Rows and columns of the picture.
+    stride : int, default 1
+        Pixels from one that is rendered to the next.
+    solve : callable, optional
+        Gives a scene's state; None: the scene is solved on its own.
+    hidden_px : float, default 0.0
+        Depth above which nobody looks, px.
+    rough : bool, default False
+        Whether the pixels' area is left out.
+    """
 
     def __init__(
         self,
@@ -65,10 +81,6 @@ class SceneRenderer:
         hidden_px: float = 0.0,
         rough: bool = False,
     ) -> None:
-        """`solve` gives a scene's state; None: the scene is solved on its own.
-
-        `hidden_px`, depth above which nobody looks; `rough`, whether the pixels' area is left out.
-        """
         self.shape, self.stride = shape, stride
         self._hidden_px, self._rough = hidden_px, rough
         self._solve = solve or (lambda one: scene_states(one)[-1])

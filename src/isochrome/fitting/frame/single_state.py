@@ -227,8 +227,22 @@ def with_numerics(
 
     A fit that ends on other numerics than a simulation's would take their difference for physics:
     without nodes and a tolerance it is as fine as the scene is on its own.
-    Parameters: `room`, factor on the window that the scene's own values need; `nodes_per_pixel`;
-    `tolerance` of the wear. Returns a Scene; others than contacts as they are.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene; others than contacts stay as they are.
+    room : float, default 1.2
+        Factor on the window that the scene's own values need.
+    nodes_per_pixel : int, optional
+        Nodes on the surface for each pixel.
+    tolerance : float, optional
+        Tolerance of the wear.
+
+    Returns
+    -------
+    Scene
+        The scene with its grid.
     """
     if scene.indenter is None or scene.camera is None or scene.camera.pixel_mm is None:
         return scene

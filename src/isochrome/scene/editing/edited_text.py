@@ -1,0 +1,351 @@
+"""One value or list of tables set in TOML text: all else in it stays, to the byte.
+
+TOML allows one key in many layouts. Every plausible place in the text is tried, and the first
+edit is taken after which the text says what it said before, but for the one key.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.scene.toml import parse_toml
+
+_CLOSED_BY = {"[": "]", "{": "}"}
+_QUOTES = ('"""', "'''", '"', "'")
+
+
+def with_value(
+    text: str, key: str, written: str, *, comment: str = "", mark: str = "", name: str = "scene"
+) -> str:
+    r"""Set a key in TOML text.
+
+    Parameters
+    ----------
+    text : str
+        TOML text.
+    key : str
+        Table and name, such as 'load.normal_n'.
+    written : str
+        The value as TOML.
+    comment : str, optional
+        A comment for its line, without #.
+    mark : str, optional
+        What comments of this kind begin with: an earlier one is replaced.
+    name : str, default 'scene'
+        Name of the text, in messages.
+
+    Returns
+    -------
+    str
+        The text with the value.
+
+    Raises
+    ------
+    InputError
+        Where no edit does only that.
+
+    Examples
+    --------
+    >>> from isochrome.scene import with_value
+    >>> with_value("[load]\nnormal_n = 44.0  # cell\n", "load.normal_n", "50.0")
+    '[load]\nnormal_n = 50.0  # cell\n'
+    """
+    wanted = parse_toml(text, name)
+    table, _, entry = key.partition(".")
+    own = wanted.setdefault(table, {})
+    if isinstance(own, dict):
+        own[entry] = tomllib.loads(f"value = {written}")["value"]
+        note = _Note(comment, mark)
+        for candidate in _settings(text, (table, entry), written, note):
+            if _says(candidate, wanted):
+                return candidate
+    raise InputError(f"{name}: its layout cannot be edited; set {key} = {written} in it by hand")
+
+
+def without_value(text: str, key: str, *, name: str = "scene") -> str:
+    r"""Take a key out of TOML text, with the comment on its line.
+
+    Parameters
+    ----------
+    text : str
+        TOML text.
+    key : str
+        Table and name; a key that is not there leaves the text as it is. A name alone is a whole
+        table.
+    name : str, default 'scene'
+        Name of the text, in messages.
+
+    Returns
+    -------
+    str
+        The text without it.
+
+    Raises
+    ------
+    InputError
+        Where no edit does only that.
+
+    Examples
+    --------
+    >>> from isochrome.scene import without_value
+    >>> without_value("[load]\nnormal_n = 44.0\nbulk_mpa = 1.0  # clamp\n", "load.bulk_mpa")
+    '[load]\nnormal_n = 44.0\n'
+    """
+    wanted = parse_toml(text, name)
+    table, _, entry = key.partition(".")
+    holder = wanted.get(table, {}) if entry else wanted
+    if (entry or table) not in holder:
+        return text
+    del holder[entry or table]
+    tries = _removals(text, table, entry) if entry else iter([_without_tables(text, _path(key))])
+    emptied = copy.deepcopy(wanted)
+    if entry and not holder:
+        del emptied[table]  # a table that held nothing else may go with it
+    for candidate in tries:
+        if _says(candidate, wanted) or _says(candidate, emptied):
+            return candidate
+    raise InputError(f"{name}: its layout cannot be edited; take {key} out of it by hand")
+
+
+def with_table_list(
+    text: str, key: str, entries: Sequence[Mapping[str, Any]], *, name: str = "scene"
+) -> str:
+    r"""Set a list of tables in TOML text, such as [[frames.known_order]].
+
+    Parameters
+    ----------
+    text : str
+        TOML text.
+    key : str
+        Table and name of the list.
+    entries : sequence of mapping
+        Its tables: numbers, texts, and lists of them. An empty one takes the list out.
+    name : str, default 'scene'
+        Name of the text, in messages.
+
+    Returns
+    -------
+    str
+        The text with the list at its end, and without an earlier one.
+
+    Raises
+    ------
+    InputError
+        Where no edit does only that.
+
+    Examples
+    --------
+    >>> from isochrome.scene import with_table_list
+    >>> print(with_table_list("", "frames.known_order", [{"row_px": 4, "order": 0.5}]))
+    [[frames.known_order]]
+    row_px = 4
+    order = 0.5
+    <BLANKLINE>
+    """
+    text = without_value(text, key, name=name)
+    if not entries:
+        return text
+    end = _line_end(text)
+    blocks = (
+        f"[[{key}]]{end}" + "".join(f"{k} = {toml_text(v)}{end}" for k, v in entry.items())
+        for entry in entries
+    )
+    gap = end if text.strip() else ""
+    start = text if not text or text.endswith("\n") else text + end
+    found = start + gap + end.join(blocks)
+    wanted = parse_toml(text, name)
+    table, _, entry_name = key.partition(".")
+    wanted.setdefault(table, {})[entry_name] = [dict(entry) for entry in entries]
+    if not _says(found, wanted):
+        raise InputError(f"{name}: its layout cannot be edited; write [[{key}]] in it by hand")
+    return found
+
+
+def toml_text(value: Any) -> str:
+    """Write a plain value as TOML.
+
+    Parameters
+    ----------
+    value : bool, int, float, str, sequence or mapping
+        The value.
+
+    Returns
+    -------
+    str
+        Its text, in one line.
+
+    Examples
+    --------
+    >>> from isochrome.scene import toml_text
+    >>> toml_text([44.0, True, "a"])
+    '[44.0, true, "a"]'
+    """
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, str):
+        # a basic string of TOML is one of JSON, but for the letter DEL
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{k} = {toml_text(v)}" for k, v in value.items()) + " }"
+    return "[" + ", ".join(map(toml_text, value)) + "]"
+
+
+class _Note:
+    """A comment for a line, and what an earlier one of its kind begins with."""
+
+    def __init__(self, comment: str, mark: str) -> None:
+        self.comment, self.mark = comment, mark
+
+    @property
+    def ending(self) -> str:
+        """What stands behind a new line's value."""
+        return f"  # {self.comment}" if self.comment else ""
+
+    def placed(self, before: str, after: str) -> Iterator[str]:
+        """The text with the comment on this line, beside one that is there, and without it."""
+        rest = re.match(r"""(?P<code>[^\r\n#"']*)(?P<comment>#[^\r\n]*)?""", after)
+        if self.comment and rest is not None:
+            code, kept = rest["code"].rstrip(" \t"), rest["comment"] or ""
+            gap = rest["code"][len(code) :] or "  "
+            own = re.sub(rf";?[ \t]*{self.mark}[^;]*", "", kept) if self.mark else kept
+            own = own.replace("#;", "#").rstrip()
+            joint = "# " if own in ("", "#") else f"{own}; "
+            yield f"{before}{code}{gap}{joint}{self.comment}{after[rest.end() :]}"
+        yield before + after
+
+
+def _settings(text: str, key: tuple[str, str], value: str, note: _Note) -> Iterator[str]:
+    """Edits that may be the right one: the value where the key stands, else the key put in."""
+    table, entry = map(_quoted, key)
+    for start, end in _values(text, entry):
+        yield from note.placed(text[:start] + value, text[end:])
+    line_end = _line_end(text)
+    line = f"{key[1]} = {value}"
+    head = rf"^[ \t]*\[[ \t]*{table}[ \t]*\][^\r\n]*\r?\n?"
+    for found in re.finditer(head, text, re.M):
+        before = text[: found.end()]
+        before += "" if before.endswith("\n") else line_end
+        yield f"{before}{line}{note.ending}{line_end}{text[found.end() :]}"
+    inline = rf"{table}[ \t]*=[ \t]*\{{[ \t]*(?P<rest>\}}?)"
+    for found in re.finditer(inline, text):
+        start = found.start("rest")
+        comma = " " if found["rest"] else ", "
+        yield from note.placed(text[:start] + line + comma, text[start:])
+    for found in re.finditer(rf"^[ \t]*{table}[ \t]*\.", text, re.M):
+        before, after = text[: found.start()], text[found.start() :]
+        yield f"{before}{key[0]}.{line}{note.ending}{line_end}{after}"
+    gap = "" if not text or text.endswith("\n") else line_end
+    yield f"{text}{gap}{line_end}[{key[0]}]{line_end}{line}{note.ending}{line_end}"
+    rest = _without_tables(text, _path(".".join(key)))  # where it is a table of its own
+    if rest != text:
+        yield from _settings(rest, key, value, note)
+
+
+def _removals(text: str, table: str, entry: str) -> Iterator[str]:
+    """Edits that may be the right one, of a key that goes: its line, its part, its own tables."""
+    yield _without_tables(text, _path(f"{table}.{entry}"))
+    whole = rf"(?:{_quoted(table)}[ \t]*\.[ \t]*)?{_quoted(entry)}"
+    for start, end in _values(text, whole):
+        line = text.rfind("\n", 0, start) + 1
+        stop = text.find("\n", end)
+        yield text[:line] + (text[stop + 1 :] if stop >= 0 else "")
+        named = next(re.finditer(rf"{whole}[ \t]*=[ \t]*$", text[:start]), None)
+        if named is None:
+            continue
+        before, after = text[: named.start()], text[end:]
+        yield before + re.sub(r"^[ \t]*,[ \t]*", "", after)
+        yield re.sub(r"[ \t]*,[ \t]*$", "", before) + after
+
+
+def _without_tables(text: str, path: str) -> str:
+    """Text without the blocks whose head is a table, or a list's table, of a path or below it."""
+    lines, kept, inside = text.splitlines(keepends=True), [], False
+    head = re.compile(rf"[ \t]*\[\[?[ \t]*{path}[ \t]*[\].]")
+    for line in lines:
+        if re.match(r"[ \t]*\[", line):
+            inside = bool(head.match(line))
+        elif inside and line.lstrip().startswith("#"):
+            kept.append(line)  # a comment may belong to what comes next
+            continue
+        if not inside:
+            kept.append(line)
+    return "".join(kept)
+
+
+def _values(text: str, entry: str) -> Iterator[tuple[int, int]]:
+    """Where values of a key may stand: start and end of each."""
+    for found in re.finditer(rf"{entry}[ \t]*=[ \t]*", text):
+        end = _value_end(text, found.end())
+        if end is not None:
+            yield found.end(), end
+
+
+def _value_end(text: str, start: int) -> int | None:
+    """Where a value of TOML ends that begins at a place; None where it does not end."""
+    depth: list[str] = []
+    at = start
+    while at < len(text):
+        quote = next((q for q in _QUOTES if text.startswith(q, at)), None)
+        if quote is not None:
+            at = _string_end(text, at + len(quote), quote)
+            if at < 0:
+                return None
+            if not depth:
+                return at
+            continue
+        letter = text[at]
+        if letter in _CLOSED_BY:
+            depth.append(_CLOSED_BY[letter])
+        elif depth and letter == depth[-1]:
+            depth.pop()
+            if not depth:
+                return at + 1
+        elif depth and letter == "#":
+            at = text.find("\n", at)
+            if at < 0:
+                return None
+        elif not depth and letter in ",]}#\r\n \t":
+            return at if at > start else None
+        at += 1
+    return None if depth or at == start else at
+
+
+def _string_end(text: str, at: int, quote: str) -> int:
+    """Where a string ends behind its first quote; -1 where it does not."""
+    while at < len(text):
+        if quote.startswith('"') and text[at] == "\\":
+            at += 2
+        elif text.startswith(quote, at):
+            return at + len(quote)
+        else:
+            at += 1
+    return -1
+
+
+def _path(key: str) -> str:
+    """A pattern for a dotted name."""
+    return r"[ \t]*\.[ \t]*".join(map(_quoted, key.split(".")))
+
+
+def _quoted(name: str) -> str:
+    """A pattern for a name of TOML, plain or in quotes."""
+    return rf"""(?:"{name}"|'{name}'|(?<![\w-]){name}(?![\w-]))"""
+
+
+def _line_end(text: str) -> str:
+    return "\r\n" if "\r\n" in text else "\n"
+
+
+def _says(text: str, wanted: Mapping[str, Any]) -> bool:
+    try:
+        return parse_toml(text, "scene") == wanted
+    except InputError:
+        return False

@@ -1,0 +1,370 @@
+"""What the page's tools do to the scene's text, and how the scene looks on the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.scene import (
+    Scene,
+    parse_toml,
+    toml_text,
+    with_table_list,
+    with_value,
+    without_value,
+)
+from isochrome.setup_page.fields import FIELDS
+from isochrome.setup_page.new_scene import new_scene_text
+from isochrome.setup_page.places import (
+    cut_out,
+    moved,
+    on_line,
+    pixel_scale,
+    placed_at,
+    seen_at,
+    surface_roll,
+)
+from isochrome.setup_page.session import SetupSession
+from isochrome.stress import PixelGrid
+
+_LEFT, _TOP, _ROLL = "camera.left_mm", "camera.top_mm", "camera.roll_deg"
+_DIGITS = 6
+"""Of lengths: a nanometre."""
+
+Asked = Mapping[str, Any]
+"""What a tool sends: plain JSON."""
+
+
+def _set(text: str, values: Mapping[str, Any]) -> str:
+    """Text with some values; None takes a key out."""
+    for key, value in values.items():
+        if key.count(".") != 1:
+            raise InputError(f"{key!r}: is no key of a scene; write it as 'load.normal_n'")
+        if value is None or value == "":
+            text = without_value(text, key)
+        else:
+            text = with_value(text, key, toml_text(value))
+    return text
+
+
+def _values(session: SetupSession, asked: Asked) -> None:
+    given = asked["values"]
+    session.change(lambda text: _set(text, given))
+
+
+def _new(session: SetupSession, asked: Asked) -> None:
+    """A scene from the form, in place of none."""
+    no_load = likely_no_load(session.beside())
+    session.change(lambda _: new_scene_text(asked["kind"], asked["values"], no_load))
+
+
+def _text(session: SetupSession, asked: Asked) -> None:
+    given = str(asked["text"])
+    session.change(lambda _: given)
+
+
+def _scale(session: SetupSession, asked: Asked) -> None:
+    """Two points and a length; the place of the contact in the picture stays."""
+    first, second = asked["points"]
+    pixel = float(f"{pixel_scale(first, second, float(asked['length_mm'])):.6g}")
+    scene = session.scene()
+    values: dict[str, Any] = {"camera.pixel_mm": pixel}
+    camera = scene.camera
+    if camera is not None and camera.pixel_mm is not None:
+        share = pixel / camera.pixel_mm
+        for key, edge in ((_LEFT, camera.left_mm), (_TOP, camera.top_mm)):
+            if edge is not None:
+                values[key] = round(edge * share, _DIGITS)
+    session.change(lambda text: _set(text, values))
+
+
+def _placed(pixels: PixelGrid, point: Sequence[float]) -> dict[str, float]:
+    left, top = placed_at(pixels, (point[0], point[1]))
+    return {_LEFT: round(left, _DIGITS), _TOP: round(top, _DIGITS)}
+
+
+def _contact(session: SetupSession, asked: Asked) -> None:
+    """The point of the picture where x = z = 0."""
+    scene = session.scene()
+    region = session.region(scene)
+    ((row, col),) = moved([asked["point"]], -region.top_px, -region.left_px)
+    values = _placed(session.pixels(scene), (row, col))
+    session.change(lambda text: _set(text, values))
+
+
+def _surface(session: SetupSession, asked: Asked) -> None:
+    """Two points of the surface: the roll, and its height at the contact."""
+    scene = session.scene()
+    region = session.region(scene)
+    first, second = moved(asked["points"], -region.top_px, -region.left_px)
+    roll = round(surface_roll((first[0], first[1]), (second[0], second[1])), 3)
+    before = session.pixels(scene)
+    _, col = seen_at(before, 0.0, 0.0)
+    turned: dict[str, Any] = {_ROLL: roll or None}
+    place = (on_line((first[0], first[1]), (second[0], second[1]), col), col)
+
+    def edit(text: str) -> str:
+        text = _set(text, turned)
+        return _set(text, _placed(session.pixels(session.scene(text)), place))
+
+    session.change(edit)
+
+
+def _region(session: SetupSession, asked: Asked) -> None:
+    """The region of interest; all that is counted in it stays where it is in the picture."""
+    scene = session.scene()
+    rows, cols = session.reader(scene).shape
+    old = session.region(scene)
+    box = asked.get("region")
+    new = {"top_px": 0, "left_px": 0, "height_px": rows, "width_px": cols}
+    if box is not None:
+        top, left = max(0, round(box["top_px"])), max(0, round(box["left_px"]))
+        new = {
+            "top_px": top,
+            "left_px": left,
+            "height_px": min(rows - top, round(box["height_px"])),
+            "width_px": min(cols - left, round(box["width_px"])),
+        }
+    down, right = old.top_px - new["top_px"], old.left_px - new["left_px"]
+    values: dict[str, Any] = {"frames.roi": new if box is not None else None}
+    camera = scene.camera
+    if camera is not None and (camera.left_mm is not None or camera.top_mm is not None):
+        pixels = session.pixels(scene)
+        row, col = seen_at(pixels, 0.0, 0.0)
+        cut = cut_out(pixels, new["height_px"], new["width_px"])
+        values |= _placed(cut, (row + down, col + right))
+    for key, size in (("height_px", "height_px"), ("width_px", "width_px")):
+        if camera is not None and getattr(camera, key) is not None:
+            values[f"camera.{key}"] = new[size]
+    polygon = scene.frames.polygon_px
+    if polygon is not None:
+        values["frames.polygon_px"] = moved(polygon, down, right)
+    shift = {"top_px": -down, "left_px": -right}
+    orders = _orders_on_picture(scene, 0, 0)
+    lines = _lines_on_picture(scene, 0, 0)
+
+    def edit(text: str) -> str:
+        text = _set(text, values)
+        if orders:
+            text = with_table_list(text, "frames.known_order", _order_tables(orders, shift))
+        return (
+            with_table_list(text, "frames.known_line", _line_tables(lines, shift))
+            if (lines)
+            else text
+        )
+
+    session.change(edit)
+
+
+def _polygon(session: SetupSession, asked: Asked) -> None:
+    region = session.region(session.scene())
+    points = moved(asked["points"], -region.top_px, -region.left_px)
+    session.change(lambda text: _set(text, {"frames.polygon_px": points or None}))
+
+
+def _known_order(session: SetupSession, asked: Asked) -> None:
+    region = session.region(session.scene())
+    shift = {"top_px": region.top_px, "left_px": region.left_px}
+    tables = _order_tables(asked["points"], shift)
+    session.change(lambda text: with_table_list(text, "frames.known_order", tables))
+
+
+def _known_line(session: SetupSession, asked: Asked) -> None:
+    region = session.region(session.scene())
+    shift = {"top_px": region.top_px, "left_px": region.left_px}
+    tables = _line_tables(asked["lines"], shift)
+    session.change(lambda text: with_table_list(text, "frames.known_line", tables))
+
+
+def _order_tables(points: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Known points as the scene writes them: whole pixels of the region."""
+    return [
+        {
+            "row_px": round(point["row"]) - shift["top_px"],
+            "col_px": round(point["col"]) - shift["left_px"],
+            "order": float(point["order"]),
+        }
+        | ({"extremum": point["extremum"]} if point.get("extremum") else {})
+        for point in points
+    ]
+
+
+def _line_tables(lines: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[str, Any]]:
+    found = []
+    for line in lines:
+        points = moved(line["points"], -shift["top_px"], -shift["left_px"])
+        found.append(
+            {
+                "row_px": [row for row, _ in points],
+                "col_px": [col for _, col in points],
+                "order": float(line["order"]),
+            }
+        )
+    return found
+
+
+def _undo(session: SetupSession, _: Asked) -> None:
+    session.undo()
+
+
+def _save(session: SetupSession, _: Asked) -> None:
+    session.save()
+
+
+TOOLS: Mapping[str, Callable[[SetupSession, Asked], None]] = {
+    "new": _new,
+    "values": _values,
+    "text": _text,
+    "scale": _scale,
+    "contact": _contact,
+    "surface": _surface,
+    "region": _region,
+    "polygon": _polygon,
+    "known_order": _known_order,
+    "known_line": _known_line,
+    "undo": _undo,
+    "save": _save,
+}
+"""What each tool does, by its name."""
+
+
+def apply_tool(session: SetupSession, asked: Asked) -> None:
+    """Do what a tool of the page asks for.
+
+    Parameters
+    ----------
+    session : SetupSession
+        The scene and its frames.
+    asked : mapping
+        `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be done; the scene stays as it was.
+    """
+    tool = TOOLS.get(str(asked.get("tool")))
+    if tool is None:
+        raise InputError(f"tool = {asked.get('tool')!r}: is none; one of {', '.join(TOOLS)}")
+    try:
+        tool(session, asked)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(
+            f"the tool {asked['tool']!r} was asked for with values that are none of its own "
+            f"({error}); see its fields"
+        ) from error
+
+
+def session_state(session: SetupSession) -> dict[str, Any]:
+    """Say how a scene stands: its text and values, and where its parts lie in the picture.
+
+    Parameters
+    ----------
+    session : SetupSession
+        The scene and its frames.
+
+    Returns
+    -------
+    dict
+        Plain values, as the page takes them; places are (row, col) of the whole picture.
+    """
+    scene = session.scene_or_none()
+    reader, region = session.reader(scene), session.region(scene)
+    rows, cols = reader.shape
+    candidates = session.beside()
+    state: dict[str, Any] = {
+        "revision": session.revision,
+        "text": session.text,
+        "saved": session.is_saved,
+        "scene_file": session.scene_file.name,
+        "has_scene": scene is not None,
+        "model": scene.model if scene is not None else None,
+        "frames": {
+            "count": session.count, "rows": rows, "cols": cols, "bit_depth": reader.bit_depth,
+            "pixel_mm": reader.pixel_mm,
+        },
+        "region": region.model_dump(),
+        "beside": candidates,
+        "values": _plain_values(session.text) if scene is not None else {},
+        "place": None, "surface": None, "polygon": [], "known_order": [], "known_line": [],
+    }  # fmt: skip
+    return state | (_on_picture(session, scene) if scene is not None else {})
+
+
+def likely_no_load(names: Sequence[str]) -> dict[str, str]:
+    """Choose the no-load frames by the names of files, where they say so.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Files beside the frames.
+
+    Returns
+    -------
+    dict of str to str
+        The scene's key to a name, only where one file alone is called so.
+    """
+    found = {}
+    for field in ("dark", "bright"):
+        own = [n for n in names if field in n.lower() and _unloaded(n) and not n.endswith(".csv")]
+        if len(own) == 1:
+            found[f"frames.no_load_{field}"] = own[0]
+    return found
+
+
+def _unloaded(name: str) -> bool:
+    plain = name.lower().replace("_", "-").replace(" ", "-")
+    return any(word in plain for word in ("no-load", "noload", "unloaded"))
+
+
+def _on_picture(session: SetupSession, scene: Scene) -> dict[str, Any]:
+    """Where the parts of a scene lie in the picture."""
+    region = session.region(scene)
+    top, left = region.top_px, region.left_px
+    found: dict[str, Any] = {
+        "polygon": moved(scene.frames.polygon_px or (), top, left),
+        "known_order": _orders_on_picture(scene, top, left),
+        "known_line": _lines_on_picture(scene, top, left),
+        "pixel_mm": None,
+    }
+    try:
+        pixels = session.pixels(scene)
+    except InputError:
+        return found
+    found["pixel_mm"] = pixels.pixel_mm
+    if scene.model is None:
+        return found
+    half = 0.5 * pixels.cols * pixels.pixel_mm
+    ends = (seen_at(pixels, x, 0.0) for x in (-half, half))
+    place = moved([seen_at(pixels, 0.0, 0.0), *ends], top, left)
+    return found | {"place": place[0], "surface": place[1:]}
+
+
+def _orders_on_picture(scene: Scene, top: int, left: int) -> list[dict[str, Any]]:
+    return [
+        {"row": k.row_px + top, "col": k.col_px + left, "order": k.order, "extremum": k.extremum}
+        for k in scene.frames.known_order
+    ]
+
+
+def _lines_on_picture(scene: Scene, top: int, left: int) -> list[dict[str, Any]]:
+    return [
+        {"points": moved(line.places, top, left), "order": line.order}
+        for line in scene.frames.known_line
+    ]
+
+
+def _plain_values(text: str) -> dict[str, Any]:
+    """The values of a scene's text by dotted key, without what is not known of them."""
+    tables = parse_toml(text, "scene")
+    known = {field.key for field in FIELDS} | {"frames.no_load_dark", "frames.no_load_bright"}
+    known |= {"specimen.shape"}
+    found = {}
+    for table, own in tables.items():
+        for name, value in own.items() if isinstance(own, dict) else ():
+            if f"{table}.{name}" not in known:
+                continue
+            pair = isinstance(value, dict) and "value" in value
+            found[f"{table}.{name}"] = value["value"] if pair else value
+    return found

@@ -1,0 +1,74 @@
+"""A first scene from what the user fills in: commented, with nothing that nobody has said."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.scene import toml_text
+from isochrome.setup_page.fields import FIELDS, KINDS, STATED_SHAPES, SceneField
+
+_ORDER = ("specimen", "indenter", "load", "friction", "wear", "polariscope", "camera", "frames")
+
+_NOUGHT = (False, 0, "")
+"""What is as good as nothing said: the scene's own default."""
+
+
+def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, str]) -> str:
+    """Write a scene from the page's form.
+
+    Parameters
+    ----------
+    kind : str
+        One of KINDS.
+    values : mapping of str to Any
+        What was filled in, by the scene's keys; None, or no key, for what was not.
+    no_load : mapping of str to str
+        Files of the unloaded specimen, by the scene's keys.
+
+    Returns
+    -------
+    str
+        TOML text, each line with its unit or meaning as a comment.
+
+    Raises
+    ------
+    InputError
+        Where a value is missing that such a scene needs; it names all of them.
+    """
+    if kind not in KINDS:
+        raise InputError(f"what stands in front of the camera: '{kind}'; one of {', '.join(KINDS)}")
+    asked = [field for field in FIELDS if kind in field.kinds]
+    given = {f.key: values.get(f.key) for f in asked if values.get(f.key) not in (None, *_NOUGHT)}
+    missing = [field.label for field in asked if field.needed and field.key not in given]
+    if missing:
+        raise InputError(f"fill in: {', '.join(missing)}; a scene of {KINDS[kind]} needs them")
+    given |= no_load
+    if "wear.distances_m" not in given:
+        given.pop("wear.coefficient_mm2_per_n", None)
+    if "wear.distances_m" in given and "friction.coefficient" not in given:
+        raise InputError("fill in: Friction coefficient, about; what wears has slid")
+    labels = {field.key: field for field in asked}
+    return "".join(_lines(kind, given, labels))
+
+
+def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]) -> Iterator[str]:
+    yield f"# {KINDS[kind]}; made on the page of `isochrome setup`\n"
+    for table in _ORDER:
+        own = {key: value for key, value in given.items() if key.startswith(f"{table}.")}
+        if not own and table != "specimen":
+            continue
+        yield f"\n[{table}]\n"
+        if table == "specimen" and kind in STATED_SHAPES:
+            yield f"shape = {toml_text(kind)}\n"
+        for key, value in own.items():
+            line = f"{key.partition('.')[2]} = {toml_text(value)}"
+            field = fields.get(key)
+            yield f"{line:<33} # {_comment(key, field)}\n"
+
+
+def _comment(key: str, field: SceneField | None) -> str:
+    if field is None:
+        return "the unloaded specimen"  # its field stands in the key
+    return f"{field.label}, {field.unit}" if field.unit else field.label

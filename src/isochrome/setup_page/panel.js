@@ -1,0 +1,356 @@
+/* The panel: the form, fit, check, text and save, and the talk with the server. */
+const data = JSON.parse(get("data").textContent);
+const page = { state: null, frame: 0, checked: -1, fit: null };
+const FAST_PIXELS = 2e7; // frames that a check reads in a second or so: it then comes by itself
+
+function say(text, wrong = false) {
+  get("status").textContent = text;
+  get("status").classList.toggle("wrong", wrong);
+}
+function lost(error) {
+  say("The page cannot reach isochrome any more (" + error.message + "): start `isochrome setup` again.", true);
+}
+async function post(name, body) {
+  const answer = await fetch(name, {
+    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
+  });
+  const found = await answer.json();
+  if (!answer.ok) throw new Refusal(found.error);
+  return found;
+}
+class Refusal extends Error {}
+const refused = (error) => { if (error instanceof Refusal) say(error.message, true); else lost(error); };
+
+/* tools go one after the other: each begins with the scene that the last has left */
+let queue = Promise.resolve(true);
+function useTool(asked, done = "", settled = () => null) {
+  queue = queue.then(async () => {
+    try {
+      const state = await post("tool", asked);
+      settled();
+      say(done || (state.saved ? "Saved." : "The scene has changed; Save writes it."));
+      await takeAll(state);
+      return true;
+    } catch (error) {
+      refused(error);
+      settled();
+      if (page.state) takeState(page.state);
+      return false;
+    }
+  });
+  return queue;
+}
+async function takeAll(state) {
+  const before = page.state;
+  page.state = state;
+  get("saved").textContent = state.saved ? "saved" : state.has_scene ? "not saved yet" : "";
+  get("save").disabled = !state.has_scene;
+  get("fit").disabled = !state.model;
+  get("text").value = state.text;
+  get("contact-name").textContent = !state.model || state.model === "contact" ? "Contact point" : "Middle of the top";
+  get("make-row").hidden = get("kind-row").hidden = state.has_scene;
+  get("form-hint").textContent = state.has_scene
+    ? "A value goes into the scene as soon as you leave its field."
+    : "Fill in what you know. Fields with * are needed; about is enough for the load.";
+  const last = state.frames.count - 1;
+  get("frame").max = get("frame-number").max = last;
+  get("frame-count").textContent = "of 0 to " + last;
+  showFields(state);
+  showNoLoad(state);
+  showSliders(state);
+  takeState(state);
+  if (!before || turned(before) !== turned(state)) await showFrame(page.frame);
+  if (!before || before.text !== state.text) hideMap();
+  if (state.model && state.pixel_mm && (!before || !before.model || !before.pixel_mm)) {
+    get("show-model").checked = true;
+    get("step-model").open = true;
+  }
+  askModel();
+  checkSoon();
+}
+const turned = (state) => JSON.stringify([
+  "frames.rotate_deg", "frames.flip", "frames.channel", "camera.bit_depth", "polariscope.wavelength_nm",
+].map((key) => state.values[key]));
+
+let frameAsked = 0;
+async function showFrame(number) {
+  const mine = ++frameAsked;
+  try {
+    const answer = await fetch("frame?frame=" + number);
+    if (!answer.ok) { say((await answer.json()).error, true); return; }
+    const rows = Number(answer.headers.get("X-Rows")), cols = Number(answer.headers.get("X-Cols"));
+    const bytes = new Uint8Array(await answer.arrayBuffer());
+    if (mine !== frameAsked) return;
+    const resized = rows !== shown.rows || cols !== shown.cols;
+    Object.assign(shown, { picture: bitmap(bytes, rows, cols, GREYS), rows, cols });
+    page.frame = number;
+    get("frame").value = get("frame-number").value = number;
+    if (resized || view.fitted) fitView(); else draw();
+    canvas.dataset.frame = number;
+  } catch (error) { lost(error); }
+}
+async function goToFrame(number) {
+  hideMap();
+  await showFrame(clamp(Math.round(number) || 0, 0, page.state.frames.count - 1));
+  askModel();
+}
+get("frame").addEventListener("input", () => goToFrame(Number(get("frame").value)));
+get("frame-number").addEventListener("change", () => goToFrame(Number(get("frame-number").value)));
+
+/* fields */
+const kindOf = (state) => {
+  if (!state.has_scene) return get("kind").value;
+  const shape = state.values["specimen.shape"];
+  return state.model || (shape in data.kinds ? shape : "other");
+};
+function showFields(state) {
+  const form = get("fields"), kind = kindOf(state), had = document.activeElement;
+  const kept = had && form.contains(had) ? had.id : null;
+  const typed = new Map(state.has_scene ? [] : [...form.elements].map((one) => [one.dataset.key, one.value]));
+  form.replaceChildren();
+  let group = "", holder = form;
+  for (const field of data.fields) {
+    if (!field.kinds.includes(kind)) continue;
+    if (field.group !== group) {
+      group = field.group;
+      holder = startGroup(form, group);
+    }
+    const stated = state.values[field.key];
+    let value = state.has_scene ? shownValue(stated) : typed.get(field.key) ?? field.usual;
+    if (!state.has_scene && !value && field.key === "camera.pixel_mm" && state.frames.pixel_mm) {
+      value = String(Number(state.frames.pixel_mm.toPrecision(8)));
+    }
+    if (!state.has_scene && !value && field.key === "camera.bit_depth" && state.frames.bit_depth) {
+      value = String(state.frames.bit_depth);
+    }
+    holder.append(fieldRow(field, value, state));
+  }
+  if (kept && get(kept)) get(kept).focus();
+}
+let seldomOpen = false;
+function startGroup(form, group) {
+  const folded = group === "Seldom needed";
+  const head = document.createElement(folded ? "summary" : "p");
+  head.className = "group";
+  head.textContent = group;
+  if (!folded) { form.append(head); return form; }
+  const holder = document.createElement("details");
+  holder.className = "plain";
+  holder.open = seldomOpen;
+  holder.addEventListener("toggle", () => { seldomOpen = holder.open; });
+  holder.append(head);
+  form.append(holder);
+  return holder;
+}
+function shownValue(value) {
+  if (value === undefined || value === null) return "";
+  if (Array.isArray(value)) return value.join(" ");
+  return typeof value === "object" ? "a table" : String(value);
+}
+function fieldRow(field, value, state) {
+  const row = document.createElement("div"), label = document.createElement("label");
+  const input = document.createElement(field.choices.length ? "select" : "input");
+  row.className = "field";
+  input.id = "field-" + field.key;
+  input.dataset.key = field.key;
+  label.htmlFor = input.id;
+  label.textContent = field.label + (field.unit ? " (" + field.unit + ")" : "") + (field.needed && !state.has_scene ? " *" : "");
+  if (field.choices.length) {
+    for (const choice of field.choices) {
+      const words = { "": "–", true: "yes", false: "no" }[choice] ?? choice;
+      input.append(new Option(words, choice, false, choice === value));
+    }
+  } else {
+    input.type = "text";
+    input.value = value;
+    if (value === "a table") input.readOnly = true;
+  }
+  input.required = field.needed;
+  row.append(label, input);
+  if (field.hint) {
+    const hint = document.createElement("p");
+    hint.className = "hint";
+    hint.id = input.id + "-hint";
+    hint.textContent = field.hint;
+    input.setAttribute("aria-describedby", hint.id);
+    row.append(hint);
+  }
+  input.addEventListener("change", () => {
+    if (!page.state.has_scene || input.readOnly) return;
+    try {
+      useTool({ tool: "values", values: { [field.key]: readField(field, input.value) } });
+    } catch (error) { refused(error); }
+  });
+  return row;
+}
+/* a field's text as a value; a decimal comma is a point */
+function readField(field, text) {
+  const plain = text.trim();
+  if (plain === "") return null;
+  if (field.choices.length) {
+    if (plain === "true" || plain === "false") return plain === "true";
+    return /^\d+$/.test(plain) ? Number(plain) : plain;
+  }
+  const number = (word) => {
+    const value = Number(word.replace(",", "."));
+    if (!Number.isFinite(value)) throw new Refusal(field.label + ": '" + word + "' is no number.");
+    return value;
+  };
+  if (field.key === "wear.distances_m") return plain.split(/[\s;]+/).map(number);
+  if (field.key === "frames.gamma" && plain === "unknown") return plain;
+  return number(plain);
+}
+get("kind").addEventListener("change", () => showFields(page.state));
+get("make").addEventListener("click", () => {
+  const kind = get("kind").value, values = {};
+  try {
+    for (const field of data.fields) {
+      const input = get("field-" + field.key);
+      if (field.kinds.includes(kind) && input) values[field.key] = readField(field, input.value);
+    }
+  } catch (error) { refused(error); return; }
+  useTool({ tool: "new", kind, values }, "The scene is made. Next: where it is in the picture.").then((made) => {
+    if (!made) return;
+    get("step-scene").open = false;
+    get("step-place").open = get("step-check").open = true;
+    if (page.state.model) {
+      const radio = document.querySelector("input[name=tool][value=" + (page.state.pixel_mm ? "contact" : "scale") + "]");
+      radio.checked = true;
+      chooseTool(radio.value);
+    }
+  });
+});
+
+function showNoLoad(state) {
+  for (const light of ["dark", "bright"]) {
+    const select = get("no-load-" + light), stated = state.values["frames.no_load_" + light] || "";
+    const names = state.beside.filter((name) => !name.endsWith(".csv"));
+    if (stated && !names.includes(stated)) names.push(stated);
+    select.replaceChildren(new Option("none", ""), ...names.map((name) => new Option(name, name, false, name === stated)));
+    select.disabled = !state.has_scene;
+  }
+}
+for (const light of ["dark", "bright"]) {
+  get("no-load-" + light).addEventListener("change", (event) => {
+    useTool({ tool: "values", values: { ["frames.no_load_" + light]: event.target.value || null } });
+  });
+}
+
+/* fit */
+get("fit").addEventListener("click", async () => {
+  get("fit").disabled = true;
+  say("Fitting frame " + page.frame + " …");
+  try {
+    page.fit = await post("fit", { frame: page.frame });
+    showFit();
+    say("Frame " + page.frame + " is fitted.");
+    get("step-fit").open = true;
+    get("step-fit").scrollIntoView({ block: "nearest" });
+  } catch (error) { refused(error); } finally { get("fit").disabled = !page.state.model; }
+});
+function showFit() {
+  const { values, warnings, chi, kept_share: kept, frame } = page.fit, holder = get("fit-result");
+  holder.replaceChildren();
+  get("take-all").hidden = !values.length;
+  const head = document.createElement("p");
+  head.textContent = "Frame " + frame + ": chi = " + (chi === null ? "not known" : chi.toFixed(2)) +
+    " (1 = within the noise)" + (kept ? "; order read in " + Math.round(100 * kept) + " % of the specimen." : ".");
+  holder.append(head);
+  if (values.length) {
+    const table = document.createElement("table");
+    const top = table.createTHead().insertRow();
+    for (const words of ["Value", "Found ± standard uncertainty", ""]) {
+      const cell = document.createElement("th");
+      cell.scope = "col";
+      cell.textContent = words || "Into the scene";
+      top.append(cell);
+    }
+    const body = table.createTBody();
+    for (const one of values) {
+      const row = body.insertRow(), button = document.createElement("button");
+      const what = row.insertCell(), named = data.fields.find((field) => field.key === one.key);
+      what.textContent = named ? named.label + (named.unit ? " (" + named.unit + ")" : "") : one.key;
+      if (one.asked) what.append(": the frame asks for it");
+      row.insertCell().textContent = one.text;
+      button.type = "button";
+      button.textContent = "Take";
+      button.setAttribute("aria-label", "Take " + one.key + " into the scene");
+      button.title = one.line;
+      button.addEventListener("click", () => takeValues([one]));
+      row.insertCell().append(button);
+    }
+    holder.append(table);
+  }
+  holder.append(listOf(warnings.map((text) => ["warning", text])));
+}
+function takeValues(list) {
+  const values = {};
+  for (const one of list) {
+    const stated = page.state.values[one.key];
+    if (stated === undefined || typeof stated !== "object") values[one.key] = one.value;
+  }
+  useTool({ tool: "values", values }, "Taken into the scene: " + Object.keys(values).join(", ") + ".");
+}
+get("take-all").addEventListener("click", () => takeValues(page.fit.values));
+function listOf(rows) {
+  const list = document.createElement("ul");
+  for (const [level, text] of rows) {
+    const item = document.createElement("li");
+    item.className = "finding-" + level;
+    item.textContent = level + ": " + text;
+    list.append(item);
+  }
+  return list;
+}
+
+/* check: by itself where it is quick */
+let checkTimer = 0, checking = false;
+function checkSoon() {
+  clearTimeout(checkTimer);
+  const { count, rows, cols } = page.state.frames;
+  if (!page.state.has_scene) return;
+  if (page.checked !== page.state.revision) get("check-result").textContent = "The scene has changed since the last check.";
+  if (count * rows * cols <= FAST_PIXELS) checkTimer = setTimeout(checkNow, 1500);
+}
+async function checkNow() {
+  if (checking) { checkTimer = setTimeout(checkNow, 500); return; }
+  checking = true;
+  get("check-result").textContent = "Checking …";
+  try {
+    const found = await post("check", {});
+    page.checked = found.revision;
+    get("check-result").replaceChildren();
+    const head = document.createElement("p");
+    head.textContent = found.frames + (found.frames === 1 ? " frame" : " frames") + " read: " + (found.ok ? "no error found." : "errors found, see below.");
+    get("check-result").append(head, listOf(found.findings.map((one) => [one.level, one.text])));
+    get("check-result").dataset.ok = found.ok;
+    get("check-result").dataset.revision = found.revision;
+    if (page.state.revision !== found.revision) checkSoon();
+  } catch (error) {
+    get("check-result").textContent = error.message;
+  } finally { checking = false; }
+}
+get("check").addEventListener("click", checkNow);
+
+get("use-text").addEventListener("click", () => useTool({ tool: "text", text: get("text").value }));
+get("undo").addEventListener("click", () => useTool({ tool: "undo" }, "Taken back.", () => { for (const name in touched) delete touched[name]; }));
+get("save").addEventListener("click", () => useTool({ tool: "save" }, "Saved."));
+addEventListener("beforeunload", (event) => {
+  if (page.state && page.state.has_scene && !page.state.saved) event.preventDefault();
+});
+addEventListener("keydown", (event) => {
+  if ((event.ctrlKey || event.metaKey) && event.key === "s") { event.preventDefault(); get("save").click(); }
+});
+for (const form of document.forms) form.addEventListener("submit", (event) => event.preventDefault());
+
+new EventSource("life"); // as long as this is open, the server stays
+chooseTool("look");
+(async () => {
+  try {
+    const answer = await fetch("state");
+    if (!answer.ok) throw new Refusal((await answer.json()).error);
+    const state = await answer.json();
+    await takeAll(state);
+    say(state.has_scene ? "The scene is on the picture." : "No scene yet: fill in step 1, and press Make the scene.");
+  } catch (error) { refused(error); }
+})();

@@ -1,0 +1,222 @@
+"""From points on the picture to values of the scene, and back.
+
+Rows and columns are px with pixel centres at whole numbers. Those of the page are of the whole
+picture; a scene's known orders and its mask are counted in its region of interest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.stress import PixelGrid
+
+Point = tuple[float, float]
+"""A place as (row, col), px."""
+
+_PASSES = 8
+"""Newton's steps to the pixel that looks at a place: with |k| <= 0.1 five leave 1e-9 px."""
+
+_NEAREST_PX = 2.0
+"""Points nearer than this are one: half a pixel of each would be a quarter of the scale."""
+
+
+def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
+    """Compute the side of a pixel from two points a known length apart.
+
+    Parameters
+    ----------
+    first, second : tuple of float
+        The points (row, col), px.
+    length_mm : float
+        Their distance on the specimen, mm.
+
+    Returns
+    -------
+    float
+        Side of a pixel, mm.
+
+    Raises
+    ------
+    InputError
+        Where the points are one, or the length is no length.
+    """
+    apart = math.hypot(second[0] - first[0], second[1] - first[1])
+    if not apart >= _NEAREST_PX:
+        raise InputError(
+            f"the two points of the scale are {apart:.2g} px apart, and {_NEAREST_PX:g} px are "
+            "the least; set them on the two ends of a known length"
+        )
+    if not 0.0 < length_mm < math.inf:
+        raise InputError(f"length = {length_mm:g} mm: give the distance of the two points, over 0")
+    return length_mm / apart
+
+
+def place_of_point(pixels: PixelGrid, point: Point) -> tuple[float, float]:
+    """Compute the place that a point of the picture looks at.
+
+    Parameters
+    ----------
+    pixels : PixelGrid
+        The region's pixels.
+    point : tuple of float
+        Row and column in the region, px; also beyond its edges.
+
+    Returns
+    -------
+    tuple of float
+        x and z, mm.
+    """
+    row, col = point
+    x = pixels.left_mm + (col + 0.5) * pixels.pixel_mm
+    z = pixels.top_mm + (row + 0.5) * pixels.pixel_mm
+    lens = pixels.lens
+    if lens is None:
+        return x, z
+    middle = pixels.left_mm + lens.right_mm, pixels.top_mm + lens.down_mm
+    right, down = lens.looked_at(np.array([x - middle[0]]), np.array([z - middle[1]]))
+    return float(right[0]) + middle[0], float(down[0]) + middle[1]
+
+
+def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
+    """Compute the point of the picture that looks at a place.
+
+    Parameters
+    ----------
+    pixels : PixelGrid
+        The region's pixels.
+    x_mm, z_mm : float
+        The place, mm.
+
+    Returns
+    -------
+    tuple of float
+        Row and column in the region, px.
+    """
+    unit = pixels.pixel_mm
+    row, col = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
+    for _ in range(_PASSES if pixels.lens is not None else 0):
+        x, z = place_of_point(pixels, (row, col))
+        right, below = (
+            place_of_point(pixels, (row, col + 1.0)),
+            place_of_point(pixels, (row + 1.0, col)),
+        )
+        slopes = np.array([[right[0] - x, below[0] - x], [right[1] - z, below[1] - z]])
+        across, down = np.linalg.solve(slopes, [x_mm - x, z_mm - z])
+        row, col = row + float(down), col + float(across)
+    return row, col
+
+
+def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
+    """Compute the edges of the picture for which a point looks at x = z = 0.
+
+    That is the middle of the contact on the surface, or the top of a disc, ring or beam.
+
+    Parameters
+    ----------
+    pixels : PixelGrid
+        The region's pixels; how they look stays, only their edges move.
+    point : tuple of float
+        Row and column in the region, px.
+
+    Returns
+    -------
+    tuple of float
+        The outer edges left_mm and top_mm, mm.
+    """
+    x, z = place_of_point(pixels, point)
+    return pixels.left_mm - x, pixels.top_mm - z
+
+
+def surface_roll(first: Point, second: Point) -> float:
+    """Compute the camera's roll from two points on the specimen's surface.
+
+    Parameters
+    ----------
+    first, second : tuple of float
+        The points (row, col), px, apart along the surface.
+
+    Returns
+    -------
+    float
+        The roll, degrees, counter-clockwise.
+
+    Raises
+    ------
+    InputError
+        Where the points are one above the other, or the surface is turned by over 45 degrees.
+    """
+    left, right = sorted((first, second), key=lambda point: point[1])
+    across, down = right[1] - left[1], right[0] - left[0]
+    if across < _NEAREST_PX or abs(down) > across:
+        raise InputError(
+            "the two points of the surface lie one above the other; the surface belongs at the "
+            "top of the picture, from left to right: turn the picture by frames.rotate_deg"
+        )
+    # a picture that is turned counter-clockwise has the right end of the surface higher
+    return math.degrees(math.atan2(-down, across)) + 0.0
+
+
+def on_line(first: Point, second: Point, col: float) -> float:
+    """Give the row of a straight line at a column.
+
+    Parameters
+    ----------
+    first, second : tuple of float
+        Two of its points (row, col), px.
+    col : float
+        The column, px.
+
+    Returns
+    -------
+    float
+        The row, px.
+    """
+    share = (col - first[1]) / (second[1] - first[1])
+    return first[0] + share * (second[0] - first[0])
+
+
+def moved(points: Sequence[Sequence[float]], down: float, right: float) -> list[list[float]]:
+    """Move points, such as from the picture to its region.
+
+    Parameters
+    ----------
+    points : sequence of (row, col)
+        The points, px.
+    down, right : float
+        What is added to rows and columns, px.
+
+    Returns
+    -------
+    list of list of float
+        The points, rounded to a hundredth of a pixel.
+    """
+    return [[round(row + down, 2), round(col + right, 2)] for row, col in points]
+
+
+def cut_out(pixels: PixelGrid, rows: int, cols: int) -> PixelGrid:
+    """Give pixels of another size that have the same edges at the left and the top.
+
+    Parameters
+    ----------
+    pixels : PixelGrid
+        The pixels.
+    rows, cols : int
+        Their new size.
+
+    Returns
+    -------
+    PixelGrid
+        The pixels; a lens looks from their new middle.
+    """
+    if pixels.lens is None:
+        return replace(pixels, rows=rows, cols=cols)
+    width, height = 0.5 * cols * pixels.pixel_mm, 0.5 * rows * pixels.pixel_mm
+    lens = replace(
+        pixels.lens, right_mm=width, down_mm=height, half_width_mm=width, half_height_mm=height
+    )
+    return replace(pixels, rows=rows, cols=cols, lens=lens)

@@ -1,0 +1,263 @@
+"""What the page works on: the frames, and the text of a scene with its history."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.frames import Frame, FrameReader, SequentialFrames, open_frames, with_file_scale
+from isochrome.output import write_text
+from isochrome.processing import one_state
+from isochrome.scene import FramesLike, Roi, Scene, parse_scene, parse_toml
+from isochrome.setup_page.live_model import LiveModel, grey_span, shown_grey
+from isochrome.stress import PixelGrid, pixel_grid
+
+_NAMING = (
+    "file", "profile", "response", "mask", "no_load_dark", "no_load_bright", "no_load_steps",
+    "colour_table",
+)  # fmt: skip
+"""Keys of a scene that name a file."""
+
+_PICTURES = (".tif", ".tiff", ".png", ".jpg", ".jpeg", ".bmp", ".csv")
+"""Files beside the frames that a scene may be made to name on the page."""
+
+_MOST_STEPS = 200
+"""Steps that can be undone."""
+
+_DARKEST, _BRIGHTEST = 0.1, 99.9
+"""Per cent of a frame's grey levels that are shown black and white."""
+
+
+class SetupSession:
+    """A scene that is being set up on its frames.
+
+    Everything that the page does goes through here, and all of it can be done without a browser.
+
+    Parameters
+    ----------
+    frames : str, Path or sequence of them
+        The captured frames.
+    scene_file : Path
+        Where the scene is written.
+    text : str
+        What it holds at first; empty for a scene that is still to be made.
+    saved : bool
+        Whether the file holds that text already.
+    """
+
+    def __init__(self, frames: FramesLike, scene_file: Path, text: str, *, saved: bool) -> None:
+        self.frames, self.scene_file, self.text = frames, scene_file, text
+        self.revision = 0
+        self.saves = 0
+        self._saved_text = text if saved else None
+        self._undo: list[str] = []
+        self._lock = threading.RLock()
+        self._model: tuple[tuple[int, int], LiveModel, tuple[float, float]] | None = None
+        self._named = set(_named_files(text))
+        self._readers: dict[Any, SequentialFrames] = {}
+        with open_frames(frames) as reader:
+            self.count = reader.count(decode=False)
+            self.reader_files = tuple(Path(str(file)) for file in reader.files)
+        if self.count == 0:
+            raise InputError(f"{frames}: holds no frame; check the file")
+
+    @property
+    def folder(self) -> Path:
+        """The folder to which the scene's paths are relative."""
+        return self.scene_file.parent
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the file holds the scene as it is."""
+        return self.text == self._saved_text
+
+    def beside(self) -> list[str]:
+        """List the files beside the frames that a scene may name: their names, nothing of them."""
+        frames = {file.resolve() for file in self.reader_files}
+        there = (f for f in self.folder.iterdir() if f.suffix.lower() in _PICTURES)
+        return sorted(
+            f.name
+            for f in there
+            if f.is_file() and f.resolve() not in frames and not f.name.startswith(".")
+        )
+
+    def scene(self, text: str | None = None) -> Scene:
+        """Read the scene of a text, by default the page's own.
+
+        Parameters: `text`, TOML. Returns a Scene. Raises InputError where it is none, or names a
+        file that is neither beside the frames nor was in the scene at first.
+        """
+        text = self.text if text is None else text
+        if not text.strip():
+            raise InputError("there is no scene yet; fill in the form, and press Make the scene")
+        label = self.scene_file.name
+        strange = _named_files(text) - self._named - set(self.beside())
+        if strange:
+            raise InputError(
+                f"{label}: names {sorted(strange)[0]!r}, which is not beside the scene; the page "
+                "reads files of this folder alone: copy it here, or set it in the scene file by "
+                "hand"
+            )
+        return parse_scene(text, name=self.scene_file.stem, folder=self.folder, label=label)
+
+    def change(self, edit: Callable[[str], str]) -> None:
+        """Change the text, where the result is a scene; else it stays as it was.
+
+        Parameters: `edit`, from the text to the new one. Raises InputError.
+        """
+        with self._lock:
+            text = edit(self.text)
+            if text == self.text:
+                return
+            self.scene(text)
+            self._undo = [*self._undo[-_MOST_STEPS:], self.text]
+            self.text = text
+            self.revision += 1
+
+    def undo(self) -> None:
+        """Take the last change back. Raises InputError where there is none."""
+        with self._lock:
+            if not self._undo:
+                raise InputError("there is nothing to take back")
+            self.text = self._undo.pop()
+            self.revision += 1
+
+    def save(self) -> None:
+        """Write the scene, whole or not at all. Raises InputError where it cannot be written."""
+        with self._lock:
+            self.scene()
+            write_text(self.scene_file.resolve(), self.text)
+            self._saved_text = self.text
+            self._named |= _named_files(self.text)
+            self.saves += 1
+
+    def reader(self, scene: Scene | None) -> FrameReader:
+        """The whole frames, turned as a scene says. Raises InputError."""
+        return self._sequence(scene).reader
+
+    def _sequence(self, scene: Scene | None) -> SequentialFrames:
+        key: tuple[Any, ...] = (0, None, None, None, None)
+        if scene is not None:
+            own, depth = scene.frames, scene.camera.bit_depth if scene.camera else None
+            channel, light = own.channel, scene.polariscope.wavelength_nm
+            key = (own.rotate_deg, own.flip, channel, light, depth)
+        with self._lock:
+            if key not in self._readers:
+                opened = open_frames(
+                    self.frames,
+                    rotate_deg=key[0],
+                    flip=key[1],
+                    channel=key[2],
+                    wavelength_nm=key[3],
+                    bit_depth=key[4],
+                )
+                for one in self._readers.values():
+                    one.close()
+                self._readers = {key: SequentialFrames(opened)}
+            return self._readers[key]
+
+    def scene_or_none(self) -> Scene | None:
+        """The scene, None where the text is none yet."""
+        try:
+            return self.scene()
+        except InputError:
+            return None
+
+    def frame(self, index: int, scene: Scene | None) -> Frame:
+        """A whole frame. Raises InputError where there is none of this number."""
+        if not 0 <= index < self.count:
+            raise InputError(f"frame {index}: there are {self.count}, counted from 0")
+        return self._sequence(scene).frame(index)
+
+    def picture(self, index: int) -> NDArray[np.uint8]:
+        """A frame as it is shown: grey levels stretched to 8 bits.
+
+        Parameters: `index` from 0. Returns (rows, cols) of the whole, turned frame.
+        """
+        return shown_frame(self.frame(index, self.scene_or_none()).image)
+
+    def region(self, scene: Scene | None) -> Roi:
+        """The region of interest, the whole picture where there is none."""
+        rows, cols = self.reader(scene).shape
+        own = scene.frames.roi if scene is not None else None
+        return own or Roi(height_px=rows, width_px=cols)
+
+    def pixels(self, scene: Scene) -> PixelGrid:
+        """The region's pixels. Raises InputError where the scale is not known."""
+        region = self.region(scene)
+        scaled = with_file_scale(scene, self.reader(scene))
+        if scaled.camera is None or scaled.camera.pixel_mm is None:
+            raise InputError(
+                "the scale is not known yet: set two points and their distance, or fill in the "
+                "side of a pixel"
+            )
+        return pixel_grid(scaled, (region.height_px, region.width_px))
+
+    def live(self, index: int, values: Mapping[str, float]) -> tuple[NDArray[np.uint8], Roi]:
+        """The model's fringes of a frame's state, as the page lays them over the picture.
+
+        Parameters: `index` of the frame; `values` by the scene's keys, in place of its own.
+        Returns grey levels (rows, cols) of the region, and the region. Raises InputError,
+        PhysicsError.
+        """
+        with self._lock:
+            scene, key = self.scene(), (self.revision, index)
+            region = self.region(scene)
+            if self._model is None or self._model[0] != key:
+                frame = self.frame(index, scene)
+                self.pixels(scene)  # its scale
+                state = one_state(with_file_scale(scene, self.reader(scene)), frame)
+                model = LiveModel(state, (region.height_px, region.width_px))
+                rows = slice(region.top_px, region.top_px + region.height_px)
+                cols = slice(region.left_px, region.left_px + region.width_px)
+                span = grey_span(shown_frame(frame.image)[rows, cols])
+                self._model = key, model, span
+            _, model, span = self._model
+            gamma = scene.frames.first_gamma
+            return shown_grey(model.signal(values), span, gamma), region
+
+
+def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Stretch a frame's grey levels to 8 bits.
+
+    Parameters
+    ----------
+    image : ndarray of shape (rows, cols)
+        Raw grey levels; NaN is shown black.
+
+    Returns
+    -------
+    ndarray of uint8
+        The darkest thousandth is black, the brightest white.
+    """
+    values = np.nan_to_num(image.astype(np.float32))
+    step = max(1, int(np.sqrt(values.size / 250_000)))
+    low, high = np.percentile(values[::step, ::step], [_DARKEST, _BRIGHTEST])
+    share = (values - low) / max(high - low, 1e-9)
+    grey: NDArray[np.uint8] = (255.0 * np.clip(share, 0.0, 1.0) + 0.5).astype(np.uint8)
+    return grey
+
+
+def _named_files(text: str) -> set[str]:
+    """The files that a scene's text names."""
+    try:
+        return set(_names_in(parse_toml(text, "scene")))
+    except InputError:
+        return set()
+
+
+def _names_in(value: Any, key: str = "") -> Iterator[str]:
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _names_in(inner, name)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _names_in(inner, key)
+    elif isinstance(value, str) and key in _NAMING:
+        yield value
