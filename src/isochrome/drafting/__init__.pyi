@@ -1,11 +1,16 @@
-from .api import draft_scene
-from .known_values import KnownValues
+from .api import draft_scene, init
+from .known_values import NEEDED, QUANTITIES, KnownValues, Quantity, known_values
 from .scene_draft import DraftValue, OpenKey, SceneDraft
 
 __all__ = [
+    "NEEDED",
+    "QUANTITIES",
     "DraftValue",
     "KnownValues",
     "OpenKey",
+    "Quantity",
     "SceneDraft",
     "draft_scene",
+    "init",
+    "known_values",
 ]

@@ -1,6 +1,7 @@
 from .api import check_scene, process
 from .checking import check
 from .figure import plot_order
+from .placement import placed_disc
 from .processed import PICTURE, Processed, restore
 from .result import SPREAD, ProcessedFrame
 from .run_report import process_report
@@ -12,6 +13,7 @@ __all__ = [
     "ProcessedFrame",
     "check",
     "check_scene",
+    "placed_disc",
     "plot_order",
     "process",
     "process_report",
