@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.calibration import find_rim
 from isochrome.drafting.captured_set import (
     described_set,
     file_values,
@@ -32,9 +31,6 @@ from isochrome.scene import Scene, load_scene, parse_scene
 
 FIELD, TURN, PIXEL = "polariscope.field", "frames.rotate_deg", "camera.pixel_mm"
 
-_LEAST_PX = 0.5
-"""How well a rim's place is known at best, px: the outermost fringe begins a little inside."""
-
 _DISC = ("diameter_mm", "thickness_mm", "fringe_value_n_per_mm")
 
 _NOTES = {
@@ -53,10 +49,10 @@ _STANDARD = {
 
 
 def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
-    """Draft the scene of a disc under diametral load: place and scale by its rim; see `draft_scene`.
+    """Draft the scene of a disc under diametral load; see `draft_scene`.
 
-    Its fringes tell load, field, gamma, and whether it lies on its side. Raises InputError,
-    PhysicsError.
+    Its rim gives place and scale roughly, and its fringes closely, with load, field, gamma, and
+    whether it lies on its side. Raises InputError, PhysicsError.
     """
     refuse_missing(given)
     refuse_unclear(frames, given)
@@ -65,12 +61,12 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     data, fit = _fitted(prepare_frame(frame, bare, bit_depth=frames.bit_depth), bare, given)
     turned = fit.scene.frames.rotate_deg in (90, 270)
     values = [DraftValue(key="specimen.shape", value="disc", origin="given"), *_known(given, _DISC)]
-    values += [*file_values(frames, given, turned=turned), *_disc_values(data, fit, given)]
+    values += [*file_values(frames, given, turned=turned), *_disc_values(fit, given)]
     values += light_values(given)
     head = [
         f"Drafted by isochrome init from {described_set(frames)}",
-        f"Frame {frame.index} was looked at: the rim gives the scale, and the disc's fringes leave "
-        f"{fit.chi:.2f} times the frame's noise.",
+        f"Frame {frame.index} was looked at: the disc's fringes leave {fit.chi:.2f} times "
+        "its noise.",
     ]
     notes = [] if fit.chi <= POOR_CHI else [_more_than_noise(fit)]
     draw = partial(draft_figure, data, fit.scene, values)
@@ -175,7 +171,8 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
     for turn, field in product(turns, fields):
         turned = data.lying(partial(as_turned, rotate_deg=turn, flip=given.flip))
         scene, _ = placed_disc(bare.with_values({FIELD: field, TURN: turn}), turned)
-        keys = free_keys(scene) if given.gamma is not None else (*free_keys(scene), GAMMA)
+        own = {GAMMA: given.gamma, PIXEL: given.pixel_mm}
+        keys = (*free_keys(scene), *(key for key, value in own.items() if value is None))
         try:
             fit = fit_frame(turned, scene, keys)
         except PhysicsError:
@@ -194,7 +191,8 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
             for _, fit in fits[:2]
         )
         raise PhysicsError(
-            f"{data.name}: two scenes explain this frame alike, {ways}; give --field or --rotate-deg"
+            f"{data.name}: two scenes explain this frame alike, {ways}; give --field or "
+            "--rotate-deg"
         )
     return fits[0]
 
@@ -209,28 +207,23 @@ def _is_lost(data: FrameData, fit: FrameFit) -> bool:
     return not fit.chi * noise <= TOO_FAR
 
 
-def _disc_values(data: FrameData, fit: FrameFit, given: KnownValues) -> list[DraftValue]:
-    """Place, load and gamma by the fringes, the scale by the rim; turn and field."""
-    scene, rim = fit.scene, find_rim(data)
-    spread = dict(zip(fit.keys, fit.standard_uncertainty.tolist(), strict=True))
-    notes = _NOTES
-    if given.pixel_mm is None:
-        spread[PIXEL] = max(rim.scatter, _LEAST_PX) / rim.radius * scene.get(PIXEL)
-        notes = notes | {PIXEL: "by the rim"}
+def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:
+    """Place, scale, load and gamma by the fringes; turn and field."""
     values = [
         DraftValue(
             key=key,
-            value=float(scene.get(key)),
+            value=float(fit.scene.get(key)),
             origin="found",
-            standard_uncertainty=u,
-            note=notes.get(key, ""),
+            standard_uncertainty=float(spread),
+            note=_NOTES.get(key, ""),
         )
-        for key, u in spread.items()
+        for key, spread in zip(fit.keys, fit.standard_uncertainty, strict=True)
     ]
     if given.field is None:
-        values.append(DraftValue(key=FIELD, value=scene.polariscope.field, origin="found"))
-    if given.rotate_deg is None and scene.frames.rotate_deg:
-        values.append(DraftValue(key=TURN, value=scene.frames.rotate_deg, origin="found"))
+        values.append(DraftValue(key=FIELD, value=fit.scene.polariscope.field, origin="found"))
+    turn = fit.scene.frames.rotate_deg
+    if given.rotate_deg is None and turn:
+        values.append(DraftValue(key=TURN, value=turn, origin="found"))
     return values + _stated(given)
 
 
