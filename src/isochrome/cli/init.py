@@ -75,25 +75,26 @@ def init_command(
     What nobody can see in a frame is asked for on a terminal, or given as an option.
     """
     from isochrome.drafting import init as run
-    from isochrome.drafting import known_values
     from isochrome.frames import one_recording
 
-    replace = options.pop("replace")
-    given = {name: value for name, value in options.items() if value is not None}
-    known = known_values(given)
+    replace, recording = options.pop("replace"), one_recording(frames, join=join)
+    known = {name: value for name, value in options.items() if value is not None}
     if not as_json and sys.stdin.isatty():
-        known = known_values(given | _asked(known.missing))
+        known |= _asked(recording, known)
     with steps(quiet=True) as say:
         say("looking for the specimen in the frames")
-        draft = run(one_recording(frames, join=join), known, out, replace=replace)
+        draft = run(recording, known, out, replace=replace)
     print_result(draft, out, as_json, _print_draft)
 
 
-def _asked(missing: tuple[str, ...]) -> dict[str, float]:
+def _asked(recording: Any, known: dict[str, Any]) -> dict[str, float]:
     """What the user answers to the questions that are open."""
-    from isochrome.drafting import QUANTITIES
+    from isochrome.drafting import QUANTITIES, known_values, open_questions
+    from isochrome.frames import open_frames
 
-    return {name: typer.prompt(QUANTITIES[name].question, type=float, err=True) for name in missing}
+    with open_frames(recording) as frames:
+        names = open_questions(frames, known_values(known))
+    return {name: typer.prompt(QUANTITIES[name].question, type=float, err=True) for name in names}
 
 
 def _print_draft(draft: Any) -> None:

@@ -1,9 +1,9 @@
 from .api import draft_scene, init
-from .known_values import NEEDED, QUANTITIES, KnownValues, Quantity, known_values
+from .captured_set import open_questions
+from .known_values import QUANTITIES, KnownValues, Quantity, known_values
 from .scene_draft import DraftValue, OpenKey, SceneDraft
 
 __all__ = [
-    "NEEDED",
     "QUANTITIES",
     "DraftValue",
     "KnownValues",
@@ -13,4 +13,5 @@ __all__ = [
     "draft_scene",
     "init",
     "known_values",
+    "open_questions",
 ]

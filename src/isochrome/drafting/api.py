@@ -97,7 +97,7 @@ def init(
     ...     "load_n": 60.0, "pixel_mm": 0.00607}
     >>> found = isochrome.init(stack, known, "bench")
     >>> round(found.scene.load.normal_n, 1), found.scene.polariscope.field
-    (44.0, 'dark')
+    (44.7, 'dark')
     """
     given = known_values(known)
     if out is not None and not replace:

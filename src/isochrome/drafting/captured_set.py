@@ -27,6 +27,29 @@ def name_of(reader: FrameReader) -> str:
     return str(first) if isinstance(first, Path) else "the frames"
 
 
+def open_questions(frames: FrameReader, given: KnownValues) -> tuple[str, ...]:
+    """Say what must be known besides before a scene can be drafted.
+
+    Parameters
+    ----------
+    frames : FrameReader
+        The frames as captured.
+    given : KnownValues
+        What is known.
+
+    Returns
+    -------
+    tuple of str
+        Names of fields of KnownValues; `QUANTITIES` has the words to ask for each.
+    """
+    names = list(given.missing)
+    if given.pixel_mm is None and frames.pixel_mm is None and not given.has_own_scale:
+        names.append("pixel_mm")
+    if frames.channel is not None and given.channel is None and given.wavelength_nm is None:
+        names.append("wavelength_nm")
+    return tuple(names)
+
+
 def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
     """Refuse frames whose colours or scale nobody tells. Raises InputError."""
     name = name_of(reader)
@@ -37,7 +60,7 @@ def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
         )
     if given.pixel_mm is not None:
         check_scale(reader, Camera(pixel_mm=given.pixel_mm))
-    elif reader.pixel_mm is None and given.shape == "contact":
+    elif reader.pixel_mm is None and not given.has_own_scale:
         raise InputError(
             f"{name}: does not name the size of a pixel, and no fringe tells it; give "
             f"--pixel-mm (mm, usually {QUANTITIES['pixel_mm'].usual})"

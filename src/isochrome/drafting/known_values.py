@@ -75,6 +75,11 @@ class KnownValues:
         """Names of what must be known besides for this shape, in the order of `QUANTITIES`."""
         return tuple(name for name in NEEDED[self.shape] if getattr(self, name) is None)
 
+    @property
+    def has_own_scale(self) -> bool:
+        """Whether the frames tell the scale, or are read without one."""
+        return self.shape in WITH_OWN_SCALE
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -148,6 +153,9 @@ NEEDED = {
 }  # fmt: skip
 """What cannot be found in the frames, and nothing is found without it."""
 
+WITH_OWN_SCALE = ("disc", "other")
+"""Shapes whose frames need no pixel size beforehand."""
+
 
 def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
     """Take known values from a mapping.
@@ -183,24 +191,17 @@ def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
         value = getattr(known, name)
         if value not in allowed:
             choice = ", ".join(str(a) for a in allowed if a is not None)
-            raise InputError(
-                f"{name} = {value}: is none of {choice}; give {option(name)} one of them"
-            )
+            raise InputError(f"{name} = {value}: is none of {choice}; name one of them")
     if known.frame is not None and known.frame < 0:
         raise InputError(f"frame = {known.frame}: frames count from 0; give 0 or more")
     return known
-
-
-def option(name: str) -> str:
-    """The option of the command line that gives a field of KnownValues."""
-    return f"--{name.replace('_', '-')}"
 
 
 def refuse_missing(given: KnownValues) -> None:
     """Refuse to begin without what cannot be found in the frames. Raises InputError."""
     if given.missing:
         quantity = QUANTITIES[given.missing[0]]
-        options = " and ".join(option(name) for name in given.missing)
+        options = " and ".join(f"--{name.replace('_', '-')}" for name in given.missing)
         raise InputError(
             f"{quantity.key} is not known, and no frame tells it; give {options} "
             f"({quantity.question})"

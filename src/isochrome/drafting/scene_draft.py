@@ -66,6 +66,8 @@ class SceneDraft(Result):
 
     Parameters
     ----------
+    draw : callable, optional
+        Makes the preview.
     text : str
         The scene as commented TOML.
     scene : Scene
@@ -80,8 +82,6 @@ class SceneDraft(Result):
         The frame that was looked at.
     chi : float or None
         Residual over noise of the scene's fringes in that frame; None where none were fitted.
-    draw : callable, optional
-        Makes the preview.
     """
 
     text: str

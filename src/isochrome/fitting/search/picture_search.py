@@ -68,7 +68,19 @@ _APART = np.array([0.02, 0.03, 0.005, 0.005])
 
 
 class Lying(NamedTuple):
-    """How a picture is taken: quarter turns, counter-clockwise, then `flip`; field, exponent."""
+    """How a picture is taken.
+
+    Parameters
+    ----------
+    rotate_deg : int
+        Quarter turns, counter-clockwise, degrees.
+    flip : {'horizontal', 'vertical'} or None
+        How the turned picture is mirrored.
+    field : {'dark', 'bright'}
+        The polariscope's field.
+    gamma : float
+        The exponent from grey levels to light.
+    """
 
     rotate_deg: int
     flip: str | None
