@@ -17,7 +17,9 @@ from isochrome.scene import Scene, parse_scene
 
 TURNS, FLIPS = (0, 90, 180, 270), (None, "horizontal", "vertical")
 GAMMAS, LOADS = (0.45, 2.2), (1.0 / 3.0, 3.0)
-PIXEL_MM, ROWS, COLS = 0.00607, 494, 659
+WIDTH_MM, ROWS, COLS = 4.0, 494, 659
+HIGHEST = 8.0
+"""Fringe order that the pixels of a whole picture resolve."""
 
 _SCENE = """
 [specimen]
@@ -36,9 +38,9 @@ coefficient = {friction}
 [polariscope]
 wavelength_nm = 587.0
 [camera]
-width_px = 659
-height_px = 494
-pixel_mm = 0.00607
+width_px = {cols}
+height_px = {rows}
+pixel_mm = {pixel}
 left_mm = {left}
 top_mm = {top}
 bit_depth = 8
@@ -64,17 +66,20 @@ class DrawnContact:
     order: float
 
 
-def drawn_contact(seed: int) -> DrawnContact:
-    """The contact of a seed: order 1 to 8 in the picture, noise of 1 to 4 grey levels of 255."""
+def drawn_contact(seed: int, *, shrunk: int = 1) -> DrawnContact:
+    """The contact of a seed: order 1 to 8 in the picture, noise of 1 to 4 grey levels of 255.
+
+    `shrunk`, how many times fewer pixels a side it has, and lower orders.
+    """
     rng = np.random.default_rng([seed, 2020])
     while True:
-        true = _random_scene(rng)
+        true = _random_scene(rng, shrunk)
         try:
             order, _ = _sampled(true, Defects(), -1)
         except PhysicsError:
             continue  # too wide for the picture
         highest = float(np.nanpercentile(order, 99.5))
-        if 1.0 < highest < 8.0:
+        if 1.0 < highest < HIGHEST / shrunk**0.5:
             break
     field = str(rng.choice(["dark", "bright"]))
     gamma = float(np.exp(rng.uniform(*np.log(GAMMAS))))
@@ -104,9 +109,12 @@ def laid_back(picture: np.ndarray, turn: int, flip: str | None) -> np.ndarray:
     return np.ascontiguousarray(np.rot90(before, -(turn // 90)))
 
 
-def _random_scene(rng: np.random.Generator) -> Scene:
-    width, height = COLS * PIXEL_MM, ROWS * PIXEL_MM
+def _random_scene(rng: np.random.Generator, shrunk: int) -> Scene:
+    rows, cols = ROWS // shrunk, COLS // shrunk
+    pixel = WIDTH_MM / cols
+    width, height = WIDTH_MM, rows * pixel
     return parse_scene(_SCENE.format(
+        rows=rows, cols=cols, pixel=pixel,
         young=rng.uniform(1.5, 3.5), poisson=rng.uniform(0.33, 0.42),
         thickness=rng.uniform(2.5, 8.0), fringe_value=rng.uniform(10.0, 16.0),
         radius=np.exp(rng.uniform(*np.log([8.0, 40.0]))),

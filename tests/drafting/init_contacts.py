@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drawn_contacts import COLS, PIXEL_MM, DrawnContact
+from drawn_contacts import WIDTH_MM, DrawnContact
 
 import isochrome
 from isochrome.drafting import SceneDraft
@@ -34,7 +34,7 @@ def known_of(case: DrawnContact) -> dict:
         "indenter_young_gpa": indenter.young_gpa,
         "indenter_poisson": indenter.poisson,
         "load_n": case.about_n,
-        "pixel_mm": PIXEL_MM,
+        "pixel_mm": case.true.camera.pixel_mm,
     }
 
 
@@ -49,7 +49,7 @@ def truth_unmirrored(case: DrawnContact) -> dict:
     return {
         "load.normal_n": case.true.load.normal_n,
         "friction.coefficient": -friction if mirrored else friction,
-        "camera.left_mm": -left - COLS * PIXEL_MM if mirrored else left,
+        "camera.left_mm": -left - WIDTH_MM if mirrored else left,
         "camera.top_mm": case.true.camera.top_mm,
         "frames.gamma": case.gamma,
         "frames.rotate_deg": (case.turn + 180 * (case.flip == "vertical")) % 360,
@@ -75,7 +75,7 @@ def judged(case: DrawnContact, **known) -> Verdict:
         if error > max(SIGMAS * spread[key], SHARE * abs(truth[key])):
             wrong.append(f"{key} = {draft.scene.get(key):.6g} for {truth[key]:.6g}")
     for key in ("camera.left_mm", "camera.top_mm"):
-        if abs(draft.scene.get(key) - truth[key]) > 2.0 * PIXEL_MM:
+        if abs(draft.scene.get(key) - truth[key]) > 2.0 * case.true.camera.pixel_mm:
             wrong.append(f"{key} = {draft.scene.get(key):.6g} for {truth[key]:.6g}")
     if abs(draft.scene.frames.gamma / case.gamma - 1.0) > 0.02:
         wrong.append(f"frames.gamma = {draft.scene.frames.gamma:.4g} for {case.gamma:.4g}")
