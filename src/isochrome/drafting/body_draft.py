@@ -22,7 +22,7 @@ from isochrome.drafting.draft_figure import draft_figure, frame_figure
 from isochrome.drafting.known_values import QUANTITIES, KnownValues, refuse_missing
 from isochrome.drafting.scene_draft import DraftValue, OpenKey, SceneDraft
 from isochrome.drafting.scene_text import scene_text
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import POOR_CHI, RIVAL_CHI, FrameData, prepare_frame
 from isochrome.fitting import GAMMA, TOO_FAR, FrameFit, evaluate_model, fit_frame, free_keys
 from isochrome.frames import FrameReader, as_turned
@@ -175,9 +175,10 @@ def _fitted(data: FrameData, bare: Scene, given: KnownValues) -> tuple[FrameData
         keys = (*free_keys(scene), *(key for key, value in own.items() if value is None))
         try:
             fit = fit_frame(turned, scene, keys)
-        except PhysicsError:
-            continue
-        if not _is_lost(turned, fit):
+            lost = _is_lost(turned, fit)
+        except (InputError, PhysicsError):
+            continue  # the fit has left the picture
+        if not lost:
             fits.append((turned, fit))
     fits.sort(key=lambda pair: pair[1].chi)
     if not fits:

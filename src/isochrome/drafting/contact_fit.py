@@ -34,6 +34,9 @@ _CLEAR = 3.0
 """chi up to which a scene that leaves more than noise is still written, with a warning: where every
 rival is as many times worse. Wrong scenes of 100 drawn contacts left 5 and more."""
 
+_HOPELESS = 10.0
+"""chi beyond which no cause that a frame may ask for is looked for, as `check` has it."""
+
 _FARTHEST = 4.0
 """Factor from the stated load beyond which a fit has found something else."""
 
@@ -101,8 +104,8 @@ def find_contact(
     if given.gamma is not None:
         choices["gammas"] = (given.gamma,)
     starts = search_picture(data, scene, **choices)
-    best = _best_start(starts, _keys(given), frame)
-    freed = fit_with_causes(best.data, best.scene, _keys(given), cold=False, slips=False)
+    best, first = _best_start(starts, _keys(given), frame)
+    freed = fit_with_causes(best.data, first.scene, _keys(given), cold=False, slips=False)
     fit = freed.fit
     _refuse_wrong(fit, starts, best, given, frame)
     messages = cause_messages(freed)
@@ -121,20 +124,22 @@ def _keys(given: KnownValues) -> tuple[str, ...]:
 
 def _best_start(
     starts: tuple[PictureStart, ...], keys: tuple[str, ...], frame: Frame
-) -> PictureStart:
-    """The start of the least residual. Raises PhysicsError where two leave the same."""
-    near = [s for s in starts if s.chi <= _RIVAL * starts[0].chi][:_MOST_RIVALS]
-    if len(near) == 1:
-        return near[0]
-    fits = []
-    for start in near:
+) -> tuple[PictureStart, FrameFit]:
+    """The start that leads to the least residual, and its fit.
+
+    Raises PhysicsError where none leads to fringes, or two leave the same.
+    """
+    fits: list[tuple[FrameFit, PictureStart]] = []
+    for start in [s for s in starts if s.chi <= _RIVAL * starts[0].chi][:_MOST_RIVALS]:
         try:
             fit = fit_frame(start.data, start.scene, keys, cold=False)
         except (InputError, PhysicsError):
-            continue
+            continue  # it has left the picture, or its contact cannot be solved
         if fit.positive:
             fits.append((fit, start))
     fits.sort(key=lambda pair: pair[0].chi)
+    if not fits or fits[0][0].chi > _HOPELESS:
+        raise _unexplained(frame, fits[0][0].chi if fits else None)
     for (fit, start), (other, second) in pairwise(fits[:2]):
         if other.chi < ALIKE_CHI * fit.chi and not _same(fit, start, other, second):
             raise PhysicsError(
@@ -142,7 +147,17 @@ def _best_start(
                 f"{_in_words(fit, start)} and {_in_words(other, second)}; give --load-n more "
                 "closely, --rotate-deg or --field, or a --frame with more fringes"
             )
-    return fits[0][1] if fits else near[0]
+    return fits[0][1], fits[0][0]
+
+
+def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
+    """What is said where no contact explains a frame."""
+    best = "none leads to fringes" if chi is None else f"the best leaves {chi:.1f} times its noise"
+    return PhysicsError(
+        f"{frame.name}: no contact explains frame {frame.index} ({best}); check --radius-mm, "
+        "--thickness-mm, --fringe-value-n-per-mm, --young-gpa and --pixel-mm, give --load-n within "
+        "a factor of three, or another --frame"
+    )
 
 
 def _same(fit: FrameFit, start: PictureStart, other: FrameFit, second: PictureStart) -> bool:
@@ -171,11 +186,7 @@ def _refuse_wrong(
     rival = min(others, default=float("inf"))
     clear = fit.chi <= _CLEAR and rival > _CLEAR * fit.chi
     if not fit.positive or (fit.chi > POOR_CHI and not clear):
-        raise PhysicsError(
-            f"{frame.name}: no contact explains frame {frame.index} (the best leaves {fit.chi:.1f} "
-            "times its noise); check --radius-mm, --thickness-mm, --fringe-value-n-per-mm, "
-            "--young-gpa and --pixel-mm, give --load-n within a factor of three, or another --frame"
-        )
+        raise _unexplained(frame, fit.chi if fit.positive else None)
     load = float(fit.scene.get(LOAD))
     assert given.load_n is not None
     if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:
