@@ -34,8 +34,10 @@ _CLEAR = 3.0
 """chi up to which a scene that leaves more than noise is still written, with a warning: where every
 rival is as many times worse. Wrong scenes of 100 drawn contacts left 5 and more."""
 
-_HOPELESS = 10.0
-"""chi beyond which no cause that a frame may ask for is looked for, as `check` has it."""
+_HOPELESS, _ASTRAY = 5.0, 12.0
+"""chi of a fit beyond which no cause that a frame may ask for is looked for, and of the search
+beyond which nothing is fitted. The search, which knows gamma roughly, left at most 4 where it was
+right (60 drawn contacts)."""
 
 _FARTHEST = 4.0
 """Factor from the stated load beyond which a fit has found something else."""
@@ -129,6 +131,8 @@ def _best_start(
 
     Raises PhysicsError where none leads to fringes, or two leave the same.
     """
+    if starts[0].chi > _ASTRAY:
+        raise _unexplained(frame, starts[0].chi)
     fits: list[tuple[FrameFit, PictureStart]] = []
     for start in [s for s in starts if s.chi <= _RIVAL * starts[0].chi][:_MOST_RIVALS]:
         try:

@@ -46,8 +46,8 @@ _PIXELS, _FINE_PIXELS = 800, 900
 _LOADS = np.geomspace(1.0 / 3.3, 3.3, 21)
 """Loads over the stated one: a little beyond a factor of three, 12 % apart, which one basin is."""
 _FRICTIONS = np.array([-0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7])
-_GAMMAS = (0.6, 1.0, 1.7)
-"""Exponents that are tried: each leaves a tenth of the light or less of one up to 1.4 times off."""
+_GAMMAS = (0.5, 0.7, 1.0, 1.4, 2.0)
+"""Exponents that are tried: from each the fit finds one up to 1.2 times off."""
 
 _ABOVE, _BELOW = 0.55, 0.2
 """The surface's place, in heights of the picture: so far down in it, so far above its first row."""
