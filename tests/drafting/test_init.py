@@ -29,7 +29,7 @@ def draft(case):
     return isochrome.init(case.captured, known_of(case))
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.long)])
 def test_a_drawn_contact_ends_in_the_right_scene(seed):
     verdict = judged(drawn_contact(seed, shrunk=SHRUNK))
     assert verdict.kind == "right", verdict.words
@@ -89,7 +89,17 @@ def test_a_scene_says_which_side_friction_points_to_and_what_a_mirror_would_chan
     side = "right" if truth_unmirrored(case)["friction.coefficient"] > 0.0 else "left"
     text = " ".join(draft.text.replace("\n# ", " ").split())
     assert f"drags the surface to the {side} of the picture" in text
-    assert 'with frames.flip = "horizontal" has the other sign' in text
+    assert "run init again with --flip horizontal" in text
+
+
+def test_check_and_process_take_the_scene_as_it_is(case, draft):
+    """Load and friction of `process` are the true ones, within three of its own uncertainties."""
+    assert isochrome.check(case.captured, draft.scene).ok
+    found = isochrome.process(case.captured, draft.scene).table.iloc[0]
+    truth = truth_unmirrored(case)
+    for key in ("load.normal_n", "friction.coefficient"):
+        error = abs(found[key] - truth[key])
+        assert error < 3.0 * found[f"{key} standard_uncertainty"]
 
 
 NO_CONTACT = {
@@ -101,7 +111,10 @@ NO_CONTACT = {
 }
 
 
-@pytest.mark.parametrize("what", NO_CONTACT)
+@pytest.mark.parametrize(
+    "what",
+    ["light", *(pytest.param(w, marks=pytest.mark.long) for w in NO_CONTACT if w != "light")],
+)
 def test_a_picture_without_a_contact_is_refused(case, what):
     rows, cols = case.captured.shape
     z, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : cols * 1j]
@@ -111,6 +124,7 @@ def test_a_picture_without_a_contact_is_refused(case, what):
         isochrome.init(picture, known_of(case))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "factor"), [("radius_mm", 2.0), ("fringe_value_n_per_mm", 1.5), ("load_n", 10.0)]
 )
@@ -161,6 +175,7 @@ def test_a_value_that_is_none_is_refused_by_its_name(case):
             isochrome.init(case.captured, known_of(case) | known)
 
 
+@pytest.mark.long
 def test_the_first_frame_that_shows_the_contact_is_looked_at(case):
     rng = np.random.default_rng(3)
     unloaded = np.clip(rng.normal(10.0, 3.0, case.captured.shape), 0, 255).astype(np.uint8)
@@ -175,7 +190,8 @@ def test_a_turned_picture_has_the_camera_of_the_turned_one(draft, case):
     assert (draft.scene.camera.height_px, draft.scene.camera.width_px) == (cols, rows)
 
 
-def test_files_are_left_and_a_scene_is_never_written_over(case, tmp_path):
+def test_files_are_left_and_a_scene_is_never_written_over(case, draft, tmp_path, monkeypatch):
+    monkeypatch.setattr(api, "draft_scene", lambda frames, given: draft)
     found = isochrome.init(case.captured, known_of(case), tmp_path / "bench")
     path = tmp_path / "bench" / "scene.toml"
     assert sorted(p.name for p in path.parent.iterdir()) == ["scene.png", "scene.toml"]
@@ -190,10 +206,11 @@ def test_files_are_left_and_a_scene_is_never_written_over(case, tmp_path):
     assert path.read_text() == found.text
 
 
-def test_nothing_is_left_where_the_preview_cannot_be_drawn(case, tmp_path, monkeypatch):
+def test_nothing_is_left_where_the_preview_cannot_be_drawn(case, draft, tmp_path, monkeypatch):
     def fail(*_):
         raise OSError("no room")
 
+    monkeypatch.setattr(api, "draft_scene", lambda frames, given: draft)
     monkeypatch.setattr(api, "write_figure", fail)
     with pytest.raises(OSError, match="no room"):
         isochrome.init(case.captured, known_of(case), tmp_path / "bench")
@@ -211,6 +228,7 @@ DISC = {"shape": "disc", "diameter_mm": 50.0, "thickness_mm": 6.0, "fringe_value
 """The sample disc, as its set states it; 0.13 mm a pixel and gamma 1.4 were put in."""
 
 
+@pytest.mark.long
 def test_a_disc_ends_in_its_scene_though_it_lies_on_its_side():
     image = tifffile_of("disc-560N.png")
     found = isochrome.init(np.ascontiguousarray(np.rot90(image)), DISC | {"load_n": 400.0})
@@ -221,6 +239,7 @@ def test_a_disc_ends_in_its_scene_though_it_lies_on_its_side():
     assert found.scene.polariscope.field == "dark"
 
 
+@pytest.mark.long
 def test_a_disc_of_another_load_is_refused():
     with pytest.raises(isochrome.PhysicsError, match="--load-n"):
         isochrome.init(tifffile_of("disc-560N.png"), DISC | {"load_n": 4.0, "rotate_deg": 0})
@@ -248,6 +267,7 @@ def test_a_report_has_what_was_found(draft):
     assert list(draft.table.columns) == ["key", "value", "standard_uncertainty", "origin"]
 
 
+@pytest.mark.long
 def test_two_scenes_that_explain_a_frame_alike_are_refused(case, monkeypatch):
     """A picture whose own turn is told to be two things: the second is the same start, renamed."""
     from isochrome.drafting import contact_fit

@@ -89,15 +89,17 @@ def init(
     Examples
     --------
     >>> import isochrome
-    >>> from isochrome.samples import samples_path
-    >>> stack = samples_path() / "line-contact-wear" / "captured.tif"
+    >>> scene = isochrome.load_scene("line-contact-wear").with_values({
+    ...     "wear.distances_m": [0.0], "friction.static_state_first": False, "camera.width_px": 164,
+    ...     "camera.height_px": 123, "camera.pixel_mm": 0.0243, "camera.noise_grey": 1.0})
+    >>> simulated = isochrome.simulate(scene, "simulated")
     >>> known = {
     ...     "young_gpa": 2.1, "poisson": 0.4, "thickness_mm": 4.0, "fringe_value_n_per_mm": 14.6,
     ...     "radius_mm": 24.61, "indenter_young_gpa": 210.0, "indenter_poisson": 0.3,
-    ...     "load_n": 60.0, "pixel_mm": 0.00607}
-    >>> found = isochrome.init(stack, known, "bench")
+    ...     "load_n": 60.0}
+    >>> found = isochrome.init("simulated/frames.tif", known, "bench")
     >>> round(found.scene.load.normal_n, 1), found.scene.polariscope.field
-    (44.7, 'dark')
+    (44.0, 'dark')
     """
     given = known_values(known)
     if out is not None and not replace:

@@ -141,10 +141,10 @@ def _side(contact: ContactFit) -> str:
     if not _is_seen(contact):
         return "no friction is seen in this frame"
     side = "right" if value > 0.0 else "left"
-    other = "without frames.flip" if contact.lying.flip else 'with frames.flip = "horizontal"'
+    again = "without --flip" if contact.lying.flip else "with --flip horizontal"
     return (
-        f"the cylinder drags the surface to the {side} of the picture; if that is its other side, "
-        f"the picture is mirrored: the same contact {other} has the other sign"
+        f"the cylinder drags the surface to the {side} of the picture; if it slides the other way "
+        f"on the bench, a mirror was between: run init again {again}"
     )
 
 

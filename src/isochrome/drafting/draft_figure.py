@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating]
 
-_WIDTH_IN = 6.0
+_WIDTH_IN, _IN_A_LINE = 6.0, 3
+"""Width of a picture, and values in a line of the head."""
 
 
 def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) -> Figure:
@@ -55,11 +56,20 @@ def draft_figure(data: FrameData, scene: Scene, values: Sequence[DraftValue]) ->
     ):
         show_image(axes, image, cmap=FRAME_MAP, vmin=low, vmax=high, title=title, **place)
         _draw_zeros(axes)
-    found = [f"{value.key} = {value.words}" for value in values if value.origin == "found"]
-    half = -(-len(found) // 2)
-    write_head(figure, "\n".join("    ".join(part) for part in (found[:half], found[half:])))
+    write_head(figure, _head(values))
     add_legend(figure, *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
+
+
+def _head(values: Sequence[DraftValue]) -> str:
+    """What was found besides the place, which the axes show."""
+    found = [
+        f"{value.key} = {value.words}"
+        for value in values
+        if value.origin == "found" and value.key not in ("camera.left_mm", "camera.top_mm")
+    ]
+    lines = (found[k : k + _IN_A_LINE] for k in range(0, len(found), _IN_A_LINE))
+    return "\n".join("    ".join(line) for line in lines)
 
 
 def _draw_zeros(axes: Any) -> None:
