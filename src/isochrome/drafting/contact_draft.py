@@ -23,7 +23,7 @@ from isochrome.fitting import FRICTION, GAMMA
 from isochrome.frames import FrameReader
 from isochrome.scene import Scene, parse_scene
 
-_SEEN = 4.0
+_HAS_SIDE = 4.0
 """Standard uncertainties beyond which friction has a side."""
 
 
@@ -132,7 +132,7 @@ def _is_seen(contact: ContactFit) -> bool:
     """Whether friction is more than nothing."""
     place = contact.fit.keys.index(FRICTION)
     spread = float(contact.fit.standard_uncertainty[place])
-    return abs(float(contact.fit.values[place])) > _SEEN * spread
+    return abs(float(contact.fit.values[place])) > _HAS_SIDE * spread
 
 
 def _side(contact: ContactFit) -> str:

@@ -111,7 +111,8 @@ def find_contact(
     fit = freed.fit
     _refuse_wrong(fit, starts, best, given, frame)
     messages = cause_messages(freed)
-    if fit.chi > POOR_CHI:
+    poor = fit.chi > POOR_CHI
+    if poor:
         messages += (
             f"chi = {fit.chi:.2f}: the contact is where it is, and the frame holds more than its "
             "noise besides; check the specimen's and the indenter's values, and isochrome check",

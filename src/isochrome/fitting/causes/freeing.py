@@ -393,6 +393,7 @@ def fit_with_causes(
     if slips and is_unexplained(fitted):
         slip = explaining_slip(given, scene, keys, fitted.fit.chi)
         if slip is not None:
-            unlit = FrameSolution(data, replace(fitted, fit=replace(fitted.fit, positive=False)))
+            lost = replace(fitted, fit=replace(fitted.fit, positive=False))
+            unlit = FrameSolution(data, lost)
             return Freed(now=unlit, stated=unlit, slip=slip)
     return free_causes(FrameSolution(data, fitted))
