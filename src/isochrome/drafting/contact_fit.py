@@ -31,8 +31,8 @@ _RIVAL, _MOST_RIVALS = 2.5, 4
 """Ratio of the search's chi within which its minima are fitted, for it knows gamma only roughly."""
 
 _CLEAR = 3.0
-"""chi up to which a scene that leaves more than noise is still written, with a warning: where every
-rival is as many times worse. Wrong scenes of 100 drawn contacts left 5 and more."""
+"""chi up to which a scene that leaves more than noise is still written, with a warning, where every
+other turn and field is as many times worse. A radius or fringe value 10 % off leaves 2.8."""
 
 _HOPELESS, _ASTRAY = 5.0, 12.0
 """chi of a fit beyond which no cause that a frame may ask for is looked for, and of the search
