@@ -45,6 +45,7 @@ ORDER = (
     "fringes",
     "calibration",
     "processing",
+    "drafting",
     "setup_page",
     "campaigns",  # many recordings, each by `process`
     "comparison",

@@ -11,6 +11,7 @@ from .calibration import (
 from .campaigns import process_campaign
 from .comparison import compare, plot_side_by_side
 from .demonstration import demo
+from .drafting import init
 from .errors import InputError, PhysicsError
 from .figures import plot_frame, plot_over_distance
 from .fitting import fit, track
@@ -53,6 +54,7 @@ __all__ = [
     "dump_scene",
     "export",
     "fit",
+    "init",
     "load_scene",
     "open_frames",
     "open_run",

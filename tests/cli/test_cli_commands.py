@@ -27,7 +27,7 @@ COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
     ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "colour"),
     ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("setup",), ("bench",),
-    ("sweep",), ("export",), ("report",), ("guide",),
+    ("sweep",), ("export",), ("report",), ("guide",), ("init",),
 ]  # fmt: skip
 
 HISTORY = (

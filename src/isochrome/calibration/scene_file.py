@@ -7,13 +7,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from isochrome.calibration.result import Calibration
 from isochrome.calibration.scale.result import LENS, ScaleCalibration
 from isochrome.calibration.wear.result import WearCalibration
 from isochrome.errors import InputError
-from isochrome.output import replacing
+from isochrome.output import replacing, rounded_texts
 from isochrome.scene import (
     Scene,
     parse_scene,
@@ -28,9 +26,6 @@ MARK = "calibrated: "
 
 BYTE_ORDER_MARK = "\ufeff"
 """What some editors begin a file with; it stays."""
-
-_SMALL = 1e-4
-"""Values below which are written with an exponent."""
 
 CLEAR = 3.0
 """Standard uncertainties beyond which a value is no nothing: a lens's value below is not written,
@@ -123,7 +118,7 @@ def write_into_scene(
     if isinstance(calibration, WearCalibration):
         calibration = _by_scene_law(calibration, text, str(scene))
     comment = _comment(calibration, source)
-    entries = [(key, _rounded(*value)) for key, value in _to_write(calibration, text)]
+    entries = [(key, rounded_texts(*value)) for key, value in _to_write(calibration, text)]
     for key, entry in reversed(entries):  # each is put on top of its table
         text = edited(text, *entry, comment, name=str(scene), key=key)
     target = Path(scene).resolve()  # a link stays a link
@@ -201,16 +196,6 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
             f"{calibration.shape[1]} x {calibration.shape[0]}; calibrate with a picture of the "
             "same size"
         )
-
-
-def _rounded(value: float, spread: float) -> tuple[str, str]:
-    """A value and its uncertainty as texts, two digits beyond the uncertainty's first."""
-    if 0.0 < abs(value) < _SMALL:
-        exponent = int(np.floor(np.log10(abs(value))))
-        parts = _rounded(value / 10.0**exponent, spread / 10.0**exponent)
-        return f"{parts[0]}e{exponent}", f"{parts[1]}e{exponent}"
-    digits = max(1, 2 - int(np.floor(np.log10(spread)))) if spread > 0 else 6
-    return f"{value:.{digits}f}", f"{spread:.{digits}f}"
 
 
 def _comment(

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from isochrome.cli.calibrate import calibrate_app
+from isochrome.cli.init import init_command
 from isochrome.cli.long import export_command, report_command, sweep_command
 from isochrome.cli.options import (
     AS_STATED,
@@ -45,6 +46,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(calibrate_app, name="calibrate")
+app.command("init", epilog=examples_of("init"))(init_command)
 app.command("process", epilog=examples_of("process"))(process_command)
 app.command("sweep", epilog=examples_of("sweep"))(sweep_command)
 app.command("export", epilog=examples_of("export"))(export_command)

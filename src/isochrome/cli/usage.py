@@ -18,6 +18,10 @@ EXAMPLES = {
         "isochrome demo",
         "isochrome demo --out trial --json",
     ),
+    "init": (
+        "isochrome init captured.tif --pixel-mm 0.00607 --out bench",
+        "isochrome init disc.png --shape disc --diameter-mm 50 --load-n 560",
+    ),
     "simulate": (
         "isochrome simulate line-contact-wear --out simulation",
         "isochrome simulate scene.toml --components --out stresses",

@@ -21,6 +21,7 @@ from .frame.unknowns import FRICTION, GAMMA, SMOOTH_KEYS, free_keys
 from .joint.frame_sequence import over_distance
 from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene
+from .search.picture_search import Lying, PictureStart, search_picture
 from .tracking.api import refuse_shared, track
 from .tracking.apparatus import Apparatus, find_apparatus
 from .tracking.result import untracked_inputs
@@ -35,7 +36,9 @@ __all__ = [
     "Apparatus",
     "FrameFit",
     "Freed",
+    "Lying",
     "ModelFrame",
+    "PictureStart",
     "SceneRenderer",
     "Tracked",
     "Tracker",
@@ -58,6 +61,7 @@ __all__ = [
     "refuse_shared",
     "restore_values",
     "scene_at",
+    "search_picture",
     "slid_until",
     "sliding_scene",
     "taken_as_exact",

@@ -13,7 +13,15 @@ from .frame_names import counted_frames, messages_of_frames, named_frames
 from .frame_values import FrameValues
 from .given_table import GivenTable, numbered_lines, read_given_table, read_given_text
 from .record import InputContent, provenance, sha256, write_figure
-from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with_uncertainty
+from .result import (
+    FIGURE_DPI,
+    Result,
+    counted,
+    over_items,
+    rounded_texts,
+    saved_picture,
+    with_uncertainty,
+)
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
 from .scale import pixel_mm_of, read_pixel_mm
 from .sentence import sentence_of, sentence_of_orders, sentence_of_values
@@ -56,6 +64,7 @@ __all__ = [
     "read_roi_mask",
     "replacing",
     "roi_entries",
+    "rounded_texts",
     "saved_picture",
     "sentence_of",
     "sentence_of_orders",

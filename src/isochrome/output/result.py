@@ -24,6 +24,8 @@ FIGURE_DPI = 150.0
 _MOST_VALUES = 8
 """Values in a report, so that it has at most 12 lines."""
 _LONGEST_LINE = 110
+_SMALL = 1e-4
+"""Values below which a scene holds them with an exponent."""
 _HEAD = 5
 """Rows of the table in a notebook."""
 
@@ -200,6 +202,29 @@ def with_uncertainty(value: float, spread: float) -> str:
         value, spread = round(value, -last) + 0.0, round(spread, -last)
         return f"{value:.{decimals}f} ± {spread:.{decimals}f}"
     return f"{value:.{max(_exponent(value) - last, 0) if value else 0}e} ± {spread:.1e}"
+
+
+def rounded_texts(value: float, spread: float) -> tuple[str, str]:
+    """Give a value and its uncertainty as a scene holds them, two digits beyond the latter's first.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    spread : float
+        Its standard uncertainty, in the same unit.
+
+    Returns
+    -------
+    tuple of str
+        Both, as numbers of TOML.
+    """
+    if 0.0 < abs(value) < _SMALL:
+        exponent = int(np.floor(np.log10(abs(value))))
+        parts = rounded_texts(value / 10.0**exponent, spread / 10.0**exponent)
+        return f"{parts[0]}e{exponent}", f"{parts[1]}e{exponent}"
+    digits = max(1, 2 - int(np.floor(np.log10(spread)))) if spread > 0 else 6
+    return f"{value:.{digits}f}", f"{spread:.{digits}f}"
 
 
 def _exponent(value: float) -> int:

@@ -2,6 +2,7 @@ from .api import check_scene, process
 from .checking import check
 from .figure import plot_order
 from .one_frame import FrameResult, FrameValue, one_state, process_frame
+from .placement import placed_disc
 from .processed import PICTURE, Processed, restore
 from .result import SPREAD, ProcessedFrame
 from .run_report import process_report
@@ -16,6 +17,7 @@ __all__ = [
     "check",
     "check_scene",
     "one_state",
+    "placed_disc",
     "plot_order",
     "process",
     "process_frame",

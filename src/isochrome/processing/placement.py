@@ -11,12 +11,30 @@ from isochrome.scene import Scene
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
-    """The scene with the disc's place in the frame, and its pixel where the scene gives none.
+    """Give the scene the disc's place in a frame, and the pixel where it has none.
 
     The rim found in the frame gives the centre; diameter over twice the radius gives the pixel.
     Where no rim is found, the scene's own camera.left_mm, top_mm and pixel_mm are taken, and that
-    is said. Parameters: `scene`, with a disc; `data`. Returns the scene and notes in plain words.
-    Raises PhysicsError where neither is known.
+    is said.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene with a disc.
+    data : FrameData
+        The frame.
+
+    Returns
+    -------
+    tuple of Scene and list of str
+        The scene, and notes in plain words.
+
+    Raises
+    ------
+    InputError
+        Where the scene has no [camera].
+    PhysicsError
+        Where there is neither a rim nor a place.
     """
     camera, diameter = scene.camera, scene.rim_diameter_mm
     if camera is None:

@@ -1,7 +1,4 @@
-"""A fit with what its frames themselves ask for: nothing is freed where nothing is asked.
-
-The fit may be of one frame, or of several together, see `Askable`.
-"""
+"""A fit of one frame, or of several (`Askable`), with what it asks for: else nothing is freed."""
 
 from __future__ import annotations
 
@@ -131,7 +128,7 @@ def free_causes(solution: S) -> Freed[S]:
     if freed.odd is not None and freed.causes:
         freed = _whole_again(freed)
     more = any(asked.can_be_freed for asked in freed.asked)
-    # a frame that nothing explains has no causes, only another contact or another scene
+    # a frame that nothing explains has no causes, only another scene
     return freed.undone() if more and freed.now.chi > POOR_CHI else freed
 
 
@@ -351,6 +348,7 @@ def fit_with_causes(
     keys: tuple[str, ...] | None = None,
     *,
     cold: bool = True,
+    slips: bool = True,
     stated: StatedInputs | None = None,
 ) -> Freed[FrameSolution]:
     """Fit a frame, and free what it asks for besides its unknowns.
@@ -365,6 +363,8 @@ def fit_with_causes(
         The unknowns, by default `free_keys`.
     cold : bool, default True
         False to search only where the scene's own values lead to no light at all.
+    slips : bool, default True
+        Whether a slip in the scene is looked for where the scene explains nothing.
     stated : StatedInputs, optional
         What is known beforehand, by default what the scene states.
 
@@ -383,14 +383,14 @@ def fit_with_causes(
     try:
         fitted = fit_with_model(data, scene, keys, cold=cold, stated=stated)
     except PhysicsError as error:
-        slip = explaining_slip(data, scene, keys, np.inf)
+        slip = explaining_slip(data, scene, keys, np.inf) if slips else None
         if slip is None:
             raise
         raise PhysicsError(slip.sentence()) from error
     given = data = data.with_noise(fitted.fit.noise_ratio / data.noise_ratio)
     if fitted.fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fitted.fit.scene.frames.stated_gamma)
-    if is_unexplained(fitted):
+    if slips and is_unexplained(fitted):
         slip = explaining_slip(given, scene, keys, fitted.fit.chi)
         if slip is not None:
             lost = replace(fitted, fit=replace(fitted.fit, positive=False))

@@ -1,0 +1,17 @@
+from .api import draft_scene, init
+from .captured_set import open_questions
+from .known_values import QUANTITIES, KnownValues, Quantity, known_values
+from .scene_draft import DraftValue, OpenKey, SceneDraft
+
+__all__ = [
+    "QUANTITIES",
+    "DraftValue",
+    "KnownValues",
+    "OpenKey",
+    "Quantity",
+    "SceneDraft",
+    "draft_scene",
+    "init",
+    "known_values",
+    "open_questions",
+]
