@@ -13,6 +13,7 @@ from isochrome.cli.calibrate import calibrate_app
 from isochrome.cli.long import export_command, report_command, sweep_command
 from isochrome.cli.options import (
     AS_STATED,
+    FIGURE,
     RUN,
     FramesArgument,
     Join,
@@ -22,6 +23,7 @@ from isochrome.cli.options import (
     SceneOption,
     with_options,
 )
+from isochrome.cli.paper import save_paper_figure, take_style
 from isochrome.cli.process import process_command
 from isochrome.cli.usage import Commands, examples_of, fail
 from isochrome.console import (
@@ -106,7 +108,7 @@ def demo_command(out: Out = Path("isochrome-demo"), as_json: Json = False) -> No
 
 
 @app.command("simulate", epilog=examples_of("simulate"))
-@with_options(RUN)
+@with_options(RUN | FIGURE)
 def simulate_command(
     scene: SceneArgument,
     out: Out = Path("isochrome-simulate"),
@@ -120,15 +122,20 @@ def simulate_command(
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
     from isochrome.simulation import simulate as run
 
+    style = take_style(options)
     with run_bar("simulating", "states") as progress:
         result = run(scene, out, components=components, progress=progress, **options)
     names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm"]  # fmt: skip
     names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
-    print_result(result, out, as_json, lambda found: print_columns(found.history, names))
+    print_result(
+        result, out, as_json, lambda found: print_columns(found.history, names),
+        save_paper_figure(result, out, style),
+    )  # fmt: skip
 
 
 @app.command("compare", epilog=examples_of("compare"))
+@with_options(FIGURE)
 def compare_command(
     experiment: Annotated[
         str,
@@ -138,16 +145,20 @@ def compare_command(
     ],
     simulation: Annotated[str, typer.Argument(help="Result folder of simulate, or frames.")],
     out: Out = Path("isochrome-compare"),
+    *,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
     """Compare experiment and simulation, frames or scars: metrics and the side-by-side figure."""
     from isochrome.comparison import compare as run
 
+    style = take_style(options)
     with steps(quiet=True) as say:
         say("comparing")
         result = run(experiment, simulation, out)
+        files = save_paper_figure(result, out, style)
     print_result(
-        result, out, as_json, lambda found: print_columns(found.columns, found.main_columns)
+        result, out, as_json, lambda found: print_columns(found.columns, found.main_columns), files
     )
 
 

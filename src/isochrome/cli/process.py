@@ -16,6 +16,7 @@ from isochrome.cli.options import (
     SceneOption,
     with_options,
 )
+from isochrome.cli.paper import save_paper_figure, take_style
 from isochrome.console import (
     campaign_bar,
     print_columns,
@@ -24,6 +25,7 @@ from isochrome.console import (
     print_summary,
     run_bar,
 )
+from isochrome.errors import InputError
 
 if TYPE_CHECKING:
     from isochrome.frames import FramesPath
@@ -53,8 +55,14 @@ def process_command(
     """
     from isochrome.frames import recordings_of
 
+    style = take_style(options)
     recordings = recordings_of(frames, join=join)
     if len(recordings) > 1:
+        if style is not None:
+            raise InputError(
+                f"{len(recordings)} recordings: a figure for a paper is of one; name that one, "
+                "with the folder of its results as --out"
+            )
         _process_campaign(recordings, scene, out, options, as_json)
         return
     from isochrome.processing import process as run
@@ -62,7 +70,8 @@ def process_command(
     with run_bar("processing") as progress:
         result = run(recordings[0], scene, out, progress=progress, **options)
     looked = not options["as_stated"]
-    print_result(result, out, as_json, lambda found: _print_processed(found, looked))
+    files = save_paper_figure(result, out, style)
+    print_result(result, out, as_json, lambda found: _print_processed(found, looked), files)
     if result.failed:
         typer.echo(
             f"isochrome: {frames[0]}: {result.failed} of {len(result.columns['frame'])} frames "

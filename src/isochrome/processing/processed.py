@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from isochrome.errors import InputError, PhysicsError
+from isochrome.figures import PaperPanels
 from isochrome.fitting import CORRECT, FRICTION, fitted_scene, over_distance, untracked_inputs
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
@@ -147,6 +148,15 @@ class Processed(Result):
         found: dict[str, Any] = {"model": self.model, "frames": self.columns}
         found |= {"summary": self.summary()} if self.tracked else {}
         return found | {"warnings": list(self.warnings)}
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give the frames and their orders for a paper; see `paper_figure`.
+
+        `frames`: numbers of those that are shown. Raises InputError where one is not there.
+        """
+        from isochrome.processing.paper_panels import processed_panels
+
+        return processed_panels(self, frames)
 
 
 def fitted_keys(table: Mapping[str, Any]) -> tuple[str, ...]:

@@ -1,0 +1,65 @@
+"""The options of a figure for a paper: what they say, and its files beside a command's results."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isochrome.cli.options import FIGURE
+from isochrome.errors import InputError
+
+if TYPE_CHECKING:
+    from isochrome.figures import FigureStyle, WithPanels
+
+_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "in": 25.4}
+
+
+def take_style(options: dict[str, Any]) -> FigureStyle | None:
+    """Take the options of a figure for a paper out of a command's, before its work begins.
+
+    Parameters: `options`, from which they are removed. Returns FigureStyle, None where none was
+    given. Raises InputError where one is wrong.
+    """
+    given = {name: options.pop(name) for name in FIGURE}
+    if not any(value not in (None, False) for value in given.values()):
+        return None
+    from isochrome.figures import FigureStyle
+
+    known: dict[str, Any] = {"numbers": given["numbers"]}
+    if given["width"] is not None:
+        known["width_mm"] = _width_mm(given["width"])
+    if given["shown"] is not None:
+        known["frames"] = _whole_numbers(given["shown"])
+    if given["formats"] is not None:
+        known["formats"] = tuple(part.strip() for part in given["formats"].lower().split(","))
+    if given["dpi"] is not None:
+        known["dpi"] = given["dpi"]
+    return FigureStyle(**known)
+
+
+def _width_mm(text: str) -> float:
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", text)
+    if found is None:
+        raise InputError(f"--width {text}: give a width with its unit, such as 85mm or 3.4in")
+    return float(found.group(1)) * _MM[found.group(2)]
+
+
+def _whole_numbers(text: str) -> tuple[int, ...]:
+    if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", text):
+        raise InputError(f"--frames {text}: give whole numbers from 0 with commas, such as 0,2,4")
+    return tuple(int(part) for part in text.split(","))
+
+
+def save_paper_figure(result: WithPanels, out: Path, style: FigureStyle | None) -> list[str]:
+    """Write a result's figure for a paper beside its other files, where it was asked for.
+
+    Parameters: `result`; `out`, its folder; `style`. Returns the files' names. Raises InputError
+    where the figure has no such frame.
+    """
+    if style is None:
+        return []
+    from isochrome.figures import save_figure
+
+    files = save_figure(result, out / f"figure_{style.width_mm:g}mm", style)
+    return [str(file) for file in files]
