@@ -43,8 +43,8 @@ Array = NDArray[np.float64]
 
 MOST_ROWS = 4
 """Images that are shown, spread over the loads."""
-_FOR_PAPER = 2
-"""Those of the largest loads, of a figure for a paper where nobody names them."""
+_FOR_PAPER = 1
+"""That of the largest load, of a figure for a paper where nobody names them."""
 
 LARGEST_PX = 400
 """Rows or columns of an image that are drawn."""
@@ -108,6 +108,10 @@ def calibration_panels(calibration: Calibration, frames: tuple[int, ...] | None)
         small, pixel = _square(image, views[k].pixel_mm)
         return show_image(axes, small, pixel_mm=pixel, **options)
 
+    def order_line(axes: Axes) -> None:
+        _line(axes, calibration)
+        axes.margins(y=0.25)  # so that what stands below the line's beginning has room
+
     names = ("captured", "fitted", "residual")
     plots = [
         Plot(
@@ -118,7 +122,7 @@ def calibration_panels(calibration: Calibration, frames: tuple[int, ...] | None)
     parts = {item.name: item.contribution_n_per_mm for item in calibration.budget}
     budget = partial(draw_budget, parts=parts, x_label="contribution to u (N/mm)", title="")
     plots += [
-        Plot(title="order over load", draw=partial(_line, calibration=calibration)),
+        Plot(title="order over load", draw=order_line),
         Plot(title=_misfit_title(calibration), draw=partial(_misfit, calibration=calibration)),
         Plot(title="uncertainty budget", draw=budget, height_mm=max(30.0, 5.0 * len(parts))),
     ]

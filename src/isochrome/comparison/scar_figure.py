@@ -140,7 +140,7 @@ def scars_panels(
         plots.append(Plot(title=name, draw=partial(within, draw=overlay, down=True)))
         own = partial(within, draw=gap, down=False)
         plots.append(Plot(title=f"{name}, measured − simulated", draw=own))
-        notes.append(f"{_area_text(scar, traces)}. {_difference_text(traces)}.")
+        notes.append(f"{_area_text(scar, traces)}; {_difference_text(traces)}.")
     notes.append(f"Bands: ± {BAND:g} standard uncertainties.")
     return PaperPanels(plots=plots, notes=notes)
 

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from isochrome.figures.style import PAPER_PT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
+_UNIT = re.compile(r"(?<=\d) (?=(?:m|mm|µm|N|px|fringes?)\b|%)")
+"""The space between a number and its unit, where no line ends."""
 _PT_PER_MM = 72.0 / 25.4
-_TICK_MM = 10.0
-"""Room of a number at a horizontal axis."""
+_LEGEND_SHARE, _KEY_MM = 0.7, 9.0
+"""Widest legend over its axes, and the room of a line beside its name."""
+_LEAST_MM = 15.0
+"""A line of text that is never broken further."""
+_TICK_MM, _BETWEEN_MM = 10.0, 3.0
+"""Least room of a number at a horizontal axis, and what is free between two of them."""
+_BAR = "<colorbar>"
+"""What Matplotlib calls the axes of a colour bar."""
+_FOR_THREE, _MOST_NUMBERS = 2.5, 6
+"""Room, in numbers, for three of them; and the most."""
 _TICK_DOWN_MM = 7.0
 """Room of a number at a vertical axis."""
 
@@ -57,7 +70,8 @@ def wrap_note(text: str, room_mm: float) -> str:
         The lines. A word that is too long stands alone, and is broken where it must be.
     """
     lines, line = list[str](), ""
-    for word in " ".join(text.splitlines()).replace(" %", "\u00a0%").split(" "):
+    held = _UNIT.sub("\u00a0", " ".join(text.splitlines()))
+    for word in held.split(" "):
         longer = f"{line} {word}".strip()
         if line and width_mm(longer) > room_mm:
             lines.append(line)
@@ -74,40 +88,76 @@ def wrap_note(text: str, room_mm: float) -> str:
     return "\n".join([*lines, line])
 
 
-def fit_texts(figure: Figure) -> None:
-    """Break titles and labels that are longer than their axes, and thin their numbers.
+class FittedTexts:
+    """The titles, labels, legends and numbers of a figure, fitted to its axes again and again.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
         A figure whose texts have the paper's size.
     """
-    from matplotlib.axes import Axes
 
-    figure.draw_without_rendering()
-    per_mm = figure.dpi / 25.4
-    for axes in figure.findobj(Axes):
-        assert isinstance(axes, Axes)
-        if not axes.get_visible() or not axes.axison:
-            continue
-        box = axes.get_window_extent()
-        wide, high = box.width / per_mm, box.height / per_mm
-        left = axes.get_title(loc="left")
-        if left:
-            axes.set_title(wrap_note(left, wide), loc="left", fontsize=PAPER_PT)
-        axes.set_xlabel(wrap_note(axes.get_xlabel(), max(wide, 15.0)))
-        axes.set_ylabel(wrap_note(axes.get_ylabel(), max(high, 15.0)))
-        _thin_numbers(axes, wide, high)
+    def __init__(self, figure: Figure) -> None:
+        from matplotlib.axes import Axes
+        from matplotlib.ticker import AutoLocator
+
+        self.figure = figure
+        self.axes = [
+            axes
+            for axes in figure.findobj(Axes)
+            if isinstance(axes, Axes) and axes.get_visible() and axes.axison
+        ]
+        self._whole = {text: text.get_text() for axes in self.axes for text in _texts(axes)}
+        self._thinned = [
+            (axes, axis)
+            for axes in self.axes
+            for axis in (axes.xaxis, axes.yaxis)
+            if isinstance(axis.get_major_locator(), AutoLocator)
+            or (axes.get_label() == _BAR and axis is axes.xaxis)
+        ]
+
+    def fit(self) -> None:
+        """Break what is longer than its axes, and give the numbers at axes their room."""
+        for text, words in self._whole.items():
+            text.set_text(words and "x")  # so that no text pushes the axes that it is to fit
+        self.figure.draw_without_rendering()
+        for axes in self.axes:
+            wide, high = _size_mm(axes)
+            title, across, up, *names = _texts(axes)
+            rooms = [(title, wide), (across, wide), (up, high)]
+            rooms += [(name, _LEGEND_SHARE * wide - _KEY_MM) for name in names]
+            for text, room in rooms:
+                text.set_text(wrap_note(self._whole[text], max(room, _LEAST_MM)))
+        for axes, axis in self._thinned:
+            wide, high = _size_mm(axes)
+            if axis is axes.xaxis:
+                longest = max(
+                    (width_mm(text.get_text()) for text in axis.get_ticklabels()), default=0
+                )
+                _thin(axis, wide / max(_TICK_MM, longest + _BETWEEN_MM))
+            else:
+                _thin(axis, high / _TICK_DOWN_MM)
 
 
-def _thin_numbers(axes: Axes, wide: float, high: float) -> None:
+def _texts(axes: Axes) -> list[Text]:
+    """The title at the left, which setting it to what it is gives; labels; names of a legend."""
+    title = axes.set_title(axes.get_title(loc="left"), loc="left", fontsize=PAPER_PT)
+    legend = axes.get_legend()
+    return [title, axes.xaxis.label, axes.yaxis.label, *(legend.get_texts() if legend else ())]
+
+
+def _size_mm(axes: Axes) -> tuple[float, float]:
+    """Width and height of the place of axes, which a picture fills in the end, mm."""
+    place, part = axes.get_position(original=True), axes.figure
+    assert part is not None
+    scale = 25.4 / part.figure.dpi
+    return place.width * part.bbox.width * scale, place.height * part.bbox.height * scale
+
+
+def _thin(axis: Axis, room: float) -> None:
     """As many numbers at an axis as there is room for."""
-    from matplotlib.ticker import AutoLocator, MaxNLocator
+    from matplotlib.ticker import MaxNLocator
 
-    rooms: tuple[tuple[Any, float], ...] = (
-        (axes.xaxis, wide / _TICK_MM),
-        (axes.yaxis, high / _TICK_DOWN_MM),
-    )
-    for axis, room in rooms:
-        if isinstance(axis.get_major_locator(), AutoLocator):
-            axis.set_major_locator(MaxNLocator(max(1, min(int(room), 6)), steps=[1, 2, 2.5, 5, 10]))
+    least = 3 if room >= _FOR_THREE else 2
+    most = max(1, min(int(room), _MOST_NUMBERS))
+    axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=least))

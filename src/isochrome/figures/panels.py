@@ -119,8 +119,8 @@ class PaperPanels:
         Plots below the pictures.
     plots_across : int, default 3
         Most plots beside each other.
-    legend : bool, default False
-        Whether the plots share one legend, below them.
+    legend : sequence of str, optional
+        Names of the lines, where the plots share one legend, below them.
     notes : sequence of str, optional
         The numbers of the panels and what holds for all, a paragraph each.
     """
@@ -129,7 +129,7 @@ class PaperPanels:
     labels: Sequence[str] = ()
     plots: Sequence[Plot] = ()
     plots_across: int = 3
-    legend: bool = False
+    legend: Sequence[str] = ()
     notes: Sequence[str] = ()
 
 

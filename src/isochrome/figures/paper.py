@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.figures.fitted_text import fit_texts, wrap_note
+from isochrome.figures.fitted_text import FittedTexts, width_mm, wrap_note
 from isochrome.figures.panels import FigureStyle, PaperPanels, Plot, WithPanels
 from isochrome.figures.scale_bar import add_scale_bar
 from isochrome.figures.style import PAPER_LINE_MM, PAPER_PT, new_figure
@@ -25,20 +25,26 @@ if TYPE_CHECKING:
 
 MM_PER_INCH = 25.4
 
-_BESIDE_MM = 40.0
+_BESIDE_MM = 36.0
 """Narrowest picture whose kinds stand beside each other."""
 _LEAST_MM, _LEAST_OF_COLUMN_MM = 40.0, 24.0
 """Narrowest picture of several items, in a wide figure and in one of a column."""
 _COLUMN_MM = 120.0
 """Width below which a figure is one of a column."""
-_PLOT_MM = 56.0
+_PLOT_MM = 70.0
 """Narrowest plot, with its labels."""
+_KEY_MM = 14.0
+"""Room of a line in a legend, and between its columns."""
+_AROUND_MM = 12.0
+"""Room of a picture's title and numbers, to begin with."""
+_MARK_PT = 10.0
+"""Room of marks between a picture and its title."""
 _ONE_PLACE = 0.01
 """Over the picture's size: pictures that are no further apart have their numbers once."""
 _PLOT = "plot-"
 """In front of a plot's letter, in the name by which its Axes (and an SVG's group) are known."""
-_PASSES = 3
-"""How often the height is mended by what the pictures leave; the second time leaves little."""
+_PASSES, _CLOSE_MM = 6, 0.4
+"""How often the height is mended by what the pictures leave, and how little that may be."""
 
 
 def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure:
@@ -86,7 +92,7 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
     blocks = _blocks(panels, style)
     figure = new_figure(style.width_mm / MM_PER_INCH, sum(blocks.values()) / MM_PER_INCH)
     engine: Any = figure.get_layout_engine()
-    engine.set(w_pad=0.02, h_pad=0.02, wspace=0.0, hspace=0.0)
+    engine.set(w_pad=0.05, h_pad=0.02, wspace=0.0, hspace=0.0)
     grid = figure.add_gridspec(len(blocks), 1, height_ratios=list(blocks.values()))
     parts = {name: figure.add_subfigure(grid[k]) for k, name in enumerate(blocks)}
     letters = (f"({_letters(k)})" for k in count())
@@ -99,15 +105,19 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
         text = parts["notes"].text(0.01, 1.0, _notes(panels, style), va="top")
         text.set_in_layout(False)
     _one_size(figure)
+    texts = FittedTexts(figure)
     for _ in range(_PASSES):
-        fit_texts(figure)
+        texts.fit()
         figure.draw_without_rendering()
-        missing = sum(_missing_mm(row, style) for row in pictures)
-        if abs(missing) < 0.3:
+        missing = sum(_missing_mm(row) for row in pictures)
+        if abs(missing) < _CLOSE_MM:
             break
         blocks["pictures"] += missing
         grid.set_height_ratios(list(blocks.values()))
         figure.set_figheight(sum(blocks.values()) / MM_PER_INCH)
+    figure.draw_without_rendering()  # the layout settles in the second drawing
+    figure.set_layout_engine("none")  # what is saved is what was fitted, at any resolution
+    _align(pictures)
     return figure
 
 
@@ -126,12 +136,10 @@ def _blocks(panels: PaperPanels, style: FigureStyle) -> dict[str, float]:
     found: dict[str, float] = {}
     if panels.kinds:
         rows, cols = grid_of_pictures(len(panels.kinds), len(panels.labels), style.width_mm)
-        found["pictures"] = rows * (0.75 * style.width_mm / cols)
+        found["pictures"] = rows * (0.75 * style.width_mm / cols + _AROUND_MM) + _AROUND_MM
     if panels.plots:
-        rows_of_plots = _plot_rows(panels, style)
-        around = 4.5 * PAPER_LINE_MM
-        found["plots"] = sum(max(p.height_mm for p in row) + around for row in rows_of_plots)
-        found["plots"] += 2.0 * PAPER_LINE_MM if panels.legend else 0.0
+        found["plots"] = sum(_plot_height(row, style) for row in _plot_rows(panels, style))
+        found["plots"] += _legend_height(panels, style) if panels.legend else 0.0
     if panels.notes and style.numbers:
         found["notes"] = PAPER_LINE_MM * (_notes(panels, style).count("\n") + 1.5)
     return found
@@ -154,7 +162,10 @@ def grid_of_pictures(kinds: int, items: int, width_mm: float) -> tuple[int, int]
     tuple of two ints
         Rows and columns; of the items beside each other, all rows of a kind come together.
     """
-    if _beside(kinds, items, width_mm):
+    if items == 1:
+        across = max(1, min(kinds, int(width_mm / _BESIDE_MM)))
+        return math.ceil(kinds / across), across
+    if _beside(kinds, width_mm):
         return items, kinds
     least = _LEAST_OF_COLUMN_MM if width_mm < _COLUMN_MM else _LEAST_MM
     most = max(1, int(width_mm / least))
@@ -162,9 +173,21 @@ def grid_of_pictures(kinds: int, items: int, width_mm: float) -> tuple[int, int]
     return kinds * math.ceil(items / across), across
 
 
-def _beside(kinds: int, items: int, width_mm: float) -> bool:
-    fits = width_mm / kinds >= _BESIDE_MM
-    return fits and kinds > 1 and (kinds > 2 or items == 1)
+def _beside(kinds: int, width_mm: float) -> bool:
+    """Whether kinds of several items stand beside each other, a row an item."""
+    return kinds > 2 and width_mm / kinds >= _BESIDE_MM
+
+
+def _places(kinds: int, items: int, width_mm: float) -> dict[tuple[int, int], tuple[int, int]]:
+    """Row and column of each kind's picture of each item."""
+    rows, cols = grid_of_pictures(kinds, items, width_mm)
+    pairs = [(j, k) for j in range(kinds) for k in range(items)]
+    if items == 1:
+        return {(j, k): (j // cols, j % cols) for j, k in pairs}
+    if _beside(kinds, width_mm):
+        return {(j, k): (k, j) for j, k in pairs}
+    own = rows // kinds
+    return {(j, k): (j * own + k // cols, k % cols) for j, k in pairs}
 
 
 def _draw_pictures(
@@ -173,23 +196,17 @@ def _draw_pictures(
     """Draw the grid of pictures. Returns its rows."""
     kinds, items = len(panels.kinds), len(panels.labels)
     rows, cols = grid_of_pictures(kinds, items, style.width_mm)
-    beside = _beside(kinds, items, style.width_mm)
     axes: Any = part.subplots(rows, cols, squeeze=False)
-    rows_of_kind = rows // kinds
     used: set[int] = set()
     drawn: dict[int, list[Any]] = {}
-    places = {}
-    for j in range(kinds):
-        for k in range(items):
-            places[j, k] = (k, j) if beside else (j * rows_of_kind + k // cols, k % cols)
+    places = _places(kinds, items, style.width_mm)
     for (j, k), (row, col) in sorted(places.items(), key=lambda item: item[1]):
         own, kind = axes[row, col], panels.kinds[j]
         drawn.setdefault(j, []).append(kind.draw(own, k))
-        words = (
-            kind.name if kinds > 1 else "",
-            panels.labels[k],
-        )  # of one kind, its name says nothing
-        own.set_title(f"{next(letters)} {', '.join(filter(None, words))}", loc="left")
+        words = (kind.name if kinds > 1 else "", panels.labels[k])
+        marked = any(not line.get_clip_on() for line in own.lines)  # above the picture too
+        title = f"{next(letters)} {', '.join(filter(None, words))}"
+        own.set_title(title, loc="left", pad=_MARK_PT if marked else None)
         own.set_anchor("N")
         used.add(row * cols + col)
     add_scale_bar(axes[0, 0])
@@ -198,12 +215,15 @@ def _draw_pictures(
     _outer_labels(axes, used)
     for j, images in drawn.items():
         if panels.kinds[j].bar:
-            _add_bar(part, images, panels.kinds[j].bar, below=beside)
+            own_places = [places[j, k] for k in range(items)]
+            last = max(own_places)[0]
+            below = [axes[place] for place in own_places if place[0] == last]
+            _add_bar(part, images, panels.kinds[j].bar, below)
     return [[own for own in row if own.get_visible()] for row in axes]
 
 
-def _add_bar(part: SubFigure, images: list[Any], label: str, *, below: bool) -> None:
-    """One colour bar for the pictures of a kind: below their column, or beside their rows."""
+def _add_bar(part: SubFigure, images: list[Any], label: str, last: list[Axes]) -> None:
+    """One colour bar for the pictures of a kind, below the last row of them."""
     low, high = images[0].get_clim()
     shown = [np.ma.asarray(image.get_array()).compressed() for image in images]
     under = any(values.size and float(values.min()) < low for values in shown)
@@ -211,13 +231,13 @@ def _add_bar(part: SubFigure, images: list[Any], label: str, *, below: bool) -> 
     ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
     bar = part.colorbar(
         images[0],
-        ax=[image.axes for image in images],
-        location="bottom" if below else "right",
+        ax=last,
+        location="bottom",
         extend=ends.get((under, over), "neither"),
         extendfrac=0.04,
         pad=0.02,
         fraction=0.06,
-        aspect=24.0,
+        aspect=16.0 * len(last),
     )
     bar.set_label(label)
     bar.ax.tick_params(length=2.0, width=0.6)
@@ -252,22 +272,41 @@ def _plot_rows(panels: PaperPanels, style: FigureStyle) -> list[list[Plot]]:
 
 def _draw_plots(part: SubFigure, panels: PaperPanels, style: FigureStyle, letters: Any) -> None:
     rows = _plot_rows(panels, style)
-    across = max(map(len, rows))
-    heights = [max(plot.height_mm for plot in row) for row in rows]
-    axes: Any = part.subplots(len(rows), across, squeeze=False, height_ratios=heights)
-    for own, row in zip(axes, rows, strict=True):
-        for axis in own[len(row) :]:
-            axis.set_axis_off()
-        for axis, plot in zip(own, row, strict=False):
+    heights = [_plot_height(row, style) for row in rows]
+    foot = [_legend_height(panels, style)] if panels.legend else []
+    grid = part.add_gridspec(len(rows) + len(foot), 1, height_ratios=[*heights, *foot])
+    first: Axes | None = None
+    for k, row in enumerate(rows):
+        own = grid[k].subgridspec(1, max(map(len, rows)))
+        for column, plot in enumerate(row):
+            axis = part.add_subfigure(own[column]).subplots()
+            first = first or axis
             plot.draw(axis)
             letter = next(letters)
             axis.set_title(f"{letter} {plot.title}", loc="left")
             axis.set_gid(f"{_PLOT}{letter.strip('()')}")
-    if panels.legend:
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        longest = max((len(label) for label in labels), default=1)
-        cols = max(1, min(len(labels), int(style.width_mm / (8.0 + 1.6 * longest))))
-        part.legend(handles, labels, loc="outside lower center", ncols=cols, frameon=False)
+    if first is not None and foot:
+        handles, labels = first.get_legend_handles_labels()
+        holder = part.add_subfigure(grid[len(rows)])
+        cols = _legend_columns(panels.legend, style)
+        holder.legend(handles, labels, loc="upper center", ncols=cols, frameon=False)
+
+
+def _legend_columns(names: Sequence[str], style: FigureStyle) -> int:
+    longest = max(map(width_mm, names)) + _KEY_MM
+    return max(1, min(len(names), int(style.width_mm / longest)))
+
+
+def _legend_height(panels: PaperPanels, style: FigureStyle) -> float:
+    """Height of the legend below the plots, mm."""
+    lines = math.ceil(len(panels.legend) / _legend_columns(panels.legend, style))
+    return (1.4 * lines + 0.6) * PAPER_LINE_MM
+
+
+def _plot_height(row: Sequence[Plot], style: FigureStyle) -> float:
+    """Height of a row of plots with their titles and labels, mm; lower in a column's figure."""
+    share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
+    return share * max(plot.height_mm for plot in row) + 4.0 * PAPER_LINE_MM
 
 
 def panel_of_plot(axes: Axes) -> str:
@@ -297,14 +336,23 @@ def _one_size(figure: Figure) -> None:
         text.set_fontsize(PAPER_PT)  # type: ignore[attr-defined]
 
 
-def _missing_mm(row: Sequence[Axes], style: FigureStyle) -> float:
+def _missing_mm(row: Sequence[Axes]) -> float:
     """What the pictures of a row lack in height, or have too much, to be as wide as their place."""
     needed = []
     for own in row:
         place, shown = own.get_position(original=True), own.get_position()
-        figure: Any = own.figure
-        width, height = figure.bbox.width, figure.bbox.height
-        per_mm = own.figure.figure.dpi / MM_PER_INCH  # type: ignore[union-attr]
-        aspect = (shown.height * height) / (shown.width * width)
-        needed.append((place.width * width * aspect - place.height * height) / per_mm)
+        part: Any = own.figure
+        wide, high = part.bbox.width, part.bbox.height  # of the part, in dots
+        aspect = (shown.height * high) / (shown.width * wide)
+        dots = place.width * wide * aspect - place.height * high
+        needed.append(dots / part.figure.dpi * MM_PER_INCH)
     return max(needed, default=0.0)
+
+
+def _align(rows: Sequence[Sequence[Axes]]) -> None:
+    """Give the pictures of a row one upper edge: a colour bar below one of them moves it."""
+    for row in rows:
+        places = [own.get_position(original=True) for own in row]
+        top = max((place.y1 for place in places), default=0.0)
+        for own, place in zip(row, places, strict=True):
+            own.set_position((place.x0, top - place.height, place.width, place.height))

@@ -64,7 +64,7 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
         kinds=_kinds(items, largest),
         labels=[plain_name(item.label, 24) for item in items],
         plots=plots,
-        notes=[*(_numbers(item) for item in items), f"{say_lines(largest, read)}.".capitalize()],
+        notes=[*(_numbers(item) for item in items), f"L{say_lines(largest, read)[1:]}"],
     )
 
 

@@ -111,7 +111,7 @@ def simulation_panels(scene: Scene, pixels: PixelGrid, items: Sequence[Rendered]
         kinds=kinds,
         labels=[plain_name(item.state.label, 24) for item in items],
         plots=plots,
-        legend=len(plots) > 0 and len(items) > 1,
+        legend=[state.label for state in states] if plots and len(items) > 1 else (),
         notes=[
             f"{item.state.label}: N up to {float(np.nanmax(item.picture.order)):.2f}."
             for item in items

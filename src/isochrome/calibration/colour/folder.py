@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_SEEN = "seen in the images"
+
+
 def write_colours(calibration: ColourCalibration, folder: Path) -> None:
     """Write colour_table.csv and, where they were found, background.tif and illumination.tif."""
     write_csv(folder / "colour_table.csv", calibration.columns)
@@ -95,7 +98,7 @@ def colour_panels(calibration: ColourCalibration, frames: tuple[int, ...] | None
             Plot(title="colours", draw=strip, height_mm=10.0),
         ],
         plots_across=1,
-        legend=True,
+        legend=(*CHANNELS, _SEEN),
         notes=[f"{_values(calibration)}."],
     )
 
@@ -123,7 +126,7 @@ def _draw_channels(
         curves.fill_between(
             table.order, signal - spread, signal + spread, color=colour, alpha=0.2, lw=0
         )
-    curves.axvline(calibration.highest, color=GREY, ls="--", lw=LINE_PT, label="seen in the images")
+    curves.axvline(calibration.highest, color=GREY, ls="--", lw=LINE_PT, label=_SEEN)
     style_axes(curves, z_label="signal (1 = full light)")
 
 
