@@ -25,7 +25,7 @@ _TICK_MM, _BETWEEN_MM = 10.0, 3.0
 """Least room of a number at a horizontal axis, and what is free between two of them."""
 _BAR = "<colorbar>"
 """What Matplotlib calls the axes of a colour bar."""
-_FOR_THREE, _MOST_NUMBERS = 2.5, 6
+_FOR_THREE, _MOST_NUMBERS = 3.5, 6
 """Room, in numbers, for three of them; and the most."""
 _TICK_DOWN_MM = 7.0
 """Room of a number at a vertical axis."""
@@ -147,8 +147,11 @@ def _texts(axes: Axes) -> list[Text]:
 
 
 def _size_mm(axes: Axes) -> tuple[float, float]:
-    """Width and height of the place of axes, which a picture fills in the end, mm."""
-    place, part = axes.get_position(original=True), axes.figure
+    """Width and height of the place of axes, which a picture fills in the end, mm.
+
+    A colour bar has a shape of its own, and does not fill its place.
+    """
+    place, part = axes.get_position(original=axes.get_label() != _BAR), axes.figure
     assert part is not None
     scale = 25.4 / part.figure.dpi
     return place.width * part.bbox.width * scale, place.height * part.bbox.height * scale
@@ -158,6 +161,6 @@ def _thin(axis: Axis, room: float) -> None:
     """As many numbers at an axis as there is room for."""
     from matplotlib.ticker import MaxNLocator
 
-    least = 3 if room >= _FOR_THREE else 2
+    least = 3 if room >= _FOR_THREE else 1
     most = max(1, min(int(room), _MOST_NUMBERS))
     axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=least))

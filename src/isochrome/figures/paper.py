@@ -6,6 +6,7 @@ Pictures stand in a grid, plots flow in rows below it. The figure is made as hig
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from itertools import count
 from string import ascii_lowercase
@@ -37,13 +38,15 @@ _KEY_MM = 14.0
 """Room of a line in a legend, and between its columns."""
 _AROUND_MM = 12.0
 """Room of a picture's title and numbers, to begin with."""
+_BAR_MM = 1.6
+"""Height of a colour bar."""
 _MARK_PT = 10.0
 """Room of marks between a picture and its title."""
 _ONE_PLACE = 0.01
 """Over the picture's size: pictures that are no further apart have their numbers once."""
 _PLOT = "plot-"
 """In front of a plot's letter, in the name by which its Axes (and an SVG's group) are known."""
-_PASSES, _CLOSE_MM = 6, 0.4
+_PASSES, _CLOSE_MM = 6, 0.8
 """How often the height is mended by what the pictures leave, and how little that may be."""
 
 
@@ -105,20 +108,35 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
         text = parts["notes"].text(0.01, 1.0, _notes(panels, style), va="top")
         text.set_in_layout(False)
     _one_size(figure)
-    texts = FittedTexts(figure)
-    for _ in range(_PASSES):
-        texts.fit()
-        figure.draw_without_rendering()
-        missing = sum(_missing_mm(row) for row in pictures)
-        if abs(missing) < _CLOSE_MM:
-            break
-        blocks["pictures"] += missing
-        grid.set_height_ratios(list(blocks.values()))
-        figure.set_figheight(sum(blocks.values()) / MM_PER_INCH)
-    figure.draw_without_rendering()  # the layout settles in the second drawing
+    _fit(figure, grid, blocks, pictures)
+    return figure
+
+
+def _fit(figure: Figure, grid: Any, blocks: dict[str, float], pictures: list[list[Axes]]) -> None:
+    """Fit the texts to the panels, and the height to what the pictures need at their width.
+
+    What is missing falls with the height, not by as much: letters at the sides give way where
+    pictures do not fill their places. So a step is by the slope of the last two.
+    """
+    texts, last = FittedTexts(figure), None
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph .* missing from font")
+        for _ in range(_PASSES):
+            texts.fit()
+            figure.draw_without_rendering()
+            missing = sum(_missing_mm(row) for row in pictures)
+            if abs(missing) < _CLOSE_MM:
+                break
+            step = missing
+            if last is not None and (missing - last[1]) * (blocks["pictures"] - last[0]) < 0.0:
+                step *= (blocks["pictures"] - last[0]) / (last[1] - missing)
+            last = blocks["pictures"], missing
+            blocks["pictures"] += step
+            grid.set_height_ratios(list(blocks.values()))
+            figure.set_figheight(sum(blocks.values()) / MM_PER_INCH)
+        figure.draw_without_rendering()  # the layout settles in the second drawing
     figure.set_layout_engine("none")  # what is saved is what was fitted, at any resolution
     _align(pictures)
-    return figure
 
 
 def _letters(k: int) -> str:
@@ -218,12 +236,14 @@ def _draw_pictures(
             own_places = [places[j, k] for k in range(items)]
             last = max(own_places)[0]
             below = [axes[place] for place in own_places if place[0] == last]
-            _add_bar(part, images, panels.kinds[j].bar, below)
+            _add_bar(part, images, panels.kinds[j].bar, below, style.width_mm / cols)
     return [[own for own in row if own.get_visible()] for row in axes]
 
 
-def _add_bar(part: SubFigure, images: list[Any], label: str, last: list[Axes]) -> None:
-    """One colour bar for the pictures of a kind, below the last row of them."""
+def _add_bar(
+    part: SubFigure, images: list[Any], label: str, last: list[Axes], column_mm: float
+) -> None:
+    """One colour bar for the pictures of a kind, below the last row of them and as wide."""
     low, high = images[0].get_clim()
     shown = [np.ma.asarray(image.get_array()).compressed() for image in images]
     under = any(values.size and float(values.min()) < low for values in shown)
@@ -236,8 +256,8 @@ def _add_bar(part: SubFigure, images: list[Any], label: str, last: list[Axes]) -
         extend=ends.get((under, over), "neither"),
         extendfrac=0.04,
         pad=0.02,
-        fraction=0.06,
-        aspect=16.0 * len(last),
+        fraction=0.12,  # of the pictures' height, of which the bar takes what its shape needs
+        aspect=0.8 * column_mm * len(last) / _BAR_MM,
     )
     bar.set_label(label)
     bar.ax.tick_params(length=2.0, width=0.6)
