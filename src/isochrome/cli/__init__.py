@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from isochrome.cli.calibrate import calibrate_app
+from isochrome.cli.figure_options import save_paper_figure, take_style
 from isochrome.cli.long import export_command, report_command, sweep_command
 from isochrome.cli.options import (
     AS_STATED,
@@ -23,7 +24,6 @@ from isochrome.cli.options import (
     SceneOption,
     with_options,
 )
-from isochrome.cli.paper import save_paper_figure, take_style
 from isochrome.cli.process import process_command
 from isochrome.cli.usage import Commands, examples_of, fail
 from isochrome.console import (

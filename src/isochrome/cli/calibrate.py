@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from isochrome.cli.figure_options import save_paper_figure, take_style
 from isochrome.cli.options import FIGURE, Json, Out, SetArgument, with_options
-from isochrome.cli.paper import save_paper_figure, take_style
 from isochrome.cli.usage import examples_of
 from isochrome.console import (
     print_calibration,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from isochrome.cli.figure_options import save_paper_figure, take_style
 from isochrome.cli.options import (
     PROCESS,
     FramesArgument,
@@ -16,7 +17,6 @@ from isochrome.cli.options import (
     SceneOption,
     with_options,
 )
-from isochrome.cli.paper import save_paper_figure, take_style
 from isochrome.console import (
     campaign_bar,
     print_columns,

@@ -3,7 +3,6 @@ from .panels import (
     PaperPanels,
     PictureKind,
     Plot,
-    WithPanels,
     chosen_frames,
 )
 from .paper import paper_figure
@@ -81,7 +80,6 @@ __all__ = [
     "PictureKind",
     "Place",
     "Plot",
-    "WithPanels",
     "add_colour_bar",
     "add_legend",
     "centred_limit",

@@ -74,7 +74,7 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
         elif isinstance(bars, BarContainer):
             yield from _bars(axes, bars)
     bands = {
-        tuple(band.get_facecolor()[0][:3]): _band(band)
+        tuple(np.atleast_2d(band.get_facecolor())[0, :3].tolist()): _band(band)
         for band in axes.collections
         if isinstance(band, PolyCollection) and len(band.get_facecolor())
     }

@@ -24,6 +24,9 @@ LEAST_DPI, MOST_DPI = 50.0, 2400.0
 class FigureStyle:
     """How a figure for a paper is to be: its width, its frames, and its files.
 
+    `paper_figure` and `save_figure` take it; a command's options --width, --frames, --format, --dpi
+    and --numbers say the same.
+
     Parameters
     ----------
     width_mm : float, default 174.0
@@ -42,6 +45,12 @@ class FigureStyle:
     ------
     InputError
         Where a value is not one of these.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> isochrome.FigureStyle(width_mm=85, formats=("svg",)).dpi
+    600.0
     """
 
     width_mm: float = 174.0

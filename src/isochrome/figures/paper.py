@@ -18,7 +18,7 @@ from isochrome.errors import InputError
 from isochrome.figures.fitted_text import FittedTexts, width_mm, wrap_note
 from isochrome.figures.panels import FigureStyle, PaperPanels, Plot, WithPanels
 from isochrome.figures.scale_bar import add_scale_bar
-from isochrome.figures.style import PAPER_LINE_MM, PAPER_PT, new_figure
+from isochrome.figures.style import PAPER_LINE_MM, PAPER_PT, add_legend, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -309,7 +309,7 @@ def _draw_plots(part: SubFigure, panels: PaperPanels, style: FigureStyle, letter
         handles, labels = first.get_legend_handles_labels()
         holder = part.add_subfigure(grid[len(rows)])
         cols = _legend_columns(panels.legend, style)
-        holder.legend(handles, labels, loc="upper center", ncols=cols, frameon=False)
+        add_legend(holder, handles, labels, loc="upper center", ncols=cols)
 
 
 def _legend_columns(names: Sequence[str], style: FigureStyle) -> int:
@@ -353,7 +353,7 @@ def _one_size(figure: Figure) -> None:
     for axes in figure.findobj(lambda artist: hasattr(artist, "tick_params")):
         axes.tick_params(labelsize=PAPER_PT, length=2.0, width=0.6)  # type: ignore[attr-defined]
     for text in figure.findobj(Text):
-        text.set_fontsize(PAPER_PT)  # type: ignore[attr-defined]
+        text.set(fontsize=PAPER_PT)
 
 
 def _missing_mm(row: Sequence[Axes]) -> float:

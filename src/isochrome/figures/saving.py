@@ -15,7 +15,7 @@ from isochrome.output import replacing, write_csv
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_EMBEDDED = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "isochrome"}
+_EMBEDDED: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "isochrome"}
 """Fonts as TrueType, which journals take, and text as text; the same file again."""
 
 _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
@@ -72,7 +72,7 @@ def save_figure(
         columns = curve_columns(axes) if letter else {}
         if columns:
             file = base.with_name(f"{base.name}_{letter}.csv")
-            write_csv(file, columns)
+            write_csv(file, {name: column.tolist() for name, column in columns.items()})
             files.append(file)
     return tuple(files)
 
@@ -85,7 +85,7 @@ def _content(figure: Figure, form: str, dpi: float) -> bytes:
     more: dict[str, Any] = {"metadata": _UNDATED[form]} if form in _UNDATED else {}
     if form == "tiff":
         more["pil_kwargs"] = {"compression": "tiff_lzw"}
-    drawn = [image for image in figure.findobj(AxesImage) if isinstance(image, AxesImage)]
+    drawn: list[Any] = figure.findobj(AxesImage)
     ways = [image.get_interpolation() for image in drawn]
     content = io.BytesIO()
     with rc_context(_EMBEDDED), warnings.catch_warnings():

@@ -117,7 +117,7 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
     """
     read, down, across = _grid(items)
     axes: Any = figure.subplots(down, across, squeeze=False)
-    largest = max((largest_order(item) for item in items), default=1.0)
+    largest = max((highest_order(item) for item in items), default=1.0)
     orders, directions = list[Any](), list[Any]()
     for k, item in enumerate(items):
         ax = axes[k, 0] if read else axes.flat[k]
@@ -221,7 +221,7 @@ def plot_order(
     if values.ndim != 2:
         raise InputError(f"an order map of shape {values.shape} to draw: give one (rows, cols)")
     place = place_of_image(order, pixel_mm, left_mm, top_mm)
-    drawn, largest = given_axes(axes), _largest_order(values)
+    drawn, largest = given_axes(axes), _highest_order(values)
     _share_bar([_show_order(drawn, values, largest, title, place)], ORDER_LABEL)
     for line in order_contours(values, _line_orders(largest)) if lines else ():
         draw_line(drawn, line.rows, line.cols, place, color=OVERLAY_COLOUR, lw=FINE_PT)
@@ -252,12 +252,12 @@ def _share_bar(images: list[Any], label: str) -> None:
     add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6)
 
 
-def largest_order(item: Shown) -> float:
+def highest_order(item: Shown) -> float:
     """The order up to which a frame's colours go; 1 where none was read."""
-    return 1.0 if item.order is None else _largest_order(item.order)
+    return 1.0 if item.order is None else _highest_order(item.order)
 
 
-def _largest_order(order: np.ndarray) -> float:
+def _highest_order(order: np.ndarray) -> float:
     """The order up to which colours go; 1 where none is known."""
     return float(np.nanpercentile(order, 99.9)) if np.isfinite(order).any() else 1.0
 

@@ -29,7 +29,7 @@ from isochrome.processing.figure import (
     ORDER_LABEL,
     Shown,
     draw_fringes,
-    largest_order,
+    highest_order,
     say_lines,
     shown_frames,
 )
@@ -51,7 +51,7 @@ def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> Paper
     not kept.
     """
     items = _items(result, frames)
-    largest = max(map(largest_order, items), default=1.0)
+    largest = max(map(highest_order, items), default=1.0)
     read = any(item.order is not None for item in items)
     plots = []
     if result.tracked:

@@ -36,6 +36,7 @@ from isochrome.processing.result import (
     SPREAD,
     ProcessedFrame,
     causes_of,
+    own_values,
 )
 from isochrome.runs import RunDataset, column_values, identifier, open_run
 from isochrome.scene import Scene
@@ -369,12 +370,6 @@ def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
             " was taken out as a tensor: all maps are the load's alone"
         )
     return messages
-
-
-def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> dict[str, float]:
-    """What was fitted to a frame: the values of keys, and those that it asked for."""
-    values = {key: table[key][k] for key in keys if table[key][k] is not None}
-    return values | causes_of(table[CAUSES][k] or "" if CAUSES in table else "")
 
 
 def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -> Scene | None:

@@ -10,7 +10,7 @@ from isochrome.cli.options import FIGURE
 from isochrome.errors import InputError
 
 if TYPE_CHECKING:
-    from isochrome.figures import FigureStyle, WithPanels
+    from isochrome.figures import FigureStyle
 
 _MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "in": 25.4}
 
@@ -51,7 +51,7 @@ def _whole_numbers(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(","))
 
 
-def save_paper_figure(result: WithPanels, out: Path, style: FigureStyle | None) -> list[str]:
+def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list[str]:
     """Write a result's figure for a paper beside its other files, where it was asked for.
 
     Parameters: `result`; `out`, its folder; `style`. Returns the files' names. Raises InputError
