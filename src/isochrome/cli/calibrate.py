@@ -9,8 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isochrome.cli.figure_options import save_paper_figure, take_style
-from isochrome.cli.options import FIGURE, Json, Out, SetArgument, with_options
+from isochrome.cli.figure_options import (
+    save_paper_figure,
+    take_style,
+    takes_excel,
+    write_excel_tables,
+)
+from isochrome.cli.options import FIGURE, TABLES, Json, Out, SetArgument, with_options
 from isochrome.cli.usage import examples_of
 from isochrome.console import (
     print_calibration,
@@ -62,7 +67,7 @@ SCALE = {
 def _fringe_value_command(specimen: str) -> Callable[..., None]:
     """The command that finds the fringe value from images of a specimen."""
 
-    @with_options(FIGURE)
+    @with_options(FIGURE | TABLES)
     def command(
         settings: SetArgument,
         out: Out = Path("isochrome-calibrate"),
@@ -73,9 +78,9 @@ def _fringe_value_command(specimen: str) -> Callable[..., None]:
     ) -> None:
         from isochrome import calibration
 
-        style = take_style(options)
+        style, excel = take_style(options), takes_excel(options)
         run = partial(getattr(calibration, f"calibrate_{specimen}"), settings)
-        result, files = _calibrated(run, settings, out, into, as_json, style)
+        result, files = _calibrated(run, settings, out, into, as_json, style, excel)
         if not as_json:
             print_calibration(result)
             typer.echo(_left(out, into, "value"))
@@ -96,7 +101,7 @@ for _specimen, _images in {
 
 
 @calibrate_app.command("colour", epilog=examples_of("calibrate colour"))
-@with_options(FIGURE)
+@with_options(FIGURE | TABLES)
 def colour_command(
     settings: SetArgument,
     out: Out = Path("isochrome-calibrate"),
@@ -108,12 +113,13 @@ def colour_command(
     from isochrome.calibration import calibrate_colour as run
     from isochrome.calibration import save_calibration
 
-    style = take_style(options)
+    style, excel = take_style(options), takes_excel(options)
     with steps(quiet=True) as say:
         say("calibrating")
         result = run(settings)
         save_calibration(result, out, source=settings)
         files = save_paper_figure(result, out, style)
+        write_excel_tables(out, excel)
     print_result(result, out, as_json, _print_colours, files)
 
 
@@ -125,7 +131,7 @@ def _print_colours(result: Any) -> None:
 
 
 @calibrate_app.command("scale", epilog=examples_of("calibrate scale"))
-@with_options(SCALE | FIGURE)
+@with_options(SCALE | FIGURE | TABLES)
 def scale_command(
     images: Annotated[
         list[str],
@@ -140,9 +146,9 @@ def scale_command(
     """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
     from isochrome import calibration
 
-    style = take_style(options)
+    style, excel = take_style(options), takes_excel(options)
     run = partial(calibration.calibrate_scale, images, **options)
-    result, files = _calibrated(run, images, out, into, as_json, style)
+    result, files = _calibrated(run, images, out, into, as_json, style, excel)
     if as_json:
         return
     for name, value in result.main_values():
@@ -155,7 +161,7 @@ def scale_command(
 
 
 @calibrate_app.command("wear", epilog=examples_of("calibrate wear"))
-@with_options(FIGURE)
+@with_options(FIGURE | TABLES)
 def wear_command(
     settings: SetArgument,
     out: Out = Path("isochrome-calibrate"),
@@ -167,9 +173,9 @@ def wear_command(
     """Calibrate the wear coefficient from traces over worn scars, or from worn volumes."""
     from isochrome import calibration
 
-    style = take_style(options)
+    style, excel = take_style(options), takes_excel(options)
     run = partial(calibration.calibrate_wear, settings)
-    result, files = _calibrated(run, settings, out, into, as_json, style)
+    result, files = _calibrated(run, settings, out, into, as_json, style, excel)
     if as_json:
         return
     for name, value in result.main_values():
@@ -186,6 +192,7 @@ def _calibrated(
     into: Path | None,
     as_json: bool,
     style: FigureStyle | None,
+    excel: bool,
 ) -> tuple[Any, list[str]]:
     """What a calibration of a `source` gives, left in `out` and in a scene, and printed as JSON.
 
@@ -203,6 +210,7 @@ def _calibrated(
             first = source[0] if isinstance(source, list) else source
             calibration.write_into_scene(result, into, source=first)
         files = save_paper_figure(result, out, style)
+        write_excel_tables(out, excel)
     if as_json:
         places: dict[str, Any] = {"out": out} if into is None else {"out": out, "into": into}
         places |= {"figures": files} if files else {}

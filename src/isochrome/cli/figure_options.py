@@ -1,4 +1,4 @@
-"""The options of a figure for a paper: what they say, and its files beside a command's results."""
+"""The options of what is left besides a command's results: a figure for a paper, Excel's tables."""
 
 from __future__ import annotations
 
@@ -36,6 +36,22 @@ def take_style(options: dict[str, Any]) -> FigureStyle | None:
     if given["dpi"] is not None:
         known["dpi"] = given["dpi"]
     return FigureStyle(**known)
+
+
+def takes_excel(options: dict[str, Any]) -> bool:
+    """Take --csv out of a command's options, before its work begins. Raises InputError."""
+    asked = options.pop("tables")
+    if asked not in (None, "excel"):
+        raise InputError(f"--csv {asked}: is no form of a table known here; give excel")
+    return asked is not None
+
+
+def write_excel_tables(out: Path, excel: bool) -> None:
+    """Write the tables in a folder for Excel, where it was asked for. Raises InputError."""
+    if excel:
+        from isochrome.output import write_excel_copies
+
+        write_excel_copies(out)
 
 
 def _width_mm(text: str) -> float:

@@ -56,6 +56,17 @@ AS_STATED = (
 )
 """For commands that fit: the option of the same name."""
 
+TABLES = {
+    "tables": (
+        str | None,
+        typer.Option(
+            "--csv",
+            help="excel: also NAME_excel.csv of each table, with semicolons and decimal commas.",
+        ),
+    ),
+}
+"""For commands that leave tables."""
+
 FIGURE = {
     "width": (
         str | None,
@@ -98,6 +109,7 @@ PROCESS = {
         typer.Option("--keep-going", help="Leave out frames that fail; the exit code is then 2."),
     ),
     **FIGURE,
+    **TABLES,
 }
 """What `process` takes besides its frames and scene, in the order of its help."""
 

@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from isochrome.cli.figure_options import save_paper_figure, take_style
+from isochrome.cli.figure_options import (
+    save_paper_figure,
+    take_style,
+    takes_excel,
+    write_excel_tables,
+)
 from isochrome.cli.options import (
     PROCESS,
     FramesArgument,
@@ -55,7 +60,7 @@ def process_command(
     """
     from isochrome.frames import recordings_of
 
-    style = take_style(options)
+    style, excel = take_style(options), takes_excel(options)
     recordings = recordings_of(frames, join=join)
     if len(recordings) > 1:
         if style is not None:
@@ -63,7 +68,7 @@ def process_command(
                 f"{len(recordings)} recordings: a figure for a paper is of one; name that one, "
                 "with the folder of its results as --out"
             )
-        _process_campaign(recordings, scene, out, options, as_json)
+        _process_campaign(recordings, scene, out, options, as_json, excel)
         return
     from isochrome.processing import process as run
 
@@ -71,6 +76,7 @@ def process_command(
         result = run(recordings[0], scene, out, progress=progress, **options)
     looked = not options["as_stated"]
     files = save_paper_figure(result, out, style)
+    write_excel_tables(out, excel)
     print_result(result, out, as_json, lambda found: _print_processed(found, looked), files)
     if result.failed:
         typer.echo(
@@ -106,12 +112,14 @@ def _process_campaign(
     out: Path,
     options: dict[str, Any],
     as_json: bool,
+    excel: bool,
 ) -> None:
     """Many recordings, each into a folder of its own."""
     from isochrome.campaigns import process_campaign
 
     with campaign_bar() as progress:
         result = process_campaign(recordings, scene, out, progress=progress, **options)
+    write_excel_tables(out, excel)
     table = result.columns
     if as_json:
         print_json({"out": str(out), **result.to_json()})

@@ -17,7 +17,15 @@ from .result import FIGURE_DPI, Result, counted, over_items, saved_picture, with
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
 from .scale import pixel_mm_of, read_pixel_mm
 from .sentence import sentence_of, sentence_of_orders, sentence_of_values
-from .tables import Floats, check_given_table, csv_text, numbers, read_csv, write_csv
+from .tables import (
+    Floats,
+    check_given_table,
+    csv_text,
+    numbers,
+    read_csv,
+    write_csv,
+    write_excel_copies,
+)
 from .tiff_stack import Photometric, write_frames, write_tiff
 
 __all__ = [
@@ -64,6 +72,7 @@ __all__ = [
     "staged",
     "with_uncertainty",
     "write_csv",
+    "write_excel_copies",
     "write_figure",
     "write_frames",
     "write_json",

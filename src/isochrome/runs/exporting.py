@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.output import replacing, staged, write_csv, write_frames
+from isochrome.output import replacing, staged, write_csv, write_excel_copies, write_frames
 from isochrome.runs.store import STORE, open_store, with_identifiers
 
 if TYPE_CHECKING:
     import xarray
 
-FORMATS = ("netcdf", "tiff", "csv")
+FORMATS = ("netcdf", "tiff", "csv", "excel")
 _PICTURE = ("row", "col")
 
 
@@ -30,11 +30,11 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
     ----------
     run : str or Path
         Folder that process or sweep left.
-    to : {'netcdf', 'tiff', 'csv'}
+    to : {'netcdf', 'tiff', 'csv', 'excel'}
         'netcdf', one netCDF-4 file with all axes, units and attributes, which MATLAB's ncread
         opens; 'tiff', a stack of each map, with its scale, time step and labels where ImageJ looks
         for them; 'csv', the table of all that is known besides pictures, a row for each frame or
-        state.
+        state; 'excel', the same as a German or French Excel opens it.
     out : str or Path, optional
         Folder for the files; by default the run's own.
 
@@ -82,6 +82,11 @@ def _write(dataset: xarray.Dataset, to: str, folder: Path) -> list[Path]:
         return [_to_netcdf(dataset, folder / "run.nc")]
     if to == "csv":
         return [_to_csv(dataset, folder / "run.csv")]
+    if to == "excel":
+        table = _to_csv(dataset, folder / "run.csv")
+        copies = write_excel_copies(folder)
+        table.unlink()
+        return copies
     return [
         _to_tiff(dataset, str(name), folder / "imagej")
         for name in sorted(dataset.data_vars, key=str)
