@@ -26,7 +26,7 @@ from .tables import (
     write_csv,
     write_excel_copies,
 )
-from .tiff_stack import Photometric, write_frames, write_tiff
+from .tiff_stack import Photometric, imagej_view, write_frames, write_tiff
 
 __all__ = [
     "FIGURE_DPI",
@@ -44,6 +44,7 @@ __all__ = [
     "counted",
     "counted_frames",
     "csv_text",
+    "imagej_view",
     "json_pieces",
     "load_roifile",
     "make_canvas",
