@@ -105,7 +105,10 @@ def a_tracked_video(worn: dict) -> object:
 
 def without_a_model(worn: dict) -> object:
     frames = worn["home"] / "simulated" / "frames.tif"
-    bare = isochrome.parse_scene("[camera]\nbit_depth = 8\n")
+    bare = isochrome.parse_scene(
+        "[specimen]\nyoung_gpa = 2.1\npoisson = 0.4\nthickness_mm = 4.0\n"
+        "fringe_value_n_per_mm = 14.6\n[polariscope]\nwavelength_nm = 587.0\n" + SMALL_CAMERA
+    )
     return isochrome.process(frames, bare)
 
 

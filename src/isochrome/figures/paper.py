@@ -38,6 +38,8 @@ _KEY_MM = 14.0
 """Room of a line in a legend, and between its columns."""
 _AROUND_MM = 12.0
 """Room of a picture's title and numbers, to begin with."""
+_LARGEST_STEP = 0.4
+"""Of the pictures' height, so that no slope of two heights that are alike throws it away."""
 _BAR_MM = 1.6
 """Height of a colour bar."""
 _MARK_PT = 10.0
@@ -131,7 +133,8 @@ def _fit(figure: Figure, grid: Any, blocks: dict[str, float], pictures: list[lis
             if last is not None and (missing - last[1]) * (blocks["pictures"] - last[0]) < 0.0:
                 step *= (blocks["pictures"] - last[0]) / (last[1] - missing)
             last = blocks["pictures"], missing
-            blocks["pictures"] += step
+            most = _LARGEST_STEP * blocks["pictures"]
+            blocks["pictures"] += min(max(step, -most), most)
             grid.set_height_ratios(list(blocks.values()))
             figure.set_figheight(sum(blocks.values()) / MM_PER_INCH)
         figure.draw_without_rendering()  # the layout settles in the second drawing
