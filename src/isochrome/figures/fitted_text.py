@@ -119,7 +119,7 @@ class FittedTexts:
     def fit(self) -> None:
         """Break what is longer than its axes, and give the numbers at axes their room."""
         for text, words in self._whole.items():
-            text.set_text("x" * bool(words))  # so that no text pushes the axes that it is to fit
+            text.set_text("x"[: len(words)])  # so that no text pushes the axes that it is to fit
         self.figure.draw_without_rendering()
         for axes in self.axes:
             wide, high = _size_mm(axes)

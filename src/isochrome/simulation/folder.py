@@ -89,7 +89,7 @@ def _view(
     pixels, camera = work.pixels, work.scene.camera
     assert camera is not None
     if name == FRAMES:
-        span = (0.0, 1.0 if dtype.kind == "f" else 2.0**camera.bit_depth - 1.0)
+        span = (0.0, 1.0 if camera.bit_depth is None else 2.0**camera.bit_depth - 1.0)
     elif name == ORDER:
         span = (0.0, float(max(history["n_max"])))
     elif name.endswith("direction.tif"):
