@@ -102,11 +102,7 @@ class FittedTexts:
         from matplotlib.ticker import AutoLocator
 
         self.figure = figure
-        self.axes = [
-            axes
-            for axes in figure.findobj(Axes)
-            if isinstance(axes, Axes) and axes.get_visible() and axes.axison
-        ]
+        self.axes = [axes for axes in figure.findobj(Axes) if axes.get_visible() and axes.axison]
         self._whole = {text: text.get_text() for axes in self.axes for text in _texts(axes)}
         self._thinned = [
             (axes, axis)
