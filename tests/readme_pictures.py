@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import shlex
+import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -9,7 +14,6 @@ import tifffile
 from PIL import Image
 
 import isochrome
-from isochrome.comparison import load_frame_set, side_by_side
 from isochrome.output import write_figure
 
 ROOT = Path(__file__).parents[1]
@@ -27,10 +31,8 @@ def main() -> None:
         contact = SAMPLES / "line-contact-wear"
         isochrome.process(contact / "captured.tif", contact / "scene.toml", folder / "experiment")
         isochrome.simulate(folder / "experiment" / "fitted_scene.toml", folder / "simulation")
-        compared = isochrome.compare(folder / "experiment", folder / "simulation")
-        sets = (load_frame_set(folder / name) for name in ("experiment", "simulation"))
-        figure = side_by_side(*sets, compared.metrics, max_rows=STATES)
-        write_figure(folder / "side-by-side.png", figure)
+        subprocess.run(_command_of_the_top_picture(), cwd=folder, check=True)
+        shutil.copyfile(folder / "comparison" / "figure_174mm.png", PICTURES / "side-by-side.png")
         bending = isochrome.calibrate_bending(SAMPLES / "bending" / "set.toml")
         write_figure(folder / "calibration.png", bending.figure())
         first = folder / "first.tif"
@@ -41,12 +43,19 @@ def main() -> None:
         few = isochrome.process(first, scene.with_values({"wear.distances_m": distances}))
         write_figure(folder / "process.png", few.figure())
         for name, source in {
-            "side-by-side": folder / "side-by-side.png",
             "process": folder / "process.png",
             "simulation": folder / "simulation" / "simulation.png",
             "calibration": folder / "calibration.png",
         }.items():
             _shrink(source, PICTURES / f"{name}.png")
+
+
+def _command_of_the_top_picture() -> list[str]:
+    """The one command that makes it, as the README says it."""
+    text = (ROOT / "README.md").read_text("utf-8")
+    found = re.search(r"^isochrome (compare .*--width.*)$", text, re.M)
+    assert found is not None
+    return [sys.executable, "-m", "isochrome", *shlex.split(found.group(1))]
 
 
 def _shrink(source: Path, target: Path) -> None:

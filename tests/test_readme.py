@@ -10,7 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 from typer.main import get_command
 
 from isochrome.cli import app
@@ -26,6 +28,12 @@ PICTURES = {"side-by-side.png", "process.png", "simulation.png", "calibration.pn
 
 def test_it_is_short():
     assert len(TEXT.splitlines()) <= 150
+
+
+def test_the_top_picture_is_made_by_the_one_command_that_the_page_says():
+    (told,) = re.findall(r"`(isochrome compare [^`]+)` makes this picture", TEXT.replace("\n", " "))
+    blocks = [line for kind, body in BLOCKS if kind == "bash" for line in body.split("\n")]
+    assert told in blocks
 
 
 def test_every_link_leads_to_a_file():
@@ -79,4 +87,9 @@ def test_every_command_runs_as_it_stands(tmp_path, kind):
         assert "warning" not in done.stderr and done.stdout
     if kind == "bash":
         assert (tmp_path / "comparison" / "comparison.png").is_file()
+        made = imread(tmp_path / "comparison" / "figure_174mm.png")
+        there = imread(ROOT / ".readme" / "side-by-side.png")
+        assert made.shape == there.shape
+        # processors differ in the last bit, which moves a pixel of noise by a level or two
+        assert np.mean(np.abs(made - there) > 0.02) < 1e-3
         assert (tmp_path / "calibration" / "calibration.json").is_file()

@@ -13,7 +13,7 @@ from .comparison import compare, plot_side_by_side
 from .demonstration import demo
 from .drafting import init
 from .errors import InputError, PhysicsError
-from .figures import plot_frame, plot_over_distance
+from .figures import FigureStyle, paper_figure, plot_frame, plot_over_distance, save_figure
 from .fitting import fit, track
 from .folder_report import report
 from .frames import open_frames
@@ -37,6 +37,7 @@ from .sweeps import sweep
 __version__: str
 
 __all__ = [
+    "FigureStyle",
     "InputError",
     "PhysicsError",
     "Scene",
@@ -58,6 +59,7 @@ __all__ = [
     "load_scene",
     "open_frames",
     "open_run",
+    "paper_figure",
     "parse_scene",
     "plot_frame",
     "plot_order",
@@ -71,6 +73,7 @@ __all__ = [
     "reference",
     "report",
     "samples",
+    "save_figure",
     "scene_names",
     "scene_states",
     "setup",

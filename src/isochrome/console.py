@@ -124,16 +124,29 @@ def print_json(values: Any) -> None:
     typer.echo()
 
 
-def print_result(result: Any, out: Path, as_json: bool, show: Callable[[Any], None]) -> None:
-    """A command's result: one JSON object, or what `show` prints, its warnings and its place."""
+def print_result(
+    result: Any, out: Path, as_json: bool, show: Callable[[Any], None], figures: Sequence[str] = ()
+) -> None:
+    """A command's result: one JSON object, or what `show` prints, its warnings and its place.
+
+    `figures`, the files of one for a paper.
+    """
     if as_json:
-        print_json({"out": str(out), **result.to_json()})
+        places = {"out": str(out), "figures": list(figures)} if figures else {"out": str(out)}
+        print_json({**places, **result.to_json()})
         return
     show(result)
     print_warnings(list(result.warnings))
     done = getattr(result, "already", False)  # an earlier run had left it all
     again = " (complete already; --restart computes them anew)" if done else ""
     typer.echo(f"results: {out}{again}")
+    print_figures(figures)
+
+
+def print_figures(files: Sequence[str]) -> None:
+    """The files of a figure for a paper, where there is one."""
+    if files:
+        typer.echo(f"figure for a paper: {', '.join(files)}")
 
 
 def print_summary(result: Any) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration.result import CUTS, Calibration, Cut, ImageFit, View
+from isochrome.errors import InputError
 from isochrome.figures import (
     BOLD_PT,
     DIFFERENCE_MAP,
@@ -19,7 +21,11 @@ from isochrome.figures import (
     LINE_PT,
     NOTE_PT,
     PALE,
+    PaperPanels,
+    PictureKind,
+    Plot,
     add_legend,
+    chosen_frames,
     draw_budget,
     new_figure,
     show_image,
@@ -29,12 +35,16 @@ from isochrome.figures import (
 from isochrome.output import with_uncertainty
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 Array = NDArray[np.float64]
 
 MOST_ROWS = 4
 """Images that are shown, spread over the loads."""
+_FOR_PAPER = 1
+"""That of the largest load, of a figure for a paper where nobody names them."""
 
 LARGEST_PX = 400
 """Rows or columns of an image that are drawn."""
@@ -60,15 +70,79 @@ def calibration_figure(calibration: Calibration) -> Figure:
     _misfit(misfit, calibration)
     parts = {item.name: item.contribution_n_per_mm for item in calibration.budget}
     draw_budget(budget, parts, x_label="contribution to u (N/mm)", title="uncertainty budget")
-    value = with_uncertainty(calibration.fringe_value_n_per_mm, calibration.standard_uncertainty)
-    order = calibration.order_at_zero_load
-    rest = "" if order is None else f"    order at zero load {round(order, 3) + 0.0:+.3f}"
-    if calibration.residual is not None:
-        rest += f"    residual stress up to {calibration.residual['largest_order']:.2f} fringe"
-    write_head(
-        figure, f"f$_\\sigma$ = {value} N/mm per fringe    $\\chi$ = {calibration.chi:.2f}{rest}"
-    )
+    value, *others = _values(calibration)
+    head = [f"f$_\\sigma$ = {value}", f"$\\chi$ = {calibration.chi:.2f}", *others]
+    write_head(figure, "    ".join(head))
     return figure
+
+
+def _values(calibration: Calibration) -> list[str]:
+    """The value, and what was found besides, in words."""
+    value = with_uncertainty(calibration.fringe_value_n_per_mm, calibration.standard_uncertainty)
+    found, order = [f"{value} N/mm per fringe"], calibration.order_at_zero_load
+    if order is not None:
+        found.append(f"order at zero load {round(order, 3) + 0.0:+.3f}")
+    if calibration.residual is not None:
+        found.append(f"residual stress up to {calibration.residual['largest_order']:.2f} fringe")
+    return found
+
+
+def calibration_panels(calibration: Calibration, frames: tuple[int, ...] | None) -> PaperPanels:
+    """The same for a paper.
+
+    Parameters: `calibration`; `frames`, numbers of the images that are shown. Returns PaperPanels.
+    Raises InputError where there is no such image.
+    """
+    images = calibration.images
+    usual = _spread([i for i in images if i.view is not None])[::-1][:_FOR_PAPER][::-1]
+    default = [images.index(item) for item in usual]
+    shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
+    views = [item.view for item in shown if item.view is not None]
+    if len(views) < len(shown):
+        missing = next(item for item in shown if item.view is None)
+        raise InputError(f"{missing.file}: was left out of the calibration, and is not drawn")
+    limit, where = _residual_limit(views), CUTS[calibration.specimen]
+
+    def draw(axes: Axes, k: int, column: int) -> AxesImage:
+        image, _, options = _maps(shown[k], limit)[column]
+        small, pixel = _square(image, views[k].pixel_mm)
+        return show_image(axes, small, pixel_mm=pixel, **options)
+
+    def order_line(axes: Axes) -> None:
+        _line(axes, calibration)
+        axes.margins(y=0.25)  # so that what stands below the line's beginning has room
+
+    names = ("captured", "fitted", "residual")
+    plots = [
+        Plot(
+            title=f"{item.load_n:.4g} N, along the cut", draw=partial(_cut, item=item, where=where)
+        )
+        for item in shown
+    ]
+    parts = {item.name: item.contribution_n_per_mm for item in calibration.budget}
+    budget = partial(draw_budget, parts=parts, x_label="contribution to u (N/mm)", title="")
+    plots += [
+        Plot(title="order over load", draw=order_line),
+        Plot(title=_misfit_title(calibration), draw=partial(_misfit, calibration=calibration)),
+        Plot(title="uncertainty budget", draw=budget, height_mm=max(30.0, 5.0 * len(parts))),
+    ]
+    value, *others = _values(calibration)
+    return PaperPanels(
+        kinds=[
+            PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
+            for column, (name, bar) in enumerate(
+                zip(names, ("", "", "residual (noise sigmas)"), strict=True)
+            )
+        ],
+        labels=[f"{item.load_n:.4g} N" for item in shown],
+        plots=plots,
+        notes=[
+            f"Material fringe value {value}, χ = {calibration.chi:.2f}"
+            + "".join(f", {text}" for text in others) + ".",
+            *(f"{item.load_n:.4g} N: N = {_order_text(item)} at the {where.place}, "
+              f"χ = {item.chi:.2f}." for item in shown),
+        ],
+    )  # fmt: skip
 
 
 def _digits(spread: float) -> int:
@@ -88,23 +162,41 @@ def _residual_limit(views: list[View]) -> float:
 
 
 def _image_row(axes: list[Any], item: ImageFit, where: Cut, limit: float) -> None:
+    assert item.view is not None
+    for axis, (image, title, options) in zip(axes, _maps(item, limit), strict=False):
+        small, pixel = _square(image, item.view.pixel_mm)
+        label = "noise sigmas" if "residual" in title else ""
+        show_image(axis, small, pixel_mm=pixel, title=title, colour_label=label, **options)
+    _cut(axes[3], item, where)
+    title = f"N = {_order_text(item)} at the {where.place} (dots captured, line fitted)"
+    style_axes(axes[3], title=title)
+
+
+def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, str, dict[str, Any]], ...]:
+    """What is drawn of an image: each map with its title and colours."""
     view = item.view
     assert view is not None
     low, high = (float(v) for v in np.nanpercentile(view.image, [0.5, 99.8]))
     grey: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": low, "vmax": high}
-    maps = (
+    return (
         (view.image, f"{item.load_n:.4g} N, captured", grey),
         (view.model, "fitted", grey),
         (
             view.residual / view.sigma,
             f"residual, $\\chi$ = {item.chi:.2f}",
-            {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit, "colour_label": "noise sigmas"},
+            {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit},
         ),
     )
-    for axis, (image, title, options) in zip(axes, maps, strict=False):
-        small, pixel = _square(image, view.pixel_mm)
-        show_image(axis, small, pixel_mm=pixel, title=title, **options)
-    cut = axes[3]
+
+
+def _order_text(item: ImageFit) -> str:
+    return f"{item.order:.{min(5, _digits(item.standard_uncertainty))}f}"
+
+
+def _cut(cut: Axes, item: ImageFit, where: Cut) -> None:
+    """Intensity and order along the cut."""
+    view = item.view
+    assert view is not None
     place, light, model, orders = (
         view.along_cut(v) for v in (view.position_mm, view.image, view.model, view.order)
     )
@@ -115,9 +207,7 @@ def _image_row(axes: list[Any], item: ImageFit, where: Cut, limit: float) -> Non
     twin.set_ylim(bottom=0)
     style_axes(twin, z_label="order N")
     twin.yaxis.label.set_color(LINE_COLOURS[1])
-    order = f"{item.order:.{min(5, _digits(item.standard_uncertainty))}f}"
-    title = f"N = {order} at the {where.place} (dots captured, line fitted)"
-    style_axes(cut, x_label=where.along, z_label="intensity", title=title)
+    style_axes(cut, x_label=where.along, z_label="intensity")
 
 
 def _square(image: Array, pixel_mm: tuple[float, float]) -> tuple[Array, float]:
@@ -155,11 +245,15 @@ def _line(axes: Any, calibration: Calibration) -> None:
     style_axes(axes, x_label="load (N)", z_label=f"order at the {where}", title=title)
 
 
+def _misfit_title(calibration: Calibration) -> str:
+    known = all(i.predicted_order is not None for i in calibration.images)
+    return f"measured minus {'predicted' if known else 'line'}"
+
+
 def _misfit(axes: Any, calibration: Calibration) -> None:
     """What is left of each order beside its prediction from the other loads, or the line."""
     rest = calibration.order_at_zero_load or 0.0
     images = calibration.images
-    known = all(i.predicted_order is not None for i in images)
     away = np.array(
         [
             i.order - (calibration.slope_per_n * i.load_n + rest if i.predicted_order is None
@@ -175,7 +269,6 @@ def _misfit(axes: Any, calibration: Calibration) -> None:
         color=LINE_COLOURS[0],
     )  # fmt: skip
     axes.axhline(0.0, color=PALE, lw=FINE_PT)
-    title = f"measured minus {'predicted' if known else 'line'}"
     axes.margins(x=0.15)
     unit = "10⁻³ fringe" if milli else "fringes"
-    style_axes(axes, x_label="load (N)", z_label=unit, title=title)
+    style_axes(axes, x_label="load (N)", z_label=unit, title=_misfit_title(calibration))

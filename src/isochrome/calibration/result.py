@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.figures import PaperPanels
 from isochrome.output import Result, counted, with_uncertainty
 
 if TYPE_CHECKING:
@@ -212,6 +213,15 @@ class Calibration(Result):
         from isochrome.calibration.figure import calibration_figure
 
         return calibration_figure(self)
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give images, fits, orders and budget for a paper; see `paper_figure`.
+
+        `frames`: numbers of the images that are shown. Raises InputError where one is not there.
+        """
+        from isochrome.calibration.figure import calibration_panels
+
+        return calibration_panels(self, frames)
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain numbers, texts and lists for `calibration.json`.

@@ -10,11 +10,19 @@ from typing import Annotated, Any
 import typer
 
 from isochrome.cli.calibrate import calibrate_app
+from isochrome.cli.figure_options import (
+    save_paper_figure,
+    take_style,
+    takes_excel,
+    write_excel_tables,
+)
 from isochrome.cli.init import init_command
 from isochrome.cli.long import export_command, report_command, sweep_command
 from isochrome.cli.options import (
     AS_STATED,
+    FIGURE,
     RUN,
+    TABLES,
     FramesArgument,
     Join,
     Json,
@@ -108,7 +116,7 @@ def demo_command(out: Out = Path("isochrome-demo"), as_json: Json = False) -> No
 
 
 @app.command("simulate", epilog=examples_of("simulate"))
-@with_options(RUN)
+@with_options(RUN | FIGURE | TABLES)
 def simulate_command(
     scene: SceneArgument,
     out: Out = Path("isochrome-simulate"),
@@ -122,15 +130,22 @@ def simulate_command(
     """Simulate a scene: contact, wear, stress, and the frames that the camera would see."""
     from isochrome.simulation import simulate as run
 
+    style, excel = take_style(options), takes_excel(options)
     with run_bar("simulating", "states") as progress:
         result = run(scene, out, components=components, progress=progress, **options)
+    figures = save_paper_figure(result, out, style)
+    write_excel_tables(out, excel)
     names = ["label", "p_max_mpa", "contact_width_mm", "wear_depth_um", "n_max", "n_max_x_mm",
              "n_max_z_mm"]  # fmt: skip
     names += ["shear_max_mpa", "shear_max_x_mm", "shear_max_z_mm"] if components else []
-    print_result(result, out, as_json, lambda found: print_columns(found.history, names))
+    print_result(
+        result, out, as_json, lambda found: print_columns(found.history, names),
+        figures,
+    )  # fmt: skip
 
 
 @app.command("compare", epilog=examples_of("compare"))
+@with_options(FIGURE | TABLES)
 def compare_command(
     experiment: Annotated[
         str,
@@ -140,21 +155,26 @@ def compare_command(
     ],
     simulation: Annotated[str, typer.Argument(help="Result folder of simulate, or frames.")],
     out: Out = Path("isochrome-compare"),
+    *,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
     """Compare experiment and simulation, frames or scars: metrics and the side-by-side figure."""
     from isochrome.comparison import compare as run
 
+    style, excel = take_style(options), takes_excel(options)
     with steps(quiet=True) as say:
         say("comparing")
         result = run(experiment, simulation, out)
+        files = save_paper_figure(result, out, style)
+        write_excel_tables(out, excel)
     print_result(
-        result, out, as_json, lambda found: print_columns(found.columns, found.main_columns)
+        result, out, as_json, lambda found: print_columns(found.columns, found.main_columns), files
     )
 
 
 @app.command("fit", epilog=examples_of("fit"))
-@with_options(RUN | {"as_stated": AS_STATED})
+@with_options(RUN | TABLES | {"as_stated": AS_STATED})
 def fit_command(
     frames: FramesArgument,
     scene: SceneOption,
@@ -190,10 +210,12 @@ def fit_command(
     from isochrome.frames import one_recording
 
     recording, keys = one_recording(frames, join=join), tuple(per_frame or ())
+    excel = takes_excel(options)
     if track:
         refuse_shared(tuple(free or ()))
         with run_bar("tracking") as progress:
             tracked = follow_keys(recording, scene, keys, out=out, progress=progress, **options)
+        write_excel_tables(out, excel)
         print_result(tracked, out, as_json, print_summary)
         return
     with run_bar("fitting") as progress:
@@ -201,6 +223,7 @@ def fit_command(
             recording, scene, free or [], per_frame=keys, follow=follow, tractions=tractions,
             out=out, progress=progress, **options,
         )  # fmt: skip
+    write_excel_tables(out, excel)
     asked = None if options["as_stated"] else [*(free or []), *keys]
     print_result(result, out, as_json, lambda found: print_fit(found, asked))
 

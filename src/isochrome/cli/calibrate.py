@@ -5,19 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isochrome.cli.options import Json, Out, SetArgument, with_options
+from isochrome.cli.figure_options import (
+    save_paper_figure,
+    take_style,
+    takes_excel,
+    write_excel_tables,
+)
+from isochrome.cli.options import FIGURE, TABLES, Json, Out, SetArgument, with_options
 from isochrome.cli.usage import examples_of
 from isochrome.console import (
     print_calibration,
+    print_figures,
     print_json,
     print_result,
     print_warnings,
     steps,
 )
+
+if TYPE_CHECKING:
+    from isochrome.figures import FigureStyle
 
 calibrate_app = typer.Typer(
     help="Calibrate the material fringe value, a colour table, the camera's scale, or the wear.",
@@ -57,19 +67,24 @@ SCALE = {
 def _fringe_value_command(specimen: str) -> Callable[..., None]:
     """The command that finds the fringe value from images of a specimen."""
 
+    @with_options(FIGURE | TABLES)
     def command(
         settings: SetArgument,
         out: Out = Path("isochrome-calibrate"),
         into: Into = None,
+        *,
         as_json: Json = False,
+        **options: Any,
     ) -> None:
         from isochrome import calibration
 
+        style, excel = take_style(options), takes_excel(options)
         run = partial(getattr(calibration, f"calibrate_{specimen}"), settings)
-        result = _calibrated(run, settings, out, into, as_json)
+        result, files = _calibrated(run, settings, out, into, as_json, style, excel)
         if not as_json:
             print_calibration(result)
             typer.echo(_left(out, into, "value"))
+            print_figures(files)
 
     return command
 
@@ -86,20 +101,26 @@ for _specimen, _images in {
 
 
 @calibrate_app.command("colour", epilog=examples_of("calibrate colour"))
+@with_options(FIGURE | TABLES)
 def colour_command(
     settings: SetArgument,
     out: Out = Path("isochrome-calibrate"),
+    *,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
     """Calibrate a colour table, from a beam's images or from any images' own colours."""
     from isochrome.calibration import calibrate_colour as run
     from isochrome.calibration import save_calibration
 
+    style, excel = take_style(options), takes_excel(options)
     with steps(quiet=True) as say:
         say("calibrating")
         result = run(settings)
         save_calibration(result, out, source=settings)
-    print_result(result, out, as_json, _print_colours)
+        files = save_paper_figure(result, out, style)
+        write_excel_tables(out, excel)
+    print_result(result, out, as_json, _print_colours, files)
 
 
 def _print_colours(result: Any) -> None:
@@ -110,7 +131,7 @@ def _print_colours(result: Any) -> None:
 
 
 @calibrate_app.command("scale", epilog=examples_of("calibrate scale"))
-@with_options(SCALE)
+@with_options(SCALE | FIGURE | TABLES)
 def scale_command(
     images: Annotated[
         list[str],
@@ -125,9 +146,9 @@ def scale_command(
     """Find mm a pixel and the lens, from a chessboard, dots or two edges a known distance apart."""
     from isochrome import calibration
 
-    result = _calibrated(
-        partial(calibration.calibrate_scale, images, **options), images, out, into, as_json
-    )
+    style, excel = take_style(options), takes_excel(options)
+    run = partial(calibration.calibrate_scale, images, **options)
+    result, files = _calibrated(run, images, out, into, as_json, style, excel)
     if as_json:
         return
     for name, value in result.main_values():
@@ -136,32 +157,47 @@ def scale_command(
         typer.echo(f"taken as exact: {key}")
     print_warnings(list(result.warnings))
     typer.echo(_left(out, into, "values"))
+    print_figures(files)
 
 
 @calibrate_app.command("wear", epilog=examples_of("calibrate wear"))
+@with_options(FIGURE | TABLES)
 def wear_command(
     settings: SetArgument,
     out: Out = Path("isochrome-calibrate"),
     into: Into = None,
+    *,
     as_json: Json = False,
+    **options: Any,
 ) -> None:
     """Calibrate the wear coefficient from traces over worn scars, or from worn volumes."""
     from isochrome import calibration
 
+    style, excel = take_style(options), takes_excel(options)
     run = partial(calibration.calibrate_wear, settings)
-    result = _calibrated(run, settings, out, into, as_json)
+    result, files = _calibrated(run, settings, out, into, as_json, style, excel)
     if as_json:
         return
     for name, value in result.main_values():
         typer.echo(f"{name} = {value}")
     print_warnings(list(result.warnings))
     typer.echo(_left(out, into, "value"))
+    print_figures(files)
 
 
 def _calibrated(
-    run: Callable[[], Any], source: str | list[str], out: Path, into: Path | None, as_json: bool
-) -> Any:
-    """What a calibration of a `source` gives, left in `out` and in a scene, and printed as JSON."""
+    run: Callable[[], Any],
+    source: str | list[str],
+    out: Path,
+    into: Path | None,
+    as_json: bool,
+    style: FigureStyle | None,
+    excel: bool,
+) -> tuple[Any, list[str]]:
+    """What a calibration of a `source` gives, left in `out` and in a scene, and printed as JSON.
+
+    Also the files of its figure for a paper.
+    """
     from isochrome import calibration
 
     with steps(quiet=True) as say:
@@ -173,10 +209,13 @@ def _calibrated(
         if into is not None:
             first = source[0] if isinstance(source, list) else source
             calibration.write_into_scene(result, into, source=first)
+        files = save_paper_figure(result, out, style)
+        write_excel_tables(out, excel)
     if as_json:
-        places = {"out": out} if into is None else {"out": out, "into": into}
+        places: dict[str, Any] = {"out": out} if into is None else {"out": out, "into": into}
+        places |= {"figures": files} if files else {}
         print_json({**places, **result.to_json()})
-    return result
+    return result, files
 
 
 def _left(out: Path, into: Path | None, what: str) -> str:

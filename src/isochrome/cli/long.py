@@ -51,7 +51,7 @@ def sweep_command(
 
 def export_command(
     run: Annotated[str, typer.Argument(help="Result folder of process or sweep.")],
-    to: Annotated[str, typer.Option("--to", help="netcdf (MATLAB), tiff (ImageJ) or csv.")],
+    to: Annotated[str, typer.Option("--to", help="netcdf (MATLAB), tiff (ImageJ), csv or excel.")],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the files; by default the run's own.")
     ] = None,

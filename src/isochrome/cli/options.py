@@ -56,6 +56,35 @@ AS_STATED = (
 )
 """For commands that fit: the option of the same name."""
 
+TABLES = {
+    "tables": (
+        str | None,
+        typer.Option(
+            "--csv",
+            help="excel: also NAME_excel.csv of each table, with semicolons and decimal commas.",
+        ),
+    ),
+}
+"""For commands that leave tables."""
+
+FIGURE = {
+    "width": (
+        str | None,
+        typer.Option("--width", help="Also a figure for a paper, this wide: 85mm, 174mm, 3.4in."),
+    ),
+    "shown": (
+        str | None,
+        typer.Option("--frames", help="Its frames (states, images), from 0: 0,2,4."),
+    ),
+    "formats": (
+        str | None,
+        typer.Option("--format", help="Its files: png, pdf, svg, tiff; pdf,png by default."),
+    ),
+    "dpi": (int | None, typer.Option("--dpi", help="Its dots per inch: 600 by default.")),
+    "numbers": (bool, typer.Option("--numbers", help="Its panels' numbers, below them.")),
+}
+"""A figure for a paper, for commands that leave a picture; any of these asks for it."""
+
 PROCESS = {
     "rois": (
         bool,
@@ -79,6 +108,8 @@ PROCESS = {
         bool,
         typer.Option("--keep-going", help="Leave out frames that fail; the exit code is then 2."),
     ),
+    **FIGURE,
+    **TABLES,
 }
 """What `process` takes besides its frames and scene, in the order of its help."""
 

@@ -7,6 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from isochrome.cli.figure_options import (
+    save_paper_figure,
+    take_style,
+    takes_excel,
+    write_excel_tables,
+)
 from isochrome.cli.options import (
     PROCESS,
     FramesArgument,
@@ -24,6 +30,7 @@ from isochrome.console import (
     print_summary,
     run_bar,
 )
+from isochrome.errors import InputError
 
 if TYPE_CHECKING:
     from isochrome.frames import FramesPath
@@ -53,16 +60,24 @@ def process_command(
     """
     from isochrome.frames import recordings_of
 
+    style, excel = take_style(options), takes_excel(options)
     recordings = recordings_of(frames, join=join)
     if len(recordings) > 1:
-        _process_campaign(recordings, scene, out, options, as_json)
+        if style is not None:
+            raise InputError(
+                f"{len(recordings)} recordings: a figure for a paper is of one; name that one, "
+                "with the folder of its results as --out"
+            )
+        _process_campaign(recordings, scene, out, options, as_json, excel)
         return
     from isochrome.processing import process as run
 
     with run_bar("processing") as progress:
         result = run(recordings[0], scene, out, progress=progress, **options)
     looked = not options["as_stated"]
-    print_result(result, out, as_json, lambda found: _print_processed(found, looked))
+    files = save_paper_figure(result, out, style)
+    write_excel_tables(out, excel)
+    print_result(result, out, as_json, lambda found: _print_processed(found, looked), files)
     if result.failed:
         typer.echo(
             f"isochrome: {frames[0]}: {result.failed} of {len(result.columns['frame'])} frames "
@@ -97,12 +112,14 @@ def _process_campaign(
     out: Path,
     options: dict[str, Any],
     as_json: bool,
+    excel: bool,
 ) -> None:
     """Many recordings, each into a folder of its own."""
     from isochrome.campaigns import process_campaign
 
     with campaign_bar() as progress:
         result = process_campaign(recordings, scene, out, progress=progress, **options)
+    write_excel_tables(out, excel)
     table = result.columns
     if as_json:
         print_json({"out": str(out), **result.to_json()})

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.comparison.comparison_report import comparison_report
-from isochrome.comparison.figure import side_by_side
+from isochrome.comparison.figure import side_by_side, side_by_side_panels
 from isochrome.comparison.frame_folders import SetToCompare, load_frame_set
 from isochrome.comparison.frame_sets import ComparedFrames, FrameMetrics, compare_frames
 from isochrome.comparison.scar_comparison import ScarComparison, compare_scars
 from isochrome.errors import InputError
+from isochrome.figures import PaperPanels
 from isochrome.output import (
     Result,
     counted,
@@ -44,10 +45,15 @@ class Comparison(Result):
         The columns of metrics.csv.
     draw : callable, optional
         Makes the figure.
+    load : callable, optional
+        Reads both sets of frames.
     """
 
     metrics: list[FrameMetrics]
     columns: dict[str, list[Any]]
+    load: Callable[[], tuple[ComparedFrames, ComparedFrames]] | None = field(
+        default=None, compare=False, kw_only=True
+    )
 
     @property
     def main_columns(self) -> tuple[str, ...]:
@@ -72,6 +78,15 @@ class Comparison(Result):
     def to_json(self) -> dict[str, Any]:
         """The metrics of all frames."""
         return {"metrics": self.columns}
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give experiment, simulation and difference for a paper; see `paper_figure`.
+
+        `frames`: numbers of the pairs that are shown. Raises InputError where one is not there.
+        """
+        if self.load is None:
+            raise InputError(f"{self.title}: its frames were not kept; compare them again")
+        return side_by_side_panels(*self.load(), self.metrics, frames)
 
 
 MAIN_METRICS = (
@@ -143,8 +158,9 @@ def compare(
         raise InputError("frames are compared with frames; simulate the scene first")
     here, there = load_frame_set(experiment), load_frame_set(simulation)
     metrics = compare_frames(here, there)
-    draw = partial(_draw, experiment, simulation, metrics)
-    result = Comparison(metrics, _table(metrics), draw=draw)
+    load = partial(_both_sets, experiment, simulation)
+    draw = partial(_draw, load, metrics)
+    result = Comparison(metrics, _table(metrics), draw=draw, load=load)
     if out is not None:
         with staged(out) as folder:
             write_csv(folder / "metrics.csv", result.columns)
@@ -162,11 +178,17 @@ def _hashed(given: SetToCompare, frames: ComparedFrames, name: str) -> str | Pat
     return given if isinstance(given, str | Path) else ArrayFrames(frames.signal, name)
 
 
+def _both_sets(
+    experiment: SetToCompare, simulation: SetToCompare
+) -> tuple[ComparedFrames, ComparedFrames]:
+    """The sets, read again: a result holds numbers, not films."""
+    return load_frame_set(experiment), load_frame_set(simulation)
+
+
 def _draw(
-    experiment: SetToCompare, simulation: SetToCompare, metrics: list[FrameMetrics]
+    load: Callable[[], tuple[ComparedFrames, ComparedFrames]], metrics: list[FrameMetrics]
 ) -> Figure:
-    """The side-by-side figure of two sets, read once more: they may be large."""
-    return side_by_side(load_frame_set(experiment), load_frame_set(simulation), metrics)
+    return side_by_side(*load(), metrics)
 
 
 def _table(metrics: list[FrameMetrics]) -> dict[str, list[Any]]:
@@ -189,6 +211,6 @@ def _table(metrics: list[FrameMetrics]) -> dict[str, list[Any]]:
         "frame": [m.frame for m in metrics],
         "label": [m.label for m in metrics],
     }
-    for name, (part, field) in columns.items():
-        table[name] = [getattr(getattr(m, part), field, None) for m in metrics]
+    for name, (part, number) in columns.items():
+        table[name] = [getattr(getattr(m, part), number, None) for m in metrics]
     return table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from string import ascii_lowercase as LETTERS
 from typing import TYPE_CHECKING, Any
 
@@ -27,9 +28,12 @@ from isochrome.figures import (
     OVERLAY_COLOUR,
     TEXT_PT,
     TITLE_PT,
+    PaperPanels,
+    PictureKind,
     Place,
     add_colour_bar,
     centred_limit,
+    chosen_frames,
     draw_line,
     new_figure,
     plain_name,
@@ -44,6 +48,8 @@ if TYPE_CHECKING:
 
 MOST_ROWS = len(LETTERS) // 3
 
+_ROWS_FOR_PAPER = 3
+"""Frames of a figure for a paper where nobody names them."""
 _PANEL_WIDTH_IN = 3.35
 _LABEL_LENGTH = 26
 
@@ -111,6 +117,49 @@ def side_by_side(
     text = _foot_text(lines, len(chosen), len(pairs), place["pixel_mm"])
     _write_line(foot, text, size_pt=NOTE_PT, colour=GREY)
     return figure
+
+
+def side_by_side_panels(
+    experiment: ComparedFrames,
+    simulation: ComparedFrames,
+    metrics: Sequence[FrameMetrics],
+    frames: tuple[int, ...] | None,
+) -> PaperPanels:
+    """The same for a paper: one scale, one grey range and one difference range for all frames.
+
+    Parameters: both sets; their `metrics`; `frames`, numbers of the pairs that are shown. Returns
+    PaperPanels. Raises InputError where there is no such pair.
+    """
+    pairs = frame_pairs(experiment, simulation)
+    shown = chosen_frames(frames, len(pairs), _evenly_spaced(len(pairs), _ROWS_FOR_PAPER))
+    chosen = [(*pairs[k], metrics[k]) for k in shown]
+    of_order = any(numbers.orders is not None for *_, numbers in chosen)
+    images = [pair_images(experiment, simulation, each, of_order) for each in chosen]
+    grey = grey_range([image for row in images for image in row[:2]])
+    limit, place = (
+        centred_limit(*(gap for *_, gap in images)),
+        place_of_pair(experiment, simulation),
+    )
+
+    def draw(axes: Axes, k: int, column: int) -> AxesImage:
+        cmap, (low, high) = (FRAME_MAP, grey) if column < 2 else (DIFFERENCE_MAP, (-limit, limit))
+        drawn = show_image(axes, images[k][column], cmap=cmap, vmin=low, vmax=high, **place)
+        if column == 0:
+            _draw_lines(axes, simulation, chosen[k][1], place)
+        return drawn
+
+    bars = ("", "", f"difference of {_of_what(of_order)}")
+    names = ("experiment", "simulation", "difference")
+    labels = [plain_name(numbers.label, _LABEL_LENGTH) for *_, numbers in chosen]
+    notes = [f"{own}: {_caption(row[2])}" for own, row in zip(labels, chosen, strict=True)]
+    return PaperPanels(
+        kinds=[
+            PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
+            for column, (name, bar) in enumerate(zip(names, bars, strict=True))
+        ],
+        labels=labels,
+        notes=[*notes, "Orange: dark-fringe centre lines of the simulation."],
+    )
 
 
 def plot_side_by_side(

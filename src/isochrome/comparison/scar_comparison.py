@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from isochrome.calibration import WearSet
-from isochrome.comparison.scar_figure import scars_figure
+from isochrome.comparison.scar_figure import scars_figure, scars_panels
 from isochrome.comparison.scar_metrics import ScarPair, pair_scar, profile_columns, scar_columns
 from isochrome.comparison.simulated_scars import SimulatedScar, simulated_scars
 from isochrome.errors import InputError
+from isochrome.figures import PaperPanels
 from isochrome.output import (
     Result,
     counted,
@@ -133,6 +134,13 @@ class ScarComparison(Result):
     def to_json(self) -> dict[str, Any]:
         """The metrics of all traces, and the warnings."""
         return {"metrics": self.columns, "warnings": list(self.warnings)}
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give the scars for a paper; see `paper_figure`.
+
+        `frames`: numbers of the distances that are shown. Raises InputError where one is not there.
+        """
+        return scars_panels(self.names, self.scars, self.pairs, frames)
 
 
 def compare_scars(

@@ -25,6 +25,8 @@ VALUE_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
 DIRECTION_MAP = "hsv"
 """Colours of a direction: the same at -90 and at 90 degrees, and none of them the grey of NaN."""
+PAPER_DIRECTION_MAP = "twilight"
+"""The same for a paper, told apart by colour-blind readers and in grey."""
 
 UNKNOWN_COLOUR = "#dcdcdc"
 """Light grey, hatched, where an image holds NaN (not known)."""
@@ -35,6 +37,9 @@ LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"
 CHANNEL_COLOURS = ("#c4312a", "#2a8f3c", "#2f5fc4")
 """Red, green and blue, dark enough for lines on white."""
 
+LINE_STYLES = ("-", "-.", ":")
+"""Of lines whose colours say what they are of, where a reader may not tell these apart."""
+
 OVERLAY_COLOUR = "#ff9d2e"
 """Of a line over a grey picture."""
 
@@ -43,6 +48,9 @@ INK, GREY, PALE = "black", "0.35", "0.65"
 
 HEAD_PT, TITLE_PT, TEXT_PT, NOTE_PT, TICK_PT = 11.0, 10.5, 9.5, 8.5, 8.5
 """Sizes of a figure's head, its axes' titles and labels, a legend or note, and the ticks."""
+
+PAPER_PT, PAPER_LINE_MM = 8.0, 3.4
+"""Size of all letters of a figure for a paper, and the height of a line of them."""
 
 FINE_PT, LINE_PT, BOLD_PT = 0.6, 1.0, 1.4
 """Widths of a line that guides the eye, that shows values, and that stands out."""

@@ -142,6 +142,23 @@ def _mark(axis: Axes, found: FrameValues, place: Array, values: Array) -> None:
     axis.plot(place[again], values[again], "o", mfc="none", color=LINE_COLOURS[1], ms=5)
 
 
+def draw_chi(axis: Axes, found: FrameValues) -> None:
+    """Draw chi over the frames, or the distance.
+
+    Parameters
+    ----------
+    axis : Axes
+        Where to draw.
+    found : FrameValues
+        The values of all frames.
+    """
+    place, across = frame_axis(found)
+    thin = slice(None, None, -(-len(place) // _POINTS))
+    axis.plot(place[thin], found.chi[thin], color=GREY, lw=LINE_PT)
+    _mark(axis, found, place, found.chi)
+    style_axes(axis, x_label=across, z_label="chi")
+
+
 def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
     """Draw each key with its band, and below them chi, on an empty figure.
 
@@ -157,11 +174,7 @@ def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
     for axis, key in zip(axes, found.keys, strict=False):
         draw_values(axis, found, key)
         axis.set_xlabel("")
-    place, across = frame_axis(found)
-    thin = slice(None, None, -(-len(place) // _POINTS))
-    axes[-1].plot(place[thin], found.chi[thin], color=GREY, lw=LINE_PT)
-    _mark(axes[-1], found, place, found.chi)
-    style_axes(axes[-1], x_label=across, z_label="chi")
+    draw_chi(axes[-1], found)
     marks = "circles: found by a full search"
     marks = f"dots: key frames; {marks}" if found.whole.any() else marks
     write_head(figure, f"values, band ± {BAND:g} standard uncertainties\n{marks}")

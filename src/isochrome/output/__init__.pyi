@@ -25,8 +25,16 @@ from .result import (
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
 from .scale import pixel_mm_of, read_pixel_mm
 from .sentence import sentence_of, sentence_of_orders, sentence_of_values
-from .tables import Floats, check_given_table, csv_text, numbers, read_csv, write_csv
-from .tiff_stack import Photometric, write_frames, write_tiff
+from .tables import (
+    Floats,
+    check_given_table,
+    csv_text,
+    numbers,
+    read_csv,
+    write_csv,
+    write_excel_copies,
+)
+from .tiff_stack import Photometric, imagej_view, write_frames, write_tiff
 
 __all__ = [
     "FIGURE_DPI",
@@ -44,6 +52,7 @@ __all__ = [
     "counted",
     "counted_frames",
     "csv_text",
+    "imagej_view",
     "json_pieces",
     "load_roifile",
     "make_canvas",
@@ -73,6 +82,7 @@ __all__ = [
     "staged",
     "with_uncertainty",
     "write_csv",
+    "write_excel_copies",
     "write_figure",
     "write_frames",
     "write_json",

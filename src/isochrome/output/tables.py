@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 import stat
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,6 +20,9 @@ from isochrome.output.files import plain, replacing
 
 DIGITS = 9
 """Significant digits of a number in a table."""
+_EXCEL = "_excel"
+"""What the name of a table for Excel ends in."""
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 MOST_GIVEN = 10_000_000
 """Bytes of a table that somebody gives, such as a profile."""
 _AT_ONCE = 4096
@@ -84,6 +88,54 @@ def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
     text = io.StringIO(newline="")
     _write_table(text, columns, header=header)
     return text.getvalue()
+
+
+def write_excel_copies(folder: str | Path) -> list[Path]:
+    """Write each table of a folder once more, as a German or French Excel opens it in columns.
+
+    Semicolons between the cells, decimal commas, and a byte-order mark, by which Excel knows UTF-8.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder; tables of folders in it count, as those of a campaign's recordings.
+
+    Returns
+    -------
+    list of Path
+        The copies: NAME_excel.csv beside NAME.csv, which stays as it is.
+
+    Raises
+    ------
+    InputError
+        Where a table cannot be read, or a copy cannot be written.
+    """
+    made = []
+    for path in sorted(Path(folder).rglob("*.csv")):
+        if path.stem.endswith(_EXCEL) or any(part.endswith(".zarr") for part in path.parts):
+            continue
+        made.append(path.with_name(f"{path.stem}{_EXCEL}.csv"))
+        _copy_for_excel(path, made[-1])
+    return made
+
+
+def _copy_for_excel(path: Path, copy: Path) -> None:
+    try:
+        with (
+            open(path, newline="", encoding="utf-8-sig") as given,
+            replacing(copy) as beside,
+            open(beside, "w", newline="", encoding="utf-8-sig") as file,
+        ):
+            writer = csv.writer(file, delimiter=";", lineterminator="\r\n")
+            for row in csv.reader(given):
+                writer.writerow([_decimal_comma(cell) for cell in row])
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: not a readable CSV table ({error}); check the file") from error
+
+
+def _decimal_comma(cell: str) -> str:
+    """A number with a decimal comma; all else as it is."""
+    return cell.replace(".", ",") if _NUMBER.fullmatch(cell) else cell
 
 
 def _write_table(file: TextIO, columns: Mapping[str, Any], *, header: bool = True) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +15,13 @@ from isochrome.output.files import replacing
 DTYPES = ("uint8", "uint16", "float32")
 IMAGEJ_LIMIT = 4_000_000_000
 """ImageJ's TIFF ends at 4 GB; beyond, a BigTIFF is written, which Fiji opens by Bio-Formats."""
+
+_SIGNED = "RdBu_r"
+_MAPS = {
+    "sigma_1_direction": "hsv", "isoclinic": "hsv", "fringe_order": "viridis",
+    "sigma": _SIGNED, "tau": _SIGNED,
+}  # fmt: skip
+"""Colours of a stack in ImageJ by how its name begins, those of the figures."""
 
 Photometric = Literal["minisblack", "rgb"]
 
@@ -108,6 +115,59 @@ def write_frames(
         else:
             for frame in swapped:
                 tif.write(frame, **keys)
+
+
+def imagej_view(
+    name: str,
+    span: tuple[float, float],
+    *,
+    labels: Sequence[str] = (),
+    pixel_mm: float | None = None,
+    left_mm: float | None = None,
+    top_mm: float | None = None,
+) -> dict[str, Any]:
+    """Give what ImageJ is to know of a stack besides its scale, for `write_frames`.
+
+    Its origin is that of the scene: x and z in ImageJ are mm from there, counted at a pixel's
+    upper left corner, as ImageJ does.
+
+    Parameters
+    ----------
+    name : str
+        What the stack shows: 'fringe_order', 'sigma_1', 'sigma_1_direction'; others are grey.
+    span : tuple of two floats
+        Values at the ends of the colours; about zero for a stress, whose colours are symmetric.
+    labels : sequence of str, optional
+        What stands above each slice.
+    pixel_mm : float, optional
+        The pixel's side, mm.
+    left_mm : float, optional
+        Outer edge of the first column, mm.
+    top_mm : float, optional
+        Outer edge of the first row, mm.
+
+    Returns
+    -------
+    dict of str to Any
+        Labels, display range, look-up table and origin, by the names of ImageJ's metadata.
+    """
+    from matplotlib import colormaps
+
+    low, high = (float(end) for end in span)
+    colours = next((own for start, own in _MAPS.items() if name.startswith(start)), "gray")
+    if colours == _SIGNED:
+        high = max(abs(low), abs(high))
+        low = -high
+    high = high if high > low else low + 1.0
+    table = np.rint(255.0 * colormaps[colours](np.arange(256))[:, :3]).T
+    view: dict[str, Any] = {"min": low, "max": high, "Ranges": (low, high)}
+    view["LUTs"] = [np.ascontiguousarray(table, dtype=np.uint8)]
+    if labels:
+        view["Labels"] = list(labels)
+    for key, edge in (("xorigin", left_mm), ("yorigin", top_mm)):
+        if pixel_mm is not None and edge is not None:
+            view[key] = round(-edge / pixel_mm, 6) + 0.0
+    return view
 
 
 def stack_layout(

@@ -48,7 +48,7 @@ _MOST_LINES = 12
 """Half orders beyond which only every whole one is drawn, and beyond twice as many every fifth."""
 
 
-_ORDER_LABEL = "fringe order N (fringes)"
+ORDER_LABEL = "fringe order N (fringes)"
 
 _BESIDE = 0.7
 """Inches that an axis' numbers and label take beside a picture."""
@@ -117,7 +117,7 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
     """
     read, down, across = _grid(items)
     axes: Any = figure.subplots(down, across, squeeze=False)
-    largest = max((_largest(item) for item in items), default=1.0)
+    largest = max((highest_order(item) for item in items), default=1.0)
     orders, directions = list[Any](), list[Any]()
     for k, item in enumerate(items):
         ax = axes[k, 0] if read else axes.flat[k]
@@ -125,23 +125,40 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
         name = plain_name(item.label)
         title = f"{name}: chi = {item.chi:.2f}" if judged else name
         show_image(ax, item.normalised, cmap=FRAME_MAP, vmin=0, vmax=1, title=title, **item.place)
-        lines = item.lines
         if item.order is not None:
-            lines = order_contours(item.order, _line_orders(largest))
             title = f"fringe order, {100 * item.kept:.1f} % known"
             orders.append(_show_order(axes[k, 1], item.order, largest, title, item.place))
         if item.isoclinic is not None:
             directions.append(_show_isoclinic(axes[k, 2], item.isoclinic, item.place))
-        for line in lines:
-            whole = line.kind == "dark" if line.order is None else float(line.order).is_integer()
-            colour = LINE_COLOURS[0 if whole else 1]
-            draw_line(ax, line.rows, line.cols, item.place, color=colour, lw=LINE_PT)
-    _share_bar(orders, _ORDER_LABEL)
+        draw_fringes(ax, item, largest)
+    _share_bar(orders, ORDER_LABEL)
     _share_bar(directions, "counter-clockwise from x (degrees)")
     for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
         ax.set_visible(False)
+    return say_lines(largest, read)
+
+
+def say_lines(largest: float, read: bool) -> str:
+    """What the lines over frames are, in words.
+
+    Parameters: the `largest` order; whether orders were `read`. Returns the words.
+    """
     first = ", ".join(f"{order:g}" for order in _line_orders(largest)[:3])
     return f"lines: N = {first} ..." if read else "lines: dark (blue) and bright (orange) fringes"
+
+
+def draw_fringes(axes: Axes, item: Shown, largest: float) -> None:
+    """Draw the fringes of a frame as lines: whole or dark ones blue, the others orange.
+
+    Parameters: `axes`, where the frame was drawn; `item`; the `largest` order of all frames.
+    """
+    lines = item.lines
+    if item.order is not None:
+        lines = order_contours(item.order, _line_orders(largest))
+    for line in lines:
+        whole = line.kind == "dark" if line.order is None else float(line.order).is_integer()
+        colour = LINE_COLOURS[0 if whole else 1]
+        draw_line(axes, line.rows, line.cols, item.place, color=colour, lw=LINE_PT)
 
 
 def _show_order(axes: Any, order: np.ndarray, largest: float, title: str, place: Place) -> Any:
@@ -204,8 +221,8 @@ def plot_order(
     if values.ndim != 2:
         raise InputError(f"an order map of shape {values.shape} to draw: give one (rows, cols)")
     place = place_of_image(order, pixel_mm, left_mm, top_mm)
-    drawn, largest = given_axes(axes), _largest_order(values)
-    _share_bar([_show_order(drawn, values, largest, title, place)], _ORDER_LABEL)
+    drawn, largest = given_axes(axes), _highest_order(values)
+    _share_bar([_show_order(drawn, values, largest, title, place)], ORDER_LABEL)
     for line in order_contours(values, _line_orders(largest)) if lines else ():
         draw_line(drawn, line.rows, line.cols, place, color=OVERLAY_COLOUR, lw=FINE_PT)
     return drawn
@@ -235,11 +252,12 @@ def _share_bar(images: list[Any], label: str) -> None:
     add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6)
 
 
-def _largest(item: Shown) -> float:
-    return 1.0 if item.order is None else _largest_order(item.order)
+def highest_order(item: Shown) -> float:
+    """The order up to which a frame's colours go; 1 where none was read."""
+    return 1.0 if item.order is None else _highest_order(item.order)
 
 
-def _largest_order(order: np.ndarray) -> float:
+def _highest_order(order: np.ndarray) -> float:
     """The order up to which colours go; 1 where none is known."""
     return float(np.nanpercentile(order, 99.9)) if np.isfinite(order).any() else 1.0
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from isochrome.errors import InputError, PhysicsError
+from isochrome.figures import PaperPanels
 from isochrome.fitting import CORRECT, FRICTION, fitted_scene, over_distance, untracked_inputs
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
@@ -35,6 +36,7 @@ from isochrome.processing.result import (
     SPREAD,
     ProcessedFrame,
     causes_of,
+    own_values,
 )
 from isochrome.runs import RunDataset, column_values, identifier, open_run
 from isochrome.scene import Scene
@@ -147,6 +149,15 @@ class Processed(Result):
         found: dict[str, Any] = {"model": self.model, "frames": self.columns}
         found |= {"summary": self.summary()} if self.tracked else {}
         return found | {"warnings": list(self.warnings)}
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give the frames and their orders for a paper; see `paper_figure`.
+
+        `frames`: numbers of those that are shown. Raises InputError where one is not there.
+        """
+        from isochrome.processing.paper_panels import processed_panels
+
+        return processed_panels(self, frames)
 
 
 def fitted_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
@@ -359,12 +370,6 @@ def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
             " was taken out as a tensor: all maps are the load's alone"
         )
     return messages
-
-
-def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> dict[str, float]:
-    """What was fitted to a frame: the values of keys, and those that it asked for."""
-    values = {key: table[key][k] for key in keys if table[key][k] is not None}
-    return values | causes_of(table[CAUSES][k] or "" if CAUSES in table else "")
 
 
 def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -> Scene | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -325,3 +325,9 @@ def value_columns(
     for key, value, spread in zip(keys, values, spreads, strict=True):
         found |= {key: float(value), f"{key} {SPREAD}": float(spread)}
     return found
+
+
+def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> dict[str, float]:
+    """What was fitted to a frame: the values of keys, and those that it asked for."""
+    values = {key: table[key][k] for key in keys if table[key][k] is not None}
+    return values | causes_of(table[CAUSES][k] or "" if CAUSES in table else "")

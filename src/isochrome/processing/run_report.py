@@ -24,9 +24,8 @@ from isochrome.processing.processed import (
     PICTURE,
     Processed,
     fitted_keys,
-    own_values,
 )
-from isochrome.processing.result import CAUSES
+from isochrome.processing.result import CAUSES, own_values
 from isochrome.reporting import (
     FRINGES,
     SIGNAL,

@@ -10,13 +10,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.output import replacing, staged, write_csv, write_frames
+from isochrome.output import (
+    imagej_view,
+    replacing,
+    staged,
+    write_csv,
+    write_excel_copies,
+    write_frames,
+)
 from isochrome.runs.store import STORE, open_store, with_identifiers
 
 if TYPE_CHECKING:
     import xarray
 
-FORMATS = ("netcdf", "tiff", "csv")
+FORMATS = ("netcdf", "tiff", "csv", "excel")
+_LOOKED_AT = 50
+"""Pictures of a map whose values are looked at for its range in ImageJ."""
 _PICTURE = ("row", "col")
 
 
@@ -30,11 +39,11 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
     ----------
     run : str or Path
         Folder that process or sweep left.
-    to : {'netcdf', 'tiff', 'csv'}
+    to : {'netcdf', 'tiff', 'csv', 'excel'}
         'netcdf', one netCDF-4 file with all axes, units and attributes, which MATLAB's ncread
         opens; 'tiff', a stack of each map, with its scale, time step and labels where ImageJ looks
         for them; 'csv', the table of all that is known besides pictures, a row for each frame or
-        state.
+        state; 'excel', the same as a German or French Excel opens it.
     out : str or Path, optional
         Folder for the files; by default the run's own.
 
@@ -82,6 +91,11 @@ def _write(dataset: xarray.Dataset, to: str, folder: Path) -> list[Path]:
         return [_to_netcdf(dataset, folder / "run.nc")]
     if to == "csv":
         return [_to_csv(dataset, folder / "run.csv")]
+    if to == "excel":
+        table = _to_csv(dataset, folder / "run.csv")
+        copies = write_excel_copies(folder)
+        table.unlink()
+        return copies
     return [
         _to_tiff(dataset, str(name), folder / "imagej")
         for name in sorted(dataset.data_vars, key=str)
@@ -162,11 +176,35 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
     path = folder / f"{name}.tif"
     shape = (int(np.prod(array.shape[:-2])), *array.shape[-2:])
-    metadata = {"Labels": _labels(dataset, array), **_interval(dataset, array)}
-    pictures = (values for _, values in _blocks(array))
     pixel = _scale(dataset)
+    view = imagej_view(
+        name, _span(array), labels=_labels(dataset, array), pixel_mm=pixel,
+        left_mm=_edge(dataset, "x_mm", pixel), top_mm=_edge(dataset, "z_mm", pixel),
+    )  # fmt: skip
+    metadata = view | _interval(dataset, array)
+    pictures = (values for _, values in _blocks(array))
     write_frames(path, pictures, shape, np.dtype("<f4"), pixel_mm=pixel, metadata=metadata)
     return path
+
+
+def _span(array: xarray.DataArray) -> tuple[float, float]:
+    """Smallest and largest value of a map, of many pictures in evenly spaced ones."""
+    count = int(np.prod(array.shape[:-2]))
+    wanted = set(np.linspace(0, count - 1, min(count, _LOOKED_AT)).round().astype(int).tolist())
+    ends = list[float]()
+    for number, place in enumerate(product(*(range(size) for size in array.shape[:-2]))):
+        if number in wanted:
+            values = np.asarray(array[place].values)
+            known = values[np.isfinite(values)]
+            ends += [float(known.min()), float(known.max())] if known.size else []
+    return (min(ends), max(ends)) if ends else (0.0, 1.0)
+
+
+def _edge(dataset: xarray.Dataset, name: str, pixel_mm: float | None) -> float | None:
+    """Outer edge of the first column or row, mm; None where no place is known."""
+    if pixel_mm is None or name not in dataset.coords:
+        return None
+    return float(dataset[name].values[0]) - 0.5 * pixel_mm
 
 
 def _scale(dataset: xarray.Dataset) -> float | None:

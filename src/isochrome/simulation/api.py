@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
+from isochrome.figures import PaperPanels, chosen_frames
 from isochrome.output import Result, counted, over_items, read_csv, saved_picture
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
@@ -32,7 +33,7 @@ from isochrome.scene import (
     load_scene,
 )
 from isochrome.simulation.dataset import simulation_dataset
-from isochrome.simulation.figure import simulation_figure
+from isochrome.simulation.figure import simulation_figure, simulation_panels
 from isochrome.simulation.folder import HISTORY, PICTURE, finish_simulation_folder, run_layout
 from isochrome.simulation.model import (
     SceneState,
@@ -78,6 +79,8 @@ class Simulation(Result):
         direction in degrees.
     already : bool, default False
         Whether an earlier run had left it all.
+    components : bool, default False
+        Whether the principal stresses were asked for apart.
     """
 
     scene: Scene
@@ -88,6 +91,7 @@ class Simulation(Result):
     orders: NDArray[np.float32] | None = None
     maps: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     already: bool = False
+    components: bool = False
 
     @property
     def dataset(self) -> RunDataset:
@@ -128,6 +132,16 @@ class Simulation(Result):
     def to_json(self) -> dict[str, Any]:
         """The history of all states."""
         return {"history": self.history}
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give the states for a paper, rendered again; see `paper_figure`.
+
+        `frames`: numbers of the states that are shown. Raises InputError where one is not there.
+        """
+        count = len(self.history["state"])
+        shown = chosen_frames(frames, count, shown_states(count), items="states")
+        work = RenderWork(self.scene, self.pixels, count, components=self.components)
+        return simulation_panels(self.scene, self.pixels, work.rendered_states(shown))
 
 
 def simulate(
@@ -228,6 +242,7 @@ def simulate(
     return Simulation(
         scene=scene, pixels=pixels, history=history, states=kept, frames=np.concatenate(frames),
         orders=np.stack(orders), maps=layers, draw=partial(simulation_figure, scene, pixels, items),
+        components=components,
     )  # fmt: skip
 
 
@@ -254,7 +269,10 @@ def _to_folder(
     already = history is None
     draw = partial(_draw, work, out.absolute() / PICTURE, already)
     history = history or read_csv(out / HISTORY)
-    return Simulation(scene=scene, pixels=pixels, history=history, already=already, draw=draw)
+    return Simulation(
+        scene=scene, pixels=pixels, history=history, already=already, draw=draw,
+        components=components,
+    )  # fmt: skip
 
 
 def _draw(work: RenderWork, file: Path, already: bool) -> Figure:

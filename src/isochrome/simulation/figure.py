@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,9 @@ from isochrome.figures import (
     BOLD_PT,
     FINE_PT,
     LINE_COLOURS,
+    PaperPanels,
+    PictureKind,
+    Plot,
     add_legend,
     given_axes,
     new_figure,
@@ -25,11 +29,13 @@ from isochrome.figures import (
 )
 from isochrome.scene import Scene
 from isochrome.simulation.model import SceneState
+from isochrome.simulation.stress_figure import stress_kinds
 from isochrome.stress import PixelGrid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
     from isochrome.simulation.rendering import Rendered
 
@@ -51,18 +57,9 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
         both: Any = figure.subfigures(2, 1, height_ratios=[height - 3.6, 3.2])
         upper, lower = both
     axes = upper.subplots(image_rows, cols, squeeze=False).ravel()
-    bits = scene.camera.bit_depth if scene.camera is not None else None
     for ax, item in zip(axes, items, strict=False):
         largest = float(np.nanmax(item.picture.order))
-        plot_frame(
-            item.frames[0],
-            ax,
-            full=1.0 if bits is None else 2**bits - 1,
-            pixel_mm=pixels.pixel_mm,
-            left_mm=pixels.left_mm,
-            top_mm=pixels.top_mm,
-            title=f"{item.state.label}: N up to {largest:.2f}",
-        )
+        _draw_frame(ax, scene, pixels, item, title=f"{item.state.label}: N up to {largest:.2f}")
     for ax in axes[len(items) :]:
         ax.set_visible(False)
     if lower is not None:
@@ -76,6 +73,50 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
     which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
     write_head(upper, f"{plain_name(scene.name)}, simulated ({which})")
     return figure
+
+
+def _draw_frame(
+    axes: Axes, scene: Scene, pixels: PixelGrid, item: Rendered, *, title: str = ""
+) -> None:
+    """The first frame of a state, white where the camera is full."""
+    bits = scene.camera.bit_depth if scene.camera is not None else None
+    plot_frame(
+        item.frames[0],
+        axes,
+        full=1.0 if bits is None else 2**bits - 1,
+        pixel_mm=pixels.pixel_mm,
+        left_mm=pixels.left_mm,
+        top_mm=pixels.top_mm,
+        title=title,
+    )
+
+
+def simulation_panels(scene: Scene, pixels: PixelGrid, items: Sequence[Rendered]) -> PaperPanels:
+    """The same for a paper, with the maps of the principal stresses where they were asked for.
+
+    Parameters: `scene`; `pixels`; `items`, the rendered states. Returns PaperPanels.
+    """
+
+    def frame(axes: Axes, k: int) -> AxesImage:
+        _draw_frame(axes, scene, pixels, items[k])
+        return axes.images[0]
+
+    kinds = [PictureKind(name="frame", draw=frame), *stress_kinds(pixels, items)]
+    states = [item.state for item in items]
+    plots = []
+    if items[0].state.surface is not None:
+        for title, draw in (("pressure", plot_pressure), ("worn depth", plot_scar)):
+            plots.append(Plot(title=title, draw=partial(draw, states)))
+    return PaperPanels(
+        kinds=kinds,
+        labels=[plain_name(item.state.label, 24) for item in items],
+        plots=plots,
+        legend=[state.label for state in states] if plots and len(items) > 1 else (),
+        notes=[
+            f"{item.state.label}: N up to {float(np.nanmax(item.picture.order)):.2f}."
+            for item in items
+        ],
+    )
 
 
 States = SceneState | Sequence[SceneState]

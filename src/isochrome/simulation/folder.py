@@ -10,6 +10,7 @@ import numpy as np
 from isochrome.optics import stored_type
 from isochrome.output import (
     csv_text,
+    imagej_view,
     replacing,
     write_csv,
     write_figure,
@@ -19,7 +20,7 @@ from isochrome.output import (
 from isochrome.runs import CHUNK_BYTES, RunFolder, RunLayout, chunk_size, parts, rows
 from isochrome.scene import dump_scene
 from isochrome.simulation.figure import simulation_figure
-from isochrome.simulation.state_chunk import FRAMES, PRESSURE, RenderWork
+from isochrome.simulation.state_chunk import FRAMES, ORDER, PRESSURE, RenderWork
 from isochrome.simulation.state_rows import PROFILE, add_state_row
 from isochrome.simulation.stress_figure import stress_figure
 
@@ -52,7 +53,7 @@ def finish_simulation_folder(run: RunFolder, work: RenderWork) -> dict[str, list
         file.write(csv_text(dict.fromkeys(PROFILE, ())).encode())
         file.writelines(parts(run, PRESSURE))
     for name in work.stacks:
-        _join(run, work, name)
+        _join(run, work, name, history)
     write_text(folder / "scene.toml", dump_scene(scene))
     shown = work.figure_items()
     write_figure(folder / PICTURE, simulation_figure(scene, work.pixels, shown))
@@ -61,7 +62,7 @@ def finish_simulation_folder(run: RunFolder, work: RenderWork) -> dict[str, list
     return history
 
 
-def _join(run: RunFolder, work: RenderWork, name: str) -> None:
+def _join(run: RunFolder, work: RenderWork, name: str, history: dict[str, list[Any]]) -> None:
     """A stack from the chunks' parts of it."""
     (steps, *shape), dtype = _form(work, name)
 
@@ -76,7 +77,35 @@ def _join(run: RunFolder, work: RenderWork, name: str) -> None:
         dtype,
         pixel_mm=work.pixels.pixel_mm,
         photometric="rgb" if len(shape) == 3 else "minisblack",
+        metadata=None if len(shape) == 3 else _view(run, work, name, history),
     )
+
+
+def _view(
+    run: RunFolder, work: RenderWork, name: str, history: dict[str, list[Any]]
+) -> dict[str, Any]:
+    """What ImageJ is to know of a stack: labels, range, colours and origin."""
+    (steps, *_), dtype = _form(work, name)
+    pixels, camera = work.pixels, work.scene.camera
+    assert camera is not None
+    if name == FRAMES:
+        span = (0.0, 1.0 if camera.bit_depth is None else 2.0**camera.bit_depth - 1.0)
+    elif name == ORDER:
+        span = (0.0, float(max(history["n_max"])))
+    elif "direction" in name:
+        span = (-90.0, 90.0)
+    else:
+        ends = [np.nanpercentile(np.frombuffer(p, dtype), (0.1, 99.9)) for p in parts(run, name)]
+        span = (float(np.min(ends)), float(np.max(ends)))
+    labels = [
+        f"{label}, step {step}" if steps > 1 else str(label)
+        for label in history["label"]
+        for step in range(steps)
+    ]
+    return imagej_view(
+        name, span, labels=labels, pixel_mm=pixels.pixel_mm, left_mm=pixels.left_mm,
+        top_mm=pixels.top_mm,
+    )  # fmt: skip
 
 
 def _form(work: RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:

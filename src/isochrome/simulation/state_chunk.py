@@ -7,7 +7,7 @@ tenth of what rendering costs.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -78,10 +78,16 @@ class RenderWork:
 
     def figure_items(self) -> list[Rendered]:
         """The states for the figure, rendered again where another process has done it."""
-        for index in self.shown:
-            if index not in self._kept:
-                (self._kept[index],) = self._rendered(index, index + 1)
-        return [self._kept[index] for index in self.shown]
+        return self.rendered_states(self.shown)
+
+    def rendered_states(self, numbers: Iterable[int]) -> list[Rendered]:
+        """Some states, rendered again where they are not kept; `numbers` in any order."""
+        wanted = list(numbers)
+        found = dict(self._kept)
+        for index in sorted(set(wanted) - set(found)):
+            (found[index],) = self._rendered(index, index + 1)
+        self._kept |= {index: found[index] for index in wanted if index in self.shown}
+        return [found[index] for index in wanted]
 
     def _pictures(self, item: Rendered) -> dict[str, np.ndarray]:
         """A state's pictures by the names of their files, little-endian."""

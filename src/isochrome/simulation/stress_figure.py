@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from isochrome.figures import (
     DIFFERENCE_MAP,
     INK,
     LINE_COLOURS,
+    PictureKind,
     add_colour_bar,
     centred_limit,
     new_figure,
@@ -24,10 +26,13 @@ from isochrome.stress import PixelGrid
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
     from isochrome.simulation.rendering import Rendered
 
 _NAMES = {"sigma_1": r"$\sigma_1$ (MPa)", "sigma_2": r"$\sigma_2$ (MPa)"}
+_PLAIN_NAMES = {"sigma_1": "σ₁", "sigma_2": "σ₂"}
+"""The same in letters that are no smaller than the others'."""
 _CARET_DOWN = 7
 """Matplotlib's marker with its tip, not its middle, at the place."""
 
@@ -50,19 +55,7 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
         limit = centred_limit(*maps, percentile=99.8)
         drawn = []
         for ax, item, image in zip(axes, items, maps, strict=False):
-            shown = show_image(
-                ax,
-                image,
-                pixel_mm=pixels.pixel_mm,
-                left_mm=pixels.left_mm,
-                top_mm=pixels.top_mm,
-                cmap=DIFFERENCE_MAP,
-                vmin=-limit,
-                vmax=limit,
-                title=item.state.label,
-            )
-            drawn.append(shown)
-            _mark(ax, item, pixels)
+            drawn.append(_draw_stress(ax, item, image, pixels, limit, title=item.state.label))
         for ax in axes[len(items) :]:
             ax.set_visible(False)
         low, high = _range(maps)
@@ -71,6 +64,43 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
     marks = "× largest shear" + (", ▼ edges of contact" if scene.indenter is not None else "")
     write_head(figure, f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}")
     return figure
+
+
+def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKind]:
+    """The maps for a paper; none where the principal stresses were not asked for.
+
+    Parameters: `pixels`; `items`, the rendered states. Returns a list of PictureKind.
+    """
+    found = []
+    for name, plain in _PLAIN_NAMES.items():
+        maps = [item.components.maps[name] for item in items if item.components]
+        if len(maps) == len(items):
+            limit = centred_limit(*maps, percentile=99.8)
+
+            def draw(axes: Axes, k: int, maps: Any = maps, limit: float = limit) -> AxesImage:
+                return _draw_stress(axes, items[k], maps[k], pixels, limit)
+
+            found.append(PictureKind(name=plain, draw=draw, bar=f"{plain} (MPa)"))
+    return found
+
+
+def _draw_stress(
+    axes: Axes, item: Rendered, image: np.ndarray, pixels: PixelGrid, limit: float, title: str = ""
+) -> AxesImage:
+    """A map, red in tension and blue in compression, with its marks."""
+    shown = show_image(
+        axes,
+        image,
+        pixel_mm=pixels.pixel_mm,
+        left_mm=pixels.left_mm,
+        top_mm=pixels.top_mm,
+        cmap=DIFFERENCE_MAP,
+        vmin=-limit,
+        vmax=limit,
+        title=title,
+    )
+    _mark(axes, item, pixels)
+    return shown
 
 
 def _range(maps: list[np.ndarray]) -> tuple[float, float]:

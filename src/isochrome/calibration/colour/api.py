@@ -14,6 +14,7 @@ from isochrome.calibration.colour.bending_order import known_beam_order
 from isochrome.calibration.colour.colour_frames import read_colour_shots
 from isochrome.calibration.colour.settings import ColourSet, ColourSetLike, load_colour_set
 from isochrome.errors import InputError, PhysicsError
+from isochrome.figures import PaperPanels
 from isochrome.frames import as_captured
 from isochrome.fringes import (
     STEP,
@@ -126,6 +127,15 @@ class ColourCalibration(Result):
         from isochrome.calibration.colour.folder import colour_figure
 
         return colour_figure(self)
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give the table for a paper; see `paper_figure`.
+
+        A table has no frames: raises InputError where some are named.
+        """
+        from isochrome.calibration.colour.folder import colour_panels
+
+        return colour_panels(self, frames)
 
     def to_json(self) -> dict[str, Any]:
         """The calibration without its table and images, for calibration.json."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.estimation import BudgetInput
+from isochrome.figures import PaperPanels
 from isochrome.output import Result, counted, with_uncertainty
 
 if TYPE_CHECKING:
@@ -151,6 +152,15 @@ class ScaleCalibration(Result):
         from isochrome.calibration.scale.figure import scale_figure
 
         return scale_figure(self)
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give pictures with their points, and the budget, for a paper; see `paper_figure`.
+
+        `frames`: numbers of the pictures that are shown. Raises InputError where one is not there.
+        """
+        from isochrome.calibration.scale.figure import scale_panels
+
+        return scale_panels(self, frames)
 
     @property
     def scene_values(self) -> dict[str, tuple[float, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,10 @@ from isochrome.figures import (
     LINE_COLOURS,
     LINE_PT,
     PALE,
+    PaperPanels,
+    Plot,
     add_legend,
+    chosen_frames,
     draw_band,
     draw_budget,
     new_figure,
@@ -26,10 +30,14 @@ from isochrome.figures import (
 from isochrome.output import with_uncertainty
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOST_ROWS = 6
 """Distances whose traces are drawn, the first ones."""
+
+_FOR_PAPER = 4
+"""Those of a figure for a paper where nobody names them."""
 
 _UNIT = 1e-9
 """Coefficients are drawn in 1e-9 mm²/N."""
@@ -57,14 +65,41 @@ def wear_figure(calibration: WearCalibration) -> Figure:
     draw_budget(
         panels[-1, 1], parts, x_label="contribution to u (1e-9 mm²/N)", title="uncertainty budget"
     )
+    write_head(figure, "    ".join(_values(calibration)))
+    return figure
+
+
+def _values(calibration: WearCalibration) -> tuple[str, str, str]:
+    """The coefficient, its interval and its law, in words."""
     k, u = calibration.coefficient_mm2_per_n / _UNIT, calibration.standard_uncertainty / _UNIT
     low, high = (edge / _UNIT for edge in calibration.interval_95)
-    write_head(
-        figure,
-        f"k = {with_uncertainty(k, u)} e-9 mm²/N by Archard's law    95 %: {low:.4g} to {high:.4g}"
-        f"    law by evidence: {calibration.law}",
-    )
-    return figure
+    value = f"k = {with_uncertainty(k, u)} e-9 mm²/N by Archard's law"
+    return value, f"95 %: {low:.4g} to {high:.4g}", f"law by evidence: {calibration.law}"
+
+
+def wear_panels(calibration: WearCalibration, frames: tuple[int, ...] | None) -> PaperPanels:
+    """The same for a paper: levelled scars, k over the distance, and the budget.
+
+    Parameters: `calibration`; `frames`, numbers of the distances that are shown. Returns
+    PaperPanels. Raises InputError where there is no such distance.
+    """
+    distances = list(dict.fromkeys(scar.test.distance_m for scar in calibration.traces))
+    few = range(min(len(distances), _FOR_PAPER))
+    shown = [distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")]
+
+    def scar(axes: Axes, place: float) -> None:
+        _draw_levelled(axes, [s for s in calibration.traces if s.test.distance_m == place])
+        axes.set_xlabel("x (mm)")
+
+    plots = [Plot(title=f"{place:g} m", draw=partial(scar, place=place)) for place in shown]
+    parts = {item.input: item.contribution / _UNIT for item in calibration.budget}
+    budget = partial(draw_budget, parts=parts, x_label="contribution to u (1e-9 mm²/N)", title="")
+    plots += [
+        Plot(title="V/(P s)", draw=partial(_draw_coefficients, calibration=calibration)),
+        Plot(title="uncertainty budget", draw=budget, height_mm=max(30.0, 5.0 * len(parts))),
+    ]
+    notes = ["; ".join(_values(calibration)) + ".", f"Bands: ± {BAND:g} standard uncertainties."]
+    return PaperPanels(plots=plots, notes=notes)
 
 
 def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
@@ -83,10 +118,12 @@ def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
 
 def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
     """Depths from the scars' middles, downward, with the worn areas and the edges."""
-    found = [scar.levelled for scar in scars if scar.levelled is not None]
-    for one, colour in zip(found, _colours(len(found)), strict=True):
+    clear = [scar for scar in scars if scar.levelled is not None]
+    found = [scar.levelled for scar in clear if scar.levelled is not None]
+    names = [plain_name(scar.test.file, 24) for scar in clear]
+    for one, name, colour in zip(found, names, _colours(len(found)), strict=True):
         x = one.x_mm - one.centre_mm
-        axes.plot(x, -one.depth_um, color=colour, lw=LINE_PT)
+        axes.plot(x, -one.depth_um, color=colour, lw=LINE_PT, label=name)
         for edge, u in zip(one.edges_mm, one.edge_uncertainty_mm, strict=True):
             place = edge - one.centre_mm
             axes.axvspan(place - BAND * u, place + BAND * u, color=colour, alpha=0.12, lw=0)

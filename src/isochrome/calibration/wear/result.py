@@ -11,6 +11,7 @@ import numpy as np
 from isochrome.calibration.wear.coefficient import WearLawFit
 from isochrome.calibration.wear.worn_volumes import TraceScar, WornVolume
 from isochrome.estimation import BudgetInput
+from isochrome.figures import PaperPanels
 from isochrome.output import Result, counted, with_uncertainty
 
 if TYPE_CHECKING:
@@ -180,6 +181,15 @@ class WearCalibration(Result):
         from isochrome.calibration.wear.figure import wear_figure
 
         return wear_figure(self)
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give scars, coefficients and budget for a paper; see `paper_figure`.
+
+        `frames`: numbers of the distances that are shown. Raises InputError where one is not there.
+        """
+        from isochrome.calibration.wear.figure import wear_panels
+
+        return wear_panels(self, frames)
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain numbers, texts and lists for `calibration.json`."""

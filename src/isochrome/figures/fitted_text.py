@@ -1,0 +1,162 @@
+"""Texts of a figure broken into lines that fit, and numbers at axes that do not touch."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from isochrome.figures.style import PAPER_PT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+_UNIT = re.compile(r"(?<=\d) (?=(?:m|mm|µm|N|px|fringes?)\b|%)")
+"""The space between a number and its unit, where no line ends."""
+_PT_PER_MM = 72.0 / 25.4
+_LEGEND_SHARE, _KEY_MM = 0.7, 9.0
+"""Widest legend over its axes, and the room of a line beside its name."""
+_LEAST_MM = 15.0
+"""A line of text that is never broken further."""
+_TICK_MM, _BETWEEN_MM = 10.0, 3.0
+"""Least room of a number at a horizontal axis, and what is free between two of them."""
+_BAR = "<colorbar>"
+"""What Matplotlib calls the axes of a colour bar."""
+_FOR_THREE, _MOST_NUMBERS = 3.5, 6
+"""Room, in numbers, for three of them; and the most."""
+_TICK_DOWN_MM = 7.0
+"""Room of a number at a vertical axis."""
+
+
+@lru_cache(maxsize=4096)
+def width_mm(text: str) -> float:
+    """Measure a line of text in the figure's font and size.
+
+    Parameters
+    ----------
+    text : str
+        One line.
+
+    Returns
+    -------
+    float
+        Its width, mm.
+    """
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    if not text.strip():
+        return 0.0
+    path = TextPath((0.0, 0.0), text, size=PAPER_PT, prop=FontProperties(), usetex=False)
+    return float(path.get_extents().width) / _PT_PER_MM
+
+
+def wrap_note(text: str, room_mm: float) -> str:
+    """Break a text at its spaces into lines that fit.
+
+    Parameters
+    ----------
+    text : str
+        The text; its own line breaks are spaces.
+    room_mm : float
+        Width of a line, mm.
+
+    Returns
+    -------
+    str
+        The lines. A word that is too long stands alone, and is broken where it must be.
+    """
+    lines, line = list[str](), ""
+    held = _UNIT.sub("\u00a0", " ".join(text.splitlines()))
+    for word in held.split(" "):
+        longer = f"{line} {word}".strip()
+        if line and width_mm(longer) > room_mm:
+            lines.append(line)
+            longer = word
+        while width_mm(longer) > room_mm and len(longer) > 1:
+            fitting = next(
+                n
+                for n in range(len(longer) - 1, 0, -1)
+                if n == 1 or width_mm(longer[:n]) <= room_mm
+            )
+            lines.append(longer[:fitting])
+            longer = longer[fitting:]
+        line = longer
+    return "\n".join([*lines, line])
+
+
+class FittedTexts:
+    """The titles, labels, legends and numbers of a figure, fitted to its axes again and again.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        A figure whose texts have the paper's size.
+    """
+
+    def __init__(self, figure: Figure) -> None:
+        from matplotlib.axes import Axes
+        from matplotlib.ticker import AutoLocator
+
+        self.figure = figure
+        self.axes = [axes for axes in figure.findobj(Axes) if axes.get_visible() and axes.axison]
+        self._whole = {text: text.get_text() for axes in self.axes for text in _texts(axes)}
+        self._thinned = [
+            (axes, axis)
+            for axes in self.axes
+            for axis in (axes.xaxis, axes.yaxis)
+            if isinstance(axis.get_major_locator(), AutoLocator)
+            or (axes.get_label() == _BAR and axis is axes.xaxis)
+        ]
+
+    def fit(self) -> None:
+        """Break what is longer than its axes, and give the numbers at axes their room."""
+        for text, words in self._whole.items():
+            text.set_text("x"[: len(words)])  # so that no text pushes the axes that it is to fit
+        self.figure.draw_without_rendering()
+        for axes in self.axes:
+            wide, high = _size_mm(axes)
+            title, across, up, *names = _texts(axes)
+            rooms = [(title, wide), (across, wide), (up, high)]
+            rooms += [(name, _LEGEND_SHARE * wide - _KEY_MM) for name in names]
+            for text, room in rooms:
+                text.set_text(wrap_note(self._whole[text], max(room, _LEAST_MM)))
+        for axes, axis in self._thinned:
+            wide, high = _size_mm(axes)
+            if axis is axes.xaxis:
+                longest = max(
+                    (width_mm(text.get_text()) for text in axis.get_ticklabels()), default=0
+                )
+                _thin(axis, wide / max(_TICK_MM, longest + _BETWEEN_MM))
+            else:
+                _thin(axis, high / _TICK_DOWN_MM)
+
+
+def _texts(axes: Axes) -> list[Text]:
+    """The title at the left, which setting it to what it is gives; labels; names of a legend."""
+    title = axes.set_title(axes.get_title(loc="left"), loc="left", fontsize=PAPER_PT)
+    legend = axes.get_legend()
+    return [title, axes.xaxis.label, axes.yaxis.label, *(legend.get_texts() if legend else ())]
+
+
+def _size_mm(axes: Axes) -> tuple[float, float]:
+    """Width and height of the place of axes, which a picture fills in the end, mm.
+
+    A colour bar has a shape of its own, and does not fill its place.
+    """
+    place, part = axes.get_position(original=axes.get_label() != _BAR), axes.figure
+    assert part is not None
+    scale = 25.4 / part.figure.dpi
+    return place.width * part.bbox.width * scale, place.height * part.bbox.height * scale
+
+
+def _thin(axis: Axis, room: float) -> None:
+    """As many numbers at an axis as there is room for."""
+    from matplotlib.ticker import MaxNLocator
+
+    least = 3 if room >= _FOR_THREE else 1
+    most = max(1, min(int(room), _MOST_NUMBERS))
+    axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=least))

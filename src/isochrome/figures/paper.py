@@ -1,0 +1,381 @@
+"""Figures for a paper: laid out for their width, one size of letters, panels lettered.
+
+Pictures stand in a grid, plots flow in rows below it. The figure is made as high as they need.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from itertools import count
+from string import ascii_lowercase
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.figures.fitted_text import FittedTexts, width_mm, wrap_note
+from isochrome.figures.panels import FigureStyle, PaperPanels, Plot, WithPanels
+from isochrome.figures.scale_bar import add_scale_bar
+from isochrome.figures.style import PAPER_LINE_MM, PAPER_PT, add_legend, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+MM_PER_INCH = 25.4
+
+_BESIDE_MM = 36.0
+"""Narrowest picture whose kinds stand beside each other."""
+_LEAST_MM, _LEAST_OF_COLUMN_MM = 40.0, 24.0
+"""Narrowest picture of several items, in a wide figure and in one of a column."""
+_COLUMN_MM = 120.0
+"""Width below which a figure is one of a column."""
+_PLOT_MM = 70.0
+"""Narrowest plot, with its labels."""
+_KEY_MM = 14.0
+"""Room of a line in a legend, and between its columns."""
+_AROUND_MM = 12.0
+"""Room of a picture's title and numbers, to begin with."""
+_LARGEST_STEP = 0.4
+"""Of the pictures' height, so that no slope of two heights that are alike throws it away."""
+_BAR_MM = 1.6
+"""Height of a colour bar."""
+_MARK_PT = 10.0
+"""Room of marks between a picture and its title."""
+_ONE_PLACE = 0.01
+"""Over the picture's size: pictures that are no further apart have their numbers once."""
+_PLOT = "plot-"
+"""In front of a plot's letter, in the name by which its Axes (and an SVG's group) are known."""
+_PASSES, _CLOSE_MM = 6, 0.8
+"""How often the height is mended by what the pictures leave, and how little that may be."""
+
+
+def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure:
+    """Draw a result for a paper, laid out for the width of a journal's column.
+
+    All letters have 8 pt at the final size. Pictures have a scale bar, where their scale is known,
+    and panels have letters.
+
+    Parameters
+    ----------
+    result : Comparison, ScarComparison, Processed, Simulation or a calibration
+        What `compare`, `process`, `simulate` or `calibrate_...` found.
+    style : FigureStyle, optional
+        Width and frames; by default 174 mm.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, to be changed or saved; `save_figure` saves it.
+
+    Raises
+    ------
+    InputError
+        Where the result has no such picture or no such frame.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> figure = isochrome.paper_figure(
+    ...     isochrome.simulate(scene), isochrome.FigureStyle(width_mm=85))
+    >>> round(25.4 * figure.get_figwidth())
+    85
+    """
+    style = style or FigureStyle()
+    make = getattr(result, "panels", None)
+    if make is None:
+        raise InputError(
+            f"{getattr(result, 'title', type(result).__name__)}: has no figure for a paper; its "
+            "figure() is a matplotlib Figure, and its table has the numbers"
+        )
+    panels: PaperPanels = make(style.frames)
+    blocks = _blocks(panels, style)
+    figure = new_figure(style.width_mm / MM_PER_INCH, sum(blocks.values()) / MM_PER_INCH)
+    engine: Any = figure.get_layout_engine()
+    engine.set(w_pad=0.05, h_pad=0.02, wspace=0.0, hspace=0.0)
+    grid = figure.add_gridspec(len(blocks), 1, height_ratios=list(blocks.values()))
+    parts = {name: figure.add_subfigure(grid[k]) for k, name in enumerate(blocks)}
+    letters = (f"({_letters(k)})" for k in count())
+    pictures: list[list[Axes]] = []
+    if "pictures" in parts:
+        pictures = _draw_pictures(parts["pictures"], panels, style, letters)
+    if "plots" in parts:
+        _draw_plots(parts["plots"], panels, style, letters)
+    if "notes" in parts:
+        text = parts["notes"].text(0.01, 1.0, _notes(panels, style), va="top")
+        text.set_in_layout(False)
+    _one_size(figure)
+    _fit(figure, grid, blocks, pictures)
+    return figure
+
+
+def _fit(figure: Figure, grid: Any, blocks: dict[str, float], pictures: list[list[Axes]]) -> None:
+    """Fit the texts to the panels, and the height to what the pictures need at their width.
+
+    What is missing falls with the height, not by as much: letters at the sides give way where
+    pictures do not fill their places. So a step is by the slope of the last two.
+    """
+    texts, last = FittedTexts(figure), None
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph .* missing from font")
+        for _ in range(_PASSES):
+            texts.fit()
+            figure.draw_without_rendering()
+            missing = sum(_missing_mm(row) for row in pictures)
+            if abs(missing) < _CLOSE_MM:
+                break
+            step = missing
+            if last is not None and (missing - last[1]) * (blocks["pictures"] - last[0]) < 0.0:
+                step *= (blocks["pictures"] - last[0]) / (last[1] - missing)
+            last = blocks["pictures"], missing
+            most = _LARGEST_STEP * blocks["pictures"]
+            blocks["pictures"] += min(max(step, -most), most)
+            grid.set_height_ratios(list(blocks.values()))
+            figure.set_figheight(sum(blocks.values()) / MM_PER_INCH)
+        figure.draw_without_rendering()  # the layout settles in the second drawing
+    figure.set_layout_engine("none")  # what is saved is what was fitted, at any resolution
+    _align(pictures)
+
+
+def _letters(k: int) -> str:
+    """Letters of a panel: a to z, aa to zz."""
+    more, last = divmod(k, len(ascii_lowercase))
+    return (ascii_lowercase[more - 1] if more else "") + ascii_lowercase[last]
+
+
+def _notes(panels: PaperPanels, style: FigureStyle) -> str:
+    return "\n".join(wrap_note(note, style.width_mm - 2.0) for note in panels.notes)
+
+
+def _blocks(panels: PaperPanels, style: FigureStyle) -> dict[str, float]:
+    """The blocks of a figure, from the top, with their first heights in mm."""
+    found: dict[str, float] = {}
+    if panels.kinds:
+        rows, cols = grid_of_pictures(len(panels.kinds), len(panels.labels), style.width_mm)
+        found["pictures"] = rows * (0.75 * style.width_mm / cols + _AROUND_MM) + _AROUND_MM
+    if panels.plots:
+        found["plots"] = sum(_plot_height(row, style) for row in _plot_rows(panels, style))
+        found["plots"] += _legend_height(panels, style) if panels.legend else 0.0
+    if panels.notes and style.numbers:
+        found["notes"] = PAPER_LINE_MM * (_notes(panels, style).count("\n") + 1.5)
+    return found
+
+
+def grid_of_pictures(kinds: int, items: int, width_mm: float) -> tuple[int, int]:
+    """Say how pictures stand: the kinds beside each other where they fit, else the items.
+
+    Parameters
+    ----------
+    kinds : int
+        Kinds of pictures.
+    items : int
+        Pictures of each.
+    width_mm : float
+        Width of the figure, mm.
+
+    Returns
+    -------
+    tuple of two ints
+        Rows and columns; of the items beside each other, all rows of a kind come together.
+    """
+    if items == 1:
+        across = max(1, min(kinds, int(width_mm / _BESIDE_MM)))
+        return math.ceil(kinds / across), across
+    if _beside(kinds, width_mm):
+        return items, kinds
+    least = _LEAST_OF_COLUMN_MM if width_mm < _COLUMN_MM else _LEAST_MM
+    most = max(1, int(width_mm / least))
+    across = math.ceil(items / math.ceil(items / most))  # rows of one length, or nearly
+    return kinds * math.ceil(items / across), across
+
+
+def _beside(kinds: int, width_mm: float) -> bool:
+    """Whether kinds of several items stand beside each other, a row an item."""
+    return kinds > 2 and width_mm / kinds >= _BESIDE_MM
+
+
+def _places(kinds: int, items: int, width_mm: float) -> dict[tuple[int, int], tuple[int, int]]:
+    """Row and column of each kind's picture of each item."""
+    rows, cols = grid_of_pictures(kinds, items, width_mm)
+    pairs = [(j, k) for j in range(kinds) for k in range(items)]
+    if items == 1:
+        return {(j, k): (j // cols, j % cols) for j, k in pairs}
+    if _beside(kinds, width_mm):
+        return {(j, k): (k, j) for j, k in pairs}
+    own = rows // kinds
+    return {(j, k): (j * own + k // cols, k % cols) for j, k in pairs}
+
+
+def _draw_pictures(
+    part: SubFigure, panels: PaperPanels, style: FigureStyle, letters: Any
+) -> list[list[Axes]]:
+    """Draw the grid of pictures. Returns its rows."""
+    kinds, items = len(panels.kinds), len(panels.labels)
+    rows, cols = grid_of_pictures(kinds, items, style.width_mm)
+    axes: Any = part.subplots(rows, cols, squeeze=False)
+    used: set[int] = set()
+    drawn: dict[int, list[Any]] = {}
+    places = _places(kinds, items, style.width_mm)
+    for (j, k), (row, col) in sorted(places.items(), key=lambda item: item[1]):
+        own, kind = axes[row, col], panels.kinds[j]
+        drawn.setdefault(j, []).append(kind.draw(own, k))
+        words = (kind.name if kinds > 1 else "", panels.labels[k])
+        marked = any(not line.get_clip_on() for line in own.lines)  # above the picture too
+        title = f"{next(letters)} {', '.join(filter(None, words))}"
+        own.set_title(title, loc="left", pad=_MARK_PT if marked else None)
+        own.set_anchor("N")
+        used.add(row * cols + col)
+    add_scale_bar(axes[0, 0])
+    for number, own in enumerate(axes.flat):
+        own.set_visible(number in used)
+    _outer_labels(axes, used)
+    for j, images in drawn.items():
+        if panels.kinds[j].bar:
+            own_places = [places[j, k] for k in range(items)]
+            last = max(own_places)[0]
+            below = [axes[place] for place in own_places if place[0] == last]
+            _add_bar(part, images, panels.kinds[j].bar, below, style.width_mm / cols)
+    return [[own for own in row if own.get_visible()] for row in axes]
+
+
+def _add_bar(
+    part: SubFigure, images: list[Any], label: str, last: list[Axes], column_mm: float
+) -> None:
+    """One colour bar for the pictures of a kind, below the last row of them and as wide."""
+    low, high = images[0].get_clim()
+    shown = [np.ma.asarray(image.get_array()).compressed() for image in images]
+    under = any(values.size and float(values.min()) < low for values in shown)
+    over = any(values.size and float(values.max()) > high for values in shown)
+    ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    bar = part.colorbar(
+        images[0],
+        ax=last,
+        location="bottom",
+        extend=ends.get((under, over), "neither"),
+        extendfrac=0.04,
+        pad=0.02,
+        fraction=0.12,  # of the pictures' height, of which the bar takes what its shape needs
+        aspect=0.8 * column_mm * len(last) / _BAR_MM,
+    )
+    bar.set_label(label)
+    bar.ax.tick_params(length=2.0, width=0.6)
+
+
+def _outer_labels(axes: Any, used: set[int]) -> None:
+    """Numbers and labels at the outer axes alone, where all pictures show one place."""
+    cols = axes.shape[1]
+    shown = [axes.flat[number] for number in sorted(used)]
+    limits = np.array([[*own.get_xlim(), *own.get_ylim()] for own in shown])
+    one_place = bool(np.all(np.ptp(limits, axis=0) <= _ONE_PLACE * np.ptp(limits)))
+    for number in used:
+        row, col = divmod(number, cols)
+        own = axes[row, col]
+        below = number + cols in used
+        if one_place and col:
+            own.tick_params(labelleft=False)
+        if one_place and below:
+            own.tick_params(labelbottom=False)
+        own.set_ylabel("" if col else own.get_ylabel())
+        own.set_xlabel("" if below else own.get_xlabel())
+
+
+def _plot_rows(panels: PaperPanels, style: FigureStyle) -> list[list[Plot]]:
+    """Plots in rows, as many beside each other as fit."""
+    plots = panels.plots
+    most = max(1, min(int(style.width_mm / _PLOT_MM), panels.plots_across))
+    down = math.ceil(len(plots) / most)
+    across = math.ceil(len(plots) / down)
+    return [list(plots[k : k + across]) for k in range(0, len(plots), across)]
+
+
+def _draw_plots(part: SubFigure, panels: PaperPanels, style: FigureStyle, letters: Any) -> None:
+    rows = _plot_rows(panels, style)
+    heights = [_plot_height(row, style) for row in rows]
+    foot = [_legend_height(panels, style)] if panels.legend else []
+    grid = part.add_gridspec(len(rows) + len(foot), 1, height_ratios=[*heights, *foot])
+    first: Axes | None = None
+    for k, row in enumerate(rows):
+        own = grid[k].subgridspec(1, max(map(len, rows)))
+        for column, plot in enumerate(row):
+            axis = part.add_subfigure(own[column]).subplots()
+            first = first or axis
+            plot.draw(axis)
+            letter = next(letters)
+            axis.set_title(f"{letter} {plot.title}", loc="left")
+            axis.set_gid(f"{_PLOT}{letter.strip('()')}")
+    if first is not None and foot:
+        handles, labels = first.get_legend_handles_labels()
+        holder = part.add_subfigure(grid[len(rows)])
+        cols = _legend_columns(panels.legend, style)
+        add_legend(holder, handles, labels, loc="upper center", ncols=cols)
+
+
+def _legend_columns(names: Sequence[str], style: FigureStyle) -> int:
+    longest = max(map(width_mm, names)) + _KEY_MM
+    return max(1, min(len(names), int(style.width_mm / longest)))
+
+
+def _legend_height(panels: PaperPanels, style: FigureStyle) -> float:
+    """Height of the legend below the plots, mm."""
+    lines = math.ceil(len(panels.legend) / _legend_columns(panels.legend, style))
+    return (1.4 * lines + 0.6) * PAPER_LINE_MM
+
+
+def _plot_height(row: Sequence[Plot], style: FigureStyle) -> float:
+    """Height of a row of plots with their titles and labels, mm; lower in a column's figure."""
+    share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
+    return share * max(plot.height_mm for plot in row) + 4.0 * PAPER_LINE_MM
+
+
+def panel_of_plot(axes: Axes) -> str:
+    """Give the letter of a plot of a figure for a paper.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Axes of such a figure.
+
+    Returns
+    -------
+    str
+        Its letter; empty for a picture, a colour bar or a second scale.
+    """
+    name = axes.get_gid() or ""
+    return name.removeprefix(_PLOT) if name.startswith(_PLOT) else ""
+
+
+def _one_size(figure: Figure) -> None:
+    """Give every letter of a figure the size of the paper's."""
+    from matplotlib.text import Text
+
+    for axes in figure.findobj(lambda artist: hasattr(artist, "tick_params")):
+        axes.tick_params(labelsize=PAPER_PT, length=2.0, width=0.6)  # type: ignore[attr-defined]
+    for text in figure.findobj(Text):
+        text.set(fontsize=PAPER_PT)
+
+
+def _missing_mm(row: Sequence[Axes]) -> float:
+    """What the pictures of a row lack in height, or have too much, to be as wide as their place."""
+    needed = []
+    for own in row:
+        place, shown = own.get_position(original=True), own.get_position()
+        part: Any = own.figure
+        wide, high = part.bbox.width, part.bbox.height  # of the part, in dots
+        aspect = (shown.height * high) / (shown.width * wide)
+        dots = place.width * wide * aspect - place.height * high
+        needed.append(dots / part.figure.dpi * MM_PER_INCH)
+    return max(needed, default=0.0)
+
+
+def _align(rows: Sequence[Sequence[Axes]]) -> None:
+    """Give the pictures of a row one upper edge: a colour bar below one of them moves it."""
+    for row in rows:
+        places = [own.get_position(original=True) for own in row]
+        top = max((place.y1 for place in places), default=0.0)
+        for own, place in zip(row, places, strict=True):
+            own.set_position((place.x0, top - place.height, place.width, place.height))

@@ -1,0 +1,162 @@
+"""Processed frames for a paper, drawn from their dataset: that in memory, or that of a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.figures import (
+    FRAME_MAP,
+    KEY_LABELS,
+    PAPER_DIRECTION_MAP,
+    VALUE_MAP,
+    PaperPanels,
+    PictureKind,
+    Plot,
+    chosen_frames,
+    draw_chi,
+    draw_values,
+    plain_name,
+    show_image,
+)
+from isochrome.fringes import skeletons
+from isochrome.processing.chunk import ISOCLINIC, NORMALISED, ORDER
+from isochrome.processing.figure import (
+    ORDER_LABEL,
+    Shown,
+    draw_fringes,
+    highest_order,
+    say_lines,
+    shown_frames,
+)
+from isochrome.processing.processed import PICTURE, Processed
+from isochrome.runs import column_values
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.image import AxesImage
+
+_TURNED_LABEL = "from x, counter-clockwise (degrees)"
+
+
+def processed_panels(result: Processed, frames: tuple[int, ...] | None) -> PaperPanels:
+    """Frames with their fringes and their orders; of a tracked video its values too.
+
+    Parameters: `result`; `frames`, numbers of the frames that are shown, of a tracked video of key
+    frames. Returns PaperPanels. Raises InputError where there is no such frame, or its maps were
+    not kept.
+    """
+    items = _items(result, frames)
+    largest = max(map(highest_order, items), default=1.0)
+    read = any(item.order is not None for item in items)
+    plots = []
+    if result.tracked:
+        found = result.over_frames
+        for key in found.keys:
+            own = partial(draw_values, found=found, key=key)
+            plots.append(Plot(title=KEY_LABELS.get(key, key), draw=own, height_mm=30.0))
+        plots.append(Plot(title="chi", draw=partial(draw_chi, found=found), height_mm=30.0))
+    return PaperPanels(
+        kinds=_kinds(items, largest),
+        labels=[plain_name(item.label, 24) for item in items],
+        plots=plots,
+        notes=[*(_numbers(item) for item in items), f"L{say_lines(largest, read)[1:]}"],
+    )
+
+
+def _items(result: Processed, frames: tuple[int, ...] | None) -> list[Shown]:
+    """The frames that are shown, read from the dataset."""
+    table, dataset = result.columns, result.dataset
+    status = column_values(dataset["status"])
+    count = len(table["frame"])
+    shown = chosen_frames(frames, count, shown_frames(table, status))
+    found = []
+    for k in shown:
+        stored = table[PICTURE][k] if PICTURE in table else k
+        if stored is None:
+            whole = [str(j) for j, at in enumerate(table[PICTURE]) if at is not None]
+            raise InputError(
+                f"frames = {k} of a figure: of a tracked video key frames alone have maps: "
+                f"{', '.join(whole[:8])}{' ...' * (len(whole) > 8)}"
+            )
+        maps = {
+            name: np.asarray(dataset[name][int(stored)])
+            for name in (NORMALISED.name, ORDER.name, ISOCLINIC.name)
+            if name in dataset
+        }
+        order = maps.get(ORDER.name)
+        known = order is not None and bool(np.isfinite(order).any())
+        signal = maps[NORMALISED.name]
+        left, top = (float(dataset[name][k]) for name in ("left_mm", "top_mm"))
+        pixel = table["pixel_mm"][k]
+        found.append(
+            Shown(
+                label=str(table["label"][k]),
+                chi=float(np.nan if table["chi"][k] is None else table["chi"][k]),
+                kept=_share(table, k),
+                normalised=signal,
+                order=order if known else None,
+                isoclinic=maps.get(ISOCLINIC.name) if known else None,
+                lines=[] if known else skeletons(np.clip(signal, 0.0, 1.0)),
+                place={
+                    "pixel_mm": None if pixel is None or pixel != pixel else float(pixel),
+                    "left_mm": left if np.isfinite(left) else 0.0,
+                    "top_mm": top if np.isfinite(top) else 0.0,
+                },
+            )
+        )
+    return found
+
+
+def _share(table: dict[str, list[Any]], k: int) -> float:
+    share = table.get("kept_share", [None] * (k + 1))[k]
+    return float("nan") if share is None else float(share)
+
+
+def _kinds(items: Sequence[Shown], largest: float) -> list[PictureKind]:
+    """Frames, orders and isoclinics, those that all frames have or that are empty in some."""
+
+    def frame(axes: Axes, k: int) -> AxesImage:
+        item = items[k]
+        look: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": 0, "vmax": 1}
+        drawn = show_image(axes, item.normalised, **look, **item.place)
+        limits = axes.get_xlim(), axes.get_ylim()
+        draw_fringes(axes, item, largest)
+        axes.set(xlim=limits[0], ylim=limits[1])
+        return drawn
+
+    def a_map(axes: Axes, k: int, name: str, look: dict[str, Any]) -> AxesImage:
+        item = items[k]
+        values = getattr(item, name)
+        if values is None:
+            values = np.full(item.normalised.shape, np.nan)
+        drawn = show_image(axes, values, **look, **item.place)
+        drawn.set_interpolation("nearest")
+        return drawn
+
+    kinds = [PictureKind(name="frame", draw=frame)]
+    order: dict[str, Any] = {"cmap": VALUE_MAP, "vmin": 0, "vmax": largest}
+    turned: dict[str, Any] = {"cmap": PAPER_DIRECTION_MAP, "vmin": -90.0, "vmax": 90.0}
+    for name, title, look, bar in (
+        ("order", "fringe order", order, ORDER_LABEL),
+        ("isoclinic", "direction of σ₁", turned, _TURNED_LABEL),
+    ):
+        if any(getattr(item, name) is not None for item in items):
+            kinds.append(
+                PictureKind(name=title, draw=partial(a_map, name=name, look=look), bar=bar)
+            )
+    return kinds
+
+
+def _numbers(item: Shown) -> str:
+    """What was read of a frame, in a line."""
+    parts = []
+    if np.isfinite(item.chi):
+        parts.append(f"χ = {item.chi:.2f}")
+    if item.order is not None and np.isfinite(item.kept):
+        parts.append(f"order known in {100 * item.kept:.1f} %")
+    return f"{item.label}: {', '.join(parts) or 'no order was read'}."

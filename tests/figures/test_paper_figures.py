@@ -1,0 +1,308 @@
+"""Figures for a paper: letters of 7 pt or more that do not touch, at both widths; their files."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import zlib
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from matplotlib.figure import Figure
+from PIL import Image
+
+import isochrome
+from calibration.target_pictures import Shown, dots
+from figures.drawn_texts import drawn_texts, outside, overlaps
+from isochrome.calibration import ColourCalibration
+from isochrome.errors import InputError
+from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.output import write_tiff
+from scene_texts import SMALL_CAMERA, WORN_CONTACT
+from shipped_sets import some_of_a_shipped_set
+
+WIDTHS = (85.0, 174.0)
+LEAST_PT = 7.0
+"""The least that journals print."""
+ROOT = Path(__file__).parents[2]
+
+
+def check(figure: Figure, width_mm: float) -> None:
+    """What holds for every figure: its width, its letters, and that they stand apart."""
+    texts = drawn_texts(figure)
+    assert figure.get_figwidth() * 25.4 == pytest.approx(width_mm)
+    assert len(texts) > 5
+    assert not [text.words for text in texts if text.size_pt < LEAST_PT]
+    assert not overlaps(texts)
+    assert not outside(texts, figure)
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory):
+    """A small worn contact: its scene, two states, its frames processed, and the comparison."""
+    home = tmp_path_factory.mktemp("worn")
+    scene = home / "scene.toml"
+    scene.write_text(WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n", "utf-8")
+    simulated = isochrome.simulate(scene, home / "simulated")
+    processed = isochrome.process(home / "simulated" / "frames.tif", scene, home / "processed")
+    compared = isochrome.compare(home / "processed", home / "simulated")
+    return {"simulate": simulated, "process": processed, "compare": compared, "home": home}
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", ["simulate", "process", "compare"])
+def test_letters_are_large_enough_and_apart(worn, name, width):
+    style = isochrome.FigureStyle(width_mm=width, numbers=True)
+    check(isochrome.paper_figure(worn[name], style), width)
+
+
+def test_small_and_overlapping_letters_would_be_noticed():
+    figure = Figure(figsize=(3.0, 2.0))
+    figure.text(0.2, 0.5, "one", fontsize=8)
+    figure.text(0.23, 0.5, "other", fontsize=6)
+    figure.text(0.9, 0.1, "over the edge", fontsize=8)
+    figure.text(0.1, 0.2, "apart", fontsize=8, rotation=90)
+    texts = drawn_texts(figure)
+    assert [text.size_pt for text in texts] == [8, 6, 8, 8]
+    assert overlaps(texts) == [("one", "other")]
+    assert outside(texts, figure) == ["over the edge"]
+
+
+def some_scars(worn: dict) -> object:
+    return isochrome.compare(ROOT / "sample_images" / "wear" / "set.toml", "line-contact-wear")
+
+
+def a_scale(worn: dict) -> object:
+    shown, picture = Shown(), worn["home"] / f"{'a long name of a board ' * 4}.tif"
+    write_tiff(picture, dots(shown)[None])
+    size = {"columns": shown.columns, "rows": shown.rows, "spacing_mm": shown.spacing_mm}
+    return isochrome.calibrate_scale(picture, target="dots", **size)
+
+
+def a_colour_table(worn: dict) -> object:
+    order = 0.01 * np.arange(151)
+    signal = np.sin(np.pi * order[:, None] * [0.9, 1.0, 1.2]) ** 2
+    return ColourCalibration(
+        colour_table=ColourTable(signal, np.full(3, 0.01)), way="own colours", gamma=2.2,
+        wavelength_nm=540.0, residual=0.01, strange=0.001, highest=1.5, bit_depth=8,
+    )  # fmt: skip
+
+
+def with_components(worn: dict) -> object:
+    return isochrome.simulate(worn["home"] / "scene.toml", components=True)
+
+
+def a_tracked_video(worn: dict) -> object:
+    film = isochrome.load_scene(worn["home"] / "scene.toml")
+    film = film.with_values({"wear.distances_m": [0.5 * k for k in range(4)]})
+    frames = isochrome.simulate(film).frames
+    return isochrome.process(frames, film, track=True, every=3)
+
+
+def without_a_model(worn: dict) -> object:
+    frames = worn["home"] / "simulated" / "frames.tif"
+    bare = isochrome.parse_scene(
+        "[specimen]\nyoung_gpa = 2.1\npoisson = 0.4\nthickness_mm = 4.0\n"
+        "fringe_value_n_per_mm = 14.6\n[polariscope]\nwavelength_nm = 587.0\n" + SMALL_CAMERA
+    )
+    return isochrome.process(frames, bare)
+
+
+def the_beam(worn: dict) -> object:
+    given = some_of_a_shipped_set(worn["home"] / "sets", "bending", (0, 3))
+    return isochrome.calibrate_bending(given)
+
+
+def the_disc(worn: dict) -> object:
+    given = some_of_a_shipped_set(worn["home"] / "sets", "disc", (0, 2))
+    return isochrome.calibrate_disc(given)
+
+
+def the_wear(worn: dict) -> object:
+    return isochrome.calibrate_wear(ROOT / "sample_images" / "wear" / "set.toml")
+
+
+def the_paper_case(worn: dict) -> object:
+    return isochrome.simulate("line-contact-wear")
+
+
+def many_states(worn: dict) -> object:
+    scene = isochrome.load_scene(worn["home"] / "scene.toml")
+    return isochrome.simulate(scene.with_values({"wear.distances_m": list(range(12))}))
+
+
+OTHERS = (
+    some_scars, a_scale, a_colour_table, with_components, a_tracked_video, without_a_model,
+    the_beam, the_disc, the_wear, the_paper_case, many_states,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def others(worn):
+    """Makes the other results, each once."""
+    return cache(partial(lambda make: make(worn)))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("numbers", [False, True])
+@pytest.mark.parametrize("width", [*WIDTHS, 60.0, 120.0])
+@pytest.mark.parametrize("make", OTHERS)
+def test_letters_of_every_figure_are_large_enough_and_apart(others, make, width, numbers):
+    style = isochrome.FigureStyle(width_mm=width, numbers=numbers)
+    check(isochrome.paper_figure(others(make), style), width)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("frames", [(0,), (1, 0), (0, 1, 1, 0, 1, 0, 1)])
+@pytest.mark.parametrize("name", ["simulate", "process", "compare"])
+def test_letters_are_apart_for_any_choice_of_frames(worn, name, frames, width):
+    style = isochrome.FigureStyle(width_mm=width, frames=frames, numbers=True)
+    check(isochrome.paper_figure(worn[name], style), width)
+
+
+def test_the_frames_are_those_asked_for(worn):
+    figure = isochrome.paper_figure(worn["compare"], isochrome.FigureStyle(frames=(1, 0)))
+    titles = [text for axes in figure.axes if (text := axes.get_title(loc="left"))]
+    labels = [worn["compare"].columns["label"][k] for k in (1, 0)]
+    wanted = [f"{kind}, {label}" for label in labels
+              for kind in ("experiment", "simulation", "difference")]  # fmt: skip
+    plain = [" ".join(title.replace("\xa0", " ").split()) for title in titles]
+    assert plain == [f"({'abcdef'[k]}) {words}" for k, words in enumerate(wanted)]
+    shown = np.asarray(figure.axes[0].images[0].get_array())
+    with tifffile.TiffFile(worn["home"] / "processed" / "normalised.tif") as stack:
+        np.testing.assert_array_equal(shown, stack.asarray()[1])
+
+
+def test_the_scale_bar_has_the_length_that_it_says(worn):
+    figure = isochrome.paper_figure(worn["compare"])
+    texts = [text.words for text in drawn_texts(figure)]
+    (words,) = (text for text in texts if re.fullmatch(r"[\d.]+ mm", text))
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+    (bar,) = figure.findobj(AnchoredSizeBar)
+    (patch,) = bar.size_bar.get_children()
+    assert patch.get_width() == pytest.approx(float(words.split()[0]))  # in mm, as the axes are
+    left, right = bar.axes.get_xlim()
+    assert 0.1 < patch.get_width() / (right - left) <= 0.3
+
+
+def test_files_are_of_the_width_and_hold_text_as_text(worn, tmp_path):
+    style = isochrome.FigureStyle(width_mm=85, formats=("pdf", "svg", "png", "tiff"), dpi=300)
+    files = isochrome.save_figure(worn["simulate"], tmp_path / "figure", style)
+    by_name = {file.name: file for file in files}
+    pdf = by_name["figure.pdf"].read_bytes()
+    box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]", pdf)
+    assert box is not None and float(box.group(1)) == pytest.approx(85 / 25.4 * 72, abs=0.01)
+    assert b"/FontFile2" in pdf and b"/Type3" not in pdf  # TrueType, in the file
+    assert _words_of_pdf(pdf)
+    svg = by_name["figure.svg"].read_text("utf-8")
+    assert "pressure p (MPa)" in re.findall(r"<text[^>]*>([^<]*)</text>", svg)
+    assert re.search(r'width="240\.9\d*pt"', svg)  # 85 mm
+    for name, format_ in (("figure.png", "PNG"), ("figure.tiff", "TIFF")):
+        with Image.open(by_name[name]) as picture:
+            assert picture.format == format_
+            assert picture.width == pytest.approx(85 / 25.4 * 300, abs=1)
+            assert float(picture.info["dpi"][0]) == pytest.approx(300, abs=0.1)
+    again = isochrome.save_figure(worn["simulate"], tmp_path / "again", style)
+    assert [file.read_bytes() for file in again[:2]] == [file.read_bytes() for file in files[:2]]
+
+
+def _words_of_pdf(pdf: bytes) -> bool:
+    """Whether a page shows strings, rather than outlines of letters: Tj or TJ of its content."""
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.S)
+    plain = []
+    for stream in streams:
+        try:
+            plain.append(zlib.decompress(stream))
+        except zlib.error:
+            continue
+    return any(re.search(rb"T[jJ]\b", text) and b"BT" in text for text in plain)
+
+
+def test_the_data_of_each_curve_stand_beside(worn, tmp_path):
+    style = isochrome.FigureStyle(formats=("png",), dpi=60)
+    files = isochrome.save_figure(worn["simulate"], tmp_path / "figure", style)
+    tables = [file for file in files if file.suffix == ".csv"]
+    count = len(worn["simulate"].columns["state"])
+    assert [file.stem[-1] for file in tables] == ["abcdefghij"[count + k] for k in range(2)]
+    pressure = worn["home"] / "simulated" / "pressure.csv"
+    with open(pressure, encoding="utf-8", newline="") as file:
+        of_state = [row for row in csv.DictReader(file) if row["state"] == "1"]
+    with open(tables[0], encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    label = worn["simulate"].columns["label"][1]
+    column = next(name for name in rows[0] if name.startswith(f"{label}: pressure p (MPa)"))
+    place = list(rows[0])[list(rows[0]).index(column) - 1]
+    place = place if place.startswith("x (mm)") else "x (mm)"
+    drawn = {row[place]: row[column] for row in rows if row[column]}
+    assert len(of_state) > 20  # the nodes in contact: those beyond it have no pressure
+    assert all(drawn[row["x_mm"]] == row["pressure_mpa"] for row in of_state)
+
+
+def test_bands_and_bars_of_a_curve_are_among_its_data():
+    from matplotlib.figure import Figure as Plain
+
+    from isochrome.figures.curve_data import curve_columns
+
+    axes = Plain().subplots()
+    x, y, u = np.array([0.0, 1.0, 2.0]), np.array([5.0, 6.0, 7.0]), np.array([0.5, np.nan, 0.25])
+    axes.fill_between(x, y - u, y + u, color="#0072b2", alpha=0.3)
+    axes.plot(x, y, color="#0072b2", label="one")
+    axes.errorbar([1.0, 3.0], [2.0, 4.0], yerr=[0.1, 0.2], fmt="o", label="two")
+    axes.axhline(0.0)
+    axes.set(xlabel="x (mm)", ylabel="y (N)")
+    found = {name: column.tolist() for name, column in curve_columns(axes).items()}
+    assert found.pop("x (mm)")[:2] == [1.0, 3.0]
+    assert found.pop("x (mm) (2)") == [0.0, 1.0, 2.0]
+    nan = pytest.approx(np.nan, nan_ok=True)
+    assert found == {
+        "two: y (N)": [2.0, 4.0, nan],
+        "two: y (N) low": [pytest.approx(1.9), pytest.approx(3.8), nan],
+        "two: y (N) high": [pytest.approx(2.1), pytest.approx(4.2), nan],
+        "one: y (N)": [5.0, 6.0, 7.0],
+        "one: y (N) low": [4.5, nan, 6.75],
+        "one: y (N) high": [5.5, nan, 7.25],
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"width_mm": 20}, "width = 20 mm of a figure: give 60 to 400 mm"),
+        ({"width_mm": float("nan")}, "width = nan"),
+        ({"dpi": 5}, "dpi = 5: give 50 to 2400"),
+        ({"formats": ("jpg",)}, "format = jpg of a figure: give some of png, pdf, svg, tiff"),
+        ({"formats": ()}, "format = none"),
+        ({"frames": (0, -1)}, "frames = 0,-1 of a figure"),
+        ({"frames": ()}, "frames = none"),
+    ],
+)
+def test_a_style_that_is_none_is_refused(given, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        isochrome.FigureStyle(**given)
+
+
+def test_a_frame_that_is_not_there_is_refused(worn):
+    for name, items in (("compare", "frames"), ("process", "frames"), ("simulate", "states")):
+        with pytest.raises(InputError, match=f"frames = 9 of a figure: its {items} are 0 to 1"):
+            isochrome.paper_figure(worn[name], isochrome.FigureStyle(frames=(0, 9)))
+    with pytest.raises(InputError, match="colour table has none"):
+        isochrome.paper_figure(a_colour_table(worn), isochrome.FigureStyle(frames=(0,)))
+    with pytest.raises(InputError, match="has no figure for a paper"):
+        isochrome.paper_figure(object())  # type: ignore[arg-type]
+
+
+def test_the_run_in_memory_and_the_folder_give_one_picture(worn):
+    scene, frames = worn["home"] / "scene.toml", worn["home"] / "simulated" / "frames.tif"
+    style = isochrome.FigureStyle(frames=(1,))
+    pictures = []
+    for found in (worn["process"], isochrome.process(frames, scene)):
+        content = io.BytesIO()
+        isochrome.paper_figure(found, style).savefig(content, format="png", dpi=50)
+        pictures.append(content.getvalue())
+    assert pictures[0] == pictures[1]
