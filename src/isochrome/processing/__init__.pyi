@@ -1,7 +1,7 @@
 from .api import check_scene, process
 from .checking import check
-from .figure import plot_order
 from .one_frame import FrameResult, FrameValue, one_state, process_frame
+from .pictures.figure import plot_order
 from .placement import placed_disc
 from .processed import PICTURE, Processed, restore
 from .result import SPREAD, ProcessedFrame

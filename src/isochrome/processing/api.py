@@ -26,7 +26,6 @@ from isochrome.fringes import make_design
 from isochrome.optics import make_chain
 from isochrome.output import counted, load_roifile
 from isochrome.processing.chunk import frame_row, layers_of, more_of, process_chunk
-from isochrome.processing.figure import figure_in_memory
 from isochrome.processing.folder import finish_set_folder, set_dataset
 from isochrome.processing.frame_task import (
     FrameSource,
@@ -39,6 +38,7 @@ from isochrome.processing.frame_task import (
 )
 from isochrome.processing.kinds.colour_light import check_colour
 from isochrome.processing.kinds.tracked import EVERY, check_tracked, tracked_states
+from isochrome.processing.pictures.figure import figure_in_memory
 from isochrome.processing.processed import (
     Processed,
     add_frame_row,

@@ -33,8 +33,8 @@ from isochrome.processing.chunk import (
     lines_of,
     picture_of,
 )
-from isochrome.processing.figure import Shown, set_figure, shown_frames, shown_label
 from isochrome.processing.frame_task import FrameTask
+from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
 from isochrome.processing.processed import (
     FIGURE,
     PICTURE,

@@ -155,7 +155,7 @@ class Processed(Result):
 
         `frames`: numbers of those that are shown. Raises InputError where one is not there.
         """
-        from isochrome.processing.paper_panels import processed_panels
+        from isochrome.processing.pictures.paper_panels import processed_panels
 
         return processed_panels(self, frames)
 

@@ -25,7 +25,7 @@ from isochrome.figures import (
 )
 from isochrome.fringes import skeletons
 from isochrome.processing.chunk import ISOCLINIC, NORMALISED, ORDER
-from isochrome.processing.figure import (
+from isochrome.processing.pictures.figure import (
     ORDER_LABEL,
     Shown,
     draw_fringes,
