@@ -182,6 +182,7 @@ def test_traces_may_be_named_without_a_scene_of_their_own(measured, tmp_path):
 def test_another_load_is_said_and_exact_inputs_too(measured):
     other = parse_scene(STIFF).with_values({"load.normal_n": 66.0})
     found = compare(measured, other)
+    assert "simulated 0.002541 mm²" in str(found)  # and no ± 0, which nobody knows
     first, last, exact = found.warnings
     assert "77.csv: its worn area" in first and "233.csv" in last
     assert "standard uncertainties; the scene's load" in last

@@ -13,7 +13,11 @@ import numpy as np
 from isochrome.calibration import WearSet
 from isochrome.comparison.scar_figure import scars_figure, scars_panels
 from isochrome.comparison.scar_metrics import ScarPair, pair_scar, profile_columns, scar_columns
-from isochrome.comparison.simulated_scars import SimulatedScar, simulated_scars
+from isochrome.comparison.simulated_scars import (
+    SimulatedScar,
+    simulated_scars,
+    simulated_text,
+)
 from isochrome.errors import InputError
 from isochrome.figures import PaperPanels
 from isochrome.output import (
@@ -119,9 +123,7 @@ class ScarComparison(Result):
         """Measured and simulated worn area of each trace."""
         for row in zip(*self.columns.values(), strict=True):
             one = dict(zip(self.columns, row, strict=True))
-            model = with_uncertainty(
-                one["simulated_area_mm2"], one["simulated_area_uncertainty_mm2"]
-            )
+            model = simulated_text(one["simulated_area_mm2"], one["simulated_area_uncertainty_mm2"])
             own = (
                 "no clear scar"
                 if one["measured_area_mm2"] is None

@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.comparison.scar_metrics import ScarPair
-from isochrome.comparison.simulated_scars import SimulatedScar, root_sum_square
+from isochrome.comparison.simulated_scars import (
+    SimulatedScar,
+    root_sum_square,
+    simulated_text,
+)
 from isochrome.figures import (
     BAND,
     BOLD_PT,
@@ -213,7 +217,7 @@ def _draw_gap(gap: Axes, traces: Sequence[tuple[str, ScarPair]], colour: Any) ->
 
 def _area_text(scar: SimulatedScar, traces: Sequence[tuple[str, ScarPair]]) -> str:
     """Worn areas, in 1e-3 mm²: the mean of the traces' beside the simulated one."""
-    model = with_uncertainty(
+    model = simulated_text(
         1e3 * scar.worn_area_mm2, 1e3 * float(root_sum_square(scar.moved_area_mm2))
     )
     head = f"{scar.distance_m:g} m: worn area (1e-3 mm²)"

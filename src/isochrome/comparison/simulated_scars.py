@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from isochrome.contact import SurfaceState, contact_states
 from isochrome.errors import InputError
+from isochrome.output import with_uncertainty
 from isochrome.scene import Scene
 
 Array = NDArray[np.floating]
@@ -178,3 +179,8 @@ def _edges(state: SurfaceState) -> tuple[float, float]:
 
 def _area(x_mm: Array, depth_um: Array) -> float:
     return float(1e-3 * np.trapezoid(depth_um, x_mm))
+
+
+def simulated_text(value: float, spread: float) -> str:
+    """A simulated value with its uncertainty, alone where no input's uncertainty is stated."""
+    return with_uncertainty(value, spread) if spread > 0.0 else f"{value:.4g}"
