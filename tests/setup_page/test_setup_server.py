@@ -166,6 +166,10 @@ def test_a_body_that_is_no_json_object_is_refused(server, headers, body, wanted)
         ("fit", {"frame": 0}, 422),
         ("check", {}, 422),
         ("map", {"frame": 99}, 422),
+        ("find", {"frame": "x"}, 400),
+        ("find", {"frame": 0, "values": 3}, 400),
+        ("find", {"frame": 0}, 422),
+        ("find", {"frame": 0, "kind": "contact", "values": {"load.normal_n": [None]}}, 422),
     ],
 )
 def test_what_cannot_be_done_is_said_in_a_line(server, name, asked, wanted):

@@ -51,7 +51,7 @@ def test_a_fresh_folder_has_no_scene_and_the_form_makes_one(session, fresh):
 
 def test_the_form_names_all_that_is_missing(session):
     values = GIVEN | {"specimen.thickness_mm": None, "load.normal_n": None}
-    with pytest.raises(InputError, match=r"fill in: Thickness, Load; a scene of a block"):
+    with pytest.raises(InputError, match=r"^fill in: Thickness, Load; a scene of a block"):
         apply_tool(session, {"tool": "new", "kind": "contact", "values": values})
     assert session.text == ""
 

@@ -1,9 +1,10 @@
 from .api import draft_scene, init
 from .captured_set import open_questions
-from .known_values import QUANTITIES, KnownValues, Quantity, known_values
+from .known_values import NEEDED, QUANTITIES, KnownValues, Quantity, known_values
 from .scene_draft import DraftValue, OpenKey, SceneDraft
 
 __all__ = [
+    "NEEDED",
     "QUANTITIES",
     "DraftValue",
     "KnownValues",

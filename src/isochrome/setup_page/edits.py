@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, IsochromeError
 from isochrome.scene import (
     Scene,
     parse_toml,
@@ -28,7 +29,7 @@ from isochrome.setup_page.places import (
 from isochrome.setup_page.session import SetupSession
 from isochrome.stress import PixelGrid
 
-_LEFT, _TOP, _ROLL = "camera.left_mm", "camera.top_mm", "camera.roll_deg"
+LEFT, TOP, ROLL = "camera.left_mm", "camera.top_mm", "camera.roll_deg"
 _DIGITS = 6
 """Of lengths: a nanometre."""
 
@@ -36,8 +37,11 @@ Asked = Mapping[str, Any]
 """What a tool sends: plain JSON."""
 
 
-def _set(text: str, values: Mapping[str, Any]) -> str:
-    """Text with some values; None takes a key out."""
+def set_values(text: str, values: Mapping[str, Any]) -> str:
+    """Give a scene's text with some values; None takes a key out.
+
+    Parameters: `text`, TOML; `values` by the scene's keys. Returns TOML. Raises InputError.
+    """
     for key, value in values.items():
         if key.count(".") != 1:
             raise InputError(f"{key!r}: is no key of a scene; write it as 'load.normal_n'")
@@ -50,7 +54,7 @@ def _set(text: str, values: Mapping[str, Any]) -> str:
 
 def _values(session: SetupSession, asked: Asked) -> None:
     given = asked["values"]
-    session.change(lambda text: _set(text, given))
+    session.change(lambda text: set_values(text, given))
 
 
 def _new(session: SetupSession, asked: Asked) -> None:
@@ -73,15 +77,19 @@ def _scale(session: SetupSession, asked: Asked) -> None:
     camera = scene.camera
     if camera is not None and camera.pixel_mm is not None:
         share = pixel / camera.pixel_mm
-        for key, edge in ((_LEFT, camera.left_mm), (_TOP, camera.top_mm)):
+        for key, edge in ((LEFT, camera.left_mm), (TOP, camera.top_mm)):
             if edge is not None:
                 values[key] = round(edge * share, _DIGITS)
-    session.change(lambda text: _set(text, values))
+    session.change(lambda text: set_values(text, values))
 
 
-def _placed(pixels: PixelGrid, point: Sequence[float]) -> dict[str, float]:
+def values_of_place(pixels: PixelGrid, point: Sequence[float]) -> dict[str, float]:
+    """Give the keys that put the contact, or a body's top, at a point of the region.
+
+    Parameters: `pixels`, the region's; `point`, its row and column, px. Returns values (mm) by key.
+    """
     left, top = placed_at(pixels, (point[0], point[1]))
-    return {_LEFT: round(left, _DIGITS), _TOP: round(top, _DIGITS)}
+    return {LEFT: round(left, _DIGITS), TOP: round(top, _DIGITS)}
 
 
 def _contact(session: SetupSession, asked: Asked) -> None:
@@ -89,8 +97,8 @@ def _contact(session: SetupSession, asked: Asked) -> None:
     scene = session.scene()
     region = session.region(scene)
     ((row, col),) = moved([asked["point"]], -region.top_px, -region.left_px)
-    values = _placed(session.pixels(scene), (row, col))
-    session.change(lambda text: _set(text, values))
+    values = values_of_place(session.pixels(scene), (row, col))
+    session.change(lambda text: set_values(text, values))
 
 
 def _surface(session: SetupSession, asked: Asked) -> None:
@@ -101,12 +109,12 @@ def _surface(session: SetupSession, asked: Asked) -> None:
     roll = round(surface_roll((first[0], first[1]), (second[0], second[1])), 3)
     before = session.pixels(scene)
     _, col = seen_at(before, 0.0, 0.0)
-    turned: dict[str, Any] = {_ROLL: roll or None}
+    turned: dict[str, Any] = {ROLL: roll or None}
     place = (on_line((first[0], first[1]), (second[0], second[1]), col), col)
 
     def edit(text: str) -> str:
-        text = _set(text, turned)
-        return _set(text, _placed(session.pixels(session.scene(text)), place))
+        text = set_values(text, turned)
+        return set_values(text, values_of_place(session.pixels(session.scene(text)), place))
 
     session.change(edit)
 
@@ -133,7 +141,7 @@ def _region(session: SetupSession, asked: Asked) -> None:
         pixels = session.pixels(scene)
         row, col = seen_at(pixels, 0.0, 0.0)
         cut = cut_out(pixels, new["height_px"], new["width_px"])
-        values |= _placed(cut, (row + down, col + right))
+        values |= values_of_place(cut, (row + down, col + right))
     for key, size in (("height_px", "height_px"), ("width_px", "width_px")):
         if camera is not None and getattr(camera, key) is not None:
             values[f"camera.{key}"] = new[size]
@@ -145,7 +153,7 @@ def _region(session: SetupSession, asked: Asked) -> None:
     lines = _lines_on_picture(scene, 0, 0)
 
     def edit(text: str) -> str:
-        text = _set(text, values)
+        text = set_values(text, values)
         if orders:
             text = with_table_list(text, "frames.known_order", _order_tables(orders, shift))
         return (
@@ -160,7 +168,7 @@ def _region(session: SetupSession, asked: Asked) -> None:
 def _polygon(session: SetupSession, asked: Asked) -> None:
     region = session.region(session.scene())
     points = moved(asked["points"], -region.top_px, -region.left_px)
-    session.change(lambda text: _set(text, {"frames.polygon_px": points or None}))
+    session.change(lambda text: set_values(text, {"frames.polygon_px": points or None}))
 
 
 def _known_order(session: SetupSession, asked: Asked) -> None:
@@ -247,11 +255,23 @@ def apply_tool(session: SetupSession, asked: Asked) -> None:
     tool = TOOLS.get(str(asked.get("tool")))
     if tool is None:
         raise InputError(f"tool = {asked.get('tool')!r}: is none; one of {', '.join(TOOLS)}")
-    try:
+    with refused_as_asked(str(asked["tool"])):
         tool(session, asked)
+
+
+@contextmanager
+def refused_as_asked(tool: str) -> Iterator[None]:
+    """Say of values that a tool cannot read that they are none of its own; refusals stay.
+
+    Parameters: `tool`, its name. Raises InputError.
+    """
+    try:
+        yield
+    except IsochromeError:
+        raise
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
-            f"the tool {asked['tool']!r} was asked for with values that are none of its own "
+            f"the tool {tool!r} was asked for with values that are none of its own "
             f"({error}); see its fields"
         ) from error
 

@@ -1,6 +1,7 @@
 /* The panel: the form, fit, check, text and save, and the talk with the server. */
 const data = JSON.parse(get("data").textContent);
 const page = { state: null, frame: 0, checked: -1, fit: null };
+const FORM_HINT = get("form-hint").textContent;
 const FAST_PIXELS = 2e7; // frames that a check reads in a second or so: it then comes by itself
 
 function say(text, wrong = false) {
@@ -51,7 +52,8 @@ async function takeAll(state) {
   get("make-row").hidden = get("kind-row").hidden = state.has_scene;
   get("form-hint").textContent = state.has_scene
     ? "A value goes into the scene as soon as you leave its field."
-    : "Fill in what you know. Fields with * are needed; about is enough for the load.";
+    : FORM_HINT;
+  showFind(state);
   const last = state.frames.count - 1;
   get("frame").max = get("frame-number").max = last;
   get("frame-count").textContent = "of 0 to " + last;
@@ -200,16 +202,19 @@ function readField(field, text) {
   if (field.key === "frames.gamma" && plain === "unknown") return plain;
   return number(plain);
 }
-get("kind").addEventListener("change", () => showFields(page.state));
-get("make").addEventListener("click", () => {
+get("kind").addEventListener("change", () => { showFields(page.state); showFind(page.state); });
+function readForm() {
   const kind = get("kind").value, values = {};
-  try {
-    for (const field of data.fields) {
-      const input = get("field-" + field.key);
-      if (field.kinds.includes(kind) && input) values[field.key] = readField(field, input.value);
-    }
-  } catch (error) { refused(error); return; }
-  useTool({ tool: "new", kind, values }, "The scene is made. Next: where it is in the picture.").then((made) => {
+  for (const field of data.fields) {
+    const input = get("field-" + field.key);
+    if (field.kinds.includes(kind) && input) values[field.key] = readField(field, input.value);
+  }
+  return { kind, values };
+}
+get("make").addEventListener("click", () => {
+  let form;
+  try { form = readForm(); } catch (error) { refused(error); return; }
+  useTool({ tool: "new", ...form }, "The scene is made. Next: where it is in the picture.").then((made) => {
     if (!made) return;
     get("step-scene").open = false;
     get("step-place").open = get("step-check").open = true;
@@ -257,19 +262,12 @@ function showFit() {
     " (1 = within the noise)" + (kept ? "; order read in " + Math.round(100 * kept) + " % of the specimen." : ".");
   holder.append(head);
   if (values.length) {
-    const table = document.createElement("table");
-    const top = table.createTHead().insertRow();
-    for (const words of ["Value", "Found ± standard uncertainty", ""]) {
-      const cell = document.createElement("th");
-      cell.scope = "col";
-      cell.textContent = words || "Into the scene";
-      top.append(cell);
-    }
+    const table = tableUnder(["Value", "Found ± standard uncertainty", "Into the scene"]);
     const body = table.createTBody();
     for (const one of values) {
       const row = body.insertRow(), button = document.createElement("button");
-      const what = row.insertCell(), named = data.fields.find((field) => field.key === one.key);
-      what.textContent = named ? named.label + (named.unit ? " (" + named.unit + ")" : "") : one.key;
+      const what = row.insertCell();
+      what.textContent = nameOf(one.key);
       if (one.asked) what.append(": the frame asks for it");
       row.insertCell().textContent = one.text;
       button.type = "button";
@@ -282,6 +280,20 @@ function showFit() {
     holder.append(table);
   }
   holder.append(listOf(warnings.map((text) => ["warning", text])));
+}
+function tableUnder(heads) {
+  const table = document.createElement("table"), top = table.createTHead().insertRow();
+  for (const words of heads) {
+    const cell = document.createElement("th");
+    cell.scope = "col";
+    cell.textContent = words;
+    top.append(cell);
+  }
+  return table;
+}
+function nameOf(key) {
+  const named = data.fields.find((field) => field.key === key);
+  return named ? named.label + (named.unit ? " (" + named.unit + ")" : "") : key;
 }
 function takeValues(list) {
   const values = {};
@@ -351,6 +363,6 @@ chooseTool("look");
     if (!answer.ok) throw new Refusal((await answer.json()).error);
     const state = await answer.json();
     await takeAll(state);
-    say(state.has_scene ? "The scene is on the picture." : "No scene yet: fill in step 1, and press Make the scene.");
+    say(state.has_scene ? "The scene is on the picture." : "No scene yet: fill in step 1, then press Find it in the frames, or Make the scene.");
   } catch (error) { refused(error); }
 })();

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from isochrome.errors import IsochromeError
 from isochrome.output import plain
 from isochrome.reporting import assemble_page, content_policy
+from isochrome.setup_page.cold_search import SEARCHED, find_in_frames
 from isochrome.setup_page.edits import apply_tool, session_state
 from isochrome.setup_page.fields import KINDS, field_rows
 from isochrome.setup_page.questions import check_answer, fit_answer, order_map_of_points
@@ -43,7 +44,7 @@ _GRACE_S = 3.0
 """Seconds without a page after which the server ends: a page that is loaded anew takes less."""
 
 _ROOM, _NAME = "isochrome.setup_page", "setup"
-_SCRIPTS = ("view.js", "tools.js", "overlay.js", "panel.js")
+_SCRIPTS = ("view.js", "tools.js", "overlay.js", "panel.js", "find.js")
 _ALLOWED = "connect-src 'self'; img-src data:"
 _POLICY = (
     content_policy(_ROOM, _NAME, scripts=_SCRIPTS, policy=_ALLOWED) + "; frame-ancestors 'none'"
@@ -243,7 +244,7 @@ class _Handler(BaseHTTPRequestHandler):
             values={
                 "scene_file": self.server.session.scene_file.name,
                 "kinds": list(KINDS.items()),
-                "data": {"fields": field_rows(), "kinds": KINDS},
+                "data": {"fields": field_rows(), "kinds": KINDS, "searched": SEARCHED},
             },
         )
         data = html.encode()
@@ -332,6 +333,17 @@ def _check(handler: _Handler, _: Any) -> None:
     handler.send_json(answer)
 
 
+def _find(handler: _Handler, asked: Mapping[str, Any]) -> None:
+    """The scene of a frame by a cold search, and the state that it leaves."""
+    session, values = handler.server.session, asked.get("values")
+    if not (values is None or isinstance(values, dict)):
+        raise _Refused(HTTPStatus.BAD_REQUEST, "values are no form")
+    form = None if values is None else (str(asked.get("kind")), values)
+    with handler.server.work:
+        found = find_in_frames(session, _index(asked), form=form, held=asked.get("held") is True)
+    handler.send_json(found | {"state": session_state(session)})
+
+
 def _map(handler: _Handler, asked: Mapping[str, Any]) -> None:
     session = handler.server.session
     with handler.server.work:
@@ -352,6 +364,7 @@ GETS: Mapping[str, Callable[[_Handler, Any], None]] = {
 POSTS: Mapping[str, Callable[[_Handler, Any], None]] = {
     "model": _model,
     "tool": _tool,
+    "find": _find,
     "fit": _fit,
     "check": _check,
     "map": _map,

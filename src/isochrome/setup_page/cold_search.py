@@ -1,0 +1,253 @@
+"""What the page finds in a frame by itself: place, load, friction, field, gamma, quarter turns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from isochrome.drafting import (
+    NEEDED,
+    QUANTITIES,
+    DraftValue,
+    KnownValues,
+    SceneDraft,
+    draft_scene,
+    known_values,
+)
+from isochrome.errors import InputError, IsochromeError
+from isochrome.frames import open_frames
+from isochrome.output import rounded_texts
+from isochrome.scene import Scene
+from isochrome.setup_page.edits import (
+    LEFT,
+    ROLL,
+    TOP,
+    likely_no_load,
+    refused_as_asked,
+    set_values,
+    values_of_place,
+)
+from isochrome.setup_page.fields import FIELDS
+from isochrome.setup_page.new_scene import new_scene_text
+from isochrome.setup_page.places import seen_at
+from isochrome.setup_page.session import SetupSession
+from isochrome.stress import pixel_grid
+
+SEARCHED = tuple(shape for shape, names in NEEDED.items() if names)
+"""Models that are searched for: of the others nothing must be known, and nothing is found."""
+
+_FRICTION, _TURN = "friction.coefficient", "frames.rotate_deg"
+
+_START_FRICTION = 0.1
+"""Stands in a new scene while the search goes on, where the user has named none."""
+
+_HELD = ("frames.channel", "frames.flip", "camera.bit_depth")
+"""Keys of the scene that the search always takes as they are, besides the bodies and the load."""
+
+_ON_REQUEST = ("polariscope.field", "frames.gamma", _TURN)
+"""Keys that it finds, or takes as they are where the user says so."""
+
+_OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
+
+
+def find_in_frames(
+    session: SetupSession,
+    index: int,
+    *,
+    form: tuple[str, Mapping[str, Any]] | None = None,
+    held: bool = False,
+) -> dict[str, Any]:
+    """Search a frame for the scene, as `init` does, and put what is found into the scene's text.
+
+    A key whose uncertainty the scene states stays as it is, and so does a friction coefficient
+    where the frame shows none.
+
+    Parameters
+    ----------
+    session : SetupSession
+        The scene and its frames.
+    index : int
+        The frame, from 0; frame 1 in place of 0 where the scene says that 0 stands still.
+    form : tuple of str and mapping, optional
+        Kind and values of the form, from which the scene is made where there is none yet.
+    held : bool, default False
+        Whether the scene's field, gamma and quarter turns are known, and not searched for.
+
+    Returns
+    -------
+    dict
+        `frame`, `chi`; `found`: key, value with its ± as text, and note; `warnings`.
+
+    Raises
+    ------
+    InputError
+        Where something is not known without which nothing can be found, or the scene has no such
+        search; the scene stays as it was.
+    PhysicsError
+        Where no contact's or disc's fringes are in the frame.
+    """
+    started = session.text
+    text, guessed = _start_text(session, form)
+    scene = session.scene(text)
+    if not 0 <= index < session.count:
+        raise InputError(f"frame {index}: there are {session.count}, counted from 0")
+    known = _known(scene, _moving_frame(scene, index, session.count), held=held)
+    draft = _drafted(session, known)
+    values, notes = _values(draft, scene, guessed=guessed)
+    _refuse_turn(scene, draft)
+
+    def edit(now: str) -> str:
+        if now != started:
+            raise InputError("the scene has changed during the search; search once more")
+        return _placed_text(session, set_values(text, values), draft)
+
+    session.change(edit)
+    shown = [v for v in draft.found if v.key in values or v.key in (LEFT, TOP)]
+    return {
+        "frame": draft.frame,
+        "chi": draft.chi,
+        "found": [{"key": v.key, "text": v.words, "note": page_words(v.note)} for v in shown],
+        "warnings": [*notes, *map(page_words, draft.warnings)],
+    }
+
+
+def page_words(text: str) -> str:
+    """Say a sentence of the command line in the page's words: fields in place of options.
+
+    Parameters
+    ----------
+    text : str
+        The sentence.
+
+    Returns
+    -------
+    str
+        The same with each option by the name of its field.
+    """
+    labels = {field.key: field.label for field in FIELDS}
+    keys = {name: quantity.key for name, quantity in QUANTITIES.items()}
+    for key in (*_HELD, *_ON_REQUEST):
+        keys[key.partition(".")[2]] = key
+
+    def named(option: re.Match[str]) -> str:
+        name = option[1].replace("-", "_")
+        return f"'{labels[keys[name]]}'" if name in keys else name
+
+    return _OPTION.sub(named, text).replace("run init again", "search again")
+
+
+def _start_text(
+    session: SetupSession, form: tuple[str, Mapping[str, Any]] | None
+) -> tuple[str, bool]:
+    """The scene's text, or the form's; and whether nobody has named its friction."""
+    if session.text.strip() or form is None:
+        return session.text, False
+    kind, values = form
+    guessed = bool(values.get("wear.distances_m")) and not values.get(_FRICTION)
+    if guessed:  # what wears has slid: the search says how
+        values = {**values, _FRICTION: _START_FRICTION}
+    with refused_as_asked("find"):
+        return new_scene_text(kind, values, likely_no_load(session.beside())), guessed
+
+
+def _moving_frame(scene: Scene, index: int, count: int) -> int:
+    """The frame itself, the first sliding one in place of one that stands still."""
+    still = scene.friction is not None and scene.friction.static_state_first
+    return 1 if still and index == 0 and count > 1 else index
+
+
+def _known(scene: Scene, index: int, *, held: bool) -> KnownValues:
+    """What the scene says of all that no frame tells. Raises InputError."""
+    if scene.model not in SEARCHED:
+        what = f"a {scene.model}" if scene.model else scene.no_model_reason
+        raise InputError(
+            f"{scene.name}: {what}: the search knows a contact under a cylinder and a disc alone; "
+            "set the place on the picture, and fit"
+        )
+    names = {quantity.key: name for name, quantity in QUANTITIES.items()}
+    names |= {key: key.partition(".")[2] for key in (*_HELD, *(_ON_REQUEST if held else ()))}
+    given = {name: _stated(scene, key) for key, name in names.items()}
+    if given.get("gamma") == "unknown":
+        given["gamma"] = None
+    for key, name in names.items():
+        if given[name] is not None and not isinstance(given[name], str | int | float):
+            raise InputError(
+                f"{scene.name}: {key} changes with distance, and the search takes one number; "
+                "write one, search, and put the table back"
+            )
+    return known_values({"shape": scene.model, "frame": index, **given})
+
+
+def _stated(scene: Scene, key: str) -> Any:
+    """A value of the scene, None without its table."""
+    table, _, name = key.partition(".")
+    return getattr(getattr(scene, table), name, None)
+
+
+def _drafted(session: SetupSession, known: KnownValues) -> SceneDraft:
+    """The draft from the frames as they were captured, its refusals in the page's words."""
+    try:
+        with open_frames(
+            session.frames,
+            channel=known.channel,
+            wavelength_nm=known.wavelength_nm,
+            bit_depth=known.bit_depth,
+        ) as reader:
+            return draft_scene(reader, known)
+    except IsochromeError as error:
+        raise type(error)(page_words(str(error))) from error
+
+
+def _values(draft: SceneDraft, scene: Scene, *, guessed: bool) -> tuple[dict[str, Any], list[str]]:
+    """What goes into the scene, without the place; and what does not, in sentences."""
+    found: dict[str, Any] = {v.key: _as_written(v) for v in draft.found if v.key not in (LEFT, TOP)}
+    notes = []
+    if found.get(_FRICTION) == 0.0:
+        if guessed:
+            raise InputError(
+                f"frame {draft.frame}: no friction is seen in it; fill in 'Friction coefficient', "
+                "about, or choose a frame that slides"
+            )
+        del found[_FRICTION]
+        if scene.friction is not None:
+            notes.append(f"no friction is seen in frame {draft.frame}; {_FRICTION} stays")
+    for key in set(found) & set(scene.uncertainties):
+        notes.append(f"{key} is stated with its own ±, and stays; {found.pop(key):g} is found")
+    found.setdefault(ROLL, None)  # the picture was explained without one
+    found[_TURN] = draft.scene.frames.rotate_deg or None
+    camera = scene.camera
+    if scene.frames.roi is None and camera is not None and draft.scene.camera is not None:
+        for name in ("width_px", "height_px"):
+            if getattr(camera, name) is not None:
+                found[f"camera.{name}"] = getattr(draft.scene.camera, name)
+    return found, notes
+
+
+def _as_written(value: DraftValue) -> float | int | str:
+    """A value with as many digits as its uncertainty allows."""
+    if value.standard_uncertainty and not isinstance(value.value, str):
+        return float(rounded_texts(float(value.value), value.standard_uncertainty)[0])
+    return value.value
+
+
+def _refuse_turn(scene: Scene, draft: SceneDraft) -> None:
+    """Refuse to turn a picture under what was set on it. Raises InputError."""
+    own, turn = scene.frames, draft.scene.frames.rotate_deg
+    on_it = own.roi or own.polygon_px or own.orders_known
+    if on_it and (own.rotate_deg or 0) != (turn or 0):
+        raise InputError(
+            f"{scene.name}: the frame explains itself turned by {turn or 0} degrees, and region, "
+            "mask and known points are set on it as it lies; take them away, and search again"
+        )
+
+
+def _placed_text(session: SetupSession, text: str, draft: SceneDraft) -> str:
+    """The text with the place that was found, counted in the scene's own region."""
+    camera = draft.scene.camera
+    assert camera is not None and camera.height_px is not None and camera.width_px is not None
+    row, col = seen_at(pixel_grid(draft.scene, (camera.height_px, camera.width_px)), 0.0, 0.0)
+    scene = session.scene(text)
+    region = session.region(scene)
+    place = (row - region.top_px, col - region.left_px)
+    return set_values(text, values_of_place(session.pixels(scene), place))
