@@ -1,4 +1,5 @@
 from .beam.api import bending_from_shots, calibrate_bending
+from .calibration_report import calibration_report
 from .colour.api import ColourCalibration, calibrate_colour
 from .colour.settings import ColourSet
 from .disc.api import calibrate_disc, disc_from_shots
@@ -39,6 +40,7 @@ __all__ = [
     "calibrate_disc",
     "calibrate_scale",
     "calibrate_wear",
+    "calibration_report",
     "check_scene_file",
     "disc_from_shots",
     "find_rim",
