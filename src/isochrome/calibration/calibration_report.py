@@ -23,6 +23,7 @@ _WEAR_UNIT = 1e-9
 
 _NO_BUDGET = "The calibration's file holds none; what is known of its goodness stands above."
 _NO_CAUSES = "Causes are looked for in images of a beam or a disc alone."
+_NONE_FOUND = "None: the images ask for nothing besides the settings."
 _ABOUT_CHI = {
     "fringe_value_n_per_mm": "about 1 where the images are described to their noise",
     "coefficient_mm2_per_n": "about 1 where traces and distances scatter as expected",
@@ -56,8 +57,10 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
     found: dict[str, Any] = json.loads((folder / file).read_text("utf-8"))
     values = list(_values(found))
     said = "; ".join(f"{label} = {text}" for label, text in values)
+    said = said if said.startswith("f_") else f"{said[:1].upper()}{said[1:]}"
     budget = _table(f"Shares of the ± ({file})", found.get("budget") or [])
     causes = found.get("causes")
+    no_causes = _NO_CAUSES if causes is None else _NONE_FOUND
     own = [*values, ("date of the calibration", str(record.get("date") or "not recorded"))]
     return ReportContent(
         command=str(record.get("command") or "calibrate"),
@@ -66,8 +69,8 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
         budget=budget,
         no_budget=_NO_BUDGET,
         tables=list(_tables(found, file)),
-        causes=None if causes is None else [_cause(one) for one in causes],
-        causes_text=_NO_CAUSES,
+        causes=[_cause(one) for one in causes] if causes else None,
+        causes_text=no_causes,
         taken_as_exact=found.get("taken_as_exact") or (),
         warnings=found["warnings"],
         scene=str(record.get("settings") or ""),
@@ -78,7 +81,17 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
 
 
 def _values(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """What was found, each value with its unit and ±."""
+    """What was found, each value with its unit and ±, and how well after the first."""
+    first, *others = _own_values(found)
+    yield first
+    meaning = next((text for key, text in _ABOUT_CHI.items() if key in found), "")
+    if found.get("chi") is not None:
+        yield "chi", f"{found['chi']:.2f} ({meaning})"
+    yield from others
+
+
+def _own_values(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The same without chi."""
     if "fringe_value_n_per_mm" in found:
         yield from _of_fringe_value(found)
     elif "coefficient_mm2_per_n" in found:
@@ -87,9 +100,6 @@ def _values(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield from _of_scale(found)
     else:
         yield from _of_colours(found)
-    meaning = next((text for key, text in _ABOUT_CHI.items() if key in found), "")
-    if found.get("chi") is not None:
-        yield "chi", f"{found['chi']:.2f} ({meaning})"
 
 
 def _of_fringe_value(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
