@@ -70,13 +70,17 @@ def test_a_simulations_pictures_and_orders_are_those_of_its_stacks(simulated, tm
     pictures = [i for i in page.of("img") if "rendered frame of frame" in (i.get("alt") or "")]
     for one, picture, frame, order in zip(shown, pictures, frames, orders, strict=True):
         assert [pane["key"] for pane in one["panes"]] == ["rendered", "order"]
+        assert is_shown(picture, frame, frames.max())
         own = decoded(one["order"], *order.shape)
         assert (np.isnan(own) == np.isnan(order)).all()
         assert np.nanmax(np.abs(own - order)) <= 0.005 + 1e-6
-        data = base64.b64decode(picture["src"].partition(",")[2])
-        grey = np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
-        # a picture has 64 levels from 0 to the brightest pixel of all frames that are shown
-        assert np.abs(grey - frame * 255.0 / frames.max()).max() <= 0.5 * 255.0 / 63.0 + 1.0
+
+
+def is_shown(picture, frame, brightest):
+    """Whether a picture is a frame in 64 levels, from 0 to the brightest pixel that is shown."""
+    data = base64.b64decode(picture["src"].partition(",")[2])
+    grey = np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
+    return np.abs(grey - frame * (255.0 / brightest)).max() <= 0.5 * 255.0 / 63.0 + 1.0
 
 
 def test_a_simulations_page_says_what_its_history_holds(simulated):
@@ -121,7 +125,12 @@ def test_other_cameras_have_their_pages(tmp_path, values, note):
     page = Page(tmp_path / "out" / "report.html")
     assert note in page.text and "contact width" not in page.text  # a ring's history has none
     (shown,) = data_of(page)["frames"]
-    order = tifffile.imread(tmp_path / "out" / "fringe_order.tif")
+    frames, order = (
+        tifffile.imread(tmp_path / "out" / n) for n in ("frames.tif", "fringe_order.tif")
+    )
+    (picture,) = (i for i in page.of("img") if "rendered frame of" in (i.get("alt") or ""))
+    frame = frames.reshape(-1, 128, 128, 3).mean(axis=3)[0] if "colours" in note else frames[0]
+    assert is_shown(picture, frame, frame.max())
     own = decoded(shown["order"], 128, 128)
     assert np.nanmax(np.abs(own - order.reshape(128, 128))) <= 0.005 + 1e-6
     assert same_but_for_the_name(tmp_path / "out", tmp_path / "again", "ring")

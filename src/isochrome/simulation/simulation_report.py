@@ -133,8 +133,8 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
         images = [image.mean(axis=2) for image in images]
     light = (0.0, max(float(image.max()) for image in images))
     span = (0.0, float(np.nanmax(largest)))
-    notes = ("the first of its phase steps is shown",) if steps > 1 else ()
-    notes += ("the mean of its three colours is shown",) if colours else ()
+    notes = ["the first of its phase steps is shown"] if steps > 1 else []
+    notes += ["the mean of its three colours is shown"] if colours else []
     found = []
     for one, image in zip(chosen, images, strict=True):
         order = np.array(orders[one.number])
@@ -151,7 +151,7 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
                 pixel_mm=pixels.pixel_mm,
                 left_mm=pixels.left_mm,
                 top_mm=pixels.top_mm,
-                notes=notes,
+                notes=tuple(notes),
             )
         )
     return found

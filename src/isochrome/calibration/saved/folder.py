@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from isochrome.calibration.calibration_report import calibration_report
 from isochrome.calibration.colour.api import ColourCalibration
 from isochrome.calibration.colour.folder import write_colours
 from isochrome.calibration.result import CUTS, Calibration
+from isochrome.calibration.saved.calibration_report import calibration_report
 from isochrome.calibration.scale.result import ScaleCalibration
 from isochrome.calibration.wear.result import WearCalibration
 from isochrome.output import provenance, staged, write_figure, write_json
