@@ -128,7 +128,7 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
     colours = (3,) if camera is not None and camera.colour else ()
     stored = _stack(folder / FRAMES, (len(largest) * steps, *size, *colours))
     orders = _stack(folder / ORDER, (len(largest), *size))
-    images = [np.array(stored[one.number * steps], float) for one in chosen]
+    images = [np.array(stored[one.number * steps], np.float32) for one in chosen]
     if colours:
         images = [image.mean(axis=2) for image in images]
     light = (0.0, max(float(image.max()) for image in images))
