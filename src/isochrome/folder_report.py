@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from isochrome.calibration import calibration_report
 from isochrome.errors import InputError
 from isochrome.fitting import fit_report, restore_values
 from isochrome.output import output_folder
@@ -14,15 +15,25 @@ from isochrome.processing import process_report, restore
 from isochrome.reporting import ReportContent, write_report
 from isochrome.runs import PROVENANCE, REPORT, STORE, WORKING, open_run
 from isochrome.scene import Scene, parse_scene, read_text
+from isochrome.simulation import simulation_report
 
-_NEEDED = {"frames.csv": "process", "fit.json": "fit"}
-"""The file by which a run's folder is known, and the command that leaves it."""
+_NEEDED = {
+    "frames.csv": ("process", ("scene.toml", STORE)),
+    "fit.json": ("fit", ("scene.toml", STORE)),
+    "history.csv": (
+        "simulate",
+        ("scene.toml", "frames.tif", "fringe_order.tif", "simulation.png"),
+    ),
+    "calibration.json": ("calibrate", ("calibration.png",)),
+    "scale.json": ("calibrate scale", ("scale.png",)),
+}
+"""The file by which a folder is known, the command that leaves it, and what else it leaves."""
+
+_NAMED = "process, fit, track, simulate or calibrate"
 
 _OTHERS = {
     "summary.csv": "is a campaign; name the folder of one of its recordings",
     "metrics.csv": "is a comparison, whose report compare writes itself; run compare again",
-    "history.csv": "is a simulation, which has no report; process its frames, or compare it",
-    "calibration.json": "is a calibration, which has no report; see its calibration.png",
 }
 
 
@@ -31,13 +42,14 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
 
     It has what was found in a sentence; some frames beside their simulation, with N, x and z under
     the mouse; the values over the distance with their bands; causes, budget and warnings with
-    their remedies; the scene; and what a paper states. `process`, `fit` and `track` leave it beside
-    their results; this makes it anew, of the files alone.
+    their remedies; the scene; and what a paper states. Of a simulation it has the rendered frames,
+    of a calibration its figure, images and settings. `process`, `fit`, `track`, `simulate` and
+    `calibrate` leave it beside their results; this makes it anew, of the files alone.
 
     Parameters
     ----------
     folder : str or Path
-        The folder that process, fit or track left.
+        The folder that process, fit, track, simulate or calibrate left.
     out : str or Path, optional
         Folder for report.html; by default the run's own.
 
@@ -63,22 +75,29 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
     'report.html'
     """
     place = Path(folder)
-    command = _command(place)
+    file, command = _kind(place)
     try:
-        content = _content(place, command)
+        content = _content(place, file)
     except (OSError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
         reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
-        raise InputError(
-            f"{place}: cannot be read ({reason}); run {command} again with --restart"
-        ) from error
+        raise InputError(f"{place}: cannot be read ({reason}); {_again(command)}") from error
     target = place if out is None else output_folder(out)
     return write_report(target / REPORT, content)
 
 
-def _command(place: Path) -> str:
-    """The command that left a folder. Raises InputError where it holds no finished run of one."""
+def _again(command: str) -> str:
+    """What to do where a file is missing or damaged; a calibration keeps nothing to resume."""
+    begun = "" if command.startswith("calibrate") else " with --restart"
+    return f"run {command} again{begun}"
+
+
+def _kind(place: Path) -> tuple[str, str]:
+    """The file by which a folder is known, and the command that left it.
+
+    Raises InputError where it holds no finished run of one.
+    """
     if not place.is_dir():
-        raise InputError(f"{place}: no such folder; name one that process, fit or track left")
+        raise InputError(f"{place}: no such folder; name one that {_NAMED} left")
     found = next((name for name in _NEEDED if (place / name).is_file()), None)
     for name, what in _OTHERS.items():
         if found is None and (place / name).is_file():
@@ -88,22 +107,26 @@ def _command(place: Path) -> str:
         hint = (
             "the run is not finished: run the same command again to resume"
             if unfinished
-            else "name a folder that process, fit or track left"
+            else f"name a folder that {_NAMED} left"
         )
         missing = PROVENANCE if found else " and no ".join(_NEEDED)
         raise InputError(f"{place}: holds no {missing}; {hint}")
-    command = _NEEDED[found]
-    for name in ("scene.toml", STORE):
+    command, others = _NEEDED[found]
+    for name in others:
         if not (place / name).exists():
-            raise InputError(f"{place}: holds no {name}; run {command} again with --restart")
-    return command
+            raise InputError(f"{place}: holds no {name}; {_again(command)}")
+    return found, command
 
 
-def _content(place: Path, command: str) -> ReportContent:
-    """What the report of a run says."""
+def _content(place: Path, file: str) -> ReportContent:
+    """What the report of a run says that is known by a file."""
     record: Mapping[str, Any] = json.loads((place / PROVENANCE).read_text("utf-8"))
+    if file in ("calibration.json", "scale.json"):
+        return calibration_report(place, Path(file).stem, record)
     scene = _scene(place)
-    if command == "fit":
+    if file == "history.csv":
+        return simulation_report(place, scene, record)
+    if file == "fit.json":
         found = restore_values(place, scene, record.get("options") or {})
         return fit_report(place, found, record)
     with open_run(place) as dataset:

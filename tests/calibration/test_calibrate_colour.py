@@ -186,6 +186,7 @@ def test_the_folder_holds_table_numbers_and_figure(beam, table, tmp_path):
     save_calibration(calibration, tmp_path / "out", source=place / "set.toml")
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "colour_table.csv", "calibration.json", "calibration.png", "provenance.json",
+        "report.html",
     }  # fmt: skip
     again = read_table(tmp_path / "out" / "colour_table.csv")
     np.testing.assert_allclose(again.signal, calibration.colour_table.signal, rtol=0, atol=1e-8)

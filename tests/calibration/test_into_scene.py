@@ -9,7 +9,7 @@ import pytest
 import tifffile
 
 from isochrome.calibration import Calibration, write_into_scene
-from isochrome.calibration.scene_file import edited
+from isochrome.calibration.saved.scene_file import edited
 from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.scene import load_scene

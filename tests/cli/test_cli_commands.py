@@ -125,7 +125,7 @@ def test_simulate_leaves_what_the_contract_names(captured):
     out = captured / "Bild ü"
     assert files_in(out) == {
         "history.csv", "frames.tif", "fringe_order.tif", "pressure.csv", "scene.toml",
-        "provenance.json", "simulation.png",
+        "provenance.json", "simulation.png", "report.html",
     }  # fmt: skip
     history = columns_of(out / "history.csv")
     assert set(HISTORY) <= set(history)
@@ -292,7 +292,7 @@ def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, comm
     assert 0.9 < found["chi"] < 1.1
     assert abs(found["order_at_zero_load"]) < 0.06
     assert files_in(place / "Kalibrierung") == {
-        "calibration.json", "calibration.png", "provenance.json"
+        "calibration.json", "calibration.png", "provenance.json", "report.html",
     }  # fmt: skip
 
 

@@ -73,6 +73,7 @@ def test_a_line_that_nobody_knows_is_to_be_filled_in(draft):
     assert isochrome.parse_scene(filled).polariscope.wavelength_nm == 587.0
 
 
+@pytest.mark.long
 def test_a_mirror_that_is_known_is_written_and_friction_has_its_own_side(case):
     """The drawn picture was mirrored: with that stated the scene is the true one itself."""
     flip = {"flip": case.flip} if case.flip else {"flip": "horizontal"}
@@ -158,6 +159,11 @@ def test_twelve_bits_in_sixteen_are_asked_about(case):
     deep = case.captured.astype(np.uint16) * 16
     with pytest.raises(isochrome.InputError, match=r"as of 12 bits.*--bit-depth 12"):
         isochrome.init(deep, known_of(case))
+
+
+@pytest.mark.long
+def test_twelve_bits_that_are_given_are_taken(case):
+    deep = case.captured.astype(np.uint16) * 16
     scene = isochrome.init(deep, known_of(case) | {"bit_depth": 12}).scene
     assert scene.camera.bit_depth == 12
 

@@ -110,9 +110,7 @@ def test_a_run_is_complete_without_its_page(runs, tmp_path):
     [
         ("summary.csv", "is a campaign; name the folder of one of its recordings"),
         ("metrics.csv", "is a comparison, whose report compare writes itself"),
-        ("history.csv", "is a simulation, which has no report"),
-        ("calibration.json", "is a calibration, which has no report"),
-        ("notes.txt", "holds no frames.csv and no fit.json; name a folder that process, fit"),
+        ("notes.txt", "holds no frames.csv and no fit.json and no history.csv and no calibration."),
     ],
 )
 def test_a_folder_of_another_kind_is_named(tmp_path, file, words):
@@ -122,7 +120,7 @@ def test_a_folder_of_another_kind_is_named(tmp_path, file, words):
 
 
 def test_no_folder_and_an_unfinished_run_are_named(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="no such folder; name one that process, fit or track"):
+    with pytest.raises(InputError, match="no such folder; name one that process, fit, track"):
         isochrome.report(tmp_path / "nowhere")
     (tmp_path / "out").mkdir()
     (tmp_path / "out.partial").mkdir()

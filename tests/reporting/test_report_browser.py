@@ -5,9 +5,13 @@ from __future__ import annotations
 import re
 
 import pytest
-from pages import COLS, LEFT, PIXEL, ROWS, TOP, order_field
+from pages import COLS, HOSTILE, LEFT, PIXEL, ROWS, TOP, order_field
+from test_other_reports import wear_set
 
+import isochrome
 from browsers import open_chromium, skip_without_browser
+from isochrome.calibration import save_calibration
+from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 pytestmark = pytest.mark.browser
 
@@ -100,6 +104,36 @@ def test_the_policy_stops_a_script_that_somebody_puts_in(chromium, report_file, 
     with Opened(chromium, other) as own:
         assert own.page.evaluate("window.stolen") is None
         assert any("Content Security Policy" in line for line in own.said)
+
+
+@pytest.fixture(scope="module")
+def other_files(tmp_path_factory):
+    """The pages of a simulation and of a calibration whose settings hold hostile text."""
+    home = tmp_path_factory.mktemp("others")
+    scene = isochrome.parse_scene(WORN_CONTACT + SMALL_CAMERA, name="worn")
+    isochrome.simulate(scene, home / "simulated")
+    path = wear_set(home)
+    path.write_text(path.read_text("utf-8") + f"# {' '.join(HOSTILE[:-1])}\n", "utf-8")
+    save_calibration(isochrome.calibrate_wear(path), home / "worn", source=path)
+    return [home / name / "report.html" for name in ("simulated", "worn")]
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_pages_of_simulations_and_calibrations_open_and_print(
+    chromium, other_files, tmp_path, width
+):
+    for file in other_files:
+        with Opened(chromium, file, viewport={"width": width, "height": 800}) as own:
+            assert own.said == [] and own.page.evaluate("window.stolen") is None
+            assert [url for url in own.asked if not url.startswith(("file:", "data:"))] == []
+            assert own.page.evaluate("document.documentElement.scrollWidth") <= width
+            own.page.pdf(path=tmp_path / "report.pdf")
+            assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+    with Opened(chromium, other_files[0]) as own:
+        own.page.fill("#frame", "1")
+        own.page.hover("#stage")
+        assert re.search(r"N = [\d.]+ fringes; x = -?[\d.]+ mm", own.readout())
+        assert own.page.text_content(".sides span") == "rendered frame"
 
 
 @pytest.mark.parametrize("scale", SCALES)

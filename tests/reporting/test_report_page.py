@@ -192,8 +192,8 @@ def test_what_grows_with_a_run_is_bounded_and_the_rest_is_named(tmp_path):
     assert file.stat().st_size < 1e6
     text = Page(file).text
     for words in (
-        "and 19970 more of this kind", "SHA-256 of 19984 files more", "and more in scene.toml",
-        "and 19940 more rows",
+        "and 19970 more of this kind", "SHA-256 of 19984 files more", "and 19940 more rows",
+        "and more in the run's own file",
     ):  # fmt: skip
         assert words in text, words
 

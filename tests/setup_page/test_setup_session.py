@@ -172,6 +172,7 @@ def test_a_file_that_the_scene_named_at_first_stays_allowed(fresh):
     apply_tool(session, {"tool": "values", "values": {"specimen.thickness_mm": 5.0}})
 
 
+@pytest.mark.long
 def test_the_fit_of_a_frame_is_that_of_process(made):
     """Frame 1 of the sample; its gamma of 1.4 is what the frame asks for."""
     answer = fit_answer(made, 1)

@@ -310,6 +310,7 @@ def test_simulate_leaves_its_files_whole(written):
         "history.csv",
         "pressure.csv",
         "provenance.json",
+        "report.html",
         "scene.toml",
         "simulation.png",
     ]

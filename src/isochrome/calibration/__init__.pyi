@@ -3,11 +3,12 @@ from .colour.api import ColourCalibration, calibrate_colour
 from .colour.settings import ColourSet
 from .disc.api import calibrate_disc, disc_from_shots
 from .disc.disc_rim import Circle, find_rim, fit_circle
-from .folder import save_calibration
 from .result import Calibration, ImageFit
+from .saved.calibration_report import calibration_report
+from .saved.folder import save_calibration
+from .saved.scene_file import check_scene_file, write_into_scene
 from .scale.api import calibrate_scale
 from .scale.result import MeasuredValue, ScaleCalibration, ScalePicture
-from .scene_file import check_scene_file, write_into_scene
 from .settings import Beam, CalibrationSet, Disc, LoadedImage, Uncertainty, load_set
 from .shot import Shot, as_shots
 from .wear.api import calibrate_wear
@@ -39,6 +40,7 @@ __all__ = [
     "calibrate_disc",
     "calibrate_scale",
     "calibrate_wear",
+    "calibration_report",
     "check_scene_file",
     "disc_from_shots",
     "find_rim",

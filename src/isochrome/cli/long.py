@@ -70,7 +70,8 @@ def export_command(
 
 def report_command(
     run: Annotated[
-        str, typer.Argument(metavar="FOLDER", help="Result folder of process, fit or track.")
+        str,
+        typer.Argument(metavar="FOLDER", help="What process, fit, simulate or calibrate left."),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for report.html; by default the run's own.")

@@ -1,13 +1,23 @@
 from .assembly import assemble_page, content_policy
-from .charts import Curve, curves_of
+from .charts import Curve, curves_of, make_curve
 from .content import ReportContent, ReportTable, warnings_with_remedies
 from .frame_choice import MOST_FRAMES, ChosenFrame, choose_frames
 from .page import report_html, write_report
 from .paper_table import paper_rows
-from .pictures import FRINGES, SIGNAL, OrderMap, Pane, ReportFrame, encode_frames, order_map
+from .pictures import (
+    FRINGES,
+    GREY_LEVELS,
+    SIGNAL,
+    OrderMap,
+    Pane,
+    ReportFrame,
+    encode_frames,
+    order_map,
+)
 
 __all__ = [
     "FRINGES",
+    "GREY_LEVELS",
     "MOST_FRAMES",
     "SIGNAL",
     "ChosenFrame",
@@ -22,6 +32,7 @@ __all__ = [
     "content_policy",
     "curves_of",
     "encode_frames",
+    "make_curve",
     "order_map",
     "paper_rows",
     "report_html",

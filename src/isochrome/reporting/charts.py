@@ -42,6 +42,8 @@ class Curve:
         The points.
     together : int
         How many values are one point, at most.
+    has_band : bool
+        Whether the values have uncertainties.
     """
 
     label: str
@@ -53,6 +55,7 @@ class Curve:
     low: Array
     high: Array
     together: int
+    has_band: bool
 
     def drawing(self) -> dict[str, Any]:
         """What the page draws: outlines, ticks and points in the drawing's own units."""
@@ -62,6 +65,7 @@ class Curve:
             "label": self.label,
             "across": self.across,
             "together": self.together,
+            "has_band": self.has_band,
             "band": _outline(x, y, self.place, self.low, self.high),
             "envelope": _outline(x, y, self.place, self.least, self.most),
             "line": _points(x, y, self.place, self.value),
@@ -92,24 +96,43 @@ def curves_of(found: FrameValues) -> list[Curve]:
     """
     place, across = frame_axis(found)
     place = np.where(np.isfinite(place), place, 0.0)  # what stands still has slid by nothing
-    spread = np.zeros(len(place))
-    columns = [
+    columns: list[tuple[str, Array, Array | None]] = [
         (KEY_LABELS.get(key, key), found.values[:, j], found.standard_uncertainty[:, j])
         for j, key in enumerate(found.keys)
     ]
-    columns.append(("chi (residual over noise)", found.chi, spread))
+    columns.append(("chi (residual over noise)", found.chi, None))
     return [
-        _curve(label, across, place, values, own)
+        make_curve(label, across, place, values, own)
         for label, values, own in columns
         if np.isfinite(values).sum() > 1
     ]
 
 
-def _curve(label: str, across: str, place: Array, values: Array, spread: Array) -> Curve:
-    """A quantity as a curve: what is not known is left out, and many are put together."""
+def make_curve(
+    label: str, across: str, place: Array, values: Array, spread: Array | None = None
+) -> Curve:
+    """Make a quantity's curve: what is not known is left out, and many are put together.
+
+    Parameters
+    ----------
+    label, across : str
+        Name and unit of the quantity, and of the horizontal axis.
+    place : ndarray of shape (n,)
+        Where the values stand on it.
+    values : ndarray of shape (n,)
+        The values, of which one at least is known.
+    spread : ndarray of shape (n,), optional
+        Their standard uncertainties; None where they have none.
+
+    Returns
+    -------
+    Curve
+        The curve.
+    """
+    own = np.zeros(len(values)) if spread is None else spread
     known = np.flatnonzero(np.isfinite(values))
     known = known[np.argsort(place[known], kind="stable")]
-    half = BAND * np.where(np.isfinite(spread), spread, 0.0)
+    half = BAND * np.where(np.isfinite(own), own, 0.0)
     together = -(-len(known) // MOST_POINTS)
     starts = np.arange(0, len(known), together)
     counts = np.diff([*starts, len(known)])
@@ -123,6 +146,7 @@ def _curve(label: str, across: str, place: Array, values: Array, spread: Array) 
         low=np.minimum.reduceat((values - half)[known], starts),
         high=np.maximum.reduceat((values + half)[known], starts),
         together=together,
+        has_band=spread is not None,
     )
 
 

@@ -80,7 +80,9 @@ class ReportContent:
     warnings : sequence of str, optional
         The run's warnings.
     scene : str, default ''
-        The resolved scene, TOML.
+        The resolved scene, TOML, or a calibration's settings.
+    scene_title : str, default 'Scene'
+        What that is called.
     paper : sequence of tuple, optional
         Names and values of what a paper states.
     picture : bytes, optional
@@ -101,6 +103,7 @@ class ReportContent:
     taken_as_exact: Sequence[str] = ()
     warnings: Sequence[str] = ()
     scene: str = ""
+    scene_title: str = "Scene"
     paper: Sequence[tuple[str, str]] = ()
     picture: bytes | None = None
 

@@ -32,7 +32,7 @@ _GREYS, _COLOURS = 64, 15
 """Levels of a grey picture and of a difference: more are not told apart on paper."""
 
 
-FRINGES, SIGNAL = "fringes", "of the full light"
+FRINGES, SIGNAL, GREY_LEVELS = "fringes", "of the full light", "grey levels"
 """Units of what a pane shows."""
 
 
@@ -42,7 +42,7 @@ class Pane:
 
     Parameters
     ----------
-    key : {'experiment', 'simulation', 'order', 'difference'}
+    key : {'experiment', 'simulation', 'rendered', 'order', 'difference'}
         Which it is.
     label : str
         What the page calls it.
@@ -50,7 +50,7 @@ class Pane:
         What is shown; NaN = not known.
     span : tuple of two floats
         The values that are shown black and white, or in the end colours.
-    unit : {FRINGES, SIGNAL}
+    unit : {FRINGES, SIGNAL, GREY_LEVELS}
         The unit of the values.
     """
 
@@ -91,7 +91,7 @@ class ReportFrame:
     why : str
         Why it is shown.
     panes : tuple of Pane
-        Its pictures, the experiment first.
+        Its pictures; the first, the experiment where there is one, lies over the others.
     order : ndarray of shape (row, col), optional
         Fringe order that was read, fringes, NaN = not known; None where none is read.
     model_order : ndarray of shape (row, col), optional

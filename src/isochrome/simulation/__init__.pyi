@@ -13,6 +13,7 @@ from .model import (
     state_difference,
 )
 from .rendering import Rendered, render
+from .simulation_report import simulation_report
 from .steps import camera_frame, polariscope_light, stress_map, surface_tractions
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "render",
     "scene_states",
     "simulate",
+    "simulation_report",
     "state_count",
     "state_difference",
     "stress_map",

@@ -34,7 +34,7 @@ from isochrome.scene import (
 )
 from isochrome.simulation.dataset import simulation_dataset
 from isochrome.simulation.figure import simulation_figure, simulation_panels
-from isochrome.simulation.folder import HISTORY, PICTURE, finish_simulation_folder, run_layout
+from isochrome.simulation.folder import finish_simulation_folder, run_layout
 from isochrome.simulation.model import (
     SceneState,
     iter_scene_states,
@@ -43,7 +43,7 @@ from isochrome.simulation.model import (
 )
 from isochrome.simulation.rendering import render
 from isochrome.simulation.state_chunk import RenderWork, shown_states
-from isochrome.simulation.state_rows import add_state_row, history_row
+from isochrome.simulation.state_rows import HISTORY, PICTURE, add_state_row, history_row
 from isochrome.stress import PixelGrid, pixel_grid
 
 if TYPE_CHECKING:
@@ -167,8 +167,8 @@ def simulate(
         A TOML file, the name of a scene of the package, a Scene, or its tables.
     out : str or Path, optional
         Folder for history.csv, frames.tif, fringe_order.tif, pressure.csv, scene.toml,
-        provenance.json and simulation.png, to which the states go as soon as they are known, so
-        that memory does not grow with their number.
+        provenance.json, simulation.png and report.html, to which the states go as soon as they are
+        known, so that memory does not grow with their number.
     components : bool, default False
         Whether sigma_1.tif, sigma_2.tif, sigma_x.tif, sigma_z.tif, tau_xz.tif (MPa),
         sigma_1_direction.tif (degrees) and stress.png are left too; the history's largest shear is
@@ -264,7 +264,7 @@ def _to_folder(
     with single_threaded():
         work = RenderWork(scene, pixels, count, components=components)
         job = Job(work, run_layout(work), identity)
-        finish = partial(finish_simulation_folder, work=work)
+        finish = partial(finish_simulation_folder, work=work, record=identity)
         history = run_job(job, out, finish, means=means, progress=progress)
     already = history is None
     draw = partial(_draw, work, out.absolute() / PICTURE, already)

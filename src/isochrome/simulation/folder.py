@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,14 +17,14 @@ from isochrome.output import (
     write_frames,
     write_text,
 )
-from isochrome.runs import CHUNK_BYTES, RunFolder, RunLayout, chunk_size, parts, rows
+from isochrome.reporting import write_report
+from isochrome.runs import CHUNK_BYTES, REPORT, RunFolder, RunLayout, chunk_size, parts, rows
 from isochrome.scene import dump_scene
 from isochrome.simulation.figure import simulation_figure
+from isochrome.simulation.simulation_report import simulation_report
 from isochrome.simulation.state_chunk import FRAMES, ORDER, PRESSURE, RenderWork
-from isochrome.simulation.state_rows import PROFILE, add_state_row
+from isochrome.simulation.state_rows import HISTORY, PICTURE, PROFILE, add_state_row
 from isochrome.simulation.stress_figure import stress_figure
-
-HISTORY, PICTURE = "history.csv", "simulation.png"
 
 _FEW = 8
 """States that make one chunk together: they are soon done again."""
@@ -39,10 +39,13 @@ def run_layout(work: RenderWork) -> RunLayout:
     return RunLayout(axes={"state": work.count}, chunk=chunk, store=False, part_bytes=size)
 
 
-def finish_simulation_folder(run: RunFolder, work: RenderWork) -> dict[str, list[Any]]:
+def finish_simulation_folder(
+    run: RunFolder, work: RenderWork, record: Mapping[str, Any]
+) -> dict[str, list[Any]]:
     """Make the files from what is kept of the chunks, a chunk in memory at a time.
 
-    Parameters: `run`, where they lie; `work`. Returns the columns of history.csv. Raises OSError.
+    Parameters: `run`, where they lie; `work`; `record`, what provenance.json will hold. Returns
+    the columns of history.csv. Raises OSError.
     """
     folder, scene = run.results, work.scene
     history: dict[str, list[Any]] = {}
@@ -59,6 +62,7 @@ def finish_simulation_folder(run: RunFolder, work: RenderWork) -> dict[str, list
     write_figure(folder / PICTURE, simulation_figure(scene, work.pixels, shown))
     if work.components:
         write_figure(folder / "stress.png", stress_figure(scene, work.pixels, shown))
+    write_report(folder / REPORT, simulation_report(folder, scene, record))
     return history
 
 

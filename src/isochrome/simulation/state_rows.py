@@ -10,6 +10,9 @@ from isochrome.contact import SurfaceState
 from isochrome.simulation.rendering import Rendered
 from isochrome.stress import PixelGrid, ShearPeak
 
+HISTORY, PICTURE = "history.csv", "simulation.png"
+"""The table of these rows, and the run's figure."""
+
 PROFILE = ("state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um")
 """Columns of pressure.csv."""
 

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from isochrome.calibration.colour.api import ColourCalibration
 from isochrome.calibration.colour.folder import write_colours
-from isochrome.calibration.result import Calibration
+from isochrome.calibration.result import CUTS, Calibration
+from isochrome.calibration.saved.calibration_report import calibration_report
 from isochrome.calibration.scale.result import ScaleCalibration
 from isochrome.calibration.wear.result import WearCalibration
 from isochrome.output import provenance, staged, write_figure, write_json
+from isochrome.reporting import write_report
+from isochrome.runs import PROVENANCE, REPORT, environment
+from isochrome.scene import read_text
+
+AnyCalibration = Calibration | ColourCalibration | ScaleCalibration | WearCalibration
 
 
 def save_calibration(
-    calibration: Calibration | ColourCalibration | ScaleCalibration | WearCalibration,
+    calibration: AnyCalibration,
     out: str | Path,
     *,
     source: str | Path | Sequence[str | Path] | None = None,
 ) -> None:
-    """Write calibration.json, calibration.png and provenance.json, all or none.
+    """Write calibration.json, calibration.png, provenance.json and report.html, all or none.
 
     Of a scale the first two are scale.json and scale.png.
 
@@ -34,7 +42,7 @@ def save_calibration(
     out : str or Path
         The folder.
     source : str, Path or sequence of them, optional
-        The calibration set, or a scale's images, for their hashes.
+        The calibration set, or a scale's images, for their hashes; the set's text is kept too.
 
     Raises
     ------
@@ -45,7 +53,25 @@ def save_calibration(
     inputs = [source] if isinstance(source, str | Path) else list(source or ())
     with staged(out) as folder:
         write_json(folder / f"{name}.json", calibration.to_json())
-        write_json(folder / "provenance.json", provenance(None, inputs))
+        record = provenance(None, inputs) | environment() | _origin(calibration, inputs)
+        write_json(folder / PROVENANCE, record)
         write_figure(folder / f"{name}.png", calibration.figure())
         if isinstance(calibration, ColourCalibration):
             write_colours(calibration, folder)
+        write_report(folder / REPORT, calibration_report(folder, name, record))
+
+
+def _origin(calibration: AnyCalibration, inputs: Sequence[str | Path]) -> dict[str, Any]:
+    """What made a calibration, when, and of which settings."""
+    if isinstance(calibration, Calibration):
+        kind = CUTS[calibration.specimen].command
+    else:
+        kinds = {ColourCalibration: "colour", ScaleCalibration: "scale", WearCalibration: "wear"}
+        kind = kinds[type(calibration)]
+    texts = [read_text(Path(place)) for place in inputs if Path(place).suffix == ".toml"]
+    return {
+        "command": f"calibrate {kind}",
+        "title": calibration.title,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "settings": "\n".join(texts) or None,
+    }

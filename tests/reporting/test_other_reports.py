@@ -1,0 +1,237 @@
+"""The pages of a simulation and of calibrations, beside the run and made anew of its folder."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import io
+import json
+import re
+
+import numpy as np
+import pytest
+import tifffile
+from pages import HOSTILE, Page
+from PIL import Image
+from test_report_page import data_of, decoded
+
+import isochrome
+from calibration.target_pictures import Shown, dots
+from isochrome.calibration import ColourCalibration, save_calibration
+from isochrome.errors import InputError
+from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.output import write_tiff
+from scene_texts import SMALL_CAMERA, WORN_CONTACT
+from shipped_sets import some_of_a_shipped_set
+from stepped_sets import CIRCULAR, as_steps
+
+K, LOAD_N = 2e-9, 44.0
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """The folder of a small worn contact."""
+    home = tmp_path_factory.mktemp("simulated")
+    scene = isochrome.parse_scene(WORN_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n", name="worn")
+    isochrome.simulate(scene, home / "out")
+    return home / "out"
+
+
+def wear_set(folder, name="wear.toml"):
+    """Volumes by Archard's law, k = 2e-9 mm²/N."""
+    rows = ((s, K * LOAD_N * 1e3 * s) for s in (31.0, 77.0, 155.0))
+    path = folder / name
+    path.write_text(
+        "# my own volumes\n"
+        + "".join(
+            f"[[volume]]\ndistance_m = {s}\nnormal_n = {LOAD_N}\n"
+            f"value_mm3 = {{ value = {volume}, standard_uncertainty = {0.01 * volume} }}\n"
+            for s, volume in rows
+        ),
+        "utf-8",
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory):
+    """The folder of a wear calibration."""
+    home = tmp_path_factory.mktemp("worn")
+    path = wear_set(home)
+    save_calibration(isochrome.calibrate_wear(path), home / "out", source=path)
+    return home / "out"
+
+
+def test_a_simulations_pictures_and_orders_are_those_of_its_stacks(simulated, tmp_path):
+    page = Page(simulated / "report.html")
+    frames, orders = (tifffile.imread(simulated / n) for n in ("frames.tif", "fringe_order.tif"))
+    shown = data_of(page)["frames"]
+    assert [one["number"] for one in shown] == list(range(len(orders)))
+    pictures = [i for i in page.of("img") if "rendered frame of frame" in (i.get("alt") or "")]
+    for one, picture, frame, order in zip(shown, pictures, frames, orders, strict=True):
+        assert [pane["key"] for pane in one["panes"]] == ["rendered", "order"]
+        assert is_shown(picture, frame, frames.max())
+        own = decoded(one["order"], *order.shape)
+        assert (np.isnan(own) == np.isnan(order)).all()
+        assert np.nanmax(np.abs(own - order)) <= 0.005 + 1e-6
+
+
+def is_shown(picture, frame, brightest):
+    """Whether a picture is a frame in 64 levels, from 0 to the brightest pixel that is shown."""
+    data = base64.b64decode(picture["src"].partition(",")[2])
+    grey = np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
+    return np.abs(grey - frame * (255.0 / brightest)).max() <= 0.5 * 255.0 / 63.0 + 1.0
+
+
+def test_a_simulations_page_says_what_its_history_holds(simulated):
+    page = Page(simulated / "report.html")
+    with open(simulated / "history.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    ends = [f"{float(row['p_max_mpa']):.4g}" for row in (rows[0], rows[-1])]
+    assert f"largest pressure {ends[0]} to {ends[1]} MPa" in page.text
+    assert "Under the rendered frame" in page.text and "experiment" not in page.text
+    assert "two standard uncertainties" not in page.text  # a simulation has none
+    assert [one["aria-label"].split(" over ")[0] for one in page.of("svg")] == [
+        "largest pressure (MPa)", "contact width (mm)", "wear depth (µm)", "worn area (mm²)",
+        "largest fringe order (fringes)", "largest shear stress (MPa)",
+    ]  # fmt: skip
+    assert "coefficient_mm2_per_n" in page.text and "SHA-256 of the code" in page.text
+
+
+def test_a_simulations_page_is_made_anew_of_its_folder(simulated, tmp_path):
+    assert same_but_for_the_name(simulated, tmp_path, "worn")
+
+
+def same_but_for_the_name(folder, out, name):
+    """Whether the page made anew is the run's own; the scene then goes by its folder's name."""
+    own = (folder / "report.html").read_text("utf-8")
+    made = isochrome.report(folder, out).read_text("utf-8")
+    return made.replace(f"Simulation of {folder.name}", f"Simulation of {name}") == own
+
+
+@pytest.mark.parametrize(
+    ("values", "note"),
+    [
+        ({"camera.colour": True}, "the mean of its three colours is shown"),
+        ({"polariscope.step": as_steps(CIRCULAR)}, "the first of its phase steps is shown"),
+    ],
+)
+def test_other_cameras_have_their_pages(tmp_path, values, note):
+    scene = isochrome.load_scene("ring").with_values(
+        {"load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+         "camera.pixel_mm": 0.36} | values
+    )  # fmt: skip
+    isochrome.simulate(scene, tmp_path / "out")
+    page = Page(tmp_path / "out" / "report.html")
+    assert note in page.text and "contact width" not in page.text  # a ring's history has none
+    (shown,) = data_of(page)["frames"]
+    frames, order = (
+        tifffile.imread(tmp_path / "out" / n) for n in ("frames.tif", "fringe_order.tif")
+    )
+    (picture,) = (i for i in page.of("img") if "rendered frame of" in (i.get("alt") or ""))
+    frame = frames.reshape(-1, 128, 128, 3).mean(axis=3)[0] if "colours" in note else frames[0]
+    assert is_shown(picture, frame, frame.max())
+    own = decoded(shown["order"], 128, 128)
+    assert np.nanmax(np.abs(own - order.reshape(128, 128))) <= 0.005 + 1e-6
+    assert same_but_for_the_name(tmp_path / "out", tmp_path / "again", "ring")
+
+
+def test_a_wear_calibrations_page_states_k_and_its_settings(worn, tmp_path):
+    page = Page(worn / "report.html")
+    found = json.loads((worn / "calibration.json").read_text("utf-8"))
+    value, spread = map(
+        float, re.search(r"k = \(([\d.]+) ± ([\d.]+)\)e-9 mm²/N", page.text).groups()
+    )
+    assert value == pytest.approx(2.0, abs=spread)
+    assert spread == pytest.approx(1e9 * found["standard_uncertainty"], rel=0.06)  # two digits
+    assert "# my own volumes" in page.text and "Settings" in page.text
+    assert re.search(r"date of the calibration\d{4}-\d\d-\d\d", page.text)
+    for item in found["budget"]:
+        assert item["input"] in page.text
+    for words in ("By distance (calibration.json)", "SHA-256 of", "The wear laws"):
+        assert words in page.text
+    assert same_bytes(worn, tmp_path)
+
+
+def same_bytes(folder, out):
+    """Whether the page made anew is the run's own."""
+    own = (folder / "report.html").read_bytes()
+    return isochrome.report(folder, out).read_bytes() == own
+
+
+def test_the_figure_of_a_calibration_is_in_its_page(worn):
+    (image,) = (one for one in Page(worn / "report.html").of("img") if one.get("class") == "whole")
+    data = base64.b64decode(image["src"].partition(",")[2])
+    assert data == (worn / "calibration.png").read_bytes()
+
+
+def test_a_scales_page_states_the_pixel(tmp_path):
+    shown, picture = Shown(), tmp_path / "a <script>window.stolen = 1<script>.tif"
+    write_tiff(picture, dots(shown)[None])
+    size = {"columns": shown.columns, "rows": shown.rows, "spacing_mm": shown.spacing_mm}
+    found = isochrome.calibrate_scale(picture, target="dots", **size)
+    save_calibration(found, tmp_path / "out", source=[picture])
+    page = Page(tmp_path / "out" / "report.html")
+    value, spread = map(
+        float, re.search(r"pixel = ([\d.]+) ± ([\d.]+) mm", page.text, re.I).groups()
+    )
+    assert abs(value - found.pixel_mm.value) <= spread
+    assert "By image (scale.json)" in page.text and len(page.inside["script"]) == 2
+    assert picture.name in page.text
+    assert same_bytes(tmp_path / "out", tmp_path / "again")
+
+
+def test_the_page_of_colours_states_gamma_and_each_warning(tmp_path):
+    order = 0.01 * np.arange(151)
+    signal = np.sin(np.pi * order[:, None] * [0.9, 1.0, 1.2]) ** 2
+    found = ColourCalibration(
+        colour_table=ColourTable(signal, np.full(3, 0.01)), way="own colours", gamma=2.2,
+        gamma_uncertainty=0.03, wavelength_nm=540.0, residual=0.01, strange=0.001, highest=1.5,
+        bit_depth=8, exposures=(1.0, 0.9), warnings=HOSTILE[:4],
+    )  # fmt: skip
+    save_calibration(found, tmp_path / "out")
+    page = Page(tmp_path / "out" / "report.html")
+    highest = found.colour_table.highest
+    assert f"Gamma = 2.200 ± 0.030; orders = up to {highest:.2f} at 540 nm" in page.text
+    assert all(re.sub(r"\s+", " ", name) in page.text for name in HOSTILE[:4])
+    assert len(page.inside["script"]) == 2 and not page.of("svg")
+    assert same_bytes(tmp_path / "out", tmp_path / "again")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("specimen", "images"), [("bending", (0, 3)), ("disc", (0, 2))])
+def test_the_page_of_a_fringe_value_states_it(tmp_path, specimen, images):
+    given = some_of_a_shipped_set(tmp_path, specimen, images)
+    found = getattr(isochrome, f"calibrate_{specimen}")(given)
+    save_calibration(found, tmp_path / "out", source=given)
+    page = Page(tmp_path / "out" / "report.html")
+    said = re.search(r"f_sigma = ([\d.]+) ± ([\d.]+) N/mm per fringe \(standard unc", page.text)
+    value, spread = map(float, said.groups())
+    assert abs(value - 14.6) < 4.0 * spread  # of the shipped sets, as their truth.json states
+    assert f"chi = {found.chi:.2f} (about 1" in page.text
+    assert f"calibrate {specimen}" in page.text and all(
+        one.file in page.text for one in found.images
+    )
+    assert all(item.name in page.text for item in found.budget)
+    assert same_bytes(tmp_path / "out", tmp_path / "again")
+
+
+@pytest.mark.parametrize("name", ["calibration.png", "provenance.json"])
+def test_what_is_missing_of_a_calibration_is_named(tmp_path, name):
+    path = wear_set(tmp_path)
+    save_calibration(isochrome.calibrate_wear(path), tmp_path / "out", source=path)
+    (tmp_path / "out" / name).unlink()
+    with pytest.raises(InputError, match=f"holds no {re.escape(name)}"):
+        isochrome.report(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    "text", ["{}", "null", "{", '{"fringe_value_n_per_mm": 1, "warnings": []}']
+)
+def test_a_damaged_calibration_is_one_line(tmp_path, text):
+    path = wear_set(tmp_path)
+    save_calibration(isochrome.calibrate_wear(path), tmp_path / "out", source=path)
+    (tmp_path / "out" / "calibration.json").write_text(text, "utf-8")
+    with pytest.raises(InputError, match=r"out: cannot be read .*run calibrate again$") as refused:
+        isochrome.report(tmp_path / "out")
+    assert "\n" not in str(refused.value)
