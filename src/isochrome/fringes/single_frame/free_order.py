@@ -63,8 +63,9 @@ from isochrome.fringes.windows import Array, Mask, innermost
 from isochrome.scene import FreeCorner
 
 _BINNINGS = (4, 2, 1)
-_LEAST_PIXELS = 4 * (2 * HALF + 1)
-"""Pixels, after binning, of the shorter side of a frame: four patches without overlap."""
+_LEAST_PIXELS = 7 * (2 * HALF + 1) // 2
+"""Pixels, after binning, of the shorter side of a frame: three patches and a half without overlap.
+"""
 _LEAST_COVER = 0.15
 _CONTRAST_ROUNDS, _MOSTLY = 4, 98.0
 """Readings at most with a contrast found from the last, and per cent of the frame that must rest.
