@@ -13,6 +13,7 @@ import pytest
 
 from isochrome.setup_page import open_session
 from isochrome.setup_page.server import MOST_BYTES
+from runs.killing import listen
 
 from .conftest import served
 
@@ -207,7 +208,13 @@ def test_the_server_ends_when_its_page_is_gone(fresh):
 def test_ctrl_c_ends_the_command_and_says_that_nothing_was_saved(fresh):
     command = [sys.executable, "-m", "isochrome", "setup", str(fresh / "captured.tif"),
                "--no-browser", "--json"]  # fmt: skip
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=None if sys.platform == "win32" else listen,
+    )
     assert "http://127.0.0.1:" in process.stderr.readline()
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
