@@ -161,4 +161,5 @@ def _stack(path: Path, shape: tuple[int, ...]) -> Array:
     """A stack on disk, of which only what is asked for is read. Raises OSError, ValueError."""
     import tifffile
 
-    return np.asarray(tifffile.memmap(path, mode="r")).reshape(shape)
+    with tifffile.TiffFile(path) as file:  # mapped, or through a temporary file where it cannot be
+        return np.asarray(file.series[0].asarray(out="memmap")).reshape(shape)
