@@ -21,13 +21,13 @@ from isochrome.drafting.captured_set import (
 from isochrome.drafting.draft_figure import draft_figure, frame_figure
 from isochrome.drafting.known_values import QUANTITIES, KnownValues, refuse_missing
 from isochrome.drafting.scene_draft import DraftValue, OpenKey, SceneDraft
-from isochrome.drafting.scene_text import scene_text
+from isochrome.drafting.scene_text import written_draft
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import POOR_CHI, RIVAL_CHI, FrameData, prepare_frame
 from isochrome.fitting import GAMMA, TOO_FAR, FrameFit, evaluate_model, fit_frame, free_keys
 from isochrome.frames import FrameReader, as_turned
 from isochrome.processing import placed_disc
-from isochrome.scene import Scene, load_scene, parse_scene
+from isochrome.scene import Scene, load_scene
 
 FIELD, TURN, PIXEL = "polariscope.field", "frames.rotate_deg", "camera.pixel_mm"
 
@@ -70,13 +70,12 @@ def draft_disc(frames: FrameReader, given: KnownValues) -> SceneDraft:
     ]
     notes = [] if fit.chi <= POOR_CHI else [_more_than_noise(fit)]
     draw = partial(draft_figure, data, fit.scene, values)
-    text = scene_text(head, values, open_keys := open_of_set(frames, given))
-    return SceneDraft(
-        text=text,
-        scene=parse_scene(text, name="scene"),
-        values=tuple(values),
-        open=tuple(open_keys),
-        warnings=tuple(notes),
+    open_keys = open_of_set(frames, given)
+    return written_draft(
+        head,
+        values,
+        open_keys,
+        warnings=notes,
         frame=frame.index,
         chi=fit.chi,
         draw=draw,
@@ -104,12 +103,10 @@ def draft_without_model(frames: FrameReader, given: KnownValues) -> SceneDraft:
         "The specimen has no model: orders are read from the image, from a known one onwards; a "
         "free corner has order 0.",
     ]
-    text = scene_text(head, values, open_keys)
-    return SceneDraft(
-        text=text,
-        scene=parse_scene(text, name="scene"),
-        values=tuple(values),
-        open=tuple(open_keys),
+    return written_draft(
+        head,
+        values,
+        open_keys,
         warnings=(),
         frame=frame.index,
         chi=None,

@@ -17,11 +17,11 @@ from isochrome.drafting.contact_fit import FOUND, ContactFit, find_contact, star
 from isochrome.drafting.draft_figure import draft_figure
 from isochrome.drafting.known_values import QUANTITIES, KnownValues, refuse_missing
 from isochrome.drafting.scene_draft import DraftValue, Origin, SceneDraft
-from isochrome.drafting.scene_text import scene_text
+from isochrome.drafting.scene_text import written_draft
 from isochrome.errors import IsochromeError, PhysicsError
 from isochrome.fitting import FRICTION, GAMMA
 from isochrome.frames import FrameReader
-from isochrome.scene import Scene, parse_scene
+from isochrome.scene import Scene
 
 _HAS_SIDE = 4.0
 """Standard uncertainties beyond which friction has a side."""
@@ -49,12 +49,10 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
         "taken as exact. Where that is measured, { value = ..., standard_uncertainty = ... } says "
         "how well.",
     ]
-    text = scene_text(head, values, open_keys)
-    return SceneDraft(
-        text=text,
-        scene=parse_scene(text, name="scene"),
-        values=tuple(values),
-        open=tuple(open_keys),
+    return written_draft(
+        head,
+        values,
+        open_keys,
         warnings=contact.messages,
         frame=contact.frame,
         chi=contact.fit.chi,

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import tomli_w
 
-from isochrome.drafting.scene_draft import DraftValue, OpenKey
+from isochrome.drafting.scene_draft import DraftValue, OpenKey, SceneDraft
 from isochrome.output import rounded_texts
+from isochrome.scene import parse_scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TABLES = ("specimen", "indenter", "load", "friction", "polariscope", "camera", "frames")
 """The tables of a scene, in the order in which they stand."""
@@ -17,6 +22,33 @@ _COMMENT_AT, _WIDTH = 34, 100
 """Column of the comments, and the length of a line."""
 
 _WORDS = {"file": "as the file has it", "given": "as given", "found": "found"}
+
+
+def written_draft(
+    head: Sequence[str],
+    values: Sequence[DraftValue],
+    open_keys: Sequence[OpenKey],
+    *,
+    warnings: Sequence[str],
+    frame: int,
+    chi: float | None,
+    draw: Callable[[], Figure],
+) -> SceneDraft:
+    """Write a scene, and read it back as a draft.
+
+    Parameters: `head`, `values` and `open_keys` as in `scene_text`; the others as in SceneDraft.
+    """
+    text = scene_text(head, values, open_keys)
+    return SceneDraft(
+        text=text,
+        scene=parse_scene(text, name="scene"),
+        values=tuple(values),
+        open=tuple(open_keys),
+        warnings=tuple(warnings),
+        frame=frame,
+        chi=chi,
+        draw=draw,
+    )
 
 
 def scene_text(
