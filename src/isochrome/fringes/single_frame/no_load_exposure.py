@@ -21,10 +21,12 @@ from isochrome.fringes.windows import Array, Mask
 _WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5
 """Smoothings to try, standard deviation over the frame's shorter side, and pixels at least."""
 
-_FLATTENED = 0.05
-"""Share of a line's light that smoothing may take off: beyond it, it is not known to a tenth."""
+_FLATTENED, _NARROW = 0.3, 0.3
+"""Share of a line's light, and of the fringe's, that smoothing may take off."""
+_CORRECTED = 0.1
+"""Standard uncertainty of that, over itself: the fringes' rate changes."""
 
-_LENGTH = 1.0 / 3.0
+_LENGTH = 0.2
 """Length of a line that says something, over the frame's shorter side."""
 
 _OFF, _SHARP = 0.6, 4.0
@@ -56,12 +58,15 @@ class NoLoadExposure:
         Whether the fringes tell b: whether a crest is in the frame.
     ends : BackgroundModulation, optional
         The frame's ends, where they are not the no-load frames.
+    dark_told : bool
+        Whether the fringes tell d: whether a trough is in the frame, or the dark end is black.
     """
 
     dark: float = 1.0
     bright: float = 1.0
     told: bool = False
     ends: BackgroundModulation | None = None
+    dark_told: bool = True
 
 
 def find_no_load_exposure(
@@ -85,70 +90,123 @@ def find_no_load_exposure(
     NoLoadExposure
         The factors, and whether the fringes tell them.
     """
-    low, high = (ndimage.gaussian_filter(end, _SMOOTH_PX, mode="nearest") for end in (dark, bright))
+    low, high = _smooth(dark), _smooth(bright)
     seen = valid & (high > 0.1 * np.median(high))
-    crest = _level(light, sigma, high, seen, 1.0)
+    crest = _level(light, sigma, high, seen)
     if crest is None:
         return NoLoadExposure()
     b, by_crest = crest
-    black = np.median(low[seen] / high[seen]) < _BLACKEST
-    trough = None if black else _level(light, sigma, low, seen & (low > 0.0), -1.0)
+    black = bool(np.median(low[seen] / high[seen]) < _BLACKEST)
+    trough = None if black else _level(light, sigma, low, seen & (low > 0.0), b * high)
     d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
     share = float(np.median(low[seen] / high[seen]))
     moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
     if moved < _LEAST:
         return NoLoadExposure(told=True)
-    return NoLoadExposure(d, b, True, _ends(dark, bright, (d, b), (by_trough, by_crest)))
+    ends = _ends(dark, bright, (d, b), (by_trough, by_crest))
+    return NoLoadExposure(d, b, True, ends, dark_told=black or trough is not None)
+
+
+def _smooth(end: Array) -> Array:
+    """A no-load frame without its noise; a lamp's bright spot keeps its height.
+
+    Equation: 2 G - G * G, which changes nothing up to the third derivative.
+    """
+    once = ndimage.gaussian_filter(end, _SMOOTH_PX, mode="nearest")
+    return np.asarray(2.0 * once - ndimage.gaussian_filter(once, _SMOOTH_PX, mode="nearest"))
 
 
 def _level(
-    light: Array, sigma: Array, end: Array, seen: Mask, sign: float
+    light: Array, sigma: Array, end: Array, seen: Mask, bright: Array | None = None
 ) -> tuple[float, float] | None:
     """Factor of an end by the lines on which the light is its, and its standard uncertainty.
 
-    Parameters: `end`, smooth; `seen`, where it can be divided by; `sign`, 1 for crests and -1 for
-    troughs. None where there is no such line.
+    Parameters: `end`, smooth; `seen`, where it can be divided by; `bright`, the light on crests
+    where troughs are looked for. None where there is no such line.
     """
+    sign = 1.0 if bright is None else -1.0
     safe = np.where(seen, end, 1.0)
     ratio = sign * np.where(seen, light / safe, 0.0)
     ratio = np.where(seen, ratio, np.median(ratio[seen]))
     noise = float(np.median(sigma[seen] / safe[seen]))
+    fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
     for share in _WIDTHS:
-        level = _level_at(ratio, noise, seen, max(_NARROWEST_PX, share * min(light.shape)))
+        width = max(_NARROWEST_PX, share * min(light.shape))
+        level = _level_at(ratio, fringe, noise, seen, width)
         if level is not None and sign * level[0] > 0.0:
             return abs(level[0]), level[1]
     return None
 
 
-def _level_at(ratio: Array, noise: float, seen: Mask, width: float) -> tuple[float, float] | None:
-    """The greatest value that a ratio has all along a line, at one width of smoothing (pixels)."""
+def _level_at(
+    ratio: Array, fringe: Array, noise: float, seen: Mask, width: float
+) -> tuple[float, float] | None:
+    """The greatest value that a ratio has all along a line, at one width of smoothing (pixels).
+
+    Parameters: `fringe` (rows, cols), the ratio's change from a trough to a crest. Pieces of a line
+    that are less apart than its smoothing are one.
+    """
     smooth, across, bend = _lines(ratio, width)
     sharp = _SHARP * noise * np.sqrt(3.0 / (16.0 * np.pi)) / width**3
     inner = ndimage.gaussian_filter(seen.astype(float), width) > 0.98
     inner = ndimage.binary_erosion(inner, iterations=int(width))
     if not inner.any():
         return None
-    lost = -0.5 * width**2 * bend  # what smoothing took off
+    fringe = ndimage.gaussian_filter(fringe, width, mode="nearest")
+    lost = _taken_off(bend, fringe, width)
     top = smooth + lost
     line = inner & (np.abs(across) < _OFF) & (bend < -sharp)
-    line &= lost < np.maximum(_FLATTENED * np.abs(top), 3.0 * noise / width)
-    pieces, count = ndimage.label(line, np.ones((3, 3)))
-    found = []
-    for piece in range(1, count + 1):
-        values = top[pieces == piece]
-        middle = float(np.median(values))
-        scatter = 1.4826 * float(np.median(np.abs(values - middle)))
-        even = scatter < _EVEN * abs(middle) + noise / width
-        if len(values) > _LENGTH * min(ratio.shape) and even:
-            found.append((middle, scatter, len(values)))
-    if not found:
+    line &= lost < np.minimum(_FLATTENED * np.abs(top), _NARROW * fringe)
+    at = _greatest_even(line, top, noise, width)
+    if at is None:
         return None
-    middle, scatter, length = max(found)
+    middle, scatter = _middle(top[at])
     beyond = float(np.percentile(smooth[inner], 99.5)) - middle
     if beyond > _NOTHING_BEYOND * abs(middle) + 2.0 * noise / width:
         return None
-    uncertainty = np.hypot(scatter / np.sqrt(max(length / width, 1.0)), _SYSTEMATIC * abs(middle))
-    return middle, float(uncertainty)
+    along = max(scatter, noise / width) / np.sqrt(max(np.count_nonzero(at) / width, 1.0))
+    corrected = _CORRECTED * float(np.median(lost[at]))
+    return middle, float(np.sqrt(along**2 + corrected**2 + (_SYSTEMATIC * middle) ** 2))
+
+
+def _greatest_even(line: Mask, top: Array, noise: float, width: float) -> Mask | None:
+    """The lines of the greatest value that lines have all along; None where there are none.
+
+    Several lines of one value count as one: all crests are alike.
+    """
+    near = ndimage.binary_dilation(line, np.ones((3, 3)), iterations=max(1, int(width / 2.0)))
+    pieces, count = ndimage.label(near)
+    pieces = np.where(line, pieces, 0)
+    own = [(*_middle(top[pieces == piece]), piece) for piece in range(1, count + 1)]
+    even = [
+        (middle, piece)
+        for middle, scatter, piece in own
+        if scatter < _EVEN * abs(middle) + noise / width
+    ]
+    for greatest, _ in sorted(even, reverse=True):
+        within = _EVEN * abs(greatest) + noise / width
+        at = np.isin(pieces, [p for middle, p in even if 0.0 <= greatest - middle < within])
+        if np.count_nonzero(at) > _LENGTH * min(top.shape):
+            return np.asarray(at)
+    return None
+
+
+def _middle(values: Array) -> tuple[float, float]:
+    """Median of some values, and their scatter."""
+    middle = float(np.median(values))
+    return middle, 1.4826 * float(np.median(np.abs(values - middle)))
+
+
+def _taken_off(bend: Array, fringe: Array, width: float) -> Array:
+    r"""What smoothing took off a line.
+
+    Equation: of A sin^2(k x/2) a Gaussian of standard deviation w takes A (1 - e^-u)/2 off its
+    ends, u = k^2 w^2/2, and leaves a curvature of A k^2 e^-u/2 there, so that w^2 times this over A
+    is q = u e^-u, and what is taken off w^2/2 times it times (e^u - 1)/u. u = q + q^2 up to q^3.
+    """
+    lost = -0.5 * width**2 * bend
+    q = np.clip(2.0 * lost / fringe, 0.0, 2.0 * _NARROW)
+    return np.asarray(lost * (1.0 + 0.5 * (q + q**2) + q**2 / 6.0))
 
 
 def _lines(image: Array, width: float) -> tuple[Array, Array, Array]:
@@ -171,8 +229,7 @@ def _ends(
     """The frame's own ends, and how well they are known."""
     variance = np.zeros((3, 3, *dark.shape))
     for i, (end, factor, each) in enumerate(zip((dark, bright), factors, spread, strict=True)):
-        rough = end - ndimage.gaussian_filter(end, _SMOOTH_PX, mode="nearest")
-        noise = factor * 1.4826 * float(np.median(np.abs(rough)))
+        noise = factor * 1.4826 * float(np.median(np.abs(end - _smooth(end))))
         variance[i, i] = (each * end) ** 2 + noise**2
     return BackgroundModulation(
         dark=factors[0] * dark,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from isochrome.errors import InputError
 from isochrome.frames import (
@@ -72,6 +73,14 @@ SAME_EXPOSURE = (
     "its fringes do not tell whether it is exposed as its no-load frames are, which is assumed: "
     "keep exposure, gain and lamp fixed"
 )
+DARK_UNTOLD = (
+    "no dark fringe tells how frames.no_load_dark is exposed: {:.0f} % of the specimen, where a "
+    "brighter background would make a dark fringe, is left out; expose it as the frame is"
+)
+_REACH, _WORTH_SAYING = 4.0, 0.01
+"""How far the unknown background may reach, in its standard uncertainties: to three times as long
+an exposure as the bright frame's; and the share of the specimen that is said."""
+_POOLED_PX = 3.0
 SIGNIFICANT, WRONG_GAMMA = 5.0, 0.1
 """Of a stated gamma that the fringes contradict: standard uncertainties, and share of its value."""
 FLAWS = 0.015
@@ -195,13 +204,17 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
     if dark is not None and bright is not None and not tone:
         exposure = find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
         ends, notes = exposure.ends or exact_ends(dark, bright), _of_exposure(exposure)
+        dark_told = exposure.dark_told
     else:
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
-        blind = dark is None or bright is None
+        blind, dark_told = dark is None or bright is None, True
         notes = _found_by_fringes(ends, blind=blind, tone=tone)
         if tone:
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
     done, found = _by_ends(light, sigma, valid, ends)
+    if not dark_told:
+        found, left_out = _above_background(found)
+        notes += left_out
     others = tuple(_by_ends(light, sigma, valid, other)[1] for other in ends.others)
     # a search that found no rest says nothing of the tone, and without a reading nobody asks
     check = None
@@ -232,6 +245,18 @@ def _by_ends(
         settled=ends.settled,
     )
     return done, signal
+
+
+def _above_background(seen: _Signal) -> tuple[_Signal, list[str]]:
+    """A signal without what a brighter background would make a dark fringe, and what to say of it.
+
+    The order may go on through a fringe there or turn back, and what lies beyond is a part apart.
+    """
+    above = np.where(seen.valid, seen.signal - _REACH * seen.error, 0.0)
+    valid = seen.valid & (gaussian_filter(above, _POOLED_PX) > 0.0)
+    share = 1.0 - np.count_nonzero(valid) / max(1, np.count_nonzero(seen.valid))
+    said = [DARK_UNTOLD.format(100.0 * share)] if share > _WORTH_SAYING else []
+    return replace(seen, valid=valid), said
 
 
 def _of_exposure(exposure: NoLoadExposure) -> list[str]:
