@@ -106,6 +106,17 @@ def test_an_untold_background_leaves_out_what_it_might_turn_over():
     assert_not_silent(*errors(found, order))
 
 
+@pytest.mark.parametrize("longer", [1.5, 2.5])
+def test_a_flat_top_of_the_order_below_a_crest_is_none(longer):
+    """Its light is 4 % below a crest's, and all but even along the longer axis of its bowl."""
+    z, x = places()
+    signal = np.sin(np.pi * (0.44 - 0.25 * z**2 - 0.25 * (x / longer) ** 2)) ** 2
+    bright, dark = np.full(SHAPE, 0.8), np.full(SHAPE, 0.01)
+    image = dark + (bright - dark) * signal + np.random.default_rng(5).normal(0.0, 0.004, SHAPE)
+    sigma, valid = np.full(SHAPE, 0.004), np.ones(SHAPE, bool)
+    assert not find_no_load_exposure(image, sigma, valid, dark=dark, bright=bright).told
+
+
 @pytest.mark.parametrize("lamp", [1.7, 4.0])
 def test_a_lamps_bright_spot_does_not_move_the_exposure(lamp):
     """Smoothing the bright frame by 3 pixels takes 2 % off such a spot, and gave 2 % too much."""

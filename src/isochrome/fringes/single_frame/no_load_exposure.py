@@ -21,7 +21,7 @@ from isochrome.fringes.windows import Array, Mask
 _WIDTHS, _NARROWEST_PX = (1.0 / 16.0, 1.0 / 32.0, 1.0 / 64.0), 1.5
 """Smoothings to try, standard deviation over the frame's shorter side, and pixels at least."""
 
-_FLATTENED, _NARROW = 0.3, 0.3
+_FLATTENED, _NARROW = 0.3, 0.05
 """Share of a line's light, and of the fringe's, that smoothing may take off."""
 _CORRECTED = 0.1
 """Standard uncertainty of that, over itself: the fringes' rate changes."""
@@ -34,6 +34,9 @@ _OFF, _SHARP = 0.6, 4.0
 
 _EVEN, _NOTHING_BEYOND = 0.007, 0.02
 """Scatter of the light along a line, and share by which other light may pass it."""
+
+_STRAIGHT = 0.2
+"""Curvature of the light along a line over that across: a flat extremum of the order has both."""
 
 _BLACKEST = 0.005
 """Dark end, over the bright one, below which its factor changes nothing and is not looked for."""
@@ -130,12 +133,24 @@ def _level(
     ratio = np.where(seen, ratio, np.median(ratio[seen]))
     noise = float(np.median(sigma[seen] / safe[seen]))
     fringe = np.maximum(np.abs(ratio) if bright is None else bright / safe, noise)
-    for share in _WIDTHS:
-        width = max(_NARROWEST_PX, share * min(light.shape))
+    widths = [max(_NARROWEST_PX, share * min(light.shape)) for share in _WIDTHS]
+    # wide smoothing takes narrow fringes away, which may be brighter than the line
+    finest = ndimage.gaussian_filter(ratio, widths[-1], mode="nearest")
+    brightest = float(np.percentile(finest[_inner(seen, widths[-1])], 99.5))
+    brightest -= 2.0 * noise / widths[-1]
+    for width in widths:
         level = _level_at(ratio, fringe, noise, seen, width)
-        if level is not None and sign * level[0] > 0.0:
+        if level is None or sign * level[0] <= 0.0:
+            continue
+        if brightest - level[0] < _NOTHING_BEYOND * abs(level[0]):
             return abs(level[0]), level[1]
     return None
+
+
+def _inner(seen: Mask, width: float) -> Mask:
+    """Where neither the border nor what is not seen lies within reach of a smoothing."""
+    inner = ndimage.gaussian_filter(seen.astype(float), width) > 0.98
+    return np.asarray(ndimage.binary_erosion(inner, iterations=int(width)))
 
 
 def _level_at(
@@ -146,10 +161,9 @@ def _level_at(
     Parameters: `fringe` (rows, cols), the ratio's change from a trough to a crest. Pieces of a line
     that are less apart than its smoothing are one.
     """
-    smooth, across, bend = _lines(ratio, width)
+    smooth, across, bend, along = _lines(ratio, width)
     sharp = _SHARP * noise * np.sqrt(3.0 / (16.0 * np.pi)) / width**3
-    inner = ndimage.gaussian_filter(seen.astype(float), width) > 0.98
-    inner = ndimage.binary_erosion(inner, iterations=int(width))
+    inner = _inner(seen, width)
     if not inner.any():
         return None
     fringe = ndimage.gaussian_filter(fringe, width, mode="nearest")
@@ -157,32 +171,33 @@ def _level_at(
     top = smooth + lost
     line = inner & (np.abs(across) < _OFF) & (bend < -sharp)
     line &= lost < np.minimum(_FLATTENED * np.abs(top), _NARROW * fringe)
-    at = _greatest_even(line, top, noise, width)
+    at = _greatest_even(line, top, (bend, along), noise, width)
     if at is None:
         return None
     middle, scatter = _middle(top[at])
-    beyond = float(np.percentile(smooth[inner], 99.5)) - middle
-    if beyond > _NOTHING_BEYOND * abs(middle) + 2.0 * noise / width:
-        return None
     along = max(scatter, noise / width) / np.sqrt(max(np.count_nonzero(at) / width, 1.0))
     corrected = _CORRECTED * float(np.median(lost[at]))
     return middle, float(np.sqrt(along**2 + corrected**2 + (_SYSTEMATIC * middle) ** 2))
 
 
-def _greatest_even(line: Mask, top: Array, noise: float, width: float) -> Mask | None:
+def _greatest_even(
+    line: Mask, top: Array, curvature: tuple[Array, Array], noise: float, width: float
+) -> Mask | None:
     """The lines of the greatest value that lines have all along; None where there are none.
 
-    Several lines of one value count as one: all crests are alike.
+    Parameters: `curvature`, across and along. Several lines of one value count as one: all crests
+    are alike.
     """
     near = ndimage.binary_dilation(line, np.ones((3, 3)), iterations=max(1, int(width / 2.0)))
     pieces, count = ndimage.label(near)
     pieces = np.where(line, pieces, 0)
-    own = [(*_middle(top[pieces == piece]), piece) for piece in range(1, count + 1)]
-    even = [
-        (middle, piece)
-        for middle, scatter, piece in own
-        if scatter < _EVEN * abs(middle) + noise / width
-    ]
+    even = []
+    for piece in range(1, count + 1):
+        at = pieces == piece
+        middle, scatter = _middle(top[at])
+        bend, along = (float(np.median(part[at])) for part in curvature)
+        if scatter < _EVEN * abs(middle) + noise / width and abs(along) < _STRAIGHT * abs(bend):
+            even.append((middle, piece))
     for greatest, _ in sorted(even, reverse=True):
         within = _EVEN * abs(greatest) + noise / width
         at = np.isin(pieces, [p for middle, p in even if 0.0 <= greatest - middle < within])
@@ -209,18 +224,19 @@ def _taken_off(bend: Array, fringe: Array, width: float) -> Array:
     return np.asarray(lost * (1.0 + 0.5 * (q + q**2) + q**2 / 6.0))
 
 
-def _lines(image: Array, width: float) -> tuple[Array, Array, Array]:
-    """The smooth image, the distance to a line's middle, and the curvature across (rows, cols)."""
+def _lines(image: Array, width: float) -> tuple[Array, Array, Array, Array]:
+    """The smooth image, the distance to a line's middle, the curvature across it and along."""
     smooth = ndimage.gaussian_filter(image, width, mode="nearest")
     gy, gx = np.gradient(smooth)
     hyy, hyx = np.gradient(gy)
     hxx = np.gradient(gx, axis=1)
     angle = 0.5 * np.arctan2(2.0 * hyx, hxx - hyy)
     size = np.hypot(0.5 * (hxx - hyy), hyx)
-    bend = 0.5 * (hxx + hyy) - size  # the smaller of both curvatures
+    mean = 0.5 * (hxx + hyy)
+    bend = mean - size
     cos, sin = -np.sin(angle), np.cos(angle)
     slope = gx * cos + gy * sin
-    return smooth, -slope / np.minimum(bend, -1e-12), bend
+    return smooth, -slope / np.minimum(bend, -1e-12), bend, mean + size
 
 
 def _ends(
