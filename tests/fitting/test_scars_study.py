@@ -1,8 +1,8 @@
 """Frames and measured scars together in sixty drawn cases: pulls, and what each adds.
 
 The frames are rendered by the package; the scars are `worn_scars`' truths, of another solution.
-Seeds are [number, 18], and number of the noise. One state or two, noise 1 to 20 grey levels, Ra .05 to
-.8 µm, four traces.
+Seeds are [number, 18], and number of the noise. One state or two, noise 1 to 20 grey levels, Ra
+.05 to .8 µm, four traces.
 """
 
 from __future__ import annotations

@@ -3,7 +3,10 @@ r"""How long a frame was exposed against its no-load frames, from its fringes' c
 The frame's ends are its no-load frames' times a factor each, D' = d D and B' = b B: another
 exposure, gain or lamp, and a sensor's offset need not go with them. All along a crest, N = 1/2,
 3/2, ..., the light is b B, whatever the background: I/B has one value there, and none above it. So
-has I/D along a trough. A line of greatest order is no crest, and its light changes along it.
+has I/D along a trough. A line of greatest order is no crest, and its light changes along it; but
+where it hardly does, the light alone cannot tell a crest of N = 1/2 under less light from a ridge
+of the order below 1/2, unless a trough is in the frame too: an order that is 0 along a line is not
+generic.
 The lines are where the gradient vanishes across the direction of the largest curvature.
 Source: Steger (1998), IEEE TPAMI 20, 113, for the lines.
 """
@@ -41,6 +44,9 @@ _STRAIGHT = 0.2
 _BLACKEST = 0.005
 """Dark end, over the bright one, below which its factor changes nothing and is not looked for."""
 
+_LIFT = 0.1
+"""Share of the bright end by which light is lifted to look for its dark lines."""
+
 _SMOOTH_PX = 3.0
 _SYSTEMATIC = 0.003
 _UNSEEN = 0.5
@@ -63,6 +69,8 @@ class NoLoadExposure:
         The frame's ends, where they are not the no-load frames.
     dark_told : bool
         Whether the fringes tell d: whether a trough is in the frame, or the dark end is black.
+    crest_sure : bool
+        Whether the line that told b must be a crest: whether a trough is in the frame, or b is 1.
     """
 
     dark: float = 1.0
@@ -70,6 +78,7 @@ class NoLoadExposure:
     told: bool = False
     ends: BackgroundModulation | None = None
     dark_told: bool = True
+    crest_sure: bool = True
 
 
 def find_no_load_exposure(
@@ -99,15 +108,25 @@ def find_no_load_exposure(
     if crest is None:
         return NoLoadExposure()
     b, by_crest = crest
-    black = bool(np.median(low[seen] / high[seen]) < _BLACKEST)
+    share = float(np.median(low[seen] / high[seen]))
+    black = share < _BLACKEST
     trough = None if black else _level(light, sigma, low, seen & (low > 0.0), b * high)
     d, by_trough = trough or (b, by_crest if black else _UNSEEN * b)
-    share = float(np.median(low[seen] / high[seen]))
     moved = max(abs(b - 1.0) - _SURE * by_crest, share * (abs(d - 1.0) - _SURE * by_trough))
     if moved < _LEAST:
         return NoLoadExposure(told=True)
     ends = _ends(dark, bright, (d, b), (by_trough, by_crest))
-    return NoLoadExposure(d, b, True, ends, dark_told=black or trough is not None)
+    crest_sure = trough is not None or _has_trough(light, sigma, b * high, seen, share)
+    return NoLoadExposure(d, b, True, ends, black or trough is not None, crest_sure)
+
+
+def _has_trough(light: Array, sigma: Array, bright: Array, seen: Mask, share: float) -> bool:
+    """Whether there is a line as dark as the dark end, a `share` of the bright one, may be."""
+    lifted = _level(light + _LIFT * bright, sigma, bright, seen, bright)
+    if lifted is None:
+        return False
+    level, uncertainty = lifted[0] - _LIFT, 3.0 * lifted[1] + _BLACKEST
+    return -uncertainty < level < share / _UNSEEN + uncertainty
 
 
 def _smooth(end: Array) -> Array:
