@@ -39,6 +39,8 @@ LEFT_PX, TOP_PX = 1.7, -0.8
 """True place of all frames less the nominal one."""
 
 FAULTY, _POINTS, _TOLERANCE = 6, 3, 1e-5
+_NODES = 8
+"""Nodes of the surface from one point of a pixel to the next."""
 
 
 def render_film(folder: Path, seed: int) -> None:
@@ -73,7 +75,8 @@ def true_film(nominal: Scene) -> Scene:
     first, last = FRICTION
     friction = last + (first - last) * np.exp(-5.0 * seconds / seconds[-1])
     pixel = nominal.get("camera.pixel_mm")
-    numerics = nominal.numerics.model_copy(update={"tolerance": _TOLERANCE})
+    fine = {"tolerance": _TOLERANCE, "spacing_mm": pixel / (_POINTS * _NODES)}
+    numerics = nominal.numerics.model_copy(update=fine)
     return nominal.with_values(
         {
             "load.normal_n": DistanceTable(distance_m=distance, value=_rounded(load, 6)),
