@@ -111,6 +111,11 @@ def check_answer(session: SetupSession) -> dict[str, Any]:
         Where there is no scene yet.
     """
     scene, revision = session.scene(), session.revision
+    try:
+        session.check_complete()
+    except InputError as error:  # a set of which something is still open
+        finding = {"level": "error", "frame": None, "text": str(error)}
+        return {"ok": False, "frames": 0, "findings": [finding], "revision": revision}
     return check(session.frames, scene).to_json() | {"revision": revision}
 
 
