@@ -268,14 +268,14 @@ def setup_command(
         str | None,
         typer.Option(
             "--scene",
-            help="Scene or set, not yet there or there; by default scene.toml or set.toml beside the "
+            help="Scene or set, there or not yet; by default scene.toml, or set.toml, beside the "
             "frames.",
         ),
     ] = None,
     calibration: Annotated[
-        Calibrated | None,
+        str | None,
         typer.Option(
-            "--calibration", help="A calibration set is made, of a beam in bending or of a disc."
+            "--calibration", help="beam (in bending) or disc: a calibration set of it is made."
         ),
     ] = None,
     join: Join = False,

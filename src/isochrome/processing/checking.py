@@ -46,8 +46,8 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     first frame that shows its fringes is fitted, and what it asks for besides what the scene states
     is a warning, as `process` says it: the key that mends it, and its value. A slip in the scene
     with which nothing can be read, such as a picture that lies otherwise, is an error, and so is a
-    model that is too far from all frames that are looked at: `process` gives no value then. Without a
-    model frames that are exposed otherwise than both no-load frames are named with their factor.
+    model that is too far from all frames that are looked at: `process` gives no value then. Without
+    a model frames that are exposed otherwise than both no-load frames are named with their factor.
 
     Parameters
     ----------

@@ -118,13 +118,16 @@ def open_session(
     InputError
         Where the frames or the scene cannot be read.
     """
-    given = frames if isinstance(frames, str | Path) else tuple(frames)
+    given: str | Path | tuple[str | Path, ...] = (
+        frames if isinstance(frames, str | Path) else tuple(frames)
+    )
     if calibration is not None and calibration not in SUBJECTS:
         raise InputError(
             f"calibration = {calibration}: is none of {', '.join(SUBJECTS)}; name one of them"
         )
     if scene is None and isinstance(given, str | Path) and Path(given).suffix.lower() == ".toml":
-        given, scene = _images_of(Path(given)), given
+        scene = given
+        given = _images_of(Path(given))
     first = Path(given if isinstance(given, str | Path) else given[0])
     folder = first if first.is_dir() else first.parent
     if scene is not None and str(scene) in scene_names() and not Path(scene).exists():

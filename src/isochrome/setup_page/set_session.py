@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isochrome.calibration import (
     Beam,
     Calibration,
     CalibrationSet,
+    Circle,
     Disc,
     calibrate_bending,
     calibrate_disc,
@@ -39,7 +41,7 @@ from isochrome.setup_page.session import SetupSession
 TABLES = {"bending": "beam", "diametral": "disc"}
 """The specimen's table of a set, by the page's kind."""
 
-_BODIES = {"beam": Beam, "disc": Disc}
+_BODIES: Mapping[str, type[Beam] | type[Disc]] = {"beam": Beam, "disc": Disc}
 
 _PICTURED = ("camera", "polariscope", "frames")
 """Tables that a set and a scene have in common: how the picture is taken and read."""
@@ -105,7 +107,8 @@ class SetSession(SetupSession):
                     f"{label}: [{table}] is none of a set of a {name}; its tables are "
                     f"{name}, {', '.join(_PICTURED)}, image and uncertainty"
                 )
-        validate(_BODIES[name], _plain(tables.get(name, {})), f"{label}: [{name}]")
+        body: type[Beam] | type[Disc] = _BODIES[name]
+        validate(body, _plain(tables.get(name, {})), f"{label}: [{name}]")
         pictured = {t: tables[t] for t in _PICTURED if t in tables}
         scene = load_scene({"specimen": {"shape": "other"}, **pictured})
         return scene.model_copy(update={"folder": self.folder, "name": self.scene_file.stem})
@@ -154,30 +157,39 @@ class SetSession(SetupSession):
         region, image = self.region(scene), self.frame(index, scene).image
         rows = slice(region.top_px, region.top_px + region.height_px)
         cols = slice(region.left_px, region.left_px + region.width_px)
-        if self.subject == "diametral":
-            name = self.image_names[index]
-            try:
-                seen = observe(
-                    image[rows, cols], name=name, bit_depth=self.reader(scene).bit_depth, gamma=1.0
-                )
-                rim = find_rim(seen)
-            except (InputError, PhysicsError):
-                return []
-            turn = np.linspace(0.0, 2.0 * np.pi, _TURN)
-            ring = np.stack(
-                [rim.row + rim.radius * np.sin(turn), rim.col + rim.radius * np.cos(turn)], 1
-            )
-            return [moved(ring.tolist(), region.top_px, region.left_px)]
         revision, geometry = self._geometry
-        own = geometry.get(self.image_names[index])
-        if own is None or revision != self.revision:
-            return []
-        beam, pixel = self.calibration_set().beam, self.pixels(scene).pixel_mm
-        assert beam is not None
-        return [
-            moved(edge, region.top_px, region.left_px)
-            for edge in _edges(own, beam.height_mm / pixel, region.width_px)
-        ]
+        own = geometry.get(self.image_names[index]) if revision == self.revision else None
+        lines: Iterable[Sequence[Sequence[float]]] = ()
+        if self.subject == "diametral":
+            depth = self.reader(scene).bit_depth
+            circle = _calibrated_rim(own) if own else _seen_rim(image[rows, cols], depth)
+            lines = () if circle is None else (_ring(circle),)
+        elif own:
+            beam, pixel = self.calibration_set().beam, self.pixels(scene).pixel_mm
+            assert beam is not None
+            lines = _edges(own, beam.height_mm / pixel, region.width_px)
+        return [moved(line, region.top_px, region.left_px) for line in lines]
+
+
+def _calibrated_rim(own: Mapping[str, float]) -> Circle:
+    """A disc's rim as the calibration has fitted it."""
+    return Circle(own["centre_row_px"], own["centre_col_px"], own["radius_px"], 0.0)
+
+
+def _seen_rim(image: NDArray[Any], bit_depth: int | None) -> Circle | None:
+    """A disc's rim as it is seen in an image; None where there is none."""
+    try:
+        return find_rim(observe(image, name="the image", bit_depth=bit_depth, gamma=1.0))
+    except (InputError, PhysicsError):
+        return None
+
+
+def _ring(circle: Circle) -> list[list[float]]:
+    """A circle's points."""
+    turn = np.linspace(0.0, 2.0 * np.pi, _TURN)
+    away = circle.radius * np.stack([np.sin(turn), np.cos(turn)], 1)
+    ring: list[list[float]] = (np.array([circle.row, circle.col]) + away).tolist()
+    return ring
 
 
 def _plain(table: Any) -> Any:
