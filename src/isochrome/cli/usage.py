@@ -45,7 +45,6 @@ EXAMPLES = {
     "setup": (
         "isochrome setup captured.tif",
         "isochrome setup bending --calibration beam",
-        "isochrome setup captured --scene scene.toml --no-browser",
     ),
     "bench": (
         "isochrome bench",

@@ -17,7 +17,7 @@ from isochrome.scene import (
     with_value,
     without_value,
 )
-from isochrome.setup_page.new_scene import new_scene_text
+from isochrome.setup_page.new_scene import likely_no_load, new_scene_text
 from isochrome.setup_page.page_state import (
     boundaries_on_picture,
     lines_on_picture,
@@ -382,29 +382,3 @@ def refused_as_asked(tool: str) -> Iterator[None]:
             f"the tool {tool!r} was asked for with values that are none of its own "
             f"({error}); see its fields"
         ) from error
-
-
-def likely_no_load(names: Sequence[str]) -> dict[str, str]:
-    """Choose the no-load frames by the names of files, where they say so.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Files beside the frames.
-
-    Returns
-    -------
-    dict of str to str
-        The scene's key to a name, only where one file alone is called so.
-    """
-    found = {}
-    for field in ("dark", "bright"):
-        own = [n for n in names if field in n.lower() and _unloaded(n) and not n.endswith(".csv")]
-        if len(own) == 1:
-            found[f"frames.no_load_{field}"] = own[0]
-    return found
-
-
-def _unloaded(name: str) -> bool:
-    plain = name.lower().replace("_", "-").replace(" ", "-")
-    return any(word in plain for word in ("no-load", "noload", "unloaded"))
