@@ -176,12 +176,8 @@ def test_from_the_samples_frames_to_a_scene_by_one_search(chromium, fresh):
     assert isochrome.check(frames, scene).ok
     found = isochrome.process(frames, scene)
     assert all(within(found, 6 * [truth["load.normal_n"]], "load.normal_n"))
-    # with gamma stated, be it exactly the true 1.4, the friction that `process` reads in frame 3 is
-    # 3.5 of its ± too low, 8e-5: a thousandth of what it is holds for all
-    pairs = zip(
-        found.columns["friction.coefficient"][1:], truth["friction.coefficient"][1:], strict=True
-    )
-    assert all(value == pytest.approx(true, rel=1e-3) for value, true in pairs)
+    moving = within(found, truth["friction.coefficient"], "friction.coefficient")
+    assert len(moving) == 5 and all(moving)
 
 
 def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
