@@ -371,7 +371,9 @@ def test_a_point_is_set_where_the_user_sees_it(chromium, spotted, scale, zoom, w
 def test_nothing_goes_wrong_and_nobody_else_is_asked(chromium, made):
     with tab(chromium, made) as own:
         own.page.wait_for_function("() => document.getElementById('canvas').dataset.model")
-        for name in ("scale", "contact", "surface", "region", "mask", "order", "line", "look"):
+        for name in (
+            "scale", "contact", "surface", "region", "mask", "order", "line", "boundary", "look",
+        ):  # fmt: skip
             own.tool(name)
             own.page.mouse.click(*place_on_screen(own, 250, 300))
             own.settle()
@@ -453,10 +455,13 @@ def test_every_tool_goes_by_the_keyboard_alone(chromium, made):
         page.wait_for_function("start => page.state.place[0] !== start[0]", arg=start)
         moved = page.evaluate("page.state.place")
         assert moved == pytest.approx([start[0] + 10, start[1] + 1], abs=0.02)
-        for name, count in (("scale", 2), ("region", 2), ("mask", 3), ("order", 1), ("line", 2)):
+        for name, count in (
+            ("scale", 2), ("region", 2), ("mask", 3), ("order", 1), ("boundary", 3), ("line", 2),
+        ):  # fmt: skip
             page.focus("input[name=tool]:checked")
+            back = page.evaluate("tool") == "boundary"  # the one behind the line
             while page.evaluate("tool") != name:
-                page.keyboard.press("ArrowDown")
+                page.keyboard.press("ArrowUp" if back else "ArrowDown")
             page.focus("#stage")
             for k in range(count):
                 page.keyboard.press("Enter")
@@ -469,6 +474,7 @@ def test_every_tool_goes_by_the_keyboard_alone(chromium, made):
             assert len(page.evaluate("points()")) == count, name
         frames = made.scene().frames
         assert frames.known_order and frames.known_line and len(frames.polygon_px) == 3
+        assert [len(edge.places) for edge in frames.free_boundary] == [3]
         assert frames.roi is not None
         page.fill("#point-0-row", "250")
         page.keyboard.press("Tab")
@@ -497,6 +503,28 @@ def test_contrast_labels_and_roles_pass_an_automated_check(chromium, made):
                     for rule in found["violations"]
                 ]
             assert own.page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_a_free_edge_is_set_corner_by_corner_and_moves_with_the_region(chromium, made):
+    """Its lines are those of the picture, whatever the region is."""
+    with tab(chromium, made) as own:
+        own.tool("boundary")
+        for row, col in ((480, 20), (480, 300), (100, 300)):
+            own.page.mouse.click(*place_on_screen(own, row, col))
+        own.settle()
+        own.page.wait_for_function("() => page.state.free_boundary[0]?.points.length === 3")
+        apply_tool(
+            made,
+            {
+                "tool": "region",
+                "region": {"top_px": 40, "left_px": 10, "height_px": 450, "width_px": 640},
+            },
+        )
+        (edge,) = made.scene().frames.free_boundary
+        # a pixel of the screen is less than one of the frame here
+        assert np.allclose(edge.row_px, [440, 440, 60], atol=1.0)
+        assert np.allclose(edge.col_px, [10, 290, 290], atol=1.0)
+        assert own.said == []
 
 
 def test_the_server_ends_with_the_page(chromium, made):

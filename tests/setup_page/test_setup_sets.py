@@ -147,6 +147,41 @@ def calibrated_on_page(own):
 
 
 @pytest.mark.browser
+@pytest.mark.parametrize("width", [360, 1280])
+def test_the_sets_page_passes_an_automated_check_and_its_tools_go_by_keys(made, width):
+    from axe_playwright_python.sync_playwright import Axe
+
+    from .test_setup_browser import tab
+
+    apply_tool(made, {"tool": "values", "values": {"camera.pixel_mm": 0.05}})
+    view = {"width": width, "height": 800}
+    with open_chromium() as browser, tab(browser, made, viewport=view, bypass_csp=True) as own:
+        page = own.page
+        page.eval_on_selector_all("details", "all => all.forEach(one => one.open = true)")
+        for name in ("edges", "rollers", "region", "mask"):
+            own.tool(name)
+            found = Axe().run(page).response
+            assert len(found["passes"]) > 15 and found["violations"] == []
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        page.focus("input[name=tool]:checked")
+        while page.evaluate("tool") != "edges":
+            page.keyboard.press("ArrowUp")
+        page.focus("#stage")
+        for key in ("ArrowUp", "ArrowDown"):
+            page.keyboard.press("Enter")
+            for _ in range(20):
+                page.keyboard.press(f"Shift+{key}")
+        page.wait_for_timeout(400)
+        own.settle()
+        # 400 px apart, and the column by which the page sets the second one beside the first
+        assert made.scene().camera.pixel_mm == pytest.approx(20.0 / 400.0, rel=0.15)
+        page.fill("#load-1", "101,5")
+        page.keyboard.press("Tab")
+        page.wait_for_function("() => page.state.images[1].load_n === 101.5")
+        assert own.said == []
+
+
+@pytest.mark.browser
 @pytest.mark.parametrize("kind", ["bending", "disc"])
 def test_from_fresh_images_to_a_set_that_gives_f_sigma(kind, tmp_path):
     """In twelve actions at most; sizes, scale and gamma are in the samples' README."""
