@@ -10,14 +10,11 @@ from isochrome.fitting.causes.score import Asked
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.causes.trials import lying_otherwise
 from isochrome.fitting.frame.unknowns import FRICTION, LOAD, TANGENTIAL
-from isochrome.output import with_uncertainty
+from isochrome.output import per_cent, with_uncertainty
 from isochrome.scene import Scene
 
 _FAR = 4.0
 """Standard uncertainties from what is stated that chance does not explain."""
-
-_LEAST_SHARE = 0.001
-"""Share of the pixels below which its number says nothing: some blocks of nine."""
 
 _LEAST_SHIFT = 1e-6
 """Change of the load below which nothing is said of it."""
@@ -49,7 +46,7 @@ def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
         )
     if freed.outside:
         messages.append(
-            f"{_share_words(freed.outside)} of the pixels were left out: dust, scratches, glare or "
+            f"{per_cent(freed.outside)} of the pixels were left out: dust, scratches, glare or "
             "a shadow that no light and no fringe explains"
         )
     if messages:
@@ -64,11 +61,6 @@ def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
     if suspects:
         messages.append(_suspect_sentence(freed.now, suspects))
     return tuple(messages)
-
-
-def _share_words(share: float) -> str:
-    """A share in per cent; of a few blocks no "0.0 %"."""
-    return f"{100.0 * share:.1f} %" if share >= _LEAST_SHARE else f"less than {_LEAST_SHARE:.1%}"
 
 
 def opposite_shear(given: Scene, key: str, value: float, spread: float) -> str | None:
