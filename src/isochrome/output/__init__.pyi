@@ -35,7 +35,7 @@ from .tables import (
     write_csv,
     write_excel_copies,
 )
-from .tiff_stack import Photometric, imagej_view, write_frames, write_tiff
+from .tiff_stack import Photometric, add_imagej_view, imagej_view, write_frames, write_tiff
 
 __all__ = [
     "FIGURE_DPI",
@@ -47,6 +47,7 @@ __all__ = [
     "Photometric",
     "Result",
     "TiffCanvas",
+    "add_imagej_view",
     "add_rois",
     "check_given_table",
     "check_link",
