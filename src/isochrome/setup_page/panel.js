@@ -369,6 +369,7 @@ chooseTool("look");
     if (!answer.ok) throw new Refusal((await answer.json()).error);
     const state = await answer.json();
     await takeAll(state);
-    say(state.has_scene ? "The scene is on the picture." : "No scene yet: fill in step 1, then press Find it in the frames, or Make the scene.");
+    const first = state.subject ? "press Make the set." : "press Find it in the frames, or Make the scene.";
+    say(state.has_scene ? "The " + noun(state) + " is on the picture." : "No " + noun(state) + " yet: fill in step 1, then " + first);
   } catch (error) { refused(error); }
 })();
