@@ -209,7 +209,7 @@ def add_imagej_view(
     if not kind["imagej"]:
         return
     with TemporaryDirectory() as folder:
-        beside = Path(folder) / "head.tif"
+        beside = Path(folder) / "head"
         with tifffile.TiffWriter(beside, **kind) as tif:  # takes no disk for the frames
             tif.write(None, shape=shape, dtype=np.dtype("<f4"), **keys)
         with open(beside, "rb") as file:
