@@ -33,7 +33,15 @@ from isochrome.cli import app
 from isochrome.errors import InputError
 from isochrome.fitting.tracking.api import track
 from isochrome.fringes.colour.colour_table import ColourTable
-from isochrome.output import Result, over_items, write_csv, write_figure, write_json, write_tiff
+from isochrome.output import (
+    Result,
+    over_items,
+    per_cent,
+    write_csv,
+    write_figure,
+    write_json,
+    write_tiff,
+)
 from isochrome.processing import check
 from isochrome.scene import dump_scene, load_scene, parse_scene
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
@@ -482,3 +490,9 @@ assert "pandas" not in sys.modules and "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
     write_csv(tmp_path / "table.csv", results("check").result.columns)
+
+
+def test_a_share_of_a_few_pixels_is_not_nothing():
+    """A block of nine in the sample's 659 x 494 pixels is 3e-5 of them."""
+    assert per_cent(9 / (659 * 494)) == "less than 0.1 %"
+    assert per_cent(0.0123) == "1.2 %" and per_cent(0.001) == "0.1 %"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.calibration import calibration_report
+from isochrome.comparison import compared_again
 from isochrome.errors import InputError
 from isochrome.fitting import fit_report, restore_values
 from isochrome.output import output_folder
@@ -26,14 +27,14 @@ _NEEDED = {
     ),
     "calibration.json": ("calibrate", ("calibration.png",)),
     "scale.json": ("calibrate scale", ("scale.png",)),
+    "metrics.csv": ("compare", ()),
 }
 """The file by which a folder is known, the command that leaves it, and what else it leaves."""
 
-_NAMED = "process, fit, track, simulate or calibrate"
+_NAMED = "process, fit, track, simulate, calibrate or compare"
 
 _OTHERS = {
     "summary.csv": "is a campaign; name the folder of one of its recordings",
-    "metrics.csv": "is a comparison, whose report compare writes itself; run compare again",
 }
 
 
@@ -43,13 +44,14 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
     It has what was found in a sentence; some frames beside their simulation, with N, x and z under
     the mouse; the values over the distance with their bands; causes, budget and warnings with
     their remedies; the scene; and what a paper states. Of a simulation it has the rendered frames,
-    of a calibration its figure, images and settings. `process`, `fit`, `track`, `simulate` and
-    `calibrate` leave it beside their results; this makes it anew, of the files alone.
+    of a calibration its figure, images and settings. `process`, `fit`, `track`, `simulate`,
+    `calibrate` and `compare` leave it beside their results; this makes it anew, of the files alone:
+    of a comparison, of the two sets that were compared.
 
     Parameters
     ----------
     folder : str or Path
-        The folder that process, fit, track, simulate or calibrate left.
+        The folder that process, fit, track, simulate, calibrate or compare left.
     out : str or Path, optional
         Folder for report.html; by default the run's own.
 
@@ -86,8 +88,8 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
 
 
 def _again(command: str) -> str:
-    """What to do where a file is missing or damaged; a calibration keeps nothing to resume."""
-    begun = "" if command.startswith("calibrate") else " with --restart"
+    """What to do where a file is missing or damaged; of these two nothing is kept to resume."""
+    begun = "" if command.startswith(("calibrate", "compare")) else " with --restart"
     return f"run {command} again{begun}"
 
 
@@ -123,6 +125,10 @@ def _content(place: Path, file: str) -> ReportContent:
     record: Mapping[str, Any] = json.loads((place / PROVENANCE).read_text("utf-8"))
     if file in ("calibration.json", "scale.json"):
         return calibration_report(place, Path(file).stem, record)
+    if file == "metrics.csv" and (place / "scars.csv").is_file():
+        raise InputError(f"{place}: is a comparison of scars, which has no report; see scars.png")
+    if file == "metrics.csv":
+        return compared_again(record, str(place))
     scene = _scene(place)
     if file == "history.csv":
         return simulation_report(place, scene, record)

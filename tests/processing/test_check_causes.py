@@ -11,7 +11,9 @@ from typer.testing import CliRunner
 from isochrome import check, process
 from isochrome.benchmarks import load_benchmarks
 from isochrome.cli import app
+from isochrome.errors import PhysicsError
 from isochrome.output import write_tiff
+from isochrome.samples import samples_path
 from isochrome.scene import dump_scene, load_scene
 
 OUTSIDE = load_benchmarks("outside_camera")
@@ -69,7 +71,54 @@ def test_what_its_scene_says_is_asked_for_nothing_and_the_command_ends_well(tmp_
 
 def test_frames_without_the_scenes_fringes_are_said_to_have_none(tmp_path):
     (finding,) = asked(check(saved(tmp_path, *dark(2)), bench()))
-    assert finding.level == "warning" and finding.text.startswith("frames 0-1: ")
+    assert finding.level == "error" and finding.text.startswith("frames 0-1: ")
+    (finding,) = asked(check(saved(tmp_path, *dark(9)), bench()))  # others may show them
+    assert finding.level == "warning" and finding.text.startswith("frames 0-2, 4: ")
+
+
+def strange():
+    """A frame of rings about a place of its own: the fringes of no contact."""
+    row, col = np.mgrid[:ROWS, :COLS] / ROWS
+    order = 2.5 * np.exp(-((row - 0.56) ** 2 + (col - 0.4) ** 2) / 0.12)
+    light = 40.0 + 170.0 * np.sin(np.pi * order) ** 2
+    noise = np.random.default_rng(3).normal(size=light.shape)
+    return np.rint(light + 2.0 * noise).astype(np.uint8)
+
+
+def refused_beforehand(path, scene, monkeypatch):
+    """The one error of `check`, where `process` refuses the frames, too.
+
+    A bar below the noise makes a right model one that is too far off; see the real disc in
+    tests/setup_page for one that is.
+    """
+    assert check(path, scene).ok
+    monkeypatch.setattr("isochrome.processing.kinds.with_model.TOO_FAR", 1e-3)
+    found = check(path, scene)
+    (said,) = [f.text for f in found.findings if f.level == "error"]
+    assert not found.ok and "too far off to name the branches" in said
+    with pytest.raises(PhysicsError, match="nothing could be read"):
+        process(path, scene)
+    return said
+
+
+def test_what_process_will_refuse_is_an_error_beforehand(tmp_path, monkeypatch):
+    image = OUTSIDE.frame(bench(), OUTSIDE.Defects(), 1)
+    said = refused_beforehand(saved(tmp_path, image), bench(), monkeypatch)
+    assert "calibrate disc" not in said
+
+
+@pytest.mark.long
+def test_a_disc_that_process_will_refuse_is_told_what_there_is_for_it(monkeypatch):
+    folder = samples_path() / "disc"
+    said = refused_beforehand(folder / "disc-560N.png", folder / "scene.toml", monkeypatch)
+    assert "isochrome calibrate disc" in said
+
+
+@pytest.mark.long
+def test_a_frame_that_the_scene_explains_among_others_is_enough(tmp_path):
+    right = OUTSIDE.frame(bench(), OUTSIDE.Defects(), 1)
+    found = check(saved(tmp_path, strange(), right), bench())
+    assert found.ok and not [f for f in found.findings if "too far off" in f.text]
 
 
 @pytest.mark.parametrize("times", [1.0, 0.6])

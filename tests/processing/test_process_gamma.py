@@ -6,7 +6,7 @@ import tifffile
 
 from isochrome.output import read_csv
 from isochrome.processing import process
-from isochrome.processing.processed import with_scatter_of_gamma
+from isochrome.processing.in_common import with_scatter_of_gamma
 
 UNCERTAINTY = "gamma standard_uncertainty"
 TEXT = '[specimen]\n[camera]\nbit_depth = 8\n[frames]\ngamma = "unknown"\n'

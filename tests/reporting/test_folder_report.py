@@ -6,6 +6,7 @@ import base64
 import json
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from test_report_page import data_of, decoded
 import isochrome
 from fitting.test_fit_track import LOAD, contact, film, save
 from isochrome.errors import InputError
+from isochrome.output import write_tiff
 from isochrome.runs import holds_results
 
 LOAD_N = 60.0
@@ -109,7 +111,7 @@ def test_a_run_is_complete_without_its_page(runs, tmp_path):
     ("file", "words"),
     [
         ("summary.csv", "is a campaign; name the folder of one of its recordings"),
-        ("metrics.csv", "is a comparison, whose report compare writes itself"),
+        ("metrics.csv", "holds no provenance.json; name a folder"),
         ("notes.txt", "holds no frames.csv and no fit.json and no history.csv and no calibration."),
     ],
 )
@@ -117,6 +119,31 @@ def test_a_folder_of_another_kind_is_named(tmp_path, file, words):
     (tmp_path / file).write_text("")
     with pytest.raises(InputError, match=re.escape(f"{tmp_path}: ") + words):
         isochrome.report(tmp_path)
+
+
+def test_a_comparison_is_made_anew_of_its_two_sets(tmp_path, monkeypatch):
+    """Not of sets that are others by now, or were in memory."""
+    for name in ("one", "two"):
+        frames = np.random.default_rng(len(name)).integers(20, 200, (2, 40, 50), dtype=np.uint8)
+        write_tiff(tmp_path / f"{name}.tif", frames)
+    monkeypatch.chdir(tmp_path)
+    isochrome.compare("one.tif", "two.tif", "both")
+    page = tmp_path / "both" / "report.html"
+    before = page.read_bytes()
+    page.unlink()
+    assert isochrome.report("both") == Path("both") / "report.html"
+    assert page.read_bytes() == before
+    write_tiff(tmp_path / "two.tif", np.zeros((2, 40, 50), np.uint8))
+    with pytest.raises(InputError, match=r"one\.tif or two\.tif is another by now"):
+        isochrome.report("both")
+    (tmp_path / "two.tif").unlink()
+    with pytest.raises(InputError, match="is another by now, or not there"):
+        isochrome.report("both")
+    rng = np.random.default_rng(1)
+    given = rng.random((1, 40, 50)), rng.random((1, 40, 50))
+    isochrome.compare(*given, "memory")
+    with pytest.raises(InputError, match="memory: compared what was in memory"):
+        isochrome.report("memory")
 
 
 def test_no_folder_and_an_unfinished_run_are_named(tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import product
 
 import pytest
 from pages import COLS, HOSTILE, LEFT, PIXEL, ROWS, TOP, order_field
@@ -242,14 +243,17 @@ def test_it_is_readable_at_any_width(chromium, report_file, hostile_file, width)
             assert min(sizes) >= 9.0
 
 
-def test_contrast_labels_and_roles_pass_an_automated_check(chromium, report_file):
-    """All rules of axe-core, at both ends of the widths and with the tables unfolded."""
+def test_contrast_labels_and_roles_pass_an_automated_check(chromium, report_file, other_files):
+    """All rules of axe-core, at both ends of the widths and with the tables unfolded.
+
+    Of a run with frames, of a simulation and of a calibration.
+    """
     from axe_playwright_python.sync_playwright import Axe
 
     axe = Axe()
-    for width in (WIDTHS[0], WIDTHS[-1]):
+    for file, width in product((report_file, *other_files), (WIDTHS[0], WIDTHS[-1])):
         view = {"width": width, "height": 800}
-        with Opened(chromium, report_file, viewport=view, bypass_csp=True) as own:
+        with Opened(chromium, file, viewport=view, bypass_csp=True) as own:
             own.page.eval_on_selector_all("details", "all => all.forEach(one => one.open = true)")
             found = axe.run(own.page).response
             assert len(found["passes"]) > 20

@@ -176,12 +176,8 @@ def test_from_the_samples_frames_to_a_scene_by_one_search(chromium, fresh):
     assert isochrome.check(frames, scene).ok
     found = isochrome.process(frames, scene)
     assert all(within(found, 6 * [truth["load.normal_n"]], "load.normal_n"))
-    # with gamma stated, be it exactly the true 1.4, the friction that `process` reads in frame 3 is
-    # 3.5 of its ± too low, 8e-5: a thousandth of what it is holds for all
-    pairs = zip(
-        found.columns["friction.coefficient"][1:], truth["friction.coefficient"][1:], strict=True
-    )
-    assert all(value == pytest.approx(true, rel=1e-3) for value, true in pairs)
+    moving = within(found, truth["friction.coefficient"], "friction.coefficient")
+    assert len(moving) == 5 and all(moving)
 
 
 def test_from_a_rendered_disc_to_a_scene(chromium, tmp_path):
@@ -234,9 +230,11 @@ def test_a_search_without_what_it_needs_says_the_fields_names(chromium, fresh):
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"no real disc at {REAL}")
 def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
-    """Its residual stress is no model's: the page says so, with chi, and gives no load.
+    """Its residual stress is no model's: page and check say so beforehand, and there is no load.
 
-    Diameter, thickness and light are not stated by those who took the frames.
+    With the load that was stated, and the f_sigma of all seven loads, a disc's closed form leaves
+    0.79 of the light's own scatter, and 0.785 to 0.801 at 0.2 to 1.6 times that load: this frame
+    does not tell it. Diameter, thickness and light are not stated by those who took the frames.
     """
     shutil.copy(REAL / "DSC_0010.jpg", tmp_path)
     with tab(chromium, open_session(tmp_path / "DSC_0010.jpg")) as own:
@@ -268,7 +266,14 @@ def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
             ".textContent + document.getElementById('status').textContent)", timeout=120_000,
         )  # fmt: skip
         assert "load.normal_n" not in (own.page.text_content("#fit-result") or "")
-    assert isochrome.check(tmp_path / "DSC_0010.jpg", scene).ok
+        own.page.click("#check")
+        own.page.wait_for_function(
+            "() => document.getElementById('check-result').textContent"
+            ".includes('no single frame tells its load')", timeout=120_000,
+        )  # fmt: skip
+        assert own.page.get_attribute("#check-result", "data-ok") == "false"
+    with pytest.raises(isochrome.PhysicsError, match="nothing could be read"):
+        isochrome.process(tmp_path / "DSC_0010.jpg", scene)
 
 
 def place_on_screen(own, row, col):
@@ -369,7 +374,9 @@ def test_a_point_is_set_where_the_user_sees_it(chromium, spotted, scale, zoom, w
 def test_nothing_goes_wrong_and_nobody_else_is_asked(chromium, made):
     with tab(chromium, made) as own:
         own.page.wait_for_function("() => document.getElementById('canvas').dataset.model")
-        for name in ("scale", "contact", "surface", "region", "mask", "order", "line", "look"):
+        for name in (
+            "scale", "contact", "surface", "region", "mask", "order", "line", "boundary", "look",
+        ):  # fmt: skip
             own.tool(name)
             own.page.mouse.click(*place_on_screen(own, 250, 300))
             own.settle()
@@ -451,10 +458,13 @@ def test_every_tool_goes_by_the_keyboard_alone(chromium, made):
         page.wait_for_function("start => page.state.place[0] !== start[0]", arg=start)
         moved = page.evaluate("page.state.place")
         assert moved == pytest.approx([start[0] + 10, start[1] + 1], abs=0.02)
-        for name, count in (("scale", 2), ("region", 2), ("mask", 3), ("order", 1), ("line", 2)):
+        for name, count in (
+            ("scale", 2), ("region", 2), ("mask", 3), ("order", 1), ("boundary", 3), ("line", 2),
+        ):  # fmt: skip
             page.focus("input[name=tool]:checked")
+            back = page.evaluate("tool") == "boundary"  # the one behind the line
             while page.evaluate("tool") != name:
-                page.keyboard.press("ArrowDown")
+                page.keyboard.press("ArrowUp" if back else "ArrowDown")
             page.focus("#stage")
             for k in range(count):
                 page.keyboard.press("Enter")
@@ -467,6 +477,7 @@ def test_every_tool_goes_by_the_keyboard_alone(chromium, made):
             assert len(page.evaluate("points()")) == count, name
         frames = made.scene().frames
         assert frames.known_order and frames.known_line and len(frames.polygon_px) == 3
+        assert [len(edge.places) for edge in frames.free_boundary] == [3]
         assert frames.roi is not None
         page.fill("#point-0-row", "250")
         page.keyboard.press("Tab")
@@ -495,6 +506,28 @@ def test_contrast_labels_and_roles_pass_an_automated_check(chromium, made):
                     for rule in found["violations"]
                 ]
             assert own.page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_a_free_edge_is_set_corner_by_corner_and_moves_with_the_region(chromium, made):
+    """Its lines are those of the picture, whatever the region is."""
+    with tab(chromium, made) as own:
+        own.tool("boundary")
+        for row, col in ((480, 20), (480, 300), (100, 300)):
+            own.page.mouse.click(*place_on_screen(own, row, col))
+        own.settle()
+        own.page.wait_for_function("() => page.state.free_boundary[0]?.points.length === 3")
+        apply_tool(
+            made,
+            {
+                "tool": "region",
+                "region": {"top_px": 40, "left_px": 10, "height_px": 450, "width_px": 640},
+            },
+        )
+        (edge,) = made.scene().frames.free_boundary
+        # a pixel of the screen is less than one of the frame here
+        assert np.allclose(edge.row_px, [440, 440, 60], atol=1.0)
+        assert np.allclose(edge.col_px, [10, 290, 290], atol=1.0)
+        assert own.said == []
 
 
 def test_the_server_ends_with_the_page(chromium, made):

@@ -268,7 +268,14 @@ def setup_command(
         str | None,
         typer.Option(
             "--scene",
-            help="Scene file, not yet there or there; by default scene.toml beside the frames.",
+            help="Scene or set, there or not yet; by default scene.toml, or set.toml, beside the "
+            "frames.",
+        ),
+    ] = None,
+    calibration: Annotated[
+        str | None,
+        typer.Option(
+            "--calibration", help="beam (in bending) or disc: a calibration set of it is made."
         ),
     ] = None,
     join: Join = False,
@@ -280,19 +287,25 @@ def setup_command(
     ] = 0,
     as_json: Json = False,
 ) -> None:
-    """Set up a scene on its frames, on a page in the browser that this machine alone can open."""
+    """Set up a scene or a calibration set on a page in the browser of this machine alone.
+
+    In place of the frames a calibration set's file names its images.
+    """
     from isochrome.frames import one_recording
     from isochrome.setup_page import setup as run
 
     def announce(url: str) -> None:
         typer.echo(f"the page is open at {url} until you close it (or press Ctrl-C here)", err=True)
 
-    recording = one_recording(frames, join=join)
-    saved = run(recording, scene, browser=browser, port=port, announce=announce)
+    is_set = len(frames) == 1 and frames[0].lower().endswith(".toml")
+    recording = frames[0] if is_set else one_recording(frames, join=join)
+    saved = run(
+        recording, scene, calibration=calibration, browser=browser, port=port, announce=announce
+    )
     if as_json:
         print_json({"scene": None if saved is None else str(saved)})
     else:
-        typer.echo("nothing was saved" if saved is None else f"scene: {saved}")
+        typer.echo("nothing was saved" if saved is None else f"saved: {saved}")
 
 
 @app.command("bench", epilog=examples_of("bench"))

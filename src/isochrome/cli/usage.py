@@ -44,7 +44,7 @@ EXAMPLES = {
     ),
     "setup": (
         "isochrome setup captured.tif",
-        "isochrome setup captured --scene scene.toml --no-browser",
+        "isochrome setup bending --calibration beam",
     ),
     "bench": (
         "isochrome bench",

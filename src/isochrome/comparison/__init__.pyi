@@ -1,4 +1,4 @@
-from .api import MAIN_METRICS, Comparison, compare
+from .api import MAIN_METRICS, Comparison, compare, compared_again
 from .figure import plot_side_by_side, side_by_side
 from .frame_folders import load_frame_set
 from .frame_sets import ComparedFrames, FrameMetrics, compare_frames
@@ -24,6 +24,7 @@ __all__ = [
     "compare_orders",
     "compare_scars",
     "compare_signals",
+    "compared_again",
     "load_frame_set",
     "pair_scar",
     "plot_side_by_side",

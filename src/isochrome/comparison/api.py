@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -25,12 +25,16 @@ from isochrome.output import (
     write_figure,
     write_json,
 )
-from isochrome.reporting import write_report
+from isochrome.reporting import ReportContent, write_report
 from isochrome.runs import REPORT
 from isochrome.scene import ArrayFrames, Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+_SETS = "compared_sets"
+"""Key of provenance.json: the two sets, where both are on disk."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -166,11 +170,50 @@ def compare(
             write_csv(folder / "metrics.csv", result.columns)
             sets = ((experiment, here, "experiment"), (simulation, there, "simulation"))
             record = provenance(None, [_hashed(*one) for one in sets])
+            on_disk = all(isinstance(given, str | Path) for given in (experiment, simulation))
+            record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
             write_json(folder / "provenance.json", record)
             write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
             content = comparison_report(here, there, metrics, result.columns, record)
             write_report(folder / REPORT, content)
     return result
+
+
+def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
+    """Give the report of two sets that were compared before, of the sets as they are on disk.
+
+    Parameters
+    ----------
+    record : mapping
+        What the comparison's provenance.json holds.
+    name : str
+        The comparison's folder, in messages.
+
+    Returns
+    -------
+    ReportContent
+        What the report says.
+
+    Raises
+    ------
+    InputError
+        Where the sets were not files, are not there, or are others by now.
+    """
+    sets = record.get(_SETS)
+    if not sets:
+        raise InputError(
+            f"{name}: compared what was in memory, or does not say what; run compare again, which "
+            "writes its report"
+        )
+    now = provenance(None, sets)["inputs_sha256"] if all(Path(s).exists() for s in sets) else {}
+    if now != record.get("inputs_sha256"):
+        raise InputError(
+            f"{name}: {sets[0]} or {sets[1]} is another by now, or not there; run compare again, "
+            "from the same folder as then"
+        )
+    here, there = (load_frame_set(one) for one in sets)
+    metrics = compare_frames(here, there)
+    return comparison_report(here, there, metrics, _table(metrics), record)
 
 
 def _hashed(given: SetToCompare, frames: ComparedFrames, name: str) -> str | Path | ArrayFrames:

@@ -7,8 +7,6 @@ from functools import partial
 from itertools import product
 from typing import Any
 
-import numpy as np
-
 from isochrome.drafting.captured_set import (
     described_set,
     file_values,
@@ -199,10 +197,8 @@ def _is_lost(data: FrameData, fit: FrameFit) -> bool:
     """Whether a fit is so far off that its values say nothing, as `process` has it."""
     if not fit.positive:
         return True
-    seen = evaluate_model(data, fit.scene)
-    gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
-    noise = float(np.nanmedian((data.toned(fit.scene.get(GAMMA)).sigma / gain)[seen.mask]))
-    return not fit.chi * noise <= TOO_FAR
+    sigma = data.toned(fit.scene.get(GAMMA)).sigma
+    return not fit.chi * evaluate_model(data, fit.scene).contrast_noise(sigma) <= TOO_FAR
 
 
 def _disc_values(fit: FrameFit, given: KnownValues) -> list[DraftValue]:

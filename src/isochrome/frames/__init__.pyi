@@ -1,5 +1,5 @@
 from .checks.api import Check, look_through
-from .checks.findings import Finding, misfits
+from .checks.findings import Finding, Level, misfits
 from .linear import Linear, Normalised, find_outliers, normalise, to_linear
 from .mask import load_mask
 from .no_load import load_no_load, open_no_load_steps
@@ -27,6 +27,7 @@ __all__ = [
     "Frame",
     "FrameReader",
     "FramesPath",
+    "Level",
     "Linear",
     "NoiseModel",
     "Normalised",

@@ -18,6 +18,7 @@ from .result import (
     Result,
     counted,
     over_items,
+    per_cent,
     rounded_texts,
     saved_picture,
     with_uncertainty,
@@ -34,7 +35,7 @@ from .tables import (
     write_csv,
     write_excel_copies,
 )
-from .tiff_stack import Photometric, imagej_view, write_frames, write_tiff
+from .tiff_stack import Photometric, add_imagej_view, imagej_view, write_frames, write_tiff
 
 __all__ = [
     "FIGURE_DPI",
@@ -46,6 +47,7 @@ __all__ = [
     "Photometric",
     "Result",
     "TiffCanvas",
+    "add_imagej_view",
     "add_rois",
     "check_given_table",
     "check_link",
@@ -63,6 +65,7 @@ __all__ = [
     "open_canvas",
     "output_folder",
     "over_items",
+    "per_cent",
     "pixel_mm_of",
     "plain",
     "provenance",

@@ -26,6 +26,8 @@ _MOST_VALUES = 8
 _LONGEST_LINE = 110
 _SMALL = 1e-4
 """Values below which a scene holds them with an exponent."""
+_LEAST_SHARE = 0.001
+"""Share of a picture below which its number says nothing: some pixels."""
 _HEAD = 5
 """Rows of the table in a notebook."""
 
@@ -176,6 +178,22 @@ def counted(count: int, item: str) -> str:
         Number and noun.
     """
     return f"{count} {item}" if count == 1 else f"{count} {item}s"
+
+
+def per_cent(share: float) -> str:
+    """Give a small share of a picture in per cent; of a few pixels no '0.0 %'.
+
+    Parameters
+    ----------
+    share : float
+        The share, above 0.
+
+    Returns
+    -------
+    str
+        Such as '1.2 %', or 'less than 0.1 %'.
+    """
+    return f"{100.0 * share:.1f} %" if share >= _LEAST_SHARE else "less than 0.1 %"
 
 
 def with_uncertainty(value: float, spread: float) -> str:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from os import SEEK_END
 from pathlib import Path
-from typing import Any, Literal
+from struct import pack, pack_into, unpack, unpack_from
+from tempfile import TemporaryDirectory
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +25,12 @@ _MAPS = {
     "sigma": _SIGNED, "tau": _SIGNED,
 }  # fmt: skip
 """Colours of a stack in ImageJ by how its name begins, those of the figures."""
+
+_STRIP_OFFSETS = 273
+"""The tag of where a frame's grey levels are; a frame of a stack is one strip."""
+
+_TAG_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8}
+"""Bytes of a tag's values, by their type (TIFF 6.0, section 2)."""
 
 Photometric = Literal["minisblack", "rgb"]
 
@@ -168,6 +177,72 @@ def imagej_view(
         if pixel_mm is not None and edge is not None:
             view[key] = round(-edge / pixel_mm, 6) + 0.0
     return view
+
+
+def add_imagej_view(
+    path: str | Path, shape: tuple[int, ...], pixel_mm: float | None, view: Mapping[str, Any]
+) -> None:
+    """Tell ImageJ more of a stack of float32 that was laid out before its frames were known.
+
+    A new head with all of it is put behind the frames, which stay where they are; a stack beyond
+    ImageJ's 4 GB stays as it is.
+
+    Parameters
+    ----------
+    path : str or Path
+        The stack, as `make_canvas` lays it out.
+    shape : tuple of int
+        Frames, rows, cols.
+    pixel_mm : float or None
+        The pixel's side, mm.
+    view : mapping
+        What `imagej_view` gives.
+
+    Raises
+    ------
+    OSError
+        Where the file cannot be read or written.
+    """
+    import tifffile
+
+    kind, keys = stack_layout(shape, np.dtype("<f4"), pixel_mm, metadata=view)
+    if not kind["imagej"]:
+        return
+    with TemporaryDirectory() as folder:
+        beside = Path(folder) / "head"
+        with tifffile.TiffWriter(beside, **kind) as tif:  # takes no disk for the frames
+            tif.write(None, shape=shape, dtype=np.dtype("<f4"), **keys)
+        with open(beside, "rb") as file:
+            new, values, _ = _first_head(file)
+            file.seek(0)
+            data = bytearray(file.read(values[_STRIP_OFFSETS]))
+    with open(path, "r+b") as file:
+        _, values, after = _first_head(file)
+        end = file.seek(0, SEEK_END)
+        end = file.seek(end + end % 2)
+        count = unpack_from("<H", data, new)[0]
+        for at in range(new + 2, new + 2 + 12 * count, 12):
+            tag, kind_of, number, value = unpack_from("<HHII", data, at)
+            if tag == _STRIP_OFFSETS:
+                pack_into("<I", data, at + 8, values[_STRIP_OFFSETS])
+            elif _TAG_BYTES[kind_of] * number > 4:  # it stands elsewhere in the head
+                pack_into("<I", data, at + 8, value + end)
+        pack_into("<I", data, new + 2 + 12 * count, after)
+        file.write(data)
+        file.flush()
+        file.seek(4)
+        file.write(pack("<I", end + new))
+
+
+def _first_head(file: BinaryIO) -> tuple[int, dict[int, int], int]:
+    """Where a TIFF's first head is, its tags' values or their places, and where the next one is."""
+    file.seek(0)
+    (place,) = unpack("<4xI", file.read(8))
+    file.seek(place)
+    (count,) = unpack("<H", file.read(2))
+    entries = [unpack("<HHII", file.read(12)) for _ in range(count)]
+    (after,) = unpack("<I", file.read(4))
+    return place, {tag: value for tag, _, _, value in entries}, after
 
 
 def stack_layout(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 
 from isochrome.errors import InputError, PhysicsError
@@ -10,6 +11,7 @@ from isochrome.frames import (
     Check,
     Finding,
     Frame,
+    Level,
     load_no_load,
     look_through,
     open_scene_frames,
@@ -23,8 +25,17 @@ from isochrome.processing.result import Capture
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, SceneLike, load_scene
 
-_TRIED = 4
-"""Frames at the most in which the scene's fringes are looked for: one takes seconds."""
+_FIRST = 3
+"""Frames from the first on in which the scene's fringes are looked for, and then one in the middle
+of the set: one takes seconds."""
+
+_OF_LOST = {
+    "disc": (
+        "; where the scene is right, the disc has residual stress, and no single frame tells its "
+        "load: isochrome calibrate disc reads f_sigma from several loads in spite of it"
+    )
+}
+"""What there is for a scene that explains no frame, by its model."""
 
 
 def check(path: FramesLike, scene: SceneLike) -> Check:
@@ -34,8 +45,9 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     in one pass with one frame in memory. Where they can be the scene's, and it has a model, the
     first frame that shows its fringes is fitted, and what it asks for besides what the scene states
     is a warning, as `process` says it: the key that mends it, and its value. A slip in the scene
-    with which nothing can be read, such as a picture that lies otherwise, is an error. Without a
-    model frames that are exposed otherwise than both no-load frames are named with their factor.
+    with which nothing can be read, such as a picture that lies otherwise, is an error, and so is a
+    model that is too far from all frames that are looked at: `process` gives no value then. Without
+    a model frames that are exposed otherwise than both no-load frames are named with their factor.
 
     Parameters
     ----------
@@ -69,37 +81,54 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     if not found.ok or not found.count or alone or not tells:
         return found
     with single_threaded():
-        return found.with_more(_by_fringes(path, scene))
+        return found.with_more(_by_fringes(path, scene, found.count))
 
 
-def _by_fringes(path: FramesLike, scene: Scene) -> Iterator[Finding]:
-    """What the first frames' fringes say of the scene."""
+def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]:
+    """What the fringes of some frames say of the scene."""
     with open_scene_frames(path, scene) as reader:
         scene = with_file_scale(scene, reader)
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
         capture = Capture(reader.bit_depth, dark, bright)
-        look = _exposed if scene.model is None else _asked
-        yield from look(islice(reader, _TRIED), scene, capture)
+        if scene.model is None:
+            yield from _exposed(islice(reader, _FIRST + 1), scene, capture)
+            return
+        tried = {*range(_FIRST), count // 2}
+        frames = (frame for frame in islice(reader, max(tried) + 1) if frame.index in tried)
+        yield from _asked(frames, scene, capture, count)
 
 
-def _asked(frames: Iterator[Frame], scene: Scene, capture: Capture) -> Iterator[Finding]:
-    """What the first frame that shows the scene's fringes asks for."""
-    vain, refused = [], None
+def _asked(
+    frames: Iterator[Frame], scene: Scene, capture: Capture, count: int
+) -> Iterator[Finding]:
+    """What the first frame that the scene explains asks for; why, where it explains none."""
+    bare: list[int] = []
+    lost: list[Finding] = []
+    refused = None
     for frame in frames:
         said = None
         try:
             said = frame_causes(frame, own_scene(scene, frame), capture)
         except (InputError, PhysicsError) as error:
             refused = refused or str(error)
-        if said is not None:
-            texts, slip = said
-            for text in texts:
-                text = f"{named_frames([frame.index])}: {text}"
-                yield Finding("error" if slip else "warning", text, frame.index)
+        if said is None:
+            bare.append(frame.index)
+            continue
+        texts, explained = said
+        level: Level = "error" if explained == "with a slip" else "warning"
+        told = [Finding(level, f"{named_frames([frame.index])}: {t}", frame.index) for t in texts]
+        if explained != "not at all":
+            yield from told
             return
-        vain.append(frame.index)
-    text = refused or "the scene's fringes are not there; correct the scene, if they should be"
-    yield Finding("warning", f"{named_frames(vain)}: {text}")
+        lost = lost or told
+    if lost:
+        *before, last = lost
+        yield from before
+        yield replace(last, level="error", text=last.text + _OF_LOST.get(scene.model or "", ""))
+    if bare:
+        text = refused or "the scene's fringes are not there; correct the scene, if they should be"
+        grave: Level = "error" if len(bare) == count else "warning"
+        yield Finding(grave, f"{named_frames(bare)}: {text}")
 
 
 def _exposed(frames: Iterator[Frame], scene: Scene, capture: Capture) -> Iterator[Finding]:

@@ -16,7 +16,10 @@ import isochrome
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
     FIGURE_DPI,
+    add_imagej_view,
     add_rois,
+    imagej_view,
+    numbers,
     replacing,
     write_csv,
     write_figure,
@@ -70,6 +73,9 @@ from isochrome.stress import pixel_grid
 _TRACKED_DPI = 110.0
 """Of a picture as wide as a screen."""
 
+_SPANS = {"normalised": (0.0, 1.0), "confidence": (0.0, 1.0), "isoclinic": (-90.0, 90.0)}
+"""Display ranges of the maps; the orders' is that of the set."""
+
 _COORDINATES = ("frame", "name", "label", "distance_m", "time_s")
 _MORE = ("status", "time_s", "left_mm", "top_mm")
 
@@ -111,6 +117,7 @@ def finish_set_folder(
     write_text(folder / "scene.toml", dump_scene(scene))
     columns, axes = _set_columns(scene, table, more, shape)
     add_columns(folder / STORE, columns, axes, attributes(job.identity))
+    _tell_imagej(bench, table, axes)
     draw = partial(set_figure, scene, table, _shown(bench, table, more))
     result = replace(result, draw=draw, load=partial(open_run, out))
     dpi = FIGURE_DPI if recipe.every is None else _TRACKED_DPI
@@ -194,6 +201,27 @@ def set_dataset(
     }
     known = {"isochrome": isochrome.__version__, "scene": dump_scene(scene)}
     return make_dataset(maps | columns, axes, attributes(known))
+
+
+def _tell_imagej(
+    bench: RunFolder, table: Mapping[str, list[Any]], axes: Mapping[str, Column]
+) -> None:
+    """Give the maps' stacks their labels, display range, colours and origin. Raises OSError."""
+    names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
+    shown = axes["key_frame"].values if "key_frame" in axes else range(len(names))
+    pixel = bench.layout.pixel_mm
+    edges = {
+        key: float(axes[axis].values[0]) - 0.5 * pixel
+        for key, axis in (("left_mm", "x_mm"), ("top_mm", "z_mm"))
+        if pixel is not None and axis in axes
+    }
+    highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
+    largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
+    for name, stack in bench.stacks.items():
+        span = _SPANS.get(name, (0.0, largest))
+        labels = [names[k] for k in shown]
+        view = imagej_view(name, span, labels=labels, pixel_mm=pixel, **edges)
+        add_imagej_view(stack.path, stack.shape, pixel, view)
 
 
 def _set_columns(

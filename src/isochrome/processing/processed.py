@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.figures import PaperPanels
@@ -27,6 +26,7 @@ from isochrome.output import (
     read_csv,
     saved_picture,
 )
+from isochrome.processing.in_common import with_past_friction, with_scatter_of_gamma
 from isochrome.processing.result import (
     CAUSES,
     NOTHING,
@@ -49,10 +49,6 @@ FIGURE = "process.png"
 _LOOK = "`isochrome check` looks at the frames and their light"
 
 _NOTABLE = 0.02
-_GAMMA = "gamma"
-"""Column of frames.csv of what each frame's own fringes say, without a model."""
-_CHANCE = 0.01
-"""Probability with which gammas of one camera may scatter so far by their uncertainties alone."""
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -236,7 +232,7 @@ def collect(
     them. Returns Processed.
     """
     alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    wider = with_scatter_of_gamma(table)
+    wider = with_past_friction(with_scatter_of_gamma(table), scene)
     if frames is not None and wider is not table:
         frames = [_of_row(frame, wider, k) for k, frame in enumerate(frames)]
     table = wider
@@ -258,42 +254,6 @@ def _of_row(frame: ProcessedFrame, table: Mapping[str, list[Any]], k: int) -> Pr
     """A frame with the columns and warnings of its row `k`."""
     columns = {name: table[name][k] for name in frame.columns}
     return replace(frame, columns=columns, warnings=tuple(table["warnings"][k].split(SEPARATOR)))
-
-
-def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
-    """Widen the uncertainty of gammas that scatter by more: one camera has one gamma.
-
-    Where chi² = sum ((g - mean)/u)² of n frames is what a chance of 1 % exceeds, of n - 1 degrees
-    of freedom, u becomes the scatter, if that is larger; the frames' warnings say so. Once widened,
-    a table stays as it is.
-    Parameters: `table`, the columns of frames.csv. Returns the columns.
-    Source: Birge (1932), Phys. Rev. 40, 207, for the test of consistency.
-    """
-    name = f"{_GAMMA} {SPREAD}"
-    if _GAMMA not in table:
-        return table
-    value, spread = numbers(table[_GAMMA]), numbers(table[name])
-    told = np.flatnonzero(np.isfinite(value) & (spread > 0.0))
-    if len(told) < 2:
-        return table
-    own, weight = value[told], spread[told] ** -2.0
-    mean = float(np.average(own, weights=weight))
-    if np.sum(weight * (own - mean) ** 2) <= chdtri(len(told) - 1, _CHANCE):
-        return table
-    scatter = float(np.std(own, ddof=1))
-    least, largest = (int(told[k]) for k in (np.argmin(own), np.argmax(own)))
-    text = (
-        f"gamma scatters between the frames of one camera by more than each frame's own "
-        f"uncertainty: from {value[least]:.3f} (frame {table['frame'][least]}) to "
-        f"{value[largest]:.3f} (frame {table['frame'][largest]}); its standard uncertainty is "
-        f"widened to that scatter, {scatter:.2g}, and the orders' is not: measure gamma, and state "
-        "it as frames.gamma"
-    )
-    wider, messages = list(table[name]), list(table["warnings"])
-    for k in told:
-        wider[k] = max(wider[k], scatter)
-        messages[k] = SEPARATOR.join(filter(None, (messages[k], text)))
-    return table | {name: wider, "warnings": messages}
 
 
 def refuse_unread(

@@ -7,18 +7,23 @@ from contextlib import suppress
 from pathlib import Path
 
 from isochrome.errors import InputError
-from isochrome.scene import LIBRARY, read_text, scene_names
+from isochrome.scene import LIBRARY, parse_toml, read_text, scene_names
 from isochrome.setup_page.server import SetupServer
 from isochrome.setup_page.session import SetupSession
+from isochrome.setup_page.set_session import TABLES, SetSession
 
-_NAME = "scene.toml"
-"""What a scene is called that is made on the page."""
+_NAME, _SET_NAME = "scene.toml", "set.toml"
+"""What a scene, and a calibration set, is called that is made on the page."""
+
+SUBJECTS = {"beam": "bending", "disc": "diametral"}
+"""What may be calibrated, and its kind of set."""
 
 
 def setup(
     frames: str | Path | Sequence[str | Path],
     scene: str | Path | None = None,
     *,
+    calibration: str | None = None,
     browser: bool = True,
     port: int = 0,
     announce: Callable[[str], None] | None = None,
@@ -27,7 +32,9 @@ def setup(
 
     On the picture are set: the scale, the surface, the contact, the region of interest, a mask, and
     places of known order. The model's fringes lie over it and follow the sliders, a frame can be
-    fitted, and `check` says what it thinks. The page is served to this machine alone; it reads the
+    fitted, and `check` says what it thinks. With `calibration` it is a calibration set that is set
+    up, of images at several loads: their loads, the beam's edges and rollers or the disc's rim, and
+    what `calibrate` finds. The page is served to this machine alone; it reads the
     frames and the scene, and writes the scene when Save is pressed, comments kept. The call comes
     back when the page is closed, or on Ctrl-C.
 
@@ -37,7 +44,10 @@ def setup(
         The captured frames, as for `open_frames`.
     scene : str or Path, optional
         A scene file, which need not be there yet, or the name of a scene of the package, whose copy
-        becomes scene.toml. By default scene.toml beside the frames.
+        becomes scene.toml. By default scene.toml beside the frames, or set.toml. A file that holds
+        a calibration set is set up as one; it may stand alone in place of the frames.
+    calibration : {'beam', 'disc'}, optional
+        What is calibrated, where a calibration set is to be made.
     browser : bool, default True
         Whether to open the page in the browser.
     port : int, default 0
@@ -62,7 +72,7 @@ def setup(
     http://127.0.0.1:40325/R9dEzNpqYTHa5FgYgbHkcrnLhLxBr6dQ/
     PosixPath('scene.toml')
     """
-    session = open_session(frames, scene)
+    session = open_session(frames, scene, calibration=calibration)
     try:
         server = SetupServer(session, port)
     except (OSError, OverflowError) as error:
@@ -82,15 +92,20 @@ def setup(
 
 
 def open_session(
-    frames: str | Path | Sequence[str | Path], scene: str | Path | None = None
+    frames: str | Path | Sequence[str | Path],
+    scene: str | Path | None = None,
+    *,
+    calibration: str | None = None,
 ) -> SetupSession:
-    """Open the frames, and the scene where there is one.
+    """Open the frames, and the scene or calibration set where there is one.
 
     Parameters
     ----------
     frames : str, Path or sequence of them
-        The captured frames.
+        The captured frames, or the file of a calibration set.
     scene : str or Path, optional
+        As for `setup`.
+    calibration : {'beam', 'disc'}, optional
         As for `setup`.
 
     Returns
@@ -103,13 +118,23 @@ def open_session(
     InputError
         Where the frames or the scene cannot be read.
     """
-    given = frames if isinstance(frames, str | Path) else tuple(frames)
+    given: str | Path | tuple[str | Path, ...] = (
+        frames if isinstance(frames, str | Path) else tuple(frames)
+    )
+    if calibration is not None and calibration not in SUBJECTS:
+        raise InputError(
+            f"calibration = {calibration}: is none of {', '.join(SUBJECTS)}; name one of them"
+        )
+    if scene is None and isinstance(given, str | Path) and Path(given).suffix.lower() == ".toml":
+        scene = given
+        given = _images_of(Path(given))
     first = Path(given if isinstance(given, str | Path) else given[0])
     folder = first if first.is_dir() else first.parent
     if scene is not None and str(scene) in scene_names() and not Path(scene).exists():
         text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
         return SetupSession(given, folder / _NAME, text, saved=False)
-    place = folder / _NAME if scene is None else Path(scene)
+    name = _SET_NAME if calibration else _NAME
+    place = folder / name if scene is None else Path(scene)
     if place.is_dir() or not place.parent.is_dir():
         raise InputError(
             f"{place}: a scene cannot be written there; name a .toml file in a folder that exists"
@@ -119,7 +144,41 @@ def open_session(
         read_text(place)  # its refusals: too large, a picture, not UTF-8
     # line ends stay as they are
     text = place.read_bytes().decode("utf-8-sig") if there else ""
-    session = SetupSession(given, place, text, saved=there)
+    subject = _subject(text, place, calibration)
+    if subject is None:
+        session = SetupSession(given, place, text, saved=there)
+    else:
+        session = SetSession(given, place, text, saved=there, subject=subject)
     if there:
         session.scene()  # what is wrong with it is said before a page opens
     return session
+
+
+def _subject(text: str, place: Path, calibration: str | None) -> str | None:
+    """The kind of set that a text is, or is to be; None for a scene. Raises InputError."""
+    holds = parse_toml(text, str(place)).keys() if text.strip() else ()
+    (kind,) = [k for k, table in TABLES.items() if table in holds] or (None,)
+    if calibration is None:
+        return kind
+    if holds and kind != SUBJECTS[calibration]:
+        raise InputError(
+            f"{place}: holds no [{calibration}] and so no calibration set of one; name another "
+            "--scene file, or leave --calibration out"
+        )
+    return SUBJECTS[calibration]
+
+
+def _images_of(place: Path) -> tuple[Path, ...]:
+    """The images of a calibration set's file. Raises InputError where it names none."""
+    images = parse_toml(read_text(place), str(place)).get("image")
+    files = [
+        one.get("file")
+        for one in (images if isinstance(images, list) else ())
+        if isinstance(one, dict)
+    ]
+    if not files or not all(isinstance(file, str) for file in files):
+        raise InputError(
+            f"{place}: names no [[image]], and so is no calibration set; give the frames, and "
+            "the file as --scene"
+        )
+    return tuple(place.parent / str(file) for file in files)

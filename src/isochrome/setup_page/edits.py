@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
+from isochrome.calibration import fit_circle
 from isochrome.errors import InputError, IsochromeError
 from isochrome.scene import (
-    Scene,
-    parse_toml,
     toml_text,
     with_table_list,
     with_value,
     without_value,
 )
-from isochrome.setup_page.fields import FIELDS
-from isochrome.setup_page.new_scene import new_scene_text
+from isochrome.setup_page.new_scene import likely_no_load, new_scene_text
+from isochrome.setup_page.page_state import (
+    boundaries_on_picture,
+    lines_on_picture,
+    orders_on_picture,
+    plain_values,
+)
 from isochrome.setup_page.places import (
     cut_out,
     moved,
@@ -27,11 +34,21 @@ from isochrome.setup_page.places import (
     surface_roll,
 )
 from isochrome.setup_page.session import SetupSession
+from isochrome.setup_page.set_session import SetSession, with_loads
 from isochrome.stress import PixelGrid
 
 LEFT, TOP, ROLL = "camera.left_mm", "camera.top_mm", "camera.roll_deg"
 _DIGITS = 6
 """Of lengths: a nanometre."""
+
+_CLICK_PX = 0.5
+"""Standard uncertainty of a point that a user sets on an edge, px."""
+
+_FROM_ROLLERS, _FEWEST_COLS = 0.5, 20
+"""Heights of a beam from a roller to where its stress is that of bending alone; columns to read."""
+
+_AROUND_RIM = 1.08
+"""Half the side of a disc's region over its radius: the rim is found against the air about it."""
 
 Asked = Mapping[str, Any]
 """What a tool sends: plain JSON."""
@@ -60,7 +77,12 @@ def _values(session: SetupSession, asked: Asked) -> None:
 def _new(session: SetupSession, asked: Asked) -> None:
     """A scene from the form, in place of none."""
     no_load = likely_no_load(session.beside())
-    session.change(lambda _: new_scene_text(asked["kind"], asked["values"], no_load))
+    text = new_scene_text(asked["kind"], asked["values"], no_load)
+    if isinstance(session, SetSession):
+        if asked["kind"] != session.subject:
+            raise InputError(f"kind = {asked['kind']!r}: this is a set of '{session.subject}'")
+        text = with_loads(text, session.image_names, _loads_of(session, asked))
+    session.change(lambda _: text)
 
 
 def _text(session: SetupSession, asked: Asked) -> None:
@@ -81,6 +103,77 @@ def _scale(session: SetupSession, asked: Asked) -> None:
             if edge is not None:
                 values[key] = round(edge * share, _DIGITS)
     session.change(lambda text: set_values(text, values))
+
+
+def _set_of(session: SetupSession) -> SetSession:
+    """The session of a calibration set. Raises InputError for a scene's."""
+    if not isinstance(session, SetSession):
+        raise InputError("this tool is for calibration sets; start setup with --calibration")
+    return session
+
+
+def _loads_of(session: SetSession, asked: Asked) -> list[float | None]:
+    """A load for each image; None for one that is not of the set."""
+    given = [None if load is None else float(load) for load in asked["loads"]]
+    if len(given) != len(session.image_names):
+        raise InputError(f"loads: {len(given)}, and there are {len(session.image_names)} images")
+    return given
+
+
+def _loads(session: SetupSession, asked: Asked) -> None:
+    own = _set_of(session)
+    given = _loads_of(own, asked)
+    session.change(lambda text: with_loads(text, own.image_names, given))
+
+
+def _sized(session: SetupSession, asked: Asked, key: str) -> dict[str, Any]:
+    """The scale, and its uncertainty, by two points that are a length of the beam's apart."""
+    length = plain_values(session.text).get(key)
+    if length is None:
+        raise InputError(f"{key} is not known yet; fill it in first")
+    first, second = asked["points"]
+    pixel = pixel_scale(first, second, float(length))
+    spread = pixel * pixel * _CLICK_PX * math.sqrt(2.0) / float(length)
+    return {
+        "camera.pixel_mm": float(f"{pixel:.6g}"),
+        "uncertainty.pixel_mm": float(f"{spread:.2g}"),
+    }
+
+
+def _edges(session: SetupSession, asked: Asked) -> None:
+    """A point on each edge of a beam, one above the other: its height gives the scale."""
+    values = _sized(_set_of(session), asked, "beam.height_mm")
+    session.change(lambda text: set_values(text, values))
+
+
+def _rollers(session: SetupSession, asked: Asked) -> None:
+    """The inner rollers: their distance gives the scale, and between them is what is read."""
+    values = _sized(_set_of(session), asked, "beam.inner_span_mm")
+    left, right = sorted(col for _, col in asked["points"])
+    away = _FROM_ROLLERS * plain_values(session.text)["beam.height_mm"] / values["camera.pixel_mm"]
+    rows, cols = session.reader(session.scene()).shape
+    first, last = max(0, math.ceil(left + away)), min(cols - 1, math.floor(right - away))
+    if last - first < _FEWEST_COLS:
+        raise InputError(
+            "between the two rollers, and half a height away from each, nothing is left to read; "
+            "set the points on the two inner rollers"
+        )
+    values["frames.roi"] = {
+        "top_px": 0, "left_px": first, "height_px": rows, "width_px": last - first + 1,
+    }  # fmt: skip
+    session.change(lambda text: set_values(text, values))
+
+
+def _rim(session: SetupSession, asked: Asked) -> None:
+    """Three points or more on a disc's rim: the region is the square about it, with some air."""
+    _set_of(session)
+    circle = fit_circle(np.array(asked["points"], dtype=float))
+    half = _AROUND_RIM * circle.radius
+    box = {
+        "top_px": circle.row - half, "left_px": circle.col - half,
+        "height_px": 2.0 * half, "width_px": 2.0 * half,
+    }  # fmt: skip
+    _region(session, {"region": box})
 
 
 def values_of_place(pixels: PixelGrid, point: Sequence[float]) -> dict[str, float]:
@@ -149,18 +242,20 @@ def _region(session: SetupSession, asked: Asked) -> None:
     if polygon is not None:
         values["frames.polygon_px"] = moved(polygon, down, right)
     shift = {"top_px": -down, "left_px": -right}
-    orders = _orders_on_picture(scene, 0, 0)
-    lines = _lines_on_picture(scene, 0, 0)
+    orders = orders_on_picture(scene, 0, 0)
+    paths = {
+        "frames.known_line": lines_on_picture(scene, 0, 0),
+        "frames.free_boundary": boundaries_on_picture(scene, 0, 0),
+    }
 
     def edit(text: str) -> str:
         text = set_values(text, values)
         if orders:
             text = with_table_list(text, "frames.known_order", _order_tables(orders, shift))
-        return (
-            with_table_list(text, "frames.known_line", _line_tables(lines, shift))
-            if (lines)
-            else text
-        )
+        for key, lines in paths.items():
+            if lines:
+                text = with_table_list(text, key, _line_tables(lines, shift))
+        return text
 
     session.change(edit)
 
@@ -169,6 +264,14 @@ def _polygon(session: SetupSession, asked: Asked) -> None:
     region = session.region(session.scene())
     points = moved(asked["points"], -region.top_px, -region.left_px)
     session.change(lambda text: set_values(text, {"frames.polygon_px": points or None}))
+
+
+def _boundary(session: SetupSession, asked: Asked) -> None:
+    """Lines along free edges, where the order is known from the fringes that meet them."""
+    region = session.region(session.scene())
+    shift = {"top_px": region.top_px, "left_px": region.left_px}
+    tables = _line_tables(asked["lines"], shift)
+    session.change(lambda text: with_table_list(text, "frames.free_boundary", tables))
 
 
 def _known_order(session: SetupSession, asked: Asked) -> None:
@@ -206,8 +309,8 @@ def _line_tables(lines: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[
             {
                 "row_px": [row for row, _ in points],
                 "col_px": [col for _, col in points],
-                "order": float(line["order"]),
             }
+            | ({"order": float(line["order"])} if "order" in line else {})
         )
     return found
 
@@ -224,6 +327,10 @@ TOOLS: Mapping[str, Callable[[SetupSession, Asked], None]] = {
     "new": _new,
     "values": _values,
     "text": _text,
+    "loads": _loads,
+    "edges": _edges,
+    "rollers": _rollers,
+    "rim": _rim,
     "scale": _scale,
     "contact": _contact,
     "surface": _surface,
@@ -231,6 +338,7 @@ TOOLS: Mapping[str, Callable[[SetupSession, Asked], None]] = {
     "polygon": _polygon,
     "known_order": _known_order,
     "known_line": _known_line,
+    "free_boundary": _boundary,
     "undo": _undo,
     "save": _save,
 }
@@ -274,117 +382,3 @@ def refused_as_asked(tool: str) -> Iterator[None]:
             f"the tool {tool!r} was asked for with values that are none of its own "
             f"({error}); see its fields"
         ) from error
-
-
-def session_state(session: SetupSession) -> dict[str, Any]:
-    """Say how a scene stands: its text and values, and where its parts lie in the picture.
-
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
-
-    Returns
-    -------
-    dict
-        Plain values, as the page takes them; places are (row, col) of the whole picture.
-    """
-    scene = session.scene_or_none()
-    reader, region = session.reader(scene), session.region(scene)
-    rows, cols = reader.shape
-    candidates = session.beside()
-    state: dict[str, Any] = {
-        "revision": session.revision,
-        "text": session.text,
-        "saved": session.is_saved,
-        "scene_file": session.scene_file.name,
-        "has_scene": scene is not None,
-        "model": scene.model if scene is not None else None,
-        "frames": {
-            "count": session.count, "rows": rows, "cols": cols, "bit_depth": reader.bit_depth,
-            "pixel_mm": reader.pixel_mm,
-        },
-        "region": region.model_dump(),
-        "beside": candidates,
-        "values": _plain_values(session.text) if scene is not None else {},
-        "place": None, "surface": None, "polygon": [], "known_order": [], "known_line": [],
-    }  # fmt: skip
-    return state | (_on_picture(session, scene) if scene is not None else {})
-
-
-def likely_no_load(names: Sequence[str]) -> dict[str, str]:
-    """Choose the no-load frames by the names of files, where they say so.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Files beside the frames.
-
-    Returns
-    -------
-    dict of str to str
-        The scene's key to a name, only where one file alone is called so.
-    """
-    found = {}
-    for field in ("dark", "bright"):
-        own = [n for n in names if field in n.lower() and _unloaded(n) and not n.endswith(".csv")]
-        if len(own) == 1:
-            found[f"frames.no_load_{field}"] = own[0]
-    return found
-
-
-def _unloaded(name: str) -> bool:
-    plain = name.lower().replace("_", "-").replace(" ", "-")
-    return any(word in plain for word in ("no-load", "noload", "unloaded"))
-
-
-def _on_picture(session: SetupSession, scene: Scene) -> dict[str, Any]:
-    """Where the parts of a scene lie in the picture."""
-    region = session.region(scene)
-    top, left = region.top_px, region.left_px
-    found: dict[str, Any] = {
-        "polygon": moved(scene.frames.polygon_px or (), top, left),
-        "known_order": _orders_on_picture(scene, top, left),
-        "known_line": _lines_on_picture(scene, top, left),
-        "pixel_mm": None,
-    }
-    try:
-        pixels = session.pixels(scene)
-    except InputError:
-        return found
-    found["pixel_mm"] = pixels.pixel_mm
-    if scene.model is None:
-        return found
-    half = 0.5 * pixels.cols * pixels.pixel_mm
-    ends = (seen_at(pixels, x, 0.0) for x in (-half, half))
-    place = moved([seen_at(pixels, 0.0, 0.0), *ends], top, left)
-    return found | {"place": place[0], "surface": place[1:]}
-
-
-def _orders_on_picture(scene: Scene, top: int, left: int) -> list[dict[str, Any]]:
-    return [
-        {"row": k.row_px + top, "col": k.col_px + left, "order": k.order, "extremum": k.extremum}
-        for k in scene.frames.known_order
-    ]
-
-
-def _lines_on_picture(scene: Scene, top: int, left: int) -> list[dict[str, Any]]:
-    return [
-        {"points": moved(line.places, top, left), "order": line.order}
-        for line in scene.frames.known_line
-    ]
-
-
-def _plain_values(text: str) -> dict[str, Any]:
-    """The values of a scene's text by dotted key, without what is not known of them."""
-    tables = parse_toml(text, "scene")
-    known = {field.key for field in FIELDS} | {"frames.no_load_dark", "frames.no_load_bright"}
-    known |= {"specimen.shape"}
-    found = {}
-    for table, own in tables.items():
-        for name, value in own.items() if isinstance(own, dict) else ():
-            if f"{table}.{name}" not in known:
-                continue
-            pair = isinstance(value, dict) and "value" in value
-            found[f"{table}.{name}"] = value["value"] if pair else value
-    return found

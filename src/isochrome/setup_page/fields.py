@@ -14,6 +14,9 @@ _TABLES = tomllib.loads(
 KINDS: dict[str, str] = _TABLES["kinds"]
 """What may stand in front of the camera, by the page's words."""
 
+SET_KINDS: dict[str, str] = _TABLES["set_kinds"]
+"""What a calibration set may hold, by the page's words."""
+
 STATED_SHAPES = ("disc", "ring", "beam", "other")
 """Kinds that the scene names in specimen.shape."""
 
@@ -31,7 +34,7 @@ class SceneField:
     group : str
         Under which head it stands.
     kinds : tuple of str, optional
-        For which of KINDS it is asked; by default for all.
+        For which of KINDS and SET_KINDS it is asked; by default for all.
     unit : str, default ''
         Its unit.
     usual : str, default ''
@@ -48,7 +51,7 @@ class SceneField:
     key: str
     label: str
     group: str
-    kinds: tuple[str, ...] = tuple(KINDS)
+    kinds: tuple[str, ...] = (*KINDS, *SET_KINDS)
     unit: str = ""
     usual: str = ""
     hint: str = ""

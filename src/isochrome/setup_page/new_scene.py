@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.scene import toml_text
-from isochrome.setup_page.fields import FIELDS, KINDS, STATED_SHAPES, SceneField
+from isochrome.setup_page.fields import FIELDS, KINDS, SET_KINDS, STATED_SHAPES, SceneField
 
-_ORDER = ("specimen", "indenter", "load", "friction", "wear", "polariscope", "camera", "frames")
+_ORDER = (
+    "specimen", "beam", "disc", "indenter", "load", "friction", "wear", "polariscope", "camera",
+    "frames", "uncertainty",
+)  # fmt: skip
 
 _NOUGHT = (False, 0, "")
 """What is as good as nothing said: the scene's own default."""
@@ -21,7 +24,7 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     Parameters
     ----------
     kind : str
-        One of KINDS.
+        One of KINDS, or of SET_KINDS for a calibration set.
     values : mapping of str to Any
         What was filled in, by the scene's keys; None, or no key, for what was not.
     no_load : mapping of str to str
@@ -37,13 +40,15 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
     InputError
         Where a value is missing that such a scene needs; it names all of them.
     """
-    if kind not in KINDS:
-        raise InputError(f"what stands in front of the camera: '{kind}'; one of {', '.join(KINDS)}")
+    kinds = KINDS | SET_KINDS
+    if kind not in kinds:
+        raise InputError(f"what stands in front of the camera: '{kind}'; one of {', '.join(kinds)}")
     asked = [field for field in FIELDS if kind in field.kinds]
     given = {f.key: values.get(f.key) for f in asked if values.get(f.key) not in (None, *_NOUGHT)}
     missing = [field.label for field in asked if field.needed and field.key not in given]
     if missing:
-        raise InputError(f"fill in: {', '.join(missing)}; a scene of {KINDS[kind]} needs them")
+        what = "set" if kind in SET_KINDS else "scene"
+        raise InputError(f"fill in: {', '.join(missing)}; a {what} of {kinds[kind]} needs them")
     given |= no_load
     if "wear.distances_m" not in given:
         given.pop("wear.coefficient_mm2_per_n", None)
@@ -54,10 +59,10 @@ def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, s
 
 
 def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]) -> Iterator[str]:
-    yield f"# {KINDS[kind]}; made on the page of `isochrome setup`\n"
+    yield f"# {(KINDS | SET_KINDS)[kind]}; made on the page of `isochrome setup`\n"
     for table in _ORDER:
         own = {key: value for key, value in given.items() if key.startswith(f"{table}.")}
-        if not own and table != "specimen":
+        if not own and (table != "specimen" or kind in SET_KINDS):
             continue
         yield f"\n[{table}]\n"
         if table == "specimen" and kind in STATED_SHAPES:
@@ -72,3 +77,29 @@ def _comment(key: str, field: SceneField | None) -> str:
     if field is None:
         return "the unloaded specimen"  # its field stands in the key
     return f"{field.label}, {field.unit}" if field.unit else field.label
+
+
+def likely_no_load(names: Sequence[str]) -> dict[str, str]:
+    """Choose the no-load frames by the names of files, where they say so.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Files beside the frames.
+
+    Returns
+    -------
+    dict of str to str
+        The scene's key to a name, only where one file alone is called so.
+    """
+    found = {}
+    for field in ("dark", "bright"):
+        own = [n for n in names if field in n.lower() and _unloaded(n) and not n.endswith(".csv")]
+        if len(own) == 1:
+            found[f"frames.no_load_{field}"] = own[0]
+    return found
+
+
+def _unloaded(name: str) -> bool:
+    plain = name.lower().replace("_", "-").replace(" ", "-")
+    return any(word in plain for word in ("no-load", "noload", "unloaded"))

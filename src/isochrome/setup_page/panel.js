@@ -19,6 +19,7 @@ async function post(name, body) {
   if (!answer.ok) throw new Refusal(found.error);
   return found;
 }
+const noun = (state) => state.subject ? "set" : "scene";
 class Refusal extends Error {}
 const refused = (error) => { if (error instanceof Refusal) say(error.message, true); else lost(error); };
 
@@ -29,7 +30,7 @@ function useTool(asked, done = "", settled = () => null) {
     try {
       const state = await post("tool", asked);
       settled();
-      say(done || (state.saved ? "Saved." : "The scene has changed; Save writes it."));
+      say(done || (state.saved ? "Saved." : "The " + noun(state) + " has changed; Save writes it."));
       await takeAll(state);
       return true;
     } catch (error) {
@@ -48,7 +49,7 @@ async function takeAll(state) {
   get("save").disabled = !state.has_scene;
   get("fit").disabled = !state.model;
   get("text").value = state.text;
-  get("contact-name").textContent = !state.model || state.model === "contact" ? "Contact point" : "Middle of the top";
+  if (get("contact-name")) get("contact-name").textContent = !state.model || state.model === "contact" ? "Contact point" : "Middle of the top";
   get("make-row").hidden = get("kind-row").hidden = state.has_scene;
   get("form-hint").textContent = state.has_scene
     ? "A value goes into the scene as soon as you leave its field."
@@ -60,6 +61,7 @@ async function takeAll(state) {
   showFields(state);
   showNoLoad(state);
   showSliders(state);
+  showLoads(state);
   takeState(state);
   if (!before || turned(before) !== turned(state)) await showFrame(page.frame);
   if (!before || before.text !== state.text) hideMap();
@@ -68,6 +70,7 @@ async function takeAll(state) {
     get("step-model").open = true;
   }
   askModel();
+  askOutlines();
   checkSoon();
 }
 const turned = (state) => JSON.stringify([
@@ -95,13 +98,14 @@ async function goToFrame(number) {
   hideMap();
   await showFrame(clamp(Math.round(number) || 0, 0, page.state.frames.count - 1));
   askModel();
+  askOutlines();
 }
 get("frame").addEventListener("input", () => goToFrame(Number(get("frame").value)));
 get("frame-number").addEventListener("change", () => goToFrame(Number(get("frame-number").value)));
 
 /* fields */
 const kindOf = (state) => {
-  if (!state.has_scene) return get("kind").value;
+  if (!state.has_scene || state.subject) return get("kind").value;
   const shape = state.values["specimen.shape"];
   return state.model || (shape in data.kinds ? shape : "other");
 };
@@ -209,12 +213,13 @@ function readForm() {
     const input = get("field-" + field.key);
     if (field.kinds.includes(kind) && input) values[field.key] = readField(field, input.value);
   }
-  return { kind, values };
+  return page.state.subject ? { kind, values, loads: readLoads() } : { kind, values };
 }
 get("make").addEventListener("click", () => {
   let form;
   try { form = readForm(); } catch (error) { refused(error); return; }
-  useTool({ tool: "new", ...form }, "The scene is made. Next: where it is in the picture.").then((made) => {
+  const next = page.state.subject ? "The set is made. Next: Calibrate, above the picture." : "The scene is made. Next: where it is in the picture.";
+  useTool({ tool: "new", ...form }, next).then((made) => {
     if (!made) return;
     get("step-scene").open = false;
     get("step-place").open = get("step-check").open = true;
@@ -292,7 +297,8 @@ function tableUnder(heads) {
   return table;
 }
 function nameOf(key) {
-  const named = data.fields.find((field) => field.key === key);
+  const kind = page.state ? kindOf(page.state) : "";
+  const named = data.fields.find((field) => field.key === key && field.kinds.includes(kind));
   return named ? named.label + (named.unit ? " (" + named.unit + ")" : "") : key;
 }
 function takeValues(list) {
@@ -321,7 +327,7 @@ function checkSoon() {
   clearTimeout(checkTimer);
   const { count, rows, cols } = page.state.frames;
   if (!page.state.has_scene) return;
-  if (page.checked !== page.state.revision) get("check-result").textContent = "The scene has changed since the last check.";
+  if (page.checked !== page.state.revision) get("check-result").textContent = "The " + noun(page.state) + " has changed since the last check.";
   if (count * rows * cols <= FAST_PIXELS) checkTimer = setTimeout(checkNow, 1500);
 }
 async function checkNow() {
@@ -363,6 +369,7 @@ chooseTool("look");
     if (!answer.ok) throw new Refusal((await answer.json()).error);
     const state = await answer.json();
     await takeAll(state);
-    say(state.has_scene ? "The scene is on the picture." : "No scene yet: fill in step 1, then press Find it in the frames, or Make the scene.");
+    const first = state.subject ? "press Make the set." : "press Find it in the frames, or Make the scene.";
+    say(state.has_scene ? "The " + noun(state) + " is on the picture." : "No " + noun(state) + " yet: fill in step 1, then " + first);
   } catch (error) { refused(error); }
 })();

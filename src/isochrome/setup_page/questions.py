@@ -111,7 +111,16 @@ def check_answer(session: SetupSession) -> dict[str, Any]:
         Where there is no scene yet.
     """
     scene, revision = session.scene(), session.revision
-    return check(session.frames, scene).to_json() | {"revision": revision}
+    try:
+        session.check_complete()
+    except InputError as error:  # a set of which something is still open
+        finding = {"level": "error", "frame": None, "text": str(error)}
+        return {"ok": False, "frames": 0, "findings": [finding], "revision": revision}
+    found = check(session.frames, scene).to_json() | {"revision": revision}
+    if session.subject is not None:  # a set has its own model
+        told = found["findings"]
+        found["findings"] = [f for f in told if not f["text"].startswith(scene.no_model_reason)]
+    return found
 
 
 def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.uint8], list[str]]:

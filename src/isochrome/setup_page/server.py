@@ -24,10 +24,12 @@ from isochrome.errors import IsochromeError
 from isochrome.output import plain
 from isochrome.reporting import assemble_page, content_policy
 from isochrome.setup_page.cold_search import SEARCHED, find_in_frames
-from isochrome.setup_page.edits import apply_tool, session_state
-from isochrome.setup_page.fields import KINDS, field_rows
+from isochrome.setup_page.edits import apply_tool
+from isochrome.setup_page.fields import KINDS, SET_KINDS, field_rows
+from isochrome.setup_page.page_state import session_state
 from isochrome.setup_page.questions import check_answer, fit_answer, order_map_of_points
 from isochrome.setup_page.session import SetupSession
+from isochrome.setup_page.set_session import SetSession, calibration_answer
 
 ADDRESS = "127.0.0.1"
 
@@ -44,7 +46,7 @@ _GRACE_S = 3.0
 """Seconds without a page after which the server ends: a page that is loaded anew takes less."""
 
 _ROOM, _NAME = "isochrome.setup_page", "setup"
-_SCRIPTS = ("view.js", "tools.js", "overlay.js", "panel.js", "find.js")
+_SCRIPTS = ("view.js", "tools.js", "overlay.js", "panel.js", "find.js", "sets.js")
 _ALLOWED = "connect-src 'self'; img-src data:"
 _POLICY = (
     content_policy(_ROOM, _NAME, scripts=_SCRIPTS, policy=_ALLOWED) + "; frame-ancestors 'none'"
@@ -236,15 +238,19 @@ class _Handler(BaseHTTPRequestHandler):
 
     def send_page(self) -> None:
         """Send the page itself."""
+        session = self.server.session
+        own = session.subject
+        kinds = KINDS if own is None else {own: SET_KINDS[own]}
         html = assemble_page(
             _ROOM,
             _NAME,
             scripts=_SCRIPTS,
             policy=_ALLOWED,
             values={
-                "scene_file": self.server.session.scene_file.name,
-                "kinds": list(KINDS.items()),
-                "data": {"fields": field_rows(), "kinds": KINDS, "searched": SEARCHED},
+                "scene_file": session.scene_file.name,
+                "subject": session.subject,
+                "kinds": list(kinds.items()),
+                "data": {"fields": field_rows(), "kinds": kinds, "searched": SEARCHED},
             },
         )
         data = html.encode()
@@ -333,6 +339,24 @@ def _check(handler: _Handler, _: Any) -> None:
     handler.send_json(answer)
 
 
+def _calibrate(handler: _Handler, _: Any) -> None:
+    with handler.server.work:
+        answer = calibration_answer(_set_of(handler))
+    handler.send_json(answer)
+
+
+def _outlines(handler: _Handler, asked: Mapping[str, Any]) -> None:
+    handler.send_json({"outlines": _set_of(handler).outlines(_index(asked))})
+
+
+def _set_of(handler: _Handler) -> SetSession:
+    """The session of a calibration set. Raises _Refused for a scene's."""
+    session = handler.server.session
+    if not isinstance(session, SetSession):
+        raise _Refused(HTTPStatus.BAD_REQUEST, "this page sets up a scene")
+    return session
+
+
 def _find(handler: _Handler, asked: Mapping[str, Any]) -> None:
     """The scene of a frame by a cold search, and the state that it leaves."""
     session, values = handler.server.session, asked.get("values")
@@ -366,6 +390,8 @@ POSTS: Mapping[str, Callable[[_Handler, Any], None]] = {
     "tool": _tool,
     "find": _find,
     "fit": _fit,
+    "calibrate": _calibrate,
+    "outlines": _outlines,
     "check": _check,
     "map": _map,
 }

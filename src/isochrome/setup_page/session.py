@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,7 @@ class SetupSession:
 
     def __init__(self, frames: FramesLike, scene_file: Path, text: str, *, saved: bool) -> None:
         self.frames, self.scene_file, self.text = frames, scene_file, text
+        self.subject: str | None = None  # a kind of calibration set, where it is one
         self.revision = 0
         self.saves = 0
         self._saved_text = text if saved else None
@@ -96,15 +97,28 @@ class SetupSession:
         text = self.text if text is None else text
         if not text.strip():
             raise InputError("there is no scene yet; fill in the form, and press Make the scene")
+        self.refuse_strange_files(text)
+        return parse_scene(
+            text, name=self.scene_file.stem, folder=self.folder, label=self.scene_file.name
+        )
+
+    def check_complete(self) -> None:
+        """Refuse a text that cannot be used as it is. Raises InputError."""
+        self.scene()
+
+    def refuse_strange_files(self, text: str, known: Iterable[str] = ()) -> None:
+        """Refuse a text that names a file which is not beside the scene.
+
+        Parameters: `text`; `known`, names that are allowed besides. Raises InputError.
+        """
         label = self.scene_file.name
-        strange = _named_files(text) - self._named - set(self.beside())
+        strange = _named_files(text) - self._named - set(self.beside()) - set(known)
         if strange:
             raise InputError(
                 f"{label}: names {sorted(strange)[0]!r}, which is not beside the scene; the page "
                 "reads files of this folder alone: copy it here, or set it in the scene file by "
                 "hand"
             )
-        return parse_scene(text, name=self.scene_file.stem, folder=self.folder, label=label)
 
     def change(self, edit: Callable[[str], str]) -> None:
         """Change the text, where the result is a scene; else it stays as it was.
@@ -131,7 +145,7 @@ class SetupSession:
     def save(self) -> None:
         """Write the scene, whole or not at all. Raises InputError where it cannot be written."""
         with self._lock:
-            self.scene()
+            self.check_complete()
             write_text(self.scene_file.resolve(), self.text)
             self._saved_text = self.text
             self._named |= _named_files(self.text)

@@ -8,16 +8,24 @@ const WORDS = {
   mask: "Click the corners of the specimen, one after the other. Points can be moved; what is outside is not read.",
   order: "Click a point whose order you know: 0 in a free corner, a counted place. It tells the order of all that hangs together with it.",
   line: "Click along a fringe line whose order you know (whole in the dark: 0, 1, 2 …).",
+  boundary: "Click along an edge on which nothing presses, corner by corner; a whole outline ends on its first point. At its sharp corners the order is 0.",
+  edges: "Set one point on the beam's upper edge and one on its lower edge, one above the other: its height gives the scale.",
+  rollers: "Set a point on each of the two inner rollers: their distance gives the scale, and what lies between them is read.",
+  rim: "Set three points or more on the disc's rim, far apart: what is read is the square about it.",
 };
-const MOST = { look: 0, scale: 2, contact: 1, surface: 2, region: 2, mask: 500, order: 200, line: 500 };
+const MOST = { look: 0, scale: 2, contact: 1, surface: 2, region: 2, mask: 500, order: 200, line: 500, boundary: 500, edges: 2, rollers: 2, rim: 12 };
 let tool = "look", active = -1, dragged = null, line = 0;
 const touched = {}; // by tool, how often its points were moved since the scene had them
 function touch() { touched[tool] = (touched[tool] || 0) + 1; }
-const own = { scale: [], contact: [], surface: [], region: [], mask: [], order: [], line: [] };
+const own = {
+  scale: [], contact: [], surface: [], region: [], mask: [], order: [], line: [], boundary: [],
+  edges: [], rollers: [], rim: [],
+};
+const ofLines = () => tool === "line" || tool === "boundary"; // tools of several lines
 
 function points() {
   if (tool === "look") return [];
-  if (tool === "line") return own.line[line] ? own.line[line].points : [];
+  if (ofLines()) return own[tool][line] ? own[tool][line].points : [];
   return own[tool];
 }
 /* what the server knows of the scene goes into the tools */
@@ -30,6 +38,7 @@ function takeState(state) {
     mask: state.polygon.map(point),
     order: state.known_order.map((one) => ({ ...one })),
     line: state.known_line.map((one) => ({ order: one.order, points: one.points.map(point) })),
+    boundary: state.free_boundary.map((one) => ({ points: one.points.map(point) })),
     region: whole ? [] : [
       { row: box.top_px, col: box.left_px },
       { row: box.top_px + box.height_px - 1, col: box.left_px + box.width_px - 1 },
@@ -37,7 +46,7 @@ function takeState(state) {
   };
   // what the user has moved since, the answer knows nothing of
   for (const name of Object.keys(known)) if (!touched[name]) own[name] = known[name];
-  line = Math.min(line, Math.max(0, own.line.length - 1));
+  if (ofLines()) line = Math.min(line, Math.max(0, own[tool].length - 1));
   active = Math.min(active, points().length - 1);
   showPoints();
   draw();
@@ -62,9 +71,15 @@ const commands = {
   known_line: () => own.line.every((one) => one.points.length > 1 && areApart(one.points)) && {
     lines: own.line.map((one) => ({ order: one.order, points: pairs(one.points) })),
   },
+  free_boundary: () => own.boundary.every((one) => one.points.length > 1 && areApart(one.points)) && {
+    lines: own.boundary.map((one) => ({ points: pairs(one.points) })),
+  },
+  edges: () => own.edges.length === 2 && { points: pairs(own.edges) },
+  rollers: () => own.rollers.length === 2 && { points: pairs(own.rollers) },
+  rim: () => own.rim.length > 2 && { points: pairs(own.rim) },
 };
 const areApart = (list) => list.every(({ row, col }, k) => !k || row !== list[k - 1].row || col !== list[k - 1].col);
-const NAMES = { mask: "polygon", order: "known_order", line: "known_line" };
+const NAMES = { mask: "polygon", order: "known_order", line: "known_line", boundary: "free_boundary" };
 const commitLater = {};
 function commit(wait = 0) {
   const mine = tool, name = NAMES[tool] || tool;
@@ -90,6 +105,7 @@ function addPoint(at) {
   if (tool === "line" && !own.line[line]) {
     own.line[line] = { order: Number(get("new-order").value) || 0, points: [] };
   }
+  if (tool === "boundary" && !own.boundary[line]) own.boundary[line] = { points: [] };
   const list = points();
   if (list.length >= MOST[tool]) {
     active = tool === "contact" ? 0 : nearest(at, Infinity);
@@ -126,7 +142,7 @@ function removePoint(at) {
   const list = points();
   if (at < 0 || at >= list.length) return;
   list.splice(at, 1);
-  if (tool === "line" && !list.length) own.line.splice(line, 1);
+  if (ofLines() && !list.length) own[tool].splice(line, 1);
   active = Math.min(at, list.length - 1);
   showPoints();
   draw();
@@ -289,13 +305,14 @@ function extremumField(one, number) {
 }
 function chooseTool(name) {
   tool = name;
+  line = 0;
   active = points().length ? 0 : -1;
   stage.classList.toggle("pan", tool === "look");
   get("tool-words").textContent = WORDS[tool];
   get("length-row").hidden = tool !== "scale";
   get("order-row").hidden = tool !== "order" && tool !== "line";
-  get("new-line").hidden = tool !== "line";
-  get("show-map").hidden = tool !== "order" && tool !== "line";
+  get("new-line").hidden = !ofLines();
+  get("show-map").hidden = tool !== "order" && !ofLines();
   get("add-point").hidden = get("clear-tool").hidden = tool === "look";
   if (tool !== "look") get("step-place").open = true;
   showPoints();
@@ -306,8 +323,9 @@ for (const radio of document.getElementsByName("tool")) {
 }
 get("add-point").addEventListener("click", addInView);
 get("new-line").addEventListener("click", () => {
-  if (own.line.length && own.line.at(-1).points.length < 2) own.line.pop();
-  line = own.line.length;
+  const lines = own[tool];
+  if (lines.length && lines.at(-1).points.length < 2) lines.pop();
+  line = lines.length;
   active = -1;
   showPoints();
   draw();
@@ -336,6 +354,9 @@ function drawMarks(to) {
   outline(to, own.surface, false, "#ffd34d", tool === "surface");
   outline(to, own.scale, false, "#ff9d2e", tool === "scale");
   own.line.forEach((one, number) => outline(to, one.points, false, "#ff8ad8", tool === "line" && number === line));
+  own.boundary.forEach((one, number) => outline(to, one.points, false, "#c9a6ff", tool === "boundary" && number === line));
+  for (const name of ["edges", "rollers", "rim"]) outline(to, own[name], false, "#ff9d2e", tool === name);
+  drawOutlines(to);
   own.order.forEach((one) => label(to, one, String(one.order)));
   own.line.forEach((one) => { if (one.points.length) label(to, one.points[0], String(one.order)); });
   if (tool !== "contact" && own.contact.length) cross(to, own.contact[0], "#ff9d2e", false);

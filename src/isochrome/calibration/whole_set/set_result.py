@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from isochrome.calibration.whole_set.set_model import BAND, BLUR, GAMMA, SetFit
 from isochrome.estimation import jackknife_variance, scaled_inverse
-from isochrome.output import with_uncertainty
+from isochrome.output import per_cent, with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -120,7 +120,9 @@ def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]
             f"the light is more uneven than a quadratic: {count - plain} more products describe it"
         )
     if fit.left_out > 0:
-        messages.append(f"{fit.left_out:.2%} of the pixels fit nothing (dust, glare): left out")
+        messages.append(
+            f"{per_cent(fit.left_out)} of the pixels fit nothing (dust, glare): left out"
+        )
     return tuple(messages)
 
 

@@ -10,7 +10,7 @@ from isochrome.fitting.causes.score import Asked
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.causes.trials import lying_otherwise
 from isochrome.fitting.frame.unknowns import FRICTION, LOAD, TANGENTIAL
-from isochrome.output import with_uncertainty
+from isochrome.output import per_cent, with_uncertainty
 from isochrome.scene import Scene
 
 _FAR = 4.0
@@ -46,7 +46,7 @@ def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
         )
     if freed.outside:
         messages.append(
-            f"{100.0 * freed.outside:.1f} % of the pixels were left out: dust, scratches, glare or "
+            f"{per_cent(freed.outside)} of the pixels were left out: dust, scratches, glare or "
             "a shadow that no light and no fringe explains"
         )
     if messages:

@@ -48,6 +48,14 @@ class ModelFrame:
     mask: Mask
     chi: float
 
+    def contrast_noise(self, sigma: Array) -> float:
+        """Noise over the fringes' amplitude, by the median pixel.
+
+        Parameters: `sigma`, the light's noise, (rows, cols).
+        """
+        gain = np.where(self.illumination > 0.0, self.illumination, np.nan)
+        return float(np.nanmedian((sigma / gain)[self.mask]))
+
 
 def evaluate_model(data: FrameData, scene: Scene) -> ModelFrame:
     """Render a one-state scene on the frame's own pixels, and fit the linear part to it.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -28,7 +29,12 @@ from isochrome.processing.placement import placed_disc
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Scene
 
+Explained = Literal["well enough", "not at all", "with a slip"]
+"""How far a scene explains a frame; by a slip in it, it is another scene that does."""
+
 _CORRECT = "correct the scene (load, place, pixel, field, gamma)"
+
+_NO_ORDER = f"the model is too far off to name the branches: no order was read; {_CORRECT}"
 
 
 def process_with_model(
@@ -58,14 +64,9 @@ def process_with_model(
     if apparatus is not None:
         data, said = apparatus.seen(data), apparatus.warnings
     data, fit, scene, notes, slip = _fitted(data, scene, frame, as_stated)
-    if fit.scene.frames.stated_gamma != data.gamma:
-        data = data.toned(fit.scene.frames.stated_gamma)
-    if fit.plain:
-        data = data.plain()
-    seen = evaluate_model(data, fit.scene)
+    data, seen, noise = _held(data, fit)
     gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
-    noise = float(np.nanmedian((data.sigma / gain)[seen.mask])) if fit.positive else float("nan")
-    lost = not fit.positive or fit.chi * noise > TOO_FAR
+    lost = _is_lost(fit, noise)
     reading = _read(data, seen, lost)
     if frame.mask is not None:
         own = seen.picture.material & frame.mask
@@ -133,21 +134,42 @@ def _opposite(given: Scene, fit: FrameFit) -> list[str]:
     return [text for text in texts if text is not None and fit.positive]
 
 
-def frame_causes(frame: Frame, scene: Scene, capture: Capture) -> tuple[list[str], bool] | None:
+def _held(data: FrameData, fit: FrameFit) -> tuple[FrameData, ModelFrame, float]:
+    """The frame as its fit read it, the fit at every pixel, and the noise over the contrast."""
+    if fit.scene.frames.stated_gamma != data.gamma:
+        data = data.toned(fit.scene.frames.stated_gamma)
+    if fit.plain:
+        data = data.plain()
+    seen = evaluate_model(data, fit.scene)
+    return data, seen, seen.contrast_noise(data.sigma) if fit.positive else float("nan")
+
+
+def _is_lost(fit: FrameFit, noise: float) -> bool:
+    """Whether a fit is so far off that its values, and the branches that it names, say nothing."""
+    return not fit.positive or fit.chi * noise > TOO_FAR
+
+
+def frame_causes(
+    frame: Frame, scene: Scene, capture: Capture
+) -> tuple[list[str], Explained] | None:
     """What `process` will say of how a scene explains a frame; None where it shows no fringes.
 
-    Parameters: as of `process_with_model`. Returns the sentences, and whether they name a slip in
-    the scene, with which nothing can be read. Raises InputError on a blank frame, PhysicsError
-    where no values give fringes of the right contrast.
+    Parameters: as of `process_with_model`. Returns the sentences, and how far the scene explains
+    the frame. Raises InputError on a blank frame, PhysicsError where no values give fringes of the
+    right contrast.
     """
     no_load = capture.dark, capture.bright
     data = prepare_frame(
         frame, scene, bit_depth=capture.bit_depth, no_load=no_load, gamma_found=True
     )
-    _, fit, _, notes, slip = _fitted(data, scene, frame, as_stated=False)
+    data, fit, _, notes, slip = _fitted(data, scene, frame, as_stated=False)
     if slip:
-        return notes, True
-    return ([*notes, *_of_chi(fit)], False) if fit.positive or notes else None
+        return notes, "with a slip"
+    if not (fit.positive or notes):
+        return None
+    lost = _is_lost(fit, _held(data, fit)[2])
+    texts = [*notes, *_of_chi(fit), *([_NO_ORDER] if lost else [])]
+    return texts, "not at all" if lost else "well enough"
 
 
 def _read(data: FrameData, seen: ModelFrame, lost: bool) -> OrderReading:
@@ -201,9 +223,7 @@ def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
             "the fit did not converge fully; begin it nearer, with load and place in the scene"
         )
     if lost:
-        found.append(
-            f"the model is too far off to name the branches: no order was read; {_CORRECT}"
-        )
+        found.append(_NO_ORDER)
     elif reading.kept < 0.5:
         found.append(
             f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; mask what is "

@@ -123,7 +123,7 @@ def with_table_list(
     text : str
         TOML text.
     key : str
-        Table and name of the list.
+        Table and name of the list; a name alone is a list by itself, such as [[image]].
     entries : sequence of mapping
         Its tables: numbers, texts, and lists of them. An empty one takes the list out.
     name : str, default 'scene'
@@ -161,7 +161,8 @@ def with_table_list(
     found = start + gap + end.join(blocks)
     wanted = parse_toml(text, name)
     table, _, entry_name = key.partition(".")
-    wanted.setdefault(table, {})[entry_name] = [dict(entry) for entry in entries]
+    holder = wanted.setdefault(table, {}) if entry_name else wanted
+    holder[entry_name or table] = [dict(entry) for entry in entries]
     if not _says(found, wanted):
         raise InputError(f"{name}: its layout cannot be edited; write [[{key}]] in it by hand")
     return found

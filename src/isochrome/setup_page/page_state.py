@@ -1,0 +1,119 @@
+"""How a scene or set stands, as the page takes it: its values, and where its parts lie."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from isochrome.errors import InputError
+from isochrome.scene import Scene, parse_toml
+from isochrome.setup_page.fields import FIELDS
+from isochrome.setup_page.places import moved, seen_at
+from isochrome.setup_page.session import SetupSession
+from isochrome.setup_page.set_session import SetSession
+
+
+def session_state(session: SetupSession) -> dict[str, Any]:
+    """Say how a scene stands: its text and values, and where its parts lie in the picture.
+
+    Parameters
+    ----------
+    session : SetupSession
+        The scene and its frames.
+
+    Returns
+    -------
+    dict
+        Plain values, as the page takes them; places are (row, col) of the whole picture.
+    """
+    scene = session.scene_or_none()
+    reader, region = session.reader(scene), session.region(scene)
+    rows, cols = reader.shape
+    candidates = session.beside()
+    state: dict[str, Any] = {
+        "revision": session.revision,
+        "text": session.text,
+        "saved": session.is_saved,
+        "scene_file": session.scene_file.name,
+        "has_scene": scene is not None,
+        "model": scene.model if scene is not None else None,
+        "frames": {
+            "count": session.count, "rows": rows, "cols": cols, "bit_depth": reader.bit_depth,
+            "pixel_mm": reader.pixel_mm,
+        },
+        "region": region.model_dump(),
+        "beside": candidates,
+        "values": plain_values(session.text) if scene is not None else {},
+        "subject": session.subject,
+        "images": _image_rows(session),
+        "place": None, "surface": None, "polygon": [], "known_order": [], "known_line": [],
+        "free_boundary": [],
+    }  # fmt: skip
+    return state | (_on_picture(session, scene) if scene is not None else {})
+
+
+def _image_rows(session: SetupSession) -> list[dict[str, Any]]:
+    """The images of a set, and their loads; none of a scene."""
+    if not isinstance(session, SetSession):
+        return []
+    pairs = zip(session.image_names, session.loads(), strict=True)
+    return [{"file": name, "load_n": load} for name, load in pairs]
+
+
+def _on_picture(session: SetupSession, scene: Scene) -> dict[str, Any]:
+    """Where the parts of a scene lie in the picture."""
+    region = session.region(scene)
+    top, left = region.top_px, region.left_px
+    found: dict[str, Any] = {
+        "polygon": moved(scene.frames.polygon_px or (), top, left),
+        "known_order": orders_on_picture(scene, top, left),
+        "known_line": lines_on_picture(scene, top, left),
+        "free_boundary": boundaries_on_picture(scene, top, left),
+        "pixel_mm": None,
+    }
+    try:
+        pixels = session.pixels(scene)
+    except InputError:
+        return found
+    found["pixel_mm"] = pixels.pixel_mm
+    if scene.model is None:
+        return found
+    half = 0.5 * pixels.cols * pixels.pixel_mm
+    ends = (seen_at(pixels, x, 0.0) for x in (-half, half))
+    place = moved([seen_at(pixels, 0.0, 0.0), *ends], top, left)
+    return found | {"place": place[0], "surface": place[1:]}
+
+
+def orders_on_picture(scene: Scene, top: int, left: int) -> list[dict[str, Any]]:
+    """The known points, (row, col) of the whole picture."""
+    return [
+        {"row": k.row_px + top, "col": k.col_px + left, "order": k.order, "extremum": k.extremum}
+        for k in scene.frames.known_order
+    ]
+
+
+def lines_on_picture(scene: Scene, top: int, left: int) -> list[dict[str, Any]]:
+    """The known lines, (row, col) of the whole picture."""
+    return [
+        {"points": moved(line.places, top, left), "order": line.order}
+        for line in scene.frames.known_line
+    ]
+
+
+def boundaries_on_picture(scene: Scene, top: int, left: int) -> list[dict[str, Any]]:
+    """The free edges' lines, (row, col) of the whole picture."""
+    return [{"points": moved(one.places, top, left)} for one in scene.frames.free_boundary]
+
+
+def plain_values(text: str) -> dict[str, Any]:
+    """The values of a scene's text by dotted key, without what is not known of them."""
+    tables = parse_toml(text, "scene")
+    known = {field.key for field in FIELDS} | {"frames.no_load_dark", "frames.no_load_bright"}
+    known |= {"specimen.shape"}
+    found = {}
+    for table, own in tables.items():
+        for name, value in own.items() if isinstance(own, dict) else ():
+            if f"{table}.{name}" not in known:
+                continue
+            pair = isinstance(value, dict) and "value" in value
+            found[f"{table}.{name}"] = value["value"] if pair else value
+    return found

@@ -1,0 +1,308 @@
+"""A calibration set that is set up on its images: what the page does otherwise than for a scene."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.calibration import (
+    Beam,
+    Calibration,
+    CalibrationSet,
+    Circle,
+    Disc,
+    calibrate_bending,
+    calibrate_disc,
+    find_rim,
+    load_set,
+)
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import observe
+from isochrome.output import with_uncertainty
+from isochrome.runs import single_threaded
+from isochrome.scene import (
+    FramesLike,
+    Scene,
+    load_scene,
+    parse_toml,
+    toml_text,
+    validate,
+    with_table_list,
+)
+from isochrome.setup_page.places import moved
+from isochrome.setup_page.session import SetupSession
+
+TABLES = {"bending": "beam", "diametral": "disc"}
+"""The specimen's table of a set, by the page's kind."""
+
+_BODIES: Mapping[str, type[Beam] | type[Disc]] = {"beam": Beam, "disc": Disc}
+
+_PICTURED = ("camera", "polariscope", "frames")
+"""Tables that a set and a scene have in common: how the picture is taken and read."""
+
+_LOAD_IN_NAME = re.compile(r"(?<![0-9A-Za-z.,])([0-9]+(?:[.,][0-9]+)?)[ _-]?N(?![A-Za-z])")
+_LOAD_LINE = re.compile(r"(?m)^([ \t]*load_n[ \t]*=[ \t]*)([^#\r\n]*?)([ \t]*(?:#.*)?)\r?$")
+
+_TURN = 73
+"""Points of a circle as the page draws it."""
+
+
+class SetSession(SetupSession):
+    """A calibration set that is being set up on its images.
+
+    Its text need not be a whole set until it is saved or calibrated: sizes, scale and loads come
+    one after the other.
+
+    Parameters
+    ----------
+    frames : str, Path or sequence of them
+        The captured images, one a load.
+    scene_file : Path
+        Where the set is written.
+    text : str
+        What it holds at first; empty for a set that is still to be made.
+    saved : bool
+        Whether the file holds that text already.
+    subject : {'bending', 'diametral'}
+        What the images show.
+    """
+
+    def __init__(
+        self, frames: FramesLike, scene_file: Path, text: str, *, saved: bool, subject: str
+    ) -> None:
+        super().__init__(frames, scene_file, text, saved=saved)
+        self.subject = subject
+        self._geometry: tuple[int, dict[str, dict[str, float]]] = (-1, {})
+
+    @property
+    def image_names(self) -> list[str]:
+        """The images' files as the set names them: relative to its folder."""
+        return [
+            Path(os.path.relpath(file.resolve(), self.folder.resolve())).as_posix()
+            for file in self.reader_files
+        ]
+
+    def scene(self, text: str | None = None) -> Scene:
+        """Read how the pictures are taken and read, as a scene without a model.
+
+        Parameters: `text`, TOML, by default the page's own. Returns a Scene. Raises InputError
+        where a table of the set is wrong.
+        """
+        text = self.text if text is None else text
+        label = self.scene_file.name
+        if not text.strip():
+            raise InputError("there is no set yet; fill in the form, and press Make the set")
+        self.refuse_strange_files(text, self.image_names)
+        tables = parse_toml(text, label)
+        name = TABLES[self.subject or ""]
+        for table in tables:
+            if table not in (*_PICTURED, name, "image", "uncertainty"):
+                raise InputError(
+                    f"{label}: [{table}] is none of a set of a {name}; its tables are "
+                    f"{name}, {', '.join(_PICTURED)}, image and uncertainty"
+                )
+        body: type[Beam] | type[Disc] = _BODIES[name]
+        validate(body, _plain(tables.get(name, {})), f"{label}: [{name}]")
+        pictured = {t: tables[t] for t in _PICTURED if t in tables}
+        scene = load_scene({"specimen": {"shape": "other"}, **pictured})
+        return scene.model_copy(update={"folder": self.folder, "name": self.scene_file.stem})
+
+    def calibration_set(self) -> CalibrationSet:
+        """The set as it is on the page. Raises InputError where it is not whole."""
+        label = self.scene_file.name
+        found = validate(
+            CalibrationSet, parse_toml(self.text, label), label, reserved=("folder", "name")
+        )
+        given = found.model_copy(update={"folder": self.folder, "name": label})
+        return load_set(given, specimen=TABLES[self.subject or ""])
+
+    def check_complete(self) -> None:
+        """Refuse a text that is no whole set, or names other files. Raises InputError."""
+        self.scene()
+        self.calibration_set()
+
+    def loads(self) -> list[float | None]:
+        """The load of each image, N: the set's, before it is made that of the file's name."""
+        if not self.text.strip():
+            return [_load_in(name) for name in self.image_names]
+        stated = {
+            image.get("file"): image.get("load_n")
+            for image in parse_toml(self.text, self.scene_file.name).get("image", [])
+        }
+        plain = {f: v["value"] if isinstance(v, Mapping) else v for f, v in stated.items()}
+        return [plain.get(name) for name in self.image_names]
+
+    def calibrate(self) -> Calibration:
+        """Find the fringe value from the set as it is. Raises InputError, PhysicsError."""
+        given, revision = self.calibration_set(), self.revision
+        run = calibrate_bending if self.subject == "bending" else calibrate_disc
+        with single_threaded():
+            found = run(given)
+        self._geometry = revision, {image.file: image.geometry for image in found.images}
+        return found
+
+    def outlines(self, index: int) -> list[list[list[float]]]:
+        """Where the specimen is in an image: a disc's rim, a beam's edges once it is calibrated.
+
+        Parameters: `index` of the image. Returns lines of (row, col) of the whole picture; none
+        where the specimen is not found. Raises InputError where there is no such image.
+        """
+        scene = self.scene()
+        region, image = self.region(scene), self.frame(index, scene).image
+        rows = slice(region.top_px, region.top_px + region.height_px)
+        cols = slice(region.left_px, region.left_px + region.width_px)
+        revision, geometry = self._geometry
+        own = geometry.get(self.image_names[index]) if revision == self.revision else None
+        lines: Iterable[Sequence[Sequence[float]]] = ()
+        if self.subject == "diametral":
+            depth = self.reader(scene).bit_depth
+            circle = _calibrated_rim(own) if own else _seen_rim(image[rows, cols], depth)
+            lines = () if circle is None else (_ring(circle),)
+        elif own:
+            beam, pixel = self.calibration_set().beam, self.pixels(scene).pixel_mm
+            assert beam is not None
+            lines = _edges(own, beam.height_mm / pixel, region.width_px)
+        return [moved(line, region.top_px, region.left_px) for line in lines]
+
+
+def _calibrated_rim(own: Mapping[str, float]) -> Circle:
+    """A disc's rim as the calibration has fitted it."""
+    return Circle(own["centre_row_px"], own["centre_col_px"], own["radius_px"], 0.0)
+
+
+def _seen_rim(image: NDArray[Any], bit_depth: int | None) -> Circle | None:
+    """A disc's rim as it is seen in an image; None where there is none."""
+    try:
+        return find_rim(observe(image, name="the image", bit_depth=bit_depth, gamma=1.0))
+    except (InputError, PhysicsError):
+        return None
+
+
+def _ring(circle: Circle) -> list[list[float]]:
+    """A circle's points."""
+    turn = np.linspace(0.0, 2.0 * np.pi, _TURN)
+    away = circle.radius * np.stack([np.sin(turn), np.cos(turn)], 1)
+    ring: list[list[float]] = (np.array([circle.row, circle.col]) + away).tolist()
+    return ring
+
+
+def _plain(table: Any) -> Any:
+    """A table without what is not known of its values."""
+    if not isinstance(table, Mapping):
+        return table
+    return {
+        key: value["value"] if isinstance(value, Mapping) and "value" in value else value
+        for key, value in table.items()
+    }
+
+
+def _edges(
+    own: Mapping[str, float], height_px: float, width: int
+) -> Iterator[list[tuple[float, float]]]:
+    """A beam's two edges from the left to the right of its region, by its neutral axis and tilt."""
+    slope, half = -np.tan(np.radians(own["tilt_deg"])), 0.5 * (width - 1)
+    away = 0.5 * height_px * np.hypot(1.0, slope)
+    for side in (-away, away):
+        row = own["neutral_axis_row_px"] + side
+        yield [(float(row - slope * half), 0.0), (float(row + slope * half), width - 1.0)]
+
+
+def _load_in(name: str) -> float | None:
+    """The load that an image's name tells, such as disc-560N.png; None where it tells none."""
+    found = _LOAD_IN_NAME.findall(Path(name).stem)
+    return float(found[0].replace(",", ".")) if len(found) == 1 else None
+
+
+def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -> str:
+    """Give a set's text with the loads of its images; comments stay where the images do.
+
+    Parameters
+    ----------
+    text : str
+        TOML text.
+    names : sequence of str
+        The images' files.
+    loads : sequence of float or None
+        Their loads, N; None for an image that is not of the set.
+
+    Returns
+    -------
+    str
+        TOML text.
+
+    Raises
+    ------
+    InputError
+        Where the text's layout cannot be edited.
+    """
+    wanted = {n: load for n, load in zip(names, loads, strict=True) if load is not None}
+    there = parse_toml(text, "set").get("image", [])
+    images = [dict(one) for one in there if one.get("file") not in names]
+    images += [{"file": name, "load_n": float(load)} for name, load in wanted.items()]
+    own = {one.get("file"): one.get("load_n") for one in there}
+    if own.keys() != {one["file"] for one in images}:
+        return with_table_list(text, "image", images, name="set")
+    for name, load in wanted.items():
+        if own[name] != load:
+            text = _with_load(text, name, load)
+    return text
+
+
+def _with_load(text: str, name: str, load: float) -> str:
+    """The text with one image's load. Raises InputError."""
+    tables = parse_toml(text, "set")
+    for one in tables["image"]:
+        if one.get("file") == name:
+            one["load_n"] = float(load)
+    for line in _LOAD_LINE.finditer(text):
+        start, end = line.span(2)
+        tried = text[:start] + toml_text(float(load)) + text[end:]
+        if parse_toml(tried, "set") == tables:
+            return tried
+    raise InputError(f"set: its layout cannot be edited; set load_n of {name} in it by hand")
+
+
+def calibration_answer(session: SetSession) -> dict[str, Any]:
+    """Calibrate, and say what was found.
+
+    Parameters
+    ----------
+    session : SetSession
+        The set and its images.
+
+    Returns
+    -------
+    dict
+        `values`: words and text of each; `images`: file, load, order and chi; `warnings`, and the
+        `revision` of the set that was calibrated.
+
+    Raises
+    ------
+    InputError
+        Where the set is not whole or wrong.
+    PhysicsError
+        Where the images do not determine the value.
+    """
+    revision = session.revision
+    found = session.calibrate()
+    value = with_uncertainty(found.fringe_value_n_per_mm, found.standard_uncertainty)
+    values = [("f_sigma (N/mm per fringe)", value)]
+    values.append(("chi (1 = within the noise)", f"{found.chi:.2f}"))
+    order, spread = found.order_at_zero_load, found.order_at_zero_load_uncertainty
+    if order is not None and spread is not None:
+        values.append(("Order at zero load (fringes)", with_uncertainty(order, spread)))
+    return {
+        "revision": revision,
+        "values": [{"words": words, "text": text} for words, text in values],
+        "images": [
+            {"file": one.file, "load_n": one.load_n, "order": one.order, "chi": one.chi}
+            for one in found.images
+        ],
+        "warnings": list(found.warnings),
+    }

@@ -1,0 +1,58 @@
+"""The maps of `process` in ImageJ: scale, origin, labels, display range and colours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import tifffile
+
+import isochrome
+from isochrome.output import read_csv
+from isochrome.scene import dump_scene, load_scene
+
+PIXEL, LEFT, TOP = 4.0 / 82, -2.0, 0.25
+
+
+@pytest.fixture(scope="module")
+def processed(tmp_path_factory):
+    """A folder of two frames of a small contact, and its result."""
+    home = tmp_path_factory.mktemp("imagej")
+    scene = load_scene("line-contact-wear").with_values(
+        {
+            "wear.distances_m": [0.0, 77.0], "friction.static_state_first": False,
+            "camera.width_px": 82, "camera.height_px": 62, "camera.pixel_mm": PIXEL,
+            "camera.left_mm": LEFT, "camera.top_mm": TOP, "camera.noise_grey": 1.0,
+        }
+    )  # fmt: skip
+    isochrome.simulate(scene, home / "simulated")
+    (home / "scene.toml").write_text(dump_scene(scene), "utf-8")
+    found = isochrome.process(home / "simulated" / "frames.tif", home / "scene.toml", home / "out")
+    return home / "out", found
+
+
+@pytest.mark.parametrize("name", ["fringe_order", "confidence", "normalised"])
+def test_a_map_tells_imagej_where_it_is_and_how_it_is_shown(processed, name):
+    folder, found = processed
+    with tifffile.TiffFile(folder / f"{name}.tif") as tif:
+        known = tif.imagej_metadata
+        assert len(tif.series) == 1 and tif.series[0].shape == (2, 62, 82)
+        across = tif.pages.first.tags["XResolution"].value
+    assert known["unit"] == "mm" and across[0] / across[1] == pytest.approx(1.0 / PIXEL, rel=1e-6)
+    assert known["Labels"] == read_csv(folder / "frames.csv")["label"]
+    # pixels from the first one's upper left corner to the place of x = z = 0
+    assert known["xorigin"] == pytest.approx(-LEFT / PIXEL, abs=1e-5)
+    assert known["yorigin"] == pytest.approx(-TOP / PIXEL, abs=1e-5)
+    highest = max(found.columns["n_max"]) if name == "fringe_order" else 1.0
+    assert known["max"] == pytest.approx(highest) and known["min"] == 0.0
+    assert known["Ranges"] == pytest.approx((0.0, highest))
+    assert np.shape(known["LUTs"])[-2:] == (3, 256)
+
+
+def test_what_imagej_is_told_leaves_the_frames_as_they_are(processed):
+    """Against the store, which is another file; read as it lies on disk, and mapped."""
+    folder, found = processed
+    order = tifffile.imread(folder / "fringe_order.tif")
+    np.testing.assert_array_equal(order, found.dataset["fringe_order"].values)
+    np.testing.assert_array_equal(tifffile.memmap(folder / "fringe_order.tif", mode="r"), order)
+    with isochrome.frames.open_frames(folder / "normalised.tif") as reader:
+        assert reader.count() == 2 and reader.pixel_mm == pytest.approx(PIXEL, rel=1e-6)
