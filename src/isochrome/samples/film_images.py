@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.errors import PhysicsError
+from isochrome.errors import InputError
 from isochrome.output import write_text
 from isochrome.samples.contact_images import AVERAGED, fine_order
 from isochrome.samples.sensor import (
@@ -112,11 +112,10 @@ def _write_film(path: Path, frames: list[Grey]) -> None:
     import cv2
 
     rows, cols = frames[0].shape
-    film = cv2.VideoWriter(
-        str(path), cv2.VideoWriter_fourcc(*"FFV1"), FRAMES_PER_S, (cols, rows), isColor=False
-    )
+    codec = cv2.VideoWriter.fourcc(*"FFV1")
+    film = cv2.VideoWriter(str(path), codec, FRAMES_PER_S, (cols, rows), isColor=False)
     if not film.isOpened():
-        raise PhysicsError(f"{path}: this OpenCV writes no FFV1 film")
+        raise InputError(f"{path}: cannot be opened as an FFV1 film by this OpenCV")
     for frame in frames:
         film.write(frame)
     film.release()
