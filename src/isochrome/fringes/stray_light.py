@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isochrome.fringes.windows import Array
+from isochrome.fringes.windows import Array, Windows
 
 _WINDOW_PX = 1.7
 """Of the reading itself."""
@@ -29,8 +29,6 @@ _SURELY = 4.0
 _TOLD, _OPEN = 0.01, 0.002
 """Standard uncertainties of the added light, over the contrast: beyond the first a window does not
 tell it; beyond the second crests do not, and bumps begin to count."""
-_COARSE = 2.5
-"""A window's width in the pixels that it is summed on."""
 
 
 def stray_error(residual: Array, slope: Array, even: Array, *, shift: Array | None = None) -> Array:
@@ -40,69 +38,84 @@ def stray_error(residual: Array, slope: Array, even: Array, *, shift: Array | No
     change with the order; `even`, its change with light of the size of the contrast; all over the
     noise and nought where masked (rows, cols). `shift` of the order that was taken out before,
     from a model that describes the specimen; without one a bump is the order's own.
-    Returns a standard uncertainty (rows, cols), fringes.
+    Returns a standard uncertainty (rows, cols), fringes, single precision.
     """
-    moved = np.zeros_like(residual) if shift is None else slope * shift
-    size, open_ = np.zeros(residual.shape), np.full(residual.shape, np.inf)
+    residual, slope, even = (
+        np.ascontiguousarray(part, dtype=np.float32) for part in (residual, slope, even)
+    )
+    whole = residual if shift is None else residual + slope * shift
+    answers = _Answers(slope)
+    size, open_ = np.zeros_like(residual), np.full_like(residual, np.inf)
     for follow, steady in _WINDOWS_PX:
         # a wide window is to see what a narrow one has followed
-        light = residual if follow < _FINE_PX + 2.0 else residual + moved
-        shown, left = (_left(slope, part, follow) for part in (even, light))
-        total = np.maximum(window_sum(shown * shown, steady), 1e-12)
-        found = window_sum(shown * left, steady) / total
-        variance = window_sum(shown * shown, steady / np.sqrt(2.0)) / total**2
+        light = residual if follow < _FINE_PX + 2.0 else whole
+        shown, left = (answers.left(part, follow) for part in (even, light))
+        square = Windows(shown * shown)
+        total = np.maximum(square.sum(steady), 1e-12)
+        found = Windows(shown * left).sum(steady) / total
+        variance = square.sum(steady / np.sqrt(2.0)) / total**2
         clear = np.where(variance < _TOLD**2, found**2 - _SURELY * variance, 0.0)
-        size = np.maximum(size, clear)
+        np.maximum(size, clear, out=size)
         if follow < _AROUND_PX / 2.0:  # crests that are near
-            open_ = np.minimum(open_, variance)
-    pull, _ = _shift(slope, even, _WINDOW_PX)
-    square = size * pull**2
+            np.minimum(open_, variance, out=open_)
+    square = size * answers.shift(even, _WINDOW_PX) ** 2
     if shift is not None:
-        square = np.maximum(square, _bump(slope, residual + moved) * open_ / (open_ + _OPEN**2))
+        square = np.maximum(square, _bump(answers, whole) * open_ / (open_ + _OPEN**2))
     return np.asarray(np.sqrt(square))
 
 
-def _shift(slope: Array, light: Array, width_px: float) -> tuple[Array, Array]:
-    """The shift of the order that answers to a light over a window, and its variance."""
-    information = window_sum(slope * slope, width_px) + _LEAST
-    noise = window_sum(slope * slope, width_px / np.sqrt(2.0))
-    return window_sum(slope * light, width_px) / information, noise / information**2
+class _Answers:
+    """The shifts of the order that answer to lights, over windows; each is made once."""
+
+    def __init__(self, slope: Array) -> None:
+        """`slope`, J (rows, cols), see `stray_error`."""
+        self.slope, self._square = slope, Windows(slope * slope)
+        self._products: list[tuple[Array, Windows]] = []
+        self._shifts: dict[tuple[int, float], Array] = {}
+        self._information: dict[float, Array] = {}
+
+    def shift(self, light: Array, width_px: float) -> Array:
+        """The shift (rows, cols) that answers to a light over a window, fringes."""
+        number = self._number(light)
+        found = self._shifts.get((number, width_px))
+        if found is None:
+            found = self._products[number][1].sum(width_px) / self.information(width_px)
+            self._shifts[number, width_px] = found
+        return found
+
+    def variance(self, width_px: float) -> Array:
+        """The variance of such a shift."""
+        noise = self._square.sum(width_px / np.sqrt(2.0))
+        return np.asarray(noise / self.information(width_px) ** 2)
+
+    def left(self, light: Array, width_px: float) -> Array:
+        """What is left of a light when the order follows it over a window.
+
+        Of a wide one twice, less that of √2 its width: the order may bend within it.
+        """
+        shift = self.shift(light, width_px)
+        if width_px > _WINDOW_PX:
+            shift = 2.0 * shift - self.shift(light, np.sqrt(2.0) * width_px)
+        return np.asarray(light - self.slope * shift)
+
+    def information(self, width_px: float) -> Array:
+        """Inverse variance of a shift where the noise is 1."""
+        if width_px not in self._information:
+            self._information[width_px] = self._square.sum(width_px) + np.float32(_LEAST)
+        return self._information[width_px]
+
+    def _number(self, light: Array) -> int:
+        """Which of the lights this is; its product with the slope is made once."""
+        for number, (known, _) in enumerate(self._products):
+            if known is light:
+                return number
+        self._products.append((light, Windows(self.slope * light)))
+        return len(self._products) - 1
 
 
-def _left(slope: Array, light: Array, width_px: float) -> Array:
-    """What is left of a light when the order follows it over a window.
-
-    Of a wide one twice, less that of √2 its width: the order may bend within it.
-    """
-    shift, _ = _shift(slope, light, width_px)
-    if width_px > _WINDOW_PX:
-        shift = 2.0 * shift - _shift(slope, light, np.sqrt(2.0) * width_px)[0]
-    return np.asarray(light - slope * shift)
-
-
-def _bump(slope: Array, light: Array) -> Array:
+def _bump(answers: _Answers, light: Array) -> Array:
     """Square of how far the order differs from its surroundings, beyond the noise."""
-    fine, variance = _shift(slope, light, _FINE_PX)
-    around, wider = (_shift(slope, light, f * _AROUND_PX)[0] for f in (1.0, np.sqrt(2.0)))
+    fine, variance = answers.shift(light, _FINE_PX), answers.variance(_FINE_PX)
+    around, wider = (answers.shift(light, f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
     away = fine - (2.0 * around - wider)
-    return np.asarray(np.maximum(away**2 - _SURELY * variance, 0.0) / _SHOWN**2)
-
-
-def window_sum(values: Array, width_px: float) -> Array:
-    """Sum over a Gaussian window whose weight is 1 in the middle, a wide one on fewer pixels.
-
-    Parameters: `values` (rows, cols), nought where masked; `width_px`, the window's standard
-    deviation. Returns (rows, cols), single precision.
-    """
-    import cv2
-    from scipy.ndimage import gaussian_filter
-
-    small: Array = values.astype(np.float32)
-    rows, cols = small.shape
-    by = max(1, min(int(width_px / _COARSE), rows // 4, cols // 4))
-    if by > 1:
-        small = cv2.resize(small, (cols // by, rows // by), interpolation=cv2.INTER_AREA)
-    small = gaussian_filter(small, width_px / by, mode="constant", truncate=3.0)
-    if by > 1:
-        small = cv2.resize(small, (cols, rows), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(2.0 * np.pi * width_px**2 * small)
+    return np.asarray(np.maximum(away**2 - _SURELY * variance, 0.0) / np.float32(_SHOWN**2))
