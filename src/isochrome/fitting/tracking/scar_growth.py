@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -321,6 +323,15 @@ class TrackPast:
             self._frames = self._frames[max(0, oldest - 1) :]
         self._scars = [start, *grown]
         self._low = min(self._scars, key=lambda one: abs(one.worn_mm2 - low))
+
+    @contextmanager
+    def as_it_is(self) -> Iterator[None]:
+        """Wear and solve within this, and nothing of it is kept."""
+        own = dict(vars(self))  # what these change they replace
+        try:
+            yield
+        finally:
+            vars(self).update(own)
 
     def lean(self, share: float, elastic_mm2: float) -> tuple[float, float]:
         """Wear on, by a step, under `share` of the mean load: what `solve` then stands on.

@@ -194,6 +194,17 @@ class TrackCourse:
         """The contact of a `field_scene` on the scar that its history has worn."""
         return scene_states(scene)[-1] if self.scene.wear is None else self._past.solve(scene)
 
+    def whole_state(self, values: Array) -> tuple[Scene, SceneState]:
+        """The scene of the values (axes,) of the last frame that `passed`, and its contact.
+
+        The history stays as it is. Raises PhysicsError where the contact cannot be solved.
+        """
+        scene = self.field_scene(values).model_copy(update={"numerics": self.numerics})
+        with self._past.as_it_is():
+            self.wear(values, values, values)
+            # on nodes that divide the pixels where the track began
+            return scene, self.solve(scene.model_copy(update={"camera": self.scene.camera}))
+
     def moved(self, values: Array, step: Array) -> Array:
         """Values (axes,) after a step (count,) of the tracked ones; no worn area below zero.
 
