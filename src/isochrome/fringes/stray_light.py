@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from isochrome.fringes.windows import Array, Windows
+from isochrome.fringes.windows import Array, Windows, expanded, halved
 
 _WINDOW_PX = 1.7
 """Of the reading itself."""
-_WINDOWS_PX = ((_WINDOW_PX, 4.0), (5.0, 8.0), (12.0, 16.0))
-"""Over which the order follows, and over which the light is taken as even, pixels."""
+_WINDOWS_PX = ((_WINDOW_PX, 4.0, 1), (5.0, 8.0, 2), (12.0, 16.0, 4))
+"""Over which the order follows, and over which the light is taken as even, pixels; and the side of
+the blocks of pixels that are enough for them."""
 _FINE_PX, _AROUND_PX = 4.0, 20.0
 """Windows of a bump and of its surroundings."""
 _SHOWN = 0.55
@@ -43,79 +44,104 @@ def stray_error(residual: Array, slope: Array, even: Array, *, shift: Array | No
     residual, slope, even = (
         np.ascontiguousarray(part, dtype=np.float32) for part in (residual, slope, even)
     )
-    whole = residual if shift is None else residual + slope * shift
-    answers = _Answers(slope)
+    blocks = {1: _Blocks.of(slope, even, residual, shift)}
+    for side in (2, 4):
+        blocks[side] = blocks[side // 2].halved()
+    shape = residual.shape
     size, open_ = np.zeros_like(residual), np.full_like(residual, np.inf)
-    for follow, steady in _WINDOWS_PX:
+    for follow, steady, side in _WINDOWS_PX:
         # a wide window is to see what a narrow one has followed
-        light = residual if follow < _FINE_PX + 2.0 else whole
-        shown, left = (answers.left(part, follow) for part in (even, light))
-        square = Windows(shown * shown)
-        total = np.maximum(square.sum(steady), 1e-12)
-        found = Windows(shown * left).sum(steady) / total
-        variance = square.sum(steady / np.sqrt(2.0)) / total**2
-        clear = np.where(variance < _TOLD**2, found**2 - _SURELY * variance, 0.0)
-        np.maximum(size, clear, out=size)
+        light = "light" if follow < _FINE_PX + 2.0 else "whole"
+        clear, variance = blocks[side].told(light, follow, steady)
+        np.maximum(size, expanded(clear, shape, side), out=size)
         if follow < _AROUND_PX / 2.0:  # crests that are near
-            np.minimum(open_, variance, out=open_)
-    square = size * answers.shift(even, _WINDOW_PX) ** 2
+            np.minimum(open_, expanded(variance, shape, side), out=open_)
+    square = size * blocks[1].shift("even", _WINDOW_PX) ** 2
     if shift is not None:
-        square = np.maximum(square, _bump(answers, whole) * open_ / (open_ + _OPEN**2))
+        bump = expanded(blocks[2].bump("whole"), shape, 2)
+        square = np.maximum(square, bump * (open_ / (open_ + np.float32(_OPEN**2))))
     return np.asarray(np.sqrt(square))
 
 
-class _Answers:
-    """The shifts of the order that answer to lights, over windows; each is made once."""
+class _Blocks:
+    """Means over blocks of pixels of the products of slope J, even light o, and lights r.
 
-    def __init__(self, slope: Array) -> None:
-        """`slope`, J (rows, cols), see `stray_error`."""
-        self.slope, self._square = slope, Windows(slope * slope)
-        self._products: list[tuple[Array, Windows]] = []
-        self._shifts: dict[tuple[int, float], Array] = {}
+    What shifts s and t leave of o and r is multiplied out, (o - J s)(r - J t) = o r - J o t - J r s
+    + J J s t: shifts of wide windows change little within a block.
+    """
+
+    def __init__(self, side: int, means: dict[str, Array]) -> None:
+        """`side` of a block, pixels; `means` (rows, cols) of each product, by its name."""
+        self._side, self._means = side, means
+        self._windows = {name: Windows(mean, side) for name, mean in means.items()}
+        self._shifts: dict[tuple[str, float], Array] = {}
         self._information: dict[float, Array] = {}
 
-    def shift(self, light: Array, width_px: float) -> Array:
-        """The shift (rows, cols) that answers to a light over a window, fringes."""
-        number = self._number(light)
-        found = self._shifts.get((number, width_px))
-        if found is None:
-            found = self._products[number][1].sum(width_px) / self.information(width_px)
-            self._shifts[number, width_px] = found
-        return found
+    @classmethod
+    def of(cls, slope: Array, even: Array, light: Array, shift: Array | None) -> _Blocks:
+        """Single pixels, see `stray_error`; the `whole` light is that without its shift."""
+        means = {
+            "slope": slope * slope,
+            "slope even": slope * even,
+            "even": even * even,
+            "slope light": slope * light,
+            "even light": even * light,
+        }
+        for name in ("slope", "even"):
+            mean = means[f"{name} light"]
+            if shift is not None:
+                mean = mean + shift * means["slope" if name == "slope" else "slope even"]
+            means[f"{name} whole"] = mean
+        return cls(1, means)
 
-    def variance(self, width_px: float) -> Array:
-        """The variance of such a shift."""
-        noise = self._square.sum(width_px / np.sqrt(2.0))
-        return np.asarray(noise / self.information(width_px) ** 2)
+    def halved(self) -> _Blocks:
+        """Blocks of twice the side."""
+        return _Blocks(2 * self._side, {name: halved(mean) for name, mean in self._means.items()})
 
-    def left(self, light: Array, width_px: float) -> Array:
-        """What is left of a light when the order follows it over a window.
+    def told(self, light: str, follow: float, steady: float) -> tuple[Array, Array]:
+        """Square of an even light that is surely there (rows, cols), and the variance of it.
 
-        Of a wide one twice, less that of √2 its width: the order may bend within it.
+        `light`, 'light' or 'whole'; windows over which the order follows, and the light is even.
         """
+        mean = self._means
+        of_even, of_light = self._answer("even", follow), self._answer(light, follow)
+        shown = mean["even"] - of_even * (2.0 * mean["slope even"] - of_even * mean["slope"])
+        np.maximum(shown, 0.0, out=shown)  # a mean of squares, but for rounding
+        both = mean[f"even {light}"] - of_even * mean[f"slope {light}"]
+        both -= of_light * (mean["slope even"] - of_even * mean["slope"])
+        square = Windows(shown, self._side)
+        total = np.maximum(square.sum(steady), 1e-12)
+        found = Windows(both, self._side).sum(steady) / total
+        variance = square.sum(steady / np.sqrt(2.0)) / total**2
+        clear = np.where(variance < _TOLD**2, found**2 - _SURELY * variance, 0.0)
+        return clear, variance
+
+    def bump(self, light: str) -> Array:
+        """Square of how far the order differs from its surroundings, beyond the noise."""
+        fine = self.shift(light, _FINE_PX)
+        noise = self._windows["slope"].sum(_FINE_PX / np.sqrt(2.0))
+        variance = noise / self._informed(_FINE_PX) ** 2
+        around, wider = (self.shift(light, f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
+        away = fine - (2.0 * around - wider)
+        return np.asarray(np.maximum(away**2 - _SURELY * variance, 0.0) / np.float32(_SHOWN**2))
+
+    def _answer(self, light: str, width_px: float) -> Array:
+        """The shift, over a wide window twice, less that of √2 its width: the order may bend."""
         shift = self.shift(light, width_px)
-        if width_px > _WINDOW_PX:
-            shift = 2.0 * shift - self.shift(light, np.sqrt(2.0) * width_px)
-        return np.asarray(light - self.slope * shift)
+        if width_px == _WINDOW_PX:
+            return shift
+        return np.asarray(2.0 * shift - self.shift(light, np.sqrt(2.0) * width_px))
 
-    def information(self, width_px: float) -> Array:
-        """Inverse variance of a shift where the noise is 1."""
+    def shift(self, light: str, width_px: float) -> Array:
+        """The shift of the order (rows, cols) that answers to a light over a window, fringes."""
+        if (light, width_px) not in self._shifts:
+            total = self._windows[f"slope {light}"].sum(width_px)
+            self._shifts[light, width_px] = total / self._informed(width_px)
+        return self._shifts[light, width_px]
+
+    def _informed(self, width_px: float) -> Array:
+        """Inverse variance of such a shift."""
         if width_px not in self._information:
-            self._information[width_px] = self._square.sum(width_px) + np.float32(_LEAST)
+            total = self._windows["slope"].sum(width_px)
+            self._information[width_px] = total + np.float32(_LEAST)
         return self._information[width_px]
-
-    def _number(self, light: Array) -> int:
-        """Which of the lights this is; its product with the slope is made once."""
-        for number, (known, _) in enumerate(self._products):
-            if known is light:
-                return number
-        self._products.append((light, Windows(self.slope * light)))
-        return len(self._products) - 1
-
-
-def _bump(answers: _Answers, light: Array) -> Array:
-    """Square of how far the order differs from its surroundings, beyond the noise."""
-    fine, variance = answers.shift(light, _FINE_PX), answers.variance(_FINE_PX)
-    around, wider = (answers.shift(light, f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
-    away = fine - (2.0 * around - wider)
-    return np.asarray(np.maximum(away**2 - _SURELY * variance, 0.0) / np.float32(_SHOWN**2))

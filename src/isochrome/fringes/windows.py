@@ -15,7 +15,7 @@ Indices = NDArray[np.intp]
 
 _REACH = 3.0
 """Standard deviations that a window of `Windows` extends."""
-_COARSE = 2.5
+_COARSE = 2.0
 """Its least width in the pixels that it is summed on."""
 
 
@@ -67,39 +67,53 @@ def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array
 class Windows:
     """Sums of an image over Gaussian windows of several widths, wide ones on fewer pixels."""
 
-    def __init__(self, values: Array) -> None:
-        """`values` (rows, cols), nought where masked."""
+    def __init__(self, values: Array, side: int = 1) -> None:
+        """`values` (rows, cols), nought where masked: means over blocks of `side` pixels a side."""
+        self._side = side
         self._halved: list[Array] = [np.ascontiguousarray(values, dtype=np.float32)]
 
     def sum(self, width_px: float) -> Array:
         """Sum over a window whose weight is 1 in the middle, (rows, cols), single precision.
 
-        `width_px`, the window's standard deviation.
+        `width_px`, the window's standard deviation, pixels. Of it is taken off what blocks, and the
+        way back from them, widen it by.
         """
-        import cv2
-
-        whole = self._halved[0]
-        rows, cols = whole.shape
-        times = int(np.log2(max(1.0, min(width_px / _COARSE, rows / 4, cols / 4))))
-        small = gaussian_sum(self._level(times), width_px / 2**times, reach=_REACH)
-        if not times:
-            return small
-        small *= np.float32(4**times)  # of so many pixels each is the mean
-        size = tuple(2**times * n for n in small.shape[::-1])
-        return np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)[:rows, :cols])
+        shape = self._halved[0].shape
+        share = width_px / (self._side * _COARSE)
+        times = int(np.log2(max(1.0, min(share, *(n / 4 for n in shape)))))
+        block = self._side * 2**times
+        square = width_px**2 - (block**2 - 1) / 12.0 - (block**2 - self._side**2) / 6.0
+        small = gaussian_sum(self._level(times), np.sqrt(square) / block, reach=_REACH)
+        small *= np.float32(width_px**2 / square * block**2)  # of so many pixels each is the mean
+        return expanded(small, shape, 2**times)
 
     def _level(self, times: int) -> Array:
-        """The image halved so many times, with nought beyond its rim."""
-        import cv2
-
+        """The image halved so many times."""
         while len(self._halved) <= times:
-            last = self._halved[-1]
-            rows, cols = last.shape
-            if rows % 2 or cols % 2:
-                last = np.pad(last, ((0, rows % 2), (0, cols % 2)))
-            half = (last.shape[1] // 2, last.shape[0] // 2)
-            self._halved.append(cv2.resize(last, half, interpolation=cv2.INTER_AREA))
+            self._halved.append(halved(self._halved[-1]))
         return self._halved[times]
+
+
+def halved(values: Array) -> Array:
+    """Means of an image (rows, cols), float32, over blocks of 2 x 2, with nought beyond its rim."""
+    import cv2
+
+    rows, cols = values.shape
+    if rows % 2 or cols % 2:
+        values = np.pad(values, ((0, rows % 2), (0, cols % 2)))
+    half = (values.shape[1] // 2, values.shape[0] // 2)
+    return np.asarray(cv2.resize(values, half, interpolation=cv2.INTER_AREA))
+
+
+def expanded(values: Array, shape: tuple[int, int], by: int) -> Array:
+    """An image of `shape` (rows, cols), linear between the middles of blocks of `by` pixels."""
+    import cv2
+
+    if by == 1:
+        return values
+    size = (by * values.shape[1], by * values.shape[0])
+    larger = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(larger[: shape[0], : shape[1]])
 
 
 def pooled(values: Array, width_px: float) -> Array:
