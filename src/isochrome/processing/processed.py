@@ -34,6 +34,7 @@ from isochrome.processing.result import (
     SEARCHED,
     SEPARATOR,
     SPREAD,
+    WHOLE,
     ProcessedFrame,
     causes_of,
     own_values,
@@ -183,8 +184,14 @@ def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
         chi=numbers(table["chi"]),
         distance_m=numbers(table["distance_m"]),
         searched=np.array([found == SEARCHED for found in table.get("found_by", none)]),
-        whole=np.array([at is not None for at in table.get(PICTURE, none)]),
+        whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
     )
+
+
+def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:
+    """Which frames of a tracked video were processed wholly: whatever maps were wanted of them."""
+    found = zip(table[PICTURE], table["found_by"], strict=True)
+    return [at is not None or by == WHOLE for at, by in found]
 
 
 def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
@@ -379,7 +386,7 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
         return None
     keys = fitted_keys(table)
     # of a tracked video the key frames count, whose every pixel was fitted
-    whole = [at is not None for at in table.get(PICTURE, table["frame"])]
+    whole = whole_frames(table) if PICTURE in table else [True] * len(table["frame"])
     own = [
         {key: {"value": value} for key, value in own_values(table, keys, k).items()} if at else {}
         for k, at in enumerate(whole)

@@ -37,7 +37,7 @@ from isochrome.reporting import (
     curves_of,
     paper_rows,
 )
-from isochrome.runs import STORE
+from isochrome.runs import STORE, stored_map
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import (
     iter_scene_states,
@@ -143,7 +143,7 @@ def _frames(
     for one in chosen:
         k = int(having[one.number])
         layers = {
-            name: np.asarray(group[name][int(stored[k])])
+            name: stored_map(group[name], item=k, picture=int(stored[k]))
             for name in (NORMALISED.name, ORDER.name)
             if name in group
         }

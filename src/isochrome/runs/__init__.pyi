@@ -3,7 +3,7 @@ from .datasets import RunArray, RunDataset, make_dataset
 from .execution import WORTH_WORKERS_S, RunOptions, Stopped, refuse_without_folder, run_job
 from .exporting import export
 from .identity import environment, run_identity
-from .job import CHUNK_BYTES, Job, Layer, Results, RunLayout, chunk_size
+from .job import CHUNK_BYTES, Compact, Job, Layer, Results, RunLayout, chunk_size
 from .lock import locked
 from .memory import trim_heap
 from .store import (
@@ -17,6 +17,7 @@ from .store import (
     identifier,
     named_units,
     open_run,
+    stored_map,
     texts,
 )
 from .work_folder import PROVENANCE, REPORT, has_run, holds_results, wipe, working_folder
@@ -38,6 +39,7 @@ __all__ = [
     "WORKING",
     "WORTH_WORKERS_S",
     "Column",
+    "Compact",
     "Job",
     "Layer",
     "NoCluster",
@@ -72,6 +74,7 @@ __all__ = [
     "run_identity",
     "run_job",
     "single_threaded",
+    "stored_map",
     "texts",
     "trim_heap",
     "waiting_workers",

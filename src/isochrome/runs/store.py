@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.output import Floats, numbers
-from isochrome.runs.job import RunLayout
+from isochrome.runs.job import Compact, Layer, RunLayout
 
 if TYPE_CHECKING:
     import xarray
@@ -45,6 +45,9 @@ def create_store(path: Path, layout: RunLayout) -> None:
 
     group = zarr.open_group(path, mode="w", zarr_format=3)
     for layer in layout.layers:
+        if layer.compact is not None:
+            _create_compact(group, layer, layer.compact, layout)
+            continue
         group.create_array(
             layer.name,
             shape=(*layout.picture_axes.values(), *layout.shape.values()),
@@ -55,6 +58,66 @@ def create_store(path: Path, layout: RunLayout) -> None:
             dimension_names=tuple(map(identifier, (*layout.picture_axes, *layout.shape))),
             attributes={"units": layer.units, "long_name": layer.what},
         )
+
+
+def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayout) -> None:
+    """Lay out an array of whole steps over all items, a file for each chunk of the run.
+
+    In the file lie the items' compressed maps one after the other, each of which can be read by
+    itself, and behind them where each is: zarr's sharding.
+    """
+    from zarr.codecs import BloscCodec, BytesCodec, ShardingCodec
+
+    shape = tuple(layout.shape.values())
+    shards = ShardingCodec(
+        chunk_shape=(1, *shape),
+        codecs=[
+            BytesCodec(),
+            BloscCodec(
+                typesize=compact.dtype.itemsize, cname="zstd", clevel=1, shuffle="shuffle"
+            ),
+        ],
+        index_codecs=[BytesCodec()],
+    )
+    group.create_array(
+        layer.name,
+        shape=(layout.count, *shape),
+        chunks=(layout.chunk, *shape),
+        dtype=compact.dtype.name,
+        fill_value=compact.unknown,
+        serializer=shards,
+        compressors=None,
+        dimension_names=tuple(map(identifier, (*layout.axes, *layout.shape))),
+        attributes={
+            "units": layer.units, "long_name": layer.what,
+            "scale_factor": compact.step, "_FillValue": compact.unknown,
+        },
+    )  # fmt: skip
+
+
+def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
+    """Read one map of a store's array as numbers, however it is kept.
+
+    Parameters
+    ----------
+    array : zarr.Array
+        A layer's array.
+    item : int
+        Number of the item.
+    picture : int
+        Number of its picture, where only some items have one.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, cols)
+        The map, NaN = not known.
+    """
+    step = array.attrs.get("scale_factor")
+    if step is None:
+        return np.asarray(array[picture])
+    steps = np.asarray(array[item])
+    known = steps != array.fill_value
+    return np.where(known, steps * np.float32(step), np.nan).astype(np.float32)
 
 
 @dataclass(frozen=True)

@@ -234,9 +234,12 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
 
     Parameters: `root`, the working folder; `layout`; `items` still to come. Raises InputError.
     """
-    copies = sum(2 if layer.stack else 1 for layer in layout.layers)
-    pictures = -(-items // layout.every)
-    needed = 4 * pictures * copies * math.prod(layout.shape.values())
+    pixels, pictures = math.prod(layout.shape.values()), -(-items // layout.every)
+    needed = 0
+    for layer in layout.layers:
+        needed += 4 * pixels * pictures * layer.stack
+        compact = layer.compact
+        needed += pixels * (4 * pictures if compact is None else items * compact.bits // 8)
     needed += (items + layout.count) * layout.part_bytes  # as parts, and put together
     free = shutil.disk_usage(root).free
     if needed > free:

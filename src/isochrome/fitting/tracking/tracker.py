@@ -259,8 +259,8 @@ class Tracker:
         self.course.passed(found.values, distance_m)
         return self._in_own_units(found, searched=lost)
 
-    def model_frame(self, frame: Frame) -> tuple[FrameData, ModelFrame]:
-        """The frame that was tracked last, with every pixel, and its model at the values found.
+    def model_frame(self, frame: Frame) -> tuple[FrameData, ModelFrame, Scene]:
+        """The frame that was tracked last, with every pixel, its model, and the scene of that.
 
         Its noise is that of the track. Raises InputError on a blank frame, PhysicsError where the
         contact cannot be solved.
@@ -270,7 +270,7 @@ class Tracker:
             self._whole = WholeField(self.course, (frame.image.shape[0], frame.image.shape[1]))
         scene, difference = self._whole.at(self._values)
         data = self._data(frame, self._model.thinned.noise)
-        return data, evaluate_model(data, scene, difference=difference)
+        return data, evaluate_model(data, scene, difference=difference), scene
 
     def _in_own_units(self, found: RefinedFit, *, searched: bool) -> Tracked:
         """What a frame says in its keys' own units."""

@@ -63,15 +63,9 @@ def process_with_model(
     if fit.plain:
         data = data.plain()
     seen = evaluate_model(data, fit.scene)
-    gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
-    noise = float(np.nanmedian((data.sigma / gain)[seen.mask])) if fit.positive else float("nan")
-    lost = not fit.positive or fit.chi * noise > TOO_FAR
-    reading = _read(data, seen, lost)
-    if frame.mask is not None:
-        own = seen.picture.material & frame.mask
-        kept = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
-        reading = replace(reading, kept=kept)
+    reading, noise, lost = read_frame(frame, data, seen, chi=fit.chi, positive=fit.positive)
     inside = data.valid & seen.picture.material & (not lost)
+    gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
     signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
     found = ProcessedFrame(
         **frame_fields(frame) | {"pixel_mm": seen.pixels.pixel_mm},
@@ -83,6 +77,27 @@ def process_with_model(
         warnings=(*said, *notes, *(() if slip else _warnings(fit, reading, lost))),
     )
     return _without_model(found, frame, scene, capture, data, slip) if lost else found
+
+
+def read_frame(
+    frame: Frame, data: FrameData, seen: ModelFrame, *, chi: float, positive: bool
+) -> tuple[OrderReading, float, bool]:
+    """Read a frame's orders on the branches of its model, however that was found.
+
+    Parameters: `frame`; `data`, prepared; `seen`, its model; `chi` of the fit; `positive`, whether
+    the model's fringes are in the frame. Returns the reading, the noise over the illumination, and
+    whether the model is too far off to name branches.
+    """
+    lit = seen.mask & (seen.illumination > 0.0)
+    told = positive and lit.any()
+    noise = float(np.median((data.sigma / seen.illumination)[lit])) if told else float("nan")
+    lost = not positive or chi * noise > TOO_FAR
+    reading = _read(data, seen, lost)
+    if frame.mask is not None:
+        own = seen.picture.material & frame.mask
+        kept = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
+        reading = replace(reading, kept=kept)
+    return reading, noise, lost
 
 
 def _without_model(
@@ -204,9 +219,16 @@ def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
         found.append(
             f"the model is too far off to name the branches: no order was read; {_CORRECT}"
         )
-    elif reading.kept < 0.5:
-        found.append(
-            f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; mask what is "
-            "not the specimen (frames.roi or mask), or lower the noise"
-        )
+    else:
+        found += of_share(reading)
     return found
+
+
+def of_share(reading: OrderReading) -> list[str]:
+    """What is said where few of the specimen's pixels could be read."""
+    if reading.kept >= 0.5:
+        return []
+    return [
+        f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; mask what is "
+        "not the specimen (frames.roi or mask), or lower the noise"
+    ]
