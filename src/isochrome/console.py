@@ -80,8 +80,11 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
             bars.remove_task(task)
             return
         if tally.said:
-            echo = typer.echo if bars.disable else bars.console.print
-            echo(f"{what}: {tally.said}", **({"err": True} if bars.disable else {}))
+            sentence = f"{what}: {tally.said}"
+            if bars.disable:
+                typer.echo(sentence, err=True)
+            else:
+                bars.console.print(sentence)
         own, seconds = tally.done - tally.before, monotonic() - began
         rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
         if bars.disable and monotonic() - said >= LINE_EVERY_S:

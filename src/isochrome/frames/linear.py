@@ -133,10 +133,12 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     if min(image.shape) < 3:
         return np.zeros(image.shape, bool)
     # whole levels of one or two bytes are compared as they are: that takes a tenth of the time
-    values = image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32)
+    values: np.ndarray = image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32)
     if finite is not None and not finite.all():
         values = np.where(finite, values, np.median(values[finite]).astype(values.dtype))
-    least, most = (0, np.iinfo(values.dtype).max) if values.dtype.kind == "u" else (-np.inf, np.inf)
+    whole = values.dtype.kind == "u"
+    least = 0.0 if whole else -np.inf
+    most = float(2 ** (8 * values.dtype.itemsize) - 1) if whole else np.inf
     rows, cols = values.shape[0] - 2, values.shape[1] - 2
     inner = values[1:-1, 1:-1]
     first_max, second_max = (np.full(inner.shape, least, values.dtype) for _ in range(2))

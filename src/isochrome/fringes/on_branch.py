@@ -168,7 +168,8 @@ def probability(uncertainty: Array) -> Array:
     """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
     from scipy.special import erf
 
-    return np.asarray(erf(SURE / (np.sqrt(2.0) * np.maximum(uncertainty, 1e-9))))
+    share = SURE / 2.0**0.5  # a plain number, which leaves single precision single
+    return np.asarray(erf(share / np.maximum(uncertainty, 1e-9)))
 
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:

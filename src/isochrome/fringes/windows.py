@@ -44,7 +44,7 @@ def _window(width_px: float, reach: float) -> Array:
     """Weights of a Gaussian window whose sum is 1, as far as `reach` standard deviations."""
     half = int(reach * width_px + 0.5)
     weights = np.exp(-0.5 * (np.arange(-half, half + 1) / width_px) ** 2)
-    return (weights / weights.sum()).astype(np.float32)
+    return np.asarray(weights / weights.sum(), dtype=np.float32)
 
 
 def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array:
@@ -59,8 +59,8 @@ def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array
     weights = _window(width_px, reach)
     single = np.ascontiguousarray(values, dtype=np.float32)
     # nothing lies beyond the picture
-    found = cv2.sepFilter2D(single, -1, weights, weights, borderType=cv2.BORDER_CONSTANT)
-    found *= np.float32(2.0 * np.pi * width_px**2)
+    found: Array = cv2.sepFilter2D(single, -1, weights, weights, borderType=cv2.BORDER_CONSTANT)
+    found *= 2.0 * np.pi * width_px**2
     return found
 
 
@@ -84,7 +84,7 @@ class Windows:
         block = self._side * 2**times
         square = width_px**2 - (block**2 - 1) / 12.0 - (block**2 - self._side**2) / 6.0
         small = gaussian_sum(self._level(times), np.sqrt(square) / block, reach=_REACH)
-        small *= np.float32(width_px**2 / square * block**2)  # of so many pixels each is the mean
+        small *= float(width_px**2 / square * block**2)  # of so many pixels each is the mean
         return expanded(small, shape, 2**times)
 
     def _level(self, times: int) -> Array:

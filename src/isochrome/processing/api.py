@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -35,8 +35,9 @@ from isochrome.processing.chunk import (
     layers_of,
     more_of,
     process_chunk,
-    task_layers,
+    set_layout,
 )
+from isochrome.processing.film_maps import check_options, refuse_unfollowed, with_maps
 from isochrome.processing.folder import finish_set_folder, set_dataset
 from isochrome.processing.frame_task import (
     FrameSource,
@@ -45,10 +46,8 @@ from isochrome.processing.frame_task import (
     identity_of,
     open_set,
     release_caches,
-    set_pixel,
 )
 from isochrome.processing.kinds.colour_light import check_colour
-from isochrome.processing.film_maps import MAPS, with_maps
 from isochrome.processing.kinds.tracked import (
     EVERY,
     check_tracked,
@@ -72,9 +71,7 @@ from isochrome.runs import (
     STORE,
     Job,
     RunFolder,
-    RunLayout,
     RunOptions,
-    chunk_size,
     holds_results,
     refuse_without_folder,
     run_job,
@@ -83,7 +80,6 @@ from isochrome.runs import (
     working_folder,
 )
 from isochrome.scene import (
-    ArrayFrames,
     FramesLike,
     Scene,
     SceneLike,
@@ -219,7 +215,7 @@ def process(
     """
     scene = load_scene(scene)
     check_scene(scene)
-    _check_options(track, each, maps, preview, out)
+    check_options(track, each, maps, preview, out)
     if rois:
         load_roifile()  # missing, it is to be said before hours of work
     refuse_without_folder(out, workers, cluster)
@@ -236,7 +232,7 @@ def process(
             reader = open_scene_frames(frames, scene)
         follow = track or (not each and is_followed(scene, reader))
         if not follow:
-            _refuse_unfollowed(every, maps)
+            refuse_unfollowed(every, maps)
         shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
         recipe = FrameTask(
             frames=frames, scene=scene, reader=reader, key="not yet known", rois=rois,
@@ -250,28 +246,6 @@ def process(
         early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
         means = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
         return _processed(recipe, identity, maps, out, means, progress)
-
-
-def _check_options(
-    track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
-) -> None:
-    """Refuse options that say two things, or nothing."""
-    if track and each:
-        raise InputError("--track and --each: a set is followed, or each frame is alone; give one")
-    if maps not in (None, *MAPS):
-        raise InputError(f"--maps {maps}: give {', '.join(MAPS)}")
-    if preview and out is None:
-        raise InputError("preview: is written beside the results; give a folder for them (out)")
-
-
-def _refuse_unfollowed(every: int | None, maps: str | None) -> None:
-    """Refuse what is said of key frames where every frame is processed wholly."""
-    for name, value in (("every", every), ("maps", maps)):
-        if value is not None:
-            raise InputError(
-                f"--{name} {value}: is for a contact's video that is followed; add --track, or "
-                "leave it out"
-            )
 
 
 def _processed(
@@ -299,7 +273,7 @@ def _processed(
         return _in_memory(source, count // recipe.steps, progress)
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
     recipe = source.recipe = replace(recipe, key=digest)  # opened, it need not be opened again
-    job = Job(partial(process_chunk, recipe), _layout(source, count // recipe.steps), identity)
+    job = Job(partial(process_chunk, recipe), set_layout(source, count // recipe.steps), identity)
 
     place = Path(out).absolute()
 
@@ -362,20 +336,6 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     draw = partial(figure_in_memory, recipe.scene, table, status, kept)
     load = partial(set_dataset, recipe.scene, result.columns, more, kept, film, shape)
     return replace(result, draw=draw, load=load)
-
-
-def _layout(source: FrameSource, count: int) -> RunLayout:
-    """What a set's run leaves: its maps over frame, row and column."""
-    rows, cols = source.reader.shape
-    every = source.recipe.every
-    return RunLayout(
-        axes={"frame": count},
-        shape={"row": rows, "col": cols},
-        layers=task_layers(source.recipe),
-        chunk=every or chunk_size(count, 4 * rows * cols),
-        pixel_mm=set_pixel(source),
-        every=every or 1,
-    )
 
 
 def check_scene(scene: Scene) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from isochrome.fringes import Skeleton, skeleton_table
 from isochrome.output import add_rois, csv_text, roi_entries
-from isochrome.processing.frame_task import FrameTask, open_set
+from isochrome.processing.frame_task import FrameSource, FrameTask, open_set, set_pixel
 from isochrome.processing.kinds.tracked import tracked_states
 from isochrome.processing.pictures.preview import write_preview
 from isochrome.processing.processed import orders_are_read
@@ -27,7 +27,7 @@ from isochrome.processing.result import (
     frame_columns,
     row_of_set,
 )
-from isochrome.runs import Compact, Layer, Results
+from isochrome.runs import Compact, Layer, Results, RunLayout, chunk_size
 from isochrome.scene import Scene
 
 LINES, ROIS = "skeleton.csv", "skeleton.zip"
@@ -52,7 +52,10 @@ def task_layers(recipe: FrameTask) -> tuple[Layer, ...]:
         return layers
     if recipe.maps == "none":
         return ()
-    kept = {ORDER.name: Compact(recipe.order_step, 16), CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8)}
+    kept = {
+        ORDER.name: Compact(recipe.order_step, 16),
+        CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8),
+    }
     return tuple(replace(layer, compact=kept.get(layer.name)) for layer in layers)
 
 
@@ -61,6 +64,20 @@ def layers_of(scene: Scene) -> tuple[Layer, ...]:
     if not orders_are_read(scene):
         return (NORMALISED,)
     return (NORMALISED, ORDER, CONFIDENCE, *([ISOCLINIC] if scene.polariscope.step else []))
+
+
+def set_layout(source: FrameSource, count: int) -> RunLayout:
+    """What a set's run leaves: its maps over frame, row and column."""
+    rows, cols = source.reader.shape
+    every = source.recipe.every
+    return RunLayout(
+        axes={"frame": count},
+        shape={"row": rows, "col": cols},
+        layers=task_layers(source.recipe),
+        chunk=every or chunk_size(count, 4 * rows * cols),
+        pixel_mm=set_pixel(source),
+        every=every or 1,
+    )
 
 
 def process_chunk(recipe: FrameTask, start: int, stop: int) -> Results:

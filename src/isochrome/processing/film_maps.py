@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from isochrome.errors import InputError
 from isochrome.fitting import placed, scene_at, sliding_scene
 from isochrome.output import counted
 from isochrome.processing.frame_task import FrameTask
@@ -69,3 +71,25 @@ def order_step(scene: Scene, shape: tuple[int, int]) -> float:
     order = make_picture(one, state_difference(one, scene_states(one)[-1], grid), grid).order
     wanted = _MARGIN * float(np.nanmax(order)) / _LARGEST_STEPS
     return FINEST_STEP * max(1, math.ceil(wanted / FINEST_STEP))
+
+
+def check_options(
+    track: bool, each: bool, maps: str | None, preview: bool, out: str | Path | None
+) -> None:
+    """Refuse options that say two things, or nothing. Raises InputError."""
+    if track and each:
+        raise InputError("--track and --each: a set is followed, or each frame is alone; give one")
+    if maps not in (None, *MAPS):
+        raise InputError(f"--maps {maps}: give {', '.join(MAPS)}")
+    if preview and out is None:
+        raise InputError("preview: is written beside the results; give a folder for them (out)")
+
+
+def refuse_unfollowed(every: int | None, maps: str | None) -> None:
+    """Refuse what is said of key frames where each frame is alone. Raises InputError."""
+    for name, value in (("every", every), ("maps", maps)):
+        if value is not None:
+            raise InputError(
+                f"--{name} {value}: is for a contact's video that is followed; add --track, or "
+                "leave it out"
+            )

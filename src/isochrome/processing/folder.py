@@ -37,14 +37,13 @@ from isochrome.processing.frame_task import FrameTask
 from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
 from isochrome.processing.processed import (
     FIGURE,
-    PICTURE,
     Processed,
     add_frame_row,
     collect,
     refuse_unread,
     warnings_last,
 )
-from isochrome.processing.result import ProcessedFrame
+from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.processing.run_report import process_report
 from isochrome.reporting import write_report
 from isochrome.runs import (

@@ -31,20 +31,18 @@ from isochrome.processing.result import (
     CAUSES,
     NOTHING,
     ORDER_SPREAD,
+    PICTURE,
     SEARCHED,
     SEPARATOR,
     SPREAD,
-    WHOLE,
     ProcessedFrame,
     causes_of,
     own_values,
+    whole_frames,
 )
 from isochrome.runs import RunDataset, column_values, identifier, open_run
 from isochrome.scene import Scene
 from isochrome.simulation import no_model_sentence
-
-PICTURE = "picture"
-"""Column of frames.csv of a tracked video: where a key frame lies in the stacks of pictures."""
 
 FIGURE = "process.png"
 _LOOK = "`isochrome check` looks at the frames and their light"
@@ -186,12 +184,6 @@ def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
         searched=np.array([found == SEARCHED for found in table.get("found_by", none)]),
         whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
     )
-
-
-def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:
-    """Which frames of a tracked video were processed wholly: whatever maps were wanted of them."""
-    found = zip(table[PICTURE], table["found_by"], strict=True)
-    return [at is not None or by == WHOLE for at, by in found]
 
 
 def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:

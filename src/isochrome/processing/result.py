@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +22,9 @@ SPREAD = "standard_uncertainty"
 
 WHOLE, FOLLOWED, SEARCHED, NOTHING = "whole frame", "track", "search", "nothing"
 """How a frame's values were found, in frames.csv of a tracked video."""
+
+PICTURE = "picture"
+"""Column of frames.csv of a tracked video: where a key frame lies in the stacks of pictures."""
 
 _SHORTEST_PX = 12.0
 """Of a fringe line: where the order is level, noise makes small loops of it."""
@@ -336,3 +339,9 @@ def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> d
     """What was fitted to a frame: the values of keys, and those that it asked for."""
     values = {key: table[key][k] for key in keys if table[key][k] is not None}
     return values | causes_of(table[CAUSES][k] or "" if CAUSES in table else "")
+
+
+def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:
+    """Which frames of a tracked video were processed wholly: whatever maps were wanted of them."""
+    found = zip(table[PICTURE], table["found_by"], strict=True)
+    return [at is not None or by == WHOLE for at, by in found]

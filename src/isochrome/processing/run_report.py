@@ -21,11 +21,10 @@ from isochrome.fitting import (
 from isochrome.output import counted, numbers, sentence_of, sentence_of_orders
 from isochrome.processing.chunk import NORMALISED, ORDER
 from isochrome.processing.processed import (
-    PICTURE,
     Processed,
     fitted_keys,
 )
-from isochrome.processing.result import CAUSES, own_values
+from isochrome.processing.result import CAUSES, PICTURE, own_values
 from isochrome.reporting import (
     FRINGES,
     SIGNAL,

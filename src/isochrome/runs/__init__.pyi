@@ -1,5 +1,5 @@
 from .chunks import RunFolder, parts, picture, rows
-from .datasets import RunArray, RunDataset, make_dataset
+from .datasets import RunArray, RunDataset, make_dataset, stored_map
 from .execution import WORTH_WORKERS_S, RunOptions, Stopped, refuse_without_folder, run_job
 from .exporting import export
 from .identity import environment, run_identity
@@ -17,7 +17,6 @@ from .store import (
     identifier,
     named_units,
     open_run,
-    stored_map,
     texts,
 )
 from .work_folder import PROVENANCE, REPORT, has_run, holds_results, wipe, working_folder

@@ -77,9 +77,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
         if layer.name in run.stacks:
             run.stacks[layer.name].write(first, data)
         if layer.compact is not None:
-            pieces: list[bytes | memoryview] = _shard(
-                results.packed[layer.name], run.layout.chunk
-            )
+            pieces: list[bytes | memoryview] = _shard(results.packed[layer.name], run.layout.chunk)
         else:
             rest = int(np.prod(run.layout.chunk_shape)) - values.size
             pieces = [data, np.full(rest, np.nan, dtype="<f4").tobytes()]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import xarray
+from numpy.typing import NDArray
 from xarray.plot.accessor import DataArrayPlotAccessor
 
 from isochrome.runs.store import Column, described, with_identifiers
@@ -117,3 +119,28 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
     made = RunDataset(dict(found.data_vars), dict(found.coords), found.attrs)
     made.set_close(dataset.close)
     return made
+
+
+def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
+    """Read one map of a store's array as numbers, however it is kept.
+
+    Parameters
+    ----------
+    array : zarr.Array
+        A layer's array.
+    item : int
+        Number of the item.
+    picture : int
+        Number of its picture, where only some items have one.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, cols)
+        The map, NaN = not known.
+    """
+    step = array.attrs.get("scale_factor")
+    if step is None:
+        return np.asarray(array[picture])
+    steps = np.asarray(array[item])
+    known = steps != array.fill_value
+    return np.where(known, steps * np.float32(step), np.nan).astype(np.float32)

@@ -73,9 +73,7 @@ def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayou
         chunk_shape=(1, *shape),
         codecs=[
             BytesCodec(),
-            BloscCodec(
-                typesize=compact.dtype.itemsize, cname="zstd", clevel=1, shuffle="shuffle"
-            ),
+            BloscCodec(typesize=compact.dtype.itemsize, cname="zstd", clevel=1, shuffle="shuffle"),
         ],
         index_codecs=[BytesCodec()],
     )
@@ -93,31 +91,6 @@ def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayou
             "scale_factor": compact.step, "_FillValue": compact.unknown,
         },
     )  # fmt: skip
-
-
-def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
-    """Read one map of a store's array as numbers, however it is kept.
-
-    Parameters
-    ----------
-    array : zarr.Array
-        A layer's array.
-    item : int
-        Number of the item.
-    picture : int
-        Number of its picture, where only some items have one.
-
-    Returns
-    -------
-    ndarray of float32, shape (rows, cols)
-        The map, NaN = not known.
-    """
-    step = array.attrs.get("scale_factor")
-    if step is None:
-        return np.asarray(array[picture])
-    steps = np.asarray(array[item])
-    known = steps != array.fill_value
-    return np.where(known, steps * np.float32(step), np.nan).astype(np.float32)
 
 
 @dataclass(frozen=True)

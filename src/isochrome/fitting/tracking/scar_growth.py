@@ -236,6 +236,7 @@ class TrackPast:
         self._before: Drive | None = None
         self._frames: list[tuple[float, float, float]] = []
         self._kept: list[WornScar] = []
+        self._aside: list[WornScar] = []
         self._scars: list[WornScar] = []
         self._low: WornScar | None = None
         self._ahead = (0.0, 0.0)
@@ -281,6 +282,7 @@ class TrackPast:
         grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))
         self._site, self._pressure = make_site(scene, grid), None
         self._kept = [scar.on(grid.nodes) for scar in self._kept]
+        self._aside = []
 
     def wear(
         self,
@@ -326,12 +328,14 @@ class TrackPast:
 
     @contextmanager
     def as_it_is(self) -> Iterator[None]:
-        """Wear and solve within this, and nothing of it is kept."""
-        own = dict(vars(self))  # what these change they replace
+        """Wear and solve within this: what is worn here serves the next time, here alone."""
+        own = dict(vars(self))
+        worn = self._kept[-1].worn_mm2 if self._kept else np.inf
+        self._kept = [*self._kept, *(scar for scar in self._aside if scar.worn_mm2 > worn)]
         try:
             yield
         finally:
-            vars(self).update(own)
+            vars(self).update(own | {"_aside": self._kept[-1:]})
 
     def lean(self, share: float, elastic_mm2: float) -> tuple[float, float]:
         """Wear on, by a step, under `share` of the mean load: what `solve` then stands on.

@@ -185,9 +185,7 @@ class KeyFrames:
         """
         tracked = found.tracked
         if whole is not None and whole.fit is not None:
-            return replace(
-                found, reading=whole.reading, noise=whole.noise, scene=whole.fit.scene
-            )
+            return replace(found, reading=whole.reading, noise=whole.noise, scene=whole.fit.scene)
         if self._tracker is None or tracked is None or not tracked.positive:
             return found
         data, seen, scene = self._tracker.model_frame(frame)

@@ -35,8 +35,8 @@ from isochrome.figures import (
 )
 from isochrome.fringes import Skeleton, order_contours
 from isochrome.output import counted
-from isochrome.processing.processed import PICTURE, frame_values
-from isochrome.processing.result import ProcessedFrame
+from isochrome.processing.processed import frame_values
+from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
