@@ -17,6 +17,9 @@ from isochrome.output import TiffCanvas
 from isochrome.runs.job import Results, RunLayout
 from isochrome.runs.store import STORE
 
+MANIFEST, RECORDS = "manifest.json", "chunks"
+"""In a working folder: what the run is a result of, and the folder of the chunks' records."""
+
 
 @dataclass(frozen=True)
 class RunFolder:

@@ -327,7 +327,8 @@ def open_run(path: str | Path) -> RunDataset:
     Parameters
     ----------
     path : str or Path
-        The run's folder, or the run.zarr in it.
+        The run's folder, or the run.zarr in it; of a run that is at work OUT.partial, whose maps
+        are over (frame, row, col) yet, and whose `finished` says of which frames they are.
 
     Returns
     -------
@@ -338,7 +339,7 @@ def open_run(path: str | Path) -> RunDataset:
     Raises
     ------
     InputError
-        Where no finished run is there, or it cannot be read.
+        Where no such run is there, or it cannot be read.
 
     Examples
     --------
@@ -354,9 +355,11 @@ def open_run(path: str | Path) -> RunDataset:
     >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
     0.78 fringes
     """
-    from isochrome.runs.datasets import as_run
+    from isochrome.runs.datasets import as_run, open_growing
 
-    return as_run(open_store(path))
+    place = Path(path)
+    growing = place.name.endswith(WORKING)
+    return as_run(open_growing(place) if growing else open_store(place))
 
 
 def open_store(path: str | Path) -> xarray.Dataset:
@@ -366,15 +369,28 @@ def open_store(path: str | Path) -> xarray.Dataset:
     if not (store / "zarr.json").is_file():
         unfinished = place.with_name(place.name + WORKING).is_dir()
         hint = (
-            "the run is not finished: run the same command again to resume"
+            "the run is not finished: run the same command again to resume, or open "
+            f"{place.name}{WORKING} to see what is there"
             if unfinished
             else "name a folder that process or sweep left"
         )
         raise InputError(f"{place}: holds no {STORE}; {hint}")
+    return read_store(store)
+
+
+def read_store(store: Path) -> xarray.Dataset:
+    """A store as a dataset, read as it is used. Raises InputError where it cannot be read."""
     import xarray
 
     try:
-        found = xarray.open_dataset(store, engine="zarr", consolidated=False, chunks=None)
+        stored = xarray.open_dataset(
+            store, engine="zarr", consolidated=False, chunks=None, decode_cf=False
+        )
+        for array in stored.variables.values():
+            if "scale_factor" in array.attrs:  # maps in whole steps are single precision
+                array.attrs["scale_factor"] = np.float32(array.attrs["scale_factor"])
+        found = xarray.decode_cf(stored)
+        found.set_close(stored.close)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{store}: cannot be read ({error}); run the command again with --restart"
