@@ -50,6 +50,21 @@ class Compact:
         """The largest value that can be kept."""
         return (self.unknown - 1) * self.step
 
+    def shards(self, shape: tuple[int, ...]) -> Any:
+        """How zarr reads a file of many maps of a shape (rows, cols), one after the other.
+
+        Each can be read by itself: behind them stands where each is, zarr's sharding.
+        """
+        from zarr.codecs import BloscCodec, BytesCodec, ShardingCodec
+
+        size = self.dtype.itemsize
+        packing = BloscCodec(typesize=size, cname="zstd", clevel=1, shuffle="shuffle")
+        return ShardingCodec(
+            chunk_shape=(1, *shape),
+            codecs=[BytesCodec(), packing],
+            index_codecs=[BytesCodec()],
+        )
+
     def pack(self, values: NDArray[Any]) -> bytes:
         """A map (rows, cols) as it is stored; what is larger than `largest` is not known."""
         from numcodecs import blosc

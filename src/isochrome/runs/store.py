@@ -61,29 +61,15 @@ def create_store(path: Path, layout: RunLayout) -> None:
 
 
 def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayout) -> None:
-    """Lay out an array of whole steps over all items, a file for each chunk of the run.
-
-    In the file lie the items' compressed maps one after the other, each of which can be read by
-    itself, and behind them where each is: zarr's sharding.
-    """
-    from zarr.codecs import BloscCodec, BytesCodec, ShardingCodec
-
+    """Lay out an array of whole steps over all items, a file for each chunk of the run."""
     shape = tuple(layout.shape.values())
-    shards = ShardingCodec(
-        chunk_shape=(1, *shape),
-        codecs=[
-            BytesCodec(),
-            BloscCodec(typesize=compact.dtype.itemsize, cname="zstd", clevel=1, shuffle="shuffle"),
-        ],
-        index_codecs=[BytesCodec()],
-    )
     group.create_array(
         layer.name,
         shape=(layout.count, *shape),
         chunks=(layout.chunk, *shape),
         dtype=compact.dtype.name,
         fill_value=compact.unknown,
-        serializer=shards,
+        serializer=compact.shards(shape),
         compressors=None,
         dimension_names=tuple(map(identifier, (*layout.axes, *layout.shape))),
         attributes={
@@ -327,8 +313,8 @@ def open_run(path: str | Path) -> RunDataset:
     Parameters
     ----------
     path : str or Path
-        The run's folder, or the run.zarr in it; of a run that is at work OUT.partial, whose maps
-        are over (frame, row, col) yet, and whose `finished` says of which frames they are.
+        The run's folder, or the run.zarr in it; of one at work OUT.partial: its maps are over
+        (frame, row, col) yet, and `finished` says of which frames.
 
     Returns
     -------
@@ -357,9 +343,8 @@ def open_run(path: str | Path) -> RunDataset:
     """
     from isochrome.runs.datasets import as_run, open_growing
 
-    place = Path(path)
-    growing = place.name.endswith(WORKING)
-    return as_run(open_growing(place) if growing else open_store(place))
+    growing = Path(path).name.endswith(WORKING)
+    return as_run(open_growing(Path(path)) if growing else open_store(path))
 
 
 def open_store(path: str | Path) -> xarray.Dataset:
