@@ -136,18 +136,11 @@ def _apart(film, scene, kind):
     """Time (s) of two runs of one worker each at once: what the machine's cores allow for."""
     from isochrome.processing import process
 
+    options = {"track": kind.track, "maps": kind.maps if kind.track else None, "workers": 1}
     with futures.ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
         start = time.perf_counter()
         started = [
-            pool.submit(
-                process,
-                film,
-                scene,
-                film.with_name(f"apart-{k}"),
-                track=kind.track,
-                maps=kind.maps if kind.track else None,
-                workers=1,
-            )  # fmt: skip
+            pool.submit(process, film, scene, film.with_name(f"apart-{k}"), **options)
             for k in range(2)
         ]
         for run in started:
