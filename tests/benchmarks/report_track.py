@@ -31,7 +31,7 @@ frames/s: by the clock, with all that the machine did besides; CPU a frame: proc
 processes, start and figure included: two free cores do 2 / (CPU a frame). Reading (counting, hash,
 decoding) and writing: shares of the processor time. Load error: relative, root mean square; pull:
 error over standard uncertainty. To be seen, where frames are tracked: {RATE:g} frames/s on two
-cores, {MAPS_RATE:g} with maps of all frames; reading and writing under {100 * SHARE:.0f} % together,
+cores, {MAPS_RATE:g} with maps of all; reading and writing under {100 * SHARE:.0f} % together,
 a codec's own decoding included."""
 
 
