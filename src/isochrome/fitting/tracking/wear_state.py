@@ -13,7 +13,7 @@ from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
 from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.fitting.refusals import refuse_untracked
 from isochrome.fitting.tracking.field_polynomial import CHECKED, CORNER
-from isochrome.fitting.tracking.scar_growth import TrackPast, drive_before, elastic_area
+from isochrome.fitting.tracking.scar_growth import Drive, TrackPast, elastic_area
 from isochrome.scene import DistanceTable, Numerics, Scene
 from isochrome.simulation import SceneState, scene_states
 
@@ -70,7 +70,7 @@ class TrackCourse:
         """Tell the history what wore the contact before its first frame."""
         if self._last is None:
             earlier = self._own(LOAD, self._now) if self.nominal else load
-            self._past.begin(drive_before(self.scene, distance_m, earlier, friction))
+            self._past.begin(_drive_before(self.scene, distance_m, earlier, friction))
 
     def state(self) -> dict[str, Any]:
         """The history up to the last frame, as plain numbers for `resume`."""
@@ -298,3 +298,25 @@ class TrackCourse:
 def _table(scene: Scene, key: str) -> bool:
     there = key == LOAD or scene.friction is not None
     return there and isinstance(scene.get(key), DistanceTable)
+
+
+def _drive_before(scene: Scene, distance_m: float, load_n: float, friction: float) -> Drive:
+    """What wore a contact until a distance: the scene's tables, or what the first frame shows.
+
+    Parameters: `scene`; `distance_m` of the first frame, and its own `load_n` and `friction`, held
+    for all the time before where the scene has a number. Returns a Drive.
+    """
+    tables = [scene.get(LOAD), scene.get(FRICTION) if scene.friction else friction]
+    s = np.array([0.0, distance_m])
+    for value in tables:
+        if isinstance(value, DistanceTable):
+            s = np.concatenate((s, value.distance_m))
+    s = np.unique(s[s <= distance_m])
+    loads, mus = (isinstance(value, DistanceTable) for value in tables)
+    assert scene.specimen.thickness_mm is not None
+    load = np.array(scene.load_at(s)) if loads else np.full(len(s), load_n)
+    return Drive(
+        local_values(scene, tuple(s.tolist()))[:, 2],
+        load / scene.specimen.thickness_mm,
+        np.array(scene.friction_at(s)) if mus else np.full(len(s), friction),
+    )
