@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -239,7 +239,7 @@ def process(
             as_stated=as_stated, keep_going=keep_going,
             every=(every or EVERY) if follow else None, preview=shown,
         )  # fmt: skip
-        identity = identity_of(recipe, files, maps)
+        identity = partial(identity_of, recipe, files, maps)
         if out is not None and not restart and _is_done(Path(out), identity):
             return restore(scene, Path(out), reader.shape, open_set(recipe).residual)
         several = (workers or 1) > 1 and cluster is None
@@ -250,7 +250,7 @@ def process(
 
 def _processed(
     recipe: FrameTask,
-    identity: Mapping[str, Any],
+    identify: Callable[[], Mapping[str, Any]],
     maps: str | None,
     out: str | Path | None,
     means: RunOptions,
@@ -271,6 +271,7 @@ def _processed(
         recipe = source.recipe = replace(recipe, apparatus=_apparatus_of(source, count))
     if out is None:
         return _in_memory(source, count // recipe.steps, progress)
+    identity = identify()
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
     recipe = source.recipe = replace(recipe, key=digest)  # opened, it need not be opened again
     job = Job(partial(process_chunk, recipe), set_layout(source, count // recipe.steps), identity)
@@ -292,12 +293,12 @@ def _apparatus_of(source: FrameSource, count: int) -> Apparatus:
     return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
 
 
-def _is_done(out: Path, identity: Mapping[str, Any]) -> bool:
+def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
     there = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
     if not there or working_folder(out).exists():  # an unfinished run, or one that is at work
         return False
-    return holds_results(out.resolve(), identity)
+    return holds_results(out.resolve(), identify())
 
 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:

@@ -90,7 +90,7 @@ def read_frame(
     """
     lit = seen.mask & (seen.illumination > 0.0)
     told = positive and lit.any()
-    noise = float(np.median((data.sigma / seen.illumination)[lit])) if told else float("nan")
+    noise = float(np.median(data.sigma[lit] / seen.illumination[lit])) if told else float("nan")
     lost = not positive or chi * noise > TOO_FAR
     reading = _read(data, seen, lost)
     if frame.mask is not None:
