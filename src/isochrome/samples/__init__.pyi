@@ -1,5 +1,12 @@
 from .render import SEED, render_samples, samples_path
-from .shipped import CalibrationSample, ContactSample, bending, disc, line_contact_wear
+from .shipped import (
+    CalibrationSample,
+    ContactSample,
+    bending,
+    disc,
+    line_contact_wear,
+    sliding_film,
+)
 
 __all__ = [
     "SEED",
@@ -10,4 +17,5 @@ __all__ = [
     "line_contact_wear",
     "render_samples",
     "samples_path",
+    "sliding_film",
 ]

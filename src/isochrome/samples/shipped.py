@@ -23,11 +23,13 @@ class ContactSample:
 
     Parameters
     ----------
-    frames : ndarray of uint8, shape (6, 494, 659)
-        The captured frames: one at rest, five sliding.
-    no_load_dark : ndarray of uint8, shape (494, 659)
+    frames : ndarray of uint8, shape (n, rows, cols)
+        The captured frames.
+    file : Path
+        The stack or film that holds them.
+    no_load_dark : ndarray of uint8, shape (rows, cols)
         The unloaded specimen in the dark field.
-    no_load_bright : ndarray of uint8, shape (494, 659)
+    no_load_bright : ndarray of uint8, shape (rows, cols)
         The unloaded specimen in the bright field.
     scene : Path
         The scene's file.
@@ -36,6 +38,7 @@ class ContactSample:
     """
 
     frames: Grey
+    file: Path
     no_load_dark: Grey
     no_load_bright: Grey
     scene: Path
@@ -95,14 +98,25 @@ def line_contact_wear() -> ContactSample:
     >>> isochrome.load_scene(sample.tables).model
     'contact'
     """
-    folder = samples_path() / "line-contact-wear"
-    return ContactSample(
-        frames=_stack(folder / "captured.tif"),
-        no_load_dark=_stack(folder / "no-load-dark.tif")[0],
-        no_load_bright=_stack(folder / "no-load-bright.tif")[0],
-        scene=folder / "scene.toml",
-        truth=_truth(folder),
-    )
+    return _contact("line-contact-wear", "captured.tif")
+
+
+def sliding_film() -> ContactSample:
+    """Open the sample of a film: 200 frames of a contact that wears while its load swings.
+
+    Returns
+    -------
+    ContactSample
+        Frames, their file, no-load frames, scene and truth.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> sample = isochrome.samples.sliding_film()
+    >>> sample.frames.shape, sample.file.name
+    ((200, 132, 176), 'film.avi')
+    """
+    return _contact("sliding-film", "film.avi")
 
 
 def bending() -> CalibrationSample:
@@ -139,6 +153,18 @@ def disc() -> CalibrationSample:
     ((3, 420, 420), (350.0, 560.0, 800.0))
     """
     return _calibration("disc")
+
+
+def _contact(name: str, file: str) -> ContactSample:
+    folder = samples_path() / name
+    return ContactSample(
+        frames=_stack(folder / file),
+        file=folder / file,
+        no_load_dark=_stack(folder / "no-load-dark.tif")[0],
+        no_load_bright=_stack(folder / "no-load-bright.tif")[0],
+        scene=folder / "scene.toml",
+        truth=_truth(folder),
+    )
 
 
 def _calibration(name: str) -> CalibrationSample:
