@@ -24,7 +24,6 @@ from isochrome.contact import (
     OutputState,
     SlidingHistory,
     contact_grid,
-    elastic_constants,
     elastic_state,
     make_site,
     solve_pressure,
@@ -231,22 +230,6 @@ def _with_last(kept: list[WornScar], last: WornScar) -> list[WornScar]:
     while len(older) > 1 and older[1].worn_mm2 < _BACK * last.worn_mm2:
         older.pop(0)
     return [*older, *every[-_SCARS:]]
-
-
-def elastic_area(scene: Scene, line_load_n_per_mm: float) -> float:
-    """Area (mm²) that the indenter would cut off were it not for the elasticity, P' a / E*.
-
-    Parameters: `scene`; `line_load_n_per_mm` P'. Source: Johnson (1985), Contact Mechanics,
-    section 4.2, for the half-width a under a cylinder; that of a flat is its own.
-    """
-    modulus, _ = elastic_constants(scene)
-    indenter = scene.indenter
-    assert indenter is not None
-    width = indenter.half_width_mm
-    if width is None:
-        radius = indenter.radius_mm or 1.0
-        width = 2.0 * math.sqrt(line_load_n_per_mm * radius / (math.pi * modulus))
-    return line_load_n_per_mm * width / modulus
 
 
 class TrackPast:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from isochrome.contact import wear_rate
+from isochrome.contact import elastic_constants, wear_rate
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import scene_at
 from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
 from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.fitting.refusals import refuse_untracked
 from isochrome.fitting.tracking.field_polynomial import CHECKED, CORNER
-from isochrome.fitting.tracking.scar_growth import Drive, TrackPast, elastic_area
+from isochrome.fitting.tracking.scar_growth import Drive, TrackPast
 from isochrome.scene import DistanceTable, Numerics, Scene
 from isochrome.simulation import SceneState, scene_states
 
@@ -320,3 +321,19 @@ def _drive_before(scene: Scene, distance_m: float, load_n: float, friction: floa
         load / scene.specimen.thickness_mm,
         np.array(scene.friction_at(s)) if mus else np.full(len(s), friction),
     )
+
+
+def elastic_area(scene: Scene, line_load_n_per_mm: float) -> float:
+    """Area (mm²) that the indenter would cut off were it not for the elasticity, P' a / E*.
+
+    Parameters: `scene`; `line_load_n_per_mm` P'. Source: Johnson (1985), Contact Mechanics,
+    section 4.2, for the half-width a under a cylinder; that of a flat is its own.
+    """
+    modulus, _ = elastic_constants(scene)
+    indenter = scene.indenter
+    assert indenter is not None
+    width = indenter.half_width_mm
+    if width is None:
+        radius = indenter.radius_mm or 1.0
+        width = 2.0 * math.sqrt(line_load_n_per_mm * radius / (math.pi * modulus))
+    return line_load_n_per_mm * width / modulus
