@@ -336,7 +336,7 @@ def test_memory_is_that_of_the_run_alone(tmp_path):
     got = bench(tmp_path / "out", suite="memory", quick=True)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["memory.csv", "memory.png"]
     rows = [ROWS.MemoryRow(**row) for row in got.rows]
-    assert [row.command for row in rows] == ["simulate", "process --track"]
+    assert [row.command for row in rows] == ["simulate", "process --track", "process --track"]
     # the libraries alone take some 80 to 110 MB, three states or seven small frames little more
     assert all(60.0 < row.peak_mb < 300.0 and row.seconds > 0.0 for row in rows)
     assert max(map(len, got.text.splitlines())) <= 110

@@ -79,6 +79,12 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
         if tally is None:
             bars.remove_task(task)
             return
+        if tally.said:
+            sentence = f"{what}: {tally.said}"
+            if bars.disable:
+                typer.echo(sentence, err=True)
+            else:
+                bars.console.print(sentence)
         own, seconds = tally.done - tally.before, monotonic() - began
         rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
         if bars.disable and monotonic() - said >= LINE_EVERY_S:

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 class Tally:
     """How far a long run is: items `done` of `count`, those of them that were there when it began.
 
-    `flagged`, those that have warnings or failed.
+    `flagged`, those that have warnings or failed; `said`, what is to be known of it beforehand.
     """
 
     done: int
     count: int
     before: int
     flagged: int
+    said: str = ""
 
 
 RunProgress = Callable[[Tally], None]

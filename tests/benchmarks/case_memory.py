@@ -14,7 +14,7 @@ from isochrome.scene import dump_scene, load_scene
 from .case_track import LOOP, SHAPE, SMALL, loop, there_and_back
 from .rows import MemoryRow
 
-STATES, FRAMES = (200, 2000), (200, 20_000)
+STATES, FRAMES, MAPPED = (200, 2000), (200, 20_000), (200, 2000)
 """Of a short and a long run."""
 
 _RUN = """
@@ -26,7 +26,8 @@ if sys.argv[1] == "simulate":
 else:
     from isochrome.console import print_json
     from isochrome.processing import process
-    print_json({"frames": process(sys.argv[3], sys.argv[2], sys.argv[4], track=True).columns})
+    print_json({"frames": process(sys.argv[3], sys.argv[2], sys.argv[4], track=True,
+                                   maps=sys.argv[1]).columns})
 print(time.perf_counter() - start)
 """
 
@@ -65,12 +66,13 @@ def tracked(quick):
     with TemporaryDirectory() as place:
         known = Path(place) / "scene.toml"
         known.write_text(dump_scene(scene), encoding="utf-8")
-        for count in (7,) if quick else FRAMES:
-            film = Path(place) / f"{count}.tif"
-            repeated_stack(film, frames, there_and_back(len(frames), count))
-            peak = peak_memory("process", known, film, Path(place) / str(count))
-            name = f"frames of {shape[1]} x {shape[0]}"
-            rows.append(MemoryRow("process --track", name, count, *peak))
+        for maps, counts in (("key", FRAMES), ("all", MAPPED)):
+            for count in (7,) if quick else counts:
+                film = Path(place) / f"{count}.tif"
+                repeated_stack(film, frames, there_and_back(len(frames), count))
+                peak = peak_memory(maps, known, film, Path(place) / f"{maps}-{count}")
+                name = f"frames of {shape[1]} x {shape[0]}, maps {maps}"
+                rows.append(MemoryRow("process --track", name, count, *peak))
     return rows
 
 

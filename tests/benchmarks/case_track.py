@@ -36,8 +36,8 @@ LOAD = "load.normal_n"
 class Film:
     """A kind of file: `suffix`; `codec`, its `pixels` and `options`; none of a TIFF stack.
 
-    `track`, whether it is tracked, or every frame processed wholly; `both`, whether one worker is
-    compared with two.
+    `track`, whether it is tracked, or every frame processed wholly; `maps`, of which frames of a
+    tracked one maps are written; `both`, whether one worker is compared with two.
     """
 
     suffix: str
@@ -46,15 +46,17 @@ class Film:
     options: dict[str, str] = field(default_factory=dict)
     track: bool = True
     both: bool = False
+    maps: str = "key"
 
 
-WHOLE = "TIFF, frames wholly"
+WHOLE, MAPS = "TIFF, frames wholly", "TIFF, maps of all"
 FILMS = {
     "uncompressed AVI": Film("avi", "rawvideo", "gray", both=True),
     "TIFF stack": Film("tif"),
     "MJPEG in AVI": Film("avi", "mjpeg", "yuvj420p", {"qmin": "2", "qmax": "2"}),
     "FFV1 in MKV": Film("mkv", "ffv1", "gray"),
     "H.264 in MP4": Film("mp4", "libx264", "yuv420p", {"crf": "16"}),
+    MAPS: Film("tif", both=True, maps="all"),
     WHOLE: Film("tif", track=False, both=True),
 }
 
@@ -120,24 +122,25 @@ def run_case(name, *, quick):
                 before, start = os.times(), time.perf_counter()
                 found = process(
                     film, scene, Path(place) / "out", track=kind.track, every=every,
-                    workers=workers, restart=True,
+                    maps=kind.maps if kind.track else None, workers=workers, restart=True,
                 )  # fmt: skip
                 wall, after = time.perf_counter() - start, os.times()
             cpu = sum(after[:4]) - sum(before[:4])
             rows.append(_row(name, workers, found, loads[order], wall, cpu, spent))
         if len(rows) == 2:
-            rows[1] = replace(rows[1], apart_per_s=2 * count / _apart(film, scene, kind.track))
+            rows[1] = replace(rows[1], apart_per_s=2 * count / _apart(film, scene, kind))
     return rows
 
 
-def _apart(film, scene, track):
+def _apart(film, scene, kind):
     """Time (s) of two runs of one worker each at once: what the machine's cores allow for."""
     from isochrome.processing import process
 
+    options = {"track": kind.track, "maps": kind.maps if kind.track else None, "workers": 1}
     with futures.ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
         start = time.perf_counter()
         started = [
-            pool.submit(process, film, scene, film.with_name(f"apart-{k}"), track=track, workers=1)
+            pool.submit(process, film, scene, film.with_name(f"apart-{k}"), **options)
             for k in range(2)
         ]
         for run in started:

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 HEAD = ("film", "workers", "frames", "frames/s", "CPU a frame", "reading", "writing", "load error",
         "pull")  # fmt: skip
-RATE, SHARE = 60.0, 0.15
-"""Frames a second of two workers at least, and the share of reading and writing at most."""
+RATE, MAPS_RATE, SHARE = 60.0, 25.0, 0.15
+"""Frames a second of two workers at least, without and with maps of all frames, and the share of
+reading and writing at most."""
 
 
 def table(rows: list[TrackRow]) -> str:
@@ -30,7 +31,8 @@ frames/s: by the clock, with all that the machine did besides; CPU a frame: proc
 processes, start and figure included: two free cores do 2 / (CPU a frame). Reading (counting, hash,
 decoding) and writing: shares of the processor time. Load error: relative, root mean square; pull:
 error over standard uncertainty. To be seen, where frames are tracked: {RATE:g} frames/s on two
-cores; reading and writing under {100 * SHARE:.0f} % together, a codec's own decoding included."""
+cores, {MAPS_RATE:g} with maps of all; reading and writing under {100 * SHARE:.0f} % together,
+a codec's own decoding included."""
 
 
 def _cells(row: TrackRow) -> tuple[str, ...]:

@@ -46,7 +46,7 @@ def numbers(values):
 
 def run(place, out="out", **more):
     return process(place / "film.tif", place / "scene.toml", place / out, track=True,
-                   every=EVERY, **more)  # fmt: skip
+                   every=EVERY, **({"maps": "key"} | more))  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -333,7 +333,7 @@ pixel_mm = 0.0155
 
 def test_every_is_for_tracking(tmp_path):
     place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
-    with pytest.raises(InputError, match="--every 5: is for --track"):
+    with pytest.raises(InputError, match="--every 5: is for a contact's video that is followed"):
         process(place / "film.tif", place / "scene.toml", place / "out", every=5)
 
 

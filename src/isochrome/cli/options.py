@@ -94,13 +94,31 @@ PROCESS = {
         bool,
         typer.Option(
             "--track",
-            help="For a contact's video: the orders of key frames only, and load, friction, wear "
-            "and place followed through the others; their orders come without --track.",
+            help="Follow a contact through a stack or folder too, frame by frame from key frames, "
+            "as through a video.",
         ),
+    ),
+    "each": (
+        bool,
+        typer.Option("--each", help="Process every frame of a video as if it were alone."),
     ),
     "every": (
         int | None,
-        typer.Option("--every", help="With --track: frames from key frame to key frame, 200."),
+        typer.Option("--every", help="Frames from key frame to key frame of a video, 200."),
+    ),
+    "maps": (
+        str | None,
+        typer.Option(
+            "--maps",
+            help="Of a video, the maps of which frames: all, key, none; all up to 20 GB.",
+        ),
+    ),
+    "preview": (
+        bool,
+        typer.Option(
+            "--preview",
+            help="Write the last frame's orders to OUT.partial/preview.png every few seconds.",
+        ),
     ),
     "as_stated": AS_STATED,
     **RUN,

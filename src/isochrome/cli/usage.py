@@ -28,7 +28,7 @@ EXAMPLES = {
     ),
     "process": (
         "isochrome process captured.tif --scene scene.toml --out experiment",
-        "isochrome process contact.avi --scene scene.toml --track --out tracked",
+        "isochrome process contact.avi --scene scene.toml --maps key --out followed",
     ),
     "compare": (
         "isochrome compare experiment simulation --out comparison",

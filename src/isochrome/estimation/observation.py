@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.estimation.light import LightModel, frame_light
-from isochrome.frames import Frame, Linear, estimate_noise, full_scale, to_linear
+from isochrome.frames import Frame, Linear, NoiseModel, estimate_noise, full_scale, to_linear
 from isochrome.scene import Scene
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
-_SMOOTH_PX = 1.5
+_SMOOTH_PX, _SMOOTH_WINDOW = 1.5, (13, 13)
+"""Standard deviation of the mean about a pixel, and the window that it extends, pixels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,13 +135,19 @@ class FrameData(Observation):
 
 
 def observe(
-    image: Array, *, name: str, bit_depth: int | None, gamma: float, mask: Mask | None = None
+    image: Array,
+    *,
+    name: str,
+    bit_depth: int | None,
+    gamma: float,
+    mask: Mask | None = None,
+    noise: NoiseModel | None = None,
 ) -> Observation:
     """Turn a frame's raw grey levels into light with its noise.
 
-    The noise is told from the frame itself. A pixel's own is that of the grey level about it, a
-    Gaussian mean in which the pixel counts for a fourteenth, not a ninth as in one over 3 x 3: a
-    weight that follows the pixel's own noise pulls every fit to the dark side.
+    The noise is told from the frame itself where it is not known. A pixel's own is that of the grey
+    level about it, a Gaussian mean in which the pixel counts for a fourteenth, not a ninth as in
+    one over 3 x 3: a weight that follows the pixel's own noise pulls every fit to the dark side.
 
     Parameters
     ----------
@@ -154,6 +161,8 @@ def observe(
         Light = raw^gamma.
     mask : (rows, cols) array of bool, optional
         True where a pixel may be used.
+    noise : NoiseModel, optional
+        The camera's noise.
 
     Returns
     -------
@@ -165,13 +174,14 @@ def observe(
     InputError
         On a blank frame.
     """
-    from scipy.ndimage import gaussian_filter
+    import cv2
 
     linear = to_linear(image, bit_depth=bit_depth, gamma=gamma, name=name, mask=mask)
     finite = np.isfinite(image)
     grey = np.where(finite, image, 0.0).astype(np.float32)
-    noise = estimate_noise(image, linear.valid, bit_depth=bit_depth)
-    level = gaussian_filter(grey, _SMOOTH_PX)
+    if noise is None:
+        noise = estimate_noise(image, linear.valid, bit_depth=bit_depth)
+    level = cv2.GaussianBlur(grey, _SMOOTH_WINDOW, _SMOOTH_PX, borderType=cv2.BORDER_REFLECT)
     full = np.float32(full_scale(bit_depth))
     raw_sigma = noise.sigma(level).astype(np.float32) / full
     sigma = raw_sigma
@@ -192,6 +202,7 @@ def prepare_frame(
     bit_depth: int | None,
     no_load: tuple[Linear | None, Linear | None] = (None, None),
     gamma_found: bool = False,
+    noise: NoiseModel | None = None,
 ) -> FrameData:
     """Observe a frame, with the light that its scene is to be held against.
 
@@ -207,6 +218,8 @@ def prepare_frame(
         The dark and the bright frame of no load.
     gamma_found : bool, optional
         Whether an unknown gamma is going to be found, and is 1 until then.
+    noise : NoiseModel, optional
+        The camera's noise; by default the frame itself tells it.
 
     Returns
     -------
@@ -219,7 +232,9 @@ def prepare_frame(
         On a blank frame, and an unknown gamma.
     """
     gamma = scene.frames.first_gamma if gamma_found else scene.frames.stated_gamma
-    seen = observe(frame.image, name=frame.name, bit_depth=bit_depth, gamma=gamma, mask=frame.mask)
+    seen = observe(
+        frame.image, name=frame.name, bit_depth=bit_depth, gamma=gamma, mask=frame.mask, noise=noise
+    )
     ends = [part for part in no_load if part is not None]
     valid = np.logical_and.reduce([seen.valid, *(part.valid for part in ends)])
     rows, cols = seen.light.shape

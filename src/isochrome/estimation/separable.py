@@ -8,13 +8,14 @@ that these are well conditioned, and a scaled eigen-decomposition drops what is 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 MOSTLY = 0.05
 """Share of pixels whose illumination may be negative before the contrast counts as wrong."""

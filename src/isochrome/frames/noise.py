@@ -50,9 +50,15 @@ class NoiseModel:
     floor: float
 
     def sigma(self, values: npt.ArrayLike) -> np.ndarray:
-        """Standard deviation (raw grey levels) at raw grey levels `values`, of the same shape."""
-        variance = self.offset + self.slope * np.asarray(values, dtype=float)
-        return np.sqrt(np.maximum(variance, self.floor))
+        """Standard deviation (raw grey levels) at raw grey levels `values`, of the same shape.
+
+        In single precision where they are.
+        """
+        levels = np.asarray(values)
+        if levels.dtype != np.float32:
+            levels = levels.astype(float)
+        variance = float(self.offset) + float(self.slope) * levels
+        return np.sqrt(np.maximum(variance, float(self.floor)))
 
     def linear_sigma(
         self, values: npt.ArrayLike, *, bit_depth: int | None, gamma: float = 1.0

@@ -28,13 +28,18 @@ LARGEST_UNCERTAINTY = 0.03
 """Of an order that counts as known, fringes."""
 
 _WINDOW_PX = 1.7
+"""Over which an order is pooled."""
 _WINDOWS_PX = (5.0, 5.0, 5.0, _WINDOW_PX)
-"""Over which the order is moved in turn."""
+"""Over which it is moved in turn."""
+_AT_REST = 0.002
+"""Root mean square of a move, fringes, after which wide windows move it no more: a third of what
+the noise leaves of an order."""
 
 _LARGEST_MISFIT = 0.1
 _STEEPEST = 0.25
 _POOLED_PX = 3.0
-_STEP = 1e-4
+_STEP = 0.05
+"""Fringes over which the slope of a signal is taken."""
 
 
 @dataclass(frozen=True)
@@ -100,43 +105,71 @@ def read_order(
         The order and how well it is known.
     """
     material = np.isfinite(model_order)
-    base = np.where(material, model_order, 0.0)
+    base, noise, amplitude = (
+        np.ascontiguousarray(part, dtype=np.float32)
+        for part in (np.where(material, model_order, 0.0), sigma, illumination)
+    )
     weight = (valid & material).astype(np.float32)
-    gain = illumination / sigma
+    gain = amplitude / noise * weight
+    fringed = (light - background).astype(np.float32, copy=False) / noise * weight
     shift: Array = np.zeros(light.shape, dtype=np.float32)
+    moved = np.inf
     for window in _WINDOWS_PX:
+        if moved < _AT_REST and window > _WINDOW_PX:
+            continue  # the model was as near
         smooth = shift
-        signal = response(base + smooth)
-        slope = gain * (response(base + smooth + _STEP) - signal) / _STEP * weight
-        before = (light - background - illumination * signal) / sigma * weight
-        information = gaussian_sum(slope * slope, window)
-        step = gaussian_sum(slope * before, window) / (information + 1.0 / BRANCH**2)
-        shift = smooth + np.clip(step, -BRANCH, BRANCH)
-    signal = response(base + shift)
-    residual = (light - background - illumination * signal) / sigma * weight
+        order = base + smooth
+        slope = gain * _slope(response, order)
+        before = fringed - gain * response(order)
+        square = slope * slope
+        information = gaussian_sum(square, window)
+        step = gaussian_sum(slope * before, window)
+        step /= information + np.float32(BRANCH**-2)
+        shift = smooth + np.clip(step, -BRANCH, BRANCH, out=step)
+        moved = float(np.sqrt(np.mean(step * step)))
+    order = base + shift
+    residual = fringed - gain * response(order)
     count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
     misfit = np.sqrt(gaussian_sum(residual * residual, _WINDOW_PX) / count)
-    spread = np.sqrt(gaussian_sum(slope * slope, _WINDOW_PX / np.sqrt(2.0))) / np.maximum(
+    spread = np.sqrt(gaussian_sum(square, _WINDOW_PX / np.sqrt(2.0))) / np.maximum(
         information, 1e-12
     )
-    stray = stray_error(before, slope, gain * weight, shift=smooth)
+    stray = stray_error(before, slope, gain, shift=smooth)
     uncertainty = np.hypot(spread * np.maximum(misfit, 1.0), stray)
     known = (
         (weight > 0.0)
         & (count > 0.5 * (2.0 * np.pi * _WINDOW_PX**2))
         & (uncertainty < LARGEST_UNCERTAINTY)
-        & (misfit * sigma < np.maximum(_LARGEST_MISFIT * illumination, 2.0 * sigma))
+        & (misfit * noise < np.maximum(_LARGEST_MISFIT * amplitude, 2.0 * noise))
         & (np.abs(shift) < BRANCH)
-        & (np.hypot(*np.gradient(np.where(material, base, np.nan))) < _STEEPEST)
+        & ~_too_steep(base, material)
     )
-    return make_reading(np.abs(base + shift), uncertainty, known, of=material)
+    return make_reading(np.abs(order), uncertainty, known, of=material)
+
+
+def _slope(response: Callable[[Array], Array], order: Array) -> Array:
+    """How a signal changes with the order, df/dN.
+
+    Light of one wavelength is a sinusoid of the order, f = a + b cos 2 pi N + c sin 2 pi N, of
+    which f(N+h) - f(N-h) = (df/dN) sin(2 pi h)/pi holds for any h: a wide step keeps the digits of
+    single precision, and a band of wavelengths changes the sinusoid little within it.
+    """
+    ahead, behind = response(order + np.float32(_STEP)), response(order - np.float32(_STEP))
+    return np.asarray((ahead - behind) * np.float32(np.pi / np.sin(2.0 * np.pi * _STEP)))
+
+
+def _too_steep(order: Array, material: Mask) -> Mask:
+    """Where fringes are finer than four pixels, and beside what is no specimen."""
+    down, across = np.gradient(order if material.all() else np.where(material, order, np.nan))
+    return np.asarray(~(down * down + across * across < np.float32(_STEEPEST**2)))
 
 
 def probability(uncertainty: Array) -> Array:
     """Probability that an order with a normal error is right to `SURE`: erf(SURE/(√2 u))."""
     from scipy.special import erf
 
-    return np.asarray(erf(SURE / (np.sqrt(2.0) * np.maximum(uncertainty, 1e-9))))
+    share = SURE / 2.0**0.5  # a plain number, which leaves single precision single
+    return np.asarray(erf(share / np.maximum(uncertainty, 1e-9)))
 
 
 def make_reading(order: Array, uncertainty: Array, known: Mask, *, of: Mask) -> OrderReading:

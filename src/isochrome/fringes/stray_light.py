@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from isochrome.fringes.windows import Array
+from isochrome.fringes.windows import Array, Windows, expanded, halved
 
 _WINDOW_PX = 1.7
 """Of the reading itself."""
-_WINDOWS_PX = ((_WINDOW_PX, 4.0), (5.0, 8.0), (12.0, 16.0))
-"""Over which the order follows, and over which the light is taken as even, pixels."""
+_WINDOWS_PX = ((_WINDOW_PX, 4.0, 1), (5.0, 8.0, 2), (12.0, 16.0, 4))
+"""Over which the order follows, and over which the light is taken as even, pixels; and the side of
+the blocks of pixels that are enough for them."""
 _FINE_PX, _AROUND_PX = 4.0, 20.0
 """Windows of a bump and of its surroundings."""
 _SHOWN = 0.55
@@ -29,8 +30,6 @@ _SURELY = 4.0
 _TOLD, _OPEN = 0.01, 0.002
 """Standard uncertainties of the added light, over the contrast: beyond the first a window does not
 tell it; beyond the second crests do not, and bumps begin to count."""
-_COARSE = 2.5
-"""A window's width in the pixels that it is summed on."""
 
 
 def stray_error(residual: Array, slope: Array, even: Array, *, shift: Array | None = None) -> Array:
@@ -40,69 +39,109 @@ def stray_error(residual: Array, slope: Array, even: Array, *, shift: Array | No
     change with the order; `even`, its change with light of the size of the contrast; all over the
     noise and nought where masked (rows, cols). `shift` of the order that was taken out before,
     from a model that describes the specimen; without one a bump is the order's own.
-    Returns a standard uncertainty (rows, cols), fringes.
+    Returns a standard uncertainty (rows, cols), fringes, single precision.
     """
-    moved = np.zeros_like(residual) if shift is None else slope * shift
-    size, open_ = np.zeros(residual.shape), np.full(residual.shape, np.inf)
-    for follow, steady in _WINDOWS_PX:
+    residual, slope, even = (
+        np.ascontiguousarray(part, dtype=np.float32) for part in (residual, slope, even)
+    )
+    blocks = {1: _Blocks.of(slope, even, residual, shift)}
+    for side in (2, 4):
+        blocks[side] = blocks[side // 2].halved()
+    shape = residual.shape
+    size, open_ = np.zeros_like(residual), np.full_like(residual, np.inf)
+    for follow, steady, side in _WINDOWS_PX:
         # a wide window is to see what a narrow one has followed
-        light = residual if follow < _FINE_PX + 2.0 else residual + moved
-        shown, left = (_left(slope, part, follow) for part in (even, light))
-        total = np.maximum(window_sum(shown * shown, steady), 1e-12)
-        found = window_sum(shown * left, steady) / total
-        variance = window_sum(shown * shown, steady / np.sqrt(2.0)) / total**2
-        clear = np.where(variance < _TOLD**2, found**2 - _SURELY * variance, 0.0)
-        size = np.maximum(size, clear)
+        light = "light" if follow < _FINE_PX + 2.0 else "whole"
+        clear, variance = blocks[side].told(light, follow, steady)
+        np.maximum(size, expanded(clear, shape, side), out=size)
         if follow < _AROUND_PX / 2.0:  # crests that are near
-            open_ = np.minimum(open_, variance)
-    pull, _ = _shift(slope, even, _WINDOW_PX)
-    square = size * pull**2
+            np.minimum(open_, expanded(variance, shape, side), out=open_)
+    square = size * blocks[1].shift("even", _WINDOW_PX) ** 2
     if shift is not None:
-        square = np.maximum(square, _bump(slope, residual + moved) * open_ / (open_ + _OPEN**2))
+        bump = expanded(blocks[2].bump("whole"), shape, 2)
+        square = np.maximum(square, bump * (open_ / (open_ + np.float32(_OPEN**2))))
     return np.asarray(np.sqrt(square))
 
 
-def _shift(slope: Array, light: Array, width_px: float) -> tuple[Array, Array]:
-    """The shift of the order that answers to a light over a window, and its variance."""
-    information = window_sum(slope * slope, width_px) + _LEAST
-    noise = window_sum(slope * slope, width_px / np.sqrt(2.0))
-    return window_sum(slope * light, width_px) / information, noise / information**2
+class _Blocks:
+    """Means over blocks of pixels of the products of slope J, even light o, and lights r.
 
-
-def _left(slope: Array, light: Array, width_px: float) -> Array:
-    """What is left of a light when the order follows it over a window.
-
-    Of a wide one twice, less that of √2 its width: the order may bend within it.
+    What shifts s and t leave of o and r is multiplied out, (o - J s)(r - J t) = o r - J o t - J r s
+    + J J s t: shifts of wide windows change little within a block.
     """
-    shift, _ = _shift(slope, light, width_px)
-    if width_px > _WINDOW_PX:
-        shift = 2.0 * shift - _shift(slope, light, np.sqrt(2.0) * width_px)[0]
-    return np.asarray(light - slope * shift)
 
+    def __init__(self, side: int, means: dict[str, Array]) -> None:
+        """`side` of a block, pixels; `means` (rows, cols) of each product, by its name."""
+        self._side, self._means = side, means
+        self._windows = {name: Windows(mean, side) for name, mean in means.items()}
+        self._shifts: dict[tuple[str, float], Array] = {}
+        self._information: dict[float, Array] = {}
 
-def _bump(slope: Array, light: Array) -> Array:
-    """Square of how far the order differs from its surroundings, beyond the noise."""
-    fine, variance = _shift(slope, light, _FINE_PX)
-    around, wider = (_shift(slope, light, f * _AROUND_PX)[0] for f in (1.0, np.sqrt(2.0)))
-    away = fine - (2.0 * around - wider)
-    return np.asarray(np.maximum(away**2 - _SURELY * variance, 0.0) / _SHOWN**2)
+    @classmethod
+    def of(cls, slope: Array, even: Array, light: Array, shift: Array | None) -> _Blocks:
+        """Single pixels, see `stray_error`; the `whole` light is that without its shift."""
+        means = {
+            "slope": slope * slope,
+            "slope even": slope * even,
+            "even": even * even,
+            "slope light": slope * light,
+            "even light": even * light,
+        }
+        for name in ("slope", "even"):
+            mean = means[f"{name} light"]
+            if shift is not None:
+                mean = mean + shift * means["slope" if name == "slope" else "slope even"]
+            means[f"{name} whole"] = mean
+        return cls(1, means)
 
+    def halved(self) -> _Blocks:
+        """Blocks of twice the side."""
+        return _Blocks(2 * self._side, {name: halved(mean) for name, mean in self._means.items()})
 
-def window_sum(values: Array, width_px: float) -> Array:
-    """Sum over a Gaussian window whose weight is 1 in the middle, a wide one on fewer pixels.
+    def told(self, light: str, follow: float, steady: float) -> tuple[Array, Array]:
+        """Square of an even light that is surely there (rows, cols), and the variance of it.
 
-    Parameters: `values` (rows, cols), nought where masked; `width_px`, the window's standard
-    deviation. Returns (rows, cols), single precision.
-    """
-    import cv2
-    from scipy.ndimage import gaussian_filter
+        `light`, 'light' or 'whole'; windows over which the order follows, and the light is even.
+        """
+        mean = self._means
+        of_even, of_light = self._answer("even", follow), self._answer(light, follow)
+        shown = mean["even"] - of_even * (2.0 * mean["slope even"] - of_even * mean["slope"])
+        np.maximum(shown, 0.0, out=shown)  # a mean of squares, but for rounding
+        both = mean[f"even {light}"] - of_even * mean[f"slope {light}"]
+        both -= of_light * (mean["slope even"] - of_even * mean["slope"])
+        square = Windows(shown, self._side)
+        total = np.maximum(square.sum(steady), 1e-12)
+        found = Windows(both, self._side).sum(steady) / total
+        variance = square.sum(steady / np.sqrt(2.0)) / total**2
+        clear = np.where(variance < _TOLD**2, found**2 - _SURELY * variance, 0.0)
+        return clear, variance
 
-    small: Array = values.astype(np.float32)
-    rows, cols = small.shape
-    by = max(1, min(int(width_px / _COARSE), rows // 4, cols // 4))
-    if by > 1:
-        small = cv2.resize(small, (cols // by, rows // by), interpolation=cv2.INTER_AREA)
-    small = gaussian_filter(small, width_px / by, mode="constant", truncate=3.0)
-    if by > 1:
-        small = cv2.resize(small, (cols, rows), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(2.0 * np.pi * width_px**2 * small)
+    def bump(self, light: str) -> Array:
+        """Square of how far the order differs from its surroundings, beyond the noise."""
+        fine = self.shift(light, _FINE_PX)
+        noise = self._windows["slope"].sum(_FINE_PX / np.sqrt(2.0))
+        variance = noise / self._informed(_FINE_PX) ** 2
+        around, wider = (self.shift(light, f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
+        away = fine - (2.0 * around - wider)
+        return np.asarray(np.maximum(away**2 - _SURELY * variance, 0.0) / np.float32(_SHOWN**2))
+
+    def _answer(self, light: str, width_px: float) -> Array:
+        """The shift, over a wide window twice, less that of √2 its width: the order may bend."""
+        shift = self.shift(light, width_px)
+        if width_px == _WINDOW_PX:
+            return shift
+        return np.asarray(2.0 * shift - self.shift(light, np.sqrt(2.0) * width_px))
+
+    def shift(self, light: str, width_px: float) -> Array:
+        """The shift of the order (rows, cols) that answers to a light over a window, fringes."""
+        if (light, width_px) not in self._shifts:
+            total = self._windows[f"slope {light}"].sum(width_px)
+            self._shifts[light, width_px] = total / self._informed(width_px)
+        return self._shifts[light, width_px]
+
+    def _informed(self, width_px: float) -> Array:
+        """Inverse variance of such a shift."""
+        if width_px not in self._information:
+            total = self._windows["slope"].sum(width_px)
+            self._information[width_px] = total + np.float32(_LEAST)
+        return self._information[width_px]

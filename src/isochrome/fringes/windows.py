@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,11 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
+
+_REACH = 3.0
+"""Standard deviations that a window of `Windows` extends."""
+_COARSE = 2.0
+"""Its least width in the pixels that it is summed on."""
 
 
 def block_means(values: Array, by: int) -> Array:
@@ -33,15 +39,81 @@ def valid_means(values: Array, valid: Mask, by: int) -> Array:
     return block_means(np.where(valid, values, 0.0), by) / np.maximum(share, 1e-9)
 
 
-def gaussian_sum(values: Array, width_px: float) -> Array:
+@lru_cache(maxsize=32)
+def _window(width_px: float, reach: float) -> Array:
+    """Weights of a Gaussian window whose sum is 1, as far as `reach` standard deviations."""
+    half = int(reach * width_px + 0.5)
+    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / width_px) ** 2)
+    return np.asarray(weights / weights.sum(), dtype=np.float32)
+
+
+def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array:
     """Sum over a Gaussian window whose weight is 1 in the middle.
 
     Parameters: `values` (rows, cols), nought where masked; `width_px`, the window's standard
-    deviation. Returns (rows, cols), single precision.
+    deviation; `reach`, how many of them it extends. Returns (rows, cols), single precision.
     The square of such a window is one of width/√2: it gives the variance of a pooled sum.
     """
-    area = 2.0 * np.pi * width_px**2
-    return np.asarray(area * gaussian_filter(values.astype(np.float32), width_px, mode="constant"))
+    import cv2
+
+    weights = _window(width_px, reach)
+    single = np.ascontiguousarray(values, dtype=np.float32)
+    # nothing lies beyond the picture
+    found: Array = cv2.sepFilter2D(single, -1, weights, weights, borderType=cv2.BORDER_CONSTANT)
+    found *= 2.0 * np.pi * width_px**2
+    return found
+
+
+class Windows:
+    """Sums of an image over Gaussian windows of several widths, wide ones on fewer pixels."""
+
+    def __init__(self, values: Array, side: int = 1) -> None:
+        """`values` (rows, cols), nought where masked: means over blocks of `side` pixels a side."""
+        self._side = side
+        self._halved: list[Array] = [np.ascontiguousarray(values, dtype=np.float32)]
+
+    def sum(self, width_px: float) -> Array:
+        """Sum over a window whose weight is 1 in the middle, (rows, cols), single precision.
+
+        `width_px`, the window's standard deviation, pixels. Of it is taken off what blocks, and the
+        way back from them, widen it by.
+        """
+        shape = self._halved[0].shape
+        share = width_px / (self._side * _COARSE)
+        times = int(np.log2(max(1.0, min(share, *(n / 4 for n in shape)))))
+        block = self._side * 2**times
+        square = width_px**2 - (block**2 - 1) / 12.0 - (block**2 - self._side**2) / 6.0
+        small = gaussian_sum(self._level(times), np.sqrt(square) / block, reach=_REACH)
+        small *= float(width_px**2 / square * block**2)  # of so many pixels each is the mean
+        return expanded(small, shape, 2**times)
+
+    def _level(self, times: int) -> Array:
+        """The image halved so many times."""
+        while len(self._halved) <= times:
+            self._halved.append(halved(self._halved[-1]))
+        return self._halved[times]
+
+
+def halved(values: Array) -> Array:
+    """Means of an image (rows, cols), float32, over blocks of 2 x 2, with nought beyond its rim."""
+    import cv2
+
+    rows, cols = values.shape
+    if rows % 2 or cols % 2:
+        values = np.pad(values, ((0, rows % 2), (0, cols % 2)))
+    half = (values.shape[1] // 2, values.shape[0] // 2)
+    return np.asarray(cv2.resize(values, half, interpolation=cv2.INTER_AREA))
+
+
+def expanded(values: Array, shape: tuple[int, int], by: int) -> Array:
+    """An image of `shape` (rows, cols), linear between the middles of blocks of `by` pixels."""
+    import cv2
+
+    if by == 1:
+        return values
+    size = (by * values.shape[1], by * values.shape[0])
+    larger = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(larger[: shape[0], : shape[1]])
 
 
 def pooled(values: Array, width_px: float) -> Array:

@@ -3,8 +3,8 @@ from .checking import check
 from .one_frame import FrameResult, FrameValue, one_state, process_frame
 from .pictures.figure import plot_order
 from .placement import placed_disc
-from .processed import PICTURE, Processed, restore
-from .result import SPREAD, ProcessedFrame
+from .processed import Processed, restore
+from .result import PICTURE, SPREAD, ProcessedFrame
 from .run_report import process_report
 
 __all__ = [

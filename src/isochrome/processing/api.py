@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
@@ -25,7 +27,17 @@ from isochrome.frames import (
 from isochrome.fringes import make_design
 from isochrome.optics import make_chain
 from isochrome.output import counted, load_roifile
-from isochrome.processing.chunk import frame_row, layers_of, more_of, process_chunk
+from isochrome.processing.chunk import (
+    FILM,
+    blank_map,
+    film_map,
+    frame_row,
+    layers_of,
+    more_of,
+    process_chunk,
+    set_layout,
+)
+from isochrome.processing.film_maps import check_options, refuse_unfollowed, with_maps
 from isochrome.processing.folder import finish_set_folder, set_dataset
 from isochrome.processing.frame_task import (
     FrameSource,
@@ -34,11 +46,16 @@ from isochrome.processing.frame_task import (
     identity_of,
     open_set,
     release_caches,
-    set_pixel,
 )
 from isochrome.processing.kinds.colour_light import check_colour
-from isochrome.processing.kinds.tracked import EVERY, check_tracked, tracked_states
+from isochrome.processing.kinds.tracked import (
+    EVERY,
+    check_tracked,
+    is_followed,
+    tracked_states,
+)
 from isochrome.processing.pictures.figure import figure_in_memory
+from isochrome.processing.pictures.preview import PREVIEW
 from isochrome.processing.processed import (
     Processed,
     add_frame_row,
@@ -54,9 +71,7 @@ from isochrome.runs import (
     STORE,
     Job,
     RunFolder,
-    RunLayout,
     RunOptions,
-    chunk_size,
     holds_results,
     refuse_without_folder,
     run_job,
@@ -65,7 +80,6 @@ from isochrome.runs import (
     working_folder,
 )
 from isochrome.scene import (
-    ArrayFrames,
     FramesLike,
     Scene,
     SceneLike,
@@ -85,7 +99,10 @@ def process(
     *,
     rois: bool = False,
     track: bool = False,
+    each: bool = False,
     every: int | None = None,
+    maps: str | None = None,
+    preview: bool = False,
     as_stated: bool = False,
     workers: int | None = 1,
     cluster: str | None = None,
@@ -121,11 +138,22 @@ def process(
         Whether skeleton.csv and skeleton.zip, the lines as ImageJ ROIs that lie on these maps, are
         wanted of every frame.
     track : bool, default False
-        Whether only each `every`-th frame of a contact's video is processed wholly, and load,
-        friction, wear and place are followed through the others: all have their row of frames.csv,
-        and the maps are those of the key frames.
+        Whether only each `every`-th frame of a contact's stack or folder is processed wholly, and
+        load, friction, wear and place are followed through the others. All frames have their row of
+        frames.csv, and their orders are read on the branches of the followed model. A contact's
+        video is followed without it.
+    each : bool, default False
+        Whether every frame of a video is processed wholly too, as if there were no others.
     every : int, optional
-        Frames from one key frame to the next, with `track`.
+        Frames from one key frame to the next of what is followed, 200.
+    maps : {'all', 'key', 'none'}, optional
+        The frames of a followed video whose maps are written: with 'all', order (in steps of 1e-4
+        fringe where it stays below 6.5) and confidence of every frame in run.zarr, and those of the
+        key frames as TIFF stacks besides. By default all, where they take less than 20 GB (8 GB in
+        memory), else those of the key frames.
+    preview : bool, default False
+        Whether the last frame that was read, and its orders, are written every few seconds to
+        OUT.partial/preview.png.
     as_stated : bool, default False
         Whether all that the scene states is held, and nothing else is fitted than its unknowns;
         else what a frame asks for is fitted too and named in the warnings: the camera's roll,
@@ -187,8 +215,7 @@ def process(
     """
     scene = load_scene(scene)
     check_scene(scene)
-    if every is not None and not track:
-        raise InputError(f"--every {every}: is for --track; add that, or leave it out")
+    check_options(track, each, maps, preview, out)
     if rois:
         load_roifile()  # missing, it is to be said before hours of work
     refuse_without_folder(out, workers, cluster)
@@ -203,22 +230,28 @@ def process(
         if cluster is not None:
             frames, scene = absolute(frames, scene)
             reader = open_scene_frames(frames, scene)
-        every = (every or EVERY) if track else None
+        follow = track or (not each and is_followed(scene, reader))
+        if not follow:
+            refuse_unfollowed(every, maps)
+        shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
         recipe = FrameTask(
             frames=frames, scene=scene, reader=reader, key="not yet known", rois=rois,
-            as_stated=as_stated, keep_going=keep_going, every=every,
+            as_stated=as_stated, keep_going=keep_going,
+            every=(every or EVERY) if follow else None, preview=shown,
         )  # fmt: skip
-        if out is not None and not restart and _is_done(Path(out), recipe, files):
+        identity = partial(identity_of, recipe, files, maps)
+        if out is not None and not restart and _is_done(Path(out), identity):
             return restore(scene, Path(out), reader.shape, open_set(recipe).residual)
         several = (workers or 1) > 1 and cluster is None
         early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
         means = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
-        return _processed(recipe, files, out, means, progress)
+        return _processed(recipe, identity, maps, out, means, progress)
 
 
 def _processed(
     recipe: FrameTask,
-    files: Sequence[Path | ArrayFrames],
+    identify: Callable[[], Mapping[str, Any]],
+    maps: str | None,
     out: str | Path | None,
     means: RunOptions,
     progress: RunProgress | None,
@@ -229,15 +262,19 @@ def _processed(
     _check_set(recipe.scene, reader, count)
     if every is not None:
         check_tracked(recipe.scene, reader.shape, every)
+    if every is not None:
+        recipe, said = with_maps(recipe, maps, count, on_disk=out is not None)
+        if progress is not None:
+            progress(Tally(0, count, 0, 0, said))
     source = open_set(recipe)
     if every is not None and not recipe.as_stated:
         recipe = source.recipe = replace(recipe, apparatus=_apparatus_of(source, count))
     if out is None:
         return _in_memory(source, count // recipe.steps, progress)
-    identity = identity_of(recipe, files)
+    identity = identify()
     digest = hashlib.sha256(json.dumps(identity).encode()).hexdigest()
     recipe = source.recipe = replace(recipe, key=digest)  # opened, it need not be opened again
-    job = Job(partial(process_chunk, recipe), _layout(source, count // recipe.steps), identity)
+    job = Job(partial(process_chunk, recipe), set_layout(source, count // recipe.steps), identity)
 
     place = Path(out).absolute()
 
@@ -256,12 +293,12 @@ def _apparatus_of(source: FrameSource, count: int) -> Apparatus:
     return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
 
 
-def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path | ArrayFrames]) -> bool:
+def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
     """Whether a finished run has left all, by what the files hold: no frame is decoded for it."""
     there = (out / PROVENANCE).is_file() and (out / STORE / "zarr.json").is_file()
     if not there or working_folder(out).exists():  # an unfinished run, or one that is at work
         return False
-    return holds_results(out.resolve(), identity_of(recipe, files))
+    return holds_results(out.resolve(), identify())
 
 
 def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) -> Processed:
@@ -269,6 +306,10 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     recipe, flagged = source.recipe, 0
     pictures = count if recipe.every is None else -(-count // recipe.every)
     needed = 4 * len(layers_of(recipe.scene)) * pictures * math.prod(source.reader.shape)
+    film: dict[str, list[np.ndarray]] = {}
+    if recipe.every is not None and recipe.maps == "all":
+        film = {name: [] for name in FILM}
+        needed += 4 * len(FILM) * count * math.prod(source.reader.shape)
     if needed > MOST_IN_MEMORY:
         raise InputError(
             f"{source.reader.path}: the maps of {counted(pictures, 'frame')} take "
@@ -280,6 +321,9 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     for item in found(0, count):
         add_frame_row(more, len(rows), more_of(item, recipe.scene))
         rows.append(frame_row(item, recipe))
+        for name, seen in film.items():
+            made = film_map(item, name)
+            seen.append(blank_map(name, source.reader.shape) if made is None else made)
         if isinstance(item, ProcessedFrame):
             kept.append(item)
         flagged += item.status != "ok"
@@ -291,22 +335,8 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     shape, status = source.reader.shape, more["status"]
     result = collect(recipe.scene, table, status, kept, shape, source.residual)
     draw = partial(figure_in_memory, recipe.scene, table, status, kept)
-    load = partial(set_dataset, recipe.scene, result.columns, more, kept, shape)
+    load = partial(set_dataset, recipe.scene, result.columns, more, kept, film, shape)
     return replace(result, draw=draw, load=load)
-
-
-def _layout(source: FrameSource, count: int) -> RunLayout:
-    """What a set's run leaves: its maps over frame, row and column."""
-    rows, cols = source.reader.shape
-    every = source.recipe.every
-    return RunLayout(
-        axes={"frame": count},
-        shape={"row": rows, "col": cols},
-        layers=layers_of(source.recipe.scene),
-        chunk=every or chunk_size(count, 4 * rows * cols),
-        pixel_mm=set_pixel(source),
-        every=every or 1,
-    )
 
 
 def check_scene(scene: Scene) -> None:

@@ -6,6 +6,7 @@ import csv
 import io
 import zipfile
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import groupby
 from typing import Any, cast
 
@@ -13,8 +14,9 @@ import numpy as np
 
 from isochrome.fringes import Skeleton, skeleton_table
 from isochrome.output import add_rois, csv_text, roi_entries
-from isochrome.processing.frame_task import FrameTask, open_set
+from isochrome.processing.frame_task import FrameSource, FrameTask, open_set, set_pixel
 from isochrome.processing.kinds.tracked import tracked_states
+from isochrome.processing.pictures.preview import write_preview
 from isochrome.processing.processed import orders_are_read
 from isochrome.processing.result import (
     NOTHING,
@@ -25,7 +27,7 @@ from isochrome.processing.result import (
     frame_columns,
     row_of_set,
 )
-from isochrome.runs import Layer, Results
+from isochrome.runs import Compact, Layer, Results, RunLayout, chunk_size
 from isochrome.scene import Scene
 
 LINES, ROIS = "skeleton.csv", "skeleton.zip"
@@ -36,11 +38,46 @@ CONFIDENCE = Layer("confidence", "1", "probability that the order is right to 1/
 ISOCLINIC = Layer("isoclinic", "degree", "direction of sigma_1, counter-clockwise from x")
 
 
+_CONFIDENCE_STEP = 1.0 / 254.0
+"""Of one byte, whose last value stands for what is not known."""
+
+FILM = (ORDER.name, CONFIDENCE.name)
+"""Maps of every frame of a video that is followed."""
+
+
+def task_layers(recipe: FrameTask) -> tuple[Layer, ...]:
+    """The maps that a set's run leaves."""
+    layers = layers_of(recipe.scene)
+    if recipe.every is None or recipe.maps == "key":
+        return layers
+    if recipe.maps == "none":
+        return ()
+    kept = {
+        ORDER.name: Compact(recipe.order_step, 16),
+        CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8),
+    }
+    return tuple(replace(layer, compact=kept.get(layer.name)) for layer in layers)
+
+
 def layers_of(scene: Scene) -> tuple[Layer, ...]:
     """The maps that a scene's frames give."""
     if not orders_are_read(scene):
         return (NORMALISED,)
     return (NORMALISED, ORDER, CONFIDENCE, *([ISOCLINIC] if scene.polariscope.step else []))
+
+
+def set_layout(source: FrameSource, count: int) -> RunLayout:
+    """What a set's run leaves: its maps over frame, row and column."""
+    rows, cols = source.reader.shape
+    every = source.recipe.every
+    return RunLayout(
+        axes={"frame": count},
+        shape={"row": rows, "col": cols},
+        layers=task_layers(source.recipe),
+        chunk=every or chunk_size(count, 4 * rows * cols),
+        pixel_mm=set_pixel(source),
+        every=every or 1,
+    )
 
 
 def process_chunk(recipe: FrameTask, start: int, stop: int) -> Results:
@@ -56,14 +93,22 @@ def process_chunk(recipe: FrameTask, start: int, stop: int) -> Results:
 
 def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
     """Processed frames as Results; they are let go one by one."""
-    layers = layers_of(recipe.scene)
+    layers = task_layers(recipe)
     pictures: dict[str, list[np.ndarray]] = {layer.name: [] for layer in layers}
+    compact = {layer.name: layer.compact for layer in layers if layer.compact is not None}
+    packed: dict[str, list[bytes | None]] = {name: [] for name in compact}
     rows, more = [], []
     tables: list[str] = []
     rois: list[tuple[str, bytes]] = []
     for item in states:
+        item = _within(item, compact.get(ORDER.name))
+        if recipe.preview is not None:
+            write_preview(recipe.preview, item)
         rows.append(frame_row(item, recipe))
         more.append(more_of(item, recipe.scene))
+        for name, kind in compact.items():
+            made = film_map(item, name)
+            packed[name].append(None if made is None else kind.pack(made))
         if isinstance(item, FollowedFrame):
             continue
         for name, seen in pictures.items():
@@ -84,7 +129,23 @@ def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) 
         with zipfile.ZipFile(data, "w") as archive:
             add_rois(archive, rois)
         parts[ROIS] = data.getvalue()
-    return Results(arrays, rows, more, parts)
+    return Results(arrays, rows, more, parts, packed=packed)
+
+
+def _within(
+    item: ProcessedFrame | FollowedFrame, kind: Compact | None
+) -> ProcessedFrame | FollowedFrame:
+    """A frame, that says where its orders go beyond what the store's steps reach."""
+    if kind is None or item.reading is None:
+        return item
+    above = int(np.count_nonzero(item.reading.order > kind.largest))
+    if not above:
+        return item
+    text = (
+        f"{above} pixels have orders above {kind.largest:.4g} fringes, which run.zarr cannot hold, "
+        "and are not known there; state the load nearer"
+    )
+    return replace(item, warnings=(*item.warnings, text))
 
 
 def frame_row(item: ProcessedFrame | FollowedFrame, recipe: FrameTask) -> dict[str, Any]:
@@ -92,7 +153,8 @@ def frame_row(item: ProcessedFrame | FollowedFrame, recipe: FrameTask) -> dict[s
     row, columns = item.row(), frame_columns(recipe.scene, tracked=recipe.every is not None)
     if recipe.every is not None and isinstance(item, ProcessedFrame):
         found_by = WHOLE if item.has_values else NOTHING
-        row |= {"picture": item.index // recipe.every, "found_by": found_by}
+        place = None if recipe.maps == "none" else item.index // recipe.every
+        row |= {"picture": place, "found_by": found_by}
         held = {} if recipe.apparatus is None else recipe.apparatus.values
         for key, (value, spread) in held.items():
             row |= {key: value, f"{key} {SPREAD}": spread}
@@ -104,9 +166,23 @@ def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:
     found = item.maps().get(name)
     if found is not None:
         return found
-    # no order was read: none is known, and none can be relied upon
+    return blank_map(name, item.normalised.shape)
+
+
+def blank_map(name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """A map of a frame of which nothing was read: no order is known, and none can be relied upon.
+
+    Parameters: `name` of the map; `shape` (rows, cols).
+    """
     empty = 0.0 if name == CONFIDENCE.name else np.nan
-    return np.full(item.normalised.shape, empty, dtype=np.float32)
+    return np.full(shape, empty, dtype=np.float32)
+
+
+def film_map(item: ProcessedFrame | FollowedFrame, name: str) -> np.ndarray | None:
+    """The order or confidence of any frame of a video (rows, cols); None where none was read."""
+    if item.reading is None:
+        return None
+    return item.reading.order if name == ORDER.name else item.reading.confidence
 
 
 def more_of(item: ProcessedFrame | FollowedFrame, scene: Scene) -> dict[str, Any]:

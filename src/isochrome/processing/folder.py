@@ -40,14 +40,13 @@ from isochrome.processing.frame_task import FrameTask
 from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
 from isochrome.processing.processed import (
     FIGURE,
-    PICTURE,
     Processed,
     add_frame_row,
     collect,
     refuse_unread,
     warnings_last,
 )
-from isochrome.processing.result import ProcessedFrame
+from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.processing.run_report import process_report
 from isochrome.reporting import write_report
 from isochrome.runs import (
@@ -147,13 +146,15 @@ def _shown(
 ) -> list[Shown]:
     """The first frames in which something was found, or some key frames, as they are drawn."""
     good = shown_frames(table, more["status"])
+    names = {layer.name for layer in bench.layout.layers}
+    if NORMALISED.name not in names:
+        return []
     tables = (
         Path(file).read_bytes()
         for index in sorted({k // bench.layout.chunk for k in good})
         if (file := bench.part_file(LINES, index)).is_file()
     )
     lines = {k: own for text in tables for k, own in lines_of(text, set(good)).items()}
-    names = {layer.name for layer in bench.layout.layers}
 
     def read(layer: str, item: int) -> np.ndarray | None:
         there = layer in names and more["read"][item]
@@ -183,21 +184,23 @@ def set_dataset(
     table: Mapping[str, list[Any]],
     more: Mapping[str, list[Any]],
     frames: Sequence[ProcessedFrame],
+    film: Mapping[str, list[np.ndarray]],
     shape: tuple[int, int],
 ) -> RunDataset:
     """The dataset of a set that is in memory, as run.zarr has it.
 
-    Parameters: as `_set_columns`; `frames` with pictures. Returns a RunDataset.
+    Parameters: as `_set_columns`; `frames` with pictures; `film`, maps of all frames by their name.
+    Returns a RunDataset.
     """
     columns, axes = _set_columns(scene, table, more, shape)
-    names = ("key_frame" if PICTURE in table else "frame", "row", "col")
+    few = "key_frame" if PICTURE in table else "frame"
     maps = {
         layer.name: Column(
-            names,
-            np.stack([picture_of(item, layer.name) for item in frames]),
+            ("frame" if layer.name in film else few, "row", "col"),
+            np.stack(film.get(layer.name) or [picture_of(item, layer.name) for item in frames]),
             {"units": layer.units, "long_name": layer.what},
         )
-        for layer in layers_of(scene)
+        for layer in (layers_of(scene) if frames else ())
     }
     known = {"isochrome": isochrome.__version__, "scene": dump_scene(scene)}
     return make_dataset(maps | columns, axes, attributes(known))
@@ -241,7 +244,7 @@ def _set_columns(
     # all are there, whatever is known of them: a dataset's axes do not come and go
     columns = {name: column(values, "frame", name) for name, values in found.items()}
     axes = {name: columns.pop(name) for name in _COORDINATES} | _places(scene, table, shape)
-    if PICTURE in table:
+    if PICTURE in table and any(at is not None for at in table[PICTURE]):
         whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
         axes["key_frame"] = Column(("key_frame",), np.array(whole), {})
     return columns, axes

@@ -39,7 +39,9 @@ class FrameTask:
     fit too; `as_stated`, whether nothing is fitted besides the scene's unknowns; `keep_going`,
     whether a frame that fails is left out; `every`, from one key frame of a tracked video to the
     next, None where every frame is processed wholly, and then its `apparatus`, what all of its
-    frames have in common.
+    frames have in common, and `maps`, of which of its frames these are written: 'all', those of
+    the 'key' frames, or 'none'; `order_step`, in which those of all are kept, fringes; `preview`,
+    the picture that is written now and then of the last frame, None where nobody looks.
     """
 
     frames: FramesLike
@@ -51,6 +53,9 @@ class FrameTask:
     keep_going: bool = False
     every: int | None = None
     apparatus: Apparatus | None = None
+    maps: str = "key"
+    order_step: float = 1e-4
+    preview: Path | None = None
 
     @property
     def held_scene(self) -> Scene:
@@ -218,15 +223,17 @@ def place_of(scene: Scene, frame: Frame) -> tuple[str, float]:
     return "initial sliding" if slides else "static", 0.0
 
 
-def identity_of(recipe: FrameTask, files: Sequence[Path | ArrayFrames]) -> Mapping[str, Any]:
+def identity_of(
+    recipe: FrameTask, files: Sequence[Path | ArrayFrames], maps: str | None = None
+) -> Mapping[str, Any]:
     """What a run on a set is a result of, as provenance.json keeps it.
 
-    Parameters: `recipe`; `files`, see `frames.input_files`. Raises InputError where one is not
-    readable.
+    Parameters: `recipe`; `files`, see `frames.input_files`; `maps`, as they were asked for. Raises
+    InputError where a file is not readable.
     """
     scene = recipe.scene
     seed = scene.camera.seed if scene.camera else None
-    tracked = {} if recipe.every is None else {"every": recipe.every}
+    tracked = {} if recipe.every is None else {"every": recipe.every, "maps": maps or "default"}
     stated = {"as_stated": True} if recipe.as_stated else {}
     return run_identity(dump_scene(scene), files, {"rois": recipe.rois} | tracked | stated, seed)
 

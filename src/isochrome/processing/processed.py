@@ -31,19 +31,18 @@ from isochrome.processing.result import (
     CAUSES,
     NOTHING,
     ORDER_SPREAD,
+    PICTURE,
     SEARCHED,
     SEPARATOR,
     SPREAD,
     ProcessedFrame,
     causes_of,
     own_values,
+    whole_frames,
 )
 from isochrome.runs import RunDataset, column_values, identifier, open_run
 from isochrome.scene import Scene
 from isochrome.simulation import no_model_sentence
-
-PICTURE = "picture"
-"""Column of frames.csv of a tracked video: where a key frame lies in the stacks of pictures."""
 
 FIGURE = "process.png"
 _LOOK = "`isochrome check` looks at the frames and their light"
@@ -179,7 +178,7 @@ def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
         chi=numbers(table["chi"]),
         distance_m=numbers(table["distance_m"]),
         searched=np.array([found == SEARCHED for found in table.get("found_by", none)]),
-        whole=np.array([at is not None for at in table.get(PICTURE, none)]),
+        whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
     )
 
 
@@ -339,7 +338,7 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
         return None
     keys = fitted_keys(table)
     # of a tracked video the key frames count, whose every pixel was fitted
-    whole = [at is not None for at in table.get(PICTURE, table["frame"])]
+    whole = whole_frames(table) if PICTURE in table else [True] * len(table["frame"])
     own = [
         {key: {"value": value} for key, value in own_values(table, keys, k).items()} if at else {}
         for k, at in enumerate(whole)

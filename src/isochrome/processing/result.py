@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +22,9 @@ SPREAD = "standard_uncertainty"
 
 WHOLE, FOLLOWED, SEARCHED, NOTHING = "whole frame", "track", "search", "nothing"
 """How a frame's values were found, in frames.csv of a tracked video."""
+
+PICTURE = "picture"
+"""Column of frames.csv of a tracked video: where a key frame lies in the stacks of pictures."""
 
 _SHORTEST_PX = 12.0
 """Of a fringe line: where the order is level, noise makes small loops of it."""
@@ -117,6 +120,17 @@ def largest_pixel(order: Array) -> dict[str, Any]:
         return {"n_max": float("nan"), "n_max_row_px": None, "n_max_col_px": None}
     row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
     return {"n_max": float(order[row, col]), "n_max_row_px": int(row), "n_max_col_px": int(col)}
+
+
+def largest_place(order: Array, scene: Scene) -> dict[str, float]:
+    """Columns of the largest fringe order that is known, and its place (mm) in a frame's scene."""
+    found, grid = largest_pixel(order), pixel_grid(scene, (order.shape[0], order.shape[1]))
+    row, col = found["n_max_row_px"], found["n_max_col_px"]
+    return {
+        "n_max": found["n_max"],
+        "n_max_x_mm": float("nan") if col is None else float(grid.x_mm[col]),
+        "n_max_z_mm": float("nan") if row is None else float(grid.z_mm[row]),
+    }
 
 
 def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
@@ -249,23 +263,13 @@ class ProcessedFrame(SetFrame):
         }
         return maps if self.isoclinic is None else maps | {"isoclinic": self.isoclinic}
 
-    def _largest(self, order: Array, scene: Scene) -> dict[str, float]:
-        """The largest fringe order that is known, and its place (mm)."""
-        found, grid = largest_pixel(order), pixel_grid(scene, (order.shape[0], order.shape[1]))
-        row, col = found["n_max_row_px"], found["n_max_col_px"]
-        return {
-            "n_max": found["n_max"],
-            "n_max_x_mm": float("nan") if col is None else float(grid.x_mm[col]),
-            "n_max_z_mm": float("nan") if row is None else float(grid.z_mm[row]),
-        }
-
     def row(self) -> dict[str, Any]:
         """The frame's row of frames.csv."""
         place = {"distance_m": self.distance_m, "chi": self.chi, "noise": self.noise}
         row = self.names | place | {"pixel_mm": self.pixel_mm} | self.columns
         if self.fit is not None and self.reading is not None and not self.columns:
             fit, order = self.fit, self.reading.order
-            row |= {"kept_share": self.reading.kept} | self._largest(order, fit.scene)
+            row |= {"kept_share": self.reading.kept} | largest_place(order, fit.scene)
             if self.has_values:  # of a lost fit, only the place that it began with is left
                 row |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
         elif not (self.failed or self.columns):
@@ -275,16 +279,17 @@ class ProcessedFrame(SetFrame):
 
 @dataclass(frozen=True, kw_only=True)
 class FollowedFrame(SetFrame):
-    """A frame between two key frames of a tracked video: its tracked values alone are known.
+    """A frame between two key frames of a tracked video.
 
-    `keys` and `tracked`, what was found, None in a frame that failed.
+    `keys` and `tracked`, what was found, None in a frame that failed; its orders, `reading`, where
+    maps of all frames are wanted, with the `noise` of its signal and the `scene` that it shows.
     """
 
     keys: tuple[str, ...]
     tracked: Tracked | None = None
-
-    reading = None
-    """Nobody reads its orders."""
+    reading: OrderReading | None = None
+    noise: float = float("nan")
+    scene: Scene | None = None
 
     def corner_mm(self, _: Scene) -> tuple[float, float]:
         """Outer edges (mm) of the first column and row where they were tracked, else NaN."""
@@ -302,6 +307,9 @@ class FollowedFrame(SetFrame):
             if np.isfinite(tracked.values).any():
                 row["found_by"] = SEARCHED if tracked.searched else FOLLOWED
             row |= value_columns(self.keys, tracked.values, tracked.standard_uncertainty)
+        if self.reading is not None and self.scene is not None:
+            row |= {"noise": self.noise, "kept_share": self.reading.kept}
+            row |= largest_place(self.reading.order, self.scene)
         return row | self.messages
 
 
@@ -331,3 +339,9 @@ def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> d
     """What was fitted to a frame: the values of keys, and those that it asked for."""
     values = {key: table[key][k] for key in keys if table[key][k] is not None}
     return values | causes_of(table[CAUSES][k] or "" if CAUSES in table else "")
+
+
+def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:
+    """Which frames of a tracked video were processed wholly: whatever maps were wanted of them."""
+    found = zip(table[PICTURE], table["found_by"], strict=True)
+    return [at is not None or by == WHOLE for at, by in found]

@@ -21,11 +21,10 @@ from isochrome.fitting import (
 from isochrome.output import counted, numbers, sentence_of, sentence_of_orders
 from isochrome.processing.chunk import NORMALISED, ORDER
 from isochrome.processing.processed import (
-    PICTURE,
     Processed,
     fitted_keys,
 )
-from isochrome.processing.result import CAUSES, own_values
+from isochrome.processing.result import CAUSES, PICTURE, own_values
 from isochrome.reporting import (
     FRINGES,
     SIGNAL,
@@ -37,7 +36,7 @@ from isochrome.reporting import (
     curves_of,
     paper_rows,
 )
-from isochrome.runs import STORE
+from isochrome.runs import STORE, stored_map
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import (
     iter_scene_states,
@@ -143,7 +142,7 @@ def _frames(
     for one in chosen:
         k = int(having[one.number])
         layers = {
-            name: np.asarray(group[name][int(stored[k])])
+            name: stored_map(group[name], item=k, picture=int(stored[k]))
             for name in (NORMALISED.name, ORDER.name)
             if name in group
         }

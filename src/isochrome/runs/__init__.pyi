@@ -1,9 +1,9 @@
 from .chunks import RunFolder, parts, picture, rows
-from .datasets import RunArray, RunDataset, make_dataset
+from .datasets import RunArray, RunDataset, make_dataset, stored_map
 from .execution import WORTH_WORKERS_S, RunOptions, Stopped, refuse_without_folder, run_job
 from .exporting import export
 from .identity import environment, run_identity
-from .job import CHUNK_BYTES, Job, Layer, Results, RunLayout, chunk_size
+from .job import CHUNK_BYTES, Compact, Job, Layer, Results, RunLayout, chunk_size
 from .lock import locked
 from .memory import trim_heap
 from .store import (
@@ -38,6 +38,7 @@ __all__ = [
     "WORKING",
     "WORTH_WORKERS_S",
     "Column",
+    "Compact",
     "Job",
     "Layer",
     "NoCluster",
@@ -72,6 +73,7 @@ __all__ = [
     "run_identity",
     "run_job",
     "single_threaded",
+    "stored_map",
     "texts",
     "trim_heap",
     "waiting_workers",

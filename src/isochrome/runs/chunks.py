@@ -17,6 +17,9 @@ from isochrome.output import TiffCanvas
 from isochrome.runs.job import Results, RunLayout
 from isochrome.runs.store import STORE
 
+MANIFEST, RECORDS = "manifest.json", "chunks"
+"""In a working folder: what the run is a result of, and the folder of the chunks' records."""
+
 
 @dataclass(frozen=True)
 class RunFolder:
@@ -74,13 +77,18 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
         values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
         assert values.shape == (end - first, *run.layout.shape.values()), layer.name
         data = values.data.cast("B")
-        rest = int(np.prod(run.layout.chunk_shape)) - values.size
-        padding = np.full(rest, np.nan, dtype="<f4").tobytes()
-        write_through(run.chunk_file(layer.name, index), data, padding)
         if layer.name in run.stacks:
             run.stacks[layer.name].write(first, data)
-        sums[layer.name] = [zlib.crc32(data)]
-        sums[layer.name].append(zlib.crc32(padding, sums[layer.name][0]))
+        if layer.compact is not None:
+            pieces: list[bytes | memoryview] = _shard(results.packed[layer.name], run.layout.chunk)
+        else:
+            rest = int(np.prod(run.layout.chunk_shape)) - values.size
+            pieces = [data, np.full(rest, np.nan, dtype="<f4").tobytes()]
+        write_through(run.chunk_file(layer.name, index), *pieces)
+        whole = 0
+        for piece in pieces:
+            whole = zlib.crc32(piece, whole)
+        sums[layer.name] = [zlib.crc32(data), whole]
     for name, part in results.parts.items():
         write_through(run.part_file(name, index), part)
     states = [more["status"] for more in results.more]
@@ -96,6 +104,22 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     }
     write_checked(run.record_file(index), body)
     return kept
+
+
+def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
+    """The pieces of a shard's file: its items' maps, then where each lies and how long it is.
+
+    Parameters: `maps`, None where an item has none; `count` of items in a shard. Source: the zarr
+    format's specification of its sharding codec, the index at the end.
+    """
+    index = np.full((count, 2), 2**64 - 1, dtype="<u8")  # no map
+    pieces, at = list[bytes | memoryview](), 0
+    for number, data in enumerate(maps):
+        if data is not None:
+            index[number] = at, len(data)
+            pieces.append(data)
+            at += len(data)
+    return [*pieces, index.tobytes()]
 
 
 def read_record(run: RunFolder, index: int) -> dict[str, Any] | None:
@@ -189,6 +213,10 @@ def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
     index, inside = divmod(item, run.layout.chunk)
     each, rest = divmod(inside, run.layout.every)
     assert rest == 0, f"item {item} has no picture"
+    kept = run.stacks.get(layer)
+    if kept is not None:  # the store may have it in whole steps
+        data = kept.read(item // run.layout.every, 1)
+        return np.frombuffer(data, "<f4").reshape(kept.shape[1:]).copy()
     flat = np.memmap(run.chunk_file(layer, index), dtype="<f4", mode="r")
     shape = (run.layout.chunk // run.layout.every, *run.layout.shape.values())
     return np.array(flat.reshape(shape)[each])

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray
+from numpy.typing import NDArray
 from xarray.plot.accessor import DataArrayPlotAccessor
 
-from isochrome.runs.store import Column, described, with_identifiers
+from isochrome.errors import InputError
+from isochrome.runs.chunks import MANIFEST, RECORDS, read_checked
+from isochrome.runs.store import (
+    STORE,
+    Column,
+    column,
+    described,
+    read_store,
+    with_identifiers,
+)
 
 _PICTURE = (("z_mm", "x_mm"), ("row", "col"))
 """The two axes of a picture: in mm, or where no scale is known in pixels."""
@@ -117,3 +129,59 @@ def as_run(dataset: xarray.Dataset) -> RunDataset:
     made = RunDataset(dict(found.data_vars), dict(found.coords), found.attrs)
     made.set_close(dataset.close)
     return made
+
+
+def stored_map(array: Any, *, item: int, picture: int) -> NDArray[Any]:
+    """Read one map of a store's array as numbers, however it is kept.
+
+    Parameters
+    ----------
+    array : zarr.Array
+        A layer's array.
+    item : int
+        Number of the item.
+    picture : int
+        Number of its picture, where only some items have one.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, cols)
+        The map, NaN = not known.
+    """
+    step = array.attrs.get("scale_factor")
+    if step is None:
+        return np.asarray(array[picture])
+    steps = np.asarray(array[item])
+    known = steps != array.fill_value
+    return np.where(known, steps * np.float32(step), np.nan).astype(np.float32)
+
+
+def open_growing(partial: Path) -> xarray.Dataset:
+    """The dataset of a run that is at work, as far as it is: maps over row and col.
+
+    Parameters: `partial`, its working folder. Maps and columns of frames that are not finished are
+    not known; `finished` says which are. Raises InputError where no run is at work there.
+    """
+    stores = sorted(partial.glob(f"results-*/{STORE}/zarr.json"), key=lambda f: f.stat().st_mtime)
+    manifest = read_checked(partial / MANIFEST)
+    if not stores or manifest is None:
+        raise InputError(f"{partial}: no run is at work there; name a folder that process left")
+    layout = manifest["layout"]
+    if len(layout["axes"]) != 1:
+        raise InputError(f"{partial}: can be opened when it is finished; it is a grid of runs")
+    ((axis, count),) = layout["axes"].items()
+    rows: dict[int, dict[str, Any]] = {}
+    for file in sorted((partial / RECORDS).glob("*.json")):
+        record = read_checked(file)
+        if record is not None:
+            rows |= dict(enumerate(record["rows"], int(file.stem) * layout["chunk"]))
+    names = list(dict.fromkeys(name for row in rows.values() for name in row))
+    columns = {
+        name: column([rows.get(k, {}).get(name) for k in range(count)], axis, name)
+        for name in names
+    }
+    columns["finished"] = Column((axis,), np.array([k in rows for k in range(count)]), {})
+    columns[axis] = Column((axis,), np.arange(count), {})
+    found = read_store(stores[-1].parent)
+    own = {n: (c.axes, c.values, described(n, c)) for n, c in columns.items()}
+    return found.assign(own).set_coords(axis)

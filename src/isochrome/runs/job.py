@@ -17,6 +17,70 @@ LARGEST_CHUNK = 32
 
 
 @dataclass(frozen=True)
+class Compact:
+    """How maps are kept in whole steps of one or two bytes, compressed one by one.
+
+    Blosc's Zstandard at its first level, its bytes shuffled: of an order read from noise of 3 grey
+    levels it leaves 1.2 bytes a pixel in 1.4 ms a frame of 659 x 494; higher levels take 4 to 500
+    ms for 3 to 13 % less, LZ4 0.6 ms for 12 % more.
+
+    Parameters
+    ----------
+    step : float
+        What a value is a multiple of, from 0 on.
+    bits : int
+        16 or 8.
+    """
+
+    step: float
+    bits: int
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The stored type, little-endian."""
+        return np.dtype(f"<u{self.bits // 8}")
+
+    @property
+    def unknown(self) -> int:
+        """What stands for NaN."""
+        return int(2**self.bits - 1)
+
+    @property
+    def largest(self) -> float:
+        """The largest value that can be kept."""
+        return (self.unknown - 1) * self.step
+
+    def shards(self, shape: tuple[int, ...]) -> Any:
+        """How zarr reads a file of many maps of a shape (rows, cols), one after the other.
+
+        Each can be read by itself: behind them stands where each is, zarr's sharding.
+        """
+        from zarr.codecs import BloscCodec, BytesCodec, ShardingCodec
+
+        size = self.dtype.itemsize
+        packing = BloscCodec(typesize=size, cname="zstd", clevel=1, shuffle="shuffle")
+        return ShardingCodec(
+            chunk_shape=(1, *shape),
+            codecs=[BytesCodec(), packing],
+            index_codecs=[BytesCodec()],
+        )
+
+    def pack(self, values: NDArray[Any]) -> bytes:
+        """A map (rows, cols) as it is stored; what is larger than `largest` is not known."""
+        from numcodecs import blosc
+
+        codec = blosc.Blosc(cname="zstd", clevel=1, shuffle=blosc.SHUFFLE)
+        inside = values <= self.largest  # not NaN
+        steps = np.rint(np.where(inside, values, 0.0) / np.float32(self.step)).astype(self.dtype)
+        steps[~inside] = self.unknown
+        before, blosc.use_threads = blosc.use_threads, False  # whose order is chance
+        try:
+            return bytes(codec.encode(steps))
+        finally:
+            blosc.use_threads = before
+
+
+@dataclass(frozen=True)
 class Layer:
     """A picture for each item, float32, NaN = not known.
 
@@ -30,12 +94,16 @@ class Layer:
         What it is, in words.
     stack : bool, default True
         Whether it is left as a TIFF stack too.
+    compact : Compact, optional
+        How the store has it, then for every item, whatever the layout's `every`: the stack alone
+        is of the pictures.
     """
 
     name: str
     units: str
     what: str
     stack: bool = True
+    compact: Compact | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +198,9 @@ class Results:
         The chunk's part of files that all chunks make together.
     left : mapping, optional
         What the next chunk begins with where they are computed in turn, for JSON.
+    packed : mapping of str to list of bytes or None, optional
+        Of each compact layer, the map of every item as `Compact.pack` gives it; None where an item
+        has none.
     """
 
     arrays: Mapping[str, NDArray[Any]]
@@ -137,6 +208,7 @@ class Results:
     more: list[dict[str, Any]]
     parts: Mapping[str, bytes] = field(default_factory=dict)
     left: Mapping[str, Any] | None = None
+    packed: Mapping[str, list[bytes | None]] = field(default_factory=dict)
 
 
 Work = Callable[[int, int], Results]

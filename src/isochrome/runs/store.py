@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.output import Floats, numbers
-from isochrome.runs.job import RunLayout
+from isochrome.runs.job import Compact, Layer, RunLayout
 
 if TYPE_CHECKING:
     import xarray
@@ -45,6 +45,9 @@ def create_store(path: Path, layout: RunLayout) -> None:
 
     group = zarr.open_group(path, mode="w", zarr_format=3)
     for layer in layout.layers:
+        if layer.compact is not None:
+            _create_compact(group, layer, layer.compact, layout)
+            continue
         group.create_array(
             layer.name,
             shape=(*layout.picture_axes.values(), *layout.shape.values()),
@@ -55,6 +58,25 @@ def create_store(path: Path, layout: RunLayout) -> None:
             dimension_names=tuple(map(identifier, (*layout.picture_axes, *layout.shape))),
             attributes={"units": layer.units, "long_name": layer.what},
         )
+
+
+def _create_compact(group: Any, layer: Layer, compact: Compact, layout: RunLayout) -> None:
+    """Lay out an array of whole steps over all items, a file for each chunk of the run."""
+    shape = tuple(layout.shape.values())
+    group.create_array(
+        layer.name,
+        shape=(layout.count, *shape),
+        chunks=(layout.chunk, *shape),
+        dtype=compact.dtype.name,
+        fill_value=compact.unknown,
+        serializer=compact.shards(shape),
+        compressors=None,
+        dimension_names=tuple(map(identifier, (*layout.axes, *layout.shape))),
+        attributes={
+            "units": layer.units, "long_name": layer.what,
+            "scale_factor": compact.step, "_FillValue": compact.unknown,
+        },
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -291,7 +313,8 @@ def open_run(path: str | Path) -> RunDataset:
     Parameters
     ----------
     path : str or Path
-        The run's folder, or the run.zarr in it.
+        The run's folder, or the run.zarr in it; of one at work OUT.partial: its maps are over
+        (frame, row, col) yet, and `finished` says of which frames.
 
     Returns
     -------
@@ -302,7 +325,7 @@ def open_run(path: str | Path) -> RunDataset:
     Raises
     ------
     InputError
-        Where no finished run is there, or it cannot be read.
+        Where no such run is there, or it cannot be read.
 
     Examples
     --------
@@ -318,9 +341,10 @@ def open_run(path: str | Path) -> RunDataset:
     >>> print(f"{order.sel(x_mm=0.0, z_mm=9.0, method='nearest').item():.2f} fringes")
     0.78 fringes
     """
-    from isochrome.runs.datasets import as_run
+    from isochrome.runs.datasets import as_run, open_growing
 
-    return as_run(open_store(path))
+    growing = Path(path).name.endswith(WORKING)
+    return as_run(open_growing(Path(path)) if growing else open_store(path))
 
 
 def open_store(path: str | Path) -> xarray.Dataset:
@@ -330,15 +354,28 @@ def open_store(path: str | Path) -> xarray.Dataset:
     if not (store / "zarr.json").is_file():
         unfinished = place.with_name(place.name + WORKING).is_dir()
         hint = (
-            "the run is not finished: run the same command again to resume"
+            "the run is not finished: run the same command again to resume, or open "
+            f"{place.name}{WORKING} to see what is there"
             if unfinished
             else "name a folder that process or sweep left"
         )
         raise InputError(f"{place}: holds no {STORE}; {hint}")
+    return read_store(store)
+
+
+def read_store(store: Path) -> xarray.Dataset:
+    """A store as a dataset, read as it is used. Raises InputError where it cannot be read."""
     import xarray
 
     try:
-        found = xarray.open_dataset(store, engine="zarr", consolidated=False, chunks=None)
+        stored = xarray.open_dataset(
+            store, engine="zarr", consolidated=False, chunks=None, decode_cf=False
+        )
+        for array in stored.variables.values():
+            if "scale_factor" in array.attrs:  # maps in whole steps are single precision
+                array.attrs["scale_factor"] = np.float32(array.attrs["scale_factor"])
+        found = xarray.decode_cf(stored)
+        found.set_close(stored.close)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{store}: cannot be read ({error}); run the command again with --restart"

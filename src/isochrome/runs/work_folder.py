@@ -20,7 +20,15 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.output import TiffCanvas, check_link, make_canvas, open_canvas
-from isochrome.runs.chunks import RunFolder, read_checked, remove, sync_folder, write_checked
+from isochrome.runs.chunks import (
+    MANIFEST,
+    RECORDS,
+    RunFolder,
+    read_checked,
+    remove,
+    sync_folder,
+    write_checked,
+)
 from isochrome.runs.identity import difference
 from isochrome.runs.job import Job, RunLayout
 from isochrome.runs.lock import LOCK, OWNER
@@ -31,7 +39,7 @@ REPORT = "report.html"
 """A view of the results, which `isochrome report` makes anew: a run is whole without it."""
 
 FINISHED = "finished"
-_MANIFEST, _RECORDS, _GROUP = "manifest.json", "chunks", "group.json"
+_GROUP = "group.json"
 
 
 def working_folder(out: Path) -> Path:
@@ -125,10 +133,10 @@ def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
             )
         results = root / manifest["token"]
         if (root / FINISHED).exists():
-            return RunFolder(results, root / _RECORDS, job.layout, {})
+            return RunFolder(results, root / RECORDS, job.layout, {})
         if results.is_dir():
             stacks = _stacks(results, job.layout, open_canvas)
-            run = RunFolder(results, root / _RECORDS, job.layout, stacks)
+            run = RunFolder(results, root / RECORDS, job.layout, stacks)
             clear_up(run)
             return run
     wipe(root)
@@ -164,7 +172,7 @@ def wipe(root: Path) -> None:
     OSError
         Where the disk cannot be written or read.
     """
-    for entry in sorted(root.iterdir(), key=lambda e: e.name != _MANIFEST):
+    for entry in sorted(root.iterdir(), key=lambda e: e.name != MANIFEST):
         if entry.name not in (LOCK, OWNER):
             remove(entry)
 
@@ -172,7 +180,7 @@ def wipe(root: Path) -> None:
 def _manifest(root: Path) -> dict[str, Any] | None:
     """What a run is a result of; None where it breaks off: so may all that was written after it."""
     try:
-        found: dict[str, Any] = read_checked(root / _MANIFEST)
+        found: dict[str, Any] = read_checked(root / MANIFEST)
         known = isinstance(found["identity"], dict) and isinstance(found["layout"], dict)
         inside = re.fullmatch(r"results-[0-9a-f]+", found["token"]) is not None
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -190,15 +198,15 @@ def _new(root: Path, job: Job) -> RunFolder:
     results, layout = root / token, job.layout
     check_room(root, layout, layout.count)
     results.mkdir()
-    (root / _RECORDS).mkdir()
+    (root / RECORDS).mkdir()
     if layout.store:
         create_store(results / STORE, layout)
         shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
     stacks = _stacks(results, layout, partial(make_canvas, pixel_mm=layout.pixel_mm))
     sync_tree(root)
     body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
-    write_checked(root / _MANIFEST, body)
-    return RunFolder(results, root / _RECORDS, layout, stacks)
+    write_checked(root / MANIFEST, body)
+    return RunFolder(results, root / RECORDS, layout, stacks)
 
 
 def _stacks(
@@ -234,9 +242,12 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
 
     Parameters: `root`, the working folder; `layout`; `items` still to come. Raises InputError.
     """
-    copies = sum(2 if layer.stack else 1 for layer in layout.layers)
-    pictures = -(-items // layout.every)
-    needed = 4 * pictures * copies * math.prod(layout.shape.values())
+    pixels, pictures = math.prod(layout.shape.values()), -(-items // layout.every)
+    needed = 0
+    for layer in layout.layers:
+        needed += 4 * pixels * pictures * layer.stack
+        compact = layer.compact
+        needed += pixels * (4 * pictures if compact is None else items * compact.bits // 8)
     needed += (items + layout.count) * layout.part_bytes  # as parts, and put together
     free = shutil.disk_usage(root).free
     if needed > free:

@@ -169,6 +169,13 @@ class SceneRenderer:
         made = self._field(scene, state, pixels, slopes=False)
         return self._seen_by_area(made.difference, self._above(scene, pixels))
 
+    def difference(self, scene: Scene, state: SceneState) -> Array:
+        """The stress difference (rows, cols), MPa, in the middles of the strided pixels.
+
+        Parameters: `scene`; `state`, its own, solved.
+        """
+        return self._field(scene, state, self._pixels(scene), slopes=False).difference
+
     def _field(
         self, scene: Scene, state: SceneState, pixels: PixelGrid, *, slopes: bool
     ) -> SeriesField:

@@ -1,4 +1,7 @@
-"""A video's thinned pixels, prepared once, and the fields there, kept as polynomials."""
+"""A video's thinned pixels, prepared once, and the fields there, kept as polynomials.
+
+And the field of one frame on all pixels, which is made when it is wanted.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from isochrome.fitting.frame.single_state import with_numerics, with_part
 from isochrome.fitting.tracking.field_polynomial import FieldBox, make_field_box
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
 from isochrome.frames import NoiseModel
-from isochrome.scene import Scene
+from isochrome.scene import Numerics, Scene
 
 HIDDEN_PX, _ROOM_PX = 8.0, 4.0
 _SHARE = 1.04
@@ -212,6 +215,33 @@ class FieldMaker:
         """What renders on the widest grid so far."""
         assert self._renderer is not None
         return self._renderer
+
+
+class WholeField:
+    """Stress differences of a course's frames on all pixels of a picture, by the mechanics.
+
+    A polynomial on all pixels would take gigabytes. What one frame needs are some milliseconds: the
+    scar grows on from the one that the track has kept, its contact is solved from the last one's,
+    and one transform a row gives the field.
+    """
+
+    def __init__(self, course: TrackCourse, shape: tuple[int, int]) -> None:
+        """`course`, that has passed the frames; `shape` (rows, cols) of one."""
+        self._course, self._shape = course, shape
+        self._grid: Numerics | None = None
+        self._renderer: SceneRenderer | None = None
+
+    def at(self, values: Array) -> tuple[Scene, Array]:
+        """The one-state scene of the last frame's values (axes,), and its field.
+
+        Returns the scene, and the stress difference (rows, cols), MPa. Raises PhysicsError where
+        the contact cannot be solved.
+        """
+        scene, state = self._course.whole_state(values)
+        if self._renderer is None or self._grid != scene.numerics:
+            self._grid = scene.numerics
+            self._renderer = SceneRenderer(scene, self._shape)
+        return scene, self._renderer.difference(scene, state)
 
 
 def stepped_scene(scene: Scene, steps: dict[str, float]) -> Scene:

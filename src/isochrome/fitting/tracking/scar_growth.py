@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +24,6 @@ from isochrome.contact import (
     OutputState,
     SlidingHistory,
     contact_grid,
-    elastic_constants,
     elastic_state,
     make_site,
     solve_pressure,
@@ -31,9 +32,8 @@ from isochrome.contact import (
 )
 from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.unknowns import FRICTION, LOAD, WEAR
-from isochrome.fitting.joint.frame_sequence import local_values
-from isochrome.scene import DistanceTable, Scene
+from isochrome.fitting.frame.unknowns import WEAR
+from isochrome.scene import Scene
 from isochrome.simulation import SceneState
 
 TOLERANCE = 1e-5
@@ -105,6 +105,11 @@ class Drive:
             )
         )
         return Drive(np.concatenate((self.worn_mm2[kept], ends)), load, mu)
+
+
+_ROOT, _ALIKE = 0.9, 1e-3
+"""Share of a long wear's area from which its scars are worn in few steps, and how much another
+scale may shift its loads."""
 
 
 @dataclass(frozen=True)
@@ -227,22 +232,6 @@ def _with_last(kept: list[WornScar], last: WornScar) -> list[WornScar]:
     return [*older, *every[-_SCARS:]]
 
 
-def elastic_area(scene: Scene, line_load_n_per_mm: float) -> float:
-    """Area (mm²) that the indenter would cut off were it not for the elasticity, P' a / E*.
-
-    Parameters: `scene`; `line_load_n_per_mm` P'. Source: Johnson (1985), Contact Mechanics,
-    section 4.2, for the half-width a under a cylinder; that of a flat is its own.
-    """
-    modulus, _ = elastic_constants(scene)
-    indenter = scene.indenter
-    assert indenter is not None
-    width = indenter.half_width_mm
-    if width is None:
-        radius = indenter.radius_mm or 1.0
-        width = 2.0 * math.sqrt(line_load_n_per_mm * radius / (math.pi * modulus))
-    return line_load_n_per_mm * width / modulus
-
-
 class TrackPast:
     """The course of a worn contact up to the frame that is being tracked, and what it has worn."""
 
@@ -250,6 +239,8 @@ class TrackPast:
         self._before: Drive | None = None
         self._frames: list[tuple[float, float, float]] = []
         self._kept: list[WornScar] = []
+        self._aside: list[WornScar] = []
+        self._root: tuple[Array, float, WornScar] | None = None
         self._scars: list[WornScar] = []
         self._low: WornScar | None = None
         self._ahead = (0.0, 0.0)
@@ -295,6 +286,7 @@ class TrackPast:
         grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))
         self._site, self._pressure = make_site(scene, grid), None
         self._kept = [scar.on(grid.nodes) for scar in self._kept]
+        self._aside, self._root = [], None
 
     def wear(
         self,
@@ -321,13 +313,15 @@ class TrackPast:
         if self._frames:
             if not self._kept:
                 first = scale * self._frames[0][0]
-                began = grow(self._site, start, drive, [first], elastic_mm2) if first > 0.0 else []
-                self._kept = [scar for scar in began if first <= low]
+                wanted = [first] if 0.0 < first <= low else []
+                self._kept = grow(self._site, start, drive, wanted, elastic_mm2) if wanted else []
             # what the last frame left is certain, and where the next scars begin
             last = min(low, scale * self._frames[-1][0])
             if low - last < SMALL * (low + elastic_mm2):
                 last = low  # what the frame in hand adds is next to nothing
             start = next((s for s in reversed(self._kept) if s.worn_mm2 <= last), start)
+        if start.worn_mm2 == 0.0 < low and _ROOT * high < low:
+            start = self._rooted(drive, scale, low, elastic_mm2)
         there = sorted({area for area in (last, *areas) if area > start.worn_mm2})
         grown = grow(self._site, start, drive, there, elastic_mm2)
         if last > start.worn_mm2:
@@ -337,6 +331,31 @@ class TrackPast:
             self._frames = self._frames[max(0, oldest - 1) :]
         self._scars = [start, *grown]
         self._low = min(self._scars, key=lambda one: abs(one.worn_mm2 - low))
+
+    def _rooted(self, drive: Drive, scale: float, low: float, elastic_mm2: float) -> WornScar:
+        """A scar below an area, of what wore the contact before its first frame: made once."""
+        assert self._site is not None and self._before is not None
+        before = np.array(self._before.columns)
+        if self._root is not None:
+            known, its_scale, scar = self._root
+            alike = np.array_equal(known, before) and abs(scale / its_scale - 1.0) < _ALIKE
+            if alike and scar.worn_mm2 <= low:
+                return scar
+        unworn = WornScar(0.0, np.zeros(self._site.grid.nodes))
+        (scar,) = grow(self._site, unworn, drive, [_ROOT * low], elastic_mm2)
+        self._root = before, scale, scar
+        return scar
+
+    @contextmanager
+    def as_it_is(self) -> Iterator[None]:
+        """Wear and solve within this: what is worn here serves the next time, here alone."""
+        own = dict(vars(self))
+        worn = self._kept[-1].worn_mm2 if self._kept else np.inf
+        self._kept = [*self._kept, *(scar for scar in self._aside if scar.worn_mm2 > worn)]
+        try:
+            yield
+        finally:
+            vars(self).update(own | {"_aside": self._kept[-1:], "_root": self._root})
 
     def lean(self, share: float, elastic_mm2: float) -> tuple[float, float]:
         """Wear on, by a step, under `share` of the mean load: what `solve` then stands on.
@@ -377,25 +396,3 @@ class TrackPast:
         still = np.flatnonzero(np.diff(worn) <= 0.0) + 1  # loads that change at one place
         worn[still] = worn[still - 1] * (1.0 + JUMP)
         return Drive(scale * worn, load, friction)
-
-
-def drive_before(scene: Scene, distance_m: float, load_n: float, friction: float) -> Drive:
-    """What wore a contact until a distance: the scene's tables, or what the first frame shows.
-
-    Parameters: `scene`; `distance_m` of the first frame, and its own `load_n` and `friction`, held
-    for all the time before where the scene has a number. Returns a Drive.
-    """
-    tables = [scene.get(LOAD), scene.get(FRICTION) if scene.friction else friction]
-    s = np.array([0.0, distance_m])
-    for value in tables:
-        if isinstance(value, DistanceTable):
-            s = np.concatenate((s, value.distance_m))
-    s = np.unique(s[s <= distance_m])
-    loads, mus = (isinstance(value, DistanceTable) for value in tables)
-    assert scene.specimen.thickness_mm is not None
-    load = np.array(scene.load_at(s)) if loads else np.full(len(s), load_n)
-    return Drive(
-        local_values(scene, tuple(s.tolist()))[:, 2],
-        load / scene.specimen.thickness_mm,
-        np.array(scene.friction_at(s)) if mus else np.full(len(s), friction),
-    )

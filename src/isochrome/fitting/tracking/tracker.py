@@ -26,13 +26,14 @@ from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.fitting.frame.frame_model import LocalModel, RefinedFit
 from isochrome.fitting.frame.gamma import GammaFit
 from isochrome.fitting.frame.inputs import inputs_of_rows
+from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
 from isochrome.fitting.frame.unknowns import WEAR, fit_region, thinning
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.apparatus import Apparatus, NoLoad
-from isochrome.fitting.tracking.field_cache import HIDDEN_PX, thin_frame
+from isochrome.fitting.tracking.field_cache import HIDDEN_PX, WholeField, thin_frame
 from isochrome.fitting.tracking.tracked_model import BEYOND, TrackModel
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
-from isochrome.frames import Frame, estimate_noise, full_scale
+from isochrome.frames import Frame, NoiseModel, estimate_noise, full_scale
 from isochrome.scene import Scene
 
 _PIXELS = 20_000
@@ -203,6 +204,7 @@ class Tracker:
         self._values: Array | None = None
         self._pace = np.zeros(len(keys))
         self._model: TrackModel | None = None
+        self._whole: WholeField | None = None
         self._reference, self._since_noise = 1.0, 0
 
     def state(self) -> dict[str, Any]:
@@ -256,6 +258,19 @@ class Tracker:
         self._values = found.values
         self.course.passed(found.values, distance_m)
         return self._in_own_units(found, searched=lost)
+
+    def model_frame(self, frame: Frame) -> tuple[FrameData, ModelFrame, Scene]:
+        """The frame that was tracked last, with every pixel, its model, and the scene of that.
+
+        Its noise is that of the track. Raises InputError on a blank frame, PhysicsError where the
+        contact cannot be solved.
+        """
+        assert self._values is not None and self._model is not None
+        if self._whole is None:
+            self._whole = WholeField(self.course, (frame.image.shape[0], frame.image.shape[1]))
+        scene, difference = self._whole.at(self._values)
+        data = self._data(frame, self._model.thinned.noise)
+        return data, evaluate_model(data, scene, difference=difference), scene
 
     def _in_own_units(self, found: RefinedFit, *, searched: bool) -> Tracked:
         """What a frame says in its keys' own units."""
@@ -313,9 +328,10 @@ class Tracker:
         self.course.nominal, self._model = False, own
         return found
 
-    def _data(self, frame: Frame) -> FrameData:
+    def _data(self, frame: Frame, noise: NoiseModel | None = None) -> FrameData:
+        depth, no_load = self._bit_depth, self._no_load
         return self._apparatus.seen(
-            prepare_frame(frame, self.scene, bit_depth=self._bit_depth, no_load=self._no_load)
+            prepare_frame(frame, self.scene, bit_depth=depth, no_load=no_load, noise=noise)
         )
 
     def _prepare(self, frame: Frame, data: FrameData) -> TrackModel:

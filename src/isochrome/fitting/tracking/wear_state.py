@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from isochrome.contact import wear_rate
+from isochrome.contact import elastic_constants, wear_rate
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import scene_at
 from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
 from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.fitting.refusals import refuse_untracked
 from isochrome.fitting.tracking.field_polynomial import CHECKED, CORNER
-from isochrome.fitting.tracking.scar_growth import TrackPast, drive_before, elastic_area
+from isochrome.fitting.tracking.scar_growth import Drive, TrackPast
 from isochrome.scene import DistanceTable, Numerics, Scene
 from isochrome.simulation import SceneState, scene_states
 
@@ -70,7 +71,7 @@ class TrackCourse:
         """Tell the history what wore the contact before its first frame."""
         if self._last is None:
             earlier = self._own(LOAD, self._now) if self.nominal else load
-            self._past.begin(drive_before(self.scene, distance_m, earlier, friction))
+            self._past.begin(_drive_before(self.scene, distance_m, earlier, friction))
 
     def state(self) -> dict[str, Any]:
         """The history up to the last frame, as plain numbers for `resume`."""
@@ -194,6 +195,17 @@ class TrackCourse:
         """The contact of a `field_scene` on the scar that its history has worn."""
         return scene_states(scene)[-1] if self.scene.wear is None else self._past.solve(scene)
 
+    def whole_state(self, values: Array) -> tuple[Scene, SceneState]:
+        """The scene of the values (axes,) of the last frame that `passed`, and its contact.
+
+        The history stays as it is. Raises PhysicsError where the contact cannot be solved.
+        """
+        scene = self.field_scene(values).model_copy(update={"numerics": self.numerics})
+        with self._past.as_it_is():
+            self.wear(values, values, values)
+            # on nodes that divide the pixels where the track began
+            return scene, self.solve(scene.model_copy(update={"camera": self.scene.camera}))
+
     def moved(self, values: Array, step: Array) -> Array:
         """Values (axes,) after a step (count,) of the tracked ones; no worn area below zero.
 
@@ -287,3 +299,41 @@ class TrackCourse:
 def _table(scene: Scene, key: str) -> bool:
     there = key == LOAD or scene.friction is not None
     return there and isinstance(scene.get(key), DistanceTable)
+
+
+def _drive_before(scene: Scene, distance_m: float, load_n: float, friction: float) -> Drive:
+    """What wore a contact until a distance: the scene's tables, or what the first frame shows.
+
+    Parameters: `scene`; `distance_m` of the first frame, and its own `load_n` and `friction`, held
+    for all the time before where the scene has a number. Returns a Drive.
+    """
+    tables = [scene.get(LOAD), scene.get(FRICTION) if scene.friction else friction]
+    s = np.array([0.0, distance_m])
+    for value in tables:
+        if isinstance(value, DistanceTable):
+            s = np.concatenate((s, value.distance_m))
+    s = np.unique(s[s <= distance_m])
+    loads, mus = (isinstance(value, DistanceTable) for value in tables)
+    assert scene.specimen.thickness_mm is not None
+    load = np.array(scene.load_at(s)) if loads else np.full(len(s), load_n)
+    return Drive(
+        local_values(scene, tuple(s.tolist()))[:, 2],
+        load / scene.specimen.thickness_mm,
+        np.array(scene.friction_at(s)) if mus else np.full(len(s), friction),
+    )
+
+
+def elastic_area(scene: Scene, line_load_n_per_mm: float) -> float:
+    """Area (mm²) that the indenter would cut off were it not for the elasticity, P' a / E*.
+
+    Parameters: `scene`; `line_load_n_per_mm` P'. Source: Johnson (1985), Contact Mechanics,
+    section 4.2, for the half-width a under a cylinder; that of a flat is its own.
+    """
+    modulus, _ = elastic_constants(scene)
+    indenter = scene.indenter
+    assert indenter is not None
+    width = indenter.half_width_mm
+    if width is None:
+        radius = indenter.radius_mm or 1.0
+        width = 2.0 * math.sqrt(line_load_n_per_mm * radius / (math.pi * modulus))
+    return line_load_n_per_mm * width / modulus

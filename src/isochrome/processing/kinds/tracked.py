@@ -1,4 +1,8 @@
-"""A contact's video: key frames are processed wholly, the frames between them are followed."""
+"""A contact's video: key frames are processed wholly, the frames between them are followed.
+
+Where maps of all frames are wanted, the orders of each are read on the branches of its followed
+model, by the same reading as of a frame that is processed by itself.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +24,9 @@ from isochrome.fitting import (
     slid_until,
     sliding_scene,
 )
-from isochrome.frames import Frame
+from isochrome.frames import Frame, FrameReader
 from isochrome.processing.frame_task import FrameSource, FrameTask, place_of
+from isochrome.processing.kinds.with_model import of_share, read_frame
 from isochrome.processing.result import (
     FollowedFrame,
     ProcessedFrame,
@@ -56,6 +61,17 @@ def check_tracked(scene: Scene, shape: tuple[int, int], every: int) -> None:
             "tracked; leave --track out"
         )
     Tracker(placed(sliding_scene(scene), shape), free_keys(scene), bit_depth=None)
+
+
+def is_followed(scene: Scene, reader: FrameReader) -> bool:
+    """Whether a set is a video of a contact whose frames can be followed."""
+    if reader.kind != "video":
+        return False
+    try:
+        check_tracked(scene, reader.shape, EVERY)
+    except InputError:
+        return False
+    return True
 
 
 def tracked_states(
@@ -136,25 +152,50 @@ class KeyFrames:
         fields = frame_fields(frame, self.scene) | {"label": label, "distance_m": distance}
         found = FollowedFrame(**fields, keys=self.keys)
         try:
-            tracked = self._tracked(frame)
+            tracked, whole = self._tracked(frame)
+            found = replace(found, tracked=tracked, warnings=tracked.warnings)
+            return self._with_map(found, frame, whole) if self.recipe.maps == "all" else found
         except IsochromeError as error:
             if not self.recipe.keep_going:
                 raise
-            return replace(found, warnings=(str(error),), failed=True)
-        return replace(found, tracked=tracked, warnings=tracked.warnings)
+            return replace(found, tracked=None, warnings=(str(error),), failed=True)
 
-    def _tracked(self, frame: Frame) -> Tracked:
+    def _tracked(self, frame: Frame) -> tuple[Tracked, ProcessedFrame | None]:
         """The tracked values; where there is no track yet, those of the whole frame, as a search.
 
-        What is not tracked, as an unknown gamma or a smooth stress, a whole frame alone tells.
+        What is not tracked, as an unknown gamma or a smooth stress, a whole frame alone tells. The
+        whole frame is given too where the values are its own.
         """
         if self._tracker is not None:
-            return self._tracker.track(frame, slid_until(self.scene, frame))
+            return self._tracker.track(frame, slid_until(self.scene, frame)), None
         if self._vain.is_repeated(frame):
-            return nothing_found(len(self.keys))
+            return nothing_found(len(self.keys)), None
         whole = self._whole(frame)
         self.begin(frame, whole)
-        return self._of_whole(whole) if whole.has_values else nothing_found(len(self.keys))
+        if not whole.has_values:
+            return nothing_found(len(self.keys)), None
+        return self._of_whole(whole), whole
+
+    def _with_map(
+        self, found: FollowedFrame, frame: Frame, whole: ProcessedFrame | None
+    ) -> FollowedFrame:
+        """A followed frame with its orders, read on the branches of the followed model.
+
+        Raises InputError, PhysicsError.
+        """
+        tracked = found.tracked
+        if whole is not None and whole.fit is not None:
+            return replace(found, reading=whole.reading, noise=whole.noise, scene=whole.fit.scene)
+        if self._tracker is None or tracked is None or not tracked.positive:
+            return found
+        data, seen, scene = self._tracker.model_frame(frame)
+        reading, noise, lost = read_frame(
+            frame, data, seen, chi=tracked.chi, positive=tracked.positive
+        )
+        if lost:
+            return found
+        text = (*found.warnings, *of_share(reading))
+        return replace(found, reading=reading, noise=noise, scene=scene, warnings=text)
 
     def _whole(self, frame: Frame) -> ProcessedFrame:
         """A frame as if it were a key frame; nothing where the physics is refused."""

@@ -64,15 +64,10 @@ def process_with_model(
     if apparatus is not None:
         data, said = apparatus.seen(data), apparatus.warnings
     data, fit, scene, notes, slip = _fitted(data, scene, frame, as_stated)
-    data, seen, noise = _held(data, fit)
-    gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
-    lost = _is_lost(fit, noise)
-    reading = _read(data, seen, lost)
-    if frame.mask is not None:
-        own = seen.picture.material & frame.mask
-        kept = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
-        reading = replace(reading, kept=kept)
+    data, seen = _held(data, fit)
+    reading, noise, lost = read_frame(frame, data, seen, chi=fit.chi, positive=fit.positive)
     inside = data.valid & seen.picture.material & (not lost)
+    gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
     signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
     found = ProcessedFrame(
         **frame_fields(frame) | {"pixel_mm": seen.pixels.pixel_mm},
@@ -84,6 +79,24 @@ def process_with_model(
         warnings=(*said, *notes, *(() if slip else _warnings(fit, reading, lost))),
     )
     return _without_model(found, frame, scene, capture, data, slip) if lost else found
+
+
+def read_frame(
+    frame: Frame, data: FrameData, seen: ModelFrame, *, chi: float, positive: bool
+) -> tuple[OrderReading, float, bool]:
+    """Read a frame's orders on the branches of its model, however that was found.
+
+    Parameters: `frame`; `data`, prepared; `seen`, its model; `chi` of the fit; `positive`, whether
+    the model's fringes are in the frame. Returns the reading, the noise over the illumination, and
+    whether the model is too far off to name branches.
+    """
+    noise, lost = _is_lost(data, seen, chi=chi, positive=positive)
+    reading = _read(data, seen, lost)
+    if frame.mask is not None:
+        own = seen.picture.material & frame.mask
+        kept = float(np.isfinite(reading.order).sum() / max(1, int(own.sum())))
+        reading = replace(reading, kept=kept)
+    return reading, noise, lost
 
 
 def _without_model(
@@ -134,19 +147,24 @@ def _opposite(given: Scene, fit: FrameFit) -> list[str]:
     return [text for text in texts if text is not None and fit.positive]
 
 
-def _held(data: FrameData, fit: FrameFit) -> tuple[FrameData, ModelFrame, float]:
-    """The frame as its fit read it, the fit at every pixel, and the noise over the contrast."""
+def _held(data: FrameData, fit: FrameFit) -> tuple[FrameData, ModelFrame]:
+    """The frame as its fit read it, and the fit at every pixel."""
     if fit.scene.frames.stated_gamma != data.gamma:
         data = data.toned(fit.scene.frames.stated_gamma)
     if fit.plain:
         data = data.plain()
-    seen = evaluate_model(data, fit.scene)
-    return data, seen, seen.contrast_noise(data.sigma) if fit.positive else float("nan")
+    return data, evaluate_model(data, fit.scene)
 
 
-def _is_lost(fit: FrameFit, noise: float) -> bool:
-    """Whether a fit is so far off that its values, and the branches that it names, say nothing."""
-    return not fit.positive or fit.chi * noise > TOO_FAR
+def _is_lost(
+    data: FrameData, seen: ModelFrame, *, chi: float, positive: bool
+) -> tuple[float, bool]:
+    """The noise over the contrast, and whether a model is too far off to say anything.
+
+    Its values, and the branches that it names, say nothing then.
+    """
+    noise = seen.contrast_noise(data.sigma) if positive else float("nan")
+    return noise, not positive or chi * noise > TOO_FAR
 
 
 def frame_causes(
@@ -167,7 +185,7 @@ def frame_causes(
         return notes, "with a slip"
     if not (fit.positive or notes):
         return None
-    lost = _is_lost(fit, _held(data, fit)[2])
+    _, lost = _is_lost(*_held(data, fit), chi=fit.chi, positive=fit.positive)
     texts = [*notes, *_of_chi(fit), *([_NO_ORDER] if lost else [])]
     return texts, "not at all" if lost else "well enough"
 
@@ -224,9 +242,16 @@ def _warnings(fit: FrameFit, reading: OrderReading, lost: bool) -> list[str]:
         )
     if lost:
         found.append(_NO_ORDER)
-    elif reading.kept < 0.5:
-        found.append(
-            f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; mask what is "
-            "not the specimen (frames.roi or mask), or lower the noise"
-        )
+    else:
+        found += of_share(reading)
     return found
+
+
+def of_share(reading: OrderReading) -> list[str]:
+    """What is said where few of the specimen's pixels could be read."""
+    if reading.kept >= 0.5:
+        return []
+    return [
+        f"only {100 * reading.kept:.0f} % of the specimen's pixels could be read; mask what is "
+        "not the specimen (frames.roi or mask), or lower the noise"
+    ]

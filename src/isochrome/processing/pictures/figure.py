@@ -35,8 +35,8 @@ from isochrome.figures import (
 )
 from isochrome.fringes import Skeleton, order_contours
 from isochrome.output import counted
-from isochrome.processing.processed import PICTURE, frame_values
-from isochrome.processing.result import ProcessedFrame
+from isochrome.processing.processed import frame_values
+from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
@@ -326,12 +326,15 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
     Returns a Figure.
     """
     found = frame_values(table)
-    wide, high = frames_size(items)
+    wide, high = frames_size(items) if items else (0.0, 0.0)
     figure = new_figure(_WIDTH + wide, max(high, PANEL_IN * (len(found.keys) + 1)) + 0.3)
-    parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
-    left, right = parts
+    if items:
+        parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
+        left, right = parts
+        write_head(right, f"key frames, normalised; {draw_frames(right, items)}")
+    else:  # nobody wants maps
+        left = figure.subfigures(1, 1)
     draw_frame_values(left, found)
-    write_head(right, f"key frames, normalised; {draw_frames(right, items)}")
     count, whole = len(found.chi), int(found.whole.sum())
     head = f"{plain_name(scene.name)}: {counted(count, 'frame')}, {counted(whole, 'key frame')}"
     write_head(figure, head)

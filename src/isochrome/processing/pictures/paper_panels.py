@@ -33,7 +33,8 @@ from isochrome.processing.pictures.figure import (
     say_lines,
     shown_frames,
 )
-from isochrome.processing.processed import PICTURE, Processed
+from isochrome.processing.processed import Processed
+from isochrome.processing.result import PICTURE
 from isochrome.runs import column_values
 
 if TYPE_CHECKING:

@@ -1,0 +1,264 @@
+"""Maps of every frame of a followed video: as `--each` gives them, compact, whoever makes them."""
+
+from __future__ import annotations
+
+import threading
+
+import cv2
+import numpy as np
+import pytest
+import zarr
+from tracked_films import FRICTION, LEFT, LOAD, contact, film, write_video
+
+from isochrome import open_run
+from isochrome.errors import InputError
+from isochrome.output import read_csv
+from isochrome.processing import process
+from isochrome.processing.film_maps import FINEST_STEP, order_step
+from isochrome.processing.kinds import tracked
+from isochrome.processing.pictures import preview
+from isochrome.runs import Compact
+from isochrome.runs.exporting import export
+from isochrome.simulation import scene_states, state_difference
+from isochrome.simulation.model import make_picture
+from isochrome.stress import pixel_grid
+from processing.test_process_track import EVERY, SHAPE, save
+from runs.counting import contents
+from runs.killing import killed_and_begun_again, needs_sigkill, start
+
+COUNT = 8
+
+
+def course(count):
+    """A load and a friction that swing, and a contact that creeps along."""
+    i = np.arange(count)
+    return {
+        LOAD: 44.0 * (1.0 + 0.03 * np.sin(i / 3)),
+        FRICTION: 0.2 + 0.01 * np.sin(i / 5),
+        LEFT: -1.9 + 0.004 * np.sin(i / 9),
+    }
+
+
+def true_orders(scene, values):
+    """The orders (frames, rows, cols) that a film was rendered from."""
+    found = []
+    for own in zip(*values.values(), strict=True):
+        one = scene.with_values(dict(zip(values, map(float, own), strict=True)))
+        pixels = pixel_grid(one, SHAPE)
+        difference = state_difference(one, scene_states(one)[-1], pixels)
+        found.append(make_picture(one, difference, pixels).order)
+    return np.stack(found)
+
+
+def run(place, out="out", **more):
+    where = None if out is None else place / out
+    frames, scene = place / "film.tif", place / "scene.toml"
+    return process(frames, scene, where, track=True, every=EVERY, **more)
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    """Eight frames of a sliding contact, of which 0 and 5 are key frames."""
+    scene = contact(sliding=True)
+    place = save(tmp_path_factory.mktemp("film"), film(scene, course(COUNT), 1), scene)
+    said = []
+    found = run(place, progress=lambda tally: said.append(tally.said))
+    return place, found, said
+
+
+def test_each_frame_has_the_map_that_it_has_when_it_is_processed_alone(followed):
+    place, _, _ = followed
+    with open_run(place / "out") as dataset:
+        order, confidence = dataset.fringe_order.values, dataset.confidence.values
+    assert order.shape == (COUNT, *SHAPE) and order.dtype == np.float32
+    alone = process(place / "film.tif", place / "scene.toml").dataset
+    other, sure = alone.fringe_order.values, alone.confidence.values
+    both = np.isfinite(order) & np.isfinite(other)
+    # both read the same light; their models differ by the noise of a fit, some 1e-4 fringe
+    assert np.sqrt(np.mean((order - other)[both] ** 2)) < 0.001
+    assert np.abs(order - other)[both].max() < 0.1  # a fifth of a branch
+    assert np.mean(np.isfinite(order) != np.isfinite(other)) < 0.005
+    assert np.sqrt(np.mean((confidence - sure)[both] ** 2)) < 0.02
+    truth = true_orders(contact(sliding=True), course(COUNT))
+    error = (order - truth)[np.isfinite(order)]
+    # what the noise leaves of a pooled reading; the bar of a frame by itself is the same
+    assert np.sqrt(np.mean(error**2)) < 0.005
+    assert np.mean(np.abs(error) > 0.25) == 0.0
+
+
+def test_a_followed_frame_has_the_columns_of_a_whole_one(followed):
+    place, found, said = followed
+    table = read_csv(place / "out" / "frames.csv")
+    truth = true_orders(contact(sliding=True), course(COUNT))
+    for name in ("kept_share", "n_max", "n_max_x_mm", "n_max_z_mm", "noise"):
+        assert np.isfinite(table[name]).all(), name
+    # the largest of 38 400 pixels' orders stands out by some of their 0.003
+    assert table["n_max"] == pytest.approx(truth.max(axis=(1, 2)), abs=0.03)
+    assert min(table["kept_share"]) > 0.95
+    assert [k for k, at in enumerate(found.columns["picture"]) if at is not None] == [0, 5]
+    assert any("maps of 8 frames" in text and "MB a frame" in text for text in said)
+
+
+def test_maps_are_kept_in_whole_steps_whose_error_is_half_of_one(followed):
+    place, _, _ = followed
+    kept = run(place, out=None).dataset
+    with open_run(place / "out") as dataset:
+        for name, step in (("fringe_order", FINEST_STEP), ("confidence", 1.0 / 254.0)):
+            own, stored = kept[name].values, dataset[name].values
+            np.testing.assert_array_equal(np.isnan(own), np.isnan(stored))
+            # half a step, and single precision of orders up to 4
+            assert np.nanmax(np.abs(own - stored)) <= 0.5 * step + 5e-7, name
+    group = zarr.open_group(place / "out" / "run.zarr", mode="r")
+    assert group["fringe_order"].dtype == "uint16" and group["confidence"].dtype == "uint8"
+    size = sum(f.stat().st_size for f in (place / "out/run.zarr/fringe_order").rglob("c/*/*/*"))
+    assert size < 1.6 * COUNT * SHAPE[0] * SHAPE[1]  # of two bytes a pixel, one and a quarter
+    (stack,) = (f for f in export(place / "out", "tiff", place) if f.stem == "fringe_order")
+    assert cv2.imreadmulti(str(stack), flags=cv2.IMREAD_UNCHANGED)[1][3].shape == SHAPE
+
+
+@pytest.mark.parametrize(("largest", "step"), [(3.0, 1e-4), (6.0, 2e-4), (30.0, 1e-3)])
+def test_steps_reach_twice_the_orders_of_the_scene(largest, step):
+    scene = contact()
+    own = FINEST_STEP * 65534
+    fine = order_step(scene, SHAPE)
+    assert fine == FINEST_STEP
+    # the order grows with the thickness over the fringe value
+    peak = true_orders(scene, {LOAD: [44.0]}).max()
+    value = scene.specimen.fringe_value_n_per_mm * peak / largest
+    found = order_step(scene.with_values({"specimen.fringe_value_n_per_mm": value}), SHAPE)
+    assert found == pytest.approx(step) and found / FINEST_STEP * own > 1.9 * largest
+
+
+def test_orders_beyond_the_steps_are_not_known_and_said(followed, monkeypatch):
+    place, _, _ = followed
+    monkeypatch.setattr("isochrome.processing.film_maps.order_step", lambda *_: 4e-5)
+    found = run(place, out="cut")
+    assert any(
+        "orders above 2.621 fringes, which run.zarr cannot hold" in t for t in found.warnings
+    )
+    with open_run(place / "cut") as dataset:
+        assert 2.6 < np.nanmax(dataset.fringe_order.values) < 2.622
+
+
+def test_a_map_is_packed_to_the_same_bytes_in_any_thread():
+    values = np.random.default_rng(2).normal(3.0, 1.0, (500, 400)).astype(np.float32)
+    values[values < 0.5] = np.nan
+    kind, found = Compact(1e-4, 16), []
+    threads = [threading.Thread(target=lambda: found.append(kind.pack(values))) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert set(found) == {kind.pack(values)}
+
+
+def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
+    pytest.importorskip("av")
+    scene = contact(sliding=True)
+    (tmp_path / "scene.toml").write_text(save(tmp_path / "s", np.zeros((1, 9, 9)), scene).joinpath(
+        "scene.toml").read_text("utf-8"), "utf-8")  # fmt: skip
+    write_video(tmp_path / "film.avi", film(scene, course(3), 1), "rawvideo", "gray")
+    arguments = tmp_path / "film.avi", tmp_path / "scene.toml"
+    found = process(*arguments)
+    assert found.columns["found_by"] == ["whole frame", "track", "track"]
+    assert found.dataset.fringe_order.dims[0] == "frame"
+    assert not process(*arguments, each=True).tracked
+    none = process(*arguments, tmp_path / "none", maps="none")
+    assert none.columns["picture"] == [None] * 3 and none.fitted is not None
+    assert not list((tmp_path / "none").glob("*.tif"))
+    with open_run(tmp_path / "none") as dataset:
+        assert "fringe_order" not in dataset and dataset.load_normal_n.size == 3
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"track": True, "each": True}, "--track and --each"),
+        ({"track": True, "maps": "some"}, "--maps some: give all, key, none"),
+        ({"maps": "all"}, "--maps all: is for a contact's video"),
+        ({"track": True, "preview": True}, "preview: is written beside the results"),
+    ],
+)
+def test_options_that_say_nothing_are_refused(tmp_path, more, said):
+    place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
+    with pytest.raises(InputError, match=said):
+        process(place / "film.tif", place / "scene.toml", **more)
+
+
+def test_a_growing_run_can_be_opened_and_looked_at(followed, monkeypatch):
+    place, _, _ = followed
+    looks, follow = [], tracked.KeyFrames.follow
+
+    def looked(self, frame):
+        if frame.index == 7:
+            with open_run(place / "grown.partial") as dataset:
+                looks.append((dataset.finished.values.tolist(), dataset.load_normal_n.values,
+                              dataset.fringe_order.values))  # fmt: skip
+            looks.append(cv2.imread(str(place / "grown.partial" / preview.PREVIEW)))
+        return follow(self, frame)
+
+    monkeypatch.setattr(tracked.KeyFrames, "follow", looked)
+    # the chunk before is written while this one is computed
+    monkeypatch.setattr("isochrome.runs.workers.futures.ThreadPoolExecutor", _AtOnce)
+    run(place, out="grown", preview=True)
+    (finished, load, order), picture = looks
+    assert finished == [True] * 5 + [False] * 3
+    assert np.isfinite(load).tolist() == finished
+    assert np.isfinite(order).any(axis=(1, 2)).tolist() == finished
+    assert picture.shape == (SHAPE[0] + 22, SHAPE[1], 3)
+    assert picture[22:].std(axis=(0, 1)).min() > 10.0  # colours, not a blank
+    assert not (place / "grown.partial").exists()
+    with pytest.raises(InputError, match="no run is at work there"):
+        open_run(place / "grown.partial")
+
+
+class _AtOnce:
+    """An executor that does what it is given before it goes on."""
+
+    def __init__(self, *_, **__):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def submit(self, work, *arguments):
+        result = work(*arguments)
+
+        class Done:
+            def result(self):
+                return result
+
+        return Done()
+
+
+@pytest.mark.long
+def test_chunks_and_workers_leave_the_same_bytes(followed):
+    place, _, _ = followed
+    run(place, out="two", workers=2)
+    assert contents(place / "two") == contents(place / "out")
+
+
+FOLLOWED_AGAIN = """
+import sys
+if __name__ == "__main__":
+    from isochrome import process
+    process("film.tif", "scene.toml", sys.argv[1], track=True, every=3, workers=int(sys.argv[2]))
+"""
+
+
+@pytest.mark.study
+@pytest.mark.long
+@needs_sigkill
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_killed_at_random_moments_it_ends_with_the_same_maps(tmp_path, code, workers):
+    scene = contact(sliding=True)
+    place = save(tmp_path / "film", film(scene, course(14), 5), scene)
+
+    def begin(out):
+        return start(place, code, "-c", FOLLOWED_AGAIN, out, workers)
+
+    kept = killed_and_begun_again(begin, place, [True] * 2, since=0.2, seed=int(workers))
+    assert kept > 0  # else nothing was told of going on
