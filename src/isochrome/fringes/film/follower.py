@@ -184,6 +184,14 @@ def _faded(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
     return contrast, square, (along, across)
 
 
+def faded_contrast(order: Array) -> Array:
+    """What a pixel's size leaves of the contrast of fringes (rows, cols).
+
+    Parameters: `order` (rows, cols), fringes.
+    """
+    return _faded(order)[0]
+
+
 def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise: float) -> Array:
     """The predicted orders as their own neighbourhoods' light corrects them."""
     import cv2

@@ -31,7 +31,9 @@ _MOVED = 10.0
 _RIDGE = (1e-3, 0.1, 0.1, 0.1, 1.0, 1.0, 10.0)
 """How little each coefficient is let go from the search, a thousandth of the pixels' information:
 those that stand for other courses than a proportional one are held the more."""
-_TOP = 99.5
+_TOP, _MOSTLY = 99.5, 97.0
+"""Per cent of the pixels: of the search, and of those whose change is judged together; about a
+force the order changes faster than it can be followed, and there it is lost alone."""
 _FEWEST = 50
 
 
@@ -84,8 +86,8 @@ def fit_order_change(
     single = found.astype(np.float32)
     change = single @ basis
     left, _ = _residual(basis[0], change, seen, faded)
-    parts = np.percentile(np.abs(basis), _TOP, axis=1) * np.abs(found)
-    own = np.percentile(np.abs(change), _TOP)
+    parts = np.percentile(np.abs(basis), _MOSTLY, axis=1) * np.abs(found)
+    own = np.percentile(np.abs(change), _MOSTLY)
     # tilts of the factor and what the fringes move are judged by their sum alone
     largest = float(max(own, parts[0], parts[6]))
     whole = np.zeros_like(order)

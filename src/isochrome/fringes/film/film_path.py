@@ -1,0 +1,205 @@
+r"""The way of a film's orders from its first frame to its last, and where it can be taken up again.
+
+The frames are passed over once, on blocks of pixels. At the start of every chunk the state is kept,
+so that a chunk's frames can be read by whoever has it, with the same result. Each chunk is followed
+back from its end, too: where both ways do not agree, an order is not known from that chunk on.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from isochrome.fringes.film.film_light import CrestLight, FilmLight
+from isochrome.fringes.film.follower import FilmState, faded_contrast, follow_frame
+from isochrome.fringes.windows import Array, Mask
+
+_AGREE = 0.2
+"""Fringes within which both ways agree: half of what parts two branches, less their noise."""
+_STEPS = 1e-3
+"""Fringes of which a kept order is a whole number; far below what one frame says."""
+_NOT_KNOWN = np.int32(-(2**30))
+
+
+@dataclass(frozen=True)
+class KeptState:
+    """A state that can be taken up again, packed.
+
+    Parameters
+    ----------
+    packed : bytes
+        Orders and rates.
+    doubtful : bytes
+        Where both ways through the chunk that begins here do not agree.
+    shape : tuple of int
+        Rows and columns.
+    time : float
+        Time of its frame.
+    broken : int or None
+        The frame into which the film could not be followed, at or before this one.
+    doubts : int
+        Blocks of pixels that are doubtful.
+    """
+
+    packed: bytes = field(repr=False)
+    doubtful: bytes = field(repr=False)
+    shape: tuple[int, int]
+    time: float
+    broken: int | None
+    doubts: int = 0
+
+    def state(self) -> FilmState:
+        """The state of the chunk's first frame."""
+        values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(2, *self.shape)
+        values = np.cumsum(values, axis=2, dtype=np.int32)
+        known = values[0] > _NOT_KNOWN // 2
+        order, rate = (v.astype(np.float32) * np.float32(_STEPS) for v in values)
+        return FilmState(np.where(known, order, 0.0).astype(np.float32), rate, known, self.time)
+
+    def doubt(self) -> Mask:
+        """Where the orders of the chunk are doubtful (rows, cols)."""
+        bits = np.frombuffer(zlib.decompress(self.doubtful), np.uint8)
+        size = self.shape[0] * self.shape[1]
+        return np.unpackbits(bits)[:size].reshape(self.shape).astype(bool)
+
+
+def keep_state(state: FilmState, broken: int | None) -> KeptState:
+    """Pack a state.
+
+    Parameters: `state`; `broken`, the frame into which the film could not be followed.
+    """
+    steps = [np.rint(v / np.float32(_STEPS)).astype(np.int32) for v in (state.order, state.rate)]
+    steps[0] = np.where(state.known, steps[0], _NOT_KNOWN)
+    packed = zlib.compress(np.diff(np.stack(steps), axis=2, prepend=np.int32(0)).tobytes(), 1)
+    rows, cols = state.known.shape
+    return KeptState(
+        packed, _pack(np.zeros_like(state.known)), (rows, cols), state.time, broken
+    )
+
+
+def _pack(mask: Mask) -> bytes:
+    return zlib.compress(np.packbits(mask).tobytes(), 1)
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """A frame that was passed: its wave, where it is trusted, and what was followed to there."""
+
+    wave: Array
+    valid: Mask
+    state: FilmState
+
+
+class FilmPath:
+    """A film that is followed from its first frame on.
+
+    Parameters
+    ----------
+    start : FilmState
+        Of the first frame.
+    light : FilmLight
+        The film's light, on blocks of pixels.
+    noise : float
+        Standard deviation of the wave's noise, on blocks.
+    chunk : int
+        Frames from one kept state to the next.
+
+    Attributes
+    ----------
+    kept : list of KeptState
+        The state of each chunk's first frame.
+    crests : CrestLight
+        What the followed crests say of the illumination.
+    highest : float
+        The highest order that was followed, but for a few pixels.
+    broken : int or None
+        The first frame into which the film could not be followed.
+    """
+
+    def __init__(self, start: FilmState, light: FilmLight, *, noise: float, chunk: int) -> None:
+        self.light, self.noise, self.chunk = light, noise, chunk
+        self.crests = CrestLight(start.known.shape)
+        self.highest = 0.0
+        self.broken: int | None = None
+        self.kept: list[KeptState] = []
+        self._state = start
+        self._passed: list[_Passed] = []
+
+    def follow(self, frames: Iterable[tuple[Array, Mask, float]]) -> None:
+        """Follow the film through all of its frames.
+
+        Parameters
+        ----------
+        frames : iterable of (ndarray, ndarray, float)
+            The light (rows, cols) of each frame on blocks of pixels, from the first on, where it is
+            trusted, and its time.
+        """
+        for index, (light, valid, time) in enumerate(frames):
+            rise = self.light.rise(light)
+            wave = light_wave(rise, self.light.illumination)
+            if index > 0:
+                self._take(rise, wave, valid, time, index)
+            self._passed.append(_Passed(wave, valid, self._state))
+            if index % self.chunk == 0:
+                self._agree()
+                self.kept.append(keep_state(self._state, self.broken))
+        self._agree()
+
+    def _take(self, rise: Array, wave: Array, valid: Mask, time: float, index: int) -> None:
+        """One frame more, and what it says of the illumination."""
+        if self.broken is not None:
+            self._state = replace(self._state, time=time)
+            return
+        state = self._state = follow_frame(self._state, wave, valid, time, noise=self.noise)
+        if state.broken:
+            self.broken = index
+            return
+        self.crests.add(rise, state.order, faded_contrast(state.order), state.known)
+        known = state.order[state.known][::7]
+        self.highest = max(self.highest, float(np.percentile(known, 99.5)) if known.size else 0.0)
+
+    def _agree(self) -> None:
+        """Follow the frames since the last kept state back; where that differs, none is known."""
+        passed, self._passed = self._passed, self._passed[-1:]
+        if self.broken is not None or len(passed) < 2:
+            return
+        doubt = _differing(passed, self.noise)
+        if doubt.any():
+            self.kept[-1] = replace(self.kept[-1], doubtful=_pack(doubt), doubts=int(doubt.sum()))
+            self._state = replace(self._state, known=self._state.known & ~doubt)
+            self._passed = [replace(passed[-1], state=self._state)]
+
+
+def _differing(passed: list[_Passed], noise: float) -> Mask:
+    """Where frames that are followed back from the last one have other orders (rows, cols)."""
+    state = passed[-1].state
+    known = state.known
+    doubt = np.zeros_like(known)
+    for frame in reversed(passed[:-1]):
+        state = follow_frame(state, frame.wave, frame.valid, frame.state.time, noise=noise)
+        if state.broken:
+            return known
+        both = state.known & frame.state.known
+        doubt |= both & (np.abs(state.order - frame.state.order) > _AGREE)
+    return doubt & known
+
+
+def light_wave(rise: Array, illumination: Array) -> Array:
+    """The wave cos 2 pi N of a rise A sin² pi N over the unloaded light.
+
+    Parameters
+    ----------
+    rise : ndarray (rows, cols)
+        The rise.
+    illumination : ndarray (rows, cols)
+        The illumination A.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        The wave, float32; noise may pass its ends.
+    """
+    return np.asarray(np.float32(1.0) - np.float32(2.0) * rise / illumination, dtype=np.float32)

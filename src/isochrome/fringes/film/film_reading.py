@@ -1,0 +1,118 @@
+"""The order of each pixel of a film's frame, on the branch that it was followed on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from isochrome.fringes.film.film_light import FilmLight
+from isochrome.fringes.film.follower import FilmState
+from isochrome.fringes.on_branch import OrderReading, read_order, widened
+from isochrome.fringes.windows import Array, Mask
+
+_GUIDE_ROWS = 247
+"""Rows, or columns if they are fewer, on which a film is followed at most, or nearly so."""
+
+
+def pixels_together(shape: tuple[int, int]) -> int:
+    """Choose how many pixels of a frame, along each side, are followed as one.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The frame's rows and columns.
+
+    Returns
+    -------
+    int
+        Pixels, 1 at least.
+    """
+    return max(1, round(min(shape) / _GUIDE_ROWS))
+
+
+def joined_pixels(values: Array, by: int) -> Array:
+    """Means over blocks of pixels, in single precision; a rim narrower than a block is left out.
+
+    Parameters
+    ----------
+    values : ndarray (rows, cols)
+        The pixels.
+    by : int
+        Pixels a side.
+
+    Returns
+    -------
+    ndarray (rows // by, cols // by)
+        The means.
+    """
+    import cv2
+
+    rows, cols = (n // by for n in values.shape)
+    single = np.ascontiguousarray(values[: rows * by, : cols * by], dtype=np.float32)
+    if by == 1:
+        return single
+    return np.asarray(cv2.resize(single, (cols, rows), interpolation=cv2.INTER_AREA))
+
+
+def fringe_response(order: Array) -> Array:
+    """The ideal signal of an order, sin² pi N.
+
+    Parameters: `order` N (rows, cols), fringes.
+    """
+    half = np.float32(0.5)
+    return np.asarray(half - half * np.cos(np.float32(2.0 * np.pi) * order))
+
+
+def read_followed(
+    light: Array, state: FilmState, film_light: FilmLight, *, sigma: Array, valid: Mask, by: int
+) -> OrderReading:
+    """Read the orders of a frame where they were followed to.
+
+    Parameters
+    ----------
+    light : ndarray (rows, cols)
+        The frame's light.
+    state : FilmState
+        What was followed, on blocks of pixels.
+    film_light : FilmLight
+        The film's light, of the frame's size.
+    sigma : ndarray (rows, cols)
+        Noise of the light.
+    valid : bool ndarray (rows, cols)
+        Whether a pixel is trusted.
+    by : int
+        Pixels a side of a block.
+
+    Returns
+    -------
+    OrderReading
+        The orders; its `kept` is the share of the valid pixels.
+    """
+    order = _spread(state.order, by, light.shape, smooth=True)
+    known = _spread(state.known.astype(np.float32), by, light.shape, smooth=False) > 0.5
+    rise = film_light.rise(light)
+    found = read_order(
+        rise,
+        np.where(valid & known, order, np.nan),
+        fringe_response,
+        illumination=film_light.illumination,
+        background=np.zeros_like(rise),
+        sigma=sigma,
+        valid=valid & known,
+    )
+    signal = np.clip(rise / film_light.illumination, 0.0, 1.0)
+    found = widened(found, signal * film_light.error)
+    kept = np.count_nonzero(np.isfinite(found.order)) / max(1, int(np.count_nonzero(valid)))
+    return replace(found, kept=float(kept))
+
+
+def _spread(values: Array, by: int, shape: tuple[int, ...], *, smooth: bool) -> Array:
+    """Values of blocks on the pixels; a rim that is no whole block has its neighbours'."""
+    import cv2
+
+    rows, cols = values.shape
+    how = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST
+    large = cv2.resize(values, (cols * by, rows * by), interpolation=how) if by > 1 else values
+    below, beside = shape[0] - rows * by, shape[1] - cols * by
+    return np.asarray(cv2.copyMakeBorder(large, 0, below, 0, beside, cv2.BORDER_REPLICATE))
