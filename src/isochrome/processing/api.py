@@ -37,6 +37,7 @@ from isochrome.processing.frame_task import (
     set_pixel,
 )
 from isochrome.processing.kinds.colour_light import check_colour
+from isochrome.processing.kinds.film_unloaded import check_unloaded, prepare_unloaded
 from isochrome.processing.kinds.tracked import EVERY, check_tracked, tracked_states
 from isochrome.processing.pictures.figure import figure_in_memory
 from isochrome.processing.processed import (
@@ -232,6 +233,12 @@ def _processed(
     source = open_set(recipe)
     if every is not None and not recipe.as_stated:
         recipe = source.recipe = replace(recipe, apparatus=_apparatus_of(source, count))
+    if recipe.scene.frames.starts_unloaded:
+        film = prepare_unloaded(
+            partial(source.captured, 0, count), recipe.scene, source.capture,
+            chunk=_layout(source, count).chunk, count=count,
+        )  # fmt: skip
+        recipe = source.recipe = replace(recipe, film=film)
     if out is None:
         return _in_memory(source, count // recipe.steps, progress)
     identity = identity_of(recipe, files)
@@ -323,6 +330,8 @@ def check_scene(scene: Scene) -> None:
         Where light, field or steps cannot tell the order.
     """
     steps = len(scene.polariscope.step)
+    if scene.frames.starts_unloaded:
+        check_unloaded(scene)
     if scene.polariscope.several_wavelengths:
         check_colour(scene)
     elif scene.frames.colour_table is not None:

@@ -20,6 +20,7 @@ from isochrome.processing.kinds.colour_light import (
     colour_frames,
     process_colour,
 )
+from isochrome.processing.kinds.film_unloaded import UnloadedFilm, unloaded_states
 from isochrome.processing.kinds.image_only import process_image_only
 from isochrome.processing.kinds.phase_stepped import load_residual, process_stepped
 from isochrome.processing.kinds.with_model import process_with_model
@@ -39,7 +40,7 @@ class FrameTask:
     fit too; `as_stated`, whether nothing is fitted besides the scene's unknowns; `keep_going`,
     whether a frame that fails is left out; `every`, from one key frame of a tracked video to the
     next, None where every frame is processed wholly, and then its `apparatus`, what all of its
-    frames have in common.
+    frames have in common; `film`, of one that is followed from zero load.
     """
 
     frames: FramesLike
@@ -51,6 +52,7 @@ class FrameTask:
     keep_going: bool = False
     every: int | None = None
     apparatus: Apparatus | None = None
+    film: UnloadedFilm | None = None
 
     @property
     def held_scene(self) -> Scene:
@@ -110,6 +112,12 @@ class FrameSource:
 
     def states(self, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """What is found in the states [start, stop). Raises InputError, PhysicsError."""
+        film = self.recipe.film
+        if film is not None:
+            frames = self.captured(start - start % film.chunk, stop)
+            found = unloaded_states(film, frames, self.recipe.scene, self.capture)
+            yield from (item for item in found if item.index >= start)
+            return
         for index, frames in self.captured(start, stop):
             yield self.processed(index, frames)
 

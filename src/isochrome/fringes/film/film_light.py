@@ -15,7 +15,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import light_basis, total_degree
-from isochrome.fringes.windows import Array, Mask
+from isochrome.fringes.windows import Array, Mask, block_means, valid_means
 
 _DEGREES = (2, 4)
 """Of the illumination: a lamp falls off to the corners; the second where the crests ask for it."""
@@ -30,6 +30,9 @@ _NEAR = 0.08
 _FEWEST = 500
 _POOLED = 40.0
 """Pixels whose orders are found together, so that their errors are one."""
+_SQUARE, _EVEN = 8, 1.5
+"""Pixels a side of the blocks by which unloaded light is judged, and how much their means may scatter
+over what noise alone makes them."""
 _SYSTEMATIC = 0.002
 """Least standard uncertainty of the illumination, over it: bins, frames between crests."""
 NO_CREST = (
@@ -64,20 +67,57 @@ class FilmLight:
         return np.asarray(np.float32(self.sign) * (light - self.zero))
 
 
+def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
+    """Take the noise out of the unloaded light, where it is as smooth as a polynomial.
+
+    Parameters
+    ----------
+    light : ndarray (rows, cols)
+        Light of the unloaded first frame.
+    valid : bool ndarray (rows, cols)
+        Whether a pixel is trusted.
+
+    Returns
+    -------
+    zero : ndarray (rows, cols)
+        The unloaded light, float32.
+    rough : bool
+        Whether it is the frame itself, with its noise.
+    """
+    basis = light_basis(light.shape, total_degree(_DEGREES[1]))
+    thin = slice(None, None, _STRIDE)
+    terms = basis[:, thin, thin][:, valid[thin, thin]].astype(float)
+    found = np.linalg.lstsq(terms.T, light[thin, thin][valid[thin, thin]], rcond=None)[0]
+    smooth = np.tensordot(found.astype(np.float32), basis, 1)
+    left = np.where(valid, light - smooth, 0.0)
+    noise = float(np.sqrt(np.mean(np.square(left[valid]))))
+    blocks = valid_means(left, valid, _SQUARE)[block_means(valid.astype(float), _SQUARE) > 0.99]
+    even = blocks.size > 0 and np.sqrt(np.mean(blocks**2)) < _EVEN * noise / _SQUARE
+    return (smooth, False) if even else (light.astype(np.float32), True)
+
+
 class BrightestLight:
     """The highest light that each pixel of a film goes over, gathered frame by frame."""
 
     def __init__(self) -> None:
         self._before: list[Array] = []
         self._top: Array | None = None
+        self._lowest: Array | None = None
+
+    @property
+    def lowest(self) -> Array:
+        """The lowest rise of each pixel (rows, cols)."""
+        assert self._lowest is not None
+        return self._lowest
 
     def add(self, rise: Array) -> None:
         """Take a frame's rise over the unloaded light (rows, cols)."""
         import cv2
 
         smooth = cv2.GaussianBlur(rise, (0, 0), 1.0)
-        if self._top is None:
-            self._top = np.zeros_like(smooth)
+        if self._top is None or self._lowest is None:
+            self._top, self._lowest = np.zeros_like(smooth), smooth
+        self._lowest = np.minimum(self._lowest, smooth)
         if len(self._before) == 2:
             earlier, middle = self._before
             passed = (middle >= earlier) & (middle >= smooth)
@@ -136,12 +176,17 @@ class CrestLight:
         self._square += float(np.sum(seen.astype(float) ** 2))
         self._count += seen.size
 
+    @property
+    def told(self) -> bool:
+        """Whether enough crests were passed."""
+        return self._count >= _FEWEST
+
     def illumination(self, shape: tuple[int, int]) -> tuple[Array, Array]:
         """The illumination, and its standard uncertainty over it, on pixels of any size.
 
         Parameters: `shape` (rows, cols). Raises InputError where too few crests were passed.
         """
-        if self._count < _FEWEST:
+        if not self.told:
             raise InputError(NO_CREST)
         fits = [self._fit(degree) for degree in _DEGREES]
         chosen = int(fits[1][2] < _ASKED_FOR * fits[0][2])

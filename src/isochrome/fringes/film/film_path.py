@@ -21,7 +21,6 @@ _AGREE = 0.2
 """Fringes within which both ways agree: half of what parts two branches, less their noise."""
 _STEPS = 1e-3
 """Fringes of which a kept order is a whole number; far below what one frame says."""
-_NOT_KNOWN = np.int32(-(2**30))
 
 
 @dataclass(frozen=True)
@@ -32,6 +31,8 @@ class KeptState:
     ----------
     packed : bytes
         Orders and rates.
+    known : bytes
+        Where the orders are known.
     doubtful : bytes
         Where both ways through the chunk that begins here do not agree.
     shape : tuple of int
@@ -45,6 +46,7 @@ class KeptState:
     """
 
     packed: bytes = field(repr=False)
+    known: bytes = field(repr=False)
     doubtful: bytes = field(repr=False)
     shape: tuple[int, int]
     time: float
@@ -55,15 +57,12 @@ class KeptState:
         """The state of the chunk's first frame."""
         values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(2, *self.shape)
         values = np.cumsum(values, axis=2, dtype=np.int32)
-        known = values[0] > _NOT_KNOWN // 2
         order, rate = (v.astype(np.float32) * np.float32(_STEPS) for v in values)
-        return FilmState(np.where(known, order, 0.0).astype(np.float32), rate, known, self.time)
+        return FilmState(order, rate, _unpacked(self.known, self.shape), self.time)
 
     def doubt(self) -> Mask:
         """Where the orders of the chunk are doubtful (rows, cols)."""
-        bits = np.frombuffer(zlib.decompress(self.doubtful), np.uint8)
-        size = self.shape[0] * self.shape[1]
-        return np.unpackbits(bits)[:size].reshape(self.shape).astype(bool)
+        return _unpacked(self.doubtful, self.shape)
 
 
 def keep_state(state: FilmState, broken: int | None) -> KeptState:
@@ -72,16 +71,19 @@ def keep_state(state: FilmState, broken: int | None) -> KeptState:
     Parameters: `state`; `broken`, the frame into which the film could not be followed.
     """
     steps = [np.rint(v / np.float32(_STEPS)).astype(np.int32) for v in (state.order, state.rate)]
-    steps[0] = np.where(state.known, steps[0], _NOT_KNOWN)
     packed = zlib.compress(np.diff(np.stack(steps), axis=2, prepend=np.int32(0)).tobytes(), 1)
     rows, cols = state.known.shape
-    return KeptState(
-        packed, _pack(np.zeros_like(state.known)), (rows, cols), state.time, broken
-    )
+    nowhere = _packed(np.zeros_like(state.known))
+    return KeptState(packed, _packed(state.known), nowhere, (rows, cols), state.time, broken)
 
 
-def _pack(mask: Mask) -> bytes:
+def _packed(mask: Mask) -> bytes:
     return zlib.compress(np.packbits(mask).tobytes(), 1)
+
+
+def _unpacked(packed: bytes, shape: tuple[int, int]) -> Mask:
+    bits = np.unpackbits(np.frombuffer(zlib.decompress(packed), np.uint8))
+    return bits[: shape[0] * shape[1]].reshape(shape).astype(bool)
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ class FilmPath:
             return
         doubt = _differing(passed, self.noise)
         if doubt.any():
-            self.kept[-1] = replace(self.kept[-1], doubtful=_pack(doubt), doubts=int(doubt.sum()))
+            self.kept[-1] = replace(self.kept[-1], doubtful=_packed(doubt), doubts=int(doubt.sum()))
             self._state = replace(self._state, known=self._state.known & ~doubt)
             self._passed = [replace(passed[-1], state=self._state)]
 

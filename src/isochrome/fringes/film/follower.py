@@ -36,7 +36,7 @@ _STEEPEST = 0.22
 """Fringes a pixel."""
 _LEAST_CONTRAST = 0.3
 _AT_FIRST = 0.1
-"""Highest order, from zero load, up to which orders are told by the light alone, without a crest."""
+"""Highest order, from zero load, up to which the light alone tells orders: no crest is passed."""
 _NEAR_CREST = 0.42
 _LOST_AT_ONCE, _NOISE_LOST = 0.004, 4.0
 """Mean square that the change of the whole picture may leave of the wave, and in its noise's."""
@@ -217,9 +217,7 @@ def _window_sum(values: Array, width_px: float) -> Array:
 
     kernel = cv2.getGaussianKernel(2 * int(np.ceil(2.5 * width_px)) + 1, width_px, cv2.CV_32F)
     area = np.float32(2.0 * np.pi * width_px**2)
-    summed = cv2.sepFilter2D(
-        values, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT
-    )
+    summed = cv2.sepFilter2D(values, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(area * summed)
 
 
