@@ -6,7 +6,13 @@ from .colour.own_colours import OwnLight, find_light
 from .colour.table_file import read_table, table_columns
 from .film.film_light import BrightestLight, FilmLight, smooth_zero
 from .film.film_path import FilmPath, KeptState, light_wave
-from .film.film_reading import fringe_response, joined_pixels, pixels_together, read_followed
+from .film.film_reading import (
+    fringe_response,
+    joined_pixels,
+    joined_reading,
+    pixels_together,
+    read_followed,
+)
 from .film.follower import FilmState, follow_frame, unloaded_state
 from .film.order_change import LARGEST_CHANGE
 from .on_branch import OrderReading, read_order, widened
@@ -55,6 +61,7 @@ __all__ = [
     "fringe_response",
     "gamma_misfit",
     "joined_pixels",
+    "joined_reading",
     "light_wave",
     "make_design",
     "measured_table",

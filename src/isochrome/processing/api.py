@@ -37,7 +37,9 @@ from isochrome.processing.frame_task import (
     set_pixel,
 )
 from isochrome.processing.kinds.colour_light import check_colour
+from isochrome.processing.kinds.film_keys import KEY_EVERY, is_keyed, prepare_keyed
 from isochrome.processing.kinds.film_unloaded import check_unloaded, prepare_unloaded
+from isochrome.processing.kinds.followed_film import FollowedFilm
 from isochrome.processing.kinds.tracked import EVERY, check_tracked, tracked_states
 from isochrome.processing.pictures.figure import figure_in_memory
 from isochrome.processing.processed import (
@@ -204,10 +206,12 @@ def process(
         if cluster is not None:
             frames, scene = absolute(frames, scene)
             reader = open_scene_frames(frames, scene)
-        every = (every or EVERY) if track else None
+        keyed = is_keyed(scene) and (track or reader.kind == "video")
+        key_every = (every or KEY_EVERY) if keyed else None
+        every = (every or EVERY) if track and not keyed else None
         recipe = FrameTask(
             frames=frames, scene=scene, reader=reader, key="not yet known", rois=rois,
-            as_stated=as_stated, keep_going=keep_going, every=every,
+            as_stated=as_stated, keep_going=keep_going, every=every, key_every=key_every,
         )  # fmt: skip
         if out is not None and not restart and _is_done(Path(out), recipe, files):
             return restore(scene, Path(out), reader.shape, open_set(recipe).residual)
@@ -233,12 +237,8 @@ def _processed(
     source = open_set(recipe)
     if every is not None and not recipe.as_stated:
         recipe = source.recipe = replace(recipe, apparatus=_apparatus_of(source, count))
-    if recipe.scene.frames.starts_unloaded:
-        film = prepare_unloaded(
-            partial(source.captured, 0, count), recipe.scene, source.capture,
-            chunk=_layout(source, count).chunk, count=count,
-        )  # fmt: skip
-        recipe = source.recipe = replace(recipe, film=film)
+    if source.recipe.follows_fringes:
+        recipe = source.recipe = replace(recipe, film=_film_of(source, count))
     if out is None:
         return _in_memory(source, count // recipe.steps, progress)
     identity = identity_of(recipe, files)
@@ -261,6 +261,17 @@ def _apparatus_of(source: FrameSource, count: int) -> Apparatus:
     scene, capture = sliding_scene(source.recipe.scene), source.capture
     no_load = capture.dark, capture.bright
     return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
+
+
+def _film_of(source: FrameSource, count: int) -> FollowedFilm:
+    """A film without a model as it is followed through its `count` frames."""
+    recipe = source.recipe
+    prepare = prepare_unloaded
+    if recipe.key_every is not None:
+        prepare = partial(prepare_keyed, every=recipe.key_every)
+    again = partial(source.captured, 0, count)
+    chunk = _layout(source, count).chunk
+    return prepare(again, recipe.scene, source.capture, chunk=chunk, count=count)
 
 
 def _is_done(out: Path, recipe: FrameTask, files: Sequence[Path | ArrayFrames]) -> bool:

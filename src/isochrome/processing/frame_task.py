@@ -20,7 +20,7 @@ from isochrome.processing.kinds.colour_light import (
     colour_frames,
     process_colour,
 )
-from isochrome.processing.kinds.film_unloaded import UnloadedFilm, unloaded_states
+from isochrome.processing.kinds.followed_film import FollowedFilm, followed_states
 from isochrome.processing.kinds.image_only import process_image_only
 from isochrome.processing.kinds.phase_stepped import load_residual, process_stepped
 from isochrome.processing.kinds.with_model import process_with_model
@@ -40,7 +40,8 @@ class FrameTask:
     fit too; `as_stated`, whether nothing is fitted besides the scene's unknowns; `keep_going`,
     whether a frame that fails is left out; `every`, from one key frame of a tracked video to the
     next, None where every frame is processed wholly, and then its `apparatus`, what all of its
-    frames have in common; `film`, of one that is followed from zero load.
+    frames have in common; `key_every`, the same of a film
+    that is followed without a model, and the `film`.
     """
 
     frames: FramesLike
@@ -52,12 +53,18 @@ class FrameTask:
     keep_going: bool = False
     every: int | None = None
     apparatus: Apparatus | None = None
-    film: UnloadedFilm | None = None
+    key_every: int | None = None
+    film: FollowedFilm | None = None
 
     @property
     def held_scene(self) -> Scene:
         """The scene with what all frames have in common."""
         return self.scene if self.apparatus is None else self.apparatus.stated
+
+    @property
+    def follows_fringes(self) -> bool:
+        """Whether the orders of a film are followed in time, without a model."""
+        return self.scene.frames.starts_unloaded or self.key_every is not None
 
     @property
     def coloured(self) -> bool:
@@ -114,8 +121,8 @@ class FrameSource:
         """What is found in the states [start, stop). Raises InputError, PhysicsError."""
         film = self.recipe.film
         if film is not None:
-            frames = self.captured(start - start % film.chunk, stop)
-            found = unloaded_states(film, frames, self.recipe.scene, self.capture)
+            captured = self.captured(film.begin(start), stop)
+            found = followed_states(film, captured, self.recipe.scene, self.capture)
             yield from (item for item in found if item.index >= start)
             return
         for index, frames in self.captured(start, stop):
@@ -235,6 +242,7 @@ def identity_of(recipe: FrameTask, files: Sequence[Path | ArrayFrames]) -> Mappi
     scene = recipe.scene
     seed = scene.camera.seed if scene.camera else None
     tracked = {} if recipe.every is None else {"every": recipe.every}
+    tracked |= {} if recipe.key_every is None else {"key_every": recipe.key_every}
     stated = {"as_stated": True} if recipe.as_stated else {}
     return run_identity(dump_scene(scene), files, {"rois": recipe.rois} | tracked | stated, seed)
 

@@ -31,8 +31,8 @@ _FEWEST = 500
 _POOLED = 40.0
 """Pixels whose orders are found together, so that their errors are one."""
 _SQUARE, _EVEN = 8, 1.5
-"""Pixels a side of the blocks by which unloaded light is judged, and how much their means may scatter
-over what noise alone makes them."""
+"""Pixels a side of the blocks by which unloaded light is judged, and how much their means may
+scatter over what noise alone makes them."""
 _SYSTEMATIC = 0.002
 """Least standard uncertainty of the illumination, over it: bins, frames between crests."""
 NO_CREST = (
@@ -53,6 +53,8 @@ class FilmLight:
         Illumination A.
     error : ndarray (rows, cols)
         Standard uncertainty of the illumination, over it.
+    zero_error : ndarray (rows, cols)
+        Standard uncertainty of the unloaded light, over the illumination.
     sign : float
         1 in the dark field, -1 in the bright one.
     """
@@ -60,11 +62,17 @@ class FilmLight:
     zero: Array = field(repr=False)
     illumination: Array = field(repr=False)
     error: Array = field(repr=False)
+    zero_error: Array = field(repr=False)
     sign: float = 1.0
 
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
         return np.asarray(np.float32(self.sign) * (light - self.zero))
+
+    def signal_error(self, light: Array) -> Array:
+        """Standard uncertainty of the signal by that of the light's ends (rows, cols)."""
+        signal = np.clip(self.rise(light) / self.illumination, 0.0, 1.0)
+        return np.asarray(np.hypot(signal * self.error, (1.0 - signal) * self.zero_error))
 
 
 def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
@@ -208,4 +216,4 @@ class CrestLight:
         inverse = np.linalg.inv(matrix + 1e-6 * np.trace(matrix) / len(own) * np.eye(len(own)))
         found = inverse @ self._right[own]
         left = self._square - 2.0 * found @ self._right[own] + found @ matrix @ found
-        return found, inverse, max(left / self._count, 1e-12)
+        return found, inverse, max(float(left) / self._count, 1e-12)

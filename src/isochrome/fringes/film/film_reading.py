@@ -9,7 +9,7 @@ import numpy as np
 from isochrome.fringes.film.film_light import FilmLight
 from isochrome.fringes.film.follower import FilmState
 from isochrome.fringes.on_branch import OrderReading, read_order, widened
-from isochrome.fringes.windows import Array, Mask
+from isochrome.fringes.windows import Array, Mask, nearest_known
 
 _GUIDE_ROWS = 247
 """Rows, or columns if they are fewer, on which a film is followed at most, or nearly so."""
@@ -101,10 +101,34 @@ def read_followed(
         sigma=sigma,
         valid=valid & known,
     )
-    signal = np.clip(rise / film_light.illumination, 0.0, 1.0)
-    found = widened(found, signal * film_light.error)
+    found = widened(found, film_light.signal_error(light))
     kept = np.count_nonzero(np.isfinite(found.order)) / max(1, int(np.count_nonzero(valid)))
     return replace(found, kept=float(kept))
+
+
+def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
+    """A frame's reading as a state that a film can be followed from.
+
+    Parameters
+    ----------
+    reading : OrderReading
+        What was read of the frame.
+    by : int
+        Pixels a side of a block.
+    time : float
+        The frame's time.
+
+    Returns
+    -------
+    FilmState
+        Orders of the blocks of which each pixel was read; its rate is not known, and taken as 0.
+    """
+    read = np.isfinite(reading.order)
+    known = joined_pixels(read, by) > 1.0 - 0.5 / by**2
+    order = joined_pixels(np.where(read, reading.order, 0.0), by)
+    if known.any():
+        order = nearest_known(order, known)
+    return FilmState(order, np.zeros_like(order), known, time)
 
 
 def _spread(values: Array, by: int, shape: tuple[int, ...], *, smooth: bool) -> Array:
