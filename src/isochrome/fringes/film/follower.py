@@ -3,8 +3,9 @@ r"""The fringe order of each pixel followed through time, from an order that is 
 The light of a pixel on a crest does not say whether its order goes on or back. Its neighbours do,
 whose change is its own but for little: the change of the whole picture (`order_change`) predicts
 each pixel's order, and the wave w = cos 2 pi N corrects it by least squares over windows that
-narrow down, d = Σ J r / (Σ J² + (sigma/u)²), r = w - C cos 2 pi N, J = dw/dN, from a widest one in
-which d is in proportion to N, to a narrowest one. What lies below the narrowest window is smoothed
+narrow down, d = Σ J r / (Σ J² + (sigma² + e² Σ 1)/u²), r = w - C cos 2 pi N, J = dw/dN, from a widest
+one in which d is in proportion to N, to a narrowest one; u is what the prediction leaves open, and
+e what the light does. What lies below the narrowest window is smoothed
 a little in each frame, for no light would ever correct it. C is what the size of a pixel leaves of
 fringes of the gradient g, 1 - pi² g²/6.
 
@@ -22,9 +23,11 @@ from isochrome.fringes.film.order_change import LARGEST_CHANGE, fit_order_change
 from isochrome.fringes.windows import Array, Mask
 
 _TURN = np.float32(2.0 * np.pi)
-_WINDOWS = ((10.0, True, 0.3), (5.0, False, 0.05), (2.5, False, 0.05))
-"""Standard deviation of a window, pixels; whether the correction in it is in proportion to N; and
-its spread before the light is seen, of N or in fringes."""
+_WINDOWS = ((10.0, True), (5.0, False), (2.5, False))
+"""Standard deviation of a window, pixels, and whether the correction in it is in proportion to N."""
+_SPREAD, _SYSTEMATIC = 0.015, 0.02
+"""Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
+averages out: a region of even order that passes a crest is not to be held up on its near side."""
 _LARGEST_STEP = 0.2
 _SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
 """Share of what is taken off below the narrowest window, and the order below which nothing is: the
@@ -196,13 +199,15 @@ def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise:
     """The predicted orders as their own neighbourhoods' light corrects them."""
     import cv2
 
-    for width, proportional, spread in _WINDOWS:
+    for width, proportional in _WINDOWS:
         angle = _TURN * order
         left = (wave - contrast * np.cos(angle)) * weight
         slope = -_TURN * contrast * np.sin(angle) * weight
+        area = 2.0 * np.pi * width**2
+        least: Array = np.float32((noise**2 + area * _SYSTEMATIC**2) / _SPREAD**2)
         if proportional:
-            slope *= order
-        least = np.float32((noise / spread) ** 2)
+            slope = slope * order
+            least = least * np.maximum(order * order, np.float32(1e-4))
         step = _window_sum(slope * left, width) / (_window_sum(slope * slope, width) + least)
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
