@@ -3,11 +3,11 @@ r"""The fringe order of each pixel followed through time, from an order that is 
 The light of a pixel on a crest does not say whether its order goes on or back. Its neighbours do,
 whose change is its own but for little: the change of the whole picture (`order_change`) predicts
 each pixel's order, and the wave w = cos 2 pi N corrects it by least squares over windows that
-narrow down, d = Σ J r / (Σ J² + (sigma² + e² Σ 1)/u²), r = w - C cos 2 pi N, J = dw/dN, from a widest
-one in which d is in proportion to N, to a narrowest one; u is what the prediction leaves open, and
-e what the light does. What lies below the narrowest window is smoothed
-a little in each frame, for no light would ever correct it. C is what the size of a pixel leaves of
-fringes of the gradient g, 1 - pi² g²/6.
+narrow down, d = Σ J r / (Σ J² + (sigma² + e² Σ 1)/u²), r = w - C cos 2 pi N, J = dw/dN, from a
+widest one in which d is in proportion to N, to a narrowest one; u is what the prediction leaves
+open, and e what the light does. What lies below the narrowest window is smoothed a little in each
+frame, for no light would ever correct it. C is what the size of a pixel leaves of fringes of the
+gradient g, 1 - pi² g²/6.
 
 A pixel is known as long as its neighbourhood's light is explained, its fringes are wide enough and
 its order changes by no more than a stated part of a fringe; once it is not, it stays so.
@@ -24,8 +24,8 @@ from isochrome.fringes.windows import Array, Mask
 
 _TURN = np.float32(2.0 * np.pi)
 _WINDOWS = ((10.0, True), (5.0, False), (2.5, False))
-"""Standard deviation of a window, pixels, and whether the correction in it is in proportion to N."""
-_SPREAD, _SYSTEMATIC = 0.015, 0.02
+"""Standard deviation of a window, pixels; whether the correction in it is in proportion to N."""
+_SPREAD, _SYSTEMATIC = 0.01, 0.03
 """Of the prediction, fringes, and of the wave by light that is not known exactly, which no window
 averages out: a region of even order that passes a crest is not to be held up on its near side."""
 _LARGEST_STEP = 0.2
