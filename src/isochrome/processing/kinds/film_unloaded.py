@@ -77,7 +77,8 @@ def prepare_unloaded(
 
     Parameters: `captured`, gives the film's frames anew, each with its number; `scene`; `capture`;
     `chunk`, frames from one kept state to the next; `count` of the frames. Raises InputError where
-    the light is not told, PhysicsError where the film does not begin unloaded.
+    nothing can be trusted, PhysicsError where the film does not begin unloaded, or no crest tells
+    its light.
     """
     first = next(iter(captured()))[1][0]
     data = FilmData(first, scene, capture)
@@ -85,7 +86,7 @@ def prepare_unloaded(
     zero, rough = (own.image, False) if own else smooth_zero(data.light(first), data.valid)
     top = _first_pass(captured(), data, zero, count)
     given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
-    surface = top.surface(data.material) if given is None else joined_pixels(given, data.by)
+    surface = _surface(top, data, scene) if given is None else joined_pixels(given, data.by)
     none = np.zeros_like(surface)
     guide = FilmLight(
         zero=joined_pixels(zero, data.by), illumination=surface, error=none, zero_error=none,
@@ -110,6 +111,14 @@ def _first_pass(frames: Frames, data: FilmData, zero: Array, count: int) -> Brig
         if index % max(1, count // _NOISE_FRAMES) == 0:
             data.take_noise(frame)
     return top
+
+
+def _surface(top: BrightestLight, data: FilmData, scene: Scene) -> Array:
+    """The illumination that the crests of a film lie on, on blocks. Raises PhysicsError."""
+    try:
+        return top.surface(data.material)
+    except InputError as error:
+        raise PhysicsError(f"{scene.name}: {error}") from error
 
 
 def _refuse_loaded(top: BrightestLight, data: FilmData, surface: Array, scene: Scene) -> None:
