@@ -236,7 +236,7 @@ def _differing(passed: list[_Passed], noise: float) -> Mask:
 
 
 def light_wave(rise: Array, illumination: Array) -> Array:
-    """The wave cos 2 pi N of a rise A sin² pi N over the unloaded light.
+    """Give the wave cos 2 pi N of a rise A sin² pi N over the unloaded light.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def pixels_together(shape: tuple[int, int]) -> int:
 
 
 def joined_pixels(values: Array, by: int) -> Array:
-    """Means over blocks of pixels, in single precision; a rim narrower than a block is left out.
+    """Give the means over blocks of pixels, in single precision; a rim narrower than a block is left out.
 
     Parameters
     ----------
@@ -56,9 +56,17 @@ def joined_pixels(values: Array, by: int) -> Array:
 
 
 def fringe_response(order: Array) -> Array:
-    """The ideal signal of an order, sin² pi N.
+    """Give the ideal signal of an order, sin² pi N.
 
-    Parameters: `order` N (rows, cols), fringes.
+    Parameters
+    ----------
+    order : ndarray (rows, cols)
+        Fringe order N, fringes.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        The signal.
     """
     half = np.float32(0.5)
     return np.asarray(half - half * np.cos(np.float32(2.0 * np.pi) * order))
@@ -107,7 +115,7 @@ def read_followed(
 
 
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
-    """A frame's reading as a state that a film can be followed from.
+    """Make a frame's reading a state that a film can be followed from.
 
     Parameters
     ----------

@@ -76,8 +76,17 @@ class FilmState:
 def unloaded_state(material: Mask, time: float) -> FilmState:
     """Start a film at zero load.
 
-    Parameters: `material`, True on the specimen (rows, cols); `time`, s or frames. Returns a
-    FilmState.
+    Parameters
+    ----------
+    material : bool ndarray (rows, cols)
+        True on the specimen.
+    time : float
+        Time of the first frame, s, or its number.
+
+    Returns
+    -------
+    FilmState
+        Order 0 all over the specimen.
     """
     nothing = np.zeros(material.shape, dtype=np.float32)
     return FilmState(nothing, nothing, material.copy(), time)

@@ -38,8 +38,8 @@ OTHER_LIGHT = (
     "tell is used"
 )
 FEW_ORDERS = (
-    "{}: the film's orders reach {:.2f}, and {:g} at least are needed without frames.no_load_bright"
-    ": give that frame, or load further"
+    "{}: the film's orders reach {:.2f} alone, and its crests tell its light from {:g} on: give "
+    "frames.no_load_bright, or load further"
 )
 _NOISE_FRAMES = 8
 _DARKER, _DARKER_SHARE = 0.05, 0.01

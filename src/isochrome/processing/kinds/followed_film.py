@@ -51,8 +51,8 @@ NOT_KNOWN = (
 )
 READ_ANEW = "the orders were read anew in frame {}"
 DIFFERING = (
-    "{:.1f} % of the specimen have two orders in frames {} to {}, by the ways that lead there in "
-    "time, or from a key frame: they are left out"
+    "{:.1f} % of the specimen are left out in frames {} to {}: their orders differ by the ways that "
+    "lead there in time, or from a key frame"
 )
 FEW_FOLLOWED = (
     "only {:.0f} % of the specimen's pixels could be followed and read: what changes too fast, or "
@@ -121,7 +121,9 @@ class FilmData:
         for part in (capture.dark, capture.bright):
             self.valid = self.valid & part.valid if part else self.valid
         if not self.valid.any():
-            raise InputError(f"{first.name}: no pixel is trusted; check mask and exposure")
+            raise InputError(
+                f"{first.name}: no part of the frame is trusted; check its mask and exposure"
+            )
         self.by = pixels_together((self.valid.shape[0], self.valid.shape[1]))
         self.material = joined_pixels(self.valid, self.by) > 0.99
         self.clipped = self.full
