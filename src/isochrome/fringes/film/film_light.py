@@ -24,7 +24,7 @@ _ASKED_FOR = 0.8
 _STRIDE = 2
 _BELOW, _ABOVE = 0.03, 0.05
 """How far a crest lies from the surface, over the light: noise, and a crest between two frames."""
-_ROUNDS, _FIRST = 30, 60.0
+_ROUNDS, _FIRST, _MOSTLY = 30, 60.0, 97.0
 _NEAR = 0.08
 """Fringes from a crest up to which a pixel tells the illumination: its order need not be exact."""
 _FEWEST = 500
@@ -111,12 +111,19 @@ class BrightestLight:
         self._before: list[Array] = []
         self._top: Array | None = None
         self._lowest: Array | None = None
+        self._highest: Array | None = None
 
     @property
     def lowest(self) -> Array:
         """The lowest rise of each pixel (rows, cols)."""
         assert self._lowest is not None
         return self._lowest
+
+    def contrast(self, valid: Mask) -> float:
+        """The range of the light over most of the valid pixels (rows, cols)."""
+        assert self._highest is not None
+        reach = (self._highest - self.lowest)[valid]
+        return float(np.percentile(reach, _MOSTLY)) if reach.size else 0.0
 
     def add(self, rise: Array) -> None:
         """Take a frame's rise over the unloaded light (rows, cols)."""
@@ -126,6 +133,7 @@ class BrightestLight:
         if self._top is None or self._lowest is None:
             self._top, self._lowest = np.zeros_like(smooth), smooth
         self._lowest = np.minimum(self._lowest, smooth)
+        self._highest = smooth if self._highest is None else np.maximum(self._highest, smooth)
         if len(self._before) == 2:
             earlier, middle = self._before
             passed = (middle >= earlier) & (middle >= smooth)

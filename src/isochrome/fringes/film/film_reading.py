@@ -32,7 +32,7 @@ def pixels_together(shape: tuple[int, int]) -> int:
 
 
 def joined_pixels(values: Array, by: int) -> Array:
-    """Give the means over blocks of pixels, in single precision; a rim narrower than a block is left out.
+    """Give the means over blocks of pixels; a rim narrower than a block is left out.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def joined_pixels(values: Array, by: int) -> Array:
     Returns
     -------
     ndarray (rows // by, cols // by)
-        The means.
+        The means, float32.
     """
     import cv2
 

@@ -85,6 +85,7 @@ def prepare_unloaded(
     own, other = (capture.dark, capture.bright)[:: int(data.sign)]
     zero, rough = (own.image, False) if own else smooth_zero(data.light(first), data.valid)
     top = _first_pass(captured(), data, zero, count)
+    _refuse_loaded(top, data, scene)
     given = None if other is None else np.maximum(data.sign * (other.image - zero), 1e-3)
     surface = _surface(top, data, scene) if given is None else joined_pixels(given, data.by)
     none = np.zeros_like(surface)
@@ -92,7 +93,6 @@ def prepare_unloaded(
         zero=joined_pixels(zero, data.by), illumination=surface, error=none, zero_error=none,
         sign=data.sign,
     )  # fmt: skip
-    _refuse_loaded(top, data, surface, scene)
     if rough:  # the first frame's own noise is in all differences from it
         data.between *= float(np.sqrt(2.0))
     level = float(np.median(surface[data.material]))
@@ -121,9 +121,10 @@ def _surface(top: BrightestLight, data: FilmData, scene: Scene) -> Array:
         raise PhysicsError(f"{scene.name}: {error}") from error
 
 
-def _refuse_loaded(top: BrightestLight, data: FilmData, surface: Array, scene: Scene) -> None:
+def _refuse_loaded(top: BrightestLight, data: FilmData, scene: Scene) -> None:
     """Refuse a film whose first frame shows fringes, for later ones fall below its light."""
-    share = float(np.mean((top.lowest < -_DARKER * surface)[data.material]))
+    least = -_DARKER * top.contrast(data.material)
+    share = float(np.mean((top.lowest < least)[data.material]))
     if share > _DARKER_SHARE:
         than = "brighter than later ones" if data.sign > 0 else "darker than later ones"
         raise PhysicsError(NOT_UNLOADED.format(scene.name, than, 100.0 * share))

@@ -51,8 +51,8 @@ NOT_KNOWN = (
 )
 READ_ANEW = "the orders were read anew in frame {}"
 DIFFERING = (
-    "{:.1f} % of the specimen are left out in frames {} to {}: their orders differ by the ways that "
-    "lead there in time, or from a key frame"
+    "{:.1f} % of the specimen are left out in frames {} to {}: their orders differ by the ways "
+    "that lead there in time, or from a key frame"
 )
 FEW_FOLLOWED = (
     "only {:.0f} % of the specimen's pixels could be followed and read: what changes too fast, or "
