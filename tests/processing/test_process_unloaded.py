@@ -11,6 +11,7 @@ from unloaded_films import FILMS, SMALL, WHOLE, LoadedFilm, judged
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.processing import process
+from runs.killing import killed_and_begun_again, needs_sigkill, start
 
 GAP, AFTER = 3.0, 12
 
@@ -175,3 +176,32 @@ def test_twelve_gaps_of_whole_size(number):
     kept, wrong, _ = judged(film, found, numbers).T
     assert wrong.max() < 1e-3
     assert not kept[gap:].any()
+
+
+@pytest.mark.study
+@pytest.mark.long
+@needs_sigkill
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_killed_run_ends_with_the_same_bytes(tmp_path, code, workers):
+    tifffile.imwrite(tmp_path / "film.tif", LoadedFilm(9).frames())
+    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
+
+    def begin(out):
+        command = ["-m", "isochrome", "process", "film.tif", "--scene", "scene.toml"]
+        return start(tmp_path, code, *command, "--out", out, "--workers", workers)
+
+    assert killed_and_begun_again(begin, tmp_path, [False, True], since=0.3, seed=int(workers))
+
+
+SCENE = """\
+[specimen]
+shape = "other"
+thickness_mm = 4.0
+
+[camera]
+bit_depth = 8
+pixel_mm = 0.02
+
+[frames]
+starts_unloaded = true
+"""
