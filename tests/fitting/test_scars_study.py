@@ -1,7 +1,8 @@
 """Frames and measured scars together in sixty drawn cases: pulls, and what each adds.
 
 The frames are rendered by the package; the scars are `worn_scars`' truths, of another solution.
-Seeds are [number, 18]. One state or two, noise 1 to 20 grey levels, Ra .05 to .8 µm, four traces.
+Seeds are [number, 18], and number of the noise. One state or two, noise 1 to 20 grey levels, Ra
+.05 to .8 µm, four traces.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ def drawn(folder, number):
     noise = np.exp(rng.uniform(0.0, np.log(20.0)))
     distances = [31.0, 77.0] if number % 2 else [77.0]
     text = WORN_CONTACT + SMALL_CAMERA + f"noise_grey = {noise:.3f}\n"
-    scene = isochrome.parse_scene(text).with_values({"wear.distances_m": distances} | truth)
+    own = {"wear.distances_m": distances, "camera.seed": number}  # noise of its own
+    scene = isochrome.parse_scene(text).with_values(own | truth)
     isochrome.simulate(scene, folder / "sim")
     listed = ""
     for i, distance in enumerate(AT):

@@ -11,6 +11,7 @@ import pytest
 from isochrome.frames import Frame, to_linear
 from isochrome.fringes import find_no_load_exposure
 from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.kinds.no_load_light import says_a_half
 from isochrome.processing.result import Capture
 from isochrome.scene import parse_scene
 
@@ -93,6 +94,118 @@ def test_crests_and_troughs_tell_the_exposures(seed, exposures):
     else:
         spread = np.sqrt(np.median(found.ends.variance[0, 0])) / np.median(dark)
         assert abs(found.dark - own / of_dark) < 3.0 * spread
+
+
+def test_an_untold_background_leaves_out_what_it_might_turn_over():
+    """The dark frame is exposed twice as long as taken: unsaid, the order turned back at 1."""
+    order, image, bright, dark = drawn(67, (0.6, 1.0, 0.5))
+    found = read(order, image, (dark, bright))
+    left_out = [line for line in found.warnings if "no dark fringe tells" in line]
+    assert len(left_out) == 1
+    beyond = np.isfinite(found.reading.order) & (order > 1.0)
+    assert not beyond.any()
+    assert_not_silent(*errors(found, order))
+
+
+def ridge(exposures, known, *, top=0.35, more=None):
+    """What `process` makes of an order that stays below 1/2, highest along a line, and the order.
+
+    One known point, at the share `known` of the way up; `more`, further keys of the scene.
+    """
+    z, x = places()
+    order = top - 0.15 * z**2 - 0.0015 * x**2
+    rng = np.random.default_rng(7)
+    signals = np.sin(np.pi * order) ** 2, np.ones(SHAPE), np.zeros(SHAPE)
+    image, bright, dark = (stored(s, e, rng) for s, e in zip(signals, exposures, strict=True))
+    wanted = order.min() + known * np.ptp(order)
+    row = 10 + int(np.argmin(np.abs(order[10:-10, 64] - wanted)))
+    point = {"row_px": row, "col_px": 64, "order": round(float(order[row, 64]), 2)}
+    scene = parse_scene(SCENE).with_values({"frames.known_order": (point,)} | (more or {}))
+    light = [to_linear(end, bit_depth=8) for end in (dark, bright)]
+    return process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light)), order
+
+
+@pytest.mark.parametrize("exposures", ANY[:3])
+def test_a_ridge_of_the_order_is_not_taken_for_a_crest(exposures):
+    """Its light is all but even along it: it was N = 1/2 under .8 of the light, orders .28 off."""
+    found, _ = ridge(exposures, 0.6)
+    assert found.reading is None
+    assert any("its brightest line has" in line for line in found.warnings)
+
+
+def test_a_known_order_on_a_ridge_says_that_all_are_exposed_alike():
+    found, order = ridge(ANY[0], 1.0)
+    error, _ = errors(found, order)
+    assert len(error) > 0.8 * order.size and np.sqrt(np.mean(error**2)) < 0.01
+
+
+def test_exposures_that_are_stated_to_be_alike_are_not_looked_for():
+    found, order = ridge(ANY[0], 0.6, more={"frames.no_load_exposure": "same"})
+    error, _ = errors(found, order)
+    assert len(error) > 0.8 * order.size and np.sqrt(np.mean(error**2)) < 0.01
+    assert not any("expos" in line for line in found.warnings)
+
+
+def test_a_known_order_that_another_exposure_alone_explains_is_not_ignored():
+    """A dome of the order has no line; at .385 of the light it was read as .2, which was said."""
+    z, x = places()
+    order = 0.4 - 0.15 * z**2 - 0.15 * x**2
+    rng = np.random.default_rng(7)
+    signals = np.sin(np.pi * order) ** 2, np.ones(SHAPE), np.zeros(SHAPE)
+    image, bright, dark = (stored(s, e, rng) for s, e in zip(signals, ANY[2], strict=True))
+    point = {"row_px": 48, "col_px": 64, "order": 0.4}
+    scene = parse_scene(SCENE).with_values({"frames.known_order": (point,)})
+    light = [to_linear(end, bit_depth=8) for end in (dark, bright)]
+    found = process_image_only(Frame(0, image, None, "frame"), scene, Capture(8, *light))
+    assert found.reading is None
+    assert any("the known orders say that it is not" in line for line in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("orders", "said"),
+    [
+        ((), False),
+        ((0.3,), False),
+        ((0.52,), True),
+        ((1.5,), True),
+        ((1.0,), False),
+        ((0.3, 0.7), True),
+        ((0.44, 0.7), False),
+        ((0.41, 0.58), False),
+        ((0.6, 1.4), False),
+        ((0.6, 1.7), True),
+        ((0.0, 3.0), True),
+    ],
+)
+def test_known_orders_say_that_a_half_is_between_them(orders, said):
+    assert says_a_half([*orders]) is said
+
+
+@pytest.mark.parametrize("longer", [1.5, 2.5])
+def test_a_flat_top_of_the_order_below_a_crest_is_none(longer):
+    """Its light is 4 % below a crest's, and changes along it as it does across."""
+    z, x = places()
+    signal = np.sin(np.pi * (0.44 - 0.25 * z**2 - 0.25 * (x / longer) ** 2)) ** 2
+    bright, dark = np.full(SHAPE, 0.8), np.full(SHAPE, 0.01)
+    image = dark + (bright - dark) * signal + np.random.default_rng(5).normal(0.0, 0.004, SHAPE)
+    sigma, valid = np.full(SHAPE, 0.004), np.ones(SHAPE, bool)
+    assert not find_no_load_exposure(image, sigma, valid, dark=dark, bright=bright).told
+
+
+@pytest.mark.parametrize("lamp", [1.7, 4.0])
+def test_a_lamps_bright_spot_does_not_move_the_exposure(lamp):
+    """Smoothing the bright frame by 3 pixels takes 2 % off such a spot, and gave 2 % too much."""
+    z, x = places()
+    spot = 1.0 + (lamp - 1.0) * np.exp(-((x / 0.15) ** 2))
+    signal = np.sin(np.pi * (0.5 + 0.4 * (x + 0.3 * z))) ** 2
+    rng = np.random.default_rng(3)
+    bright, image = (
+        0.8 * part * spot / lamp + rng.normal(0.0, 1.0 / 255.0, SHAPE)
+        for part in (np.ones(SHAPE), 0.7 * signal)
+    )
+    dark, sigma, valid = np.zeros(SHAPE), np.full(SHAPE, 1.0 / 255.0), np.ones(SHAPE, bool)
+    found = find_no_load_exposure(image, sigma, valid, dark=dark, bright=bright)
+    assert abs(found.bright / 0.7 - 1.0) < 0.006  # twice its systematic uncertainty
 
 
 @pytest.mark.parametrize("seed", range(10))

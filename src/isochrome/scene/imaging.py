@@ -146,6 +146,9 @@ class Frames(ScenePart):
         The unloaded specimen in the dark field: the background.
     no_load_bright : str or array_like, optional
         The unloaded specimen in the bright field: the illumination.
+    no_load_exposure : {'unknown', 'same'}, default 'unknown'
+        Whether both are exposed and lit as the frames are: 'same'; else a frame's fringes tell, or
+        it is said.
     no_load_steps : str or array_like, optional
         A phase-stepped set of the unloaded specimen, one frame a [[polariscope.step]]: its residual
         stress is taken out.
@@ -177,6 +180,7 @@ class Frames(ScenePart):
     polygon_px: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3)] | None = None
     no_load_dark: ImageFile | None = None
     no_load_bright: ImageFile | None = None
+    no_load_exposure: Literal["unknown", "same"] = "unknown"
     no_load_steps: ImageFile | None = None
     gamma: Annotated[
         Annotated[Exponent, Tag(NUMBER)] | Annotated[Literal["unknown"], Tag("unknown")],
@@ -191,14 +195,16 @@ class Frames(ScenePart):
     free_boundary: tuple[FreeBoundary, ...] = ()
 
     @property
+    def stated_orders(self) -> tuple[float, ...]:
+        """The orders that are known somewhere in the frames: points, lines, free corners."""
+        points, lines = self.known_order, self.known_line
+        corners = (0.0,) if any(b.corners for b in self.free_boundary) else ()
+        return (*(k.order for k in points), *(k.order for k in lines), *corners)
+
+    @property
     def orders_known(self) -> bool:
         """Whether an order is known anywhere in the frames."""
-        return bool(
-            self.starts_unloaded
-            or self.known_order
-            or self.known_line
-            or any(b.corners for b in self.free_boundary)
-        )
+        return self.starts_unloaded or bool(self.stated_orders)
 
     @property
     def first_gamma(self) -> float:

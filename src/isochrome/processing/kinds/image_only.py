@@ -26,10 +26,7 @@ from isochrome.fringes import (
     BackgroundModulation,
     FreeReading,
     KnownPlaces,
-    NoLoadExposure,
     common_reading,
-    exact_ends,
-    find_no_load_exposure,
     fit_background_modulation,
     gamma_misfit,
     read_free,
@@ -37,6 +34,7 @@ from isochrome.fringes import (
     widened,
 )
 from isochrome.output import with_uncertainty
+from isochrome.processing.kinds.no_load_light import SAME_EXPOSURE, above_background, no_load_light
 from isochrome.processing.result import SPREAD, Capture, ProcessedFrame, frame_fields, order_columns
 from isochrome.scene import Scene
 
@@ -68,10 +66,6 @@ FEW_FRINGES = (
     "{}, and {} at least are needed without frames.no_load_bright: uneven light and fringes look "
     "alike, and no order is reported; give that frame"
 )
-SAME_EXPOSURE = (
-    "its fringes do not tell whether it is exposed as its no-load frames are, which is assumed: "
-    "keep exposure, gain and lamp fixed"
-)
 SIGNIFICANT, WRONG_GAMMA = 5.0, 0.1
 """Of a stated gamma that the fringes contradict: standard uncertainties, and share of its value."""
 FLAWS = 0.015
@@ -87,10 +81,10 @@ out of the picture, and an order beyond a bright crest may be mirrored about it.
 class _Signal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
-    `settled`, whether the search for the ends came to rest: without it, no ± of it is one;
-    `error`, what the ends and the tone curve leave open of the signal, over and above the noise;
-    `ends` of the light; `columns` for frames.csv; `gamma_check`, what the fringes' contrast (rows,
-    cols) and shape make of a stated gamma: an error more, and what to say.
+    `refusal`, why no order can be told from it, if any; `error`, what the ends and the tone curve
+    leave open of the signal, over and above the noise; `ends` of the light; `columns` for
+    frames.csv; `gamma_check`, what the fringes' contrast (rows, cols) and shape make of a stated
+    gamma: an error more, and what to say.
     """
 
     signal: Array
@@ -98,7 +92,7 @@ class _Signal:
     valid: NDArray[np.bool_]
     error: Array
     ends: BackgroundModulation
-    settled: bool = True
+    refusal: str = ""
     notes: tuple[str, ...] = ()
     columns: dict[str, Any] = field(default_factory=dict)
     gamma_check: Callable[[Array], tuple[Array, list[str]]] | None = None
@@ -149,8 +143,8 @@ def read_alone(
     saturated = _saturated(frame, capture, inside)
     if capture.bright is None and saturated > MOST_SATURATED:
         found, warnings = None, [OVEREXPOSED.format(100.0 * saturated)]
-    elif not seen.settled:
-        found, warnings = None, [NOT_SETTLED]
+    elif seen.refusal:
+        found, warnings = None, [seen.refusal]
     elif capture.bright is None and len(lines) < FEWEST_LINES and scene.frames.known_order:
         found, warnings = None, [FEW_FRINGES.format(f"{len(lines)} fringe lines", FEWEST_LINES)]
     else:
@@ -208,26 +202,33 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
     dark, bright = (part.image if part else None for part in (capture.dark, capture.bright))
     tone = scene.frames.gamma == "unknown"
     columns: dict[str, Any] = {}
+    refusal, dark_told = "", True
     if dark is not None and bright is not None and not tone:
-        exposure = find_no_load_exposure(light, sigma, valid, dark=dark, bright=bright)
-        ends, notes = exposure.ends or exact_ends(dark, bright), _of_exposure(exposure)
+        no_load = no_load_light(light, sigma, valid, (dark, bright), scene.frames)
+        ends, notes = no_load.ends, list(no_load.notes)
+        refusal, dark_told = no_load.refusal, no_load.dark_told
     else:
         ends = fit_background_modulation(light, sigma, valid, dark=dark, bright=bright, tone=tone)
         blind = dark is None or bright is None
+        refusal = "" if ends.settled else NOT_SETTLED
         notes = _found_by_fringes(ends, blind=blind, tone=tone)
         if tone:
             columns = {"gamma": ends.tone, f"gamma {SPREAD}": ends.tone_uncertainty}
     done, found = _by_ends(light, sigma, valid, ends)
+    if not dark_told:
+        valid, left_out = above_background(found.signal, found.error, found.valid)
+        found, notes = replace(found, valid=valid), [*notes, *left_out]
     others = tuple(_by_ends(light, sigma, valid, other)[1] for other in ends.others)
-    # a search that found no rest says nothing of the tone, and without a reading nobody asks
+    # an end that is not known says nothing of the tone, and without a reading nobody asks
     check = None
-    if not tone and ends.settled and scene.frames.orders_known:
+    if not tone and not refusal and scene.frames.orders_known:
         own = (
             None if dark is None else done.background,
             None if bright is None else done.background + done.contrast,
         )
         check = partial(_contradicted, light, sigma, done, own, scene.frames.first_gamma)
-    return replace(found, notes=tuple(notes), columns=columns, gamma_check=check, others=others)
+    known = replace(found, refusal=refusal, notes=tuple(notes), columns=columns)
+    return replace(known, gamma_check=check, others=others)
 
 
 def _by_ends(
@@ -246,21 +247,8 @@ def _by_ends(
         valid=done.valid,
         error=ends.signal_uncertainty(light),
         ends=ends,
-        settled=ends.settled,
     )
     return done, signal
-
-
-def _of_exposure(exposure: NoLoadExposure) -> list[str]:
-    """What to say of a frame's exposure against that of its no-load frames."""
-    if exposure.ends is not None:
-        return [
-            f"exposed {exposure.bright:.3g} times as long as frames.no_load_bright, or lit so much "
-            "more: its fringes tell that, and it is used"
-        ]
-    if not exposure.told:
-        return [SAME_EXPOSURE]
-    return []
 
 
 def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
@@ -275,10 +263,10 @@ def told_exposure(frame: Frame, scene: Scene, capture: Capture) -> list[str]:
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     try:
         light, sigma, valid = _light(frame, linear, scene, capture)
-        exposure = find_no_load_exposure(light, sigma, valid, dark=dark.image, bright=bright.image)
+        found = no_load_light(light, sigma, valid, (dark.image, bright.image), scene.frames)
     except InputError:  # no fringe in it
         return []
-    return [] if exposure.ends is None else _of_exposure(exposure)
+    return [text for text in (*found.notes, found.refusal) if text and text != SAME_EXPOSURE]
 
 
 def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) -> list[str]:
