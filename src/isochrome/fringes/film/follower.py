@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from isochrome.fringes.film.order_change import LARGEST_CHANGE, fit_order_change
+from isochrome.fringes.film.order_change import LARGEST_CHANGE, fit_order_change, on_flank
 from isochrome.fringes.windows import Array, Mask
 
 _TURN = np.float32(2.0 * np.pi)
@@ -212,12 +212,14 @@ def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise:
         angle = _TURN * order
         left = (wave - contrast * np.cos(angle)) * weight
         slope = -_TURN * contrast * np.sin(angle) * weight
+        flank = on_flank(slope)
         area = 2.0 * np.pi * width**2
         least: Array = np.float32((noise**2 + area * _SYSTEMATIC**2) / _SPREAD**2)
         if proportional:
             slope = slope * order
             least = least * np.maximum(order * order, np.float32(1e-4))
-        step = _window_sum(slope * left, width) / (_window_sum(slope * slope, width) + least)
+        told = slope * flank
+        step = _window_sum(told * left, width) / (_window_sum(told * slope, width) + least)
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
     smooth = cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX)
