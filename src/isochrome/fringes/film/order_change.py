@@ -20,7 +20,7 @@ LARGEST_CHANGE = 0.35
 distance of 1 after which the light is the same, with a margin for what noise and fields add."""
 
 CREST_SLOPE = 6.0
-"""Of the wave, a fringe: e/u, twice what light that was found leaves open, 0.03, over 0.01 fringe."""
+"""Of the wave, a fringe: e/u, twice the 0.03 that light which was found leaves open, over 0.01."""
 
 _STRIDE = 3
 _FACTORS = 31
