@@ -214,7 +214,8 @@ def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise:
         slope = -_TURN * contrast * np.sin(angle) * weight
         flank = on_flank(slope)
         area = 2.0 * np.pi * width**2
-        least: Array = np.float32((noise**2 + area * _SYSTEMATIC**2) / _SPREAD**2)
+        spread = (noise**2 + area * _SYSTEMATIC**2) / _SPREAD**2
+        least: Array = np.full((1, 1), spread, dtype=np.float32)
         if proportional:
             slope = slope * order
             least = least * np.maximum(order * order, np.float32(1e-4))
