@@ -68,8 +68,10 @@ def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) 
             continue
         for name, seen in pictures.items():
             seen.append(picture_of(item, name))
-        # where a model was fitted, its frames can be drawn anew: lines are for who asks
-        lines = item.skeleton() if recipe.rois or item.fit is None else []
+        # where a model was fitted, its frames can be drawn anew, and a film has thousands of them:
+        # lines are for who asks
+        alone = item.fit is None and not recipe.follows_fringes
+        lines = item.skeleton() if recipe.rois or alone else []
         if lines:
             left, top = item.corner_mm(recipe.scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)
