@@ -116,8 +116,8 @@ def process(
         stood in front of the camera.
     out : str or Path, optional
         Folder for frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv
-        (fringe lines, of single frames without a fitted model), isoclinic.tif (steps: degrees, direction of
-        sigma_1), residual_order.tif and residual_isoclinic.tif (of the no-load steps),
+        (fringe lines, of single frames without a fitted model), isoclinic.tif (steps: degrees,
+        direction of sigma_1), residual_order.tif and residual_isoclinic.tif (of the no-load steps),
         fitted_scene.toml (to simulate what was found), scene.toml, provenance.json, process.png,
         report.html and run.zarr, which has all of it with named axes (see `open_run`).
     rois : bool, default False
