@@ -53,7 +53,7 @@ def render_contact(folder: Path, seed: int) -> None:
     sensor = make_sensor(shape, np.random.default_rng([seed, 0]), faulty=FAULTY, glare=GLARE)
     frames, orders = [], []
     for i, state in enumerate(states):
-        order = _fine_order(placed_contact(truth, nominal, i), state)
+        order = fine_order(placed_contact(truth, nominal, i), state, _POINTS)
         rng = np.random.default_rng([seed, 1, i])
         frames.append(sensor.expose(dark_field(order, _POINTS), rng))
         middle = order[_POINTS // 2 :: _POINTS, _POINTS // 2 :: _POINTS]
@@ -93,9 +93,9 @@ def placed_contact(scene: Scene, nominal: Scene, index: int) -> Scene:
     return scene.with_values({"camera.left_mm": round(left, 9), "camera.top_mm": round(top, 9)})
 
 
-def _fine_order(scene: Scene, state: SceneState) -> Array:
-    """Fringe order at several points of every pixel; NaN above the surface."""
-    pixels = pixel_grid(finer(scene, _POINTS))
+def fine_order(scene: Scene, state: SceneState, points: int) -> Array:
+    """Fringe order at points x points of every pixel; NaN above the surface."""
+    pixels = pixel_grid(finer(scene, points))
     order = fringe_order(
         state_difference(scene, state, pixels),
         thickness_mm=scene.get("specimen.thickness_mm"),

@@ -37,6 +37,7 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
     from isochrome.samples.beam_images import render_bending
     from isochrome.samples.contact_images import SCENE, render_contact
     from isochrome.samples.disc_images import render_disc
+    from isochrome.samples.film_images import render_film
     from isochrome.samples.sensor import sample_text
     from isochrome.samples.wear_traces import render_wear
 
@@ -50,6 +51,7 @@ def render_samples(out: str | Path, *, seed: int = SEED) -> Path:
             ("bending", render_bending),
             ("disc", render_disc),
             ("wear", render_wear),
+            ("sliding-film", render_film),
         ):
             (folder / name).mkdir()
             draw(folder / name, seed)

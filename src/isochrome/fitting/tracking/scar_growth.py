@@ -53,7 +53,11 @@ _NEW, _OLD = 250, 500
 """Frames of the past that a state holds one by one, and points that stand for all before."""
 
 _SCARS = 4
-"""Scars that are kept: a worn area that is tracked falls back behind the last by its noise."""
+"""Last scars that are kept: a worn area that is tracked falls back behind them by its noise."""
+
+_APART = 0.01
+"""Growth from one to the next of the older ones: a box of worn areas begins some per cent behind
+the last, and a scar that is not stepped on from one below it would lack what wore it."""
 
 _BACK = 0.9
 """Share of the oldest one's area from which on frames are remembered."""
@@ -211,6 +215,18 @@ def _course(drive: Drive, areas: list[float]) -> tuple[SlidingHistory, list[Outp
     return course, [OutputState(0.0, k, *course.at(k)) for k in at]
 
 
+def _with_last(kept: list[WornScar], last: WornScar) -> list[WornScar]:
+    """Scars that are kept, with one more: the last ones, and of the older some down to `_BACK`."""
+    every = [*kept, last]
+    older: list[WornScar] = []
+    for scar in every[:-_SCARS]:
+        if not older or scar.worn_mm2 > (1.0 + _APART) * older[-1].worn_mm2:
+            older.append(scar)
+    while len(older) > 1 and older[1].worn_mm2 < _BACK * last.worn_mm2:
+        older.pop(0)
+    return [*older, *every[-_SCARS:]]
+
+
 def elastic_area(scene: Scene, line_load_n_per_mm: float) -> float:
     """Area (mm²) that the indenter would cut off were it not for the elasticity, P' a / E*.
 
@@ -315,7 +331,7 @@ class TrackPast:
         there = sorted({area for area in (last, *areas) if area > start.worn_mm2})
         grown = grow(self._site, start, drive, there, elastic_mm2)
         if last > start.worn_mm2:
-            self._kept = [*self._kept, grown[0]][-_SCARS:]
+            self._kept = _with_last(self._kept, grown[0])
             worn = [row[0] for row in self._frames]
             oldest = bisect_left(worn, _BACK * self._kept[0].worn_mm2 / scale)
             self._frames = self._frames[max(0, oldest - 1) :]
