@@ -14,8 +14,8 @@ from isochrome import open_run
 from isochrome.errors import InputError
 from isochrome.output import read_csv
 from isochrome.processing import process
-from isochrome.processing.film_maps import FINEST_STEP, order_step
 from isochrome.processing.kinds import tracked
+from isochrome.processing.kinds.film_maps import FINEST_STEP, order_step
 from isochrome.processing.pictures import preview
 from isochrome.runs import Compact
 from isochrome.runs.exporting import export
@@ -131,7 +131,7 @@ def test_steps_reach_twice_the_orders_of_the_scene(largest, step):
 
 def test_orders_beyond_the_steps_are_not_known_and_said(followed, monkeypatch):
     place, _, _ = followed
-    monkeypatch.setattr("isochrome.processing.film_maps.order_step", lambda *_: 4e-5)
+    monkeypatch.setattr("isochrome.processing.kinds.film_maps.order_step", lambda *_: 4e-5)
     found = run(place, out="cut")
     assert any(
         "orders above 2.621 fringes, which run.zarr cannot hold" in t for t in found.warnings
@@ -175,7 +175,7 @@ def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
     [
         ({"track": True, "each": True}, "--track and --each"),
         ({"track": True, "maps": "some"}, "--maps some: give all, key, none"),
-        ({"maps": "all"}, "--maps all: is for a contact's video"),
+        ({"maps": "all"}, "--maps all: is for a video that is followed"),
         ({"track": True, "preview": True}, "preview: is written beside the results"),
     ],
 )

@@ -333,7 +333,7 @@ pixel_mm = 0.0155
 
 def test_every_is_for_tracking(tmp_path):
     place = save(tmp_path / "film", np.full((3, *SHAPE), 90, np.uint8))
-    with pytest.raises(InputError, match="--every 5: is for a contact's video that is followed"):
+    with pytest.raises(InputError, match="--every 5: is for a video that is followed"):
         process(place / "film.tif", place / "scene.toml", place / "out", every=5)
 
 

@@ -4,6 +4,17 @@ from .colour.colour_order import ColourReading, read_colour
 from .colour.colour_table import STEP, ColourTable, measured_table, spectral_table
 from .colour.own_colours import OwnLight, find_light
 from .colour.table_file import read_table, table_columns
+from .film.film_light import BrightestLight, FilmLight, smooth_zero
+from .film.film_path import FilmPath, KeptState, light_wave
+from .film.film_reading import (
+    fringe_response,
+    joined_pixels,
+    joined_reading,
+    pixels_together,
+    read_followed,
+)
+from .film.follower import FilmState, follow_frame, unloaded_state
+from .film.order_change import LARGEST_CHANGE
 from .on_branch import OrderReading, read_order, widened
 from .single_frame.background_modulation import (
     BackgroundModulation,
@@ -20,12 +31,18 @@ from .stepped.step_equations import make_design
 from .stepped.stepped_order import SteppedReading, read_steps
 
 __all__ = [
+    "LARGEST_CHANGE",
     "STEP",
     "BackgroundModulation",
+    "BrightestLight",
     "ColourReading",
     "ColourShots",
     "ColourTable",
+    "FilmLight",
+    "FilmPath",
+    "FilmState",
     "FreeReading",
+    "KeptState",
     "KnownPlaces",
     "NoLoadExposure",
     "OrderReading",
@@ -40,12 +57,19 @@ __all__ = [
     "find_light",
     "find_no_load_exposure",
     "fit_background_modulation",
+    "follow_frame",
+    "fringe_response",
     "gamma_misfit",
+    "joined_pixels",
+    "joined_reading",
+    "light_wave",
     "make_design",
     "measured_table",
     "number_lines",
     "order_contours",
+    "pixels_together",
     "read_colour",
+    "read_followed",
     "read_free",
     "read_order",
     "read_residual",
@@ -53,7 +77,9 @@ __all__ = [
     "read_table",
     "skeleton_table",
     "skeletons",
+    "smooth_zero",
     "spectral_table",
     "table_columns",
+    "unloaded_state",
     "widened",
 ]

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
 from isochrome.frames import (
     FrameReader,
     absolute,
@@ -29,15 +28,16 @@ from isochrome.optics import make_chain
 from isochrome.output import counted, load_roifile
 from isochrome.processing.chunk import (
     FILM,
+    apparatus_of,
     blank_map,
     film_map,
+    film_of,
     frame_row,
     layers_of,
     more_of,
     process_chunk,
     set_layout,
 )
-from isochrome.processing.film_maps import check_options, refuse_unfollowed, with_maps
 from isochrome.processing.folder import finish_set_folder, set_dataset
 from isochrome.processing.frame_task import (
     FrameSource,
@@ -48,6 +48,9 @@ from isochrome.processing.frame_task import (
     release_caches,
 )
 from isochrome.processing.kinds.colour_light import check_colour
+from isochrome.processing.kinds.film_keys import KEY_EVERY, is_keyed
+from isochrome.processing.kinds.film_maps import check_options, refuse_unfollowed, with_maps
+from isochrome.processing.kinds.film_unloaded import check_unloaded
 from isochrome.processing.kinds.tracked import (
     EVERY,
     check_tracked,
@@ -130,8 +133,8 @@ def process(
         stood in front of the camera.
     out : str or Path, optional
         Folder for frames.csv, fringe_order.tif, confidence.tif, normalised.tif, skeleton.csv
-        (fringe lines, where no model was fitted), isoclinic.tif (steps: degrees, direction of
-        sigma_1), residual_order.tif and residual_isoclinic.tif (of the no-load steps),
+        (fringe lines, of single frames without a fitted model), isoclinic.tif (steps: degrees,
+        direction of sigma_1), residual_order.tif and residual_isoclinic.tif (of the no-load steps),
         fitted_scene.toml (to simulate what was found), scene.toml, provenance.json, process.png,
         report.html and run.zarr, which has all of it with named axes (see `open_run`).
     rois : bool, default False
@@ -139,9 +142,10 @@ def process(
         wanted of every frame.
     track : bool, default False
         Whether only each `every`-th frame of a contact's stack or folder is processed wholly, and
-        load, friction, wear and place are followed through the others. All frames have their row of
-        frames.csv, and their orders are read on the branches of the followed model. A contact's
-        video is followed without it.
+        load, friction, wear and place are followed through the others; of a specimen without a
+        model, whether the orders of each `every`-th frame are carried through the others. All
+        frames have their row of frames.csv, and their orders are read on the branches of the
+        followed model. A contact's video is followed without it.
     each : bool, default False
         Whether every frame of a video is processed wholly too, as if there were no others.
     every : int, optional
@@ -230,14 +234,16 @@ def process(
         if cluster is not None:
             frames, scene = absolute(frames, scene)
             reader = open_scene_frames(frames, scene)
-        follow = track or (not each and is_followed(scene, reader))
+        keyed = track and is_keyed(scene)
+        follow = not keyed and (track or (not each and is_followed(scene, reader)))
         if not follow:
-            refuse_unfollowed(every, maps)
+            refuse_unfollowed(None if keyed else every, maps)
         shown = working_folder(Path(out)) / PREVIEW if out is not None and preview else None
         recipe = FrameTask(
             frames=frames, scene=scene, reader=reader, key="not yet known", rois=rois,
-            as_stated=as_stated, keep_going=keep_going,
-            every=(every or EVERY) if follow else None, preview=shown,
+            as_stated=as_stated, keep_going=keep_going, preview=shown,
+            every=(every or EVERY) if follow else None,
+            key_every=(every or KEY_EVERY) if keyed else None,
         )  # fmt: skip
         identity = partial(identity_of, recipe, files, maps)
         if out is not None and not restart and _is_done(Path(out), identity):
@@ -268,7 +274,9 @@ def _processed(
             progress(Tally(0, count, 0, 0, said))
     source = open_set(recipe)
     if every is not None and not recipe.as_stated:
-        recipe = source.recipe = replace(recipe, apparatus=_apparatus_of(source, count))
+        recipe = source.recipe = replace(recipe, apparatus=apparatus_of(source, count))
+    if source.recipe.follows_fringes:
+        recipe = source.recipe = replace(recipe, film=film_of(source, count))
     if out is None:
         return _in_memory(source, count // recipe.steps, progress)
     identity = identify()
@@ -284,13 +292,6 @@ def _processed(
 
     found = run_job(job, out, finish, means=means, progress=progress)
     return found or restore(recipe.scene, Path(out), reader.shape, source.residual)
-
-
-def _apparatus_of(source: FrameSource, count: int) -> Apparatus:
-    """What the frames of a video have in common, asked of a few of its `count` frames."""
-    scene, capture = sliding_scene(source.recipe.scene), source.capture
-    no_load = capture.dark, capture.bright
-    return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
 
 
 def _is_done(out: Path, identify: Callable[[], Mapping[str, Any]]) -> bool:
@@ -353,6 +354,8 @@ def check_scene(scene: Scene) -> None:
         Where light, field or steps cannot tell the order.
     """
     steps = len(scene.polariscope.step)
+    if scene.frames.starts_unloaded:
+        check_unloaded(scene)
     if scene.polariscope.several_wavelengths:
         check_colour(scene)
     elif scene.frames.colour_table is not None:

@@ -7,14 +7,19 @@ import io
 import zipfile
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from itertools import groupby
 from typing import Any, cast
 
 import numpy as np
 
+from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
 from isochrome.fringes import Skeleton, skeleton_table
 from isochrome.output import add_rois, csv_text, roi_entries
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set, set_pixel
+from isochrome.processing.kinds.film_keys import prepare_keyed
+from isochrome.processing.kinds.film_unloaded import prepare_unloaded
+from isochrome.processing.kinds.followed_film import FollowedFilm
 from isochrome.processing.kinds.tracked import tracked_states
 from isochrome.processing.pictures.preview import write_preview
 from isochrome.processing.processed import orders_are_read
@@ -80,6 +85,30 @@ def set_layout(source: FrameSource, count: int) -> RunLayout:
     )
 
 
+def apparatus_of(source: FrameSource, count: int) -> Apparatus:
+    """What the frames of a video have in common, asked of a few of its frames.
+
+    Parameters: `source`; `count` of the frames. Returns an Apparatus.
+    """
+    scene, capture = sliding_scene(source.recipe.scene), source.capture
+    no_load = capture.dark, capture.bright
+    return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
+
+
+def film_of(source: FrameSource, count: int) -> FollowedFilm:
+    """A film without a model as it is followed through its `count` frames.
+
+    Parameters: `source`; `count`. Returns a FollowedFilm. Raises PhysicsError where it cannot be.
+    """
+    recipe = source.recipe
+    prepare = prepare_unloaded
+    if recipe.key_every is not None:
+        prepare = partial(prepare_keyed, every=recipe.key_every)
+    again = partial(source.captured, 0, count)
+    chunk = set_layout(source, count).chunk
+    return prepare(again, recipe.scene, source.capture, chunk=chunk, count=count)
+
+
 def process_chunk(recipe: FrameTask, start: int, stop: int) -> Results:
     """What is found in the states [start, stop) of a set.
 
@@ -113,8 +142,10 @@ def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) 
             continue
         for name, seen in pictures.items():
             seen.append(picture_of(item, name))
-        # where a model was fitted, its frames can be drawn anew: lines are for who asks
-        lines = item.skeleton() if recipe.rois or item.fit is None else []
+        # where a model was fitted, its frames can be drawn anew, and a film has thousands of them:
+        # lines are for who asks
+        alone = item.fit is None and not recipe.follows_fringes
+        lines = item.skeleton() if recipe.rois or alone else []
         if lines:
             left, top = item.corner_mm(recipe.scene)
             points = skeleton_table(lines, pixel_mm=item.pixel_mm, left_mm=left, top_mm=top)

@@ -20,6 +20,7 @@ from isochrome.processing.kinds.colour_light import (
     colour_frames,
     process_colour,
 )
+from isochrome.processing.kinds.followed_film import FollowedFilm, followed_states
 from isochrome.processing.kinds.image_only import process_image_only
 from isochrome.processing.kinds.phase_stepped import load_residual, process_stepped
 from isochrome.processing.kinds.with_model import process_with_model
@@ -41,7 +42,8 @@ class FrameTask:
     next, None where every frame is processed wholly, and then its `apparatus`, what all of its
     frames have in common, and `maps`, of which of its frames these are written: 'all', those of
     the 'key' frames, or 'none'; `order_step`, in which those of all are kept, fringes; `preview`,
-    the picture that is written now and then of the last frame, None where nobody looks.
+    the picture that is written now and then of the last frame, None where nobody looks;
+    `key_every`, the same as `every` of a film that is followed without a model, and the `film`.
     """
 
     frames: FramesLike
@@ -56,11 +58,18 @@ class FrameTask:
     maps: str = "key"
     order_step: float = 1e-4
     preview: Path | None = None
+    key_every: int | None = None
+    film: FollowedFilm | None = None
 
     @property
     def held_scene(self) -> Scene:
         """The scene with what all frames have in common."""
         return self.scene if self.apparatus is None else self.apparatus.stated
+
+    @property
+    def follows_fringes(self) -> bool:
+        """Whether the orders of a film are followed in time, without a model."""
+        return self.scene.frames.starts_unloaded or self.key_every is not None
 
     @property
     def coloured(self) -> bool:
@@ -115,6 +124,12 @@ class FrameSource:
 
     def states(self, start: int, stop: int) -> Iterator[ProcessedFrame]:
         """What is found in the states [start, stop). Raises InputError, PhysicsError."""
+        film = self.recipe.film
+        if film is not None:
+            captured = self.captured(film.begin(start), stop)
+            found = followed_states(film, captured, self.recipe.scene, self.capture)
+            yield from (item for item in found if item.index >= start)
+            return
         for index, frames in self.captured(start, stop):
             yield self.processed(index, frames)
 
@@ -234,6 +249,7 @@ def identity_of(
     scene = recipe.scene
     seed = scene.camera.seed if scene.camera else None
     tracked = {} if recipe.every is None else {"every": recipe.every, "maps": maps or "default"}
+    tracked |= {} if recipe.key_every is None else {"key_every": recipe.key_every}
     stated = {"as_stated": True} if recipe.as_stated else {}
     return run_identity(dump_scene(scene), files, {"rois": recipe.rois} | tracked | stated, seed)
 

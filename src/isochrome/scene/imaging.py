@@ -161,6 +161,9 @@ class Frames(ScenePart):
         CSV file of the channels' signals against order, in place of a spectrum.
     sliding_speed_mm_per_s : float, optional
         Sliding speed of a video, mm/s: distance from the frames' times.
+    starts_unloaded : bool, default False
+        Whether the first frame of a film without a model shows the specimen without load: orders
+        are then counted from zero, pixel by pixel, through its frames.
     known_order : tuple of KnownOrder, optional
         Orders that the user knows, those of the frame, residual stress included.
     known_line : tuple of KnownLine, optional
@@ -186,6 +189,7 @@ class Frames(ScenePart):
     channel: Literal["red", "green", "blue", "mean"] | None = None
     colour_table: FileName | None = None
     sliding_speed_mm_per_s: Positive | None = None
+    starts_unloaded: bool = False
     known_order: tuple[KnownOrder, ...] = ()
     known_line: tuple[KnownLine, ...] = ()
     free_boundary: tuple[FreeBoundary, ...] = ()
@@ -200,7 +204,7 @@ class Frames(ScenePart):
     @property
     def orders_known(self) -> bool:
         """Whether an order is known anywhere in the frames."""
-        return bool(self.stated_orders)
+        return self.starts_unloaded or bool(self.stated_orders)
 
     @property
     def first_gamma(self) -> float:

@@ -82,15 +82,16 @@ class _Signal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
     `refusal`, why no order can be told from it, if any; `error`, what the ends and the tone curve
-    leave open of the signal, over and above the noise;
-    `columns` for frames.csv; `gamma_check`, what the fringes' contrast (rows, cols) and shape make
-    of a stated gamma: an error more, and what to say.
+    leave open of the signal, over and above the noise; `ends` of the light; `columns` for
+    frames.csv; `gamma_check`, what the fringes' contrast (rows, cols) and shape make of a stated
+    gamma: an error more, and what to say.
     """
 
     signal: Array
     sigma: Array
     valid: NDArray[np.bool_]
     error: Array
+    ends: BackgroundModulation
     refusal: str = ""
     notes: tuple[str, ...] = ()
     columns: dict[str, Any] = field(default_factory=dict)
@@ -113,6 +114,20 @@ def process_image_only(
     Returns a ProcessedFrame, without a reading where no order is known. A frame in which no fringe
     shows (an unloaded specimen) is kept as it is, and says so.
     """
+    return read_alone(frame, scene, capture, inside=inside)[0]
+
+
+def read_alone(
+    frame: Frame,
+    scene: Scene,
+    capture: Capture,
+    *,
+    inside: NDArray[np.bool_] | None = None,
+) -> tuple[ProcessedFrame, BackgroundModulation | None]:
+    """What `process_image_only` finds, and the ends of the frame's light, None where it has none.
+
+    Parameters as there.
+    """
     linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
     if inside is not None:
         linear = replace(linear, valid=linear.valid & inside)
@@ -123,7 +138,7 @@ def process_image_only(
     try:
         seen = _signal(frame, linear, scene, capture)
     except InputError as error:
-        return replace(blank, warnings=(f"not normalised: {error}",))
+        return replace(blank, warnings=(f"not normalised: {error}",)), None
     lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
     saturated = _saturated(frame, capture, inside)
     if capture.bright is None and saturated > MOST_SATURATED:
@@ -138,7 +153,7 @@ def process_image_only(
         if capture.bright is None and 0.0 < highest < LEAST_ORDER:
             few = FEW_FRINGES.format(f"fringes up to order {highest:.2f}", LEAST_ORDER)
             found, warnings = None, [*warnings, few]
-    return replace(
+    whole = replace(
         blank,
         normalised=seen.signal.astype(np.float32),
         reading=found.reading if found else None,
@@ -147,6 +162,7 @@ def process_image_only(
         warnings=(*seen.notes, *warnings),
         columns=_columns(found, seen, len(lines)),
     )
+    return whole, seen.ends
 
 
 def _highest(found: FreeReading | None) -> float:
@@ -230,6 +246,7 @@ def _by_ends(
         sigma=slope * sigma / np.where(done.valid, done.contrast, 1.0),
         valid=done.valid,
         error=ends.signal_uncertainty(light),
+        ends=ends,
     )
     return done, signal
 

@@ -90,6 +90,5 @@ def refuse_unfollowed(every: int | None, maps: str | None) -> None:
     for name, value in (("every", every), ("maps", maps)):
         if value is not None:
             raise InputError(
-                f"--{name} {value}: is for a contact's video that is followed; add --track, or "
-                "leave it out"
+                f"--{name} {value}: is for a video that is followed; add --track, or leave it out"
             )

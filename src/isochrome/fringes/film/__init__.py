@@ -1,0 +1,1 @@
+"""Fringe orders followed from frame to frame, without a model of the specimen."""

@@ -1,0 +1,150 @@
+"""The order of each pixel of a film's frame, on the branch that it was followed on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from isochrome.fringes.film.film_light import FilmLight
+from isochrome.fringes.film.follower import FilmState
+from isochrome.fringes.on_branch import OrderReading, read_order, widened
+from isochrome.fringes.windows import Array, Mask, nearest_known
+
+_GUIDE_ROWS = 247
+"""Rows, or columns if they are fewer, on which a film is followed at most, or nearly so."""
+
+
+def pixels_together(shape: tuple[int, int]) -> int:
+    """Choose how many pixels of a frame, along each side, are followed as one.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The frame's rows and columns.
+
+    Returns
+    -------
+    int
+        Pixels, 1 at least.
+    """
+    return max(1, round(min(shape) / _GUIDE_ROWS))
+
+
+def joined_pixels(values: Array, by: int) -> Array:
+    """Give the means over blocks of pixels; a rim narrower than a block is left out.
+
+    Parameters
+    ----------
+    values : ndarray (rows, cols)
+        The pixels.
+    by : int
+        Pixels a side.
+
+    Returns
+    -------
+    ndarray (rows // by, cols // by)
+        The means, float32.
+    """
+    import cv2
+
+    rows, cols = (n // by for n in values.shape)
+    single = np.ascontiguousarray(values[: rows * by, : cols * by], dtype=np.float32)
+    if by == 1:
+        return single
+    return np.asarray(cv2.resize(single, (cols, rows), interpolation=cv2.INTER_AREA))
+
+
+def fringe_response(order: Array) -> Array:
+    """Give the ideal signal of an order, sin² pi N.
+
+    Parameters
+    ----------
+    order : ndarray (rows, cols)
+        Fringe order N, fringes.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        The signal.
+    """
+    half = np.float32(0.5)
+    return np.asarray(half - half * np.cos(np.float32(2.0 * np.pi) * order))
+
+
+def read_followed(
+    light: Array, state: FilmState, film_light: FilmLight, *, sigma: Array, valid: Mask, by: int
+) -> OrderReading:
+    """Read the orders of a frame where they were followed to.
+
+    Parameters
+    ----------
+    light : ndarray (rows, cols)
+        The frame's light.
+    state : FilmState
+        What was followed, on blocks of pixels.
+    film_light : FilmLight
+        The film's light, of the frame's size.
+    sigma : ndarray (rows, cols)
+        Noise of the light.
+    valid : bool ndarray (rows, cols)
+        Whether a pixel is trusted.
+    by : int
+        Pixels a side of a block.
+
+    Returns
+    -------
+    OrderReading
+        The orders; its `kept` is the share of the valid pixels.
+    """
+    order = _spread(state.order, by, light.shape, smooth=True)
+    known = _spread(state.known.astype(np.float32), by, light.shape, smooth=False) > 0.5
+    rise = film_light.rise(light)
+    found = read_order(
+        rise,
+        np.where(valid & known, order, np.nan),
+        fringe_response,
+        illumination=film_light.illumination,
+        background=np.zeros_like(rise),
+        sigma=sigma,
+        valid=valid & known,
+    )
+    found = widened(found, film_light.signal_error(light))
+    kept = np.count_nonzero(np.isfinite(found.order)) / max(1, int(np.count_nonzero(valid)))
+    return replace(found, kept=float(kept))
+
+
+def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
+    """Make a frame's reading a state that a film can be followed from.
+
+    Parameters
+    ----------
+    reading : OrderReading
+        What was read of the frame.
+    by : int
+        Pixels a side of a block.
+    time : float
+        The frame's time.
+
+    Returns
+    -------
+    FilmState
+        Orders of the blocks of which each pixel was read; its rate is not known, and taken as 0.
+    """
+    read = np.isfinite(reading.order)
+    known = joined_pixels(read, by) > 1.0 - 0.5 / by**2
+    order = joined_pixels(np.where(read, reading.order, 0.0), by)
+    if known.any():
+        order = nearest_known(order, known)
+    return FilmState(order, np.zeros_like(order), known, time)
+
+
+def _spread(values: Array, by: int, shape: tuple[int, ...], *, smooth: bool) -> Array:
+    """Values of blocks on the pixels; a rim that is no whole block has its neighbours'."""
+    import cv2
+
+    rows, cols = values.shape
+    how = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST
+    large = cv2.resize(values, (cols * by, rows * by), interpolation=how) if by > 1 else values
+    below, beside = shape[0] - rows * by, shape[1] - cols * by
+    return np.asarray(cv2.copyMakeBorder(large, 0, below, 0, beside, cv2.BORDER_REPLICATE))

@@ -1,0 +1,132 @@
+"""A film without a model whose key frames are read from nothing: the others are followed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from isochrome.errors import PhysicsError
+from isochrome.frames import Frame
+from isochrome.fringes import (
+    BackgroundModulation,
+    FilmLight,
+    FilmPath,
+    FilmState,
+    joined_pixels,
+    joined_reading,
+)
+from isochrome.processing.kinds.followed_film import (
+    Array,
+    FilmData,
+    FollowedFilm,
+    Frames,
+    Mask,
+    film_time,
+)
+from isochrome.processing.kinds.image_only import read_alone
+from isochrome.processing.result import SEPARATOR, Capture, ProcessedFrame
+from isochrome.scene import Scene
+
+KEY_EVERY = 200
+"""Frames from one key frame to the next: one is read in as long as some fifty are followed."""
+KEY_LIGHT = "the light of its first key frame, frame {}, is used for all frames of the film"
+NO_KEY = (
+    "{}: no order could be read in any of the frames that the film was to begin with (of the first:"
+    " {}); give no-load frames, or a point whose order is known in all frames"
+)
+_TRIED = 16
+"""Frames at most that a film may begin with: unloaded ones have no fringes."""
+
+
+def is_keyed(scene: Scene) -> bool:
+    """Whether a scene's film can be followed from key frames that are read without a model."""
+    light, frames = scene.polariscope, scene.frames
+    return (
+        scene.model is None
+        and not frames.starts_unloaded
+        and frames.orders_known
+        and frames.gamma != "unknown"
+        and not (light.step or light.several_wavelengths)
+    )
+
+
+def prepare_keyed(
+    captured: Callable[[], Frames], scene: Scene, capture: Capture, *, chunk: int, count: int,
+    every: int = KEY_EVERY,
+) -> FollowedFilm:  # fmt: skip
+    """Pass over a film: its key frames, and the states of its chunks.
+
+    Parameters: `captured`, gives the film's frames anew, each with its number; `scene`; `capture`;
+    `chunk`, frames from one kept state to the next; `count` of the frames; `every`, frames from
+    one key frame to the next. Raises PhysicsError where the first frame cannot be read.
+    """
+    begin, first, whole, ends = _first_key(captured(), scene, capture, count)
+    assert whole.reading is not None
+    data = FilmData(first, scene, capture)
+    data.take_noise(first)
+    light = _light_of(ends, data.sign)
+    guide = FilmLight(
+        zero=joined_pixels(light.zero, data.by),
+        illumination=joined_pixels(light.illumination, data.by),
+        error=joined_pixels(light.error, data.by),
+        zero_error=joined_pixels(light.zero_error, data.by),
+        sign=light.sign,
+    )
+    start = joined_reading(whole.reading, data.by, film_time(first, begin))
+    last: list[tuple[int, Frame]] = []
+
+    def key() -> FilmState | None:
+        index, frame = last[0]
+        found: ProcessedFrame = read_alone(frame, scene, capture)[0]
+        if found.reading is None or not _is_read(found):
+            return None
+        return joined_reading(found.reading, data.by, film_time(frame, index))
+
+    path = FilmPath(
+        start, guide, noise=data.wave_noise(float(np.median(guide.illumination[data.material]))),
+        chunk=chunk, key=key, every=every, begin=begin,
+    )  # fmt: skip
+
+    def frames() -> Iterator[tuple[Array, Mask, float]]:
+        for index, (frame, *_) in captured():
+            last[:] = [(index, frame)]
+            yield (*data.joined(frame), film_time(frame, index))
+
+    path.follow(frames())
+    notes = (*whole.warnings, KEY_LIGHT.format(begin))
+    return data.film(path, light, count, notes)
+
+
+def _first_key(
+    frames: Frames, scene: Scene, capture: Capture, count: int
+) -> tuple[int, Frame, ProcessedFrame, BackgroundModulation]:
+    """The first frame of some, from the film's first on, that can be read from nothing."""
+    why = None
+    for index, (frame, *_) in frames:
+        if index % max(1, count // _TRIED):
+            continue
+        whole, ends = read_alone(frame, scene, capture)
+        if ends is not None and _is_read(whole):
+            return index, frame, whole, ends
+        why = why or SEPARATOR.join(whole.warnings)
+    raise PhysicsError(NO_KEY.format(scene.name, why))
+
+
+def _is_read(frame: ProcessedFrame) -> bool:
+    """Whether any order of a frame is known."""
+    return frame.reading is not None and bool(np.isfinite(frame.reading.order).any())
+
+
+def _light_of(ends: BackgroundModulation, sign: float) -> FilmLight:
+    """The ends of a frame's light as a film's; order 0 is at the bright one for a `sign` of -1."""
+    zero, other = (ends.dark, ends.bright)[:: int(sign)]
+    illumination = np.maximum(sign * (other - zero), 1e-3).astype(np.float32)
+    zero = zero.astype(np.float32)
+    return FilmLight(
+        zero=zero,
+        illumination=illumination,
+        error=ends.signal_uncertainty(other).astype(np.float32),
+        zero_error=ends.signal_uncertainty(zero).astype(np.float32),
+        sign=sign,
+    )

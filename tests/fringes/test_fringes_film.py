@@ -1,0 +1,99 @@
+"""Orders followed from frame to frame: crests, both ways, and what a state keeps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isochrome.fringes import (
+    KeptState,
+    follow_frame,
+    light_wave,
+    unloaded_state,
+)
+from isochrome.fringes.film.film_path import _differing, _Passed, keep_state
+
+ROWS, COLS = 90, 120
+NOISE = 0.02
+EVERYWHERE = np.ones((ROWS, COLS), dtype=bool)
+
+
+def order(load, *, steep=3.0):
+    """Orders up to `load`, nearly even in the right half."""
+    x = np.linspace(0.0, 1.0, COLS)
+    shape = np.where(x < 0.5, 1.0 - steep * 0.25 * x, 1.0 - steep * 0.125 + 0.02 * (0.5 - x))
+    return load * np.broadcast_to(shape, (ROWS, COLS))
+
+
+def wave(orders, frame, *, scale=1.0):
+    """cos 2 pi N with noise; `scale`, the true illumination over the one that is taken for it."""
+    noise = NOISE * np.random.default_rng([frame, 5]).standard_normal(orders.shape)
+    signal = 0.5 - 0.5 * np.cos(2 * np.pi * orders)
+    return (1.0 - 2.0 * scale * signal + noise).astype(np.float32)
+
+
+@pytest.mark.parametrize("scale", [0.985, 1.0, 1.01])
+def test_an_even_region_passes_a_crest_although_its_light_is_not_exact(scale):
+    """It comes to the crest all at once, where light that is 1.5 % too weak stands off from it."""
+    state = unloaded_state(EVERYWHERE, 0.0)
+    loads = np.arange(1, 41) * 0.05
+    for frame, load in enumerate(loads, start=1):
+        seen = wave(order(load), frame, scale=scale)
+        state = follow_frame(state, seen, EVERYWHERE, float(frame), noise=NOISE)
+    assert state.known.mean() > 0.8
+    error = np.abs(state.order - order(loads[-1]))[state.known]
+    assert error.max() < 0.1
+
+
+def test_a_rate_is_that_of_time_and_not_of_frames():
+    state = unloaded_state(EVERYWHERE, 0.0)
+    time = 0.0
+    for frame in range(1, 13):
+        apart = 0.5 if frame % 3 else 1.5
+        time += apart
+        state = follow_frame(state, wave(order(0.1 * time), frame), EVERYWHERE, time, noise=NOISE)
+    inside = state.rate[20:-20, 20:-20]
+    assert np.abs(inside - order(0.1)[20:-20, 20:-20]).max() < 0.02
+
+
+def test_where_both_ways_differ_nothing_is_known():
+    """Orders that were followed into another branch do not come back out of it."""
+    state = unloaded_state(EVERYWHERE, 0.0)
+    passed = []
+    for frame in range(13):
+        seen = wave(order(0.1 * frame), frame)
+        if frame:
+            state = follow_frame(state, seen, EVERYWHERE, float(frame), noise=NOISE)
+        passed.append(_Passed(seen, EVERYWHERE, state))
+    passed = passed[4:]
+    assert not _differing(passed, NOISE)[5:-5, 5:-5].any()
+    other = passed[3].state.order.copy()
+    other[30:60, 70:110] += 1.0
+    passed[3] = replace(passed[3], state=replace(passed[3].state, order=other))
+    doubt = _differing(passed, NOISE)
+    assert doubt[32:58, 72:108].all()
+    assert not doubt[:25].any()
+
+
+def test_a_kept_state_is_taken_up_again():
+    state = unloaded_state(EVERYWHERE, 0.0)
+    for frame in range(1, 9):
+        seen = wave(order(0.1 * frame), frame)
+        state = follow_frame(state, seen, EVERYWHERE, float(frame), noise=NOISE)
+    kept = keep_state(state)
+    assert isinstance(kept, KeptState)
+    again = kept.state()
+    assert np.abs(again.order - state.order).max() < 6e-4  # half of its steps of 1e-3
+    assert np.array_equal(again.known, state.known)
+    assert again.time == state.time
+    doubt = np.zeros_like(EVERYWHERE)
+    doubt[3, 4] = True
+    assert np.array_equal(kept.doubting(doubt).doubt(), doubt)
+    assert kept.doubting(doubt).doubts == 1
+
+
+def test_a_wave_is_that_of_its_rise():
+    found = light_wave(np.array([[0.0, 1.0, 2.0]]), np.array([[2.0, 2.0, 2.0]]))
+    assert np.allclose(found, [[1.0, 0.0, -1.0]])
