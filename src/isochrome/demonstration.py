@@ -36,7 +36,7 @@ class Demo(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of the sample frames."""
+        """Those of the sample frames and of the film."""
         return tuple(self.summary["warnings"])
 
     @property
@@ -57,8 +57,9 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
     """Run the main job on the paper's case and the shipped sample images.
 
     Simulates `line-contact-wear`; checks and processes the six sample frames (rendered, with a
-    camera's faults); simulates what was found in them; compares the two side by side; calibrates
-    the fringe value from the sample bending and disc images.
+    camera's faults); simulates what was found in them; compares the two side by side; follows the
+    sample film (rendered too), with load, friction and wear over the distance and the order of
+    every frame; calibrates the fringe value from the sample bending and disc images.
 
     Parameters
     ----------
@@ -101,6 +102,9 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
     simulate(found.fitted, folder / "simulation")
     say("comparing the two")
     comparison = compare(folder / "experiment", folder / "simulation", folder / "comparison")
+    say("following the sample film")
+    film = samples / "sliding-film"
+    followed = process(film / "film.avi", load_scene(film / "scene.toml"), folder / "film")
     say("calibrating the fringe value from bending and disc images")
     bending = calibrate_bending(samples / "bending" / "set.toml")
     save_calibration(bending, folder / "calibration-bending")
@@ -116,6 +120,7 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
         ("experiment - simulation, RMS (fringes)",
          _range(comparison.columns["order_rms_fringe"], 4), "0.01 or less"),
         ("load (N)", _range(found.columns["load.normal_n"], 2), truth["load"]),
+        ("load of the film (N)", _range(followed.columns["load.normal_n"], 2), truth["film"]),
         ("f_sigma from bending (N/mm)", _with_u(bending), truth["bending"]),
         ("f_sigma from the disc (N/mm)", _with_u(disc), truth["disc"]),
     ]  # fmt: skip
@@ -127,7 +132,8 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
         "calibration_bending": bending.to_json(),
         "calibration_disc": disc.to_json(),
         "check": [finding.text for finding in checked.findings],
-        "warnings": list(found.warnings),
+        "film": followed.columns,
+        "warnings": [*found.warnings, *followed.warnings],
     }
     write_json(folder / "demo.json", summary)
     return Demo(folder, rows, summary, draw=comparison.figure)
@@ -136,12 +142,15 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
 def read_truth(samples: Path) -> dict[str, str]:
     """What the sample images were rendered with, as text for the summary."""
 
+    def put_in(folder: str, key: str) -> Any:
+        return json.loads((samples / folder / "truth.json").read_text("utf-8"))[key]
+
     def value(folder: str, key: str) -> str:
-        truth = json.loads((samples / folder / "truth.json").read_text("utf-8"))
-        return f"{truth[key]:g}, rendered"
+        return f"{put_in(folder, key):g}, rendered"
 
     return {
         "load": value("line-contact-wear", "load.normal_n"),
+        "film": f"{_range(put_in('sliding-film', 'load.normal_n'), 2)}, rendered",
         "bending": value("bending", "fringe_value_n_per_mm"),
         "disc": value("disc", "fringe_value_n_per_mm"),
     }
