@@ -159,7 +159,7 @@ def test_the_sample_images_are_at_most_nine_and_a_half_megabytes():
         (render_bending, "bending"),
         (render_disc, "disc"),
         (render_wear, "wear"),
-        pytest.param(render_film, "sliding-film", marks=pytest.mark.study),
+        (render_film, "sliding-film"),
     ],
 )
 def test_a_calibration_set_renders_to_the_same_bytes_twice_and_to_the_shipped_ones(

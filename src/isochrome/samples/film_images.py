@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,9 @@ WEAR_MM2_PER_N = 6.2e-9
 LEFT_PX, TOP_PX = 1.7, -0.8
 """True place of all frames less the nominal one."""
 
+FILM_CAMERA = CAMERA.model_copy(update={"noise_grey": 1.5})
+"""The camera of all samples, at a lower gain."""
+
 FAULTY, _POINTS, _TOLERANCE = 6, 3, 1e-5
 _NODES = 8
 """Nodes of the surface from one point of a pixel to the next."""
@@ -49,6 +53,7 @@ def render_film(folder: Path, seed: int) -> None:
     truth = true_film(nominal)
     shape = truth.get("camera.height_px"), truth.get("camera.width_px")
     sensor = make_sensor(shape, np.random.default_rng([seed, 40]), faulty=FAULTY)
+    sensor = replace(sensor, camera=FILM_CAMERA)
     frames = []
     for i, state in enumerate(scene_states(truth)):
         order = fine_order(truth, state, _POINTS)
@@ -103,19 +108,19 @@ def _true_values(truth: Scene) -> dict[str, Any]:
         "wear.coefficient_mm2_per_n": truth.get("wear.coefficient_mm2_per_n"),
         "camera.left_mm": truth.get("camera.left_mm"),
         "camera.top_mm": truth.get("camera.top_mm"),
-        "camera": CAMERA.model_dump(exclude_unset=True),
+        "camera": FILM_CAMERA.model_dump(exclude_unset=True),
     }
 
 
 def _write_film(path: Path, frames: list[Grey]) -> None:
-    """Write frames as FFV1, which loses nothing and which OpenCV writes and reads by itself."""
+    """Write frames as they are, uncompressed: OpenCV reads that by itself, and hides no damage."""
     import cv2
 
     rows, cols = frames[0].shape
-    codec = cv2.VideoWriter.fourcc(*"FFV1")
+    codec = cv2.VideoWriter.fourcc(*"Y800")
     film = cv2.VideoWriter(str(path), codec, FRAMES_PER_S, (cols, rows), isColor=False)
     if not film.isOpened():
-        raise InputError(f"{path}: cannot be opened as an FFV1 film by this OpenCV")
+        raise InputError(f"{path}: cannot be opened as a film by this OpenCV")
     for frame in frames:
         film.write(frame)
     film.release()

@@ -43,12 +43,13 @@ class Sensor:
     """A camera's own faults, the same in all its frames.
 
     `dead`, `hot` (n, 2), (row, col) of pixels that read 0 or 255; `glare` (row, col, radius) of a
-    lamp's reflection, in pixels, or None.
+    lamp's reflection, in pixels, or None; `camera`, all that is not the pixels' own.
     """
 
     dead: NDArray[np.int64]
     hot: NDArray[np.int64]
     glare: tuple[float, float, float] | None = None
+    camera: Camera = CAMERA
 
     def expose(self, signal: Array, rng: np.random.Generator) -> Grey:
         """Grey levels of one frame, with the glare, the noise and the faulty pixels."""
@@ -57,7 +58,7 @@ class Sensor:
             row, col, radius = self.glare
             rows, cols = np.ogrid[: signal.shape[0], : signal.shape[1]]
             light = signal + _GLARE * (np.hypot(rows - row, cols - col) <= radius)
-        image = np.asarray(expose(light, CAMERA, rng=rng), dtype=np.uint8)
+        image = np.asarray(expose(light, self.camera, rng=rng), dtype=np.uint8)
         image[tuple(self.dead.T)] = 0
         image[tuple(self.hot.T)] = 255
         return image

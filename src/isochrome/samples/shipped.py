@@ -114,7 +114,7 @@ def sliding_film() -> ContactSample:
     >>> import isochrome
     >>> sample = isochrome.samples.sliding_film()
     >>> sample.frames.shape, sample.file.name
-    ((200, 132, 176), 'film.avi')
+    ((200, 104, 136), 'film.avi')
     """
     return _contact("sliding-film", "film.avi")
 
