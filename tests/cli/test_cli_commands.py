@@ -301,5 +301,9 @@ def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, comm
 def test_demo_runs_from_anywhere(isochrome, place):
     done = isochrome("demo", "--out", "Vorführung", "--json")
     assert done.code == 0
-    assert max(done.json()["metrics"]["order_rms_fringe"]) < 0.01
+    summary = done.json()
+    assert max(summary["metrics"]["order_rms_fringe"]) < 0.01
+    assert len(summary["film"]["load.normal_n"]) == 200
+    said = {text for text in summary["film"]["warnings"] if text}
+    assert all(any(text in whole for whole in summary["warnings"]) for text in said)
     assert (place / "Vorführung" / "comparison" / "comparison.png").is_file()

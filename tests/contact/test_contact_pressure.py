@@ -45,9 +45,10 @@ def parabola(x):
     return x**2 / (2 * RADIUS)
 
 
-def assert_contact_conditions(state, h, load):
+def assert_contact_conditions(state, h, load, wear=0.0):
     """p >= 0, gap >= 0, p gap = 0 and the load, each to rounding or to the solver's target."""
-    reach = load / MODULUS  # the size of the elastic displacement
+    # the size of the elastic displacement, and of what is worn (mm/MPa) in the same equations
+    reach = load / MODULUS + wear * state.pressure.max()
     assert state.residual <= 1e-10
     assert state.pressure.min() >= 0.0
     assert state.gap[state.pressure == 0.0].min(initial=0.0) >= -1e-9 * reach
@@ -315,7 +316,7 @@ def test_every_contact_holds_its_conditions(seed, n, load, friction, wear):
     h = 1.0 / n
     surface = make_surface(n, h, contact_modulus_mpa=MODULUS, coupling_per_mpa=2 / MODULUS)
     state = solve_pressure(surface, gap, load, friction=friction, wear_mm_per_mpa=wear)
-    assert_contact_conditions(state, h, load)
+    assert_contact_conditions(state, h, load, wear)
     # and the gap is the one of that pressure
     made = gap + displacement(surface, state.pressure, friction=friction) + wear * state.pressure
     assert np.ptp(made - state.gap) <= 1e-9 * (np.ptp(gap) + load / MODULUS)
