@@ -56,7 +56,7 @@ def test_a_model_that_is_off_by_less_than_a_branch_is_read_right(slope, off):
     # noise alone leaves 0.0012; where both are large 0.005, on the crests of wide fringes
     assert rms((got.order - order)[np.isfinite(got.order)]) < 0.01
     # 32 000 pixels of 18 that share their noise: 0.98 to 1.03, 0.76 where both are large
-    assert 0.72 < rms(pulls(got, order)) < 1.1
+    assert 0.75 < rms(pulls(got, order)) < 1.1
 
 
 @pytest.mark.parametrize("off", [0.3, 0.45])
@@ -222,4 +222,4 @@ def test_where_no_crest_is_in_sight_the_order_is_read_all_the_same():
     order = 0.28 + 0.0005 * COLS + 0.00025 * ROWS
     got = read(captured(order), order)
     assert got.kept > 0.99
-    assert 0.72 < rms(pulls(got, order)) < 1.1
+    assert 0.8 < rms(pulls(got, order)) < 1.1
