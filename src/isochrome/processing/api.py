@@ -266,15 +266,15 @@ def _processed(
     reader, every = recipe.reader, recipe.every
     count = reader.count(decode=every is None)
     _check_set(recipe.scene, reader, count)
+    said = ""
     if every is not None:
         check_tracked(recipe.scene, reader.shape, every)
-    if every is not None:
         recipe, said = with_maps(recipe, maps, count, on_disk=out is not None)
-        if progress is not None:
-            progress(Tally(0, count, 0, 0, said))
     source = open_set(recipe)
     if every is not None and not recipe.as_stated:
         recipe = source.recipe = replace(recipe, apparatus=apparatus_of(source, count))
+    if said and progress is not None:  # what is refused before is one line
+        progress(Tally(0, count, 0, 0, said))
     if source.recipe.follows_fringes:
         recipe = source.recipe = replace(recipe, film=film_of(source, count))
     if out is None:
