@@ -73,18 +73,20 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
     """A bar of its own, that shows a Tally, and goes at None."""
     task = bars.add_task(what, total=0, rate="", flagged=0)
     began = said = monotonic()
+    waiting = ""
 
     def show(tally: Tally | None) -> None:
-        nonlocal said
+        nonlocal said, waiting
         if tally is None:
             bars.remove_task(task)
             return
-        if tally.said:
-            sentence = f"{what}: {tally.said}"
-            if bars.disable:
-                typer.echo(sentence, err=True)
-            else:
-                bars.console.print(sentence)
+        if tally.said and not bars.disable:
+            bars.console.print(f"{what}: {tally.said}")
+        waiting = waiting or tally.said
+        if waiting and bars.disable and tally.done > tally.before:
+            # a log gets it with what is finished first: a run that is refused says that alone
+            typer.echo(f"{what}: {waiting}", err=True)
+            waiting = ""
         own, seconds = tally.done - tally.before, monotonic() - began
         rate = f"{own / seconds:.3g} {items}/s" if own and seconds > 0.0 else ""
         if bars.disable and monotonic() - said >= LINE_EVERY_S:
