@@ -24,7 +24,6 @@ from isochrome.simulation.model import make_picture
 from isochrome.stress import pixel_grid
 from processing.test_process_track import EVERY, SHAPE, save
 from runs.counting import contents
-from runs.killing import killed_and_begun_again, needs_sigkill, start
 
 COUNT = 8
 
@@ -239,26 +238,3 @@ def test_chunks_and_workers_leave_the_same_bytes(followed):
     place, _, _ = followed
     run(place, out="two", workers=2)
     assert contents(place / "two") == contents(place / "out")
-
-
-FOLLOWED_AGAIN = """
-import sys
-if __name__ == "__main__":
-    from isochrome import process
-    process("film.tif", "scene.toml", sys.argv[1], track=True, every=3, workers=int(sys.argv[2]))
-"""
-
-
-@pytest.mark.study
-@pytest.mark.long
-@needs_sigkill
-@pytest.mark.parametrize("workers", ["1", "2"])
-def test_killed_at_random_moments_it_ends_with_the_same_maps(tmp_path, code, workers):
-    scene = contact(sliding=True)
-    place = save(tmp_path / "film", film(scene, course(14), 5), scene)
-
-    def begin(out):
-        return start(place, code, "-c", FOLLOWED_AGAIN, out, workers)
-
-    kept = killed_and_begun_again(begin, place, [True] * 2, since=0.2, seed=int(workers))
-    assert kept > 0  # else nothing was told of going on

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 
 import isochrome
-from isochrome.output import read_csv
+from isochrome.output import add_imagej_view, imagej_view, make_canvas, read_csv
 from isochrome.scene import dump_scene, load_scene
 
 PIXEL, LEFT, TOP = 4.0 / 82, -2.0, 0.25
@@ -56,3 +56,18 @@ def test_what_imagej_is_told_leaves_the_frames_as_they_are(processed):
     np.testing.assert_array_equal(tifffile.memmap(folder / "fringe_order.tif", mode="r"), order)
     with isochrome.frames.open_frames(folder / "normalised.tif") as reader:
         assert reader.count() == 2 and reader.pixel_mm == pytest.approx(PIXEL, rel=1e-6)
+
+
+def test_a_finish_that_was_killed_is_done_again_to_the_same_bytes(tmp_path):
+    """Its head lay behind the frames already: the next one's must take its place."""
+    shape, pixel = (3, 20, 30), 0.01
+    view = imagej_view("fringe_order", (0.0, 3.0), labels=["a", "b", "c"], pixel_mm=pixel)
+    path = tmp_path / "stack.tif"
+    make_canvas(path, shape, pixel).write(0, np.arange(1800, dtype="<f4").tobytes())
+    add_imagej_view(path, shape, pixel, view)
+    once = path.read_bytes()
+    with open(path, "ab") as file:
+        file.write(b"half a head")
+    add_imagej_view(path, shape, pixel, view)
+    assert path.read_bytes() == once
+    assert tifffile.imread(path).ravel().tolist() == list(range(1800))

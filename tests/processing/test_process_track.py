@@ -174,8 +174,11 @@ if __name__ == "__main__":
 @pytest.mark.long
 @needs_sigkill
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers):
-    place = save(tmp_path / "film", film(contact(), course(14), 5))
+@pytest.mark.parametrize("sliding", [False, True])
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, code, workers, sliding):
+    """Values, key frames' maps, and the compact maps of all frames."""
+    scene = contact(sliding=sliding)
+    place = save(tmp_path / "film", film(scene, course(14), 5), scene)
 
     def begin(out):
         return start(place, code, "-c", TRACKED_AGAIN, out, workers)

@@ -24,14 +24,17 @@ from .single_frame.background_modulation import (
 )
 from .single_frame.free_order import FreeReading, common_reading, read_free
 from .single_frame.no_load_exposure import NoLoadExposure, find_no_load_exposure
-from .single_frame.stated_orders import KnownPlaces
+from .single_frame.stated_orders import CLEAR, MOST_COST, STATED_SPREAD, KnownPlaces
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
 from .stepped.residual_stress import ResidualStress, read_residual
 from .stepped.step_equations import make_design
 from .stepped.stepped_order import SteppedReading, read_steps
 
 __all__ = [
+    "CLEAR",
     "LARGEST_CHANGE",
+    "MOST_COST",
+    "STATED_SPREAD",
     "STEP",
     "BackgroundModulation",
     "BrightestLight",

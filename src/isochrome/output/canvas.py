@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isochrome.output.tiff_stack import stack_layout
+from isochrome.output.tiff_stack import blank_stack
 
 _TYPE = np.dtype("<f4")
 
@@ -78,11 +78,7 @@ def make_canvas(path: Path, shape: tuple[int, int, int], pixel_mm: float | None)
     OSError
         Where the file cannot be written.
     """
-    import tifffile
-
-    kind, keys = stack_layout(shape, _TYPE, pixel_mm)
-    with tifffile.TiffWriter(path, **kind) as tif:
-        tif.write(None, shape=shape, dtype=_TYPE, **keys)
+    blank_stack(path, shape, pixel_mm)
     return open_canvas(path, shape)
 
 

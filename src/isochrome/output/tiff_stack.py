@@ -203,35 +203,54 @@ def add_imagej_view(
     OSError
         Where the file cannot be read or written.
     """
-    import tifffile
-
-    kind, keys = stack_layout(shape, np.dtype("<f4"), pixel_mm, metadata=view)
-    if not kind["imagej"]:
-        return
     with TemporaryDirectory() as folder:
-        beside = Path(folder) / "head"
-        with tifffile.TiffWriter(beside, **kind) as tif:  # takes no disk for the frames
-            tif.write(None, shape=shape, dtype=np.dtype("<f4"), **keys)
-        with open(beside, "rb") as file:
-            new, values, _ = _first_head(file)
+        laid_out, head = Path(folder) / "laid-out", Path(folder) / "head"
+        if not blank_stack(laid_out, shape, pixel_mm):
+            return
+        blank_stack(head, shape, pixel_mm, view)
+        with open(laid_out, "rb") as file:
+            _, values, after = _first_head(file)
+            # where it was laid out to: behind it may lie the head of a finish that was killed
+            length = file.seek(0, SEEK_END)
+        with open(head, "rb") as file:
+            new, own, _ = _first_head(file)
             file.seek(0)
-            data = bytearray(file.read(values[_STRIP_OFFSETS]))
+            data = bytearray(file.read(own[_STRIP_OFFSETS]))
+    end = length + length % 2
+    count = unpack_from("<H", data, new)[0]
+    for at in range(new + 2, new + 2 + 12 * count, 12):
+        tag, kind_of, number, value = unpack_from("<HHII", data, at)
+        if tag == _STRIP_OFFSETS:
+            pack_into("<I", data, at + 8, values[_STRIP_OFFSETS])
+        elif _TAG_BYTES[kind_of] * number > 4:  # it stands elsewhere in the head
+            pack_into("<I", data, at + 8, value + end)
+    pack_into("<I", data, new + 2 + 12 * count, after)
     with open(path, "r+b") as file:
-        _, values, after = _first_head(file)
-        end = file.seek(0, SEEK_END)
-        end = file.seek(end + end % 2)
-        count = unpack_from("<H", data, new)[0]
-        for at in range(new + 2, new + 2 + 12 * count, 12):
-            tag, kind_of, number, value = unpack_from("<HHII", data, at)
-            if tag == _STRIP_OFFSETS:
-                pack_into("<I", data, at + 8, values[_STRIP_OFFSETS])
-            elif _TAG_BYTES[kind_of] * number > 4:  # it stands elsewhere in the head
-                pack_into("<I", data, at + 8, value + end)
-        pack_into("<I", data, new + 2 + 12 * count, after)
+        file.truncate(length)
+        file.seek(end)
         file.write(data)
         file.flush()
         file.seek(4)
         file.write(pack("<I", end + new))
+
+
+def blank_stack(
+    path: Path,
+    shape: tuple[int, ...],
+    pixel_mm: float | None,
+    view: Mapping[str, Any] | None = None,
+) -> bool:
+    """Lay out a stack of float32 without its frames, which take no disk.
+
+    Parameters: `path`, the file to make; the rest as in `add_imagej_view`. Returns whether it is
+    in ImageJ's layout. Raises OSError.
+    """
+    import tifffile
+
+    kind, keys = stack_layout(shape, np.dtype("<f4"), pixel_mm, metadata=view)
+    with tifffile.TiffWriter(path, **kind) as tif:
+        tif.write(None, shape=shape, dtype=np.dtype("<f4"), **keys)
+    return bool(kind["imagej"])
 
 
 def _first_head(file: BinaryIO) -> tuple[int, dict[int, int], int]:

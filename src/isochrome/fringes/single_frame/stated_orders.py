@@ -29,9 +29,9 @@ from isochrome.scene import FreeCorner
 KnownPoint = tuple[float, float, float]
 """Row and column of a pixel, and the fringe order there."""
 
-_STATED = 0.035
+STATED_SPREAD = 0.035
 """Standard deviation, in fringes, of an order that a user counts and estimates between lines."""
-_MOST = 16.0
+MOST_COST = 16.0
 """Most that a point costs, chi²: many outvote one that is off."""
 _WITHIN = 0.24
 """Fringes within which an order fits the light: estimates may be rough."""
@@ -99,7 +99,7 @@ class StatedPlace:
 
     def cost(self, j: int) -> float:
         """What the place costs with j, chi²."""
-        return min((self.miss(j) / self.sigma) ** 2, _MOST) if self.turns(j) else _MOST
+        return min((self.miss(j) / self.sigma) ** 2, MOST_COST) if self.turns(j) else MOST_COST
 
     def fits(self, j: int) -> bool:
         """Whether the order is that of j, roughly estimated."""
@@ -142,7 +142,7 @@ class Stated:
     def on_line(self) -> bool:
         """Whether the light beside it says the order, and not on which side it is higher."""
         from_line = abs(2.0 * self.first.field - round(2.0 * self.first.field))
-        near = from_line**2 < CLEAR * _STATED**2
+        near = from_line**2 < CLEAR * STATED_SPREAD**2
         return self.known.is_line or (self.known.says_zero_line and bool(near))
 
     def source(self, p: StatedPlace, terms: Array) -> AnchorPatch:
@@ -175,7 +175,7 @@ def stated_place(
         own = np.unravel_index(np.where(beside, away, np.inf).argmin(), away.shape)
     patch = int(own[0]), int(own[1])
     off = np.array(row - patches.rows[patch[0]]), np.array(col - patches.cols[patch[1]])
-    sigma, within = _STATED, _WITHIN
+    sigma, within = STATED_SPREAD, _WITHIN
     if known.is_line:
         slope = float(np.hypot(*terms[patch][1:3]))
         sigma = float(np.hypot(sigma, _BESIDE_LINE_PX * slope))

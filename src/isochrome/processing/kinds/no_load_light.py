@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from isochrome.fringes import (
+    CLEAR,
+    MOST_COST,
+    STATED_SPREAD,
     BackgroundModulation,
     NoLoadExposure,
     exact_ends,
@@ -54,9 +57,6 @@ an exposure as the bright frame's; and the share of the specimen that is said.""
 _POOLED_PX = 3.0
 _AT_HALF, _BEYOND_HALF = 0.05, 0.1
 """Fringes from a half within which a known order says it, and from which two say one between."""
-_STATED, _MOST, _CLEAR = 0.035, 16.0, 8.0
-"""Standard deviation of an order that a user states, fringes; the most that one costs, chi²; and
-what tells two lights apart."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class _Place:
     @property
     def cost(self) -> float:
         """How badly both agree, chi²."""
-        return min(((self.light - self.stated) / _STATED) ** 2, _MOST)
+        return min(((self.light - self.stated) / STATED_SPREAD) ** 2, MOST_COST)
 
 
 def _says_alike(
@@ -135,12 +135,12 @@ def _says_alike(
     own, other = (
         sum(place.cost for place in _places(light, valid, ends, frames)) for ends in (no_load, told)
     )
-    return bool(own + _CLEAR < other)
+    return bool(own + CLEAR < other)
 
 
 def _not_alike(places: Sequence[_Place]) -> str:
     """What to say where known orders are not those of the light; nothing where they may be."""
-    if not places or np.median([place.cost for place in places]) < _CLEAR:
+    if not places or np.median([place.cost for place in places]) < CLEAR:
         return ""
     worst = max(places, key=lambda place: abs(place.light - place.stated))
     return NOT_ALIKE.format(worst.row, worst.col, worst.light, worst.stated)
