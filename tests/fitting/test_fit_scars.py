@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 import isochrome
 import worn_scars
 from isochrome.errors import InputError, PhysicsError
+from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.frame.inputs import inputs_of_rows
 from isochrome.fitting.joint.frame_sequence import MeasuredArea, make_sequence
 from isochrome.fitting.joint.measured_scars import scar_equations
+from isochrome.fitting.joint.separate_fits import fit_of_each, with_scars
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 LOAD, FRICTION, WEAR = "load.normal_n", "friction.coefficient", "wear.coefficient_mm2_per_n"
@@ -21,7 +27,7 @@ def scene_of(distances, **values):
     return scene.with_values({"wear.distances_m": list(distances)} | values)
 
 
-def with_scars(folder, scene, *, factor=1.0, at=(77.0, 155.0), ra_um=0.1):
+def beside_traces(folder, scene, *, factor=1.0, at=(77.0, 155.0), ra_um=0.1):
     """A scene's file beside its traces, whose worn area is `factor` times that of the truth."""
     rng = np.random.default_rng(5)
     text = isochrome.dump_scene(scene)
@@ -70,23 +76,128 @@ def test_equations_are_the_areas_derivatives_by_the_closed_form():
 def test_with_scars_no_value_is_less_sure_than_by_the_frame_alone(tmp_path, one_frame):
     start = scene_of([77.0], **TRUTH).with_values({LOAD: 48.0, WEAR: 2.0e-9})
     alone = values_of(isochrome.fit(one_frame, start, [LOAD, FRICTION, WEAR]))
-    found = isochrome.fit(one_frame, with_scars(tmp_path, start), [LOAD, FRICTION, WEAR])
+    found = isochrome.fit(one_frame, beside_traces(tmp_path, start), [LOAD, FRICTION, WEAR])
     both = values_of(found)
     for key, truth in TRUTH.items():
         value, spread = both[key]
         assert abs(value - truth) < 3.0 * spread
-        assert spread < 1.02 * alone[key][1]
+        assert spread <= alone[key][1]
     assert not found.warnings
+
+
+def frame_of(scene, keys, values, sensitivity, inputs):
+    """What a frame might say of a scene: ± of 1, 2 and 5 %, of which some are alike."""
+    share = np.array([0.01, 0.02, 0.05])[-len(keys) :] * values
+    alike = 0.6 * np.ones((len(keys), len(keys))) + 0.4 * np.eye(len(keys))
+    noise = alike * np.outer(share, share)
+    covariance = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
+    return FrameFit(
+        scene=scene.with_values(dict(zip(keys, values.tolist(), strict=True))),
+        keys=keys,
+        values=values,
+        standard_uncertainty=np.sqrt(np.diag(covariance)),
+        covariance=covariance,
+        noise_uncertainty=share,
+        inputs=inputs,
+        sensitivity=sensitivity,
+        cramer_rao_bound=share,
+        information=np.linalg.inv(noise),
+        freedom=1000,
+        chi=1.0,
+        others=(),
+        converged=True,
+        plain=False,
+        positive=True,
+    )
+
+
+def both_by_search(fit, load, area, spread, keys):
+    """The least of a frame's misfit and a scar's, W = k P s/t, by a search without derivatives."""
+    scene, distance_mm = fit.scene, 155e3
+    weight = np.linalg.inv(
+        fit.covariance - (fit.sensitivity * fit.inputs.spread**2) @ fit.sensitivity.T
+    )
+
+    def cost(share):
+        values = dict(zip(keys, fit.values * (1.0 + share), strict=True))
+        worn = values[WEAR] * values.get(LOAD, load) * distance_mm / scene.specimen.thickness_mm
+        away = fit.values * share
+        return away @ weight @ away + ((area - worn) / spread) ** 2
+
+    found = minimize(
+        cost,
+        np.zeros(len(keys)),
+        method="Nelder-Mead",
+        options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 9000, "maxfev": 9000},
+    )
+    return fit.values * (1.0 + found.x)
+
+
+def test_a_frames_scar_moves_its_values_to_the_least_misfit_of_both():
+    scene, keys = scene_of([77.0], **TRUTH), (LOAD, FRICTION, WEAR)
+    worn = TRUTH[WEAR] * TRUTH[LOAD] * 155e3 / scene.specimen.thickness_mm
+    area = MeasuredArea("155.csv", 155.0, 1.04 * worn, 0.02 * worn)
+    fit = frame_of(
+        scene, keys, np.array(list(TRUTH.values())), np.empty((3, 0)), inputs_of_rows([])
+    )
+    sequence = replace(make_sequence(scene, 1, keys, ()), areas=(area,))
+    both = with_scars(fit_of_each(sequence, [fit]), fit)
+    expected = both_by_search(fit, TRUTH[LOAD], area.area_mm2, area.standard_uncertainty_mm2, keys)
+    # the search ends within 1e-6 of an uncertainty; W's bend over its steps is far below
+    assert np.abs((both.values - expected) / fit.standard_uncertainty).max() < 1e-4
+    row = (
+        np.array([1.0 / TRUTH[LOAD], 0.0, 1.0 / TRUTH[WEAR]]) * worn / area.standard_uncertainty_mm2
+    )
+    exact = np.linalg.inv(np.linalg.inv(fit.covariance) + np.outer(row, row))
+    # the areas' slope at the fitted values, 3 % beside the frame's own
+    np.testing.assert_allclose(both.standard_uncertainty, np.sqrt(np.diag(exact)), rtol=0.03)
+    assert (both.standard_uncertainty <= fit.standard_uncertainty).all()
+
+
+def test_the_budget_of_a_frame_with_scars_holds_what_the_load_does_to_both():
+    """A load that is held moves what the frame says and what the scar says, which may cancel."""
+    scene, keys = scene_of([77.0], **TRUTH), (FRICTION, WEAR)
+    worn = TRUTH[WEAR] * TRUTH[LOAD] * 155e3 / scene.specimen.thickness_mm
+    area = MeasuredArea("155.csv", 155.0, worn, 0.03 * worn)
+    inputs = inputs_of_rows([(LOAD, TRUTH[LOAD], 0.9)])
+    sensitivity = np.array([[-3e-3], [2e-11]])
+    values = np.array([TRUTH[FRICTION], TRUTH[WEAR]])
+    fit = frame_of(scene, keys, values, sensitivity, inputs)
+    sequence = replace(make_sequence(scene, 1, keys, ()), areas=(area,))
+    both = with_scars(fit_of_each(sequence, [fit]), fit)
+    step = 0.05
+    moved = replace(fit, values=values + step * sensitivity[:, 0])
+    ends = [
+        both_by_search(one, load, area.area_mm2, area.standard_uncertainty_mm2, keys)
+        for one, load in ((fit, TRUTH[LOAD]), (moved, TRUTH[LOAD] + step))
+    ]
+    change = (ends[1] - ends[0]) / step
+    told = [item.sensitivity for row in both.budget for item in row if item.input == LOAD]
+    # a one-sided difference over .1 % of the load
+    np.testing.assert_allclose(told, change, rtol=5e-3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("law", ["sarkar", "dissipated_energy"])
+def test_a_single_frames_coefficient_is_that_of_the_scenes_law(tmp_path, law):
+    """It was that of Archard's law, 7 and 78 % off, without a word."""
+    scene = scene_of([77.0], **TRUTH).with_values({"wear.law": law})
+    isochrome.simulate(scene, tmp_path / "sim")
+    start = scene.with_values({LOAD: 48.0, FRICTION: 0.2, WEAR: 2.0e-9})
+    found = values_of(isochrome.fit(tmp_path / "sim" / "frames.tif", start, [LOAD, FRICTION, WEAR]))
+    for key, truth in TRUTH.items():
+        value, spread = found[key]
+        assert abs(value - truth) < 3.0 * spread
 
 
 @pytest.mark.long
 def test_a_scar_that_contradicts_the_frame_is_said(tmp_path, one_frame):
-    scene = with_scars(tmp_path, scene_of([77.0], **TRUTH), factor=1.3, at=(155.0,))
+    scene = beside_traces(tmp_path, scene_of([77.0], **TRUTH), factor=1.3, at=(155.0,))
     found = isochrome.fit(one_frame, scene, [LOAD, FRICTION, WEAR])
     assert any("frames and scars contradict each other" in text for text in found.warnings)
 
 
 def test_a_scene_whose_frames_are_no_states_of_a_run_has_no_scar(tmp_path, one_frame):
-    scene = with_scars(tmp_path, scene_of([31.0, 77.0], **TRUTH), at=(77.0,))
+    scene = beside_traces(tmp_path, scene_of([31.0, 77.0], **TRUTH), at=(77.0,))
     with pytest.raises((InputError, PhysicsError), match="state"):
         isochrome.fit(one_frame, scene, [LOAD, WEAR])

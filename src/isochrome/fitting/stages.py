@@ -27,6 +27,7 @@ from isochrome.fitting.joint.separate_fits import (
     is_each,
     refuse_undetermined,
     starting_values,
+    with_scars,
 )
 from isochrome.fitting.refusals import CORRECT, refuse_alike
 from isochrome.fitting.result import Fit, make_result
@@ -117,7 +118,8 @@ class FrameWork:
         Raises PhysicsError where they are not even then, in a frame that is all there is.
         """
         stated = freed.stated.fit
-        if stated.positive or self.sequence.count == 1:
+        # what a frame does not tell, a measured scar may
+        if not self.sequence.areas and (stated.positive or self.sequence.count == 1):
             refuse_alike(stated.keys, stated.covariance, stated.inputs.keys)
         try:
             now = freed.now.fit
@@ -152,11 +154,14 @@ def joint_stage(
         )
     data.plain = {i for i, fit in enumerate(alone) if fit.plain}
     data.noises = {i: fit.noise_ratio for i, fit in enumerate(alone) if fit.noise_ratio > 1.0}
-    if is_each(sequence):
+    if is_each(sequence) and _frame_tells_all(sequence, alone):
         for key in dict.fromkeys(u.key for u in sequence.unknowns):
             refuse_undetermined(key, (f for i, f in enumerate(alone) if key in sequence.acting(i)))
         joint = fit_of_each(sequence, alone)
         said = tuple(messages_of_frames(messages, single=sequence.count == 1))
+        if sequence.areas:
+            joint = with_scars(joint, alone[0])
+            said += scar_messages(sequence.areas, joint.scene)
         return make_result(joint, alone, None, (*said, *_opposite_shears(joint))), joint
     start = starting_values(sequence, alone)
     now = solve_jointly(data, sequence, start, progress)
@@ -177,6 +182,18 @@ def joint_stage(
     laws = None if apart is None else _laws(apart.fit)
     notes += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
     return make_result(joint, alone, laws, notes), joint
+
+
+def _frame_tells_all(sequence: Sequence, alone: list[FrameFit]) -> bool:
+    """Whether scars, if any were measured, add to a frame that tells all unknowns by itself."""
+    if not sequence.areas:
+        return True
+    (fit,) = alone
+    try:
+        refuse_alike(fit.keys, fit.covariance, fit.inputs.keys)
+    except PhysicsError:
+        return False
+    return fit.positive and bool(np.isfinite(fit.standard_uncertainty).all())
 
 
 def _worn_apart(now: JointSolution) -> JointSolution | None:

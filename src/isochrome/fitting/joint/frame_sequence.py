@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.contact import wear_course
+from isochrome.contact import mean_wear_rate, wear_course
 from isochrome.errors import InputError
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import frame_distance, frame_scene, state_scene, with_part
@@ -246,7 +246,8 @@ def alone_scene(scene: Scene, state: int) -> Scene:
     """A frame of a run as if all its wear had been at its own load and friction.
 
     Parameters: `scene`; `state`, counted as in `frame_scene`. Returns a one-state Scene of numbers,
-    worn by Archard's law as much as in the run: where a fit of one frame on its own starts.
+    worn by the scene's law as much as in the run: where a fit of one frame on its own starts. By
+    Archard's where the law wears nothing at the frame's own friction.
     """
     distance = frame_distance(scene, state)
     if distance is None or scene.wear is None:
@@ -257,8 +258,12 @@ def alone_scene(scene: Scene, state: int) -> Scene:
     found = with_part(scene, "load", normal_n=load)
     if scene.friction:
         found = with_part(found, "friction", coefficient=friction, static_state_first=False)
-    coefficient = worn * thickness / (1e3 * load * distance) if distance else 0.0
-    if not coefficient:
+    rate = worn * thickness / (1e3 * load * distance) if distance else 0.0
+    if not rate:
         return found.model_copy(update={"wear": None})
-    even = {"coefficient_mm2_per_n": coefficient, "law": "archard", "distances_m": (distance,)}
-    return with_part(found, "wear", **even)
+    even = with_part(found, "wear", coefficient_mm2_per_n=1.0, distances_m=(distance,))
+    assert even.wear is not None
+    by_law = float(mean_wear_rate(even.wear, friction, distance))
+    if not by_law:
+        return with_part(even, "wear", coefficient_mm2_per_n=rate, law="archard")
+    return with_part(even, "wear", coefficient_mm2_per_n=rate / by_law)

@@ -67,15 +67,23 @@ def _spreads(traces: list[LevelledTrace]) -> list[float]:
     return list(np.sqrt(own * student_factor_of(float(freedom))).tolist())
 
 
-def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
-    """The normal equations of a sequence's measured areas at some values (p,) of its unknowns."""
+def scar_rows(sequence: Sequence, values: Array) -> tuple[Array, Array]:
+    """How a sequence's measured areas go with its unknowns, and what they differ by, both over u.
+
+    Parameters: `values` (p,) of the unknowns. Returns dW/dv (p, m) and A - W (m,).
+    """
     areas = sequence.areas
     distances = tuple(area.distance_m for area in areas)
     spread = np.array([area.standard_uncertainty_mm2 for area in areas])
     local = local_values(sequence.whole(values), distances)
     residual = (np.array([area.area_mm2 for area in areas]) - local[:, 2]) / spread
     wearing = {u.key for u in sequence.unknowns if u.key.split(".")[0] in _WEARING}
-    rows = local_slopes(sequence, values, distances, local, wearing)[..., 2] / spread
+    return local_slopes(sequence, values, distances, local, wearing)[..., 2] / spread, residual
+
+
+def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
+    """The normal equations of a sequence's measured areas at some values (p,) of its unknowns."""
+    rows, residual = scar_rows(sequence, values)
     normal = rows @ rows.T
     return NormalEquations(
         normal=normal,
@@ -83,7 +91,7 @@ def scar_equations(sequence: Sequence, values: Array) -> NormalEquations:
         gradient=rows @ residual,
         squares=np.diag(normal).copy(),
         cost=float(residual @ residual),
-        freedom=len(areas),
+        freedom=residual.size,
         positive=(),
         chi=(),
     )

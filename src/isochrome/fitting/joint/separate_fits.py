@@ -3,31 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import budget_of
+from isochrome.estimation import (
+    CUTOFF,
+    BudgetInput,
+    budget_of,
+    information_bound,
+    scaled_inverse,
+    standard_uncertainty,
+)
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.unknowns import LOAD, WEAR
 from isochrome.fitting.joint.frame_sequence import COURSE, Sequence, Unknown, local_values
 from isochrome.fitting.joint.joint_fit import JointFit
+from isochrome.fitting.joint.measured_scars import scar_rows
 from isochrome.scene import DistanceTable
 
 _LEAST = 1e-2
 """Least share of the scene's own wear that a fit starts with."""
+_STEPS = 4
+"""Steps to what a frame and scars say together: W is all but linear over their uncertainties."""
 
 
 def is_each(sequence: Sequence) -> bool:
     """Whether each frame's own fit is all that can be known of it.
 
     So it is where frames share neither unknowns nor a history, and for a single frame, but where a
-    frame shows a state that other distances led to, which its own fit does not follow, or a scar
-    was measured.
+    frame shows a state that other distances led to, which its own fit does not follow, or scars
+    were measured of a run of several.
     """
-    if sequence.areas:
+    if sequence.areas and sequence.count > 1:
         return False
     scene = sequence.scene
     given = [key for key in COURSE if getattr(scene, key.partition(".")[0]) is not None]
@@ -82,6 +92,96 @@ def fit_of_each(sequence: Sequence, alone: list[FrameFit]) -> JointFit:
         ),
         known=known,
     )
+
+
+def with_scars(joint: JointFit, alone: FrameFit) -> JointFit:
+    """The fit of a single frame, with the worn areas that were measured beside it.
+
+    The frame says v0 with covariance C, all that it leaves undecided among it but what is held, and
+    an area A with uncertainty u says W(v). With H = dW/dv over u, the values of both,
+
+        v = v0 + K ((A - W(v))/u + H (v - v0)),  K = C H^T (H C H^T + 1)^-1,
+
+    have the covariance (1 - K H) C: they are never less sure than the frame's own.
+    Parameters: `joint`, of the frame alone, by `fit_of_each`; `alone`, which tells all its keys.
+    Source: Rodgers (2000), Inverse methods for atmospheric sounding, sections 4.1 and 5.3.
+    """
+    update = _scar_update(joint.sequence, alone)
+    known, left, gain = alone.inputs, update.left, update.gain
+    noise = alone.covariance - (alone.sensitivity * known.spread**2) @ alone.sensitivity.T
+    noise = left @ noise @ left.T + gain @ gain.T
+    sensitivity = left @ alone.sensitivity
+    # of the inputs, those that are held come last, and move the areas too
+    sensitivity[:, sensitivity.shape[1] - update.by_held.shape[1] :] -= gain @ update.by_held
+    covariance = noise + (sensitivity * known.spread**2) @ sensitivity.T
+    information = alone.information + update.slope.T @ update.slope
+    inverse = scaled_inverse(information + known.prior(alone.keys).normal, CUTOFF)
+    values, every = update.values, np.ones(len(alone.keys), dtype=bool)
+    moved, residual = values - alone.values, update.residual
+    cost = joint.cost + float(moved @ alone.information @ moved + residual @ residual)
+    own = standard_uncertainty(noise, every)
+    return replace(
+        joint,
+        values=values,
+        standard_uncertainty=standard_uncertainty(covariance, every),
+        cramer_rao_bound=information_bound(inverse, every),
+        covariance=covariance,
+        information=information,
+        chi=float(np.sqrt(cost / (joint.freedom + residual.size))),
+        cost=cost,
+        freedom=joint.freedom + residual.size,
+        scene=joint.sequence.whole(values),
+        scenes=(alone.scene.with_values(dict(zip(alone.keys, values.tolist(), strict=True))),),
+        noise_uncertainty=own,
+        budget=_budgets(own, alone, sensitivity),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ScarUpdate:
+    """A frame's `values` (p,) with scars: what `with_scars` calls K, `gain` (p, m), and H, `slope`.
+
+    `left` (p, p), 1 - K H; `by_held` (m, k), change of the areas with what is held, over their
+    uncertainties; `residual` (m,), what the areas differ by in the end.
+    """
+
+    values: Array
+    gain: Array
+    slope: Array
+    left: Array
+    by_held: Array
+    residual: Array
+
+
+def _scar_update(sequence: Sequence, alone: FrameFit) -> _ScarUpdate:
+    """The values of a frame and its scars, by repeated steps."""
+    held = alone.inputs.some(alone.keys, free=False)
+    added = tuple(Unknown(key, (0,), True) for key in held.keys)
+    wider = replace(sequence, unknowns=(*sequence.unknowns, *added))
+    values, size = alone.values, alone.values.size
+    by_input = alone.sensitivity[:, alone.sensitivity.shape[1] - len(held.keys) :]
+    own = alone.covariance - (by_input * held.spread**2) @ by_input.T
+    for _ in range(_STEPS):
+        rows, residual = scar_rows(wider, np.r_[values, held.values])
+        slope = rows[:size].T
+        spread = slope @ own @ slope.T + np.eye(residual.size)
+        gain = np.linalg.solve(spread, slope @ own).T
+        values = alone.values + gain @ (residual + slope @ (values - alone.values))
+    _, residual = scar_rows(wider, np.r_[values, held.values])
+    left = np.eye(size) - gain @ slope
+    return _ScarUpdate(
+        values=values, gain=gain, slope=slope, left=left, by_held=rows[size:].T, residual=residual
+    )
+
+
+def _budgets(
+    noise: Array, fit: FrameFit, sensitivity: Array
+) -> tuple[tuple[BudgetInput, ...], ...]:
+    """The budget of each unknown (p,), by the fit's inputs; empty ones where it has none."""
+    if not fit.inputs.keys:
+        return tuple(() for _ in noise)
+    pairs = zip(noise.tolist(), sensitivity, strict=True)
+    return tuple(budget_of(own, fit.inputs.rows, row) for own, row in pairs)
 
 
 def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
