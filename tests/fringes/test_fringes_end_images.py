@@ -16,6 +16,7 @@ from isochrome.fringes.single_frame.end_images import (
     as_spotted,
     binned_light,
     bright_lines,
+    spots_beyond_prior,
     surface_through,
 )
 
@@ -171,7 +172,9 @@ def test_spots_out_of_view_are_as_large_as_those_in_view(times, within):
     seen = np.arange(60) % 2 == 0
     measured = np.where(seen, 1e4, 0.0)
     found = np.where(seen, terms, 0.0)
-    covariance = as_spotted(np.diag(1.0 / (precision + measured)), found, precision, spots)
+    narrow = np.diag(1.0 / (precision + measured))
+    larger = spots_beyond_prior(narrow, found, precision, spots)
+    covariance = as_spotted(narrow, precision, spots, larger)
     ratio = np.sqrt(np.diag(covariance) * precision)
     low, high = within
     rounding = 1e-12

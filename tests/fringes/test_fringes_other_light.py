@@ -69,7 +69,7 @@ def test_a_light_that_a_known_point_contradicts_says_nothing():
         assert got.said == ("as it was",)
 
 
-def result(patch_cost, *, prior_cost=0.0, price=0.0, orders=0.2, at=1.0):
+def result(patch_cost, *, prior_cost=0.0, price=0.0, orders=0.2, at=1.0, beyond_prior=1.0):
     """A search's result of given residuals over noise, squared."""
     return Found(
         unknowns=np.array([at]),
@@ -79,6 +79,7 @@ def result(patch_cost, *, prior_cost=0.0, price=0.0, orders=0.2, at=1.0):
         patch_cost=np.broadcast_to(np.asarray(patch_cost, float), PATCHES).copy(),
         prior_cost=prior_cost,
         price=price,
+        beyond_prior=beyond_prior,
         data=None,
         orders=np.full((PATCHES, 10), orders),
     )
@@ -103,6 +104,14 @@ def test_a_result_that_costs_much_more_is_not_possible():
     best, near, far = result(1.0), result(1.001, orders=0.3), result(1.2, orders=0.4)
     assert possible([near, best, far]) == [best, near]
     assert possible([best, replace(best)]) == [best]  # no other orders: the same result
+
+
+def test_of_light_beyond_its_prior_costs_say_less():
+    """Spots three times as strong as they were taken for: a difference of 100 is worth 11."""
+    best, other = result(1.0, beyond_prior=9.0), result(1.0, prior_cost=100.0, orders=0.3)
+    assert possible([best, other]) == [best, other]
+    assert possible([best, replace(other, prior_cost=400.0)]) == [best]
+    assert possible([replace(best, beyond_prior=1.0), other])[1:] == []
 
 
 def test_of_two_models_the_one_of_more_evidence_counts():

@@ -211,18 +211,26 @@ def variance_of_ends(
     return variance
 
 
-def as_spotted(covariance: Array, terms: Array, precision: Array, spots: Mask) -> Array:
+def spots_beyond_prior(covariance: Array, terms: Array, precision: Array, spots: Mask) -> float:
+    """How much stronger squared the spots are that were found than they were taken for, 1 at least.
+
+    Equation: t² = Σ (c/σ)² / γ, γ = Σ (1 - var c/σ²) the number of them that the frame tells.
+    Source: MacKay (1992), Neural Computation 4, 415.
+    Parameters: `covariance` (n, n) with the priors' `precision` 1/σ² (n,); the `terms` found (n,);
+    which of them are `spots`.
+    """
+    told = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
+    return float(max(1.0, np.sum(precision[spots] * terms[spots] ** 2) / max(told, 1.0)))
+
+
+def as_spotted(covariance: Array, precision: Array, spots: Mask, larger: float) -> Array:
     """A covariance of the light's terms, the spots as large beforehand as those that were found.
 
     Where no crest lies the light is as uncertain as its prior, and a lamp whose spots are three
-    times as strong in view is not smoother out of view. Equation: the prior variance of the spots
-    times t² = Σ (c/σ)² / γ, γ = Σ (1 - var c/σ²) the number of them that the frame tells, if t > 1.
-    Source: MacKay (1992), Neural Computation 4, 415.
-    Parameters: `covariance` (n, n) with the priors' `precision` 1/σ² (n,); the `terms` found (n,);
-    which of them are `spots`. Returns the covariance with that prior.
+    times as strong in view is not smoother out of view.
+    Parameters: `covariance` (n, n) with the priors' `precision` 1/σ² (n,); which of them are
+    `spots`; what their prior variance is `larger` by. Returns the covariance with that prior.
     """
-    told = np.sum(1.0 - np.diag(covariance)[spots] * precision[spots])
-    larger = np.sum(precision[spots] * terms[spots] ** 2) / max(told, 1.0)
     if not larger > 1.0:
         return covariance
     less = np.where(spots, precision * (1.0 - 1.0 / larger), 0.0)

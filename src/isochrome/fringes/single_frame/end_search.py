@@ -21,7 +21,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.estimation import damped
-from isochrome.fringes.single_frame.end_images import as_spotted
+from isochrome.fringes.single_frame.end_images import as_spotted, spots_beyond_prior
 from isochrome.fringes.single_frame.end_problem import (
     TERMS,
     EndEquations,
@@ -65,7 +65,8 @@ NOT_TOLD = (
     "no-load frames, or state frames.gamma"
 )
 _DOUBT = 40.0
-"""Difference of cost, about -2 ln of the likelihood, within which two results are both possible."""
+"""Difference of cost, about -2 ln of the likelihood, within which two results are both possible,
+where the light is as even as it is taken for; its costs say as much less as it is beyond that."""
 _SAME = 2e-3
 """Difference of the patches' orders, fringes, below which two results are one."""
 _BETTER = 0.97
@@ -86,7 +87,8 @@ class Found:
 
     `index` of the patches in use, `patch_cost`, residual over noise squared (p,), and what the
     unknowns' prior adds; `price`, how much the frame narrows the prior down, ln det(1 + v M), which
-    the evidence takes for it; the patches' `data` and their `orders` at rest.
+    the evidence takes for it; `beyond_prior`, t² of `spots_beyond_prior`; the patches' `data` and
+    `orders` at rest.
     """
 
     unknowns: Array
@@ -96,6 +98,7 @@ class Found:
     patch_cost: Array = field(repr=False)
     prior_cost: float
     price: float
+    beyond_prior: float
     data: PatchData = field(repr=False)
     orders: Array = field(repr=False)
 
@@ -132,7 +135,7 @@ def possible(*models: list[Found]) -> list[Found]:
             break
         best = cheapest(models[k])
         for found in (best, *models[k]):
-            near = _dearer(found, best) < _DOUBT
+            near = _dearer(found, best) < _DOUBT * best.beyond_prior
             if near and all(_differ(found, other) for other in listed):
                 listed.append(found)
     return listed
@@ -269,15 +272,16 @@ def _change(normal: EndEquations, step: Array) -> float:
 def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Found:
     ends = ends_at(data, unknowns)
     normal = eliminated(data, ends, orders)
-    free = data.problem.free
+    free, spots = data.problem.free, data.problem.spots[data.problem.free]
     covariance = np.zeros((len(unknowns), len(unknowns)))
     inverse = np.linalg.inv(normal.matrix) * overlap(data)
     if not change < _REST:
         last = _damped(normal, 0.0)
         inverse = inverse + np.outer(last, last)
     prior = data.problem.prior(unknowns)[0][free]
-    own = unknowns[free], prior / overlap(data), data.problem.spots[free]
-    covariance[np.ix_(free, free)] = as_spotted(inverse, *own)
+    own = prior / overlap(data)
+    larger = spots_beyond_prior(inverse, unknowns[free], own, spots)
+    covariance[np.ix_(free, free)] = as_spotted(inverse, own, spots, larger)
     price = -np.linalg.slogdet(inverse)[1] - np.log(prior[prior > 0.0]).sum()
     left = look(data, ends, orders).residual
     cost = np.einsum("pk,pk,pk->p", data.weight, left, left) * np.maximum(data.chi, 1.0) ** 2
@@ -290,6 +294,7 @@ def _found(data: PatchData, unknowns: Array, orders: Array, change: float) -> Fo
         patch_cost=cost / data.window,
         prior_cost=prior_cost,
         price=float(price),
+        beyond_prior=larger,
         data=data,
         orders=orders,
     )
