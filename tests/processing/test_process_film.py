@@ -7,10 +7,12 @@ import threading
 import cv2
 import numpy as np
 import pytest
+import tifffile
 import zarr
 from tracked_films import FRICTION, LEFT, LOAD, contact, film, write_video
 
 from isochrome import open_run
+from isochrome.comparison.frame_folders import load_frame_set
 from isochrome.errors import InputError
 from isochrome.output import read_csv
 from isochrome.processing import process
@@ -113,6 +115,33 @@ def test_maps_are_kept_in_whole_steps_whose_error_is_half_of_one(followed):
     assert size < 1.6 * COUNT * SHAPE[0] * SHAPE[1]  # of two bytes a pixel, one and a quarter
     (stack,) = (f for f in export(place / "out", "tiff", place) if f.stem == "fringe_order")
     assert cv2.imreadmulti(str(stack), flags=cv2.IMREAD_UNCHANGED)[1][3].shape == SHAPE
+
+
+def test_the_stacks_have_a_page_for_every_frame_as_run_zarr_has_it(followed):
+    place, _, _ = followed
+    with open_run(place / "out") as dataset:
+        for name in ("fringe_order", "confidence"):
+            stored = dataset[name].values
+            with tifffile.TiffFile(place / "out" / f"{name}.tif") as tif:
+                np.testing.assert_array_equal(tif.asarray(), stored)
+                assert len(tif.imagej_metadata["Labels"]) == COUNT
+        assert tifffile.imread(place / "out" / "normalised.tif").shape == (2, *SHAPE)
+        compared = load_frame_set(place / "out")
+        np.testing.assert_array_equal(compared.order, dataset.fringe_order.values[[0, 5]])
+
+
+def test_stacks_that_would_be_too_large_hold_the_key_frames_and_it_is_said(followed, monkeypatch):
+    place, _, _ = followed
+    room = 4 * COUNT * SHAPE[0] * SHAPE[1] - 1
+    monkeypatch.setattr("isochrome.processing.kinds.film_maps.MOST_PAGED", room)
+    said = []
+    run(place, "large", progress=lambda tally: said.append(tally.said))
+    assert any("the TIFF stacks hold the key frames" in text for text in said)
+    stack = tifffile.imread(place / "large" / "fringe_order.tif")
+    with open_run(place / "large") as dataset:
+        # the pages are the maps before they are kept in steps
+        assert np.nanmax(np.abs(stack - dataset.fringe_order.values[[0, 5]])) <= 0.5e-4 + 5e-7
+        assert load_frame_set(place / "large").order.shape == (2, *SHAPE)
 
 
 @pytest.mark.parametrize(("largest", "step"), [(3.0, 1e-4), (6.0, 2e-4), (30.0, 1e-3)])

@@ -158,7 +158,7 @@ def test_other_key_frames_are_another_run(tracked):
     again = process(place / "film.tif", place / "scene.toml", place / "other", track=True, every=7)
     assert not again.already
     assert [k for k, at in enumerate(again.columns["picture"]) if at is not None] == [0, 7]
-    stack = tifffile.imread(place / "other" / "fringe_order.tif")
+    stack = tifffile.imread(place / "other" / "normalised.tif")
     assert stack.shape == (2, *SHAPE)
 
 

@@ -108,9 +108,15 @@ def _load_result(
 ) -> ComparedFrames:
     stack = _read_stack(folder / signal_name)
     order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
+    table = read_csv(folder / table_name) if (folder / table_name).exists() else {}
+    if PICTURE in table:
+        shown = np.isfinite(table[PICTURE])
+        table = _of_pictures(table, shown)
+        if order is not None and len(order) == len(shown):  # a page for every frame
+            order = order[shown]
     parts = _Parts(
         name=str(folder / signal_name), stack=stack, order=order,
-        scene=_scene(folder / "scene.toml"), table=_read_table(folder / table_name),
+        scene=_scene(folder / "scene.toml"), table=table,
         simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
     )  # fmt: skip
     return _compared(parts, bit_depth)
@@ -215,12 +221,6 @@ def _one_channel(stack: NDArray[Any], scene: dict[str, Any]) -> NDArray[Any]:
         result: NDArray[Any] = stack.mean(axis=3, dtype=np.float32)
         return result
     return stack[..., CHANNELS.index(channel)]
-
-
-def _read_table(path: Path) -> dict[str, list[Any]]:
-    """Read a result table with one row a picture; no columns when it is not there."""
-    table = read_csv(path) if path.exists() else {}
-    return _of_pictures(table, np.isfinite(table[PICTURE])) if PICTURE in table else table
 
 
 def _of_pictures(table: Mapping[str, Sequence[Any]], shown: Iterable[bool]) -> dict[str, list[Any]]:

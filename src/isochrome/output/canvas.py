@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,14 +36,15 @@ class TiffCanvas:
     shape: tuple[int, int, int]
     offset: int
 
-    def write(self, start: int, frames: bytes | memoryview) -> None:
+    def write(self, start: int, frames: Iterable[bytes | memoryview]) -> None:
         """Write whole frames, little-endian float32, from frame `start` on, through to the disk.
 
-        Raises OSError.
+        Each piece is one frame or some. Raises OSError.
         """
         with open(self.path, "r+b") as file:
             file.seek(self.offset + start * self._frame_bytes)
-            file.write(frames)
+            for piece in frames:
+                file.write(piece)
             file.flush()
             os.fsync(file.fileno())
 
@@ -50,6 +53,15 @@ class TiffCanvas:
         with open(self.path, "rb") as file:
             file.seek(self.offset + start * self._frame_bytes)
             return file.read(count * self._frame_bytes)
+
+    def checksum(self, start: int, count: int) -> int:
+        """The CRC-32 of `count` frames from frame `start` on, read one by one. Raises OSError."""
+        found = 0
+        with open(self.path, "rb") as file:
+            file.seek(self.offset + start * self._frame_bytes)
+            for _ in range(count):
+                found = zlib.crc32(file.read(self._frame_bytes), found)
+        return found
 
     @property
     def _frame_bytes(self) -> int:

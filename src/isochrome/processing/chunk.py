@@ -58,8 +58,8 @@ def task_layers(recipe: FrameTask) -> tuple[Layer, ...]:
     if recipe.maps == "none":
         return ()
     kept = {
-        ORDER.name: Compact(recipe.order_step, 16),
-        CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8),
+        ORDER.name: Compact(recipe.order_step, 16, recipe.pages),
+        CONFIDENCE.name: Compact(_CONFIDENCE_STEP, 8, recipe.pages),
     }
     return tuple(replace(layer, compact=kept.get(layer.name)) for layer in layers)
 

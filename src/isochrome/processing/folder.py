@@ -222,7 +222,7 @@ def _tell_imagej(
     largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
     for name, stack in bench.stacks.items():
         span = _SPANS.get(name, (0.0, largest))
-        labels = [names[k] for k in shown]
+        labels = names if stack.shape[0] == len(names) else [names[k] for k in shown]
         view = imagej_view(name, span, labels=labels, pixel_mm=pixel, **edges)
         add_imagej_view(stack.path, stack.shape, pixel, view)
 

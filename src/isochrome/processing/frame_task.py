@@ -41,9 +41,10 @@ class FrameTask:
     whether a frame that fails is left out; `every`, from one key frame of a tracked video to the
     next, None where every frame is processed wholly, and then its `apparatus`, what all of its
     frames have in common, and `maps`, of which of its frames these are written: 'all', those of
-    the 'key' frames, or 'none'; `order_step`, in which those of all are kept, fringes; `preview`,
-    the picture that is written now and then of the last frame, None where nobody looks;
-    `key_every`, the same as `every` of a film that is followed without a model, and the `film`.
+    the 'key' frames, or 'none'; `order_step`, in which those of all are kept, fringes, and `pages`,
+    whether the TIFF stacks have a page for each of them; `preview`, the picture that is written now
+    and then of the last frame, None where nobody looks; `key_every`, the same as `every` of a film
+    that is followed without a model, and the `film`.
     """
 
     frames: FramesLike
@@ -57,6 +58,7 @@ class FrameTask:
     apparatus: Apparatus | None = None
     maps: str = "key"
     order_step: float = 1e-4
+    pages: bool = False
     preview: Path | None = None
     key_every: int | None = None
     film: FollowedFilm | None = None

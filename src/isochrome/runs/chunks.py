@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.output import TiffCanvas
-from isochrome.runs.job import Results, RunLayout
+from isochrome.runs.job import Layer, Results, RunLayout
 from isochrome.runs.store import STORE
 
 MANIFEST, RECORDS = "manifest.json", "chunks"
@@ -77,8 +77,11 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
         values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
         assert values.shape == (end - first, *run.layout.shape.values()), layer.name
         data = values.data.cast("B")
-        if layer.name in run.stacks:
-            run.stacks[layer.name].write(first, data)
+        short = zlib.crc32(data)
+        if layer.compact is not None and layer.compact.pages:
+            short = _write_pages(run, layer, start, results.packed[layer.name])
+        elif layer.name in run.stacks:
+            run.stacks[layer.name].write(first, [data])
         if layer.compact is not None:
             pieces: list[bytes | memoryview] = _shard(results.packed[layer.name], run.layout.chunk)
         else:
@@ -88,7 +91,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
         whole = 0
         for piece in pieces:
             whole = zlib.crc32(piece, whole)
-        sums[layer.name] = [zlib.crc32(data), whole]
+        sums[layer.name] = [short, whole]
     for name, part in results.parts.items():
         write_through(run.part_file(name, index), part)
     states = [more["status"] for more in results.more]
@@ -104,6 +107,29 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     }
     write_checked(run.record_file(index), body)
     return kept
+
+
+def _write_pages(run: RunFolder, layer: Layer, start: int, maps: list[bytes | None]) -> int:
+    """Write the map of every item as the store has it into the TIFF stack, one after the other.
+
+    Parameters: `run`; `layer`, a compact one; `start`, the first item; their packed `maps`. Returns
+    the checksum of all pages. Raises OSError.
+    """
+    compact, shape = layer.compact, tuple(run.layout.shape.values())
+    assert compact is not None
+    blank = np.full(shape, np.nan, dtype="<f4")
+    checksum = 0
+
+    def pages() -> Iterator[memoryview]:
+        nonlocal checksum
+        for data in maps:
+            page = blank if data is None else compact.unpack(data, shape)
+            raw = np.ascontiguousarray(page, dtype="<f4").data.cast("B")
+            checksum = zlib.crc32(raw, checksum)
+            yield raw
+
+    run.stacks[layer.name].write(start, pages())
+    return checksum
 
 
 def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
@@ -137,13 +163,13 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
     if record is None:
         return None
     start, stop = run.layout.span(index)
-    first, end = run.layout.pictures(start, stop)
     try:
         for name, (short, long) in record["layers"].items():
             if zlib.crc32(run.chunk_file(name, index).read_bytes()) != long:
                 return None
             stack = run.stacks.get(name)
-            if stack is not None and zlib.crc32(stack.read(first, end - first)) != short:
+            first, end = run.layout.pages(run.layout.layer(name), start, stop)
+            if stack is not None and stack.checksum(first, end - first) != short:
                 return None
         for name, checksum in record["parts"].items():
             if zlib.crc32(run.part_file(name, index).read_bytes()) != checksum:
@@ -215,7 +241,8 @@ def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
     assert rest == 0, f"item {item} has no picture"
     kept = run.stacks.get(layer)
     if kept is not None:  # the store may have it in whole steps
-        data = kept.read(item // run.layout.every, 1)
+        page, _ = run.layout.pages(run.layout.layer(layer), item, item + 1)
+        data = kept.read(page, 1)
         return np.frombuffer(data, "<f4").reshape(kept.shape[1:]).copy()
     flat = np.memmap(run.chunk_file(layer, index), dtype="<f4", mode="r")
     shape = (run.layout.chunk // run.layout.every, *run.layout.shape.values())

@@ -30,10 +30,13 @@ class Compact:
         What a value is a multiple of, from 0 on.
     bits : int
         16 or 8.
+    pages : bool, default False
+        Whether the TIFF stack too has a page for every item.
     """
 
     step: float
     bits: int
+    pages: bool = False
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -79,6 +82,15 @@ class Compact:
         finally:
             blosc.use_threads = before
 
+    def unpack(self, data: bytes, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """The map (rows, cols) of what `pack` gave, NaN = not known."""
+        from numcodecs import blosc
+
+        steps = np.frombuffer(blosc.Blosc().decode(data), self.dtype).reshape(shape)
+        values = steps * np.float32(self.step)
+        values[steps == self.unknown] = np.nan
+        return values
+
 
 @dataclass(frozen=True)
 class Layer:
@@ -95,8 +107,8 @@ class Layer:
     stack : bool, default True
         Whether it is left as a TIFF stack too.
     compact : Compact, optional
-        How the store has it, then for every item, whatever the layout's `every`: the stack alone
-        is of the pictures.
+        How the store has it, then for every item, whatever the layout's `every`: the stack is of
+        the pictures alone, or as it says.
     """
 
     name: str
@@ -167,6 +179,15 @@ class RunLayout:
     def pictures(self, start: int, stop: int) -> tuple[int, int]:
         """First picture of the items [start, stop), and the one after its last."""
         return -(-start // self.every), -(-stop // self.every)
+
+    def pages(self, layer: Layer, start: int, stop: int) -> tuple[int, int]:
+        """First page of the items [start, stop) in a layer's TIFF stack, and the one after it."""
+        every_item = layer.compact is not None and layer.compact.pages
+        return (start, stop) if every_item else self.pictures(start, stop)
+
+    def layer(self, name: str) -> Layer:
+        """The layer of a name."""
+        return next(layer for layer in self.layers if layer.name == name)
 
     @property
     def chunk_shape(self) -> tuple[int, ...]:

@@ -213,10 +213,11 @@ def _stacks(
     results: Path, layout: RunLayout, lay_out: Callable[[Path, tuple[int, int, int]], TiffCanvas]
 ) -> dict[str, TiffCanvas]:
     """The TIFF stacks of a run by the name of their layer, made or opened by `lay_out`."""
-    stacks, (_, count) = {}, layout.pictures(0, layout.count)
-    for name in [layer.name for layer in layout.layers if layer.stack]:
+    stacks = {}
+    for layer in (layer for layer in layout.layers if layer.stack):
         rows, cols = list(layout.shape.values())[-2:]
-        stacks[name] = lay_out(results / f"{name}.tif", (count, rows, cols))
+        _, count = layout.pages(layer, 0, layout.count)
+        stacks[layer.name] = lay_out(results / f"{layer.name}.tif", (count, rows, cols))
     return stacks
 
 
@@ -245,8 +246,9 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
     pixels, pictures = math.prod(layout.shape.values()), -(-items // layout.every)
     needed = 0
     for layer in layout.layers:
-        needed += 4 * pixels * pictures * layer.stack
         compact = layer.compact
+        every_item = compact is not None and compact.pages
+        needed += 4 * pixels * (items if every_item else pictures) * layer.stack
         needed += pixels * (4 * pictures if compact is None else items * compact.bits // 8)
     needed += (items + layout.count) * layout.part_bytes  # as parts, and put together
     free = shutil.disk_usage(root).free

@@ -22,6 +22,9 @@ MAPS = ("all", "key", "none")
 MOST_ON_DISK, MOST_KEPT = 20e9, 8e9
 """Bytes up to which maps of all frames are written, or kept in memory, without being asked for."""
 
+MOST_PAGED = 1e9
+"""Bytes of a TIFF stack up to which it has a page for every frame, uncompressed."""
+
 _BYTES, _TYPICAL = 3, 1.2
 """Bytes a pixel of order and confidence before they are compressed, and after: measured with a
 noise of 3 grey levels, see `runs.Compact`."""
@@ -53,12 +56,16 @@ def with_maps(
         said += f"; {why}: --maps all writes them" if maps is None else ""
         return replace(recipe, maps=chosen), said
     step = order_step(recipe.scene, recipe.reader.shape)
-    recipe = replace(recipe, maps=chosen, order_step=step)
+    pages = on_disk and 4 * pixels * count <= MOST_PAGED
+    recipe = replace(recipe, maps=chosen, order_step=step, pages=pages)
     space = (_TYPICAL if on_disk else each) * pixels
-    return recipe, (
+    said = (
         f"maps of {counted(count, 'frame')}: about {1e-6 * space:.2g} MB a frame, "
         f"{1e-9 * space * count:.3g} GB in all, orders in steps of {step:g} fringe"
     )
+    if on_disk and not pages:
+        said += "; the TIFF stacks hold the key frames: isochrome export --to tiff makes all pages"
+    return recipe, said
 
 
 def order_step(scene: Scene, shape: tuple[int, int]) -> float:
