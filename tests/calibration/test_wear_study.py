@@ -24,8 +24,8 @@ def judged(folder, numbers, *, roughest=0.8):
         path = write_set(folder / str(number), rng, k, ra, FINISHES[number % 3])
         try:
             found = calibrate_wear(path)
-        except PhysicsError:
-            continue  # no distance with clear scars: refused, not wrong
+        except (PhysicsError, InputError):
+            continue  # no distance with clear scars, or a form taken for a shoulder: refused
         errors.append(found.coefficient_mm2_per_n / k - 1.0)
         spreads.append(found.standard_uncertainty / k)
         held.append(found.interval_95[0] <= k <= found.interval_95[1])
@@ -45,16 +45,16 @@ def test_the_pulls_of_some_sets_are_those_of_their_uncertainty(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.study
-def test_the_interval_holds_the_truth_in_two_hundred_sets(tmp_path):
-    """93 to 97 % are wanted, 92 to 99 asserted: 200 draws scatter by 1.5 %."""
-    errors, spreads, held, ra = judged(tmp_path, range(200))
+def test_the_interval_holds_the_truth_in_eight_hundred_sets(tmp_path):
+    """93 to 97 %: 800 draws scatter by 0.8 %, where 200 scatter by 1.5."""
+    errors, spreads, held, ra = judged(tmp_path, [*range(200), *range(1000, 1600)])
     print(
-        f"{len(held)} sets of 200: within the 95 % interval {np.mean(held):.3f}, pulls "
+        f"{len(held)} sets of 800: within the 95 % interval {np.mean(held):.3f}, pulls "
         f"{np.std(errors / spreads):.2f}, largest {np.abs(errors / spreads).max():.2f}; where Ra < "
         f".2 µm: {np.mean(np.abs(errors[ra < 0.2]) < 0.01):.3f} within 1 %"
     )
-    assert len(held) >= 195
-    assert 0.92 <= np.mean(held) <= 0.99
+    assert len(held) >= 780
+    assert 0.93 <= np.mean(held) <= 0.97
     assert np.mean(np.abs(errors[ra < 0.2]) < 0.01) > 0.97
     assert np.abs(errors / spreads).max() < 4.0
 
