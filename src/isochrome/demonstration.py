@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.calibration import calibrate_bending, calibrate_disc, save_calibration
-from isochrome.comparison import compare
+from isochrome.comparison import Comparison, ScarComparison, compare
+from isochrome.figures import PaperPanels
 from isochrome.frames import look_through
 from isochrome.output import Result, output_folder, with_uncertainty, write_json
 from isochrome.processing import process
@@ -22,11 +23,15 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, repr=False)
 class Demo(Result):
-    """What the demo found: `rows` of (quantity, found, expected), and the `folder` it left."""
+    """What the demo found: `rows` of (quantity, found, expected), and the `folder` it left.
+
+    `comparison`, of the sample frames with what was found in them.
+    """
 
     folder: Path
     rows: list[tuple[str, str, str]]
     summary: dict[str, Any]
+    comparison: Comparison | ScarComparison
 
     @property
     def columns(self) -> dict[str, list[str]]:
@@ -51,6 +56,10 @@ class Demo(Result):
     def to_json(self) -> dict[str, Any]:
         """What demo.json holds."""
         return self.summary
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give the comparison's panels for a paper; see `paper_figure`. Raises InputError."""
+        return self.comparison.panels(frames)
 
 
 def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None) -> Demo:
@@ -136,7 +145,7 @@ def demo(out: str | Path = "isochrome-demo", *, progress: Progress | None = None
         "warnings": [*found.warnings, *followed.warnings],
     }
     write_json(folder / "demo.json", summary)
-    return Demo(folder, rows, summary, draw=comparison.figure)
+    return Demo(folder, rows, summary, comparison, draw=comparison.figure)
 
 
 def read_truth(samples: Path) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import re
 import zlib
 from functools import cache, partial
@@ -19,6 +20,10 @@ import isochrome
 from calibration.target_pictures import Shown, dots
 from figures.drawn_texts import drawn_texts, outside, overlaps
 from isochrome.calibration import ColourCalibration
+from isochrome.campaigns import Campaign
+from isochrome.campaigns.outcome import Outcome
+from isochrome.cli import main
+from isochrome.demonstration import Demo
 from isochrome.errors import InputError
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.output import write_tiff
@@ -318,3 +323,71 @@ def test_the_run_in_memory_and_the_folder_give_one_picture(worn):
         isochrome.paper_figure(found, style).savefig(content, format="png", dpi=50)
         pictures.append(content.getvalue())
     assert pictures[0] == pictures[1]
+
+
+def some_recordings(count: int) -> list[Outcome]:
+    """Outcomes of recordings with load and friction, every third of which failed."""
+    found = []
+    for k in range(count):
+        row: dict = {"folder": f"a recording of the {k + 1}. day", "status": "ok"}
+        curves = {"distance_m": np.array([0.0, 5.0, 9.0]), "frame": np.arange(3.0)}
+        for key, value in (("load.normal_n", 40.0), ("friction.coefficient", 0.25)):
+            curves[key] = value * (1.0 + 0.01 * k + np.array([0.0, 0.01, 0.03]))
+            curves[f"{key} standard_uncertainty"] = 0.005 * value * np.ones(3)
+            if k % 3 != 2:
+                row[f"{key} mean"] = float(np.mean(curves[key]))
+                row[f"{key} standard_deviation"] = 0.01 * value
+        found.append(Outcome(row, {}, curves=curves if k % 3 != 2 else {}))
+    return found
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("count", [3, 40])
+def test_a_campaigns_letters_are_large_enough_and_apart(count, width):
+    scene = isochrome.load_scene("line-contact-wear")
+    found = Campaign(Path(), scene, tuple(some_recordings(count)))
+    check(isochrome.paper_figure(found, isochrome.FigureStyle(width_mm=width)), width)
+
+
+def test_a_campaigns_figure_is_of_its_recordings_or_refused():
+    scene = isochrome.load_scene("line-contact-wear")
+    found = Campaign(Path(), scene, tuple(some_recordings(3)))
+    with pytest.raises(InputError, match="its recordings are 0 to 2"):
+        found.panels((3,))
+    with pytest.raises(InputError, match="nothing to draw"):
+        found.panels((2,))  # it failed
+    assert len(found.panels((0, 1)).plots) == 4
+
+
+def run(monkeypatch, capsys, *arguments) -> tuple[object, dict]:
+    """The command line in this process: exit code, and the JSON that it printed."""
+    monkeypatch.setattr("sys.argv", ["isochrome", *map(str, arguments), "--json"])
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as end:
+        main()
+    text = capsys.readouterr().out
+    return end.value.code, json.loads(text or "{}")
+
+
+@pytest.mark.long
+def test_a_campaign_and_the_demo_leave_the_figure_that_is_asked_for(
+    worn, tmp_path, monkeypatch, capsys
+):
+    home = worn["home"]
+    names = [tmp_path / f"run{k}.tif" for k in (1, 2)]
+    for name in names:
+        name.write_bytes((home / "simulated" / "frames.tif").read_bytes())
+    asked = ("--width", "85mm", "--format", "png", "--dpi", "60")
+    out = tmp_path / "all"
+    where = ("--scene", home / "scene.toml", "--out", out)
+    code, found = run(monkeypatch, capsys, "process", *names, *where, *asked)
+    assert not code and found["figures"][0] == str(out / "figure_85mm.png")
+    ready = Demo(tmp_path / "demo", [], {}, worn["compare"])
+    (tmp_path / "demo" / "comparison").mkdir(parents=True)
+    monkeypatch.setattr("isochrome.demonstration.demo", lambda out, progress: ready)
+    code, found = run(monkeypatch, capsys, "demo", *asked, "--frames", "1")
+    file = found["figures"][0]
+    assert not code and Path(file) == tmp_path / "demo" / "comparison" / "figure_85mm.png"
+    with Image.open(file) as picture:
+        assert picture.width == pytest.approx(60 * 85 / 25.4, abs=1)
+    assert run(monkeypatch, capsys, "demo", "--width", "10mm")[0] == 2  # before its minute of work

@@ -7,6 +7,7 @@ import pytest
 import tifffile
 from pressed import CONTACT, LOBE, ORDER_PER_MPA, THICKNESS, Patch, Pressed
 
+from imagej_heads import has_whole_head, heads_of
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fitting.api import fit
 from isochrome.fitting.tractions.surface_fit import invert_tractions
@@ -224,6 +225,9 @@ def test_the_command_leaves_tractions_and_principal_stresses(tmp_path):
 
     out = tmp_path / "out"
     found = fit(tmp_path / "frame.tif", scene, FREE, tractions=True, as_stated=True, out=out)
+    heads = heads_of(out)
+    assert set(heads) == {"sigma_1_mpa.tif", "sigma_2_mpa.tif", "fringe_order.tif"}
+    assert all(has_whole_head(*head, placed=True) for head in heads.values())
     assert not any("--tractions" in text for text in found.warnings)
     saved = json.loads((out / "fit.json").read_text("utf-8"))["tractions"]
     assert [one["frame"] for one in saved] == [0]

@@ -7,8 +7,10 @@ import pytest
 import tifffile
 
 import isochrome
-from isochrome.output import add_imagej_view, imagej_view, make_canvas, read_csv
+from imagej_heads import has_whole_head, heads_of
+from isochrome.output import add_imagej_view, imagej_view, make_canvas, read_csv, write_tiff
 from isochrome.scene import dump_scene, load_scene
+from stepped_sets import contact, layer_residual, small, with_residual
 
 PIXEL, LEFT, TOP = 4.0 / 82, -2.0, 0.25
 
@@ -71,3 +73,44 @@ def test_a_finish_that_was_killed_is_done_again_to_the_same_bytes(tmp_path):
     add_imagej_view(path, shape, pixel, view)
     assert path.read_bytes() == once
     assert tifffile.imread(path).ravel().tolist() == list(range(1800))
+
+
+def test_every_tiff_of_a_run_has_the_whole_head(processed, tmp_path):
+    """What simulate, process and export leave; the tractions' are looked at where they are made."""
+    folder, _ = processed
+    home = folder.parent
+    isochrome.simulate(home / "scene.toml", tmp_path / "parts", components=True)
+    isochrome.export(folder, to="tiff", out=tmp_path / "exported")
+    for left in (folder, tmp_path / "parts", tmp_path / "exported"):
+        heads = heads_of(left)
+        assert heads
+        for name, head in heads.items():
+            assert has_whole_head(*head, placed=True), (left.name, name, head)
+
+
+def test_frames_in_colour_have_labels_and_origin_too(tmp_path):
+    scene = load_scene("ring").with_values(
+        {
+            "load.normal_n": 60.0, "camera.width_px": 96, "camera.height_px": 96,
+            "camera.pixel_mm": 0.48, "polariscope.light": "white",
+            "camera.colour": True,
+        }
+    )  # fmt: skip
+    isochrome.simulate(scene, tmp_path / "colour")
+    heads = heads_of(tmp_path / "colour")
+    assert has_whole_head(*heads["frames.tif"], placed=True, coloured=True)
+
+
+@pytest.mark.long
+def test_residual_stress_has_the_head_of_the_other_maps(tmp_path):
+    scene = small(contact(0.3))
+    sets = with_residual(scene, layer_residual(scene, 0.3, 3.0))
+    write_tiff(tmp_path / "set.tif", sets.loaded)
+    write_tiff(tmp_path / "no-load.tif", sets.unloaded)
+    text = dump_scene(scene.with_values({"frames.no_load_steps": "no-load.tif"}))
+    (tmp_path / "scene.toml").write_text(text, "utf-8")
+    isochrome.process(tmp_path / "set.tif", tmp_path / "scene.toml", tmp_path / "out")
+    heads = heads_of(tmp_path / "out")
+    assert {"residual_order.tif", "residual_isoclinic.tif"} <= heads.keys()
+    for name, head in heads.items():
+        assert has_whole_head(*head, placed=True), (name, head)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isochrome.errors import InputError
-from isochrome.scene import toml_text, with_table_list, with_value, without_value
+from isochrome.scene import parse_toml, toml_text, with_table_list, with_value, without_value
 
 TEXT = """\
 # my bench
@@ -144,3 +144,40 @@ PLAIN = st.recursive(
 def test_any_value_is_written_so_that_it_is_read_again(value):
     found = with_value(TEXT, "frames.gamma", toml_text(value))
     assert tomllib.loads(found)["frames"]["gamma"] == value
+
+
+COMMENTED = """\
+# what is known
+[[frames.known_order]]
+row_px = 1  # the edge
+col_px = 2
+order = 0.0
+# the corner
+[[frames.known_order]]
+row_px = 3
+# counted twice
+col_px = 4
+order = 1.0
+
+[camera]
+pixel_mm = 0.1
+"""
+
+
+def test_a_lists_tables_that_stay_keep_their_comments_and_a_table_that_goes_takes_its_own():
+    first, second, third = ({"row_px": r, "col_px": r + 1, "order": r / 2 - 0.5} for r in (1, 3, 5))
+    key = "frames.known_order"
+    added = with_table_list(COMMENTED, key, [first, second, third])
+    new = "\n[[frames.known_order]]\nrow_px = 5\ncol_px = 6\norder = 2.0\n"
+    assert added == COMMENTED.replace("order = 1.0\n", "order = 1.0\n" + new)
+    assert with_table_list(added, key, [first, second]).split() == COMMENTED.split()
+    left = with_table_list(COMMENTED, key, [first])
+    assert "the edge" in left and "counted twice" not in left and "pixel_mm = 0.1" in left
+    windows = COMMENTED.replace("\n", "\r\n")
+    assert with_table_list(windows, key, [first, second, third]) == added.replace("\n", "\r\n")
+
+
+def test_a_lists_tables_in_another_order_are_written_anew():
+    second, first = ({"row_px": r, "col_px": r + 1, "order": r / 2 - 0.5} for r in (3, 1))
+    found = with_table_list(COMMENTED, "frames.known_order", [second, first])
+    assert parse_toml(found, "scene")["frames"]["known_order"] == [second, first]

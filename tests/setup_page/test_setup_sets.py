@@ -111,6 +111,23 @@ def test_a_load_changes_its_line_alone_and_comments_stay(made):
         apply_tool(made, {"tool": "loads", "loads": [60.0]})
 
 
+def test_images_that_come_and_go_leave_the_others_as_they_are_written(made):
+    """Comments of a table, above it and behind its values, and a load with its uncertainty."""
+    apply_tool(made, {"tool": "values", "values": {"camera.pixel_mm": 0.05}})
+    apply_tool(made, {"tool": "loads", "loads": [60.0, None, 150.0, None]})
+    sure = "load_n = { value = 150.0, standard_uncertainty = 0.5 }  # by the cell"
+    text = made.text.replace("load_n = 60.0", "load_n = 60.0  # by hand")
+    text = text.replace("load_n = 150.0", f"# the bright one\n{sure}")
+    text = text.replace("[[image]]", "# an image\n[[image]]", 1) + "# the others are blurred\n"
+    apply_tool(made, {"tool": "text", "text": text})
+    apply_tool(made, {"tool": "loads", "loads": [60.0, 100.0, 150.0, 200.0]})
+    lines = iter(made.text.splitlines())
+    assert all(line in lines for line in text.splitlines())  # all of them, in their order
+    assert [one.load_n for one in made.calibration_set().image] == [60.0, 150.0, 100.0, 200.0]
+    apply_tool(made, {"tool": "loads", "loads": [61.0, None, 150.0, None]})
+    assert made.text.split() == text.replace("60.0  # by hand", "61.0  # by hand").split()
+
+
 def test_a_sets_file_alone_opens_it_and_a_scenes_page_has_no_such_tool(made, tmp_path):
     apply_tool(made, {"tool": "values", "values": {"camera.pixel_mm": 0.05}})
     apply_tool(made, {"tool": "save"})

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isochrome.campaigns.figure import summary_figure
+from isochrome.campaigns.figure import campaign_panels, summary_figure
 from isochrome.campaigns.outcome import Outcome, Task, outcome_of
 from isochrome.campaigns.recording_folders import folder_names
 from isochrome.campaigns.side_by_side import run_side_by_side
 from isochrome.campaigns.summary import check_summary, summary_of, tabulate_campaign, write_summary
 from isochrome.errors import InputError
+from isochrome.figures import PaperPanels
 from isochrome.frames import FramesPath, recordings_of
 from isochrome.output import Result, counted, load_roifile, over_items
 from isochrome.processing import check_scene
@@ -109,6 +110,16 @@ class Campaign(Result):
     def figure(self) -> Figure:
         """Load and friction of each recording. Raises InputError where neither was fitted."""
         found = summary_figure(self.scene.name, self.outcomes)
+        if found is None:
+            raise InputError(f"{self.title}: neither load nor friction was fitted; nothing to draw")
+        return found
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Load and friction of the recordings for a paper; see `paper_figure`.
+
+        `frames`: numbers of the recordings that are shown. Raises InputError.
+        """
+        found = campaign_panels(self.outcomes, frames)
         if found is None:
             raise InputError(f"{self.title}: neither load nor friction was fitted; nothing to draw")
         return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from isochrome.figures import (
     LINE_COLOURS,
     LINE_PT,
     VALUE_MAP,
+    PaperPanels,
+    Plot,
+    chosen_frames,
     draw_band,
     new_figure,
     plain_name,
@@ -74,6 +78,49 @@ def summary_figure(name: str, outcomes: Sequence[Outcome]) -> Figure | None:
     )
     write_head(figure, head)
     return figure
+
+
+def campaign_panels(
+    outcomes: Sequence[Outcome], recordings: tuple[int, ...] | None
+) -> PaperPanels | None:
+    """The plots of a campaign for a paper, as in `summary_figure`; None where none has values.
+
+    Parameters: `outcomes`; `recordings`, the numbers of those that are shown, by default all.
+    Raises InputError where there is no such recording.
+    """
+    count = len(outcomes)
+    rows = chosen_frames(recordings, count, range(count), items="recordings")
+    chosen = [outcomes[k] for k in rows]
+    keys = [key for key in DRAWN if any(f"{key} mean" in item.row for item in chosen)]
+    if not keys:
+        return None
+    colours, slid = _colours(len(chosen)), any(_moves(item) for item in chosen)
+
+    def over(key: str, axes: Axes) -> None:
+        _over_recordings(axes, key, chosen, colours)
+        _count(axes, rows)
+        style_axes(axes, z_label=KEY_LABELS[key])
+
+    def within(key: str, axes: Axes) -> None:
+        _within(axes, key, chosen, colours, "distance_m" if slid else "frame")
+        label = "sliding distance (m)" if slid else "frame"
+        style_axes(axes, x_label=label, z_label=KEY_LABELS[key])
+
+    plots = []
+    for key in keys:
+        plots += [Plot(title="mean", draw=partial(over, key))]
+        plots += [Plot(title="each frame", draw=partial(within, key))]
+    named = [f"{k + 1} {plain_name(str(outcomes[k].row['folder']), _LONGEST)}" for k in rows]
+    note = "Recordings: " + ("; ".join(named) if len(rows) <= _NAMED else "as in summary.csv")
+    return PaperPanels(plots=plots, plots_across=2, notes=(note,))
+
+
+def _count(axes: Axes, rows: Sequence[int]) -> None:
+    """Below the axis, which rows of the summary the recordings are, from 1."""
+    places = range(0, len(rows), -(-len(rows) // 8))
+    axes.set_xlim(-0.6, len(rows) - 0.4)
+    axes.set_xticks(places, [str(rows[k] + 1) for k in places])
+    style_axes(axes, x_label="recording")
 
 
 def _moves(item: Outcome) -> bool:

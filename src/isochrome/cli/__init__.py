@@ -35,6 +35,7 @@ from isochrome.cli.process import process_command
 from isochrome.cli.usage import Commands, examples_of, fail
 from isochrome.console import (
     print_columns,
+    print_figures,
     print_fit,
     print_json,
     print_markdown,
@@ -102,17 +103,26 @@ def guide_command(
 
 
 @app.command("demo", epilog=examples_of("demo"))
-def demo_command(out: Out = Path("isochrome-demo"), as_json: Json = False) -> None:
-    """Run the paper's case and the sample images end to end, offline, in under a minute."""
+@with_options(FIGURE)
+def demo_command(
+    out: Out = Path("isochrome-demo"), *, as_json: Json = False, **options: Any
+) -> None:
+    """Run the paper's case and the sample images end to end, offline, in under a minute.
+
+    A figure for a paper is that of the comparison.
+    """
     from isochrome.demonstration import demo as run
 
+    style = take_style(options)
     with steps(as_json) as say:
         result = run(out, progress=say)
+    figures = save_paper_figure(result, result.folder / "comparison", style)
     if as_json:
-        print_json(result.to_json())
+        print_json(result.to_json() | ({"figures": figures} if figures else {}))
         return
     print_rows(("quantity", "found", "expected"), result.rows)
     typer.echo(f"experiment beside simulation: {result.folder / 'comparison' / 'comparison.png'}")
+    print_figures(figures)
 
 
 @app.command("simulate", epilog=examples_of("simulate"))

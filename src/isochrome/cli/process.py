@@ -25,14 +25,15 @@ from isochrome.cli.options import (
 from isochrome.console import (
     campaign_bar,
     print_columns,
+    print_figures,
     print_json,
     print_result,
     print_summary,
     run_bar,
 )
-from isochrome.errors import InputError
 
 if TYPE_CHECKING:
+    from isochrome.figures import FigureStyle
     from isochrome.frames import FramesPath
     from isochrome.processing import Processed
 
@@ -63,12 +64,7 @@ def process_command(
     style, excel = take_style(options), takes_excel(options)
     recordings = recordings_of(frames, join=join)
     if len(recordings) > 1:
-        if style is not None:
-            raise InputError(
-                f"{len(recordings)} recordings: a figure for a paper is of one; name that one, "
-                "with the folder of its results as --out"
-            )
-        _process_campaign(recordings, scene, out, options, as_json, excel)
+        _process_campaign(recordings, scene, out, options, as_json, excel, style)
         return
     from isochrome.processing import process as run
 
@@ -113,16 +109,19 @@ def _process_campaign(
     options: dict[str, Any],
     as_json: bool,
     excel: bool,
+    style: FigureStyle | None,
 ) -> None:
     """Many recordings, each into a folder of its own."""
     from isochrome.campaigns import process_campaign
 
     with campaign_bar() as progress:
         result = process_campaign(recordings, scene, out, progress=progress, **options)
+    figures = save_paper_figure(result, out, style)
     write_excel_tables(out, excel)
     table = result.columns
     if as_json:
-        print_json({"out": str(out), **result.to_json()})
+        places = {"out": str(out), "figures": figures} if figures else {"out": str(out)}
+        print_json(places | result.to_json())
     else:
         print_columns(table, [name for name in _SHOWN_OF_CAMPAIGN if name in table])
         for name, error in zip(table["recording"], table["error"], strict=True):
@@ -130,6 +129,7 @@ def _process_campaign(
                 named = error if error.startswith(name) else f"{name}: {error}"
                 typer.echo(f"failed: {named}", err=True)
         typer.echo(f"results: {out}; table of all: {out / 'summary.csv'}")
+        print_figures(figures)
     if result.exit_code:
         some = ", ".join(result.failed[:5])
         more = f" and {len(result.failed) - 5} more" if len(result.failed) > 5 else ""

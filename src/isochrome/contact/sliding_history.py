@@ -262,15 +262,19 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
     thickness = scene.specimen.thickness_mm
     assert thickness is not None
     asked = np.array(scene.wear.distances_m if scene.wear else (0.0,), dtype=float)
+    change = scene.friction.earlier_change if scene.friction else 0.0
+
+    def friction_before(s: Floats) -> Floats:
+        return np.asarray(scene.friction_at(s) + change)
 
     def rate(s: Floats) -> Floats:
         if scene.wear is None:
             return np.zeros(np.shape(s))
-        return 1e3 * wear_rate(scene.wear, scene.friction_at(s), s)
+        return 1e3 * wear_rate(scene.wear, friction_before(s), s)
 
     kinks = kinks_of(scene, float(asked.max()))
     s = sampled(scene, rate, kinks)
-    if any(np.ptp(values(s)) > 0.0 for values in (scene.load_at, scene.friction_at)):
+    if any(np.ptp(values(s)) > 0.0 for values in (scene.load_at, friction_before)):
         s = np.union1d(s, asked)  # a state has the course's load there, not nearly
     dose = np.concatenate([[0.0], np.cumsum(integral(rate, s[:-1], s[1:]))])
     below = np.searchsorted(s, asked, side="right") - 1
@@ -280,7 +284,7 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
         s,
         dose,
         scene.load_at(s) / thickness,
-        scene.friction_at(s),
+        friction_before(s),
         tuple(float(d) for d in inside if 0.0 < d < dose[-1]),
     )
     loads, friction = scene.load_at(asked) / thickness, scene.friction_at(asked)

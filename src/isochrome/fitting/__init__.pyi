@@ -17,7 +17,7 @@ from .frame.single_state import (
     timed_distance,
     with_numerics,
 )
-from .frame.unknowns import FRICTION, GAMMA, SMOOTH_KEYS, free_keys
+from .frame.unknowns import EARLIER, FRICTION, GAMMA, SMOOTH_KEYS, free_keys
 from .joint.frame_sequence import over_distance
 from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene
@@ -29,6 +29,7 @@ from .tracking.tracker import Tracked, Tracker, VainSearch, nothing_found
 
 __all__ = [
     "CORRECT",
+    "EARLIER",
     "FRICTION",
     "GAMMA",
     "SMOOTH_KEYS",

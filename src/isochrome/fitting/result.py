@@ -12,6 +12,7 @@ from isochrome.estimation import ALIKE_CHI, POOR_CHI, BudgetInput
 from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.inputs import taken_as_exact
 from isochrome.fitting.frame.single_state import frame_distance
+from isochrome.fitting.frame.unknowns import EARLIER, FRICTION
 from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.refusals import CORRECT
@@ -301,7 +302,8 @@ def _of_law(scene: Scene, laws: WearLaws | None) -> list[str]:
 def fitted_scene(scene: Scene, shared: Found, own: list[Found]) -> Scene:
     """The scene with values of frames that were fitted each on its own.
 
-    Per-frame values become their mean; friction becomes a table over distance.
+    Per-frame values become their mean; friction becomes a table over distance, which says itself
+    what it was before.
 
     Parameters
     ----------
@@ -327,7 +329,9 @@ def fitted_scene(scene: Scene, shared: Found, own: list[Found]) -> Scene:
         if not series:
             continue
         values[key] = float(np.mean([value for _, value in series]))
-        if key == "friction.coefficient" and scene.wear and len(series) > 1:
+        if key == FRICTION and scene.wear and len(series) > 1:
             points = {frame_distance(scene, i) or 0.0: value for i, value in series}
             values[key] = over_distance(points) if len(points) > 1 else values[key]
+    if isinstance(values.get(FRICTION), dict):
+        values.pop(EARLIER, None)
     return scene.with_values(values)

@@ -26,6 +26,9 @@ _MAPS = {
 }  # fmt: skip
 """Colours of a stack in ImageJ by how its name begins, those of the figures."""
 
+_OF_COLOURS = ("Labels", "xorigin", "yorigin")
+"""What ImageJ is told of a stack in colour."""
+
 _STRIP_OFFSETS = 273
 """The tag of where a frame's grey levels are; a frame of a stack is one strip."""
 
@@ -41,6 +44,7 @@ def write_tiff(
     *,
     pixel_mm: float | None = None,
     photometric: Photometric = "minisblack",
+    metadata: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a stack, whole or not at all, so that ImageJ shows its scale.
 
@@ -55,6 +59,8 @@ def write_tiff(
         The pixel's side, mm.
     photometric : {'minisblack', 'rgb'}, default 'minisblack'
         Whether the frames are grey or in colour.
+    metadata : mapping, optional
+        What ImageJ is to know besides the scale, see `imagej_view`.
 
     Raises
     ------
@@ -76,7 +82,10 @@ def write_tiff(
             f"{path}: frames of type {data.dtype} cannot be written; convert them to "
             f"{' or '.join(DTYPES)}"
         )
-    write_frames(path, data, data.shape, data.dtype, pixel_mm=pixel_mm, photometric=photometric)
+    write_frames(
+        path, data, data.shape, data.dtype, pixel_mm=pixel_mm, photometric=photometric,
+        metadata=metadata,
+    )  # fmt: skip
 
 
 def write_frames(
@@ -283,7 +292,10 @@ def stack_layout(
     keys: dict[str, Any] = {"photometric": photometric, "metadata": None}
     if imagej:
         unit = {} if pixel_mm is None else {"unit": "mm"}
-        keys["metadata"] = {"axes": "TYXS"[: len(shape)], **(metadata or {}), **unit}
+        view = dict(metadata or {})
+        if photometric == "rgb":  # its colours are its own
+            view = {key: view[key] for key in _OF_COLOURS if key in view}
+        keys["metadata"] = {"axes": "TYXS"[: len(shape)], **view, **unit}
     if pixel_mm is not None:
         per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
         keys |= {"resolution": (per_unit, per_unit)}

@@ -106,17 +106,14 @@ def finish_set_folder(
     table = result.columns
     write_csv(folder / "frames.csv", table)
     _join_lines(bench, recipe)
-    if residual is not None:
-        pixel = scene.camera.pixel_mm if scene.camera else None
-        for name in ("order", "isoclinic"):
-            values = getattr(residual, name)[None]
-            write_tiff(folder / f"residual_{name}.tif", values, pixel_mm=pixel)
     if result.fitted is not None:
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
     columns, axes = _set_columns(scene, table, more, shape)
     add_columns(folder / STORE, columns, axes, attributes(job.identity))
     _tell_imagej(bench, table, axes)
+    if residual is not None:
+        _write_residual(bench, residual, axes)
     draw = partial(set_figure, scene, table, _shown(bench, table, more))
     result = replace(result, draw=draw, load=partial(open_run, out))
     dpi = FIGURE_DPI if recipe.every is None else _TRACKED_DPI
@@ -212,12 +209,7 @@ def _tell_imagej(
     """Give the maps' stacks their labels, display range, colours and origin. Raises OSError."""
     names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
     shown = axes["key_frame"].values if "key_frame" in axes else range(len(names))
-    pixel = bench.layout.pixel_mm
-    edges = {
-        key: float(axes[axis].values[0]) - 0.5 * pixel
-        for key, axis in (("left_mm", "x_mm"), ("top_mm", "z_mm"))
-        if pixel is not None and axis in axes
-    }
+    edges, pixel = _edges(bench, axes), bench.layout.pixel_mm
     highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
     largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
     for name, stack in bench.stacks.items():
@@ -225,6 +217,28 @@ def _tell_imagej(
         labels = names if stack.shape[0] == len(names) else [names[k] for k in shown]
         view = imagej_view(name, span, labels=labels, pixel_mm=pixel, **edges)
         add_imagej_view(stack.path, stack.shape, pixel, view)
+
+
+def _edges(bench: RunFolder, axes: Mapping[str, Column]) -> dict[str, float]:
+    """The maps' outer edges, left_mm and top_mm, where their scale is known."""
+    pixel = bench.layout.pixel_mm
+    return {
+        key: float(axes[axis].values[0]) - 0.5 * pixel
+        for key, axis in (("left_mm", "x_mm"), ("top_mm", "z_mm"))
+        if pixel is not None and axis in axes
+    }
+
+
+def _write_residual(bench: RunFolder, residual: ResidualStress, axes: Mapping[str, Column]) -> None:
+    """The residual stress that was taken out, as order and direction. Raises InputError."""
+    edges, pixel = _edges(bench, axes), bench.layout.pixel_mm
+    for name in ("order", "isoclinic"):
+        values = getattr(residual, name)[None]
+        map_name = "fringe_order" if name == "order" else name
+        span = _SPANS.get(map_name, (0.0, residual.largest))
+        view = imagej_view(map_name, span, labels=["without load"], pixel_mm=pixel, **edges)
+        path = bench.results / f"residual_{name}.tif"
+        write_tiff(path, values, pixel_mm=pixel, metadata=view)
 
 
 def _set_columns(

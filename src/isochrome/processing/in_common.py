@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from isochrome.fitting import FRICTION
+from isochrome.fitting import EARLIER, FRICTION
 from isochrome.output import numbers
-from isochrome.processing.result import SEPARATOR, SPREAD
+from isochrome.processing.result import CAUSES, SEPARATOR, SPREAD, causes_of
 from isochrome.scene import Scene
 
 _GAMMA = "gamma"
@@ -65,7 +65,8 @@ def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, l
     Each frame is explained by a block that has worn under that frame's own friction. Friction
     shifts the pressure along the surface, and so the scar remembers what it was. By the other
     frames' frictions the mean over the distance slid is known: of a frame that differs from it, u
-    becomes the shift, if that is larger. Once widened, a table stays as it is.
+    becomes the shift, if that is larger. A frame that shows its past friction has it among its
+    causes, and stays as it is. Once widened, a table stays as it is.
 
     Parameters
     ----------
@@ -91,6 +92,8 @@ def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, l
     away = slid - slid[:1]
     past = np.divide(area[: len(own)], away, out=own.copy(), where=away > 0.0)
     wider = list(table[name])
+    causes = table.get(CAUSES) or [""] * len(wider)
     for k, shift in zip(order, _OF_THE_PAST * np.abs(own - past), strict=True):
-        wider[k] = max(wider[k], float(shift))
+        if EARLIER not in causes_of(causes[k] or ""):
+            wider[k] = max(wider[k], float(shift))
     return table if wider == table[name] else table | {name: wider}

@@ -13,7 +13,14 @@ import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.figures import PaperPanels
-from isochrome.fitting import CORRECT, FRICTION, fitted_scene, over_distance, untracked_inputs
+from isochrome.fitting import (
+    CORRECT,
+    EARLIER,
+    FRICTION,
+    fitted_scene,
+    over_distance,
+    untracked_inputs,
+)
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
     Floats,
@@ -356,4 +363,8 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
         for s, values in zip(table["distance_m"], own, strict=True)
         if FRICTION in values and np.isfinite(values[FRICTION]["value"])
     }
-    return found.with_values({FRICTION: over_distance(points)}) if len(points) > 1 else found
+    return (
+        found.with_values({EARLIER: 0.0, FRICTION: over_distance(points)})
+        if len(points) > 1
+        else found
+    )

@@ -16,6 +16,7 @@ from isochrome.scene.imaging import FileName
 from isochrome.scene.scene_values import (
     Coefficient,
     Distance,
+    DistanceTable,
     Finite,
     FrictionTable,
     NonNegative,
@@ -111,10 +112,23 @@ class Friction(ScenePart):
         file is followed by 200 points at most, see `scene.measured_course`.
     static_state_first : bool, default False
         Whether one more state comes before sliding starts, without tangential traction.
+    earlier_change : float, default 0.0
+        How much larger the coefficient was before each state, while the block wore; beside a
+        `coefficient` that is a number.
     """
 
     coefficient: OverDistance[Coefficient, FrictionTable]
     static_state_first: bool = False
+    earlier_change: Coefficient = 0.0
+
+    @model_validator(mode="after")
+    def _one_course(self) -> Friction:
+        if self.earlier_change and isinstance(self.coefficient, DistanceTable):
+            raise ValueError(
+                "friction.earlier_change stands beside a coefficient that is a table, which says "
+                "what it was before; remove one of them"
+            )
+        return self
 
 
 class Wear(ScenePart):

@@ -160,7 +160,7 @@ function fieldRow(field, value, state) {
   input.id = "field-" + field.key;
   input.dataset.key = field.key;
   label.htmlFor = input.id;
-  label.textContent = field.label + (field.unit ? " (" + field.unit + ")" : "") + (field.needed && !state.has_scene ? " *" : "");
+  label.textContent = field.label + (field.unit ? " (" + field.unit + ")" : "") + (field.needed && !state.has_scene ? "\u00a0*" : "");
   if (field.choices.length) {
     for (const choice of field.choices) {
       const words = { "": "–", true: "yes", false: "no" }[choice] ?? choice;

@@ -135,7 +135,7 @@ class SetSession(SetupSession):
             image.get("file"): image.get("load_n")
             for image in parse_toml(self.text, self.scene_file.name).get("image", [])
         }
-        plain = {f: v["value"] if isinstance(v, Mapping) else v for f, v in stated.items()}
+        plain = _plain(stated)
         return [plain.get(name) for name in self.image_names]
 
     def calibrate(self) -> Calibration:
@@ -243,15 +243,14 @@ def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -
     """
     wanted = {n: load for n, load in zip(names, loads, strict=True) if load is not None}
     there = parse_toml(text, "set").get("image", [])
-    images = [dict(one) for one in there if one.get("file") not in names]
-    images += [{"file": name, "load_n": float(load)} for name, load in wanted.items()]
-    own = {one.get("file"): one.get("load_n") for one in there}
-    if own.keys() != {one["file"] for one in images}:
-        return with_table_list(text, "image", images, name="set")
+    own = _plain({one.get("file"): one.get("load_n") for one in there})
     for name, load in wanted.items():
-        if own[name] != load:
+        if name in own and own[name] != load:
             text = _with_load(text, name, load)
-    return text
+    there = parse_toml(text, "set").get("image", [])
+    images = [one for one in there if one.get("file") in wanted or one.get("file") not in names]
+    images += [{"file": n, "load_n": float(v)} for n, v in wanted.items() if n not in own]
+    return text if images == there else with_table_list(text, "image", images, name="set")
 
 
 def _with_load(text: str, name: str, load: float) -> str:

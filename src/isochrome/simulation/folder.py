@@ -81,7 +81,7 @@ def _join(run: RunFolder, work: RenderWork, name: str, history: dict[str, list[A
         dtype,
         pixel_mm=work.pixels.pixel_mm,
         photometric="rgb" if len(shape) == 3 else "minisblack",
-        metadata=None if len(shape) == 3 else _view(run, work, name, history),
+        metadata=_view(run, work, name, history),
     )
 
 

@@ -26,7 +26,7 @@ from isochrome.figures import (
     write_head,
 )
 from isochrome.frames import CHANNELS
-from isochrome.output import write_csv, write_tiff
+from isochrome.output import imagej_view, write_csv, write_tiff
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +46,8 @@ def write_colours(calibration: ColourCalibration, folder: Path) -> None:
         }
         for name, light in ends.items():
             levels = _levels(light, calibration)
-            write_tiff(folder / f"{name}.tif", levels[None], photometric="rgb")
+            view = imagej_view(name, (0.0, 1.0), labels=[name])
+            write_tiff(folder / f"{name}.tif", levels[None], photometric="rgb", metadata=view)
 
 
 def _levels(light: NDArray[Any], calibration: ColourCalibration) -> NDArray[Any]:

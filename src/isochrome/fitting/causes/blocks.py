@@ -18,7 +18,7 @@ from isochrome.fitting.frame.fringe_optics import scene_optics
 from isochrome.fitting.frame.gamma import GammaFit, Pixels, gamma_slope
 from isochrome.fitting.frame.inputs import PIXEL
 from isochrome.fitting.frame.renderer import SceneRenderer
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, SMOOTH_KEYS
+from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LENS, SMOOTH_KEYS
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid, regular_modes
 
@@ -40,6 +40,8 @@ _FELT, _CLEAR = 0.1, 6.0
 
 _STEP = 1e-4
 _STRESS_MPA = 0.01
+_FRICTION = 0.01
+"""A change of the scar that stands above what its own tolerance moves."""
 EVEN = {PLATES[0]: 3.0, PLATES[1]: 3.0, BAND: 10.0}
 """Steps of what has no slope at nought: degrees, nm."""
 
@@ -105,6 +107,7 @@ class FrameBlocks:
         self._noisy = [
             axis for axis in (0, 1) if line_noise(keep, toned.residual, axis) > _OWN_NOISE
         ]
+        self._renderer = solved.renderer
         self._fields = self._thin_fields(solved.renderer)
 
     def part(self, columns: Array) -> tuple[Array, Array, Array, Array]:
@@ -180,7 +183,15 @@ class FrameBlocks:
         if key == FRINGE_VALUE:
             moved = self._signal(self.scene, self._fields[0] * np.float32(1.0 - _STEP))
             return np.asarray((moved - self._here) * (self._gain / (_STEP * self.scene.get(key))))
+        if key == EARLIER:
+            return self._past_column(float(self.scene.get(key)))
         return self._moved_column(key)
+
+    def _past_column(self, change: float) -> Array:
+        """By what the scar would be, had it been worn under another friction."""
+        field, _ = self._renderer.order_field(self.scene.with_values({EARLIER: change + _FRICTION}))
+        moved = self._signal(self.scene, np.nan_to_num(self.thin(field)))
+        return np.asarray((moved - self._here) * (self._gain / _FRICTION))
 
     def _smooth(self, key: str) -> Array:
         """The stress of one of the smooth ones at 1 MPa, or MPa/mm, at the blocks."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from isochrome.fitting.frame.inputs import PIXEL, StatedInputs
-from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS, SMOOTH_KEYS
+from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LENS, SMOOTH_KEYS
 from isochrome.scene import Scene
 
 PLATES = ("polariscope.input_plate_error_deg", "polariscope.output_plate_error_deg")
@@ -45,6 +45,8 @@ BLURRED = Cause("blur", (BLUR,), (0.7,), 0.6)
 TURNED = Cause("quarter-wave plates that are turned", PLATES, (3.0, 3.0), 0.5)
 WIDE = Cause("the light's band of wavelengths", (BAND,), (10.0,), 3.0)
 SMOOTH = Cause("a smooth stress besides the contact's", SMOOTH_KEYS, (0.0, 0.0, 0.0), 0.004)
+# 2e-4 of a fringe; what is less makes the values less sure, see `_undecided`
+PAST = Cause("another friction before", (EARLIER,), least=0.005)
 SCALE = Cause("the pixel's size", (PIXEL,), least=1e-3, free=False)
 STIFF = Cause(
     "the fringe value, the indenter's radius or the moduli",
@@ -59,16 +61,19 @@ GEOMETRY = (ROLL, DISTORTION, SIDE, ABOVE)
 LOOK = Cause("how the camera looks", LENS, (TINY,) * len(LENS))
 """All of the geometry at once: where it is far off, one part looks like another."""
 
-CAUSES = (*GEOMETRY, TONE, BLURRED, TURNED, WIDE, SMOOTH, SCALE, STIFF)
+CAUSES = (*GEOMETRY, TONE, BLURRED, TURNED, WIDE, SMOOTH, PAST, SCALE, STIFF)
 
 
-def candidates(scene: Scene, keys: tuple[str, ...], held: StatedInputs) -> tuple[Cause, ...]:
+def candidates(
+    scene: Scene, keys: tuple[str, ...], held: StatedInputs, *, past: bool = False
+) -> tuple[Cause, ...]:
     """The causes that a scene can have, with those of their keys that are not unknowns already.
 
     What is `held` and has a stated uncertainty is one cause, its values together: a frame that the
     stated values contradict tells which combinations of them are right, and the priors the others.
+    `past`, whether nothing else than a frame says what friction there was before.
     """
-    left = (_without(cause, keys + held.keys) for cause in CAUSES)
+    left = (_without(cause, keys + held.keys) for cause in CAUSES if past or cause is not PAST)
     own = tuple(c for c in left if c.keys and all(_has(scene, key) for key in c.keys))
     if not held.keys:
         return own
@@ -89,6 +94,8 @@ def _has(scene: Scene, key: str) -> bool:
     polariscope = scene.polariscope
     if key in SMOOTH_KEYS:
         return scene.indenter is not None
+    if key == EARLIER:
+        return bool(scene.wear and scene.friction and min(scene.wear.distances_m) > 0.0)
     if key in PLATES:
         return polariscope.field != "plane" and not polariscope.step
     if key == BAND:

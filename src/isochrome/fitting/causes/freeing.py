@@ -127,8 +127,8 @@ def free_causes(solution: S) -> Freed[S]:
         freed = _anew(freed)
     if freed.odd is not None and freed.causes:
         freed = _whole_again(freed)
-    more = any(asked.can_be_freed for asked in freed.asked)
     # a frame that nothing explains has no causes, only another scene
+    more = any(asked.can_be_freed for asked in freed.asked)
     return freed.undone() if more and freed.now.chi > POOR_CHI else freed
 
 
@@ -174,8 +174,7 @@ def _whole_again(freed: Freed[S]) -> Freed[S]:
 def _freed(freed: Freed[S]) -> Freed[S]:
     """What is asked for freed, one after the other, the one with the most evidence first."""
     for _ in range(_ROUNDS):
-        now = freed.now
-        asked, undecided = _asked(now)
+        asked, undecided = _asked(freed.now)
         freed = replace(freed, asked=asked, undecided=undecided)
         wider = _widest(freed, asked)
         if wider is None:
@@ -186,7 +185,7 @@ def _freed(freed: Freed[S]) -> Freed[S]:
 
 def _asked(now: Askable) -> tuple[tuple[Asked, ...], Array]:
     """What a fit's frames ask for, see `ask`."""
-    causes = candidates(now.scene, now.keys, now.held)
+    causes = candidates(now.scene, now.keys, now.held, past=now.past)
     return ask(now.blocks(), causes, now.scene, now.terms, now.stated_misfit)
 
 
@@ -315,15 +314,14 @@ def _explained(freed: Freed[S], asked: list[Asked], band: Mask) -> bool:
     return any(trial is not None and trial[0] < least for trial in found)
 
 
-def _is_felt(solution: Askable, cause: Cause, stated: Scene) -> bool:
+def _is_felt(now: Askable, cause: Cause, stated: Scene) -> bool:
     """Whether a cause came out at more than nothing, and more than is worth an unknown."""
     if cause.weight:
         return True  # what is known of it stands beside it: it may be nothing, and costs nothing
     for key in cause.keys:
         nothing = stated.frames.first_gamma if key == GAMMA else 0.0
-        for value, spread in solution.values_of_key(key):
-            if abs(value - nothing) > max(_CLEAR * spread, cause.least):
-                return True
+        if any(abs(v - nothing) > max(_CLEAR * u, cause.least) for v, u in now.values_of_key(key)):
+            return True
     return False
 
 
@@ -350,6 +348,7 @@ def fit_with_causes(
     cold: bool = True,
     slips: bool = True,
     stated: StatedInputs | None = None,
+    past: bool = False,
 ) -> Freed[FrameSolution]:
     """Fit a frame, and free what it asks for besides its unknowns.
 
@@ -367,6 +366,8 @@ def fit_with_causes(
         Whether a slip in the scene is looked for where the scene explains nothing.
     stated : StatedInputs, optional
         What is known beforehand, by default what the scene states.
+    past : bool, default False
+        Whether another friction before, which the block's scar remembers, may be freed.
 
     Returns
     -------
@@ -396,4 +397,4 @@ def fit_with_causes(
             lost = replace(fitted, fit=replace(fitted.fit, positive=False))
             unlit = FrameSolution(data, lost)
             return Freed(now=unlit, stated=unlit, slip=slip)
-    return free_causes(FrameSolution(data, fitted))
+    return free_causes(FrameSolution(data, fitted, past=past))

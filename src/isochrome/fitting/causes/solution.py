@@ -59,6 +59,10 @@ class Askable(Protocol):
         """Number of frames."""
 
     @property
+    def past(self) -> bool:
+        """Whether nothing else says what friction there was before."""
+
+    @property
     def light_words(self) -> str:
         """What is said of the light."""
 
@@ -117,11 +121,15 @@ class Askable(Protocol):
 
 @dataclass(frozen=True)
 class FrameSolution:
-    """The fit of one frame: its `data`, with the light and the pixels that were taken."""
+    """The fit of one frame: its `data`, with the light and the pixels that were taken.
+
+    `past`, whether it alone says what friction there was before it.
+    """
 
     data: FrameData
     fitted: Fitted
     count: int = 1
+    past: bool = False
 
     @property
     def light_words(self) -> str:
@@ -210,7 +218,8 @@ class FrameSolution:
         data, keys, scene = self._changed(change)
         fitted = fit_with_model(data, scene, keys, cold=False, stated=self.fitted.stated)
         # other minima are those of the first search
-        return FrameSolution(data, replace(fitted, fit=replace(fitted.fit, others=self.fit.others)))
+        fitted = replace(fitted, fit=replace(fitted.fit, others=self.fit.others))
+        return replace(self, data=data, fitted=fitted)
 
     def trial(self, change: Change) -> tuple[float, int, int] | None:
         """Mean squared residual, unknowns and pixels of a fit to every third pixel."""

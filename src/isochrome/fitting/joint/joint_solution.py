@@ -55,6 +55,11 @@ class JointSolution:
         return self.fit.chi
 
     @property
+    def past(self) -> bool:
+        """Whether nothing else says what friction there was before: the frames' course does."""
+        return False
+
+    @property
     def noise_ratio(self) -> float:
         """The noise over what the first frame's finest part shows."""
         return self.data[0].noise_ratio

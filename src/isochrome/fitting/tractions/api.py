@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,9 @@ from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.result import Fit
 from isochrome.fitting.tractions.figure import tractions_figure
 from isochrome.fitting.tractions.surface_fit import Tractions, invert_tractions
-from isochrome.output import named_frames, write_csv, write_figure, write_tiff
+from isochrome.output import imagej_view, named_frames, write_csv, write_figure, write_tiff
 from isochrome.scene import Scene
+from isochrome.stress import PixelGrid
 
 ASK_CHI = 1.1
 """Residual over noise of a model's fit from which tractions are the better description."""
@@ -81,9 +82,24 @@ def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, resul
     pixel = found[0].pixels.pixel_mm
     stacks = zip(*map(maps, found, joint.scenes), strict=True)
     for name, stack in zip(("sigma_1_mpa", "sigma_2_mpa", "fringe_order"), stacks, strict=True):
-        write_tiff(folder / f"{name}.tif", np.stack(stack), pixel_mm=pixel)
+        view = _view(name, stack, found[0].pixels)
+        write_tiff(folder / f"{name}.tif", np.stack(stack), pixel_mm=pixel, metadata=view)
     figure = tractions_figure(result.scene.name, frames, joint.scenes, found)
     write_figure(folder / "tractions.png", figure)
+
+
+def _view(name: str, stack: Sequence[Array], pixels: PixelGrid) -> dict[str, Any]:
+    """What ImageJ is to know of a stack of frames whose first one stands on some `pixels`."""
+    known = np.concatenate([image[np.isfinite(image)] for image in stack])
+    lowest = 0.0 if name == "fringe_order" else float(known.min(initial=0.0))
+    return imagej_view(
+        name,
+        (lowest, float(known.max(initial=0.0))),
+        labels=[f"frame {i}" for i in range(len(stack))],
+        pixel_mm=pixels.pixel_mm,
+        left_mm=float(pixels.x_mm[0]) - 0.5 * pixels.pixel_mm,
+        top_mm=float(pixels.z_mm[0]) - 0.5 * pixels.pixel_mm,
+    )
 
 
 def maps(tractions: Tractions, scene: Scene) -> list[Array]:

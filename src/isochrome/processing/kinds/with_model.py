@@ -63,7 +63,9 @@ def process_with_model(
     said: tuple[str, ...] = ()
     if apparatus is not None:
         data, said = apparatus.seen(data), apparatus.warnings
-    data, fit, scene, notes, slip = _fitted(data, scene, frame, as_stated)
+    data, fit, scene, notes, slip = _fitted(
+        data, scene, frame, as_stated, followed=apparatus is not None
+    )
     data, seen = _held(data, fit)
     reading, noise, lost = read_frame(frame, data, seen, chi=fit.chi, positive=fit.positive)
     inside = data.valid & seen.picture.material & (not lost)
@@ -118,12 +120,12 @@ def _without_model(
 
 
 def _fitted(
-    data: FrameData, scene: Scene, frame: Frame, as_stated: bool
+    data: FrameData, scene: Scene, frame: Frame, as_stated: bool, *, followed: bool = False
 ) -> tuple[FrameData, FrameFit, Scene, list[str], bool]:
     """The frame as it was fitted, the fit, the scene that it began with, and what to say.
 
     The last is whether a slip in the scene was found: the fit says nothing then. A disc's scene is
-    placed by its rim.
+    placed by its rim. Of a video that is `followed`, its other frames say what friction there was.
     """
     notes: list[str] = []
     if scene.rim_diameter_mm is not None:
@@ -132,7 +134,7 @@ def _fitted(
         if as_stated:
             fit = fit_frame(data, scene)
             return data, fit, scene, [*notes, *_opposite(scene, fit)], False
-        freed = fit_with_causes(data, scene)
+        freed = fit_with_causes(data, scene, past=not followed)
         fit, slip = freed.fit, freed.slip is not None
         notes += [*cause_messages(freed), *(() if slip else _opposite(scene, fit))]
         return freed.data, fit, scene, notes, slip

@@ -132,7 +132,8 @@ def with_table_list(
     Returns
     -------
     str
-        The text with the list at its end, and without an earlier one.
+        The text with the list: its tables that stay keep their place and comments, new ones come
+        behind them.
 
     Raises
     ------
@@ -148,9 +149,24 @@ def with_table_list(
     order = 0.5
     <BLANKLINE>
     """
-    text = without_value(text, key, name=name)
+    wanted = parse_toml(text, name)
+    table, _, entry_name = key.partition(".")
+    holder = wanted.setdefault(table, {}) if entry_name else wanted
+    there = holder.get(entry_name or table, [])
     if not entries:
-        return text
+        return without_value(text, key, name=name)
+    holder[entry_name or table] = [dict(entry) for entry in entries]
+    changed = _changed_list(text, key, there, entries)
+    if changed is not None and _says(changed, wanted):
+        return changed
+    found = _with_tables(without_value(text, key, name=name), key, entries)
+    if not _says(found, wanted):
+        raise InputError(f"{name}: its layout cannot be edited; write [[{key}]] in it by hand")
+    return found
+
+
+def _with_tables(text: str, key: str, entries: Sequence[Mapping[str, Any]]) -> str:
+    """Text with a list's tables behind it."""
     end = _line_end(text)
     blocks = (
         f"[[{key}]]{end}" + "".join(f"{k} = {toml_text(v)}{end}" for k, v in entry.items())
@@ -158,14 +174,44 @@ def with_table_list(
     )
     gap = end if text.strip() else ""
     start = text if not text or text.endswith("\n") else text + end
-    found = start + gap + end.join(blocks)
-    wanted = parse_toml(text, name)
-    table, _, entry_name = key.partition(".")
-    holder = wanted.setdefault(table, {}) if entry_name else wanted
-    holder[entry_name or table] = [dict(entry) for entry in entries]
-    if not _says(found, wanted):
-        raise InputError(f"{name}: its layout cannot be edited; write [[{key}]] in it by hand")
-    return found
+    return start + gap + end.join(blocks)
+
+
+def _changed_list(
+    text: str, key: str, there: Sequence[Any], entries: Sequence[Mapping[str, Any]]
+) -> str | None:
+    """Text whose list's tables stay as they are written where they are still wanted.
+
+    Those that are not go with what stands in them, and new ones come behind the last; None where
+    none stays, or the list is written otherwise.
+    """
+    lines = text.splitlines(keepends=True)
+    blocks = list(_blocks(lines, _path(key)))
+    stay = [dict(entry) in map(dict, entries) for entry in there]
+    if len(blocks) != len(there) or not any(stay):
+        return None
+    new = [entry for entry in entries if dict(entry) not in there]
+    at = max(end for (_, end), kept in zip(blocks, stay, strict=True) if kept)
+    if not any(re.match(r"[ \t]*\[", line) for line in lines[at:]):
+        at = len(lines)  # what stands behind the last one is of the list too
+    gone = {i for span, kept in zip(blocks, stay, strict=True) if not kept for i in range(*span)}
+    before, after = (
+        "".join(lines[i] for i in places if i not in gone)
+        for places in (range(at), range(at, len(lines)))
+    )
+    return _with_tables(before, key, new) + after if new else before + after
+
+
+def _blocks(lines: Sequence[str], path: str) -> Iterator[tuple[int, int]]:
+    """First line of each of a list's tables, and the one behind the last that is no comment."""
+    heads = [i for i, line in enumerate(lines) if re.match(r"[ \t]*\[", line)]
+    own = re.compile(rf"[ \t]*\[\[[ \t]*{path}[ \t]*\]\]")
+    for start, end in zip(heads, [*heads[1:], len(lines)], strict=True):
+        if own.match(lines[start]):
+            filled = [
+                i for i in range(start, end) if lines[i].strip() and lines[i].strip()[0] != "#"
+            ]
+            yield start, filled[-1] + 1
 
 
 def toml_text(value: Any) -> str:
