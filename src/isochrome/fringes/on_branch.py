@@ -126,13 +126,13 @@ def read_order(
     fringed = (light - background).astype(np.float32, copy=False) * per_noise
     wave = _Wave(fringed, gain, without(model, material), response)
     smooth = _moved_by_wide_windows(wave)
-    before, slope = wave.about(smooth)
+    before, slope = wave.light_and_slope(smooth)
     square = slope * slope
     information = gaussian_sum(square, _WINDOW_PX)
     answer = gaussian_sum(slope * before, _WINDOW_PX)
     stray = stray_error(before, slope, gain, shift=smooth, sums=(information, answer))
     shift = smooth + _move(information, answer)
-    residual, _ = wave.about(shift)
+    residual = wave.light(shift)
     count = np.maximum(gaussian_sum(weight, _WINDOW_PX), 1e-6)
     misfit = gaussian_sum(residual * residual, _WINDOW_PX) / count  # squared, as its noise
     spread = gaussian_sum(square, _WINDOW_PX / np.sqrt(2.0))
@@ -171,16 +171,31 @@ class _Wave:
         self._rest = light - gain * middle + self._cosine
         self.shape = order.shape
 
-    def about(self, shift: Array) -> tuple[Array, Array]:
-        """What is left of the light at a shift d (rows, cols) from the branches, and its slope."""
+    def on_branch(self) -> tuple[Array, Array]:
+        """What is left of the light on the branches themselves (rows, cols), and its slope."""
+        return self._rest - self._cosine, np.float32(2.0 * np.pi) * self._sine
+
+    def light(self, shift: Array) -> Array:
+        """What is left of the light at a shift d (rows, cols) from the branches."""
         turn = np.float32(2.0 * np.pi) * shift
-        cosine, sine = np.cos(turn), np.sin(turn)
+        left: Array = np.sin(turn)
+        left *= self._sine
+        cosine = np.cos(turn, out=turn)
+        cosine *= self._cosine
+        left += cosine
+        return np.subtract(self._rest, left, out=left)
+
+    def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
+        """The same, and its slope."""
+        turn = np.float32(2.0 * np.pi) * shift
+        cosine, sine = np.cos(turn), np.sin(turn, out=turn)
         left = self._rest - self._cosine * cosine
         left -= self._sine * sine
-        slope = np.multiply(self._sine, cosine, out=cosine)
-        slope -= self._cosine * sine
-        slope *= np.float32(2.0 * np.pi)
-        return left, slope
+        cosine *= self._sine
+        sine *= self._cosine
+        cosine -= sine
+        cosine *= np.float32(2.0 * np.pi)
+        return left, cosine
 
 
 def _move(information: Array, answer: Array) -> Array:
@@ -195,10 +210,12 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
     Such a move is smooth: it is found on blocks of two pixels a side.
     """
     shift = np.zeros(wave.shape, dtype=np.float32)
-    for _ in range(_WIDE_MOVES):
-        left, slope = wave.about(shift)
-        information = Windows(halved(slope * slope), 2).sum(_WIDE_PX)
-        step = _move(information, Windows(halved(slope * left), 2).sum(_WIDE_PX))
+    for k in range(_WIDE_MOVES):
+        left, slope = wave.light_and_slope(shift) if k else wave.on_branch()
+        left *= slope
+        slope *= slope
+        information = Windows(halved(slope), 2).sum(_WIDE_PX)
+        step = _move(information, Windows(halved(left), 2).sum(_WIDE_PX))
         shift += expanded(step, wave.shape, 2)
         if float(np.vdot(step, step)) < _AT_REST**2 * step.size:
             break  # the model was as near
@@ -208,7 +225,10 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
 def _too_steep(order: Array) -> Mask:
     """Where fringes are finer than four pixels, and beside what is no specimen."""
     down, across = np.gradient(order)
-    return np.asarray(~(down * down + across * across < np.float32(_STEEPEST**2)))
+    down *= down
+    across *= across
+    down += across
+    return np.asarray(~(down < np.float32(_STEEPEST**2)))
 
 
 def probability(uncertainty: Array) -> Array:

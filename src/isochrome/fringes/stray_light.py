@@ -79,7 +79,7 @@ def stray_error(
             np.minimum(open_, variance, out=open_)
     moved = expanded(size, residual.shape, 2) * (of_even * of_even)
     if shift is not None:
-        bump = pairs.bump() * (open_ / (open_ + np.float32(_OPEN**2)))
+        bump = pairs.bump(blocks[4]) * (open_ / (open_ + np.float32(_OPEN**2)))
         np.maximum(moved, expanded(bump, residual.shape, 2), out=moved)
     return np.asarray(np.sqrt(moved, out=moved))
 
@@ -96,6 +96,7 @@ def _told(shown: Array, both: Array, side: int, steady: float) -> tuple[Array, A
     variance = square.sum(steady / np.sqrt(2.0)) / (total * total)
     found *= found
     found -= _SURELY * variance
+    np.maximum(found, 0.0, out=found)
     return found * (variance < _TOLD**2), variance
 
 
@@ -127,14 +128,19 @@ class _Blocks:
         both -= of_light * (mean["slope even"] - of_even * mean["slope"])
         return _told(shown, both, self._side, steady)
 
-    def bump(self) -> Array:
-        """Square of how far the order differs from its surroundings, beyond the noise."""
+    def bump(self, wider: _Blocks) -> Array:
+        """Square of how far the order differs from its surroundings, beyond the noise.
+
+        `wider`, the same on blocks of twice the side, where the surroundings are looked at.
+        """
         fine = self._shift("light", _FINE_PX)
         noise = self._windows["slope"].sum(_FINE_PX / np.sqrt(2.0))
-        variance = noise / self._informed(_FINE_PX) ** 2
-        around, wider = (self._shift("light", f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
-        away = fine - (2.0 * around - wider)
-        return np.asarray(np.maximum(away**2 - _SURELY * variance, 0.0) / np.float32(_SHOWN**2))
+        informed = self._informed(_FINE_PX)
+        around, more = (wider._shift("light", f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
+        away = fine - expanded(2.0 * around - more, fine.shape, 2)
+        away *= away
+        away -= _SURELY * noise / (informed * informed)
+        return np.asarray(np.maximum(away, 0.0) / np.float32(_SHOWN**2))
 
     def _answer(self, light: str, width_px: float) -> Array:
         """The shift, over a wide window twice, less that of √2 its width: the order may bend."""

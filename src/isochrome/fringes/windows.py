@@ -15,7 +15,7 @@ Indices = NDArray[np.intp]
 
 _REACH = 3.0
 """Standard deviations that a window of `Windows` extends."""
-_COARSE = 2.0
+_COARSE = 1.75
 """Its least width in the pixels that it is summed on."""
 
 
@@ -100,7 +100,7 @@ def halved(values: Array) -> Array:
 
     rows, cols = values.shape
     if rows % 2 or cols % 2:
-        values = np.pad(values, ((0, rows % 2), (0, cols % 2)))
+        values = cv2.copyMakeBorder(values, 0, rows % 2, 0, cols % 2, cv2.BORDER_CONSTANT, value=0)
     half = (values.shape[1] // 2, values.shape[0] // 2)
     return np.asarray(cv2.resize(values, half, interpolation=cv2.INTER_AREA))
 
