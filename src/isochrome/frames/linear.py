@@ -178,7 +178,7 @@ def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
         # around noise alone the second extremes lie about 1.7 sigmas apart
         return float(np.median(spread)) / 1.7
     if values.dtype == np.uint8:
-        return _middle_of_bytes(values[::2]) * 1.4826 / np.sqrt(70.0)
+        return _middle_of_bytes(values[::2]) * 1.4826 / float(np.sqrt(70.0))
     v = values[::2].astype(np.float32)
     mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
     result: float = float(np.median(np.abs(mixed))) * 1.4826 / np.sqrt(70.0)

@@ -183,7 +183,7 @@ class _Wave:
         cosine = np.cos(turn, out=turn)
         cosine *= self._cosine
         left += cosine
-        return np.subtract(self._rest, left, out=left)
+        return np.asarray(np.subtract(self._rest, left, out=left))
 
     def light_and_slope(self, shift: Array) -> tuple[Array, Array]:
         """The same, and its slope."""

@@ -16,8 +16,9 @@ from isochrome.scene import Scene
 from isochrome.simulation import Picture, make_picture, scene_states, state_difference
 from isochrome.stress import PixelGrid, pixel_grid
 
-_ENOUGH = 60_000
-"""Pixels that tell the light: it then errs by 0.01 of one pixel's noise."""
+_ENOUGH = 30_000
+"""Pixels that tell the light: it then errs by 0.015 of one pixel's noise, a tenth of what is left
+of that in an order pooled over its neighbourhood."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,7 @@ _KEPT = 12
 """Polynomials that are kept, some 6 MB each: a load that swings comes back to them."""
 _FIELD_ERROR = 0.3
 """What a polynomial may do to a value near its box's corners, in standard uncertainties."""
-_LARGEST, _SMALLEST, _SMALLER, _ORDER = 1.2, 0.1, 0.6, 4
+_LARGEST, _SMALLEST, _SMALLER, _ORDER = 0.8, 0.1, 0.6, 4
 """Sizes of a box; how much smaller the next try is at least; power of the size in the error."""
 _SLOPE = 1e-3
 """Difference step of the signal's derivatives, in half-widths of the box."""
