@@ -111,9 +111,7 @@ def test_without_a_terminal_progress_is_a_line_a_minute(monkeypatch, capfd):
     )
 
 
-def test_what_is_done_before_the_frames_is_told_of_and_does_not_count_as_theirs(
-    monkeypatch, capfd
-):
+def test_what_is_done_before_the_frames_is_told_of_and_does_not_count_as_theirs(monkeypatch, capfd):
     """A pass of 150 seconds, and then a hundred frames in as many."""
     now = iter(np.arange(0.0, 1000.0, 1.5))
     monkeypatch.setattr("isochrome.console.monotonic", lambda: next(now))

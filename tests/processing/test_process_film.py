@@ -278,7 +278,7 @@ def test_a_worn_film_under_a_load_that_swings_has_the_maps_of_its_frames_alone(t
         frames.append(expose(light_of(truth, state), truth.camera, rng=rng))
         pixels = pixel_grid(truth, SHAPE)
         orders.append(make_picture(truth, state_difference(truth, state, pixels), pixels).order)
-    found = process(np.stack(frames), scene, track=True, maps="all", every=50)
+    found = process(np.stack(frames), scene, track=True, maps="all")
     own = found.dataset.fringe_order.values[::10]
     alone = process(
         np.stack(frames[::10]), scene.with_values({"wear.distances_m": distances[::10].tolist()})
@@ -287,11 +287,12 @@ def test_a_worn_film_under_a_load_that_swings_has_the_maps_of_its_frames_alone(t
     # both read the same light on the branch that a model names
     assert np.sqrt(np.mean((own - alone)[both] ** 2)) < 0.002
     assert np.abs(own - alone)[both].max() < 0.25  # half of a branch
-    assert np.mean(np.isfinite(own) != np.isfinite(alone)) < 0.005
+    # a frame alone takes a constant load for what wore it, and so leaves out more
+    assert np.mean(np.isfinite(alone) & ~np.isfinite(own)) < 0.005
     error = found.dataset.fringe_order.values - np.stack(orders)
     assert np.sqrt(np.nanmean(error**2)) < 0.005
     assert np.nanmax(np.abs(error)) < 0.25
-    assert found.columns["found_by"].count("track") == 196
+    assert found.columns["found_by"].count("track") == 199
     values = np.array(found.columns[LOAD], dtype=float)
     spread = np.array(found.columns[f"{LOAD} standard_uncertainty"], dtype=float)
     assert np.sqrt(np.mean(((values - load) / spread) ** 2)) < 2.0
