@@ -111,6 +111,22 @@ def test_without_a_terminal_progress_is_a_line_a_minute(monkeypatch, capfd):
     )
 
 
+def test_what_is_done_before_the_frames_is_told_of_and_does_not_count_as_theirs(monkeypatch, capfd):
+    """A pass of 150 seconds, and then a hundred frames in as many."""
+    now = iter(np.arange(0.0, 1000.0, 1.5))
+    monkeypatch.setattr("isochrome.console.monotonic", lambda: next(now))
+    with run_bar("processing") as show:
+        for done in range(0, 101):
+            show(Tally(done, 200, 0, 0, stage="following the fringes"))
+        for done in range(0, 101):
+            show(Tally(done, 200, 0, 2))
+    first, *_, last = capfd.readouterr().err.splitlines()
+    assert re.fullmatch(r"processing: following the fringes, \d+ of 200 frames", first)
+    # two looks at the clock for each of 100 frames
+    rate = float(re.search(r"([0-9.]+) frames/s", last)[1])
+    assert 0.3 < rate < 0.7
+
+
 def test_a_warning_is_one_line_whatever_is_in_a_name(capfd):
     print_warnings(["new\nline.tif: is odd", "second"])
     assert capfd.readouterr().err == "warning: new line.tif: is odd\nwarning: second\n"

@@ -76,9 +76,17 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
     waiting = ""
 
     def show(tally: Tally | None) -> None:
-        nonlocal said, waiting
+        nonlocal began, said, waiting
         if tally is None:
             bars.remove_task(task)
+            return
+        if tally.stage:
+            bars.update(task, description=tally.stage, completed=tally.done, total=tally.count)
+            began = monotonic()  # of the items themselves
+            if bars.disable and began - said >= LINE_EVERY_S:
+                said = began
+                text = f"{what}: {tally.stage}, {tally.done} of {tally.count} {items}"
+                typer.echo(text, err=True)
             return
         if tally.said and not bars.disable:
             bars.console.print(f"{what}: {tally.said}")
@@ -93,7 +101,7 @@ def _shower(bars: Any, what: str, items: str) -> Callable[[Tally | None], None]:
             said = monotonic()
             typer.echo(_line_of_log(what, items, tally, rate, seconds), err=True)
         counts = {"completed": tally.done, "total": tally.count, "flagged": tally.flagged}
-        bars.update(task, rate=rate, **counts)
+        bars.update(task, description=what, rate=rate, **counts)
 
     return show
 

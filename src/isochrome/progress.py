@@ -10,7 +10,8 @@ from dataclasses import dataclass
 class Tally:
     """How far a long run is: items `done` of `count`, those of them that were there when it began.
 
-    `flagged`, those that have warnings or failed; `said`, what is to be known of it beforehand.
+    `flagged`, those that have warnings or failed; `said`, what is to be known of it beforehand;
+    `stage`, what is done with the items before they are begun, of which the numbers then tell.
     """
 
     done: int
@@ -18,7 +19,11 @@ class Tally:
     before: int
     flagged: int
     said: str = ""
+    stage: str = ""
 
+
+STAGE_EVERY_S = 2.0
+"""Seconds after which, and from time to time, a stage is told of."""
 
 RunProgress = Callable[[Tally], None]
 """Called with a Tally when a run begins or goes on, and after each chunk."""

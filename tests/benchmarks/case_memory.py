@@ -14,7 +14,7 @@ from isochrome.scene import dump_scene, load_scene
 from .case_track import LOOP, SHAPE, SMALL, loop, there_and_back
 from .rows import MemoryRow
 
-STATES, FRAMES, MAPPED = (200, 2000), (200, 20_000), (200, 2000)
+STATES, FRAMES = (200, 2000), (200, 20_000)
 """Of a short and a long run."""
 
 _RUN = """
@@ -59,15 +59,18 @@ def simulated(quick):
 
 
 def tracked(quick):
-    """Rows of `process --track`, its table printed as JSON: some frames that come again."""
-    shape = SMALL if quick else SHAPE
-    frames, scene, _ = loop(shape, 5 if quick else LOOP)
+    """Rows of `process --track`, its table printed as JSON: some frames that come again.
+
+    Where the maps of all are written, the frames are small, so that a disk holds them.
+    """
     rows = []
     with TemporaryDirectory() as place:
         known = Path(place) / "scene.toml"
-        known.write_text(dump_scene(scene), encoding="utf-8")
-        for maps, counts in (("key", FRAMES), ("all", MAPPED)):
-            for count in (7,) if quick else counts:
+        for maps, large in (("key", SHAPE), ("all", SMALL)):
+            shape = SMALL if quick else large
+            frames, scene, _ = loop(shape, 5 if quick else LOOP)
+            known.write_text(dump_scene(scene), encoding="utf-8")
+            for count in (7,) if quick else FRAMES:
                 film = Path(place) / f"{count}.tif"
                 repeated_stack(film, frames, there_and_back(len(frames), count))
                 peak = peak_memory(maps, known, film, Path(place) / f"{maps}-{count}")

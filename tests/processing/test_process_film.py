@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import tifffile
 import zarr
-from tracked_films import FRICTION, LEFT, LOAD, contact, film, write_video
+from tracked_films import FRICTION, LEFT, LOAD, contact, film, light_of, write_video
 
 from isochrome import open_run
 from isochrome.comparison.frame_folders import load_frame_set
 from isochrome.errors import InputError
+from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import process
 from isochrome.processing.kinds import tracked
@@ -260,6 +261,41 @@ class _AtOnce:
                 return result
 
         return Done()
+
+
+@pytest.mark.study
+@pytest.mark.long
+def test_a_worn_film_under_a_load_that_swings_has_the_maps_of_its_frames_alone(tmp_path):
+    """Two hundred frames, a metre from one to the next; every tenth is processed by itself too."""
+    distances = np.arange(200.0)
+    scene = contact(sliding=True, wearing=True).with_values(
+        {"wear.distances_m": distances.tolist()}
+    )
+    load = 44.0 * (1.0 + 0.05 * np.sin(distances / 12.0))
+    truth = scene.with_values({LOAD: {"distance_m": distances.tolist(), "value": load.tolist()}})
+    rng, frames, orders = np.random.default_rng(7), [], []
+    for state in scene_states(truth):
+        frames.append(expose(light_of(truth, state), truth.camera, rng=rng))
+        pixels = pixel_grid(truth, SHAPE)
+        orders.append(make_picture(truth, state_difference(truth, state, pixels), pixels).order)
+    found = process(np.stack(frames), scene, track=True, maps="all")
+    own = found.dataset.fringe_order.values[::10]
+    alone = process(
+        np.stack(frames[::10]), scene.with_values({"wear.distances_m": distances[::10].tolist()})
+    ).dataset.fringe_order.values
+    both = np.isfinite(own) & np.isfinite(alone)
+    # both read the same light on the branch that a model names
+    assert np.sqrt(np.mean((own - alone)[both] ** 2)) < 0.002
+    assert np.abs(own - alone)[both].max() < 0.25  # half of a branch
+    # a frame alone takes a constant load for what wore it, and so leaves out more
+    assert np.mean(np.isfinite(alone) & ~np.isfinite(own)) < 0.005
+    error = found.dataset.fringe_order.values - np.stack(orders)
+    assert np.sqrt(np.nanmean(error**2)) < 0.005
+    assert np.nanmax(np.abs(error)) < 0.25
+    assert found.columns["found_by"].count("track") == 199
+    values = np.array(found.columns[LOAD], dtype=float)
+    spread = np.array(found.columns[f"{LOAD} standard_uncertainty"], dtype=float)
+    assert np.sqrt(np.mean(((values - load) / spread) ** 2)) < 2.0
 
 
 @pytest.mark.long

@@ -44,6 +44,16 @@ def test_the_table_says_how_high_the_orders_are_and_where_the_light_is_from():
     assert np.nanmedian(np.array(found.table["chi"], dtype=float)) < 1.3
 
 
+def test_the_first_pass_over_a_film_is_told_of(monkeypatch):
+    film, told = LoadedFilm(3), []
+    monkeypatch.setattr("isochrome.processing.chunk.STAGE_EVERY_S", 0.0)
+    process(film.frames(), film.scene(), progress=told.append)
+    first = [tally.done for tally in told if tally.stage == "following the fringes"]
+    assert first[: film.count] == list(range(film.count))
+    assert {tally.count for tally in told} == {film.count}
+    assert not told[-1].stage and told[-1].done == film.count
+
+
 def with_gap(film, jump):
     """Numbers of the frames of a film that leaves out those of one jump, and where it is."""
     before = int(np.flatnonzero(film.course > 0.3 * film.course.max())[0])

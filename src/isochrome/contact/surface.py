@@ -12,6 +12,7 @@ second integral is antisymmetric up to a constant, which the approach of the bod
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -75,10 +76,13 @@ class Surface:
         return int(scipy.fft.next_fast_len(2 * self.nodes, real=True))
 
 
+@lru_cache(maxsize=8)
 def make_surface(
     nodes: int, spacing_mm: float, *, contact_modulus_mpa: float, coupling_per_mpa: float = 0.0
 ) -> Surface:
     """Precompute the surface operator of a grid.
+
+    The last ones are kept: a video's frames are solved on one.
 
     Source: see the module.
 

@@ -177,18 +177,20 @@ def observe(
     import cv2
 
     linear = to_linear(image, bit_depth=bit_depth, gamma=gamma, name=name, mask=mask)
-    finite = np.isfinite(image)
-    grey = np.where(finite, image, 0.0).astype(np.float32)
+    blank = ~np.isfinite(image)
+    grey = image.astype(np.float32)
+    grey[blank] = 0.0
     if noise is None:
         noise = estimate_noise(image, linear.valid, bit_depth=bit_depth)
     level = cv2.GaussianBlur(grey, _SMOOTH_WINDOW, _SMOOTH_PX, borderType=cv2.BORDER_REFLECT)
     full = np.float32(full_scale(bit_depth))
-    raw_sigma = noise.sigma(level).astype(np.float32) / full
+    raw_sigma = noise.sigma(level) / full
     sigma = raw_sigma
     if gamma != 1.0:
         sigma = noise.linear_sigma(level, bit_depth=bit_depth, gamma=gamma).astype(np.float32)
     # a mask is no edge of the light: a rim is looked for in all that the camera saw
-    light = np.where(finite, linear.image, np.float32(0.0))
+    light = linear.image
+    light[blank] = 0.0
     return Observation(
         name=name, light=light, sigma=sigma, valid=linear.valid, raw=grey / full,
         raw_sigma=raw_sigma, gamma=gamma,

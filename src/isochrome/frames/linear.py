@@ -8,6 +8,7 @@ field and cos^2(pi N) in the bright one, N the fringe order.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,14 +93,17 @@ def to_linear(
     finite = np.isfinite(raw)
     if not finite.any():
         raise InputError(f"{name}: holds no number (NaN only); check how it was written")
-    low, high = float(raw[finite].min()), float(raw[finite].max())
+    numbers = raw if finite.all() else raw[finite]
+    low, high = float(numbers.min()), float(numbers.max())
     if high > full:
         given = f"{bit_depth} bits end" if bit_depth else "float frames without a bit depth end"
         raise InputError(f"{name}: holds {high:g}, and {given} at {full:g}; set camera.bit_depth")
     if low == high and not allow_blank:
         what = "all black" if high <= 0 else "all white" if high >= full else "constant"
         raise InputError(f"{name}: is {what} (every pixel {high:g}); check light and exposure")
-    light = np.where(finite, raw, 0).astype(np.float32) / np.float32(full)
+    light = raw.astype(np.float32)
+    light[~finite] = 0.0
+    light /= np.float32(full)
     valid = finite & ~find_outliers(raw, finite) & (raw < saturation_level(raw, full=full))
     if gamma != 1:
         valid &= light >= 0  # a background was subtracted: what gamma made of it is not known
@@ -130,6 +134,8 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     ndarray of shape (row, col)
         True where a pixel is dead or hot.
     """
+    import cv2
+
     if min(image.shape) < 3:
         return np.zeros(image.shape, bool)
     # whole levels of one or two bytes are compared as they are: that takes a tenth of the time
@@ -140,24 +146,26 @@ def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     least = 0.0 if whole else -np.inf
     most = float(2 ** (8 * values.dtype.itemsize) - 1) if whole else np.inf
     rows, cols = values.shape[0] - 2, values.shape[1] - 2
-    inner = values[1:-1, 1:-1]
-    first_max, second_max = (np.full(inner.shape, least, values.dtype) for _ in range(2))
-    first_min, second_min = (np.full(inner.shape, most, values.dtype) for _ in range(2))
+    own = values[1:-1, 1:-1]
+    first_max, high = (np.full(own.shape, least, values.dtype) for _ in range(2))
+    first_min, low = (np.full(own.shape, most, values.dtype) for _ in range(2))
+    between = np.empty_like(high)
     for dr in range(3):
         for dc in range(3):
             if (dr, dc) != (1, 1):
                 near = values[dr : dr + rows, dc : dc + cols]
-                np.maximum(second_max, np.minimum(first_max, near), out=second_max)
-                np.minimum(second_min, np.maximum(first_min, near), out=second_min)
-                np.maximum(first_max, near, out=first_max)
-                np.minimum(first_min, near, out=first_min)
-    high, low, own = (part.astype(np.float32) for part in (second_max, second_min, inner))
-    spread = high - low
-    excess = np.maximum(own - high, low - own)
+                cv2.max(high, cv2.min(first_max, near, between), high)
+                cv2.min(low, cv2.max(first_min, near, between), low)
+                cv2.max(first_max, near, first_max)
+                cv2.min(first_min, near, first_min)
+    # of whole levels a difference below nought is nought, which is no excess either
+    spread = cv2.subtract(high, low)
+    excess = cv2.max(cv2.subtract(own, high), cv2.subtract(low, own))
     quantum = 1.0 if image.dtype.kind in "ui" else 0.0
     step = max(OUTLIER_SIGMAS * _rough_sigma(values, spread), 2 * quantum)
+    limit = values.dtype.type(min(math.floor(step), most) if whole else step)
     found = np.zeros(image.shape, bool)
-    found[1:-1, 1:-1] = excess > np.maximum(spread, step)
+    found[1:-1, 1:-1] = (excess > spread) & (excess > limit)
     return found
 
 
@@ -169,10 +177,25 @@ def _rough_sigma(values: np.ndarray, spread: np.ndarray) -> float:
     if values.shape[1] < 8:
         # around noise alone the second extremes lie about 1.7 sigmas apart
         return float(np.median(spread)) / 1.7
+    if values.dtype == np.uint8:
+        return _middle_of_bytes(values[::2]) * 1.4826 / float(np.sqrt(70.0))
     v = values[::2].astype(np.float32)
     mixed = v[:, :-4] - 4 * v[:, 1:-3] + 6 * v[:, 2:-2] - 4 * v[:, 3:-1] + v[:, 4:]
     result: float = float(np.median(np.abs(mixed))) * 1.4826 / np.sqrt(70.0)
     return result
+
+
+def _middle_of_bytes(levels: np.ndarray) -> float:
+    """Median size of the fourth differences along whole levels of one byte: by counting them."""
+    import cv2
+
+    fourth = np.array([[1.0, -4.0, 6.0, -4.0, 1.0]], np.float32)
+    sizes = np.abs(cv2.filter2D(levels, cv2.CV_16S, fourth)[:, 2:-2]).view(np.uint16)
+    largest = 16 * 255
+    counts = cv2.calcHist([sizes], [0], None, [largest + 1], [0, largest + 1]).ravel()
+    below, last = np.cumsum(counts), sizes.size - 1
+    ends = np.searchsorted(below, [last // 2, (last + 1) // 2], side="right")
+    return float(ends.mean())
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def saturation_level(
     """
     image = np.asarray(raw)
     usable = np.isfinite(image) if usable is None else np.isfinite(image) & usable
-    values = image[usable]
+    values = image.ravel() if usable.all() else image[usable]
     if not values.size:
         return np.inf
     lowest, highest = float(values.min()), float(values.max())
@@ -95,6 +95,12 @@ def _histogram(
     values: np.ndarray,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """The levels that occur and their pixels, (n,) each; none where no bright fractions agree."""
+    if values.dtype == np.uint8:
+        import cv2
+
+        counts = cv2.calcHist([values], [0], None, [256], [0, 256]).ravel()
+        at = np.flatnonzero(counts)
+        return at.astype(float), counts[at].astype(float)
     if values.dtype.kind in "ui":
         least = int(values.min())
         counts = np.bincount((values.astype(np.int64) - least).ravel())

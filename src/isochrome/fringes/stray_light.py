@@ -12,13 +12,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from isochrome.fringes.windows import Array, Windows, expanded, halved
+from isochrome.fringes.windows import Array, Windows, expanded, gaussian_sum, halved
 
 _WINDOW_PX = 1.7
 """Of the reading itself."""
-_WINDOWS_PX = ((_WINDOW_PX, 4.0, 1), (5.0, 8.0, 2), (12.0, 16.0, 4))
-"""Over which the order follows, and over which the light is taken as even, pixels; and the side of
-the blocks of pixels that are enough for them."""
+_STEADY_PX = 4.0
+"""Over which an added light is taken as even."""
+_WINDOWS_PX = ((5.0, 8.0, 2), (12.0, 16.0, 4))
+"""Wider ones: over which the order follows, and the light is even, and the side of the blocks of
+pixels that are enough for them."""
 _FINE_PX, _AROUND_PX = 4.0, 20.0
 """Windows of a bump and of its surroundings."""
 _SHOWN = 0.55
@@ -32,39 +34,74 @@ _TOLD, _OPEN = 0.01, 0.002
 tell it; beyond the second crests do not, and bumps begin to count."""
 
 
-def stray_error(residual: Array, slope: Array, even: Array, *, shift: Array | None = None) -> Array:
+def stray_error(
+    residual: Array,
+    slope: Array,
+    even: Array,
+    *,
+    shift: Array | None = None,
+    sums: tuple[Array, Array] | None = None,
+) -> Array:
     """What light that was added to the fringes may do to an order that is read from them.
 
     Equations: the module's. Parameters: `residual`, the light less the model's; `slope`, J, its
     change with the order; `even`, its change with light of the size of the contrast; all over the
     noise and nought where masked (rows, cols). `shift` of the order that was taken out before,
-    from a model that describes the specimen; without one a bump is the order's own.
+    from a model that describes the specimen; without one a bump is the order's own. `sums` over
+    the reading's window, Σ w J² and Σ w J r, where they are known.
     Returns a standard uncertainty (rows, cols), fringes, single precision.
     """
     residual, slope, even = (
         np.ascontiguousarray(part, dtype=np.float32) for part in (residual, slope, even)
     )
-    blocks = {1: _Blocks.of(slope, even, residual, shift)}
-    for side in (2, 4):
-        blocks[side] = blocks[side // 2].halved()
-    shape = residual.shape
-    size, open_ = np.zeros_like(residual), np.full_like(residual, np.inf)
+    square, cross, answer = slope * slope, slope * even, slope * residual
+    if sums is None:
+        sums = gaussian_sum(square, _WINDOW_PX), gaussian_sum(answer, _WINDOW_PX)
+    informed = sums[0] + np.float32(_LEAST)
+    of_even = gaussian_sum(cross, _WINDOW_PX) / informed
+    rest = even - slope * of_even
+    both = halved(rest * (residual - slope * (sums[1] / informed)))
+    size, open_ = _told(halved(rest * rest), both, 2, _STEADY_PX)
+    light = even * residual
+    if shift is not None:  # a wide window is to see what a narrow one has followed
+        answer += shift * square
+        light += shift * cross
+    products = {
+        "slope": square, "slope even": cross, "even": even * even,
+        "slope light": answer, "even light": light,
+    }  # fmt: skip
+    pairs = _Blocks(2, {name: halved(product) for name, product in products.items()})
+    blocks = {2: pairs, 4: pairs.halved()}
     for follow, steady, side in _WINDOWS_PX:
-        # a wide window is to see what a narrow one has followed
-        light = "light" if follow < _FINE_PX + 2.0 else "whole"
-        clear, variance = blocks[side].told(light, follow, steady)
-        np.maximum(size, expanded(clear, shape, side), out=size)
+        clear, variance = blocks[side].told(follow, steady)
+        np.maximum(size, expanded(clear, size.shape, side // 2), out=size)
         if follow < _AROUND_PX / 2.0:  # crests that are near
-            np.minimum(open_, expanded(variance, shape, side), out=open_)
-    square = size * blocks[1].shift("even", _WINDOW_PX) ** 2
+            np.minimum(open_, variance, out=open_)
+    moved = expanded(size, residual.shape, 2) * (of_even * of_even)
     if shift is not None:
-        bump = expanded(blocks[2].bump("whole"), shape, 2)
-        square = np.maximum(square, bump * (open_ / (open_ + np.float32(_OPEN**2))))
-    return np.asarray(np.sqrt(square))
+        bump = pairs.bump(blocks[4]) * (open_ / (open_ + np.float32(_OPEN**2)))
+        np.maximum(moved, expanded(bump, residual.shape, 2), out=moved)
+    return np.asarray(np.sqrt(moved, out=moved))
+
+
+def _told(shown: Array, both: Array, side: int, steady: float) -> tuple[Array, Array]:
+    """Square of an even light that is surely there (rows, cols), and the variance of it.
+
+    `shown` and `both`, means of q² and q r over blocks of `side` pixels a side; the window over
+    which the light is even, `steady`, pixels.
+    """
+    square = Windows(shown, side)
+    total = np.maximum(square.sum(steady), 1e-12)
+    found = Windows(both, side).sum(steady) / total
+    variance = square.sum(steady / np.sqrt(2.0)) / (total * total)
+    found *= found
+    found -= _SURELY * variance
+    np.maximum(found, 0.0, out=found)
+    return found * (variance < _TOLD**2), variance
 
 
 class _Blocks:
-    """Means over blocks of pixels of the products of slope J, even light o, and lights r.
+    """Means over blocks of pixels of the products of slope J, even light o, and light r.
 
     What shifts s and t leave of o and r is multiplied out, (o - J s)(r - J t) = o r - J o t - J r s
     + J J s t: shifts of wide windows change little within a block.
@@ -77,62 +114,41 @@ class _Blocks:
         self._shifts: dict[tuple[str, float], Array] = {}
         self._information: dict[float, Array] = {}
 
-    @classmethod
-    def of(cls, slope: Array, even: Array, light: Array, shift: Array | None) -> _Blocks:
-        """Single pixels, see `stray_error`; the `whole` light is that without its shift."""
-        means = {
-            "slope": slope * slope,
-            "slope even": slope * even,
-            "even": even * even,
-            "slope light": slope * light,
-            "even light": even * light,
-        }
-        for name in ("slope", "even"):
-            mean = means[f"{name} light"]
-            if shift is not None:
-                mean = mean + shift * means["slope" if name == "slope" else "slope even"]
-            means[f"{name} whole"] = mean
-        return cls(1, means)
-
     def halved(self) -> _Blocks:
         """Blocks of twice the side."""
         return _Blocks(2 * self._side, {name: halved(mean) for name, mean in self._means.items()})
 
-    def told(self, light: str, follow: float, steady: float) -> tuple[Array, Array]:
-        """Square of an even light that is surely there (rows, cols), and the variance of it.
-
-        `light`, 'light' or 'whole'; windows over which the order follows, and the light is even.
-        """
+    def told(self, follow: float, steady: float) -> tuple[Array, Array]:
+        """See `_told`: over which the order follows, and over which the light is even, pixels."""
         mean = self._means
-        of_even, of_light = self._answer("even", follow), self._answer(light, follow)
+        of_even, of_light = self._answer("even", follow), self._answer("light", follow)
         shown = mean["even"] - of_even * (2.0 * mean["slope even"] - of_even * mean["slope"])
         np.maximum(shown, 0.0, out=shown)  # a mean of squares, but for rounding
-        both = mean[f"even {light}"] - of_even * mean[f"slope {light}"]
+        both = mean["even light"] - of_even * mean["slope light"]
         both -= of_light * (mean["slope even"] - of_even * mean["slope"])
-        square = Windows(shown, self._side)
-        total = np.maximum(square.sum(steady), 1e-12)
-        found = Windows(both, self._side).sum(steady) / total
-        variance = square.sum(steady / np.sqrt(2.0)) / total**2
-        clear = np.where(variance < _TOLD**2, found**2 - _SURELY * variance, 0.0)
-        return clear, variance
+        return _told(shown, both, self._side, steady)
 
-    def bump(self, light: str) -> Array:
-        """Square of how far the order differs from its surroundings, beyond the noise."""
-        fine = self.shift(light, _FINE_PX)
+    def bump(self, wider: _Blocks) -> Array:
+        """Square of how far the order differs from its surroundings, beyond the noise.
+
+        `wider`, the same on blocks of twice the side, where the surroundings are looked at.
+        """
+        fine = self._shift("light", _FINE_PX)
         noise = self._windows["slope"].sum(_FINE_PX / np.sqrt(2.0))
-        variance = noise / self._informed(_FINE_PX) ** 2
-        around, wider = (self.shift(light, f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
-        away = fine - (2.0 * around - wider)
-        return np.asarray(np.maximum(away**2 - _SURELY * variance, 0.0) / np.float32(_SHOWN**2))
+        informed = self._informed(_FINE_PX)
+        around, more = (wider._shift("light", f * _AROUND_PX) for f in (1.0, np.sqrt(2.0)))
+        away = fine - expanded(2.0 * around - more, fine.shape, 2)
+        away *= away
+        away -= _SURELY * noise / (informed * informed)
+        return np.asarray(np.maximum(away, 0.0) / np.float32(_SHOWN**2))
 
     def _answer(self, light: str, width_px: float) -> Array:
         """The shift, over a wide window twice, less that of √2 its width: the order may bend."""
-        shift = self.shift(light, width_px)
-        if width_px == _WINDOW_PX:
-            return shift
-        return np.asarray(2.0 * shift - self.shift(light, np.sqrt(2.0) * width_px))
+        return np.asarray(
+            2.0 * self._shift(light, width_px) - self._shift(light, np.sqrt(2.0) * width_px)
+        )
 
-    def shift(self, light: str, width_px: float) -> Array:
+    def _shift(self, light: str, width_px: float) -> Array:
         """The shift of the order (rows, cols) that answers to a light over a window, fringes."""
         if (light, width_px) not in self._shifts:
             total = self._windows[f"slope {light}"].sum(width_px)

@@ -15,7 +15,7 @@ Indices = NDArray[np.intp]
 
 _REACH = 3.0
 """Standard deviations that a window of `Windows` extends."""
-_COARSE = 2.0
+_COARSE = 1.75
 """Its least width in the pixels that it is summed on."""
 
 
@@ -100,7 +100,7 @@ def halved(values: Array) -> Array:
 
     rows, cols = values.shape
     if rows % 2 or cols % 2:
-        values = np.pad(values, ((0, rows % 2), (0, cols % 2)))
+        values = cv2.copyMakeBorder(values, 0, rows % 2, 0, cols % 2, cv2.BORDER_CONSTANT, value=0)
     half = (values.shape[1] // 2, values.shape[0] // 2)
     return np.asarray(cv2.resize(values, half, interpolation=cv2.INTER_AREA))
 
@@ -141,7 +141,14 @@ def innermost(where: Mask) -> tuple[int, int]:
 
 def masked(values: Array, known: Mask) -> Array:
     """Values (rows, cols) float32, NaN where they are not known."""
-    return np.where(known, values, np.nan).astype(np.float32)
+    return without(values, known, np.nan)
+
+
+def without(values: Array, known: Mask, nothing: float = 0.0) -> Array:
+    """Values (rows, cols) float32, and `nothing` where they are not known."""
+    found = np.array(values, dtype=np.float32)
+    np.copyto(found, np.float32(nothing), where=~known)  # a third of the time of np.where
+    return found
 
 
 def beside_jumps(order: Array, largest: float) -> Mask:

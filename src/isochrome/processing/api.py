@@ -276,7 +276,7 @@ def _processed(
     if said and progress is not None:  # what is refused before is one line
         progress(Tally(0, count, 0, 0, said))
     if source.recipe.follows_fringes:
-        recipe = source.recipe = replace(recipe, film=film_of(source, count))
+        recipe = source.recipe = replace(recipe, film=film_of(source, count, progress))
     if out is None:
         return _in_memory(source, count // recipe.steps, progress)
     identity = identify()

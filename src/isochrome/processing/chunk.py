@@ -5,15 +5,17 @@ from __future__ import annotations
 import csv
 import io
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
+from time import monotonic
 from typing import Any, cast
 
 import numpy as np
 
 from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
+from isochrome.frames import Frame
 from isochrome.fringes import Skeleton, skeleton_table
 from isochrome.output import add_rois, csv_text, roi_entries
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set, set_pixel
@@ -32,6 +34,7 @@ from isochrome.processing.result import (
     frame_columns,
     row_of_set,
 )
+from isochrome.progress import STAGE_EVERY_S, RunProgress, Tally
 from isochrome.runs import Compact, Layer, Results, RunLayout, chunk_size
 from isochrome.scene import Scene
 
@@ -45,6 +48,9 @@ ISOCLINIC = Layer("isoclinic", "degree", "direction of sigma_1, counter-clockwis
 
 _CONFIDENCE_STEP = 1.0 / 254.0
 """Of one byte, whose last value stands for what is not known."""
+
+FOLLOWING = "following the fringes"
+"""What is done with a film's frames before they are read."""
 
 FILM = (ORDER.name, CONFIDENCE.name)
 """Maps of every frame of a video that is followed."""
@@ -95,18 +101,33 @@ def apparatus_of(source: FrameSource, count: int) -> Apparatus:
     return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
 
 
-def film_of(source: FrameSource, count: int) -> FollowedFilm:
+def film_of(source: FrameSource, count: int, progress: RunProgress | None) -> FollowedFilm:
     """A film without a model as it is followed through its `count` frames.
 
-    Parameters: `source`; `count`. Returns a FollowedFilm. Raises PhysicsError where it cannot be.
+    Parameters: `source`; `count`; `progress`, called in each pass. Returns a FollowedFilm. Raises
+    PhysicsError where it cannot be.
     """
     recipe = source.recipe
     prepare = prepare_unloaded
     if recipe.key_every is not None:
         prepare = partial(prepare_keyed, every=recipe.key_every)
-    again = partial(source.captured, 0, count)
+    again = partial(_told_of, partial(source.captured, 0, count), count, progress)
     chunk = set_layout(source, count).chunk
     return prepare(again, recipe.scene, source.capture, chunk=chunk, count=count)
+
+
+def _told_of(
+    captured: Callable[[], Iterator[tuple[int, list[Frame]]]],
+    count: int,
+    progress: RunProgress | None,
+) -> Iterator[tuple[int, list[Frame]]]:
+    """Frames of a pass over a film, which is told of where it takes some seconds."""
+    told = monotonic()
+    for index, frames in captured():
+        if progress is not None and monotonic() - told >= STAGE_EVERY_S:
+            told = monotonic()
+            progress(Tally(index, count, 0, 0, stage=FOLLOWING))
+        yield index, frames
 
 
 def process_chunk(recipe: FrameTask, start: int, stop: int) -> Results:

@@ -73,9 +73,11 @@ class Compact:
         from numcodecs import blosc
 
         codec = blosc.Blosc(cname="zstd", clevel=1, shuffle=blosc.SHUFFLE)
-        inside = values <= self.largest  # not NaN
-        steps = np.rint(np.where(inside, values, 0.0) / np.float32(self.step)).astype(self.dtype)
-        steps[~inside] = self.unknown
+        beyond = ~(values <= self.largest)  # NaN too
+        whole = values / np.float32(self.step)
+        np.rint(whole, out=whole)
+        np.copyto(whole, np.float32(self.unknown), where=beyond)
+        steps = whole.astype(self.dtype)
         before, blosc.use_threads = blosc.use_threads, False  # whose order is chance
         try:
             return bytes(codec.encode(steps))

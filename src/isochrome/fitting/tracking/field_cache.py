@@ -246,4 +246,5 @@ class WholeField:
 
 def stepped_scene(scene: Scene, steps: dict[str, float]) -> Scene:
     """A scene with steps added to some of its keys."""
-    return scene.with_values({key: scene.get(key) + step for key, step in steps.items()})
+    changed = {key: scene.get(key) + step for key, step in steps.items()}
+    return scene.with_values(changed) if changed else scene

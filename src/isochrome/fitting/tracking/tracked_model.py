@@ -19,7 +19,7 @@ from isochrome.fitting.tracking.field_cache import (
     stepped_scene,
 )
 from isochrome.fitting.tracking.field_polynomial import CHECKED, FieldBox
-from isochrome.fitting.tracking.wear_state import TrackCourse
+from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
 
 BEYOND = 1.1
 """Half-widths of its box up to which a polynomial is used."""
@@ -27,8 +27,9 @@ _KEPT = 12
 """Polynomials that are kept, some 6 MB each: a load that swings comes back to them."""
 _FIELD_ERROR = 0.3
 """What a polynomial may do to a value near its box's corners, in standard uncertainties."""
-_LARGEST, _SMALLEST, _SMALLER, _ORDER = 1.2, 0.1, 0.6, 4
-"""Sizes of a box; how much smaller the next try is at least; power of the size in the error."""
+_LARGEST, _LARGEST_WORN, _SMALLEST, _SMALLER, _ORDER = 0.7, 0.4, 0.1, 0.8, 4
+"""Sizes of a box: tried first, first of a worn contact, and last; how much smaller the next try is
+at least; power of the size in the error."""
 _SLOPE = 1e-3
 """Difference step of the signal's derivatives, in half-widths of the box."""
 _DUE, _DUE_LEAST, _DUE_MOST = 0.003, 0.001, 0.02
@@ -65,7 +66,7 @@ class TrackModel:
         self._now: CachedFields | None = None
         shown = {key: step for key, step in self._steps.items() if key != GAMMA}
         self._fields = FieldMaker(course, shape, thinned, shown)
-        self._size, self._due = _LARGEST, _DUE
+        self._size, self._due = _LARGEST_WORN if WORN in course.axes else _LARGEST, _DUE
         self.local: LocalModel | None = None
         self.look: Look | None = None
 
