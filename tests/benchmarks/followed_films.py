@@ -79,7 +79,11 @@ def with_a_gap(film, workers):
     if not far.size:
         return
     numbers = [*range(before + 1), *range(far[0], min(film.count, far[0] + AFTER))]
-    found, seconds = timed(film, numbers, film.scene(), workers)
+    try:
+        found, seconds = timed(film, numbers, film.scene(), workers)
+    except PhysicsError as error:  # no crest passed before it
+        print(f"{film} {len(numbers):4d} frames  refused: {error}", flush=True)
+        return
     report(film, found, numbers, seconds, gap=before + 1)
 
 
