@@ -32,7 +32,7 @@ from isochrome.errors import PhysicsError
 from isochrome.processing import process
 
 GAP, AFTER = 3.0, 20
-ALONE, LONG = 3, 120
+ALONE, LONG = 3, 100
 """Frames that are processed alone beside a film from key frames, and its frames."""
 
 
@@ -90,10 +90,10 @@ def with_a_gap(film, workers):
 def followed_from_keys(film, workers):
     """A film that begins in the middle, from key frames, and some of its frames alone."""
     scene, numbers = film.scene(**film.known()), range(film.count)
-    found, seconds = timed(film, numbers, scene, workers)
+    found, seconds = timed(film, numbers, scene, workers, track=True)
     report(film, found, numbers, seconds)
     some = numbers[:: -(-film.count // ALONE)]
-    alone, seconds = timed(film, some, scene, workers, each=True)
+    alone, seconds = timed(film, some, scene, workers)
     report(film, alone, some, seconds)
     less = judged(film, alone, some)[:, 0] - judged(film, found, numbers)[:: some.step, 0]
     print(
