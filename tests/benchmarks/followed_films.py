@@ -23,7 +23,8 @@ from types import SimpleNamespace
 import numpy as np
 import tifffile
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "processing"))
+TESTS = Path(__file__).parent.parent
+sys.path[:0] = [str(TESTS / "processing"), str(TESTS)]
 
 from drawn_films import MIDDLE, DrawnFilm
 from unloaded_films import FILMS, KEYED, WHOLE, KnownFilm, LoadedFilm, judged
