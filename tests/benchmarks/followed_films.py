@@ -23,8 +23,8 @@ from types import SimpleNamespace
 import numpy as np
 import tifffile
 
-TESTS = Path(__file__).parent.parent
-sys.path[:0] = [str(TESTS / "processing"), str(TESTS)]
+sys.path.insert(0, str(Path(__file__).parent.parent))
+sys.path.insert(0, str(Path(__file__).parent.parent / "processing"))
 
 from drawn_films import MIDDLE, DrawnFilm
 from unloaded_films import FILMS, KEYED, WHOLE, KnownFilm, LoadedFilm, judged
@@ -117,7 +117,7 @@ def timed(film, numbers, scene, workers, **options):
 def report(film, found, numbers, seconds, gap=None):
     """One line."""
     kept, wrong, rms = judged(film, found, numbers).T
-    loaded = slice(5, gap)
+    loaded = slice(5 if len(kept) > 5 else 0, gap)  # unloaded frames have little to read
     text = (
         f"{film} {len(kept):4d} frames"
         f"  kept {kept[loaded].min():.3f} (median {np.median(kept[loaded]):.3f})"

@@ -145,7 +145,7 @@ def process(
         load, friction, wear and place are followed through the others; of a specimen without a
         model, whether the orders of each `every`-th frame are carried through the others. All
         frames have their row of frames.csv, and their orders are read on the branches of the
-        followed model. Videos of both are followed without it.
+        followed model. A contact's video is followed without it.
     each : bool, default False
         Whether every frame of a video is processed wholly too, as if there were no others.
     every : int, optional
@@ -234,7 +234,7 @@ def process(
         if cluster is not None:
             frames, scene = absolute(frames, scene)
             reader = open_scene_frames(frames, scene)
-        keyed = is_keyed(scene) and (track or (not each and reader.kind == "video"))
+        keyed = track and is_keyed(scene)
         follow = not keyed and (track or (not each and is_followed(scene, reader)))
         if not follow:
             refuse_unfollowed(None if keyed else every, maps)

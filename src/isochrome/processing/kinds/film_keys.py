@@ -34,13 +34,13 @@ KEY_EVERY = 200
 KEY_LIGHT = "the light of its first key frame, frame {}, is used for all frames of the film"
 NO_KEY = (
     "{}: no order could be read in any of the frames that the film was to begin with (of the first:"
-    " {}); give no-load frames, or a point whose order is known in all frames; --each reads every "
-    "frame by itself"
+    " {}); give no-load frames, or a point whose order is known in all frames; without --track "
+    "every frame is read by itself"
 )
 NOT_IN_TIME = (
     "{}: cannot be followed in time: from frame to frame the orders change by more than "
     f"{LARGEST_CHANGE:g} fringe, or other things than the load do, {{}} times in {{}}; take more "
-    "frames a second, or process each frame by itself (--each)"
+    "frames a second, or process each frame by itself (without --track)"
 )
 _MOST_BREAKS = 0.5
 """Share of the steps from frame to frame beyond which a set is no film."""
