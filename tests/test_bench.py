@@ -329,6 +329,18 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
     assert max(map(len, got.text.splitlines())) <= 110
 
 
+@pytest.mark.long
+def test_track_suite_judges_orders_of_films_without_a_model():
+    films, report = load_benchmarks("case_films"), load_benchmarks("report_track")
+    assert set(films.FILMS) <= set(load_benchmarks("case_track").cases())
+    names = f"beam {films.ZERO}", f"disc {films.KEYED}"
+    rows = [row for name in names for row in films.run_case(name, quick=True)]
+    assert [row.frames for row in rows] == [26, 6]
+    # frames of a quarter of the size: fringes are twice as fine as in the films that the row is of
+    assert all(row.wrong == 0.0 and 0.0 < row.rms < 0.01 and row.kept > 0.7 for row in rows)
+    assert max(map(len, report.table(rows).splitlines())) <= 110
+
+
 @pytest.mark.study
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no resource module there")

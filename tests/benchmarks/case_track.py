@@ -1,4 +1,4 @@
-"""Frames a second of `process` on a contact's video, and what reading and writing take.
+"""Frames a second of `process` on videos, and what reading and writing take of a contact's.
 
 Frames of 659 x 494, of the film that is processed wholly 180 x 120; 8 bits, noise of 3 grey levels,
 a vignette; the load swings by 5 %, friction and place drift. Shares are of processor time within
@@ -25,6 +25,7 @@ import numpy as np
 
 from isochrome.benchmarks import benchmarks_folder
 
+from . import case_films
 from .rows import TrackRow
 
 SHAPE, COUNT, LONG, LOOP = (494, 659), 800, 2000, 120
@@ -62,9 +63,10 @@ FILMS = {
 
 
 def cases():
-    """A case for each kind of film that can be written here."""
+    """A case for each kind of film that can be written here, and for each without a model."""
     able = find_spec("av") is not None
-    return {name: partial(run_case, name) for name, film in FILMS.items() if able or not film.codec}
+    own = {name: partial(run_case, name) for name, film in FILMS.items() if able or not film.codec}
+    return own | case_films.cases()
 
 
 @lru_cache(maxsize=1)

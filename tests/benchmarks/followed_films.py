@@ -2,9 +2,12 @@
 
 `python tests/benchmarks/followed_films.py` follows twelve films from zero load, of 659 x 494 pixels
 with noise of 3 grey levels and uneven light, without no-load frames or a known point. `--gaps`
-leaves out a jump of 3 fringes of each; `--keyed` follows the beam's and the disc's from key frames
-whose orders are known where they are 0, and processes some frames alone beside. `--films 3,9`, only
-those; `--workers 2`. Truth is that of `tests/processing/unloaded_films.py`.
+leaves out a jump of 3 fringes of each; `--keyed` follows a disc, a beam, a ring and a plate with a
+hole from key frames, whose orders are known where they are 0, and processes some frames alone
+beside. `--films 3,9`, only
+those; `--workers 2`. Truth is that of `tests/processing/unloaded_films.py`. `--seed 5` draws other
+films: specimens, orders, courses, lamps, noise, field (`tests/processing/drawn_films.py`), of 330 x
+247 pixels, and of 659 x 494 with `--whole`.
 """
 
 from __future__ import annotations
@@ -20,19 +23,18 @@ from types import SimpleNamespace
 import numpy as np
 import tifffile
 
+sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parent.parent / "processing"))
 
-from unloaded_films import FILMS, WHOLE, LoadedFilm, judged
+from drawn_films import MIDDLE, DrawnFilm
+from unloaded_films import FILMS, KEYED, WHOLE, KnownFilm, LoadedFilm, judged
 
+from isochrome.errors import PhysicsError
 from isochrome.processing import process
 
 GAP, AFTER = 3.0, 20
-KEYED = {
-    4: {"known_line": [{"row_px": [246, 247], "col_px": [200, 400], "order": 0.0}]},
-    5: {"known_line": [{"row_px": [246, 247], "col_px": [200, 400], "order": 0.0}]},
-}
-"""By film, where its order is 0 in all frames."""
-ALONE = 4
+ALONE, LONG = 3, 100
+"""Frames that are processed alone beside a film from key frames, and its frames."""
 
 
 def main():
@@ -42,18 +44,32 @@ def main():
     options.add_argument("--workers", type=int, default=1)
     options.add_argument("--gaps", action="store_true")
     options.add_argument("--keyed", action="store_true")
+    options.add_argument("--seed", type=int, default=None)
+    options.add_argument("--whole", action="store_true")
     given = options.parse_args()
-    chosen = range(len(FILMS)) if given.films is None else map(int, given.films.split(","))
+    count = len(KEYED if given.keyed else FILMS)
+    chosen = range(count) if given.films is None else map(int, given.films.split(","))
     for number in chosen:
         film = LoadedFilm(number, WHOLE)
-        if given.keyed and number in KEYED:
-            followed_from_keys(film, given.workers)
+        if given.seed is not None:
+            film = DrawnFilm(number, WHOLE if given.whole else MIDDLE, seed=given.seed)
+        if given.keyed:
+            followed_from_keys(KnownFilm(number, WHOLE, count=LONG), given.workers)
         elif given.gaps:
             with_a_gap(film, given.workers)
-        elif not given.keyed:
-            numbers = range(film.count)
-            found, seconds = timed(film, numbers, film.scene(), given.workers)
-            report(film, found, numbers, seconds)
+        else:
+            from_zero(film, given.workers)
+
+
+def from_zero(film, workers):
+    """A film from zero load; a drawn one may be refused."""
+    numbers = range(film.count)
+    try:
+        found, seconds = timed(film, numbers, film.scene(), workers)
+    except PhysicsError as error:
+        print(f"{film} {film.count:4d} frames  refused: {error}", flush=True)
+        return
+    report(film, found, numbers, seconds)
 
 
 def with_a_gap(film, workers):
@@ -64,19 +80,26 @@ def with_a_gap(film, workers):
     if not far.size:
         return
     numbers = [*range(before + 1), *range(far[0], min(film.count, far[0] + AFTER))]
-    found, seconds = timed(film, numbers, film.scene(), workers)
+    try:
+        found, seconds = timed(film, numbers, film.scene(), workers)
+    except PhysicsError as error:  # no crest passed before it
+        print(f"{film} {len(numbers):4d} frames  refused: {error}", flush=True)
+        return
     report(film, found, numbers, seconds, gap=before + 1)
 
 
 def followed_from_keys(film, workers):
-    """A film from the middle on, from key frames, and some of its frames alone."""
-    numbers = [k for k in range(film.count) if k > 15]
-    scene = film.scene(**KEYED[film.number])
+    """A film that begins in the middle, from key frames, and some of its frames alone."""
+    scene, numbers = film.scene(**film.known()), range(film.count)
     found, seconds = timed(film, numbers, scene, workers, track=True)
     report(film, found, numbers, seconds)
-    some = numbers[:: -(-len(numbers) // ALONE)]
-    found, seconds = timed(film, some, scene, workers)
-    report(film, found, some, seconds)
+    some = numbers[:: -(-film.count // ALONE)]
+    alone, seconds = timed(film, some, scene, workers)
+    report(film, alone, some, seconds)
+    less = judged(film, alone, some)[:, 0] - judged(film, found, numbers)[:: some.step, 0]
+    print(
+        f"   known in a frame alone, and not followed: {100 * less.max():.1f} % at most", flush=True
+    )
 
 
 def timed(film, numbers, scene, workers, **options):
@@ -94,11 +117,9 @@ def timed(film, numbers, scene, workers, **options):
 def report(film, found, numbers, seconds, gap=None):
     """One line."""
     kept, wrong, rms = judged(film, found, numbers).T
-    loaded = slice(5, gap)
-    name, top, rate, course = FILMS[film.number]
+    loaded = slice(5 if len(kept) > 5 else 0, gap)  # unloaded frames have little to read
     text = (
-        f"{film.number:2d} {name:17s} to {top:4.1f} at {rate:.2f}, {course:6s}"
-        f" {len(kept):4d} frames"
+        f"{film} {len(kept):4d} frames"
         f"  kept {kept[loaded].min():.3f} (median {np.median(kept[loaded]):.3f})"
         f"  wrong {100 * wrong.max():.4f} % at most  RMS {np.median(rms[loaded]):.4f}"
         f" ({rms[loaded].max():.4f} at most)  {len(kept) / seconds[0]:.1f} frames/s,"

@@ -67,13 +67,15 @@ class FitRow:
 
 @dataclass(frozen=True)
 class TrackRow:
-    """One run of `process --track`.
+    """One run of `process` on a film.
 
     `film`, its kind of file; `workers`; `frames`, and how many a second by the clock; `cpu_ms`,
     processor time of a frame, and the shares of it that `reading` and `writing` took (NaN: spent in
     other processes); `load_error`, relative, and `pull`, error over standard uncertainty, both root
     mean square; `apart_per_s`, frames a second of as many runs of one worker each at the same time,
-    which share nothing but the machine (NaN: not measured).
+    which share nothing but the machine (NaN: not measured). Of films without a model: median `rms`
+    error (fringes) and `kept` share of the specimen, and the share of what is known that is `wrong`
+    by over a quarter of a fringe, of the worst frame.
     """
 
     film: str
@@ -81,11 +83,14 @@ class TrackRow:
     frames: int
     frames_per_s: float
     cpu_ms: float
-    reading: float
-    writing: float
-    load_error: float
-    pull: float
+    reading: float = _NAN
+    writing: float = _NAN
+    load_error: float = _NAN
+    pull: float = _NAN
     apart_per_s: float = _NAN
+    rms: float = _NAN
+    kept: float = _NAN
+    wrong: float = _NAN
 
 
 @dataclass(frozen=True)

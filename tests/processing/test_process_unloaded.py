@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+from tracked_films import write_video
 from unloaded_films import FILMS, SMALL, WHOLE, LoadedFilm, judged
 
 from isochrome.errors import InputError, PhysicsError
@@ -90,6 +94,46 @@ def test_frames_may_be_missing_where_the_order_changes_little():
     kept, wrong, _ = judged(film, process(film.frames(numbers), film.scene()), numbers).T
     assert wrong.max() == 0.0
     assert kept[5:].min() > 0.7
+
+
+@pytest.mark.long
+def test_times_are_those_of_the_file(tmp_path):
+    """A camera that drops frames: rates are those of time, and no order is lost for it."""
+    pytest.importorskip("av")
+    film = LoadedFilm(3)
+    numbers = [k for k in range(film.count) if k % 5 or k < 10]
+    assert np.abs(np.diff(film.course[numbers])).max() > 0.3
+    found = process(_video(film, numbers, tmp_path), film.scene())
+    kept, wrong, _ = judged(film, found, numbers).T
+    assert wrong.max() == 0.0
+    assert kept[5:].min() > 0.7
+
+
+@pytest.mark.long
+def test_a_film_that_is_run_backwards_has_the_same_orders():
+    """Where single frames are followed forward and back, both agree or the frame says so."""
+    film = LoadedFilm(9)
+    there = [*range(film.count // 2), *reversed(range(film.count // 2))]
+    orders = process(film.frames(there), film.scene()).dataset.fringe_order.values
+    differ = np.abs(orders[: film.count // 2] - orders[film.count // 2 :][::-1])
+    assert np.nanmax(differ) < 0.2
+    assert np.isfinite(differ[5:]).mean() > 0.7
+
+
+REAL = Path(__file__).parents[3] / "shared" / "real"
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
+@pytest.mark.parametrize("files", ["disc-seven-loads/*.jpg", "ring-five-loads/*.bmp"])
+def test_real_frames_of_far_loads_are_refused(files, tmp_path):
+    scene = SCENE if "ring" in files else SCENE + ROI
+    (tmp_path / "scene.toml").write_text(scene, encoding="utf-8")
+    given = ["process", str(REAL / files), "--scene", str(tmp_path / "scene.toml")]
+    command = [sys.executable, "-m", "isochrome", *given, "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert "cannot be followed" in done.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_film_that_begins_under_load_is_refused():
@@ -203,6 +247,12 @@ def test_a_killed_run_ends_with_the_same_bytes(tmp_path, code, workers):
     assert killed_and_begun_again(begin, tmp_path, [False, True], since=0.3, seed=int(workers))
 
 
+def _video(film, numbers, place):
+    write_video(place / "film.mkv", film.frames(numbers), "ffv1", "gray", numbers=numbers)
+    return place / "film.mkv"
+
+
+ROI = "roi = { top_px = 900, left_px = 850, height_px = 370, width_px = 370 }\n"
 SCENE = """\
 [specimen]
 shape = "other"

@@ -61,8 +61,11 @@ def film(scene, values, seed):
     return np.stack([expose(light, scene.camera, rng=rng) for light in signals(scene, values)])
 
 
-def write_video(path, frames, codec, pixels, options=None, *, rate=RATE):
-    """Write grey frames by PyAV; a subsampled format takes an even number of columns of them."""
+def write_video(path, frames, codec, pixels, options=None, *, rate=RATE, numbers=None):
+    """Write grey frames by PyAV; a subsampled format takes an even number of columns of them.
+
+    `numbers` of the frames in time, where some between them are missing.
+    """
     import av
 
     with av.open(str(path), "w") as out:
@@ -75,7 +78,8 @@ def write_video(path, frames, codec, pixels, options=None, *, rate=RATE):
                 stream.pix_fmt = pixels
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="gray")
             frame = frame.reformat(format=pixels)
-            frame.pts, frame.time_base = k, Fraction(1, rate)
+            frame.pts = k if numbers is None else numbers[k]
+            frame.time_base = Fraction(1, rate)
             out.mux(stream.encode(frame))
         assert stream is not None
         out.mux(stream.encode(None))

@@ -8,10 +8,18 @@ its surface that comes and goes by itself. Light is uneven, and a pixel sees the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
+KEYED = (
+    ("disc", 6.0, "rim"),
+    ("beam", 6.0, "line"),
+    ("ring", 5.0, "least"),
+    ("two ways", 6.0, "least"),
+)
+"""Specimen, its highest order, and which known order of 0 it has in all frames: both ends of the
+free rim, the neutral axis, or where the order is least."""
 WHOLE, SMALL = (494, 659), (124, 165)
 
 FILMS = (
@@ -59,15 +67,17 @@ def _beam(shape):
     return np.where(np.abs(y) < half, y / half + 0j, np.nan)
 
 
-def _hole(shape):
+def _hole(shape, across=0.0):
+    """Tension along x, and some of it along y, which turns the field by 90 degrees."""
     x, y = _places(shape)
     radius, z = 0.12 * shape[0], x + 1j * y
     inside = np.abs(z) > radius
     r = np.where(inside, np.abs(z), radius)
     angle, q = np.angle(z), (radius / r) ** 2
-    radial = 0.5 * (1 - q) + 0.5 * (1 - 4 * q + 3 * q * q) * np.cos(2 * angle)
-    hoop = 0.5 * (1 + q) - 0.5 * (1 + 3 * q * q) * np.cos(2 * angle)
-    shear = -0.5 * (1 + 2 * q - 3 * q * q) * np.sin(2 * angle)
+    both, either = 0.5 * (1.0 + across), 0.5 * (1.0 - across)
+    radial = both * (1 - q) + either * (1 - 4 * q + 3 * q * q) * np.cos(2 * angle)
+    hoop = both * (1 + q) - either * (1 + 3 * q * q) * np.cos(2 * angle)
+    shear = -either * (1 + 2 * q - 3 * q * q) * np.sin(2 * angle)
     field = ((radial - hoop) + 2j * shear) * np.exp(2j * angle) / 3.0
     return np.where(inside, field, np.nan)
 
@@ -80,7 +90,27 @@ def _force(shape):
     return field / np.percentile(np.abs(field), 99.0)
 
 
-FIELDS = {"disc": _disc, "beam": _beam, "hole": _hole, "force": _force}
+def _ring(shape):
+    from finite_ring import finite_ring_difference
+
+    x, y = _places(shape)
+    sizes = {"load_n": 1.0, "thickness_mm": 1.0, "diameter_mm": 2.0, "hole_mm": 0.7}
+    radius = 0.46 * shape[0]
+    inside = (np.hypot(x, y) < 0.98 * radius) & (np.hypot(x, y) > 0.36 * radius)
+    field = finite_ring_difference(
+        np.where(inside, x, 0.5 * radius) / radius, -np.where(inside, y, 0.0) / radius, **sizes
+    )
+    return np.where(inside, field / np.percentile(np.abs(field[inside]), 98.0), np.nan)
+
+
+FIELDS = {
+    "disc": _disc,
+    "beam": _beam,
+    "hole": _hole,
+    "force": _force,
+    "ring": _ring,
+    "two ways": partial(_hole, across=0.5),
+}
 
 
 @dataclass(frozen=True)
@@ -155,6 +185,11 @@ class LoadedFilm:
             [self.image(k) for k in (range(self.count) if numbers is None else numbers)]
         )
 
+    def __str__(self):
+        """What it is."""
+        name, top, rate, course = FILMS[self.number]
+        return f"{self.number:2d} {name:17s} to {top:4.1f} at {rate:.2f}, {course:6s}"
+
     def scene(self, **frames):
         """The tables of a scene that knows nothing of the specimen but where it is."""
         mask = {} if self.material.all() else {"mask": (255 * self.material).astype(np.uint8)}
@@ -163,6 +198,46 @@ class LoadedFilm:
             "camera": {"bit_depth": 8, "pixel_mm": 0.02},
             "frames": mask | (frames or {"starts_unloaded": True}),
         }
+
+
+@dataclass(frozen=True)
+class KnownFilm(LoadedFilm):
+    """A film by its `number` among KEYED, whose load swings: it begins and ends in the middle."""
+
+    count: int = 60
+
+    @cached_property
+    def course(self):
+        """The highest order that the specimen has, or nearly so, in each frame."""
+        top, k = KEYED[self.number][1], np.arange(self.count)
+        return top * (0.85 + 0.15 * np.sin(2.0 * np.pi * k * 0.15 / (0.15 * 2.0 * np.pi * top)))
+
+    @cached_property
+    def _field(self):
+        return FIELDS[KEYED[self.number][0]](self.shape)
+
+    def order(self, frame):
+        """Fringe order, NaN outside of the specimen."""
+        return np.abs(self.course[frame] * self._field)
+
+    def known(self):
+        """The key of [frames] that tells its orders."""
+        rows, cols = self.shape
+        kind, middle = KEYED[self.number][2], {"row_px": rows // 2, "order": 0.0}
+        if kind == "line":
+            across = [int(0.3 * cols), int(0.6 * cols)]
+            return {"known_line": [middle | {"row_px": [rows // 2] * 2, "col_px": across}]}
+        if kind == "rim":
+            away = int(0.975 * 0.46 * rows)
+            return {
+                "known_order": [middle | {"col_px": cols // 2 + side * away} for side in (-1, 1)]
+            }
+        row, col = np.unravel_index(np.nanargmin(np.abs(self._field)), self.shape)
+        return {"known_order": [{"row_px": int(row), "col_px": int(col), "order": 0.0}]}
+
+    def __str__(self):
+        """What it is."""
+        return f"{self.number:2d} {KEYED[self.number][0]:5s} to {self.course.max():4.1f}"
 
 
 def judged(film, found, numbers=None):

@@ -34,7 +34,7 @@ class KeptState:
     Parameters
     ----------
     packed : bytes
-        Orders and rates.
+        Orders, rates, drifts, and how far these went untold.
     known : bytes
         Where the orders are known.
     doubtful : bytes
@@ -61,10 +61,13 @@ class KeptState:
 
     def state(self) -> FilmState:
         """The state of the chunk's first frame."""
-        values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(2, *self.shape)
+        values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(4, *self.shape)
         values = np.cumsum(values, axis=2, dtype=np.int32)
-        order, rate = (v.astype(np.float32) * np.float32(_STEPS) for v in values)
-        return FilmState(order, rate, _unpacked(self.known, self.shape), self.time)
+        maps = values.astype(np.float32) * np.float32(_STEPS)
+        return FilmState(
+            order=maps[0], rate=maps[1], drift=maps[2], untold=maps[3],
+            known=_unpacked(self.known, self.shape), time=self.time,
+        )  # fmt: skip
 
     def doubt(self) -> Mask:
         """Where the orders of the chunk are doubtful (rows, cols)."""
@@ -73,7 +76,8 @@ class KeptState:
 
 def keep_state(state: FilmState) -> KeptState:
     """Pack a state."""
-    steps = [np.rint(v / np.float32(_STEPS)).astype(np.int32) for v in (state.order, state.rate)]
+    values = state.order, state.rate, state.drift, state.untold
+    steps = [np.rint(v / np.float32(_STEPS)).astype(np.int32) for v in values]
     packed = zlib.compress(np.diff(np.stack(steps), axis=2, prepend=np.int32(0)).tobytes(), 1)
     rows, cols = state.known.shape
     nowhere = _packed(np.zeros_like(state.known))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from isochrome.fringes.film.film_light import FilmLight
 from isochrome.fringes.film.follower import FilmState
-from isochrome.fringes.on_branch import OrderReading, read_order, widened
+from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
 from isochrome.fringes.windows import Array, Mask, nearest_known
 
 _GUIDE_ROWS = 247
@@ -97,21 +95,24 @@ def read_followed(
     OrderReading
         The orders; its `kept` is the share of the valid pixels.
     """
+    import cv2
+
     order = _spread(state.order, by, light.shape, smooth=True)
     known = _spread(state.known.astype(np.float32), by, light.shape, smooth=False) > 0.5
+    beside = cv2.dilate(known.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0
     rise = film_light.rise(light)
     found = read_order(
         rise,
-        np.where(valid & known, order, np.nan),
+        np.where(valid & beside, order, np.nan),
         fringe_response,
         illumination=film_light.illumination,
         background=np.zeros_like(rise),
         sigma=sigma,
-        valid=valid & known,
+        valid=valid & beside,
     )
     found = widened(found, film_light.signal_error(light))
-    kept = np.count_nonzero(np.isfinite(found.order)) / max(1, int(np.count_nonzero(valid)))
-    return replace(found, kept=float(kept))
+    known &= np.isfinite(found.order)
+    return make_reading(found.order, found.uncertainty, known, of=valid)
 
 
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
@@ -136,7 +137,10 @@ def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
     order = joined_pixels(np.where(read, reading.order, 0.0), by)
     if known.any():
         order = nearest_known(order, known)
-    return FilmState(order, np.zeros_like(order), known, time)
+    nothing = np.zeros_like(order)
+    return FilmState(
+        order=order, rate=nothing, drift=nothing, untold=nothing, known=known, time=time
+    )
 
 
 def _spread(values: Array, by: int, shape: tuple[int, ...], *, smooth: bool) -> Array:

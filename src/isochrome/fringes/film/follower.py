@@ -9,8 +9,13 @@ open, and e what the light does. What lies below the narrowest window is smoothe
 frame, for no light would ever correct it. C is what the size of a pixel leaves of fringes of the
 gradient g, 1 - pi² g²/6.
 
+On a crest that is all that a pixel's surroundings show, light does not tell a slow change: loads in
+proportion do by the rest of the picture, but what drifts besides (r - N Σ r N/Σ N², of the rate r)
+may pass the crest unseen or turn back, and after a stated drift the order is not known.
+
 A pixel is known as long as its neighbourhood's light is explained, its fringes are wide enough and
-its order changes by no more than a stated part of a fringe; once it is not, it stays so.
+its order changes by no more than a stated part of a fringe; once it is not, it stays so, and says
+nothing to its neighbours.
 """
 
 from __future__ import annotations
@@ -33,9 +38,15 @@ _SMOOTHED, _SMOOTH_PX, _SHARP = 0.2, 1.0, 0.15
 """Share of what is taken off below the narrowest window, and the order below which nothing is: the
 order has a crease there, where it is nought."""
 _RATE_PX, _MISFIT_PX, _START_PX = 3.0, 3.0, 3.0
+_NEWEST = 0.3
+"""Weight of the newest frame in the drift."""
+_TOLD_PX, _TOLD, _LEFT_OPEN = 5.0, 0.08, 0.05
+"""Standard deviation (pixels) of the window whose mean flank says whether a pixel's surroundings
+tell its order; that mean where all lie within 0.045 of crests; and the fringes that a drift may go
+there: beyond, the light on leaving would be as well that of the crest's other side."""
 _LARGEST_MISFIT, _NOISY = 0.12, 3.0
 """Of the wave: RMS of the residual that a followed order leaves, and in its noise's."""
-_STEEPEST = 0.22
+_STEEPEST = 0.3
 """Fringes a pixel."""
 _LEAST_CONTRAST = 0.3
 _AT_FIRST = 0.1
@@ -47,7 +58,7 @@ _ALL_BUT = 0.02
 """Share of the followed pixels that is left when a picture is lost."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FilmState:
     """Where a film stands: (rows, cols) of the pixels on which it is followed.
 
@@ -58,6 +69,10 @@ class FilmState:
     rate : ndarray (rows, cols)
         Its change from the frame before, over the time between them, fringes a second; without
         times a frame.
+    drift : ndarray (rows, cols)
+        What of it, over the latest frames, is not in proportion to the order.
+    untold : ndarray (rows, cols)
+        How far the order has drifted since nothing about it but a crest is seen, fringes.
     known : bool ndarray (rows, cols)
         Where the order is known.
     time : float
@@ -68,6 +83,8 @@ class FilmState:
 
     order: Array = field(repr=False)
     rate: Array = field(repr=False)
+    drift: Array = field(repr=False)
+    untold: Array = field(repr=False)
     known: Mask = field(repr=False)
     time: float
     broken: bool = False
@@ -89,7 +106,9 @@ def unloaded_state(material: Mask, time: float) -> FilmState:
         Order 0 all over the specimen.
     """
     nothing = np.zeros(material.shape, dtype=np.float32)
-    return FilmState(nothing, nothing, material.copy(), time)
+    return FilmState(
+        order=nothing, rate=nothing, drift=nothing, untold=nothing, known=material.copy(), time=time
+    )
 
 
 def follow_frame(
@@ -124,17 +143,19 @@ def follow_frame(
     top = _highest(state)
     if top < _AT_FIRST:
         order, plain = _at_first(wave, weight)
-        known, broken = state.known & plain, False
+        known, broken, told = state.known & plain, False, np.ones_like(order)
     else:
-        expected = state.rate * np.float32(apart)
+        expected = [v * np.float32(apart) for v in (state.rate, state.drift)]
         seen = fit_order_change(before, expected, wave, contrast, gradient, state.known & valid)
         limit = _LOST_AT_ONCE + _NOISE_LOST * noise**2
         if seen is None or seen.misfit > limit or seen.largest > 1.1 * LARGEST_CHANGE:
             return _lost(state, time)
         order, known, broken = np.abs(before + seen.change), state.known, False
-        order = _corrected(order, wave, contrast, weight * (steep < 1.2 * _STEEPEST**2), noise)
-    left = (wave - contrast * np.cos(_TURN * order)) * weight
-    misfit = _window_mean(left * left, weight, _MISFIT_PX)
+        telling = weight * known * (steep < 1.2 * _STEEPEST**2)
+        order, told = _corrected(order, wave, contrast, telling, noise)
+    own = weight * known
+    left = (wave - contrast * np.cos(_TURN * order)) * own
+    misfit = _window_mean(left * left, own, _MISFIT_PX)
     known = (
         known
         & (misfit < _LARGEST_MISFIT**2 + (_NOISY * noise) ** 2)
@@ -145,7 +166,20 @@ def follow_frame(
         return _lost(state, time)
     change = cv2.GaussianBlur((order - before) * weight, (0, 0), _RATE_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
-    return FilmState(order, rate, known, time, broken)
+    drift = state.drift + np.float32(_NEWEST) * (_beside_load(rate, before, known) - state.drift)
+    untold = state.untold + np.abs(drift * np.float32(apart))
+    untold = np.where(told < _TOLD, untold, np.float32(0.0))
+    known &= untold < _LEFT_OPEN
+    return FilmState(
+        order=order, rate=rate, drift=drift, untold=untold, known=known, time=time, broken=broken
+    )
+
+
+def _beside_load(rate: Array, order: Array, known: Mask) -> Array:
+    """What of a rate is not in proportion to the order (rows, cols)."""
+    own, moved = order[known], rate[known]
+    share = float(own @ moved) / max(float(own @ own), 1e-6)
+    return np.asarray(rate - np.float32(share) * order)
 
 
 def _lost(state: FilmState, time: float) -> FilmState:
@@ -204,10 +238,13 @@ def faded_contrast(order: Array) -> Array:
     return _faded(order)[0]
 
 
-def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise: float) -> Array:
-    """The predicted orders as their own neighbourhoods' light corrects them."""
+def _corrected(
+    order: Array, wave: Array, contrast: Array, weight: Array, noise: float
+) -> tuple[Array, Array]:
+    """The predicted orders as their neighbourhoods' light corrects them, and how far it does."""
     import cv2
 
+    telling = np.ones_like(order)
     for width, proportional in _WINDOWS:
         angle = _TURN * order
         left = (wave - contrast * np.cos(angle)) * weight
@@ -220,12 +257,14 @@ def _corrected(order: Array, wave: Array, contrast: Array, weight: Array, noise:
             slope = slope * order
             least = least * np.maximum(order * order, np.float32(1e-4))
         told = slope * flank
+        if width == _TOLD_PX:
+            telling = _window_mean(flank * weight, weight, width)
         step = _window_sum(told * left, width) / (_window_sum(told * slope, width) + least)
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
     smooth = cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX)
     fine = np.float32(_SMOOTHED) * (smooth - order)
-    return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0)))
+    return np.asarray(order + np.where(order > _SHARP, fine, np.float32(0.0))), telling
 
 
 def _window_sum(values: Array, width_px: float) -> Array:

@@ -2,13 +2,14 @@ r"""How a whole picture's fringe order changes from one frame of a film to the n
 
 The wave w = cos 2 pi N of a frame says N up to its sign and a whole number. All pixels together say
 more: the change is smooth over the picture, and loads change mostly in proportion, by c N. The
-factor c is searched over all that a stated largest change allows, with and without the change that
-went before; from the best of them the change is fitted as a sum of few fields: N, its gradient in
-the picture (the fringes move), the change before, and a constant.
+factor c is searched over all that a stated largest change allows, alone, after the change that went
+before, or after what drifts besides; from the best of them the change is fitted as a sum of few
+fields: N, its gradient in the picture (the fringes move), the change before, a constant, the drift.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,15 +26,18 @@ CREST_SLOPE = 6.0
 _STRIDE = 3
 _FACTORS = 31
 """Steps of the search; the finest fringes move by a fortieth from one to the next."""
+_STARTS = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+"""Shares of the change before and of the drift that are searched with."""
 _ROUNDS = 5
 _OUTLIER = 0.3
 _CLIPPED = 0.5
 """Of the wave: a residual that counts half in the fit, and the square beyond which none counts."""
 _MOVED = 10.0
 """Pixels that the fringes move with a coefficient of 1."""
-_RIDGE = (1e-3, 0.1, 0.1, 0.1, 1.0, 1.0, 10.0)
+_RIDGE = (1e-3, 0.1, 0.1, 0.1, 1.0, 1.0, 10.0, 10.0)
 """How little each coefficient is let go from the search, a thousandth of the pixels' information:
-those that stand for other courses than a proportional one are held the more."""
+those that stand for other courses than a proportional one are held the more, and a drift, which
+may look like N, the most."""
 _TOP, _MOSTLY = 99.5, 97.0
 """Per cent of the pixels: of the search, and of those whose change is judged together; about a
 force the order changes faster than it can be followed, and there it is lost alone."""
@@ -60,24 +64,25 @@ class OrderChange:
 
 
 def fit_order_change(
-    order: Array, rate: Array, wave: Array, contrast: Array, gradient: tuple[Array, Array],
-    known: Mask,
+    order: Array, expected: Sequence[Array], wave: Array, contrast: Array,
+    gradient: tuple[Array, Array], known: Mask,
 ) -> OrderChange | None:  # fmt: skip
     """Fit the change of a picture's order to the wave of the next frame.
 
-    Parameters: `order` N before, fringes; `rate`, its expected change; `wave` cos 2 pi N of the
-    new frame; `contrast`, what the pixels' size leaves of it; `gradient` of the order along rows
-    and columns; `known`, where the order is known; all (rows, cols). None where too few are.
+    Parameters: `order` N before, fringes; `expected`, the change that went before, and the drift,
+    each over the time to the new frame; `wave` cos 2 pi N of it; `contrast`, what the pixels' size
+    leaves of it; `gradient` of the order along rows and columns; `known`, where the order is known;
+    all (rows, cols). None where too few are.
     """
     thin = slice(_STRIDE // 2, None, _STRIDE)
     use = known[thin, thin]
     if np.count_nonzero(use) < _FEWEST:
         return None
-    fields = _fields(order, rate, gradient)
+    fields = _fields(order, expected, gradient)
     basis = np.stack([np.broadcast_to(f, order.shape)[thin, thin][use] for f in fields])
     seen, faded = wave[thin, thin][use], contrast[thin, thin][use]
     top = max(float(np.percentile(basis[0], _TOP)), 1e-3)
-    start = _searched(basis[0], basis[3], seen, faded, top)
+    start = _searched(basis, seen, faded, top)
     found = start.copy()
     ridge = 1e-3 * seen.size * np.array(_RIDGE)
     for _ in range(_ROUNDS):
@@ -110,29 +115,30 @@ def on_flank(slope: Array) -> Array:
     return np.asarray(square / (square + np.float32(CREST_SLOPE**2)))
 
 
-def _fields(order: Array, rate: Array, gradient: tuple[Array, Array]) -> list[Array]:
-    """The fields whose sum the change is: the first is N, the fourth the change before."""
+def _fields(order: Array, expected: Sequence[Array], gradient: tuple[Array, Array]) -> list[Array]:
+    """The fields whose sum the change is: N first, the fourth the change before, the drift last."""
     rows, cols = order.shape
     y = np.linspace(-1.0, 1.0, rows, dtype=np.float32)[:, None]
     x = np.linspace(-1.0, 1.0, cols, dtype=np.float32)[None]
     moved = np.float32(_MOVED)
     along, across = gradient
     one = np.ones((1, 1), dtype=np.float32)
-    return [order, order * x, order * y, rate, moved * across, moved * along, one]
+    rate, drift = expected
+    return [order, order * x, order * y, rate, moved * across, moved * along, one, drift]
 
 
-def _searched(order: Array, rate: Array, seen: Array, faded: Array, top: float) -> Array:
-    """Coefficients to start from: the best factor, with the change before or without it."""
-    best, found = np.inf, np.zeros(len(_RIDGE))
+def _searched(basis: Array, seen: Array, faded: Array, top: float) -> Array:
+    """Coefficients to start from: the best factor alone, after the change before, or the drift."""
+    best, found, order = np.inf, np.zeros(len(_RIDGE)), basis[0]
     reach = LARGEST_CHANGE / top
-    for share in (0.0, 1.0):
-        ahead = np.float32(share) * rate
+    for starts in _STARTS:
+        ahead = np.float32(starts[0]) * basis[3] + np.float32(starts[1]) * basis[-1]
         for factor in np.linspace(-reach, reach, _FACTORS):
             left, _ = _residual(order, np.float32(factor) * order + ahead, seen, faded)
             misfit = _mean_misfit(left)
             if misfit < best:
                 best = misfit
-                found[0], found[3] = factor, share
+                found[0], found[3], found[-1] = factor, *starts
     return found
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.frames import Frame
 from isochrome.fringes import (
+    LARGEST_CHANGE,
     BackgroundModulation,
     FilmLight,
     FilmPath,
@@ -33,8 +34,16 @@ KEY_EVERY = 200
 KEY_LIGHT = "the light of its first key frame, frame {}, is used for all frames of the film"
 NO_KEY = (
     "{}: no order could be read in any of the frames that the film was to begin with (of the first:"
-    " {}); give no-load frames, or a point whose order is known in all frames"
+    " {}); give no-load frames, or a point whose order is known in all frames; without --track "
+    "every frame is read by itself"
 )
+NOT_IN_TIME = (
+    "{}: cannot be followed in time: from frame to frame the orders change by more than "
+    f"{LARGEST_CHANGE:g} fringe, or other things than the load do, {{}} times in {{}}; take more "
+    "frames a second, or process each frame by itself (without --track)"
+)
+_MOST_BREAKS = 0.5
+"""Share of the steps from frame to frame beyond which a set is no film."""
 _TRIED = 16
 """Frames at most that a film may begin with: unloaded ones have no fringes."""
 
@@ -94,6 +103,9 @@ def prepare_keyed(
             yield (*data.joined(frame), film_time(frame, index))
 
     path.follow(frames())
+    breaks = len(path.lost) - (begin > 0)
+    if breaks > _MOST_BREAKS * (count - 1 - begin):
+        raise PhysicsError(NOT_IN_TIME.format(scene.name, breaks, count - 1 - begin))
     notes = (*whole.warnings, KEY_LIGHT.format(begin))
     return data.film(path, light, count, notes)
 

@@ -30,7 +30,8 @@ from isochrome.scene import Scene
 
 NOT_UNLOADED = (
     "{}: frames.starts_unloaded is set, and the first frame is not the unloaded specimen: it is {} "
-    "in {:.0f} % of the specimen; begin the film before the load, or leave the key out"
+    "in {:.0f} % of the specimen; such frames cannot be followed in time: begin the film before "
+    "the load, or leave the key out"
 )
 OWN_CRESTS = "illumination found from the crests that pass, without frames.no_load_bright"
 OTHER_LIGHT = (
