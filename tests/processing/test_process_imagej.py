@@ -65,7 +65,7 @@ def test_a_finish_that_was_killed_is_done_again_to_the_same_bytes(tmp_path):
     shape, pixel = (3, 20, 30), 0.01
     view = imagej_view("fringe_order", (0.0, 3.0), labels=["a", "b", "c"], pixel_mm=pixel)
     path = tmp_path / "stack.tif"
-    make_canvas(path, shape, pixel).write(0, np.arange(1800, dtype="<f4").tobytes())
+    make_canvas(path, shape, pixel).write(0, [np.arange(1800, dtype="<f4").tobytes()])
     add_imagej_view(path, shape, pixel, view)
     once = path.read_bytes()
     with open(path, "ab") as file:
