@@ -7,6 +7,7 @@ import pytest
 
 from fitting.test_fit_track import FRICTION, LEFT, LOAD, contact, frame_of, pulls, save
 from isochrome.fitting.tracking.api import track
+from isochrome.fitting.tracking.wear_state import TrackCourse
 from isochrome.scene import load_scene
 from isochrome.simulation import scene_states
 
@@ -30,6 +31,18 @@ def worn_film(distance, load, friction, rng):
         }
     ).with_values({"numerics.tolerance": 1e-5})
     return np.stack([frame_of(whole, state, rng) for state in scene_states(whole)]), start
+
+
+def test_after_an_unworn_frame_the_wear_starts_from_the_scenes_law():
+    """An unworn start has no coefficient that could be carried on: the next scar is k P s / t."""
+    scene = contact().model_copy(update={"wear": load_scene("line-contact-wear").wear})
+    course = TrackCourse(scene, (LOAD, FRICTION, WEAR))
+    start = course.start(0.0)
+    assert start[2] == 0.0
+    course.passed(start, 0.0)
+    line = start[0] / scene.specimen.thickness_mm
+    k = scene.wear_coefficient_at(40.0)
+    assert course.carried(start, 40.0)[2] == pytest.approx(k * line * 40e3, rel=1e-6)
 
 
 @pytest.mark.long

@@ -10,6 +10,8 @@ import pytest
 import isochrome
 from isochrome.processing import process
 from isochrome.processing.in_common import with_past_friction
+from isochrome.processing.processed import collect
+from isochrome.processing.result import ProcessedFrame
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
 
@@ -135,3 +137,21 @@ def test_a_frame_that_shows_its_past_stays_as_sure_as_it_is():
     given = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155])
     shown = {"causes": ["", "", "", "friction.earlier_change = -0.1 ± 0.001"]}
     assert with_past_friction(given | shown, SCENE)[SPREAD] == [1e-6] * 4
+
+
+def test_a_frame_that_is_made_wider_and_has_nothing_to_say_says_nothing():
+    columns = {"chi": 1.0, KEY: 0.3, SPREAD: 1e-6}
+    blank = np.full((2, 2), np.nan)
+    frames = [
+        ProcessedFrame(index=i, name="", label="", distance_m=s, normalised=blank, columns=columns)
+        for i, s in enumerate((0.0, 31.0, 77.0, 155.0))
+    ]
+    rows = table([0.2, 0.2, 0.2, 0.3], [0, 31, 77, 155]) | {"chi": [1.0] * 4}
+    rows |= {
+        "pixel_mm": [None] * 4,
+        "frame": [0, 1, 2, 3],
+        "warnings": ["", "", "", "dark | small"],
+    }
+    found = collect(SCENE, rows, ["done"] * 4, frames, (2, 2)).frames
+    assert found[3].columns[SPREAD] > 1e-4
+    assert [item.warnings for item in found] == [(), (), (), ("dark", "small")]

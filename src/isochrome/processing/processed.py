@@ -259,7 +259,8 @@ def collect(
 def _of_row(frame: ProcessedFrame, table: Mapping[str, list[Any]], k: int) -> ProcessedFrame:
     """A frame with the columns and warnings of its row `k`."""
     columns = {name: table[name][k] for name in frame.columns}
-    return replace(frame, columns=columns, warnings=tuple(table["warnings"][k].split(SEPARATOR)))
+    said = tuple(text for text in table["warnings"][k].split(SEPARATOR) if text)
+    return replace(frame, columns=columns, warnings=said)
 
 
 def refuse_unread(

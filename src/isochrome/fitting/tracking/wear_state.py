@@ -109,8 +109,9 @@ class TrackCourse:
             if self.axes[j] != WORN:
                 found[j] = self._own(self.axes[j], distance_m)
         if WORN in self.axes:
-            grown = self._area_at(found) / self._area if self._area > 0.0 else 1.0
-            found[self._at] = self._worn * grown
+            area = self._area_at(found)
+            # before anything has worn, the scene's own coefficient is where to start
+            found[self._at] = area * (self._worn / self._area if self._area > 0.0 else 1.0)
         return self.moved(found, np.zeros(self.count))
 
     def passed(self, values: Array, distance_m: float | None) -> None:
