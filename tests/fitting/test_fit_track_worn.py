@@ -59,6 +59,23 @@ def test_a_wearing_contact_is_followed_on_the_scar_of_its_own_history(tmp_path):
     assert np.all(np.abs(result.values[:, 1] - friction) < 7e-4)
 
 
+@pytest.mark.long
+def test_a_track_that_begins_at_a_low_load_finds_which_load_wore_the_scar(tmp_path):
+    """77 m under 45.4 N, a film from 42 N up to 46 N: on a scar worn by 42 N it was lost."""
+    load = np.concatenate(([45.4], np.linspace(42.0, 46.0, 13)))
+    friction = np.full(load.size, 0.2)
+    distance = 77.0 + 0.05 * np.arange(load.size)
+    frames, start = worn_film(distance, load, friction, np.random.default_rng(6))
+    save(tmp_path, frames[1:])
+    start = start.with_values({"wear.distances_m": distance[1:].tolist()})
+    result = track(tmp_path / "film.tif", start, (LOAD, FRICTION, LEFT, WEAR))
+    assert result.searched == (0,)
+    assert np.all(result.chi < 1.05)
+    pull = pulls(result, {LOAD: load[1:], FRICTION: friction[1:], LEFT: -1.9, WEAR: 2e-9})
+    # 1 but for what the last two metres of another load have worn; 5 and more on the wrong scar
+    assert np.sqrt(np.mean(pull[:, 0] ** 2)) < 2.0
+
+
 @pytest.mark.study
 @pytest.mark.long
 @pytest.mark.parametrize(

@@ -108,6 +108,15 @@ class TrackModel:
             field = field + np.float32(more) * kept.lean
         return field, seen
 
+    def worn_signal(self, values: Array) -> Array:
+        """The signal (n,) of the pixels in use on the scar that `course` says, by the mechanics.
+
+        Parameters: `values` (axes,). Raises PhysicsError where the contact cannot be solved.
+        """
+        assert self.look is not None
+        _, seen = self._field(values)
+        return self._signal(self._fields.exact(values), seen)[self.look.clear]
+
     def stale(self, values: Array) -> bool:
         """Whether the scar has grown, or another load has worn it, since it was exact."""
         kept = self._now

@@ -31,6 +31,7 @@ from isochrome.fitting.frame.unknowns import WEAR, fit_region, thinning
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.apparatus import Apparatus, NoLoad
 from isochrome.fitting.tracking.field_cache import HIDDEN_PX, WholeField, thin_frame
+from isochrome.fitting.tracking.past_load import fit_past_load
 from isochrome.fitting.tracking.tracked_model import BEYOND, TrackModel
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
 from isochrome.frames import Frame, NoiseModel, estimate_noise, full_scale
@@ -43,6 +44,9 @@ kept; exact residuals, and polynomials, of one frame at most; how far beyond its
 half-widths, a step is believed."""
 _LOST = 1.1
 """Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
+_TOLD, _PASTS, _FAR_PAST = 4.0, 3, 0.03
+"""Of the load before the first frame: misfit, over the noise squared, that another one must take
+off; how often it is looked for at most, and its change, over it, after which it is again."""
 _NOISE_EVERY = 250
 _SAME = 1.05
 """Difference of two pictures over what their noise makes of it, up to which they show the same."""
@@ -180,6 +184,8 @@ class Tracker:
         The dark and the bright frame without load.
     apparatus : Apparatus, optional
         What else the frames have in common, with the scene in it.
+    usual_load_n : float, optional
+        About the load that has worn the contact before its first frame, by default the scene's.
 
     Raises
     ------
@@ -195,8 +201,10 @@ class Tracker:
         bit_depth: int | None,
         no_load: NoLoad = (None, None),
         apparatus: Apparatus | None = None,
+        usual_load_n: float | None = None,
     ) -> None:
         self.scene, self.keys = scene, keys
+        self._usual_load_n = usual_load_n or scene.load_at(0.0)
         self._apparatus = apparatus or Apparatus(scene=scene)
         self.course = TrackCourse(scene, keys)
         self._bit_depth, self._no_load = bit_depth, no_load
@@ -244,7 +252,7 @@ class Tracker:
             found = self._follow(frame, self._model, start)
         lost = found is None or not (found.positive and found.chi <= _LOST * self._reference)
         if lost:
-            found = self._search(frame, start)
+            found = self._search(frame, start, distance_m)
         self._pace = np.zeros(len(self.keys))
         if found is None or not found.positive or _off(found) > TOO_FAR:
             self._vain.remember(frame)
@@ -292,7 +300,7 @@ class Tracker:
             positive=True,
         )
 
-    def _search(self, frame: Frame, start: Array) -> RefinedFit | None:
+    def _search(self, frame: Frame, start: Array, distance_m: float | None) -> RefinedFit | None:
         """A frame found as if it were alone; None where the scene's fringes are not in it."""
         data = self._data(frame)
         free = tuple(
@@ -307,26 +315,68 @@ class Tracker:
             return None
         if not fit.positive:
             return None
-        self._model = self._prepare(frame, data)
         begun = self.course.from_scene(fit.scene, start)
-        found = self._follow(frame, self._model, begun)
-        return self._other_past(frame, data, begun, found) if self.course.unsure else found
+        if not self.course.unsure:
+            self._model = self._prepare(frame, data)
+            found = self._follow(frame, self._model, begun)
+            # what the frame shows alone, but not on the scar so far: that scar is not the block's
+            if self.scene.wear is None or (found and found.chi <= _LOST * max(1.0, fit.chi)):
+                return found
+            self.course, self._whole = TrackCourse(self.scene, self.keys), None
+            self.course.start(distance_m)
+        return self._begun(frame, data, begun)
 
-    def _other_past(
-        self, frame: Frame, data: FrameData, begun: Array, found: RefinedFit | None
-    ) -> RefinedFit | None:
-        """The first frame of a worn contact on what its own load, or the scene's, has worn.
+    def _begun(self, frame: Frame, data: FrameData, begun: Array) -> RefinedFit | None:
+        """The first frame of a track, on what its own load has worn, or another one before it.
 
-        A load that swings shows one of its values; which load wore the scar until then, the frame
-        itself tells.
+        Which load wore the scar until then, the frame itself tells; from far off, not at once.
         """
-        own, self._model = self._model, self._prepare(frame, data)
-        self.course.nominal = True
-        other = self._follow(frame, self._model, self.course.with_past(begun))
-        if other is not None and (found is None or other.toned.cost < found.toned.cost):
-            return other
-        self.course.nominal, self._model = False, own
+        self._model = self._prepare(frame, data)
+        found = self._follow(frame, self._model, begun)
+        if found is None or not self.course.unsure:
+            return found
+        found = self._on_past(frame, data, found, begun, self._usual_load_n) or found
+        for _ in range(_PASTS):
+            start = self.course.past_load_n or self.course.load(found.values)
+            past = self._past_load(self._model, found, start)
+            other = self._on_past(frame, data, found, found.values, past)
+            if other is None:
+                break
+            found = other
+            if abs(past - start) < _FAR_PAST * start:
+                break
         return found
+
+    def _on_past(
+        self, frame: Frame, data: FrameData, found: RefinedFit, begun: Array, past_n: float
+    ) -> RefinedFit | None:
+        """The first frame if another load wore it, where that is better; else all stays."""
+        kept, model = self.course.past_load_n, self._model
+        self.course.past_load_n, self._model = past_n, self._prepare(frame, data)
+        other = self._follow(frame, self._model, self.course.with_past(begun))
+        if other is not None and other.toned.cost < found.toned.cost - _TOLD * found.toned.noise:
+            return other
+        self.course.past_load_n, self._model = kept, model
+        return None
+
+    def _past_load(self, model: TrackModel, found: RefinedFit, start_n: float) -> float:
+        """The load (N) before the first frame, see `past_load`; the start's where none is told."""
+        amplitude, still = found.toned.part.amplitude, np.zeros(self.course.count)
+        kept = self.course.past_load_n
+
+        def worn(past_n: float) -> Array:
+            self.course.past_load_n = past_n
+            return model.worn_signal(self.course.moved(found.values, still)) * amplitude
+
+        try:
+            here = worn(start_n)
+            return fit_past_load(
+                lambda past_n: worn(past_n) - here, found.local, found.toned.residual, start_n
+            )
+        except PhysicsError:
+            return start_n
+        finally:
+            self.course.past_load_n = kept
 
     def _data(self, frame: Frame, noise: NoiseModel | None = None) -> FrameData:
         depth, no_load = self._bit_depth, self._no_load

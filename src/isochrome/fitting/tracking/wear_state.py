@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ class TrackCourse:
     Attributes: `axes`, what moves the field: the tracked keys (of the wear, the worn area), then
     what the scene knows to change; `count`, how many of them are tracked; `places`, those that only
     move the contact in the picture; `numerics`, of the grid in use, None before there is one;
-    `nominal`, whether the load before the first frame was the scene's, or that frame's own.
+    `past_load_n`, the load before the first frame, None for that frame's own.
     """
 
     def __init__(self, scene: Scene, keys: tuple[str, ...]) -> None:
@@ -61,19 +62,24 @@ class TrackCourse:
         self._moment = 0.0
         self._last: tuple[float, float] | None = None
         self.numerics: Numerics | None = None
-        self.nominal = False
+        self.past_load_n: float | None = None
 
     @property
     def unsure(self) -> bool:
-        """Whether two loads may have worn the contact before the first frame, see `nominal`."""
+        """Whether another load may have worn the contact before the first frame than that one's."""
         worn = self.scene.wear is not None and self._now > 0.0 and self._last is None
         return worn and LOAD in self.keys and not _table(self.scene, LOAD)
 
-    def _begin(self, distance_m: float, load: float, friction: float) -> None:
-        """Tell the history what wore the contact before its first frame."""
+    def _begin(self, values: Array) -> None:
+        """Tell the history what wore the contact before its first frame, of some values (axes,)."""
         if self._last is None:
-            earlier = self._own(LOAD, self._now) if self.nominal else load
-            self._past.begin(_drive_before(self.scene, distance_m, earlier, friction))
+            load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
+            earlier = load if self.past_load_n is None else self.past_load_n
+            drive = _drive_before(self.scene, self._now, earlier, friction)
+            # worn by the load that it was, up to what it is in this frame: no ramp to its own
+            area, law = self._area_at(values), drive.worn_mm2[-1]
+            worn = np.minimum(drive.worn_mm2 * (area / law if law > 0.0 else 1.0), area)
+            self._past.begin(replace(drive, worn_mm2=worn))
 
     def state(self) -> dict[str, Any]:
         """The history up to the last frame, as plain numbers for `resume`."""
@@ -95,10 +101,10 @@ class TrackCourse:
         return np.array([self._own(axis, distance_m) for axis in self.axes])
 
     def with_past(self, values: Array) -> Array:
-        """The values (axes,) of a first frame if the scene's load wore it, not its own."""
+        """The values (axes,) of a first frame if `past_load_n` wore it, not its own load."""
         found = self.moved(values, np.zeros(self.count))
-        if WEAR in self.keys:
-            found[self._at] *= self._own(LOAD, self._now) / self._value(LOAD, values, self._now)
+        if WEAR in self.keys and self.past_load_n is not None:
+            found[self._at] *= self.past_load_n / self._value(LOAD, values, self._now)
         return found
 
     def carried(self, values: Array, distance_m: float | None) -> Array:
@@ -120,11 +126,15 @@ class TrackCourse:
             return
         s = distance_m or 0.0
         load, friction = (self._value(key, values, s) for key in (LOAD, FRICTION))
-        self._begin(s, load, friction)
+        self._begin(values)
         self._area, self._moment = self.mark(values)
         self._past.passed(self._area, self._line_load(load), friction)
         self._worn, self._slid = self._value(WORN, values, s), s
         self._last = (load, friction)
+
+    def load(self, values: Array) -> float:
+        """The load (N) of a frame's values (axes,)."""
+        return self._value(LOAD, values, self._now)
 
     def reported(self) -> Array:
         """Factors (tracked,) from the last frame's axes to the keys: area to wear coefficient."""
@@ -139,7 +149,8 @@ class TrackCourse:
         load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
         if self._last is None:
             area, own = self._own(WORN, self._now), self._own(LOAD, self._now)
-            return area if self.nominal or _table(self.scene, LOAD) else area * load / own
+            past = load if self.past_load_n is None else self.past_load_n
+            return area if _table(self.scene, LOAD) else area * past / own
         ends = ((*self._last, self._slid), (load, friction, self._now))
         rates = [self._rate(mu, at) * self._line_load(p) for p, mu, at in ends]
         return self._area + max(0.0, self._now - self._slid) * 0.5 * sum(rates)
@@ -170,7 +181,7 @@ class TrackCourse:
             return
         area = self._area_at(values)
         load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
-        self._begin(self._now, load, friction)
+        self._begin(values)
         at = self._at
         middle, half = 0.5 * (low[at] + high[at]), 0.5 * (high[at] - low[at])
         self._past.wear(

@@ -130,6 +130,7 @@ class KeyFrames:
             bit_depth=self.capture.bit_depth,
             no_load=(self.capture.dark, self.capture.bright),
             apparatus=self.recipe.apparatus,
+            usual_load_n=self.scene.load_at(0.0),
         )
         distance = slid_until(self.scene, frame)
         if begun.wear is None:
