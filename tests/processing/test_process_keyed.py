@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tifffile
 from tracked_films import write_video
-from unloaded_films import WHOLE, KnownFilm, LoadedFilm, judged
+from unloaded_films import KEYED, WHOLE, KnownFilm, LoadedFilm, judged
 
 from isochrome.errors import PhysicsError
 from isochrome.processing import process
@@ -117,10 +117,7 @@ order = 0.0
 
 @pytest.mark.long
 @pytest.mark.study
-@pytest.mark.parametrize(
-    "number",
-    [0, 1, pytest.param(2, marks=pytest.mark.xfail(reason="the ring keeps 2.3 % less")), 3],
-)
+@pytest.mark.parametrize("number", range(len(KEYED)))
 def test_a_followed_film_keeps_what_single_frames_keep(number):
     """The issue's row: RMS below .01, wrong below .1 %, kept within 2 % of single frames'."""
     film = KnownFilm(number, WHOLE, count=40)
