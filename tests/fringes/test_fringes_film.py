@@ -13,7 +13,8 @@ from isochrome.fringes import (
     light_wave,
     unloaded_state,
 )
-from isochrome.fringes.film.film_path import _differing, _Passed, keep_state
+from isochrome.fringes.film.beside_known import continued, regained
+from isochrome.fringes.film.film_path import _followed_back, _Passed, keep_state
 
 ROWS, COLS = 90, 120
 NOISE = 0.02
@@ -68,11 +69,11 @@ def test_where_both_ways_differ_nothing_is_known():
             state = follow_frame(state, seen, EVERYWHERE, float(frame), noise=NOISE)
         passed.append(_Passed(seen, EVERYWHERE, state))
     passed = passed[4:]
-    assert not _differing(passed, NOISE)[5:-5, 5:-5].any()
+    assert not _followed_back(passed, passed[-1].state, NOISE)[0][5:-5, 5:-5].any()
     other = passed[3].state.order.copy()
     other[30:60, 70:110] += 1.0
     passed[3] = replace(passed[3], state=replace(passed[3].state, order=other))
-    doubt = _differing(passed, NOISE)
+    doubt, _ = _followed_back(passed, passed[-1].state, NOISE)
     assert doubt[32:58, 72:108].all()
     assert not doubt[:25].any()
 
@@ -97,3 +98,43 @@ def test_a_kept_state_is_taken_up_again():
 def test_a_wave_is_that_of_its_rise():
     found = light_wave(np.array([[0.0, 1.0, 2.0]]), np.array([[2.0, 2.0, 2.0]]))
     assert np.allclose(found, [[1.0, 0.0, -1.0]])
+
+
+def tilted(slope):
+    """Orders that rise along the rows, fringes a pixel, and the left half where they are known."""
+    orders = 0.2 + slope * np.arange(COLS, dtype=np.float32) + np.zeros((ROWS, 1), np.float32)
+    return orders, np.arange(COLS) < COLS // 2 + np.zeros((ROWS, 1), int)
+
+
+def test_an_order_goes_on_beyond_where_it_is_known():
+    orders, known = tilted(0.06)
+    found = continued(np.where(known, orders, 7.0), known)
+    edge = COLS // 2
+    # gradients are held near to nought by a fiftieth, of a middle three pixels off
+    assert np.abs(found - orders)[:, edge : edge + 2].max() < 0.01
+    assert np.array_equal(found[known], orders[known])
+    assert (found[:, edge + 10 :] == 7.0).all()
+
+
+def test_what_its_light_bears_out_is_regained():
+    """From a fringe's flank on it is, up to its crest; a film whose fringes move passes those."""
+    orders, known = tilted(0.06)
+    gained = np.zeros_like(known)
+    for start in np.arange(0.0, 0.5, 0.05):
+        moved = orders + np.float32(start)
+        found, wider = regained(moved * known, known, wave(moved, 3), EVERYWHERE)
+        new = wider & ~known
+        assert np.abs(found - moved)[new].max(initial=0.0) < 0.03
+        crest = np.abs(np.sin(2.0 * np.pi * moved)) < 0.3
+        assert not (new & crest).any()
+        gained |= new
+    assert gained[:, COLS // 2].mean() > 0.95
+    assert not gained[:, COLS // 2 + 4 :].any()
+
+
+def test_what_its_light_speaks_against_is_not_regained():
+    """Beside what is known another body begins, of orders that are a quarter of a fringe apart."""
+    orders, known = tilted(0.06)
+    other = np.where(known, orders, orders + 0.25)
+    _, wider = regained(orders * known, known, wave(other, 3), EVERYWHERE)
+    assert not (wider & ~known).any()

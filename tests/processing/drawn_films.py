@@ -6,9 +6,10 @@ over nine samples of it. No code of the package takes part.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 from unloaded_films import LoadedFilm
 
@@ -17,6 +18,11 @@ from isochrome.benchmarks import load_benchmarks
 OUTSIDE = load_benchmarks("outside_fields")
 SPECIMENS = tuple(k for k in (*OUTSIDE.KINDS, *OUTSIDE.BODIES, "free corner") if k != "bowl")
 MIDDLE = (247, 330)
+ZERO = ("three loads", "free corner", "half plane", "wedge", "crack", "hole")
+"""Specimens that may have a place without stress."""
+NOUGHT, DRAWS, AWAY = 0.004, 200, 9
+"""Of the highest order, that of a place said to have none; shapes that are tried for one; pixels
+that it has about it."""
 SAMPLES, STEEPEST, MOSTLY = 3, 0.4, 99.0
 """Samples a pixel's side; fringes a pixel, and the order's and its change's largest, for so many
 per cent of the specimen: beside loads and tips both are larger."""
@@ -160,3 +166,60 @@ class DrawnFilm(LoadedFilm):
             f"{f' and {size:.1f}' if size else ''}, {'bright' if self.bright else 'dark'} field,"
             f" noise {self.grey:.1f}"
         )
+
+
+@dataclass(frozen=True)
+class DrawnKnownFilm(DrawnFilm):
+    """A film that begins in the middle of a load that swings, and has a place without stress."""
+
+    count: int = 60
+    draw: int = 0
+
+    def _rng(self, use):
+        return np.random.default_rng([self.seed, self.number, use, self.draw])
+
+    @property
+    def kind(self):
+        """The specimen."""
+        return ZERO[self.number % len(ZERO)]
+
+    @cached_property
+    def second(self):
+        """No stress that comes and goes by itself: it would leave no place without any."""
+        return 0.0, 1.0, 1.0
+
+    @cached_property
+    def course(self):
+        """The highest order in each frame: from one load that is drawn to the next, with pauses."""
+        rng = self._rng(4)
+        orders = [rng.uniform(0.4, 1.0) * self.top]
+        while len(orders) < self.count:
+            self._move(orders, rng.uniform(0.4, 1.0) * self.top, rng)
+            orders += [orders[-1]] * int(rng.integers(0, 5))
+        return np.array(orders[: self.count])
+
+    def least(self):
+        """The least order away from the rim, over the highest, and its row and column."""
+        field, *_ = self._samples
+        middle = slice(SAMPLES // 2, None, SAMPLES)
+        inside = cv2.erode(self.material.astype(np.uint8), np.ones((AWAY, AWAY)))
+        order = np.where(inside > 0, np.abs(field)[middle, middle], np.inf)
+        row, col = np.unravel_index(order.argmin(), order.shape)
+        return float(order[row, col]), int(row), int(col)
+
+    def known(self):
+        """The key of [frames] that tells its orders."""
+        _, row, col = self.least()
+        return {"known_order": [{"row_px": row, "col_px": col, "order": 0.0}]}
+
+
+def drawn_known_film(number, shape, *, seed, count=60):
+    """A DrawnKnownFilm by its `number` under a `seed`: the first that has a place without stress.
+
+    It is looked for in frames of one size, so that a film is the same in another.
+    """
+    for draw in range(DRAWS):
+        film = DrawnKnownFilm(number, MIDDLE, seed=seed, count=count, draw=draw)
+        if film.least()[0] < NOUGHT:
+            return replace(film, shape=shape)
+    raise AssertionError(f"no {film.kind} has a place without stress")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tifffile
 from tracked_films import write_video
-from unloaded_films import WHOLE, KnownFilm, LoadedFilm, judged
+from unloaded_films import KEYED, WHOLE, KnownFilm, LoadedFilm, judged
 
 from isochrome.errors import PhysicsError
 from isochrome.processing import process
@@ -53,21 +53,41 @@ def test_a_set_whose_loads_are_far_apart_is_no_film():
         process(film.frames(numbers), film.scene(**AXIS), track=True)
 
 
-def test_a_video_of_uneven_times_is_followed_and_its_frames_else_read_alone(tmp_path):
+def test_a_video_is_followed_by_default_and_each_reads_its_frames_alone(tmp_path):
     """Its frames' own times are those of a camera that left out some."""
     pytest.importorskip("av")
     film = LoadedFilm(4)
     numbers = [20, 21, 23, 24, 26, 27]
     write_video(tmp_path / "film.mkv", film.frames(numbers), "ffv1", "gray", numbers=numbers)
-    found = process(tmp_path / "film.mkv", film.scene(**AXIS), track=True)
+    found = process(tmp_path / "film.mkv", film.scene(**AXIS))
     assert "key frame" in found.table["warnings"][0]
     kept, wrong, _ = judged(film, found, numbers).T
     assert wrong.max() == 0.0
     assert kept.min() > 0.6
     apart = np.diff(found.dataset.time_s.values)
     assert apart.max() == pytest.approx(2.0 * apart.min(), rel=1e-3)  # stored in milliseconds
-    alone = process(tmp_path / "film.mkv", film.scene(**AXIS))
+    alone = process(tmp_path / "film.mkv", film.scene(**AXIS), each=True)
     assert not any("key frame" in text for text in alone.table["warnings"])
+
+
+def test_a_video_whose_loads_are_far_apart_has_its_frames_read_alone_and_says_so(tmp_path):
+    """What `--each` finds, and a word about it; asked for, following is refused."""
+    pytest.importorskip("av")
+    film = LoadedFilm(4)
+    write_video(tmp_path / "film.mkv", film.frames([22, 32, 40]), "ffv1", "gray")
+    arguments = tmp_path / "film.mkv", film.scene(**AXIS)
+    found = process(*arguments, tmp_path / "out")
+    assert "each frame is read by itself" in found.table["warnings"][0]
+    assert not any("read by itself" in text for text in found.table["warnings"][1:])
+    alone = process(*arguments, tmp_path / "alone", each=True)
+    for name in ("fringe_order.tif", "confidence.tif", "skeleton.csv"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+    _, wrong, _ = judged(film, alone, [22, 32, 40]).T
+    assert wrong.max() == 0.0
+    again = process(*arguments, tmp_path / "out")  # it is done: nothing is read anew
+    assert again.table["warnings"][0] == found.table["warnings"][0]
+    with pytest.raises(PhysicsError, match="leave --track out"):
+        process(*arguments, track=True)
 
 
 def test_workers_and_folders_give_the_same_bytes(tmp_path):
@@ -117,10 +137,7 @@ order = 0.0
 
 @pytest.mark.long
 @pytest.mark.study
-@pytest.mark.parametrize(
-    "number",
-    [0, 1, pytest.param(2, marks=pytest.mark.xfail(reason="the ring keeps 2.3 % less")), 3],
-)
+@pytest.mark.parametrize("number", range(len(KEYED)))
 def test_a_followed_film_keeps_what_single_frames_keep(number):
     """The issue's row: RMS below .01, wrong below .1 %, kept within 2 % of single frames'."""
     film = KnownFilm(number, WHOLE, count=40)

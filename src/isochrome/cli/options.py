@@ -94,8 +94,8 @@ PROCESS = {
         bool,
         typer.Option(
             "--track",
-            help="Follow a contact through a stack or folder too, frame by frame from key frames, "
-            "as through a video.",
+            help="Follow a contact, or known orders, through a stack or folder too, frame by frame "
+            "from key frames, as through a video.",
         ),
     ),
     "each": (

@@ -31,12 +31,12 @@ from isochrome.processing.chunk import (
     apparatus_of,
     blank_map,
     film_map,
-    film_of,
     frame_row,
     layers_of,
     more_of,
     process_chunk,
     set_layout,
+    with_film,
 )
 from isochrome.processing.folder import finish_set_folder, set_dataset
 from isochrome.processing.frame_task import (
@@ -145,7 +145,8 @@ def process(
         load, friction, wear and place are followed through the others; of a specimen without a
         model, whether the orders of each `every`-th frame are carried through the others. All
         frames have their row of frames.csv, and their orders are read on the branches of the
-        followed model. A contact's video is followed without it.
+        followed model. Videos of both are followed without it; one of a specimen without a model
+        whose frames lie too far apart has them read one by one, and says so.
     each : bool, default False
         Whether every frame of a video is processed wholly too, as if there were no others.
     every : int, optional
@@ -234,7 +235,7 @@ def process(
         if cluster is not None:
             frames, scene = absolute(frames, scene)
             reader = open_scene_frames(frames, scene)
-        keyed = track and is_keyed(scene)
+        keyed = is_keyed(scene) and (track or (not each and reader.kind == "video"))
         follow = not keyed and (track or (not each and is_followed(scene, reader)))
         if not follow:
             refuse_unfollowed(None if keyed else every, maps)
@@ -243,7 +244,7 @@ def process(
             frames=frames, scene=scene, reader=reader, key="not yet known", rois=rois,
             as_stated=as_stated, keep_going=keep_going, preview=shown,
             every=(every or EVERY) if follow else None,
-            key_every=(every or KEY_EVERY) if keyed else None,
+            key_every=(every or KEY_EVERY) if keyed else None, if_film=not track,
         )  # fmt: skip
         identity = partial(identity_of, recipe, files, maps)
         if out is not None and not restart and _is_done(Path(out), identity):
@@ -276,7 +277,7 @@ def _processed(
     if said and progress is not None:  # what is refused before is one line
         progress(Tally(0, count, 0, 0, said))
     if source.recipe.follows_fringes:
-        recipe = source.recipe = replace(recipe, film=film_of(source, count, progress))
+        recipe = source.recipe = with_film(source, count, progress)
     if out is None:
         return _in_memory(source, count // recipe.steps, progress)
     identity = identify()

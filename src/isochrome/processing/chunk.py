@@ -14,6 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from isochrome.errors import PhysicsError
 from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scene
 from isochrome.frames import Frame
 from isochrome.fringes import Skeleton, skeleton_table
@@ -21,7 +22,6 @@ from isochrome.output import add_rois, csv_text, roi_entries
 from isochrome.processing.frame_task import FrameSource, FrameTask, open_set, set_pixel
 from isochrome.processing.kinds.film_keys import prepare_keyed
 from isochrome.processing.kinds.film_unloaded import prepare_unloaded
-from isochrome.processing.kinds.followed_film import FollowedFilm
 from isochrome.processing.kinds.tracked import tracked_states
 from isochrome.processing.pictures.preview import write_preview
 from isochrome.processing.processed import orders_are_read
@@ -51,6 +51,9 @@ _CONFIDENCE_STEP = 1.0 / 254.0
 
 FOLLOWING = "following the fringes"
 """What is done with a film's frames before they are read."""
+
+ALONE = "each frame is read by itself: {}"
+OR_ALONE = "{}, or leave --track out: each frame is then read by itself"
 
 FILM = (ORDER.name, CONFIDENCE.name)
 """Maps of every frame of a video that is followed."""
@@ -101,19 +104,26 @@ def apparatus_of(source: FrameSource, count: int) -> Apparatus:
     return find_apparatus(source.reader, scene, free_keys(scene), count=count, no_load=no_load)
 
 
-def film_of(source: FrameSource, count: int, progress: RunProgress | None) -> FollowedFilm:
-    """A film without a model as it is followed through its `count` frames.
+def with_film(source: FrameSource, count: int, progress: RunProgress | None) -> FrameTask:
+    """The recipe of a film without a model, as it is followed through its `count` frames.
 
-    Parameters: `source`; `count`; `progress`, called in each pass. Returns a FollowedFilm. Raises
-    PhysicsError where it cannot be.
+    A video that is followed by default, and is no film, has its frames read one by one, and says
+    so. Parameters: `source`; `count`; `progress`, called in each pass. Returns a FrameTask. Raises
+    PhysicsError where it was to be followed and cannot be.
     """
     recipe = source.recipe
-    prepare = prepare_unloaded
-    if recipe.key_every is not None:
-        prepare = partial(prepare_keyed, every=recipe.key_every)
     again = partial(_told_of, partial(source.captured, 0, count), count, progress)
-    chunk = set_layout(source, count).chunk
-    return prepare(again, recipe.scene, source.capture, chunk=chunk, count=count)
+    more: dict[str, Any] = {"chunk": set_layout(source, count).chunk, "count": count}
+    if recipe.key_every is None:
+        film = prepare_unloaded(again, recipe.scene, source.capture, **more)
+        return replace(recipe, film=film)
+    try:
+        film = prepare_keyed(again, recipe.scene, source.capture, every=recipe.key_every, **more)
+    except PhysicsError as error:
+        if not recipe.if_film:
+            raise PhysicsError(OR_ALONE.format(error)) from error
+        return replace(recipe, key_every=None, note=ALONE.format(error))
+    return replace(recipe, film=film)
 
 
 def _told_of(

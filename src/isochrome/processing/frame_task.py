@@ -44,7 +44,8 @@ class FrameTask:
     the 'key' frames, or 'none'; `order_step`, in which those of all are kept, fringes, and `pages`,
     whether the TIFF stacks have a page for each of them; `preview`, the picture that is written now
     and then of the last frame, None where nobody looks; `key_every`, the same as `every` of a film
-    that is followed without a model, and the `film`.
+    that is followed without a model, and the `film`; `if_film`, whether that was not asked for, and
+    frames that are no film are read one by one; `note`, what the first frame says of that.
     """
 
     frames: FramesLike
@@ -62,6 +63,8 @@ class FrameTask:
     preview: Path | None = None
     key_every: int | None = None
     film: FollowedFilm | None = None
+    if_film: bool = False
+    note: str = ""
 
     @property
     def held_scene(self) -> Scene:
@@ -151,7 +154,10 @@ class FrameSource:
         """What is found in one state's frames. Raises InputError, PhysicsError."""
         first = replace(frames[0], index=index)
         try:
-            return self._read(first, [first, *frames[1:]])
+            found = self._read(first, [first, *frames[1:]])
+            if index == 0 and self.recipe.note:
+                found = replace(found, warnings=(self.recipe.note, *found.warnings))
+            return found
         except IsochromeError as error:
             if not self.recipe.keep_going:
                 raise

@@ -6,7 +6,8 @@ state to the next the film is followed back, too: where both ways do not agree, 
 known from the first of them on. Where single frames can be read from nothing, key frames are, now
 and then and where a film breaks: what they and the followed orders have in common is checked, what
 only one of them knows is taken from it, and where they differ nothing is known since the key frame
-before.
+before. What lies beside what is known is regained in such a film, at each kept state, where all
+frames since the last one bear it out; the next key frame is held against it as well.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from isochrome.fringes.film.beside_known import regained
 from isochrome.fringes.film.film_light import CrestLight, FilmLight
-from isochrome.fringes.film.follower import FilmState, faded_contrast, follow_frame
+from isochrome.fringes.film.follower import FilmState, follow_frame
+from isochrome.fringes.film.order_change import faded_contrast
 from isochrome.fringes.windows import Array, Mask
 
 _AGREE = 0.2
@@ -214,29 +217,42 @@ class FilmPath:
         self._last_key = index
 
     def _agree(self) -> None:
-        """Follow the frames since the last kept state back; where that differs, none is known."""
+        """Follow the frames since the last kept state back; where that differs, none is known.
+
+        What is regained beside what was known is known from here on, if all of them bear it out.
+        """
         passed, self._passed = self._passed, []
         if self._broken or len(passed) < 2 or not passed[-1].state.known.any():
             return
-        doubt = _differing(passed, self.noise)
+        state = before = passed[-1].state
+        if self._key is not None:  # the next key frame is to find what is not right
+            order, known = regained(before.order, before.known, passed[-1].wave, passed[-1].valid)
+            untold = np.where(before.known, before.untold, np.float32(0.0))
+            state = replace(before, order=order, known=known, untold=untold)
+        doubt, first = _followed_back(passed, state, self.noise)
         if doubt.any():
             last = max(self.kept)
             self.kept[last] = self.kept[last].doubting(doubt)
-            self._state = replace(self._state, known=self._state.known & ~doubt)
+        gained = state.known & ~before.known & first
+        order = np.where(gained, state.order, self._state.order)
+        known = (self._state.known & ~doubt) | gained
+        self._state = replace(self._state, order=order, known=known)
 
 
-def _differing(passed: list[_Passed], noise: float) -> Mask:
-    """Where frames that are followed back from the last one have other orders (rows, cols)."""
-    state = passed[-1].state
-    known = state.known
+def _followed_back(passed: list[_Passed], state: FilmState, noise: float) -> tuple[Mask, Mask]:
+    """Follow frames back from a state of the last one.
+
+    Returns where they have other orders then, and what of the state is known down to the first.
+    """
+    known = state.known & passed[-1].state.known
     doubt = np.zeros_like(known)
     for frame in reversed(passed[:-1]):
         state = follow_frame(state, frame.wave, frame.valid, frame.state.time, noise=noise)
         if state.broken:
-            return known
+            return known, np.zeros_like(known)
         both = state.known & frame.state.known
         doubt |= both & (np.abs(state.order - frame.state.order) > _AGREE)
-    return doubt & known
+    return doubt & known, state.known
 
 
 def light_wave(rise: Array, illumination: Array) -> Array:

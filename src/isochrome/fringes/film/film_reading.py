@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from isochrome.fringes.film.beside_known import continued
 from isochrome.fringes.film.film_light import FilmLight
 from isochrome.fringes.film.follower import FilmState
 from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
@@ -98,21 +99,29 @@ def read_followed(
     import cv2
 
     order = _spread(state.order, by, light.shape, smooth=True)
-    known = _spread(state.known.astype(np.float32), by, light.shape, smooth=False) > 0.5
-    beside = cv2.dilate(known.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0
+    blocks = _spread(state.known.astype(np.float32), by, light.shape, smooth=False)
+    beside = valid & (cv2.dilate(blocks, np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0.5)
+    known = blocks > 0.5
+    known |= beside & ~_whole(valid, by)  # at a rim, blocks that are cut are not followed
     rise = film_light.rise(light)
     found = read_order(
         rise,
-        np.where(valid & beside, order, np.nan),
+        order,
         fringe_response,
         illumination=film_light.illumination,
         background=np.zeros_like(rise),
         sigma=sigma,
-        valid=valid & beside,
+        valid=beside,
     )
     found = widened(found, film_light.signal_error(light))
     known &= np.isfinite(found.order)
     return make_reading(found.order, found.uncertainty, known, of=valid)
+
+
+def _whole(valid: Mask, by: int) -> Mask:
+    """Pixels (rows, cols) whose block has none that is not trusted."""
+    blocks = (joined_pixels(valid, by) > 1.0 - 0.5 / by**2).astype(np.float32)
+    return np.asarray(_spread(blocks, by, valid.shape, smooth=False) > 0.5)
 
 
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
@@ -136,7 +145,7 @@ def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
     known = joined_pixels(read, by) > 1.0 - 0.5 / by**2
     order = joined_pixels(np.where(read, reading.order, 0.0), by)
     if known.any():
-        order = nearest_known(order, known)
+        order = continued(nearest_known(order, known), known)
     nothing = np.zeros_like(order)
     return FilmState(
         order=order, rate=nothing, drift=nothing, untold=nothing, known=known, time=time

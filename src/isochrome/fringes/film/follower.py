@@ -24,7 +24,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from isochrome.fringes.film.order_change import LARGEST_CHANGE, fit_order_change, on_flank
+from isochrome.fringes.film.beside_known import continued
+from isochrome.fringes.film.order_change import (
+    LARGEST_CHANGE,
+    STEEPEST,
+    faded_fringes,
+    fit_order_change,
+    is_wide,
+    on_flank,
+)
 from isochrome.fringes.windows import Array, Mask
 
 _TURN = np.float32(2.0 * np.pi)
@@ -46,9 +54,6 @@ tell its order; that mean where all lie within 0.045 of crests; and the fringes 
 there: beyond, the light on leaving would be as well that of the crest's other side."""
 _LARGEST_MISFIT, _NOISY = 0.12, 3.0
 """Of the wave: RMS of the residual that a followed order leaves, and in its noise's."""
-_STEEPEST = 0.3
-"""Fringes a pixel."""
-_LEAST_CONTRAST = 0.3
 _AT_FIRST = 0.1
 """Highest order, from zero load, up to which the light alone tells orders: no crest is passed."""
 _NEAR_CREST = 0.42
@@ -139,7 +144,7 @@ def follow_frame(
     before = state.order
     weight = valid.astype(np.float32)
     apart = time - state.time
-    contrast, steep, gradient = _faded(before)
+    contrast, steep, gradient = faded_fringes(before)
     top = _highest(state)
     if top < _AT_FIRST:
         order, plain = _at_first(wave, weight)
@@ -151,7 +156,7 @@ def follow_frame(
         if seen is None or seen.misfit > limit or seen.largest > 1.1 * LARGEST_CHANGE:
             return _lost(state, time)
         order, known, broken = np.abs(before + seen.change), state.known, False
-        telling = weight * known * (steep < 1.2 * _STEEPEST**2)
+        telling = weight * known * (steep < 1.2 * STEEPEST**2)
         order, told = _corrected(order, wave, contrast, telling, noise)
     own = weight * known
     left = (wave - contrast * np.cos(_TURN * order)) * own
@@ -159,11 +164,12 @@ def follow_frame(
     known = (
         known
         & (misfit < _LARGEST_MISFIT**2 + (_NOISY * noise) ** 2)
-        & (steep < _STEEPEST**2)
+        & is_wide(steep)
         & (np.abs(order - before) < LARGEST_CHANGE)
     )
     if np.count_nonzero(known) < _ALL_BUT * np.count_nonzero(state.known):
         return _lost(state, time)
+    order = continued(order, known)
     change = cv2.GaussianBlur((order - before) * weight, (0, 0), _RATE_PX)
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
     drift = state.drift + np.float32(_NEWEST) * (_beside_load(rate, before, known) - state.drift)
@@ -216,26 +222,6 @@ def _labels(where: Mask) -> Array:
     import cv2
 
     return np.asarray(cv2.connectedComponents(where.astype(np.uint8))[1])
-
-
-def _faded(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-    """What a pixel's size leaves of the fringes, and their gradient: squared, and its parts."""
-    import cv2
-
-    along, across = (
-        cv2.Sobel(order, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=0.125) for dx in (0, 1)
-    )
-    square = along * along + across * across
-    contrast = np.maximum(1.0 - np.float32(np.pi**2 / 6.0) * square, np.float32(_LEAST_CONTRAST))
-    return contrast, square, (along, across)
-
-
-def faded_contrast(order: Array) -> Array:
-    """What a pixel's size leaves of the contrast of fringes (rows, cols).
-
-    Parameters: `order` (rows, cols), fringes.
-    """
-    return _faded(order)[0]
 
 
 def _corrected(

@@ -23,6 +23,10 @@ distance of 1 after which the light is the same, with a margin for what noise an
 CREST_SLOPE = 6.0
 """Of the wave, a fringe: e/u, twice the 0.03 that light which was found leaves open, over 0.01."""
 
+STEEPEST = 0.3
+"""Of fringes that are followed, fringes a pixel."""
+_LEAST_CONTRAST = 0.3
+
 _STRIDE = 3
 _FACTORS = 31
 """Steps of the search; the finest fringes move by a fortieth from one to the next."""
@@ -113,6 +117,31 @@ def on_flank(slope: Array) -> Array:
     """
     square = slope * slope
     return np.asarray(square / (square + np.float32(CREST_SLOPE**2)))
+
+
+def faded_fringes(order: Array) -> tuple[Array, Array, tuple[Array, Array]]:
+    """What a pixel's size leaves of the fringes, and their gradient: squared, and its parts."""
+    import cv2
+
+    along, across = (
+        cv2.Sobel(order, cv2.CV_32F, dx, 1 - dx, ksize=3, scale=0.125) for dx in (0, 1)
+    )
+    square = along * along + across * across
+    contrast = np.maximum(1.0 - np.float32(np.pi**2 / 6.0) * square, np.float32(_LEAST_CONTRAST))
+    return contrast, square, (along, across)
+
+
+def is_wide(steep: Array) -> Mask:
+    """Where fringes are wide enough to be followed, by their gradient squared (rows, cols)."""
+    return np.asarray(steep < STEEPEST**2)
+
+
+def faded_contrast(order: Array) -> Array:
+    """What a pixel's size leaves of the contrast of fringes (rows, cols).
+
+    Parameters: `order` (rows, cols), fringes.
+    """
+    return faded_fringes(order)[0]
 
 
 def _fields(order: Array, expected: Sequence[Array], gradient: tuple[Array, Array]) -> list[Array]:

@@ -34,13 +34,12 @@ KEY_EVERY = 200
 KEY_LIGHT = "the light of its first key frame, frame {}, is used for all frames of the film"
 NO_KEY = (
     "{}: no order could be read in any of the frames that the film was to begin with (of the first:"
-    " {}); give no-load frames, or a point whose order is known in all frames; without --track "
-    "every frame is read by itself"
+    " {}); give no-load frames, or a point whose order is known in all frames"
 )
 NOT_IN_TIME = (
     "{}: cannot be followed in time: from frame to frame the orders change by more than "
     f"{LARGEST_CHANGE:g} fringe, or other things than the load do, {{}} times in {{}}; take more "
-    "frames a second, or process each frame by itself (without --track)"
+    "frames a second"
 )
 _MOST_BREAKS = 0.5
 """Share of the steps from frame to frame beyond which a set is no film."""
@@ -68,7 +67,8 @@ def prepare_keyed(
 
     Parameters: `captured`, gives the film's frames anew, each with its number; `scene`; `capture`;
     `chunk`, frames from one kept state to the next; `count` of the frames; `every`, frames from
-    one key frame to the next. Raises PhysicsError where the first frame cannot be read.
+    one key frame to the next. Raises PhysicsError where no frame to begin
+    with can be read, or the frames are no film.
     """
     begin, first, whole, ends = _first_key(captured(), scene, capture, count)
     assert whole.reading is not None
