@@ -16,7 +16,7 @@ from isochrome.estimation.observation import prepare_frame
 from isochrome.fitting.frame.frame_fit import placed
 from isochrome.fitting.tracking.field_cache import thin_frame
 from isochrome.fitting.tracking.result import TrackRows
-from isochrome.fitting.tracking.scar_growth import Drive, WornScar, grow
+from isochrome.fitting.tracking.scar_steps import Drive, WornScar, grow
 from isochrome.fitting.tracking.tracker import Tracker
 from isochrome.fitting.tracking.wear_state import elastic_area
 from isochrome.frames import Frame
