@@ -35,7 +35,7 @@ _SHARE = 0.004
 of a step is then wrong by its slopes."""
 _AWAY, _ASIDE = 8.0, 0.01
 """Standard uncertainties, and half-widths of what is not tracked, from the exact field from which
-on a worn contact's is made anew: its slopes then err by some hundredths of one."""
+on a worn contact's is made anew: its slopes then err by a tenth of one at most."""
 _SLOPE = 1e-3
 """Difference step of the signal's derivatives, in half-widths of the box."""
 _DUE, _DUE_LEAST, _DUE_MOST = 0.003, 0.001, 0.02
