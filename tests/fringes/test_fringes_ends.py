@@ -16,6 +16,7 @@ from isochrome.fringes.single_frame.background_modulation import (
     fit_background_modulation,
     gamma_misfit,
 )
+from isochrome.fringes.single_frame.end_images import SmoothImages
 from isochrome.fringes.single_frame.end_problem import EndProblem
 from isochrome.fringes.single_frame.end_search import search_all
 from specimens import NAMES, View, light_of, shoot, view
@@ -212,15 +213,15 @@ def test_fringes_of_no_gamma_do_not_tell_it():
         fit_background_modulation(*frame, **ends, tone=True)
 
 
-def problem_of(light, noise, even):
+def problem_of(light, noise):
     """The search for an even bright end over a dark one of 0.05 that is given."""
+    one = [np.ones((n, 1)) for n in light.shape]
+    even = SmoothImages(*one, np.zeros((1, 2), dtype=int), np.array([np.inf]))
     return EndProblem(
         light=light,
         sigma=noise,
         valid=np.ones(light.shape, bool),
-        shapes=(0.05 * even, even),
-        spreads=(np.array([np.inf]), np.array([np.inf])),
-        given=(True, False),
+        shapes=(np.full(light.shape, 0.05), even),
         tone=False,
         scale=0.8,
         by=1,
@@ -235,8 +236,7 @@ def test_a_bright_end_that_may_as_well_be_another_is_as_uncertain_as_the_two_dif
     light = 0.05 + 0.8 * np.sin(np.pi * order) ** 2
     light = light + 0.01 * np.random.default_rng(1).standard_normal(light.shape)
     noise = np.full(light.shape, 0.01)
-    even = np.ones((50, 50, 1))
-    problem = problem_of(light, noise, even)
+    problem = problem_of(light, noise)
     low, high = (np.array([1.0, bright, 1.0]) for bright in (0.8, 0.85))
     alone, both = (as_doubtful(search_all(problem, starts)) for starts in ([low], [low, high]))
     # the crest of the light is taken for the bright end, and is 0.026 below it
@@ -251,8 +251,7 @@ def test_an_end_is_no_surer_than_the_light_allows(side):
     signal = np.sin(np.pi * (cols / 9.0 + 0.01 * rows)) ** 2
     noise = np.full(signal.shape, 0.01)
     light = 0.05 + 0.8 * signal + noise * np.random.default_rng(1).standard_normal(signal.shape)
-    even = np.ones((side, side, 1))
-    problem = problem_of(light, noise, even)
+    problem = problem_of(light, noise)
     found, *_ = search_all(problem, [np.array([1.0, 0.84, 1.0])])
     told = np.sqrt(found.covariance[1, 1])
     assert abs(found.unknowns[1] - 0.85) < 3.0 * told

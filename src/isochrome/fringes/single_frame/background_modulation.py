@@ -17,6 +17,7 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.fringes.single_frame.end_images import (
     QUADRATICS,
+    SmoothImages,
     bright_lines,
     shapes_of_ends,
     surface_above,
@@ -208,24 +209,21 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     as uncertain as slight spots leave it.
     """
     spotted = search_all(problem, starts)
-    if problem.given[1]:
+    dark, lamp = problem.shapes
+    if not isinstance(lamp, SmoothImages):
         return possible(spotted)
-    cut, count = problem.shapes[0].shape[-1], problem.spreads[1].size
+    cut, count = (len(spread) for spread in problem.spreads)
     kept = np.ones(cut + count + 1, dtype=bool)
     kept[cut + QUADRATICS : -1] = False
-    slight = np.where(kept[cut:-1], 1.0, _EVEN)
-    even = replace(
-        problem,
-        shapes=(problem.shapes[0], problem.shapes[1][..., :QUADRATICS]),
-        spreads=(problem.spreads[0], problem.spreads[1][:QUADRATICS]),
-    )
-    smooth = even.shapes[1].reshape(-1, QUADRATICS)
+    slight = replace(lamp, spread=lamp.spread * np.where(kept[cut:-1], 1.0, _EVEN))
+    even = replace(problem, shapes=(dark, lamp.first(QUADRATICS)))
+    smooth = lamp.first(QUADRATICS).images.reshape(-1, QUADRATICS)
     begin = []
     for found in possible(spotted):
         bright = problem.ends(found.unknowns)[1].ravel()
         quadratic = np.linalg.lstsq(smooth, bright, rcond=None)[0]
         begin.append(np.concatenate([found.unknowns[:cut], quadratic, found.unknowns[-1:]]))
-    nearly = replace(problem, spreads=(problem.spreads[0], problem.spreads[1] * slight))
+    nearly = replace(problem, shapes=(dark, slight))
     plain = [search_on(_among(found, kept), nearly) for found in search_all(even, begin)]
     return possible(plain, spotted)
 
@@ -314,50 +312,41 @@ def _problem(
     low, high = np.percentile(small[whole], [_LOW, _HIGH])
     if not high - low > _LEAST_CONTRAST * np.median(noise[whole]):
         raise InputError("the frame has no contrast; is the light on, and the specimen loaded?")
-    smooth = shapes_of_ends(light.shape, by)
-    given = ends[0] is not None, ends[1] is not None
-    shapes, spreads = zip(
-        *(
-            (own.images, own.spread)
-            if end is None
-            else (binned(end, np.ones_like(end), valid, by)[0][..., None], np.array([np.inf]))
-            for end, own in zip(ends, smooth, strict=True)
-        ),
-        strict=True,
+    dark, bright = (
+        own if end is None else binned(end, np.ones_like(end), valid, by)[0]
+        for end, own in zip(ends, shapes_of_ends(light.shape, by), strict=True)
     )
     problem = EndProblem(
         light=small,
         sigma=noise,
         valid=whole,
-        shapes=(shapes[0], shapes[1]),
-        spreads=(spreads[0], spreads[1]),
-        given=given,
+        shapes=(dark, bright),
         tone=tone,
         scale=float(high - low),
         by=by,
     )
     flat = [
-        np.eye(shape.shape[-1])[0] * (1.0 if known else level)
-        for known, level, shape in zip(given, (low, high), shapes, strict=True)
+        np.eye(len(spread))[0] * (1.0 if known else level)
+        for known, level, spread in zip(problem.given, (low, high), problem.spreads, strict=True)
     ]
-    if given[1]:
+    if not isinstance(bright, SmoothImages):
         return problem, [np.concatenate([*flat, [1.0]])]
-    starts = [np.concatenate([flat[0], bright, [1.0]]) for bright in _brights(problem, low, high)]
-    return problem, starts
+    brights = _brights(problem, bright, low, high)
+    return problem, [np.concatenate([flat[0], terms, [1.0]]) for terms in brights]
 
 
-def _brights(problem: EndProblem, low: float, high: float) -> list[Array]:
+def _brights(problem: EndProblem, lamp: SmoothImages, low: float, high: float) -> list[Array]:
     """Bright ends to start from: a smooth one above the light, and one that all crests lie on."""
-    shapes, spread = problem.shapes[1], problem.spreads[1]
-    above = np.zeros(spread.size)  # spots begin at nought
+    images = lamp.images
+    above = np.zeros(lamp.spread.size)  # spots begin at nought
     above[:QUADRATICS] = surface_above(
-        problem.light, problem.valid, shapes[..., :QUADRATICS], (low, high)
+        problem.light, problem.valid, images[..., :QUADRATICS], (low, high)
     )
     lines = bright_lines(problem.light, problem.sigma, problem.valid)
-    lines[~(lines > low + _CREST * (shapes @ above - low))] = np.nan
+    lines[~(lines > low + _CREST * (lamp.sum(above) - low))] = np.nan
     if not np.isfinite(lines).any():
         return [above]
-    return [above, surface_through(lines, shapes, problem.scale * spread, problem.scale)]
+    return [above, surface_through(lines, images, problem.scale * lamp.spread, problem.scale)]
 
 
 def _ends(

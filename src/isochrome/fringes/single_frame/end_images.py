@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.fringes.ridges import line_points, noise_gain
-from isochrome.fringes.windows import Array, Mask
+from isochrome.fringes.windows import Array, Indices, Mask
 
 _DEGREE = 2
 """Of the products: lamps fall off to the corners."""
@@ -19,12 +19,17 @@ QUADRATICS = (_DEGREE + 1) * (_DEGREE + 2) // 2
 class SmoothImages:
     """Images f_k(row) g_k(col) over a frame, and how large each may be beforehand.
 
+    Many of them have a factor in common: sums over the frame are taken along its rows, and then
+    along its columns, once for each different factor.
+
     Parameters
     ----------
-    down : ndarray (rows, terms)
-        The factors f_k.
-    across : ndarray (cols, terms)
-        The factors g_k.
+    down : ndarray (rows, a)
+        The different factors of the row.
+    across : ndarray (cols, b)
+        The different factors of the column.
+    pairs : ndarray of int (terms, 2)
+        Which of them each image is the product of; no two images are the same.
     spread : ndarray (terms,)
         Prior standard deviation of each image's coefficient, over the contrast, inf for the even
         light.
@@ -32,16 +37,43 @@ class SmoothImages:
 
     down: Array
     across: Array
+    pairs: Indices
     spread: Array
 
     @property
     def images(self) -> Array:
         """All of them (rows, cols, terms)."""
-        return np.asarray(self.down[:, None, :] * self.across[None, :, :])
+        row, col = self.pairs.T
+        return np.asarray(self.down[:, None, row] * self.across[None, :, col])
+
+    def first(self, count: int) -> SmoothImages:
+        """The first `count` of them."""
+        pairs = self.pairs[:count]
+        a, b = pairs.max(axis=0) + 1
+        return SmoothImages(self.down[:, :a], self.across[:, :b], pairs, self.spread[:count])
 
     def sum(self, coefficients: Array) -> Array:
         """Their sum with some coefficients (terms,): (rows, cols)."""
-        return np.asarray((self.down * coefficients) @ self.across.T)
+        table = np.zeros((self.down.shape[1], self.across.shape[1]))
+        table[tuple(self.pairs.T)] = coefficients
+        return np.asarray(self.down @ table @ self.across.T)
+
+    def along(self, image: Array) -> Array:
+        """Sum of each one times an image (rows, cols) over the frame: (terms,)."""
+        return np.asarray((self.down.T @ image @ self.across)[tuple(self.pairs.T)])
+
+    def products(self, other: SmoothImages, weight: Array) -> Array:
+        """Sums of each one times each of the others, weighted, over the frame: (terms, others).
+
+        Parameters: `other` images; `weight` (rows, cols).
+        """
+        down, across = (
+            (one[:, :, None] * two[:, None, :]).reshape(len(one), -1)
+            for one, two in ((self.down, other.down), (self.across, other.across))
+        )
+        sizes = (self.down.shape[1], other.down.shape[1], self.across.shape[1], -1)
+        (i, j), (k, l) = self.pairs.T[..., None], other.pairs.T[:, None, :]
+        return np.asarray((down.T @ weight @ across).reshape(sizes)[i, k, j, l])
 
 
 _SPOT_SIZE = 0.4
@@ -78,23 +110,28 @@ def binned_light(
         The products at the bins' middles.
     """
     y, x = (2.0 * (by * np.arange(n // by) + 0.5 * (by - 1)) / max(n - 1, 1) - 1.0 for n in shape)
-    powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
-    down, across = ([v ** p[k] for p in powers] for k, v in enumerate((y, x)))
-    spread = [np.inf, *[uneven] * (len(powers) - 1)]
-    if spots:
-        waves = _waves()
-        total = np.sqrt(sum(size**2 for _, _, size in waves))
-        for i, j, size in waves:
-            down.append(_cosine(i, y))
-            across.append(_cosine(j, x))
-            spread.append(spots * size / total)
-    return SmoothImages(np.stack(down, axis=-1), np.stack(across, axis=-1), np.array(spread))
+    pairs = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
+    spread = [np.inf, *[uneven] * (len(pairs) - 1)]
+    waves = _waves() if spots else []
+    total = np.sqrt(sum(size**2 for _, _, size in waves))
+    for i, j, size in waves:
+        pairs.append((_factor_of_wave(i), _factor_of_wave(j)))
+        spread.append(spots * size / total)
+    most = max((max(i, j) for i, j, _ in waves), default=0)
+    down, across = (
+        np.stack([v**i for i in range(_DEGREE + 1)] + [_cosine(i + 1, v) for i in range(most)], -1)
+        for v in (y, x)
+    )
+    return SmoothImages(down, across, np.array(pairs), np.array(spread))
+
+
+def _factor_of_wave(i: int) -> int:
+    """The number of a cosine of `i` half-waves behind the powers, the first of which is 1."""
+    return _DEGREE + i if i else 0
 
 
 def _cosine(i: int, place: Array) -> Array:
-    return np.asarray(
-        (np.sqrt(2.0) if i else 1.0) * np.cos(0.5 * np.pi * i * (place / _BEYOND + 1.0))
-    )
+    return np.asarray(np.sqrt(2.0) * np.cos(0.5 * np.pi * i * (place / _BEYOND + 1.0)))
 
 
 def _waves() -> list[tuple[int, int, float]]:

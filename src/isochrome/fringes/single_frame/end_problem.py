@@ -14,13 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from isochrome.estimation import State, minimise_all, solve_all
-from isochrome.fringes.single_frame.end_images import QUADRATICS
-from isochrome.fringes.single_frame.patches import (
-    TURN,
-    offsets,
-    patch_basis,
-    patch_prior,
-)
+from isochrome.fringes.single_frame.end_images import QUADRATICS, SmoothImages
+from isochrome.fringes.single_frame.patches import HALF, TURN, patch_prior
 from isochrome.fringes.windows import Array, Indices, Mask
 
 TERMS = 10
@@ -33,14 +28,14 @@ _FLOOR = 0.01
 _PIVOT = 1e-3
 
 
-def _order_basis() -> Array:
-    """The cubic's terms at a patch's pixels (k, 10)."""
-    dy, dx, _ = (v.astype(float) for v in offsets())
-    third = [dx**3 / 6.0, dx * dx * dy / 2.0, dx * dy * dy / 2.0, dy**3 / 6.0]
-    return np.concatenate([patch_basis().astype(float), np.stack(third, axis=-1)], axis=-1)
-
-
-BASIS: Array = _order_basis()
+_SIDE = np.arange(-HALF, HALF + 1, dtype=float)
+_POWERS: Array = _SIDE[:, None] ** np.arange(4) / np.array([1.0, 1.0, 2.0, 6.0])
+"""d^n/n! along a patch's side (2 HALF + 1, 4)."""
+_DY: Indices = np.array([0, 0, 1, 0, 1, 2, 0, 1, 2, 3])
+_DX: Indices = np.array([0, 1, 0, 2, 1, 0, 3, 2, 1, 0])
+"""Powers of the cubic's terms."""
+BASIS: Array = (_POWERS[:, None, _DY] * _POWERS[None, :, _DX]).reshape(-1, TERMS)
+"""The cubic's terms at a patch's pixels (k, 10)."""
 _PAIRS = (BASIS[:, :, None] * BASIS[:, None, :]).reshape(len(BASIS), -1)
 _PRIOR = np.concatenate([patch_prior().astype(float), np.full(4, _CUBIC**-2)])
 _DIAGONAL = np.arange(TERMS)
@@ -50,8 +45,8 @@ _DIAGONAL = np.arange(TERMS)
 class EndProblem:
     """A frame in bins of `by` pixels: `light`, `sigma`, `valid` (rows, cols), and its unknowns.
 
-    `shapes`, what the dark and the bright end are sums of (rows, cols, terms): one term where an
-    end is `given`; `spreads`, the terms' prior deviations over the contrast (terms,), inf for none;
+    `shapes`, what the dark and the bright end are sums of, with the terms' prior deviations over
+    the contrast; of an end that is given, its image (rows, cols), of which one term is a multiple;
     `tone`, whether g is unknown; `scale`, about the contrast. The unknowns' vector holds the dark
     end's terms, the bright end's, and g.
     """
@@ -59,45 +54,52 @@ class EndProblem:
     light: Array = field(repr=False)
     sigma: Array = field(repr=False)
     valid: Mask = field(repr=False)
-    shapes: tuple[Array, Array] = field(repr=False)
-    spreads: tuple[Array, Array] = field(repr=False)
-    given: tuple[bool, bool]
+    shapes: tuple[SmoothImages | Array, SmoothImages | Array] = field(repr=False)
     tone: bool
     scale: float
     by: int
 
     @property
+    def given(self) -> tuple[bool, bool]:
+        """Whether the dark and the bright end are given."""
+        dark, bright = (not isinstance(shape, SmoothImages) for shape in self.shapes)
+        return dark, bright
+
+    @property
+    def spreads(self) -> list[Array]:
+        """Prior deviations of the dark end's and of the bright end's terms, inf for none."""
+        return [
+            shape.spread if isinstance(shape, SmoothImages) else np.array([np.inf])
+            for shape in self.shapes
+        ]
+
+    @property
     def free(self) -> Mask:
         """Which of the unknowns' vector are to be found (terms,)."""
-        counts = [shape.shape[-1] for shape in self.shapes]
+        counts = [len(spread) for spread in self.spreads]
         return np.repeat([*(not known for known in self.given), self.tone], [*counts, 1])
 
     @property
     def spots(self) -> Mask:
         """Which of the unknowns' vector are spots and bars of the bright end (terms,)."""
-        cut, count = (shape.shape[-1] for shape in self.shapes)
+        cut, count = (len(spread) for spread in self.spreads)
         smooth = min(QUADRATICS, count)
         return np.repeat([False, True, False], [cut + smooth, count - smooth, 1])
 
-    @property
-    def found_shapes(self) -> list[Array]:
-        """The shapes (pixels, terms) of the ends that are to be found."""
-        return [
-            shape.reshape(-1, shape.shape[-1])
-            for shape, known in zip(self.shapes, self.given, strict=True)
-            if not known
-        ]
+    @cached_property
+    def found(self) -> list[SmoothImages]:
+        """What those that are to be found are multiples of: an end's images, 1 for g."""
+        rows, cols = (np.ones((n, 1)) for n in self.light.shape)
+        one = SmoothImages(rows, cols, np.zeros((1, 2), dtype=int), np.array([_TONE]))
+        ends = [shape for shape in self.shapes if isinstance(shape, SmoothImages)]
+        return [*ends, one] if self.tone else ends
 
     def ends(self, unknowns: Array) -> tuple[Array, Array]:
         """D and B of all bins (rows, cols)."""
-        cut, g = self.shapes[0].shape[-1], unknowns[-1]
+        cut, g = len(self.spreads[0]), unknowns[-1]
         dark, bright = (
-            np.maximum(end, 0.0) ** g if known and g != 1.0 else end
-            for known, end in zip(
-                self.given,
-                (self.shapes[0] @ unknowns[:cut], self.shapes[1] @ unknowns[cut:-1]),
-                strict=True,
-            )
+            _end(shape, terms, g)
+            for shape, terms in zip(self.shapes, (unknowns[:cut], unknowns[cut:-1]), strict=True)
         )
         return dark, bright
 
@@ -114,28 +116,50 @@ class EndProblem:
         return float((weight * away**2)[self.free].sum())
 
 
+def _end(shape: SmoothImages | Array, terms: Array, g: float) -> Array:
+    """An end (rows, cols): a sum of smooth images, or what is given to the power g."""
+    if isinstance(shape, SmoothImages):
+        return shape.sum(terms)
+    given = terms[0] * shape
+    return np.asarray(given if g == 1.0 else np.maximum(given, 0.0) ** g)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PatchData:
     """Patches in use of a problem: `index` on their lattice (p,), and their pixels (p, k).
 
-    `pixels`, their numbers in the frame; `light`, `weight` of each; `window`, the sum of a patch's
-    pixels' weights before the noise (p,); `chi` (p,); `thinned`, whether every second patch was
-    left out.
+    `places`, rows and columns of their middles (p, 2); `pixels`, their numbers in the frame;
+    `light`, `weight` of each; `window`, the sum of a patch's pixels' weights before the noise (p,);
+    `chi` (p,); `thinned`, whether every second patch was left out.
     """
 
     problem: EndProblem = field(repr=False)
     index: Indices = field(repr=False)
     light: Array = field(repr=False)
     weight: Array = field(repr=False)
+    places: Indices = field(repr=False)
     pixels: Indices = field(repr=False)
     window: Array = field(repr=False)
     chi: Array = field(repr=False)
     thinned: bool
 
     @cached_property
-    def shapes(self) -> list[Array]:
-        """What the ends that are to be found are sums of, at the patches' pixels (p, k, terms)."""
-        return [shape[self.pixels] for shape in self.problem.found_shapes]
+    def factors(self) -> list[tuple[Array, Array]]:
+        """The factors of `EndProblem.found` times `_POWERS`, down and across the patches.
+
+        Those of an image (p, 2 HALF + 1, 4 a), (p, 2 HALF + 1, 4 b), the powers first.
+        """
+        rows, cols = (place[:, None] + np.arange(-HALF, HALF + 1) for place in self.places.T)
+        return [
+            (_by_powers(image.down[rows]), _by_powers(image.across[cols]))
+            for image in self.problem.found
+        ]
+
+
+def _by_powers(factors: Array) -> Array:
+    """Factors (p, k, a) times the powers of the place in a patch (p, k, 4 a)."""
+    patches, side, count = factors.shape
+    return (_POWERS[:, :, None] * factors[:, :, None, :]).reshape(patches, side, 4 * count)
 
 
 @dataclass(frozen=True)
@@ -312,10 +336,10 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     told = np.asarray((inverse[:, _DIAGONAL, _DIAGONAL] > 0.0).all(axis=1) & whole)
     rows = told[:, None]
     weight, weighted, pull = (np.where(rows, v, 0.0) for v in (data.weight, weighted, pull))
+    inverse = np.where(rows[..., None], inverse, 0.0)
     matrix, slope = _of_ends(data, now, weight)
     mixed = _with_orders(data, now, weighted)
-    solved = solve_all(own, np.concatenate([mixed, pull[..., None]], axis=-1))
-    solved = np.where(told[:, None, None], solved, 0.0)
+    solved = inverse @ np.concatenate([mixed, pull[..., None]], axis=-1)
     prior, away = problem.prior(ends.unknowns)
     free = problem.free
     inner = np.tensordot(mixed, solved, axes=((0, 1), (0, 1)))
@@ -337,39 +361,39 @@ def _of_ends(data: PatchData, now: Looked, weight: Array) -> tuple[Array, Array]
 
     def summed(values: Array) -> Array:
         size = data.problem.light.size
-        return np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=size)
+        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=size)
+        return flat.reshape(data.problem.light.shape)
 
-    shapes, columns = _parts(data, now)
-    every = [np.ones((data.problem.light.size, 1)) if s is None else s for s in shapes]
-    light = weight * now.residual
+    parts = list(zip(data.problem.found, _columns(data.problem, now), strict=True))
     matrix = [
-        [(a.T * summed(weight * u * v)) @ b for b, v in zip(every, columns, strict=True)]
-        for a, u in zip(every, columns, strict=True)
+        [one.products(other, summed(weight * u * v)) for other, v in parts] for one, u in parts
     ]
-    slope = [a.T @ summed(light * u) for a, u in zip(every, columns, strict=True)]
+    light = weight * now.residual
+    slope = [one.along(summed(light * u)) for one, u in parts]
     return np.block(matrix), np.concatenate(slope)
 
 
 def _with_orders(data: PatchData, now: Looked, weighted: Array) -> Array:
-    """Mixed terms of the patches' orders and the free unknowns (p, 10, terms)."""
-    _, columns = _parts(data, now)
-    ones = np.ones((*data.pixels.shape, 1))
-    shapes = [*data.shapes, ones][: len(columns)]
-    return np.concatenate(
-        [
-            ((weighted * column)[:, None, :] * BASIS.T) @ shape
-            for column, shape in zip(columns, shapes, strict=True)
-        ],
-        axis=-1,
-    )
+    """Mixed terms of the patches' orders and the free unknowns (p, 10, terms).
+
+    A term's power and an image's factor are taken down and across the patch together.
+    """
+    mixed = []
+    parts = zip(data.problem.found, data.factors, _columns(data.problem, now), strict=True)
+    for image, (down, across), column in parts:
+        light = (weighted * column).reshape(-1, len(_POWERS), len(_POWERS))
+        table = np.swapaxes(down, 1, 2) @ (light @ across)
+        a, b = (factors.shape[-1] // 4 for factors in (down, across))
+        row, col = image.pairs.T
+        which = (_DY[:, None] * a + row) * 4 * b + _DX[:, None] * b + col
+        mixed.append(np.take(table.reshape(len(table), -1), which, axis=1))
+    return np.concatenate(mixed, axis=-1)
 
 
-def _parts(data: PatchData, now: Looked) -> tuple[list[Array | None], list[Array]]:
-    """Shapes (pixels, terms) and slopes (p, k) of what is to be found; g has no shape."""
-    problem = data.problem
-    columns = [c for c, known in zip(now.columns, problem.given, strict=False) if not known]
-    shapes: list[Array | None] = [*problem.found_shapes, *([None] if problem.tone else [])]
-    return shapes, [*columns, *now.columns[2:]]
+def _columns(problem: EndProblem, now: Looked) -> list[Array]:
+    """Slopes (p, k) by what is to be found, in the order of `EndProblem.found`."""
+    by_ends = [c for c, known in zip(now.columns, problem.given, strict=False) if not known]
+    return [*by_ends, *now.columns[2:]]
 
 
 def total(data: PatchData, cost: Array, unknowns: Array) -> float:

@@ -387,6 +387,7 @@ def _data(
         index=index,
         light=problem.light[rows, cols],
         weight=window / noise**2,
+        places=places,
         pixels=flat,
         window=np.maximum(window.sum(axis=1), 1e-9),
         chi=chi,
