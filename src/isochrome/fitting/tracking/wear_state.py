@@ -31,7 +31,7 @@ _NO_WEAR = 1e-9
 """Worn area, over what the elasticity takes up, that is none: below any rounding of a gap."""
 
 _BOX = {FRICTION: 0.05, "load.bulk_mpa": 0.3}
-_OF_LOAD, _OF_WEAR, _PLACE_PX, _BEHIND, _ROUNDING = 0.12, 0.1, 1.5, 0.3, 0.02
+_OF_LOAD, _OF_WEAR, _PLACE_PX, _BEHIND, _ROUNDING = 0.12, 0.1, 1.5, 0.2, 0.02
 """Half-widths of a box, over its size: loads swing and scars grow more than a camera moves, and a
 polynomial errs most by the place."""
 
