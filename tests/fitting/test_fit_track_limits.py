@@ -16,7 +16,7 @@ from isochrome.estimation.observation import prepare_frame
 from isochrome.fitting.frame.frame_fit import placed
 from isochrome.fitting.tracking.field_cache import thin_frame
 from isochrome.fitting.tracking.result import TrackRows
-from isochrome.fitting.tracking.scar_growth import Drive, WornScar, grow
+from isochrome.fitting.tracking.scar_steps import Drive, Growth, WornScar, grow
 from isochrome.fitting.tracking.tracker import Tracker
 from isochrome.fitting.tracking.wear_state import elastic_area
 from isochrome.frames import Frame
@@ -190,6 +190,35 @@ def test_a_scar_that_is_stepped_on_is_the_one_worn_in_one_go():
     error = np.sqrt(np.mean((stepped.depth_mm - whole.depth_mm) ** 2)) / grown
     # of the second order in the step of area: 2.2e-4; steps of the first order leave 1.1e-3
     assert error < 5e-4
+
+
+def test_a_scar_near_the_end_of_a_growth_is_not_worn_again():
+    """Where a frame was looked for and what it then shows lie next to each other."""
+    given = {"wear.distances_m": [44.0], FRICTION: 0.2, "friction.static_state_first": False}
+    scene = load_scene("line-contact-wear").with_values(
+        given | {LOAD: 44.0, "numerics.spacing_mm": 0.005}
+    )
+    line, elastic = 44.0 / 4.0, elastic_area(scene, 44.0 / 4.0)
+    area = 1e3 * 2e-9 * line * 44.0
+    site = make_site(scene, contact_grid(scene, largest_dose_mm_per_mpa=area / line))
+    drive = Drive(np.array([0.0, area]), np.full(2, line), np.full(2, 0.2))
+    unworn, step = WornScar(0.0, np.zeros(site.grid.nodes)), 0.006 * (area + elastic)
+    first, near, last = grow(site, unworn, drive, [area - step, area - 0.1 * step, area], elastic)
+    grown = Growth(first, last, (line, 0.2))
+    found = grown.towards(first, near.worn_mm2, (line * 1.0002, 0.2))
+    whole = (last.depth_mm - first.depth_mm).max()
+    error = np.sqrt(np.mean((found.depth_mm - near.depth_mm) ** 2)) / whole
+    # as much as the steps themselves may err by, above; only where the edge has just come by is
+    # the depth not linear in the area; the end of the growth in its place would leave some .05
+    assert error < 5e-4
+    assert found.worn_mm2 == near.worn_mm2
+    assert grown.towards(first, area + 0.01 * step, (line, 0.2)) is last
+    for start, wanted, load in (
+        (first, area - 0.5 * step, line),  # in the middle of the way
+        (first, near.worn_mm2, 1.01 * line),  # under another load
+        (unworn, near.worn_mm2, line),  # from elsewhere
+    ):
+        assert grown.towards(start, wanted, (load, 0.2)) is start
 
 
 def test_a_scar_grows_under_the_load_that_is_tracked_and_not_the_scenes():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isochrome.fitting.tracking.scar_growth import WornScar, _with_last
+from isochrome.fitting.tracking.scar_growth import _with_last
+from isochrome.fitting.tracking.scar_steps import WornScar
 
 
 @pytest.mark.parametrize("growth", [5e-5, 1e-3, 6e-3, 0.03])

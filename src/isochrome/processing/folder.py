@@ -64,6 +64,7 @@ from isochrome.runs import (
     parts,
     picture,
     rows,
+    trim_heap,
 )
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import picture_axes
@@ -109,17 +110,37 @@ def finish_set_folder(
     if result.fitted is not None:
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
-    columns, axes = _set_columns(scene, table, more, shape)
-    add_columns(folder / STORE, columns, axes, attributes(job.identity))
-    _tell_imagej(bench, table, axes)
-    if residual is not None:
-        _write_residual(bench, residual, axes)
+    _add_to_store(bench, job, recipe, table, more, shape, residual)
     draw = partial(set_figure, scene, table, _shown(bench, table, more))
+    more.clear()  # a picture needs room: of a long run no more than the table is left then
+    trim_heap()
     result = replace(result, draw=draw, load=partial(open_run, out))
     dpi = FIGURE_DPI if recipe.every is None else _TRACKED_DPI
     write_figure(folder / FIGURE, result.figure(), dpi=dpi)
+    trim_heap()
     write_report(folder / REPORT, process_report(folder, result, job.identity))
     return result
+
+
+def _add_to_store(
+    bench: RunFolder,
+    job: Job,
+    recipe: FrameTask,
+    table: dict[str, list[Any]],
+    more: dict[str, Any],
+    shape: tuple[int, int],
+    residual: ResidualStress | None,
+) -> None:
+    """Add the table to run.zarr, and what ImageJ shows to the stacks.
+
+    The columns as arrays live no longer than this: a long run's are as large as its table.
+    Parameters: as of `finish_set_folder`; `table`; `more`, besides it. Raises InputError, OSError.
+    """
+    columns, axes = _set_columns(recipe.scene, table, more, shape)
+    add_columns(bench.results / STORE, columns, axes, attributes(job.identity))
+    _tell_imagej(bench, table, axes)
+    if residual is not None:
+        _write_residual(bench, residual, axes)
 
 
 def _join_lines(bench: RunFolder, recipe: FrameTask) -> None:

@@ -78,8 +78,9 @@ def make_field_box(
 
     Parameters: `render`, values (p,) to stress difference and visibility (n,); `low`, `high` (p,),
     the box; `degrees`, the highest power of each value, even; `cheap`, the values that move no
-    mechanics: terms of three values are only those with one of these. Returns a FieldBox. Raises
-    what `render` raises.
+    mechanics: terms of three values are only those with one of these. Where no power is above the
+    second, there are none, and of two values their product alone. Returns a FieldBox. Raises what
+    `render` raises.
     """
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     places, powers = _places(degrees, cheap)
@@ -108,8 +109,14 @@ def _places(degrees: tuple[int, ...], cheap: tuple[int, ...]) -> tuple[Array, Ar
     triples = [some for some in combinations(range(size), 3) if set(some) & set(cheap)]
     for some in [*combinations(range(size), 2), *triples]:
         axes = unit[list(some)]
-        places += [np.array(t) @ axes for t in product((-CORNER, CORNER), repeat=len(some))]
-        high = (1, 2) if len(some) == 2 else (1,)
+        if max(degrees[axis] for axis in some) > 2:
+            corners: Any = product((-CORNER, CORNER), repeat=len(some))
+            high = (1, 2) if len(some) == 2 else (1,)
+        elif len(some) == 2:  # the product alone, from the two corners where odd terms cancel
+            corners, high = ((-1.0, -1.0), (1.0, 1.0)), (1,)
+        else:
+            continue
+        places += [np.array(t) @ axes for t in corners]
         powers += [(np.array(m) @ axes).astype(int) for m in product(high, repeat=len(some))]
     # those that differ only in cheap values follow each other: they share the mechanics
     ranks = sorted(range(size), key=lambda j: (j not in cheap, degrees[j]))

@@ -27,9 +27,15 @@ _KEPT = 12
 """Polynomials that are kept, some 6 MB each: a load that swings comes back to them."""
 _FIELD_ERROR = 0.3
 """What a polynomial may do to a value near its box's corners, in standard uncertainties."""
-_LARGEST, _LARGEST_WORN, _SMALLEST, _SMALLER, _ORDER = 0.7, 0.4, 0.1, 0.8, 4
+_LARGEST, _LARGEST_WORN, _SMALLEST, _SMALLER, _ORDER = 0.7, 0.6, 0.1, 0.8, 4
 """Sizes of a box: tried first, first of a worn contact, and last; how much smaller the next try is
 at least; power of the size in the error."""
+_SHARE = 0.004
+"""What a worn contact's polynomial may do to a value over the way to a corner: three times as much
+of a step is then wrong by its slopes."""
+_AWAY, _ASIDE = 8.0, 0.01
+"""Standard uncertainties, and half-widths of what is not tracked, from the exact field from which
+on a worn contact's is made anew: its slopes then err by a tenth of one at most."""
 _SLOPE = 1e-3
 """Difference step of the signal's derivatives, in half-widths of the box."""
 _DUE, _DUE_LEAST, _DUE_MOST = 0.003, 0.001, 0.02
@@ -122,9 +128,16 @@ class TrackModel:
         kept = self._now
         if kept is None:
             return False
-        far = np.abs(kept.box.place(values) - kept.box.place(kept.exact)).max()
+        off = np.abs(kept.box.place(values) - kept.box.place(kept.exact))
         grown, last = self.course.grown(values, kept.exact)
-        return bool(grown + last * far > self._due)
+        if grown + last * off.max() > self._due:
+            return True
+        if WORN not in self.course.axes:
+            return False
+        count = self.course.count
+        if self.local is None or (len(off) > count and off[count:].max() > _ASIDE):
+            return bool(off.max() > 0.0)
+        return self.local.size((values - kept.exact)[:count]) > _AWAY
 
     def refresh(self, values: Array, levels: Array) -> bool:
         """Hold the polynomial to the scar that was worn until now; False where there is none.
@@ -162,14 +175,21 @@ class TrackModel:
             except PhysicsError:
                 error = np.inf
             smallest = self._size <= _SMALLEST
-            if error <= _FIELD_ERROR or (smallest and np.isfinite(error)):
+            if error <= self._allowed() or (smallest and np.isfinite(error)):
                 self._fields.lean(self._kept)
                 self._boxes = [self._kept, *self._boxes[: _KEPT - 1]]
                 return True
             if smallest:
                 return False
-            fit = (0.5 * _FIELD_ERROR / error) ** (1.0 / _ORDER)
+            fit = (0.5 * self._allowed() / error) ** (1.0 / _ORDER)
             self._size = max(_SMALLEST, self._size * min(_SMALLER, fit))
+
+    def _allowed(self) -> float:
+        """The error that a polynomial may have, in standard uncertainties."""
+        if WORN not in self.course.axes or self.local is None:
+            return _FIELD_ERROR
+        way = CHECKED * self._box.half[: self.course.count]
+        return max(_FIELD_ERROR, _SHARE * self.local.size(way))
 
     def _field_error(self, values: Array, levels: Array) -> float:
         """What the polynomial does to the values near two corners, in standard uncertainties."""

@@ -14,8 +14,9 @@ from isochrome.fitting.frame.single_state import scene_at
 from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
 from isochrome.fitting.joint.frame_sequence import local_values
 from isochrome.fitting.refusals import refuse_untracked
-from isochrome.fitting.tracking.field_polynomial import CHECKED, CORNER
-from isochrome.fitting.tracking.scar_growth import Drive, TrackPast
+from isochrome.fitting.tracking.field_polynomial import CHECKED
+from isochrome.fitting.tracking.scar_growth import TrackPast
+from isochrome.fitting.tracking.scar_steps import Drive
 from isochrome.scene import DistanceTable, Numerics, Scene
 from isochrome.simulation import SceneState, scene_states
 
@@ -25,13 +26,13 @@ WORN = "worn area (mm²)"
 TRACKED = (LOAD, "load.tangential_n", "load.bulk_mpa", FRICTION, WEAR, LEFT, TOP)
 """Keys that can be tracked: what the mechanics follow smoothly, and the place."""
 
-_PLACES = (-1.0, -CHECKED, -CORNER, 0.0, CORNER, CHECKED, 1.0)
+_PLACES = (-1.0, -CHECKED, 0.0, CHECKED, 1.0)
 """Where along the worn area a polynomial is made and checked, in half-widths."""
 _NO_WEAR = 1e-9
 """Worn area, over what the elasticity takes up, that is none: below any rounding of a gap."""
 
 _BOX = {FRICTION: 0.05, "load.bulk_mpa": 0.3}
-_OF_LOAD, _OF_WEAR, _PLACE_PX, _BEHIND, _ROUNDING = 0.12, 0.1, 1.5, 0.3, 0.02
+_OF_LOAD, _OF_WEAR, _PLACE_PX, _BEHIND, _ROUNDING = 0.12, 0.1, 1.5, 0.2, 0.02
 """Half-widths of a box, over its size: loads swing and scars grow more than a camera moves, and a
 polynomial errs most by the place."""
 
@@ -271,7 +272,8 @@ class TrackCourse:
         load = self._value(LOAD, values, self._now)
         low, high, degrees = values.copy(), values.copy(), []
         for j, axis in enumerate(self.axes):
-            degrees.append(2 if axis == "load.bulk_mpa" else 4)
+            # a worn contact's is held to the exact field again and again, and only its slopes count
+            degrees.append(2 if axis == "load.bulk_mpa" or WORN in self.axes else 4)
             if axis == WORN:
                 half = size * _OF_WEAR * (values[j] + self._elastic_area(load))
                 behind = _BEHIND if j < self.count else _ROUNDING
