@@ -334,9 +334,9 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
     inverse = solve_all(own, np.broadcast_to(np.eye(TERMS), own.shape))
     whole = np.isfinite(inverse).all(axis=(1, 2))
     told = np.asarray((inverse[:, _DIAGONAL, _DIAGONAL] > 0.0).all(axis=1) & whole)
-    rows = told[:, None]
-    weight, weighted, pull = (np.where(rows, v, 0.0) for v in (data.weight, weighted, pull))
-    inverse = np.where(rows[..., None], inverse, 0.0)
+    parts = data.weight, weighted, pull
+    weight, weighted, pull = (np.where(told[:, None], part, 0.0) for part in parts)
+    inverse = np.where(told[:, None, None], inverse, 0.0)
     matrix, slope = _of_ends(data, now, weight)
     mixed = _with_orders(data, now, weighted)
     solved = inverse @ np.concatenate([mixed, pull[..., None]], axis=-1)
@@ -355,14 +355,13 @@ def eliminated(data: PatchData, ends: PatchEnds, orders: Array) -> EndEquations:
 def _of_ends(data: PatchData, now: Looked, weight: Array) -> tuple[Array, Array]:
     """Normal equations (terms, terms), (terms,) of the free unknowns, the orders held.
 
-    The shapes are those of the frame's pixels, and patches overlap: what they have at a pixel is
-    summed up first.
+    Patches overlap: what they have at a pixel of the frame is summed up first.
     """
 
     def summed(values: Array) -> Array:
-        size = data.problem.light.size
-        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=size)
-        return flat.reshape(data.problem.light.shape)
+        light = data.problem.light
+        flat = np.bincount(data.pixels.ravel(), weights=values.ravel(), minlength=light.size)
+        return flat.reshape(light.shape)
 
     parts = list(zip(data.problem.found, _columns(data.problem, now), strict=True))
     matrix = [

@@ -381,14 +381,13 @@ def _data(
     dy, dx, _ = offsets()
     rows, cols = places[:, :1] + dy, places[:, 1:] + dx
     noise = problem.sigma[rows, cols] * np.maximum(chi, 1.0)[:, None]
-    flat = rows * problem.light.shape[1] + cols
     return PatchData(
         problem=problem,
         index=index,
         light=problem.light[rows, cols],
         weight=window / noise**2,
         places=places,
-        pixels=flat,
+        pixels=rows * problem.light.shape[1] + cols,
         window=np.maximum(window.sum(axis=1), 1e-9),
         chi=chi,
         thinned=thinned,
