@@ -1,7 +1,8 @@
-"""The load that wore a contact before the first frame of its track, as that frame shows it.
+"""The first frame of a track, and the load that wore its contact before, as that frame shows it.
 
 A load that swings shows one of its values. The scar's ends are where the larger ones have been, and
-where its own load does not reach, or reaches beyond, the frame tells which one wore it.
+where its own load does not reach, or reaches beyond, the frame tells which one wore it. It tells
+one load: what swung before is taken for a steady one that leaves the least misfit.
 """
 
 from __future__ import annotations
@@ -10,14 +11,79 @@ from collections.abc import Callable
 
 import numpy as np
 
+from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_model import LocalModel, project
+from isochrome.fitting.frame.frame_model import LocalModel, RefinedFit, project
+from isochrome.fitting.tracking.tracked_model import TrackModel
+from isochrome.fitting.tracking.wear_state import TrackCourse
 
 _TIMES = 4
 _FIRST, _FAR = 0.01, 0.3
 """First step, and the largest, over the load that it starts from."""
 _RESTS = 0.2
 """Step below which the search rests, in standard uncertainties of the load before."""
+_TOLD, _PASTS, _AGAIN = 4.0, 3, 0.03
+"""Misfit, over the noise squared, that another load must take off; how often one is looked for at
+most, and its change, over it, after which one is again: from far off it is not found at once."""
+
+Follow = Callable[[TrackModel, Array], RefinedFit | None]
+
+
+def begin_track(
+    course: TrackCourse,
+    prepared: Callable[[], TrackModel],
+    follow: Follow,
+    begun: Array,
+    usual_load_n: float,
+) -> tuple[RefinedFit | None, TrackModel]:
+    """The first frame of a track, on what its own load has worn, or another one before it.
+
+    Parameters: `course`, which has passed no frame, and has the load before it afterwards;
+    `prepared`, which makes the frame's pixels anew; `follow`, from pixels and values (axes,) to
+    where the steps end; `begun` (axes,), the values to start from; `usual_load_n`, about the load
+    (N) that wore the contact. Returns what was found, None where the steps do not end, and the
+    pixels that it was found with.
+    """
+    model = prepared()
+    found = follow(model, begun)
+    if found is None or not course.unsure:
+        return found, model
+    begin, past = begun, usual_load_n
+    for number in range(1 + _PASTS):
+        kept, start = course.past_load_n, course.past_load_n or course.load(found.values)
+        if number:
+            begin, past = found.values, _past_load(course, model, found, start)
+        again = prepared()
+        course.past_load_n = past
+        other = follow(again, course.with_past(begin))
+        least = found.toned.cost - _TOLD * found.toned.noise
+        if other is not None and other.toned.cost < least:
+            found, model = other, again
+        else:
+            course.past_load_n = kept
+        if number and (course.past_load_n is kept or abs(past - start) < _AGAIN * start):
+            break
+    return found, model
+
+
+def _past_load(course: TrackCourse, model: TrackModel, found: RefinedFit, start_n: float) -> float:
+    """The load (N) before the first frame by `fit_past_load`; the start's where none is told."""
+    amplitude, still = found.toned.part.amplitude, np.zeros(course.count)
+    kept = course.past_load_n
+
+    def worn(past_n: float) -> Array:
+        course.past_load_n = past_n
+        return np.asarray(model.worn_signal(course.moved(found.values, still)) * amplitude)
+
+    try:
+        here = worn(start_n)
+        return fit_past_load(
+            lambda past_n: worn(past_n) - here, found.local, found.toned.residual, start_n
+        )
+    except PhysicsError:
+        return start_n
+    finally:
+        course.past_load_n = kept
 
 
 def fit_past_load(

@@ -31,7 +31,7 @@ from isochrome.fitting.frame.unknowns import WEAR, fit_region, thinning
 from isochrome.fitting.result import TOO_FAR
 from isochrome.fitting.tracking.apparatus import Apparatus, NoLoad
 from isochrome.fitting.tracking.field_cache import HIDDEN_PX, WholeField, thin_frame
-from isochrome.fitting.tracking.past_load import fit_past_load
+from isochrome.fitting.tracking.past_load import begin_track
 from isochrome.fitting.tracking.tracked_model import BEYOND, TrackModel
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
 from isochrome.frames import Frame, NoiseModel, estimate_noise, full_scale
@@ -44,9 +44,6 @@ kept; exact residuals, and polynomials, of one frame at most; how far beyond its
 half-widths, a step is believed."""
 _LOST = 1.1
 """Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
-_TOLD, _PASTS, _FAR_PAST = 4.0, 3, 0.03
-"""Of the load before the first frame: misfit, over the noise squared, that another one must take
-off; how often it is looked for at most, and its change, over it, after which it is again."""
 _NOISE_EVERY = 250
 _SAME = 1.05
 """Difference of two pictures over what their noise makes of it, up to which they show the same."""
@@ -324,59 +321,14 @@ class Tracker:
                 return found
             self.course, self._whole = TrackCourse(self.scene, self.keys), None
             self.course.start(distance_m)
-        return self._begun(frame, data, begun)
-
-    def _begun(self, frame: Frame, data: FrameData, begun: Array) -> RefinedFit | None:
-        """The first frame of a track, on what its own load has worn, or another one before it.
-
-        Which load wore the scar until then, the frame itself tells; from far off, not at once.
-        """
-        self._model = self._prepare(frame, data)
-        found = self._follow(frame, self._model, begun)
-        if found is None or not self.course.unsure:
-            return found
-        found = self._on_past(frame, data, found, begun, self._usual_load_n) or found
-        for _ in range(_PASTS):
-            start = self.course.past_load_n or self.course.load(found.values)
-            past = self._past_load(self._model, found, start)
-            other = self._on_past(frame, data, found, found.values, past)
-            if other is None:
-                break
-            found = other
-            if abs(past - start) < _FAR_PAST * start:
-                break
+        found, self._model = begin_track(
+            self.course,
+            lambda: self._prepare(frame, data),
+            lambda model, values: self._follow(frame, model, values),
+            begun,
+            self._usual_load_n,
+        )
         return found
-
-    def _on_past(
-        self, frame: Frame, data: FrameData, found: RefinedFit, begun: Array, past_n: float
-    ) -> RefinedFit | None:
-        """The first frame if another load wore it, where that is better; else all stays."""
-        kept, model = self.course.past_load_n, self._model
-        self.course.past_load_n, self._model = past_n, self._prepare(frame, data)
-        other = self._follow(frame, self._model, self.course.with_past(begun))
-        if other is not None and other.toned.cost < found.toned.cost - _TOLD * found.toned.noise:
-            return other
-        self.course.past_load_n, self._model = kept, model
-        return None
-
-    def _past_load(self, model: TrackModel, found: RefinedFit, start_n: float) -> float:
-        """The load (N) before the first frame, see `past_load`; the start's where none is told."""
-        amplitude, still = found.toned.part.amplitude, np.zeros(self.course.count)
-        kept = self.course.past_load_n
-
-        def worn(past_n: float) -> Array:
-            self.course.past_load_n = past_n
-            return model.worn_signal(self.course.moved(found.values, still)) * amplitude
-
-        try:
-            here = worn(start_n)
-            return fit_past_load(
-                lambda past_n: worn(past_n) - here, found.local, found.toned.residual, start_n
-            )
-        except PhysicsError:
-            return start_n
-        finally:
-            self.course.past_load_n = kept
 
     def _data(self, frame: Frame, noise: NoiseModel | None = None) -> FrameData:
         depth, no_load = self._bit_depth, self._no_load
