@@ -22,9 +22,10 @@ _FIRST, _FAR = 0.01, 0.3
 """First step, and the largest, over the load that it starts from."""
 _RESTS = 0.2
 """Step below which the search rests, in standard uncertainties of the load before."""
-_TOLD, _PASTS, _AGAIN = 4.0, 3, 0.03
+_TOLD, _PASTS, _AGAIN, _ALIKE = 4.0, 3, 0.03, 3e-3
 """Misfit, over the noise squared, that another load must take off; how often one is looked for at
-most, and its change, over it, after which one is again: from far off it is not found at once."""
+most, and its change, over it, after which one is again: from far off it is not found at once. Below
+the last change a frame's values stay within their uncertainty."""
 
 Follow = Callable[[TrackModel, Array], RefinedFit | None]
 
@@ -53,6 +54,8 @@ def begin_track(
         kept, start = course.past_load_n, course.past_load_n or course.load(found.values)
         if number:
             begin, past = found.values, _past_load(course, model, found, start)
+            if abs(past - start) < _ALIKE * start:
+                break
         again = prepared()
         course.past_load_n = past
         other = follow(again, course.with_past(begin))
