@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -160,6 +160,7 @@ def test_a_thin_ring_bends_like_an_arch(ratio, off):
 
 @pytest.mark.long
 @given(x=st.floats(-1.0, 1.0), z=st.floats(-1.0, 1.0), ratio=st.floats(0.01, 0.9))
+@example(x=3e-192, z=1.0, ratio=0.5)  # beside a load, where the stress has no number
 @settings(max_examples=100, deadline=None)
 def test_field_mirrors_left_to_right_and_top_to_bottom(x, z, ratio):
     here = ring(R * x, R * z, ratio)

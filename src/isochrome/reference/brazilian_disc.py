@@ -20,6 +20,7 @@ from isochrome.reference.cauchy import (
 )
 
 _RIM_SLACK = 1e-9  # of the radius: a rim point's rounding must not put it outside
+_UNDER = 1e-150  # distance over the radius that is none: its inverse square has no number
 
 
 def disc_stress(
@@ -150,6 +151,6 @@ def _inverse_distances(x: Floats, z: Floats, radius: float) -> tuple[Complexes, 
     # s² + 1 as a product, and 1 - r² as one: near a load and near the rim they keep their digits
     product = (s + 1j) * (s - 1j)
     r = np.abs(s)
-    inside = (r <= 1.0 + _RIM_SLACK) & (product != 0.0)
+    inside = (r <= 1.0 + _RIM_SLACK) & (np.abs(product) > _UNDER)
     inverse = np.where(inside, 1.0 / np.where(inside, product, 1.0), complex(np.nan, np.nan))
     return inverse, np.where(inside, np.clip((1.0 - r) * (1.0 + r), 0.0, None), np.nan)

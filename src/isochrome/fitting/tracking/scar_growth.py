@@ -153,7 +153,7 @@ class TrackPast:
             if not self._kept:
                 first = scale * self._frames[0][0]
                 wanted = [first] if 0.0 < first <= low else []
-                self._kept = grow(self._site, start, drive, wanted, elastic_mm2) if wanted else []
+                self._kept = grow(self._site, start, drive, wanted, elastic_mm2)
             # what the last frame left is certain, and where the next scars begin
             last = min(low, scale * self._frames[-1][0])
             if low - last < SMALL * (low + elastic_mm2):

@@ -142,6 +142,8 @@ def grow(
     elasticity takes up. Returns m scars. Raises PhysicsError where a contact does not converge or
     reaches the edge of its grid.
     """
+    if not areas:
+        return []
     if scar.worn_mm2 <= 0.0:
         course, stops = _course(drive, areas)
         states = list(worn_states(site, course, stops))
