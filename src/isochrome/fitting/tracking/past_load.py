@@ -49,22 +49,30 @@ def begin_track(
     found = follow(model, begun)
     if found is None or not course.unsure:
         return found, model
-    begin, past = begun, usual_load_n
-    for number in range(1 + _PASTS):
-        kept, start = course.past_load_n, course.past_load_n or course.load(found.values)
-        if number:
-            begin, past = found.values, _past_load(course, model, found, start)
-            if abs(past - start) < _ALIKE * start:
-                break
+
+    def better_than(
+        found: RefinedFit, past_n: float, begin: Array
+    ) -> tuple[RefinedFit, TrackModel] | None:
+        """What is found if another load wore it, where that is better; else all stays."""
+        kept, course.past_load_n = course.past_load_n, past_n
         again = prepared()
-        course.past_load_n = past
         other = follow(again, course.with_past(begin))
-        least = found.toned.cost - _TOLD * found.toned.noise
-        if other is not None and other.toned.cost < least:
-            found, model = other, again
-        else:
-            course.past_load_n = kept
-        if number and (course.past_load_n is kept or abs(past - start) < _AGAIN * start):
+        if other is not None and other.toned.cost < found.toned.cost - _TOLD * found.toned.noise:
+            return other, again
+        course.past_load_n = kept
+        return None
+
+    found, model = better_than(found, usual_load_n, begun) or (found, model)
+    for _ in range(_PASTS):
+        start = course.load_before(found.values)
+        past = _past_load(course, model, found, start)
+        if abs(past - start) < _ALIKE * start:
+            break
+        better = better_than(found, past, found.values)
+        if better is None:
+            break
+        found, model = better
+        if abs(past - start) < _AGAIN * start:
             break
     return found, model
 
@@ -75,6 +83,7 @@ def _past_load(course: TrackCourse, model: TrackModel, found: RefinedFit, start_
     kept = course.past_load_n
 
     def worn(past_n: float) -> Array:
+        """The signal over the noise (n,) if that load wore the contact."""
         course.past_load_n = past_n
         return np.asarray(model.worn_signal(course.moved(found.values, still)) * amplitude)
 

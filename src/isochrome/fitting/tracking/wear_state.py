@@ -74,9 +74,8 @@ class TrackCourse:
     def _begin(self, values: Array) -> None:
         """Tell the history what wore the contact before its first frame, of some values (axes,)."""
         if self._last is None:
-            load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
-            earlier = load if self.past_load_n is None else self.past_load_n
-            drive = _drive_before(self.scene, self._now, earlier, friction)
+            friction = self._value(FRICTION, values, self._now)
+            drive = _drive_before(self.scene, self._now, self.load_before(values), friction)
             # worn by the load that it was, up to what it is in this frame: no ramp to its own
             area, law = self._area_at(values), drive.worn_mm2[-1]
             worn = np.minimum(drive.worn_mm2 * (area / law if law > 0.0 else 1.0), area)
@@ -133,9 +132,10 @@ class TrackCourse:
         self._worn, self._slid = self._value(WORN, values, s), s
         self._last = (load, friction)
 
-    def load(self, values: Array) -> float:
-        """The load (N) of a frame's values (axes,)."""
-        return self._value(LOAD, values, self._now)
+    def load_before(self, values: Array) -> float:
+        """The load (N) that wore the contact before its first frame, of some values (axes,)."""
+        own = self._value(LOAD, values, self._now)
+        return own if self.past_load_n is None else self.past_load_n
 
     def reported(self) -> Array:
         """Factors (tracked,) from the last frame's axes to the keys: area to wear coefficient."""
@@ -150,8 +150,7 @@ class TrackCourse:
         load, friction = (self._value(key, values, self._now) for key in (LOAD, FRICTION))
         if self._last is None:
             area, own = self._own(WORN, self._now), self._own(LOAD, self._now)
-            past = load if self.past_load_n is None else self.past_load_n
-            return area if _table(self.scene, LOAD) else area * past / own
+            return area if _table(self.scene, LOAD) else area * self.load_before(values) / own
         ends = ((*self._last, self._slid), (load, friction, self._now))
         rates = [self._rate(mu, at) * self._line_load(p) for p, mu, at in ends]
         return self._area + max(0.0, self._now - self._slid) * 0.5 * sum(rates)

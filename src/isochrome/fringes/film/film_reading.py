@@ -120,8 +120,13 @@ def read_followed(
 
 def _whole(valid: Mask, by: int) -> Mask:
     """Pixels (rows, cols) whose block has none that is not trusted."""
-    blocks = (joined_pixels(valid, by) > 1.0 - 0.5 / by**2).astype(np.float32)
+    blocks = _whole_blocks(valid, by).astype(np.float32)
     return np.asarray(_spread(blocks, by, valid.shape, smooth=False) > 0.5)
+
+
+def _whole_blocks(which: Mask, by: int) -> Mask:
+    """Blocks of pixels all of which are among some (rows, cols)."""
+    return np.asarray(joined_pixels(which, by) > 1.0 - 0.5 / by**2)
 
 
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
@@ -142,7 +147,7 @@ def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
         Orders of the blocks of which each pixel was read; its rate is not known, and taken as 0.
     """
     read = np.isfinite(reading.order)
-    known = joined_pixels(read, by) > 1.0 - 0.5 / by**2
+    known = _whole_blocks(read, by)
     order = joined_pixels(np.where(read, reading.order, 0.0), by)
     if known.any():
         order = continued(nearest_known(order, known), known)

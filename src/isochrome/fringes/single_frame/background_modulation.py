@@ -216,8 +216,9 @@ def _searched(problem: EndProblem, starts: list[Array]) -> list[Found]:
     kept = np.ones(cut + count + 1, dtype=bool)
     kept[cut + QUADRATICS : -1] = False
     slight = replace(lamp, spread=lamp.spread * np.where(kept[cut:-1], 1.0, _EVEN))
-    even = replace(problem, shapes=(dark, lamp.first(QUADRATICS)))
-    smooth = lamp.first(QUADRATICS).images.reshape(-1, QUADRATICS)
+    quadratics = lamp.first(QUADRATICS)
+    even = replace(problem, shapes=(dark, quadratics))
+    smooth = quadratics.images.reshape(-1, QUADRATICS)
     begin = []
     for found in possible(spotted):
         bright = problem.ends(found.unknowns)[1].ravel()
