@@ -50,6 +50,9 @@ _PLOT = "plot-"
 """In front of a plot's letter, in the name by which its Axes (and an SVG's group) are known."""
 _PASSES, _CLOSE_MM = 6, 0.8
 """How often the height is mended by what the pictures leave, and how little that may be."""
+_PLACES = 6
+"""Decimals of places (over the figure) and heights (mm): the layout's last digits are those of
+another order of its equations each time, and an SVG's names are made of them."""
 
 
 def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure:
@@ -134,12 +137,13 @@ def _fit(figure: Figure, grid: Any, blocks: dict[str, float], pictures: list[lis
                 step *= (blocks["pictures"] - last[0]) / (last[1] - missing)
             last = blocks["pictures"], missing
             most = _LARGEST_STEP * blocks["pictures"]
-            blocks["pictures"] += min(max(step, -most), most)
+            blocks["pictures"] = round(blocks["pictures"] + min(max(step, -most), most), _PLACES)
             grid.set_height_ratios(list(blocks.values()))
             figure.set_figheight(sum(blocks.values()) / MM_PER_INCH)
         figure.draw_without_rendering()  # the layout settles in the second drawing
     figure.set_layout_engine("none")  # what is saved is what was fitted, at any resolution
     _align(pictures)
+    _settle(figure)
 
 
 def _letters(k: int) -> str:
@@ -379,3 +383,12 @@ def _align(rows: Sequence[Sequence[Axes]]) -> None:
         top = max((place.y1 for place in places), default=0.0)
         for own, place in zip(row, places, strict=True):
             own.set_position((place.x0, top - place.height, place.width, place.height))
+
+
+def _settle(figure: Figure) -> None:
+    """Round all places, so that the same figure is the same file each time."""
+    for part in figure.subfigs:
+        part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), _PLACES))
+    for axes in figure.axes:
+        place = axes.get_position(original=True)
+        axes.set_position(np.round(place.bounds, _PLACES).tolist())
