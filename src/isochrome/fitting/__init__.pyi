@@ -17,7 +17,7 @@ from .frame.single_state import (
     timed_distance,
     with_numerics,
 )
-from .frame.unknowns import EARLIER, FRICTION, GAMMA, SMOOTH_KEYS, free_keys
+from .frame.unknowns import EARLIER, FRICTION, GAMMA, LOAD, SMOOTH_KEYS, WEAR, free_keys
 from .joint.frame_sequence import over_distance
 from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene
@@ -25,15 +25,18 @@ from .search.picture_search import Lying, PictureStart, search_picture
 from .tracking.api import refuse_shared, track
 from .tracking.apparatus import Apparatus, find_apparatus
 from .tracking.result import untracked_inputs
-from .tracking.tracker import Tracked, Tracker, VainSearch, nothing_found
+from .tracking.tracker import Tracked, Tracker, nothing_found
+from .tracking.vain_search import VainSearch
 
 __all__ = [
     "CORRECT",
     "EARLIER",
     "FRICTION",
     "GAMMA",
+    "LOAD",
     "SMOOTH_KEYS",
     "TOO_FAR",
+    "WEAR",
     "Apparatus",
     "FrameFit",
     "Freed",

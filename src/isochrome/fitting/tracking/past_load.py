@@ -40,10 +40,10 @@ def begin_track(
     """The first frame of a track, on what its own load has worn, or another one before it.
 
     Parameters: `course`, which has passed no frame, and has the load before it afterwards;
-    `prepared`, which makes the frame's pixels anew; `follow`, from pixels and values (axes,) to
-    where the steps end; `begun` (axes,), the values to start from; `usual_load_n`, about the load
-    (N) that wore the contact. Returns what was found, None where the steps do not end, and the
-    pixels that it was found with.
+    `prepared`, which makes the frame's pixels anew: slopes of another scar leave the load before it
+    untold; `follow`, from pixels and values (axes,) to where the steps end; `begun` (axes,), the
+    values to start from; `usual_load_n`, about the load (N) that wore the contact. Returns what was
+    found, None where the steps do not end, and the pixels that it was found with.
     """
     model = prepared()
     found = follow(model, begun)
@@ -54,9 +54,10 @@ def begin_track(
         found: RefinedFit, past_n: float, begin: Array
     ) -> tuple[RefinedFit, TrackModel] | None:
         """What is found if another load wore it, where that is better; else all stays."""
-        kept, course.past_load_n = course.past_load_n, past_n
+        kept, begin = course.past_load_n, course.with_past(begin, past_n)
+        course.past_load_n = past_n
         again = prepared()
-        other = follow(again, course.with_past(begin))
+        other = follow(again, begin)
         if other is not None and other.toned.cost < found.toned.cost - _TOLD * found.toned.noise:
             return other, again
         course.past_load_n = kept

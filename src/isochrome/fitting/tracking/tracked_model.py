@@ -24,7 +24,8 @@ from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
 BEYOND = 1.1
 """Half-widths of its box up to which a polynomial is used."""
 _KEPT = 12
-"""Polynomials that are kept, some 6 MB each: a load that swings comes back to them."""
+"""Polynomials that are kept, 3 to 10 MB each (21 terms of a worn contact, some 60 of another, at up
+to 20,000 pixels): a load that swings comes back to them."""
 _FIELD_ERROR = 0.3
 """What a polynomial may do to a value near its box's corners, in standard uncertainties."""
 _LARGEST, _LARGEST_WORN, _SMALLEST, _SMALLER, _ORDER = 0.7, 0.6, 0.1, 0.8, 4

@@ -33,6 +33,7 @@ from isochrome.fitting.tracking.apparatus import Apparatus, NoLoad
 from isochrome.fitting.tracking.field_cache import HIDDEN_PX, WholeField, thin_frame
 from isochrome.fitting.tracking.past_load import begin_track
 from isochrome.fitting.tracking.tracked_model import BEYOND, TrackModel
+from isochrome.fitting.tracking.vain_search import VainSearch
 from isochrome.fitting.tracking.wear_state import WORN, TrackCourse
 from isochrome.frames import Frame, NoiseModel, estimate_noise, full_scale
 from isochrome.scene import Scene
@@ -45,11 +46,6 @@ half-widths, a step is believed."""
 _LOST = 1.1
 """Chi, over that of the last frame that was searched for, beyond which a frame is lost."""
 _NOISE_EVERY = 250
-_SAME = 1.05
-"""Difference of two pictures over what their noise makes of it, up to which they show the same."""
-_STRIDE = 4
-
-
 _CORRECT = "correct the scene (load, place, pixel, field, gamma)"
 NO_FRINGES = f"the scene's fringes are not in this frame; {_CORRECT}"
 AGAIN = "there was no track to follow: found by a full search; compare with the frames beside it"
@@ -126,46 +122,6 @@ def nothing_found(count: int, chi: float = float("nan")) -> Tracked:
     )
 
 
-class VainSearch:
-    """The last frame in which a full search found nothing, if any.
-
-    Frames that show the same are not searched anew.
-
-    Parameters
-    ----------
-    bit_depth : int or None
-        Bit depth of the sensor, None where levels are fractions of full scale.
-    """
-
-    def __init__(self, bit_depth: int | None) -> None:
-        self._bit_depth = bit_depth
-        self._last: tuple[Array, float] | None = None
-
-    def remember(self, frame: Frame) -> None:
-        """Keep a frame that was searched in vain."""
-        thin = _thin(frame)
-        model = estimate_noise(frame.image, frame.mask, bit_depth=self._bit_depth)
-        self._last = thin, float(np.sqrt(np.nanmean(np.square(model.sigma(thin)))))
-
-    def forget(self) -> None:
-        """A frame was found: another search may be worth its time."""
-        self._last = None
-
-    def is_repeated(self, frame: Frame) -> bool:
-        """Whether a frame shows the same as the one that was searched in vain."""
-        if self._last is None:
-            return False
-        picture, noise = self._last
-        change = float(np.sqrt(np.nanmean(np.square(_thin(frame) - picture))))
-        result: bool = change <= _SAME * np.sqrt(2.0) * noise
-        return result
-
-
-def _thin(frame: Frame) -> Array:
-    """Some of a frame's pixels."""
-    return frame.image[::_STRIDE, ::_STRIDE].astype(np.float32)
-
-
 class Tracker:
     """Tracks keys of a scene through frames given one after the other.
 
@@ -229,6 +185,18 @@ class Tracker:
         self.course.resume(state["course"])
         self._model = None
 
+    def begin(self, frame: Frame, fitted: Scene, chi: float, distance_m: float | None) -> None:
+        """Start in a frame that was fitted by itself: `fitted`, with its `chi`.
+
+        `distance_m`, slid until then, None where nothing wears. Raises InputError on a blank frame.
+        """
+        start = self.course.start(distance_m)
+        begun = self.course.from_scene(fitted, start, distance_m)
+        found = self._begin_at(frame, self._data(frame), begun, chi, distance_m)
+        if found is None or found.chi > _LOST * max(1.0, chi):
+            found = self._search(frame, start, distance_m)
+        self._take(found, frame, distance_m, lost=True)
+
     def track(self, frame: Frame, distance_m: float | None) -> Tracked:
         """The tracked values of the next frame. Raises InputError on a blank frame.
 
@@ -250,6 +218,12 @@ class Tracker:
         lost = found is None or not (found.positive and found.chi <= _LOST * self._reference)
         if lost:
             found = self._search(frame, start, distance_m)
+        return self._take(found, frame, distance_m, lost=lost)
+
+    def _take(
+        self, found: RefinedFit | None, frame: Frame, distance_m: float | None, *, lost: bool
+    ) -> Tracked:
+        """Go on from what was found in a frame, by a search where it was `lost`."""
         self._pace = np.zeros(len(self.keys))
         if found is None or not found.positive or _off(found) > TOO_FAR:
             self._vain.remember(frame)
@@ -312,12 +286,19 @@ class Tracker:
             return None
         if not fit.positive:
             return None
-        begun = self.course.from_scene(fit.scene, start)
+        # the scene of one frame's field has worn over one metre
+        begun = self.course.from_scene(fit.scene, start, 1.0)
+        return self._begin_at(frame, data, begun, fit.chi, distance_m)
+
+    def _begin_at(
+        self, frame: Frame, data: FrameData, begun: Array, chi: float, distance_m: float | None
+    ) -> RefinedFit | None:
+        """A frame from values (axes,) that were found in it alone, with their `chi`."""
         if not self.course.unsure:
             self._model = self._prepare(frame, data)
             found = self._follow(frame, self._model, begun)
             # what the frame shows alone, but not on the scar so far: that scar is not the block's
-            if self.scene.wear is None or (found and found.chi <= _LOST * max(1.0, fit.chi)):
+            if self.scene.wear is None or (found and found.chi <= _LOST * max(1.0, chi)):
                 return found
             self.course, self._whole = TrackCourse(self.scene, self.keys), None
             self.course.start(distance_m)

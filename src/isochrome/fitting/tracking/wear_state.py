@@ -100,11 +100,11 @@ class TrackCourse:
         self._now = distance_m or 0.0
         return np.array([self._own(axis, distance_m) for axis in self.axes])
 
-    def with_past(self, values: Array) -> Array:
-        """The values (axes,) of a first frame if `past_load_n` wore it, not its own load."""
+    def with_past(self, values: Array, past_n: float) -> Array:
+        """The values (axes,) of a first frame if another load (N) wore it than the one so far."""
         found = self.moved(values, np.zeros(self.count))
-        if WEAR in self.keys and self.past_load_n is not None:
-            found[self._at] *= self.past_load_n / self._value(LOAD, values, self._now)
+        if WORN in self.axes:
+            found[self._at] *= past_n / self.load_before(values)
         return found
 
     def carried(self, values: Array, distance_m: float | None) -> Array:
@@ -251,14 +251,14 @@ class TrackCourse:
         even = {WEAR: coefficient, "wear.law": "archard", "wear.distances_m": [1.0]}
         return self.scene.with_values(given | even)
 
-    def from_scene(self, scene: Scene, values: Array) -> Array:
-        """The values (axes,) of a fitted `field_scene`; what it does not hold is taken over."""
+    def from_scene(self, scene: Scene, values: Array, distance_m: float | None) -> Array:
+        """The values (axes,) of a fitted scene at a distance; what it does not hold is kept."""
         found = values.copy()
         for j, axis in enumerate(self.axes):
             if axis != WORN:
                 found[j] = scene.get(axis)
             elif scene.wear is not None:
-                found[j] = 1e3 * scene.get(WEAR) * self._line_load(scene.load_at(1.0))
+                found[j] = local_values(scene, (distance_m or 0.0,))[0, 2]
         return found
 
     def box(self, values: Array, size: float) -> tuple[Array, Array, tuple[int, ...]]:

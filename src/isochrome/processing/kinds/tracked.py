@@ -113,38 +113,22 @@ class KeyFrames:
         self._vain = VainSearch(source.capture.bit_depth)
 
     def begin(self, frame: Frame, whole: ProcessedFrame) -> None:
-        """Start the track in a frame that was processed wholly, where it told its values.
-
-        The track begins where that fit ended; a worn contact is searched for there once more, as
-        its track begins with its scar.
-        """
+        """Start the track where the fit of a wholly processed frame ended, if it told values."""
         if not whole.has_values:
             if not whole.failed:
                 self._vain.remember(frame)
             return
         assert whole.fit is not None
-        begun = _begun(self.scene, whole)
         tracker = Tracker(
-            begun,
+            _begun(self.scene, whole),
             self.keys,
             bit_depth=self.capture.bit_depth,
             no_load=(self.capture.dark, self.capture.bright),
             apparatus=self.recipe.apparatus,
             usual_load_n=self.scene.load_at(0.0),
         )
-        distance = slid_until(self.scene, frame)
-        if begun.wear is None:
-            course = tracker.course
-            values = course.from_scene(whole.fit.scene, course.start(distance))
-            tracker.resume(
-                {
-                    "values": values.tolist(),
-                    "pace": [0.0] * len(self.keys),
-                    "reference": max(1.0, whole.fit.chi),
-                    "course": course.state(),
-                }
-            )
-        tracker.track(frame, distance)
+        fit, distance = whole.fit, slid_until(self.scene, frame)
+        tracker.begin(frame, fit.scene, fit.chi, distance)
         self._tracker = tracker
 
     def follow(self, frame: Frame) -> FollowedFrame:
