@@ -26,7 +26,9 @@ from isochrome.processing.kinds.tracked import tracked_states
 from isochrome.processing.pictures.preview import write_preview
 from isochrome.processing.processed import orders_are_read
 from isochrome.processing.result import (
+    FOUND_BY,
     NOTHING,
+    PICTURE,
     SPREAD,
     WHOLE,
     FollowedFrame,
@@ -216,7 +218,7 @@ def frame_row(item: ProcessedFrame | FollowedFrame, recipe: FrameTask) -> dict[s
     if recipe.every is not None and isinstance(item, ProcessedFrame):
         found_by = WHOLE if item.has_values else NOTHING
         place = None if recipe.maps == "none" else item.index // recipe.every
-        row |= {"picture": place, "found_by": found_by}
+        row |= {PICTURE: place, FOUND_BY: found_by}
         held = {} if recipe.apparatus is None else recipe.apparatus.values
         for key, (value, spread) in held.items():
             row |= {key: value, f"{key} {SPREAD}": spread}

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.special import chdtri
 
-from isochrome.fitting import EARLIER, FRICTION
+from isochrome.fitting import EARLIER, FRICTION, LOAD, WEAR
 from isochrome.output import numbers
-from isochrome.processing.result import CAUSES, SEPARATOR, SPREAD, causes_of
+from isochrome.processing.result import CAUSES, FOLLOWED, FOUND_BY, SEPARATOR, SPREAD, causes_of
 from isochrome.scene import Scene
 
 _GAMMA = "gamma"
@@ -21,6 +22,11 @@ _CHANCE = 0.01
 _OF_THE_PAST = 0.015
 """Shift of a frame's friction for each unit by which the friction was another before it. Of the
 paper's contact it is -0.002 to 0.012 at 31 to 233 m, at three times its wear 0.014."""
+
+_OF_PAST_LOADS = 0.3
+"""Shift of a wear coefficient, over it, for each unit by which the loads before scattered, over
+their mean, where one steady load stands for them. Of the paper's contact it is 0.05 to 0.28 at 10
+to 180 m, with loads that swing by 5 and 10 %."""
 
 
 def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
@@ -67,33 +73,75 @@ def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, l
     frames' frictions the mean over the distance slid is known: of a frame that differs from it, u
     becomes the shift, if that is larger. A frame that shows its past friction has it among its
     causes, and stays as it is. Once widened, a table stays as it is.
-
-    Parameters
-    ----------
-    table : dict of str to list
-        The columns of frames.csv.
-    scene : Scene
-        The set's scene.
-
-    Returns
-    -------
-    dict of str to list
-        The columns; the same object where nothing is wider.
+    Parameters: `table`, the columns of frames.csv; `scene` of the set. Returns them; the same
+    object where nothing is wider.
     """
     name = f"{FRICTION} {SPREAD}"
     if scene.wear is None or name not in table:
         return table
+    order, slid, own = _over_distance(table, FRICTION)
+    if not len(order):
+        return table
+    away = slid - slid[0]
+    past = np.divide(_integral(slid, own), away, out=own.copy(), where=away > 0.0)
+    causes = table.get(CAUSES) or [""] * len(table[name])
+    shown = [EARLIER in causes_of(causes[k] or "") for k in order]
+    return _widened(table, name, order, np.where(shown, 0.0, _OF_THE_PAST * np.abs(own - past)))
+
+
+def with_past_loads(table: dict[str, list[Any]], scene: Scene) -> dict[str, list[Any]]:
+    """Widen the uncertainty of wear coefficients whose block other loads have worn.
+
+    A frame by itself is explained by a block that its own load P has worn: k is off by P'/P - 1, by
+    the mean P' of the loads over the distance slid. A followed frame knows the loads since its
+    track began, and one for those before. What their scatter does besides is `_OF_PAST_LOADS` of
+    it, over what it has worn since. Before the first frame the loads are taken for those of the
+    others. u becomes the shift, if that is larger; once widened, a table stays as it is.
+    Parameters: `table`, the columns of frames.csv; `scene` of the set. Returns them; the same
+    object where nothing is wider.
+    """
+    name = f"{WEAR} {SPREAD}"
+    if scene.wear is None or name not in table or f"{LOAD} {SPREAD}" not in table:
+        return table
+    order, slid, load = _over_distance(table, LOAD)
+    if not len(order) or not slid[-1] > 0.0:
+        return table
+    first, span = slid[0], slid[-1] - slid[0]
+    means = []
+    for values in (load, load * load):
+        since = _integral(slid, values)
+        before = first * (since[-1] / span if span > 0.0 else values.mean())
+        means.append(np.divide(before + since, slid, out=values.copy(), where=slid > 0.0))
+    past, scatter = means[0], np.sqrt(np.maximum(means[1] - means[0] ** 2, 0.0))
+    found_by = table.get(FOUND_BY)
+    alone = np.array([found_by is None or found_by[k] != FOLLOWED for k in order])
+    begun = np.maximum.accumulate(np.where(alone, np.arange(len(order)), 0))
+    scattered = _OF_PAST_LOADS * (slid * scatter / past)[begun]
+    remembered = np.divide(scattered, slid, out=np.zeros(len(slid)), where=slid > 0.0)
+    shift = np.where(alone, np.hypot(remembered, past / load - 1.0), remembered)
+    return _widened(table, name, order, np.abs(numbers(table[WEAR]))[order] * shift)
+
+
+def _widened(
+    table: dict[str, list[Any]], name: str, order: Any, least: Any
+) -> dict[str, list[Any]]:
+    """A table whose uncertainties `name` are `least` (n,) at the least in some frames `order`."""
+    wider = list(table[name])
+    for k, shift in zip(order, least.tolist(), strict=True):
+        if wider[k] is not None:
+            wider[k] = max(wider[k], shift)  # that of a value that is not known, NaN, changes none
+    return table if wider == table[name] else table | {name: wider}
+
+
+def _over_distance(table: dict[str, list[Any]], key: str) -> tuple[Any, Any, Any]:
+    """The frames that tell a key, in the order of their distances; these (m), and its values."""
     distance = numbers(table["distance_m"])
-    value, spread = numbers(table[FRICTION]), numbers(table[name])
+    value, spread = numbers(table[key]), numbers(table[f"{key} {SPREAD}"])
     known = np.flatnonzero(np.isfinite(distance) & np.isfinite(value) & np.isfinite(spread))
     order = known[np.argsort(distance[known], kind="stable")]
-    slid, own = distance[order], value[order]
-    area = np.concatenate(([0.0], np.cumsum(0.5 * (own[1:] + own[:-1]) * np.diff(slid))))
-    away = slid - slid[:1]
-    past = np.divide(area[: len(own)], away, out=own.copy(), where=away > 0.0)
-    wider = list(table[name])
-    causes = table.get(CAUSES) or [""] * len(wider)
-    for k, shift in zip(order, _OF_THE_PAST * np.abs(own - past), strict=True):
-        if EARLIER not in causes_of(causes[k] or ""):
-            wider[k] = max(wider[k], float(shift))
-    return table if wider == table[name] else table | {name: wider}
+    return order, distance[order], value[order]
+
+
+def _integral(slid: Any, values: Any) -> Any:
+    """Integral of values over the distance (m) from the first frame to each."""
+    return cumulative_trapezoid(values, slid, initial=0.0)

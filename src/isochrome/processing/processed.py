@@ -33,9 +33,14 @@ from isochrome.output import (
     read_csv,
     saved_picture,
 )
-from isochrome.processing.in_common import with_past_friction, with_scatter_of_gamma
+from isochrome.processing.in_common import (
+    with_past_friction,
+    with_past_loads,
+    with_scatter_of_gamma,
+)
 from isochrome.processing.result import (
     CAUSES,
+    FOUND_BY,
     NOTHING,
     ORDER_SPREAD,
     PICTURE,
@@ -184,7 +189,7 @@ def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
         standard_uncertainty=spreads,
         chi=numbers(table["chi"]),
         distance_m=numbers(table["distance_m"]),
-        searched=np.array([found == SEARCHED for found in table.get("found_by", none)]),
+        searched=np.array([found == SEARCHED for found in table.get(FOUND_BY, none)]),
         whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
     )
 
@@ -238,7 +243,7 @@ def collect(
     them. Returns Processed.
     """
     alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    wider = with_past_friction(with_scatter_of_gamma(table), scene)
+    wider = with_past_loads(with_past_friction(with_scatter_of_gamma(table), scene), scene)
     if frames is not None and wider is not table:
         frames = [_of_row(frame, wider, k) for k, frame in enumerate(frames)]
     table = wider
@@ -271,7 +276,7 @@ def refuse_unread(
     Parameters: `scene`; `name` of the set; `table`, the columns of frames.csv; `kept`, share of the
     specimen's pixels that were read in each frame, None where nobody read it. Raises PhysicsError.
     """
-    followed = any(found != NOTHING for found in table.get("found_by", ()))
+    followed = any(found != NOTHING for found in table.get(FOUND_BY, ()))
     asked = orders_are_read(scene)
     normalised = np.isfinite(numbers(table["noise"])).any()
     if followed or any(kept) or (normalised and not asked):

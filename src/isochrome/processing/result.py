@@ -21,7 +21,8 @@ SPREAD = "standard_uncertainty"
 """What follows a key in the name of the column that holds its uncertainty."""
 
 WHOLE, FOLLOWED, SEARCHED, NOTHING = "whole frame", "track", "search", "nothing"
-"""How a frame's values were found, in frames.csv of a tracked video."""
+FOUND_BY = "found_by"
+"""How a frame's values were found, in frames.csv of a tracked video, and its column."""
 
 PICTURE = "picture"
 """Column of frames.csv of a tracked video: where a key frame lies in the stacks of pictures."""
@@ -63,7 +64,7 @@ def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
     else:
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
         own = (*(("kept_share",) * known), "fringe_lines", *gamma, *(_LARGEST * known))
-    followed = ("picture", "found_by") if tracked else ()
+    followed = (PICTURE, FOUND_BY) if tracked else ()
     place = ("distance_m", "chi", "noise", "pixel_mm")
     return ("frame", "name", "label", *followed, *place, *own, "warnings")
 
@@ -299,13 +300,13 @@ class FollowedFrame(SetFrame):
 
     def row(self) -> dict[str, Any]:
         """The frame's row of frames.csv."""
-        row = self.names | {"picture": None, "found_by": NOTHING}
+        row = self.names | {PICTURE: None, FOUND_BY: NOTHING}
         row |= {"distance_m": self.distance_m, "pixel_mm": self.pixel_mm}
         tracked = self.tracked
         if tracked is not None:
             row["chi"] = tracked.chi
             if np.isfinite(tracked.values).any():
-                row["found_by"] = SEARCHED if tracked.searched else FOLLOWED
+                row[FOUND_BY] = SEARCHED if tracked.searched else FOLLOWED
             row |= value_columns(self.keys, tracked.values, tracked.standard_uncertainty)
         if self.reading is not None and self.scene is not None:
             row |= {"noise": self.noise, "kept_share": self.reading.kept}
@@ -343,5 +344,5 @@ def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> d
 
 def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:
     """Which frames of a tracked video were processed wholly: whatever maps were wanted of them."""
-    found = zip(table[PICTURE], table["found_by"], strict=True)
+    found = zip(table[PICTURE], table[FOUND_BY], strict=True)
     return [at is not None or by == WHOLE for at, by in found]
