@@ -330,6 +330,23 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
 
 
 @pytest.mark.long
+def test_track_suite_reads_a_film_of_a_codec_whose_columns_are_even():
+    pytest.importorskip("av")
+    (row,) = load_benchmarks("case_track").run_case("MJPEG in AVI", quick=True)
+    assert row.frames == 9 and row.load_error < 3.5e-4  # 1.1e-4: a codec adds a little
+
+
+@pytest.mark.long
+def test_track_suite_sets_a_worn_film_beside_its_frames_wholly():
+    case, report = load_benchmarks("case_track"), load_benchmarks("report_track")
+    rows = [row for name in (case.WORN, case.WORN_WHOLE) for row in case.run_case(name, quick=True)]
+    assert [row.frames for row in rows] == [9, 9]
+    # 8e-5 in nine frames of a fifth of the size
+    assert all(row.load_error < 2.4e-4 for row in rows)
+    assert "times the frames a second of each wholly" in report.table(rows)
+
+
+@pytest.mark.long
 def test_track_suite_judges_orders_of_films_without_a_model():
     films, report = load_benchmarks("case_films"), load_benchmarks("report_track")
     assert set(films.FILMS) <= set(load_benchmarks("case_track").cases())

@@ -1,7 +1,8 @@
 """Frames a second of `process` on videos, and what reading and writing take of a contact's.
 
-Frames of 659 x 494, of the film that is processed wholly 180 x 120; 8 bits, noise of 3 grey levels,
-a vignette; the load swings by 5 %, friction and place drift. Shares are of processor time within
+Frames of 659 x 494, of the film at rest that is processed wholly 180 x 120; 8 bits, noise of 3 grey
+levels, a vignette; the load swings by 5 %; friction and place drift, or the block wears along the
+paper's 200 m, 0.1 m a frame. Shares are of processor time within
 one run of one worker: the reading thread, the count and the hash of the file; chunks, tables and
 dataset put down. The figure is counted as work.
 """
@@ -28,7 +29,7 @@ from isochrome.benchmarks import benchmarks_folder
 from . import case_films
 from .rows import TrackRow
 
-SHAPE, COUNT, LONG, LOOP = (494, 659), 800, 2000, 120
+SHAPE, COUNT, LONG, LOOP, FEW = (494, 659), 800, 2000, 120, 40
 SMALL = (120, 180)
 LOAD = "load.normal_n"
 
@@ -38,7 +39,8 @@ class Film:
     """A kind of file: `suffix`; `codec`, its `pixels` and `options`; none of a TIFF stack.
 
     `track`, whether it is tracked, or every frame processed wholly; `maps`, of which frames of a
-    tracked one maps are written; `both`, whether one worker is compared with two.
+    tracked one maps are written; `count` of its frames; `workers`, with how many it is processed;
+    `worn`, whether the block wears.
     """
 
     suffix: str
@@ -46,19 +48,25 @@ class Film:
     pixels: str = ""
     options: dict[str, str] = field(default_factory=dict)
     track: bool = True
-    both: bool = False
     maps: str = "key"
+    count: int = COUNT
+    workers: tuple[int, ...] = (1,)
+    worn: bool = False
 
 
+BOTH = (1, 2)
 WHOLE, MAPS = "TIFF, frames wholly", "TIFF, maps of all"
+WORN, WORN_WHOLE = "TIFF, worn, maps of all", "TIFF, worn, frames wholly"
 FILMS = {
-    "uncompressed AVI": Film("avi", "rawvideo", "gray", both=True),
+    "uncompressed AVI": Film("avi", "rawvideo", "gray", count=LONG, workers=BOTH),
     "TIFF stack": Film("tif"),
     "MJPEG in AVI": Film("avi", "mjpeg", "yuvj420p", {"qmin": "2", "qmax": "2"}),
     "FFV1 in MKV": Film("mkv", "ffv1", "gray"),
     "H.264 in MP4": Film("mp4", "libx264", "yuv420p", {"crf": "16"}),
-    MAPS: Film("tif", both=True, maps="all"),
-    WHOLE: Film("tif", track=False, both=True),
+    MAPS: Film("tif", maps="all", count=LONG, workers=BOTH),
+    WHOLE: Film("tif", track=False, count=FEW, workers=BOTH),
+    WORN: Film("tif", maps="all", count=LONG, workers=(2,), worn=True),
+    WORN_WHOLE: Film("tif", track=False, count=FEW, workers=(2,), worn=True),
 }
 
 
@@ -93,6 +101,23 @@ def loop(shape, count):
     return make.film(scene, values, 1), scene, values[LOAD]
 
 
+def wearing(shape, count):
+    """The same of a block that wears: its frames one after the other, the scene, the loads."""
+    from isochrome.optics import expose
+    from isochrome.simulation import scene_states
+
+    make, k = films(), np.arange(count)
+    slid = (0.1 * k).tolist()
+    loads = 44.0 * (1.0 + 0.05 * np.sin(k / 12.0))
+    scene = make.contact(shape, wearing=True).with_values({"wear.distances_m": slid})
+    truth = scene.with_values({LOAD: {"distance_m": slid, "value": loads.tolist()}})
+    rng = np.random.default_rng(1)
+    frames = (
+        expose(make.light_of(truth, state), truth.camera, rng=rng) for state in scene_states(truth)
+    )
+    return frames, scene, loads
+
+
 def there_and_back(length, count):
     """Numbers (count,) of frames of a loop that runs to its end, and back, and so on."""
     once = np.r_[np.arange(length), np.arange(length)[::-1]]
@@ -104,22 +129,26 @@ def run_case(name, *, quick):
     from isochrome.processing import process
 
     kind = FILMS[name]
-    count = 9 if quick else LONG if kind.both else COUNT
+    count = 9 if quick else kind.count
     every = 4 if quick and kind.track else None
-    frames, scene, loads = loop(SMALL if quick or not kind.track else SHAPE, 5 if quick else LOOP)
-    order = there_and_back(len(frames), count)
+    shape = SMALL if quick or not (kind.track or kind.worn) else SHAPE
+    if kind.worn:
+        frames, scene, loads = wearing(shape, count)
+    else:
+        some, scene, loads = loop(shape, 5 if quick else LOOP)
+        order = there_and_back(len(some), count)
+        frames, loads = (some[k] for k in order), loads[order]
     rows = []
     with TemporaryDirectory() as place:
         film = Path(place) / f"film.{kind.suffix}"
         if kind.codec:
-            pictures = (frames[k] for k in order)
-            films().write_video(film, pictures, kind.codec, kind.pixels, kind.options)
+            films().write_video(film, frames, kind.codec, kind.pixels, kind.options)
         else:
-            _write_stack(film, frames, order)
+            _write_stack(film, frames)
         if kind.pixels.startswith("yuv"):  # an even number of columns
-            width = frames.shape[2] // 2 * 2
+            width = shape[1] // 2 * 2
             scene = scene.with_values({"camera.width_px": width})
-        for workers in (1, 2) if kind.both and not quick else (1,):
+        for workers in kind.workers if not quick else (1,):
             with watched() as spent:
                 before, start = os.times(), time.perf_counter()
                 found = process(
@@ -128,7 +157,7 @@ def run_case(name, *, quick):
                 )  # fmt: skip
                 wall, after = time.perf_counter() - start, os.times()
             cpu = sum(after[:4]) - sum(before[:4])
-            rows.append(_row(name, workers, found, loads[order], wall, cpu, spent))
+            rows.append(_row(name, workers, found, loads, wall, cpu, spent))
         if len(rows) == 2:
             rows[1] = replace(rows[1], apart_per_s=2 * count / _apart(film, scene, kind))
     return rows
@@ -150,12 +179,12 @@ def _apart(film, scene, kind):
         return time.perf_counter() - start
 
 
-def _write_stack(path, frames, order):
+def _write_stack(path, frames):
     import tifffile
 
     with tifffile.TiffWriter(path) as tif:
-        for k in order:
-            tif.write(frames[k], photometric="minisblack", contiguous=True)
+        for frame in frames:
+            tif.write(frame, photometric="minisblack", contiguous=True)
 
 
 def _row(name, workers, found, loads, wall, cpu, spent):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from isochrome.figures.style import LINE_COLOURS
 
-from .case_track import WHOLE
+from .case_track import WHOLE, WORN, WORN_WHOLE
 from .report import lines_of, machine
 from .rows import TrackRow
 
@@ -33,7 +33,7 @@ def table(rows: list[TrackRow]) -> str:
         if cells
         for line in (*lines_of(head, cells, texts=1), "")
     ]
-    return "\n".join([*tables, *_speed_up(rows), _FOOT, machine()])
+    return "\n".join([*tables, *_speed_up(rows), *_beside_whole(rows), _FOOT, machine()])
 
 
 _FOOT = f"""\
@@ -86,12 +86,22 @@ def _speed_up(rows: list[TrackRow]) -> list[str]:
     ]
 
 
+def _beside_whole(rows: list[TrackRow]) -> list[str]:
+    """How much faster frames are followed than processed each by itself."""
+    rate = {row.film: row.frames_per_s for row in rows}
+    if not {WORN, WORN_WHOLE} <= set(rate):
+        return []
+    return [f"{WORN}: {rate[WORN] / rate[WORN_WHOLE]:.0f} times the frames a second of each wholly"]
+
+
 def figure(rows: list[TrackRow]) -> Figure:
     """Processor time of a frame by its parts, a bar for each film that one worker tracked."""
     from isochrome.figures.style import new_figure, style_axes
 
     alone = [
-        row for row in rows if row.workers == 1 and row.film != WHOLE and row.reading == row.reading
+        row
+        for row in rows
+        if row.workers == 1 and row.film not in (WHOLE, WORN_WHOLE) and row.reading == row.reading
     ]
     picture = new_figure(9.0, 0.55 * len(alone) + 1.6)
     axes = picture.subplots()
