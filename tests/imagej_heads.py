@@ -15,6 +15,8 @@ def heads_of(folder):
 def has_whole_head(known, frames, tags, *, placed, coloured=False):
     """Whether ImageJ is told labels, and of grey levels range and colours; `placed`, where too."""
     shown = coloured or {"min", "max", "Ranges", "LUTs"} <= known.keys()
+    # where ImageJ looks for the colours of one channel; of 8 bits it would make them the values
+    shown &= ("ColorMap" in tags) == (not coloured and tags["BitsPerSample"].value > 8)
     across = tags["XResolution"].value
     there = known.get("unit") == "mm" and across[0] > across[1]
     labels = known["Labels"] if isinstance(known["Labels"], list) else [known["Labels"]]

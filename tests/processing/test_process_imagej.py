@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+from zlib import crc32
+
 import numpy as np
 import pytest
 import tifffile
+from matplotlib import colormaps
 
 import isochrome
 from imagej_heads import has_whole_head, heads_of
-from isochrome.output import add_imagej_view, imagej_view, make_canvas, read_csv, write_tiff
+from imagej_program import read_by_imagej
+from isochrome.output import (
+    add_imagej_view,
+    common_edge,
+    imagej_view,
+    make_canvas,
+    read_csv,
+    write_tiff,
+)
 from isochrome.scene import dump_scene, load_scene
 from stepped_sets import contact, layer_residual, small, with_residual
 
-PIXEL, LEFT, TOP = 4.0 / 82, -2.0, 0.25
+PIXEL, LEFT, TOP, ASIDE = 4.0 / 82, -2.0, 0.25, 0.03
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +38,8 @@ def processed(tmp_path_factory):
         }
     )  # fmt: skip
     isochrome.simulate(scene, home / "simulated")
-    (home / "scene.toml").write_text(dump_scene(scene), "utf-8")
+    stated = scene.with_values({"camera.left_mm": LEFT + ASIDE})  # as a user measures it
+    (home / "scene.toml").write_text(dump_scene(stated), "utf-8")
     found = isochrome.process(home / "simulated" / "frames.tif", home / "scene.toml", home / "out")
     return home / "out", found
 
@@ -41,9 +53,10 @@ def test_a_map_tells_imagej_where_it_is_and_how_it_is_shown(processed, name):
         across = tif.pages.first.tags["XResolution"].value
     assert known["unit"] == "mm" and across[0] / across[1] == pytest.approx(1.0 / PIXEL, rel=1e-6)
     assert known["Labels"] == read_csv(folder / "frames.csv")["label"]
-    # pixels from the first one's upper left corner to the place of x = z = 0
-    assert known["xorigin"] == pytest.approx(-LEFT / PIXEL, abs=1e-5)
-    assert known["yorigin"] == pytest.approx(-TOP / PIXEL, abs=1e-5)
+    # pixels from the first one's upper left corner to x = z = 0: where the block stood, to a few of
+    # the fit's ± (0.002 px), not 0.6 px aside as the scene states it
+    assert known["xorigin"] == pytest.approx(-LEFT / PIXEL, abs=0.01)
+    assert known["yorigin"] == pytest.approx(-TOP / PIXEL, abs=0.01)
     highest = max(found.columns["n_max"]) if name == "fringe_order" else 1.0
     assert known["max"] == pytest.approx(highest) and known["min"] == 0.0
     assert known["Ranges"] == pytest.approx((0.0, highest))
@@ -58,6 +71,31 @@ def test_what_imagej_is_told_leaves_the_frames_as_they_are(processed):
     np.testing.assert_array_equal(tifffile.memmap(folder / "fringe_order.tif", mode="r"), order)
     with isochrome.frames.open_frames(folder / "normalised.tif") as reader:
         assert reader.count() == 2 and reader.pixel_mm == pytest.approx(PIXEL, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("found", "edge"),
+    [
+        ([-2.01, np.nan, -2.03], -2.02),  # those that are known lie within a pixel
+        ([-2.0, -2.06], -1.9),  # frames that moved have no origin of their own: the scene's
+        ([np.nan, np.nan], -1.9),
+    ],
+)
+def test_the_frames_of_a_stack_share_an_edge_where_they_lie_within_a_pixel(found, edge):
+    assert common_edge(found, -1.9, 0.05) == pytest.approx(edge)
+
+
+def test_a_map_has_the_display_range_of_what_it_shows():
+    """Whatever its values are: a cyclic map's two ends are one direction."""
+    span = (0.2, 0.7)
+    ranges = {
+        name: imagej_view(name, span)["Ranges"]
+        for name in ("isoclinic", "sigma_1_direction", "confidence", "normalised", "fringe_order")
+    }
+    assert ranges["isoclinic"] == ranges["sigma_1_direction"] == (-90.0, 90.0)
+    assert ranges["confidence"] == ranges["normalised"] == (0.0, 1.0)
+    assert ranges["fringe_order"] == (0.0, 0.7)
+    assert imagej_view("tau_xz", (-0.2, 0.7))["Ranges"] == (-0.7, 0.7)
 
 
 def test_a_finish_that_was_killed_is_done_again_to_the_same_bytes(tmp_path):
@@ -86,6 +124,38 @@ def test_every_tiff_of_a_run_has_the_whole_head(processed, tmp_path):
         assert heads
         for name, head in heads.items():
             assert has_whole_head(*head, placed=True), (left.name, name, head)
+
+
+@pytest.mark.long
+def test_imagej_itself_shows_the_maps_in_their_place_and_colours(processed, tmp_path):
+    """The program, not a reader of its metadata: it looks for colours in another place."""
+    folder, found = processed
+    isochrome.export(folder, to="tiff", out=tmp_path / "exported")
+    exported = next((tmp_path / "exported").rglob("fringe_order.tif"))
+    scene, parts = folder.parent / "scene.toml", tmp_path / "parts"
+    isochrome.simulate(scene, parts, components=True)
+    maps = {
+        folder / "fringe_order.tif": "viridis", folder / "normalised.tif": "gray",
+        exported: "viridis", parts / "sigma_1.tif": "RdBu_r",
+        parts / "sigma_1_direction.tif": "hsv", parts / "frames.tif": "gray",
+    }  # fmt: skip
+    known = dict(zip(maps, read_by_imagej(*maps), strict=True))
+    for path, colours in maps.items():
+        told, pictures = known[path], tifffile.imread(path).astype("<f4")
+        table = np.rint(255 * colormaps[colours](np.arange(256))[:, :3])
+        np.testing.assert_array_equal(told["colours"], table, err_msg=path.name)
+        assert (told["frames"], told["slices"], told["unit"]) == (2, 1, "mm")
+        assert told["pixel"] == pytest.approx([PIXEL, PIXEL], rel=1e-6)
+        pictures[np.isnan(pictures)] = np.nan  # of one kind
+        for page, picture in zip(told["pages"], pictures, strict=True):
+            assert page["crc32"] == crc32(picture.tobytes())
+    place = known[folder / "fringe_order.tif"]
+    assert place["origin"] == pytest.approx([-LEFT / PIXEL, -TOP / PIXEL], abs=0.01)
+    assert place["origin"] == known[exported]["origin"]
+    highest = pytest.approx([0.0, max(found.columns["n_max"])], rel=1e-6)
+    assert all(page["range"] == highest for page in place["pages"])
+    labels = [page["label"] for page in place["pages"]]
+    assert labels == read_csv(folder / "frames.csv")["label"]
 
 
 def test_frames_in_colour_have_labels_and_origin_too(tmp_path):

@@ -35,7 +35,14 @@ from .tables import (
     write_csv,
     write_excel_copies,
 )
-from .tiff_stack import Photometric, add_imagej_view, imagej_view, write_frames, write_tiff
+from .tiff_stack import (
+    Photometric,
+    add_imagej_view,
+    common_edge,
+    imagej_view,
+    write_frames,
+    write_tiff,
+)
 
 __all__ = [
     "FIGURE_DPI",
@@ -51,6 +58,7 @@ __all__ = [
     "add_rois",
     "check_given_table",
     "check_link",
+    "common_edge",
     "counted",
     "counted_frames",
     "csv_text",

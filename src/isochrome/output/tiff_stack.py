@@ -19,12 +19,21 @@ DTYPES = ("uint8", "uint16", "float32")
 IMAGEJ_LIMIT = 4_000_000_000
 """ImageJ's TIFF ends at 4 GB; beyond, a BigTIFF is written, which Fiji opens by Bio-Formats."""
 
-_SIGNED = "RdBu_r"
+_SIGNED, _ORDER = "RdBu_r", "viridis"
 _MAPS = {
-    "sigma_1_direction": "hsv", "isoclinic": "hsv", "fringe_order": "viridis",
+    "sigma_1_direction": "hsv", "isoclinic": "hsv", "fringe_order": _ORDER,
     "sigma": _SIGNED, "tau": _SIGNED,
 }  # fmt: skip
 """Colours of a stack in ImageJ by how its name begins, those of the figures."""
+
+_SPANS = {
+    "normalised": (0.0, 1.0), "confidence": (0.0, 1.0),
+    "isoclinic": (-90.0, 90.0), "sigma_1_direction": (-90.0, 90.0),
+}  # fmt: skip
+"""Display ranges that are the same for all frames: of a cyclic map's colours, both ends meet."""
+
+_COLOUR_MAP, _SHORT = 320, 3
+"""The tag of a table of colours, whose values are of 16 bits (TIFF 6.0, section 5)."""
 
 _OF_COLOURS = ("Labels", "xorigin", "yorigin")
 """What ImageJ is told of a stack in colour."""
@@ -143,6 +152,7 @@ def imagej_view(
     pixel_mm: float | None = None,
     left_mm: float | None = None,
     top_mm: float | None = None,
+    times_s: npt.ArrayLike | None = None,
 ) -> dict[str, Any]:
     """Give what ImageJ is to know of a stack besides its scale, for `write_frames`.
 
@@ -154,7 +164,8 @@ def imagej_view(
     name : str
         What the stack shows: 'fringe_order', 'sigma_1', 'sigma_1_direction'; others are grey.
     span : tuple of two floats
-        Values at the ends of the colours; about zero for a stress, whose colours are symmetric.
+        Smallest and largest value. The colours go from nought for an order, to the same value on
+        either side of it for a stress; directions, confidence and normalised frames have their own.
     labels : sequence of str, optional
         What stands above each slice.
     pixel_mm : float, optional
@@ -163,19 +174,24 @@ def imagej_view(
         Outer edge of the first column, mm.
     top_mm : float, optional
         Outer edge of the first row, mm.
+    times_s : array_like of shape (frames,), optional
+        Times of the frames, s; told where they are even to a thousandth.
 
     Returns
     -------
     dict of str to Any
-        Labels, display range, look-up table and origin, by the names of ImageJ's metadata.
+        Labels, display range, look-up table, origin and interval, by ImageJ's names for them.
     """
     from matplotlib import colormaps
 
-    low, high = (float(end) for end in span)
+    own = next((own for start, own in _SPANS.items() if name.startswith(start)), span)
+    low, high = (float(end) for end in own)
     colours = next((own for start, own in _MAPS.items() if name.startswith(start)), "gray")
     if colours == _SIGNED:
         high = max(abs(low), abs(high))
         low = -high
+    elif colours == _ORDER:
+        low = min(0.0, low)
     high = high if high > low else low + 1.0
     table = np.rint(255.0 * colormaps[colours](np.arange(256))[:, :3]).T
     view: dict[str, Any] = {"min": low, "max": high, "Ranges": (low, high)}
@@ -185,7 +201,33 @@ def imagej_view(
     for key, edge in (("xorigin", left_mm), ("yorigin", top_mm)):
         if pixel_mm is not None and edge is not None:
             view[key] = round(-edge / pixel_mm, 6) + 0.0
+    steps = np.diff(np.asarray([] if times_s is None else times_s, dtype=float))
+    if steps.size and np.isfinite(steps).all() and np.ptp(steps) <= 1e-3 * abs(steps.mean()):
+        view |= {"finterval": float(steps.mean()), "tunit": "s"}
     return view
+
+
+def common_edge(found_mm: npt.ArrayLike, stated_mm: float, pixel_mm: float) -> float:
+    """The outer edge that a stack's frames share: a TIFF has one origin for all of them.
+
+    Parameters
+    ----------
+    found_mm : array_like of shape (frames,)
+        Where each frame was found to begin, mm, NaN where that is not known.
+    stated_mm : float
+        Where the scene says that they begin, mm.
+    pixel_mm : float
+        The pixel's side, mm.
+
+    Returns
+    -------
+    float
+        The mean of those found, where all lie within a pixel; else what is stated, mm.
+    """
+    known = np.asarray(found_mm, dtype=float)
+    known = known[np.isfinite(known)]
+    alike = known.size > 0 and np.ptp(known) < pixel_mm
+    return float(known.mean()) if alike else stated_mm
 
 
 def add_imagej_view(
@@ -296,6 +338,10 @@ def stack_layout(
         if photometric == "rgb":  # its colours are its own
             view = {key: view[key] for key in _OF_COLOURS if key in view}
         keys["metadata"] = {"axes": "TYXS"[: len(shape)], **view, **unit}
+        if "LUTs" in view and dtype.itemsize > 1:
+            # ImageJ takes its own LUTs for composites alone, and one channel's from the first page
+            colours = (257 * view["LUTs"][0].astype(np.uint16)).ravel().tolist()
+            keys["extratags"] = [(_COLOUR_MAP, _SHORT, len(colours), tuple(colours), True)]
     if pixel_mm is not None:
         per_unit = 1 / pixel_mm if imagej else 10 / pixel_mm
         keys |= {"resolution": (per_unit, per_unit)}

@@ -18,6 +18,7 @@ from isochrome.output import (
     FIGURE_DPI,
     add_imagej_view,
     add_rois,
+    common_edge,
     imagej_view,
     numbers,
     replacing,
@@ -72,9 +73,6 @@ from isochrome.stress import pixel_grid
 
 _TRACKED_DPI = 110.0
 """Of a picture as wide as a screen."""
-
-_SPANS = {"normalised": (0.0, 1.0), "confidence": (0.0, 1.0), "isoclinic": (-90.0, 90.0)}
-"""Display ranges of the maps; the orders' is that of the set."""
 
 _COORDINATES = ("frame", "name", "label", "distance_m", "time_s")
 _MORE = ("status", "time_s", "left_mm", "top_mm")
@@ -138,9 +136,10 @@ def _add_to_store(
     """
     columns, axes = _set_columns(recipe.scene, table, more, shape)
     add_columns(bench.results / STORE, columns, axes, attributes(job.identity))
-    _tell_imagej(bench, table, axes)
+    edges = _edges(bench, columns, axes)
+    _tell_imagej(bench, table, axes, edges)
     if residual is not None:
-        _write_residual(bench, residual, axes)
+        _write_residual(bench, residual, edges)
 
 
 def _join_lines(bench: RunFolder, recipe: FrameTask) -> None:
@@ -225,38 +224,44 @@ def set_dataset(
 
 
 def _tell_imagej(
-    bench: RunFolder, table: Mapping[str, list[Any]], axes: Mapping[str, Column]
+    bench: RunFolder,
+    table: Mapping[str, list[Any]],
+    axes: Mapping[str, Column],
+    edges: Mapping[str, float],
 ) -> None:
-    """Give the maps' stacks their labels, display range, colours and origin. Raises OSError."""
+    """Give the maps' stacks their labels, range, colours, origin and interval. Raises OSError."""
     names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
     shown = axes["key_frame"].values if "key_frame" in axes else range(len(names))
-    edges, pixel = _edges(bench, axes), bench.layout.pixel_mm
+    times, pixel = axes["time_s"].values, bench.layout.pixel_mm
     highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
     largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
     for name, stack in bench.stacks.items():
-        span = _SPANS.get(name, (0.0, largest))
-        labels = names if stack.shape[0] == len(names) else [names[k] for k in shown]
-        view = imagej_view(name, span, labels=labels, pixel_mm=pixel, **edges)
+        pages = range(len(names)) if stack.shape[0] == len(names) else shown
+        view = imagej_view(
+            name, (0.0, largest), labels=[names[k] for k in pages], pixel_mm=pixel,
+            times_s=[times[k] for k in pages], **edges,
+        )  # fmt: skip
         add_imagej_view(stack.path, stack.shape, pixel, view)
 
 
-def _edges(bench: RunFolder, axes: Mapping[str, Column]) -> dict[str, float]:
+def _edges(
+    bench: RunFolder, columns: Mapping[str, Column], axes: Mapping[str, Column]
+) -> dict[str, float]:
     """The maps' outer edges, left_mm and top_mm, where their scale is known."""
     pixel = bench.layout.pixel_mm
     return {
-        key: float(axes[axis].values[0]) - 0.5 * pixel
+        key: common_edge(columns[key].values, float(axes[axis].values[0]) - 0.5 * pixel, pixel)
         for key, axis in (("left_mm", "x_mm"), ("top_mm", "z_mm"))
         if pixel is not None and axis in axes
     }
 
 
-def _write_residual(bench: RunFolder, residual: ResidualStress, axes: Mapping[str, Column]) -> None:
+def _write_residual(bench: RunFolder, residual: ResidualStress, edges: Mapping[str, float]) -> None:
     """The residual stress that was taken out, as order and direction. Raises InputError."""
-    edges, pixel = _edges(bench, axes), bench.layout.pixel_mm
+    pixel, span = bench.layout.pixel_mm, (0.0, residual.largest)
     for name in ("order", "isoclinic"):
         values = getattr(residual, name)[None]
         map_name = "fringe_order" if name == "order" else name
-        span = _SPANS.get(map_name, (0.0, residual.largest))
         view = imagej_view(map_name, span, labels=["without load"], pixel_mm=pixel, **edges)
         path = bench.results / f"residual_{name}.tif"
         write_tiff(path, values, pixel_mm=pixel, metadata=view)

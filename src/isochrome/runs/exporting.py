@@ -11,6 +11,7 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.output import (
+    common_edge,
     imagej_view,
     replacing,
     staged,
@@ -179,11 +180,12 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
     pixel = _scale(dataset)
     view = imagej_view(
         name, _span(array), labels=_labels(dataset, array), pixel_mm=pixel,
-        left_mm=_edge(dataset, "x_mm", pixel), top_mm=_edge(dataset, "z_mm", pixel),
+        left_mm=_edge(dataset, "x_mm", "left_mm", pixel),
+        top_mm=_edge(dataset, "z_mm", "top_mm", pixel),
+        times_s=_of_pictures(dataset, "time_s", array),
     )  # fmt: skip
-    metadata = view | _interval(dataset, array)
     pictures = (values for _, values in _blocks(array))
-    write_frames(path, pictures, shape, np.dtype("<f4"), pixel_mm=pixel, metadata=metadata)
+    write_frames(path, pictures, shape, np.dtype("<f4"), pixel_mm=pixel, metadata=view)
     return path
 
 
@@ -200,11 +202,12 @@ def _span(array: xarray.DataArray) -> tuple[float, float]:
     return (min(ends), max(ends)) if ends else (0.0, 1.0)
 
 
-def _edge(dataset: xarray.Dataset, name: str, pixel_mm: float | None) -> float | None:
+def _edge(dataset: xarray.Dataset, axis: str, found: str, pixel_mm: float | None) -> float | None:
     """Outer edge of the first column or row, mm; None where no place is known."""
-    if pixel_mm is None or name not in dataset.coords:
+    if pixel_mm is None or axis not in dataset.coords:
         return None
-    return float(dataset[name].values[0]) - 0.5 * pixel_mm
+    places = dataset[found].values if found in dataset else np.zeros(0)
+    return common_edge(places, float(dataset[axis].values[0]) - 0.5 * pixel_mm, pixel_mm)
 
 
 def _scale(dataset: xarray.Dataset) -> float | None:
@@ -242,14 +245,3 @@ def _of_pictures(dataset: xarray.Dataset, name: str, array: xarray.DataArray) ->
     if axis == f"key_{own}":  # pictures of some of the frames
         return values[dataset[axis].values]
     return values if axis == own else None
-
-
-def _interval(dataset: xarray.Dataset, array: xarray.DataArray) -> dict[str, Any]:
-    """The time between pictures, where it is known and even to a thousandth."""
-    times = _of_pictures(dataset, "time_s", array)
-    if times is None or times.size < 2:
-        return {}
-    steps = np.diff(times)
-    if not np.isfinite(steps).all() or np.ptp(steps) > 1e-3 * abs(steps.mean()):
-        return {}
-    return {"finterval": float(steps.mean()), "tunit": "s"}

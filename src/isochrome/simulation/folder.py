@@ -96,8 +96,6 @@ def _view(
         span = (0.0, 1.0 if camera.bit_depth is None else 2.0**camera.bit_depth - 1.0)
     elif name == ORDER:
         span = (0.0, float(max(history["n_max"])))
-    elif "direction" in name:
-        span = (-90.0, 90.0)
     else:
         ends = [np.nanpercentile(np.frombuffer(p, dtype), (0.1, 99.9)) for p in parts(run, name)]
         span = (float(np.min(ends)), float(np.max(ends)))

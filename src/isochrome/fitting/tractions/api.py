@@ -91,10 +91,9 @@ def write_tractions(folder: Path, frames: PreparedFrames, joint: JointFit, resul
 def _view(name: str, stack: Sequence[Array], pixels: PixelGrid) -> dict[str, Any]:
     """What ImageJ is to know of a stack of frames whose first one stands on some `pixels`."""
     known = np.concatenate([image[np.isfinite(image)] for image in stack])
-    lowest = 0.0 if name == "fringe_order" else float(known.min(initial=0.0))
     return imagej_view(
         name,
-        (lowest, float(known.max(initial=0.0))),
+        (float(known.min(initial=0.0)), float(known.max(initial=0.0))),
         labels=[f"frame {i}" for i in range(len(stack))],
         pixel_mm=pixels.pixel_mm,
         left_mm=float(pixels.x_mm[0]) - 0.5 * pixels.pixel_mm,
