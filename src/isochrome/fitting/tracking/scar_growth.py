@@ -44,12 +44,10 @@ _NEW, _OLD = 250, 500
 _SCARS = 4
 """Last scars that are kept: a worn area that is tracked falls back behind them by its noise."""
 
-_APART = 0.01
-"""Growth from one to the next of the older ones: a box of worn areas begins some per cent behind
-the last, and a scar that is not stepped on from one below it would lack what wore it."""
-
-_BACK = 0.9
-"""Share of the oldest one's area from which on frames are remembered."""
+_APART, _BACK = 0.01, 0.1
+"""Growth from one to the next of the older ones, and how far back they are kept, and the frames
+that wore them, over the worn and elastic area: a box of worn areas begins up to 0.012 of that
+behind the last, and a scar that is not stepped on from one below it would lack what wore it."""
 
 
 _ROOT, _ALIKE = 0.9, 1e-3
@@ -57,16 +55,21 @@ _ROOT, _ALIKE = 0.9, 1e-3
 scale may shift its loads."""
 
 
-def _with_last(kept: list[WornScar], last: WornScar) -> list[WornScar]:
-    """Scars that are kept, with one more: the last ones, and of the older some down to `_BACK`."""
-    every = [*kept, last]
+def _with_one_more(kept: list[WornScar], more: WornScar, elastic_mm2: float) -> list[WornScar]:
+    """Scars by their areas with one more: the last ones, and of those before some, to `_BACK`."""
+    every = sorted([*kept, more], key=lambda scar: scar.worn_mm2)
     older: list[WornScar] = []
     for scar in every[:-_SCARS]:
-        if not older or scar.worn_mm2 > (1.0 + _APART) * older[-1].worn_mm2:
+        if not older or _grown(older[-1], scar, elastic_mm2) > _APART:
             older.append(scar)
-    while len(older) > 1 and older[1].worn_mm2 < _BACK * last.worn_mm2:
+    while len(older) > 1 and _grown(every[-1], older[1], elastic_mm2) < -_BACK:
         older.pop(0)
     return [*older, *every[-_SCARS:]]
+
+
+def _grown(scar: WornScar, other: WornScar, elastic_mm2: float) -> float:
+    """Growth from a scar to another over the first one's worn and elastic area."""
+    return (other.worn_mm2 - scar.worn_mm2) / (scar.worn_mm2 + elastic_mm2)
 
 
 class TrackPast:
@@ -137,7 +140,8 @@ class TrackPast:
     ) -> None:
         """Wear scars of some areas (mm², rising), on which `solve` puts its contacts.
 
-        Beyond the first of them the contact wears on by the mean drive of as much before it.
+        Beyond the first of them the contact wears on by the drive of the frame in hand, before a
+        first frame by what wore it until then: what more or less has worn shows as that does.
         Parameters: `areas`; `now`, of the frame in hand: area by the law (mm²), line load (N/mm),
         friction; `scale`, areas over the law's; `elastic_mm2`, see `grow`.
         """
@@ -145,7 +149,7 @@ class TrackPast:
         drive = self._drive(now, scale)
         low, high = areas[0], areas[-1]
         if high > low:
-            self._ahead = drive.mean(max(0.0, 2.0 * low - high), low)
+            self._ahead = now[1:] if self._frames else drive.mean(0.0, low)
             drive = drive.then(low, *self._ahead)
         start = WornScar(0.0, np.zeros(self._site.grid.nodes))
         last = 0.0
@@ -162,7 +166,7 @@ class TrackPast:
             if self._ahead_of is not None:
                 start = self._ahead_of.towards(start, last, self._frames[-1][1:])
                 if self._kept and start.worn_mm2 == last > self._kept[-1].worn_mm2:
-                    self._kept = _with_last(self._kept, start)
+                    self._kept = _with_one_more(self._kept, start, elastic_mm2)
         if self._ahead_of is not None and low == high:
             start = self._ahead_of.towards(start, low, now[1:])
         if start.worn_mm2 == 0.0 < low and _ROOT * high < low:
@@ -170,9 +174,10 @@ class TrackPast:
         there = sorted({area for area in (last, *areas) if area > start.worn_mm2})
         grown = grow(self._site, start, drive, there, elastic_mm2)
         if last > start.worn_mm2:
-            self._kept = _with_last(self._kept, grown[0])
+            self._kept = _with_one_more(self._kept, grown[0], elastic_mm2)
             worn = [row[0] for row in self._frames]
-            oldest = bisect_left(worn, _BACK * self._kept[0].worn_mm2 / scale)
+            behind = self._kept[0].worn_mm2 - _BACK * (last + elastic_mm2)
+            oldest = bisect_left(worn, behind / scale)
             self._frames = self._frames[max(0, oldest - 1) :]
         if low == high and grown and last < low:
             begun = grown[0] if len(grown) > 1 else start
