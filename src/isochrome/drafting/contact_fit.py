@@ -42,6 +42,10 @@ right (60 drawn contacts)."""
 _FARTHEST = 4.0
 """Factor from the stated load beyond which a fit has found something else."""
 
+_MOST_FRICTION, _GAMMAS = 1.5, (0.3, 4.0)
+"""Friction and gammas of benches. Beyond them a fit makes up for a contact that it has not found,
+and enough light would make it look right."""
+
 _FRICTION_TO_BEGIN = 0.2
 
 
@@ -107,6 +111,7 @@ def find_contact(
         choices["gammas"] = (given.gamma,)
     starts = search_picture(data, scene, **choices)
     best, first = _best_start(starts, _keys(given), frame)
+    _refuse_far_load(first, given, frame)
     freed = fit_with_causes(best.data, first.scene, _keys(given), cold=False, slips=False)
     fit = freed.fit
     _refuse_wrong(fit, starts, best, given, frame)
@@ -114,8 +119,9 @@ def find_contact(
     poor = fit.chi > POOR_CHI
     if poor:
         messages += (
-            f"chi = {fit.chi:.2f}: the contact is where it is, and the frame holds more than its "
-            "noise besides; check the specimen's and the indenter's values, and isochrome check",
+            f"chi = {fit.chi:.2f}: the frame holds more than this scene and noise, so that load "
+            "and friction may be off by far more than their ±; measure the indenter's radius, the "
+            "fringe value and the pixel, then run isochrome check",
         )
     return ContactFit(frame.index, best.lying, freed.data, fit, messages)
 
@@ -140,7 +146,7 @@ def _best_start(
             fit = fit_frame(start.data, start.scene, keys, cold=False)
         except (InputError, PhysicsError):
             continue  # it has left the picture, or its contact cannot be solved
-        if fit.positive:
+        if fit.positive and not _is_no_bench(fit):
             fits.append((fit, start))
     fits.sort(key=lambda pair: pair[0].chi)
     if not fits or fits[0][0].chi > _HOPELESS:
@@ -155,13 +161,20 @@ def _best_start(
     return fits[0][1], fits[0][0]
 
 
+def _is_no_bench(fit: FrameFit) -> bool:
+    """Whether a fit has run to a friction or a gamma that no bench has."""
+    least, most = _GAMMAS
+    gamma = GAMMA in fit.keys and not least < fit.scene.get(GAMMA) < most
+    return bool(gamma or abs(fit.scene.get(FRICTION)) > _MOST_FRICTION)
+
+
 def _unexplained(frame: Frame, chi: float | None) -> PhysicsError:
     """What is said where no contact explains a frame."""
     best = "none leads to fringes" if chi is None else f"the best leaves {chi:.1f} times its noise"
     return PhysicsError(
         f"{frame.name}: no contact explains frame {frame.index} ({best}); check --radius-mm, "
         "--thickness-mm, --fringe-value-n-per-mm, --young-gpa and --pixel-mm, give --load-n within "
-        "a factor of three, or another --frame"
+        "a factor of three, or another --frame, which shows the middle of the contact"
     )
 
 
@@ -190,8 +203,13 @@ def _refuse_wrong(
     others = [s.chi for s in starts if s is not best and s.lying[:3] != best.lying[:3]]
     rival = min(others, default=float("inf"))
     clear = fit.chi <= _CLEAR and rival > _CLEAR * fit.chi
-    if not fit.positive or (fit.chi > POOR_CHI and not clear):
+    if not fit.positive or _is_no_bench(fit) or (fit.chi > POOR_CHI and not clear):
         raise _unexplained(frame, fit.chi if fit.positive else None)
+    _refuse_far_load(fit, given, frame)
+
+
+def _refuse_far_load(fit: FrameFit, given: KnownValues, frame: Frame) -> None:
+    """Refuse a fit whose load is another than the stated one. Raises PhysicsError."""
     load = float(fit.scene.get(LOAD))
     assert given.load_n is not None
     if not 1.0 / _FARTHEST < load / given.load_n < _FARTHEST:

@@ -265,7 +265,10 @@ def _with_all_light(solution: S) -> S:
         terms = richer_light(solution.blocks(), solution.terms, MOST_TERMS)
         if terms == solution.terms:
             break
-        again = solution.again(Change(terms=terms))
+        try:
+            again = solution.again(Change(terms=terms))
+        except PhysicsError:
+            break
         if not again.is_sound or again.chi > solution.chi:
             break
         solution = again
