@@ -34,7 +34,7 @@ function takeState(state) {
   const box = state.region, whole = box.height_px === state.frames.rows && box.width_px === state.frames.cols;
   const known = {
     contact: state.place ? [point(state.place)] : [],
-    surface: state.surface ? state.surface.map(point) : [],
+    surface: surfacePoints(state),
     mask: state.polygon.map(point),
     order: state.known_order.map((one) => ({ ...one })),
     line: state.known_line.map((one) => ({ order: one.order, points: one.points.map(point) })),
@@ -51,6 +51,17 @@ function takeState(state) {
   showPoints();
   draw();
 }
+/* the user's own two points where the scene's surface goes through them, else its ends, if it is
+   turned; a level one that nobody has set is drawn as a line alone */
+function surfacePoints(state) {
+  if (!state.surface) return [];
+  const [left, right] = state.surface, stated = state.values["camera.roll_deg"] !== undefined;
+  const rowAt = (col) => left[0] + ((right[0] - left[0]) * (col - left[1])) / (right[1] - left[1]);
+  const isOwn = own.surface.length === 2 && own.surface.every(({ row, col }) => Math.abs(row - rowAt(col)) < NEAR_PX);
+  if (isOwn) return own.surface;
+  return stated ? state.surface.map(([row, col]) => ({ row, col })) : [];
+}
+const NEAR_PX = 0.5; // the roll's last digit, and a lens
 const pairs = (list) => list.map(({ row, col }) => [row, col]);
 const commands = {
   scale: () => null,
@@ -106,6 +117,7 @@ function addPoint(at) {
     own.line[line] = { order: Number(get("new-order").value) || 0, points: [] };
   }
   if (tool === "boundary" && !own.boundary[line]) own.boundary[line] = { points: [] };
+  if (tool === "surface" && own.surface.length === MOST.surface) own.surface = []; // a new pair
   const list = points();
   if (list.length >= MOST[tool]) {
     active = tool === "contact" ? 0 : nearest(at, Infinity);
@@ -332,6 +344,8 @@ get("new-line").addEventListener("click", () => {
 });
 get("clear-tool").addEventListener("click", () => {
   own[tool] = [];
+  clearTimeout(commitLater[tool]);
+  delete touched[tool];
   active = -1;
   line = 0;
   showPoints();
@@ -351,7 +365,8 @@ get("apply-scale").addEventListener("click", () => {
 function drawMarks(to) {
   outline(to, own.region.length === 2 ? boxCorners(own.region) : [], true, "#7fd1ff", tool === "region");
   outline(to, own.mask, own.mask.length > 2, "#8cff9e", tool === "mask");
-  outline(to, own.surface, false, "#ffd34d", tool === "surface");
+  const surface = touched.surface ? own.surface : (page.state && page.state.surface || []).map(([row, col]) => ({ row, col }));
+  outline(to, surface, false, "#ffd34d", tool === "surface");
   outline(to, own.scale, false, "#ff9d2e", tool === "scale");
   own.line.forEach((one, number) => outline(to, one.points, false, "#ff8ad8", tool === "line" && number === line));
   own.boundary.forEach((one, number) => outline(to, one.points, false, "#c9a6ff", tool === "boundary" && number === line));

@@ -1,0 +1,57 @@
+"""The page's tools in a real browser: points, lines, fields and what they leave in the scene."""
+
+from __future__ import annotations
+
+import pytest
+
+from browsers import skip_without_browser
+
+from .test_setup_browser import chromium, place_on_screen, tab
+
+__all__ = ["chromium"]
+
+pytestmark = pytest.mark.browser
+
+skip_without_browser()
+
+
+def click(own, row, col):
+    """Click a pixel of the picture, and wait until the scene has it."""
+    own.page.mouse.click(*place_on_screen(own, row, col))
+    own.page.wait_for_timeout(80)
+    own.settle()
+
+
+def test_two_clicks_make_the_surface_line_and_stay_where_they_were_set(chromium, made):
+    """A click off any point begins a new pair; the answer leaves the user's points alone."""
+    with tab(chromium, made) as own:
+        page = own.page
+        own.tool("surface")
+        before = page.evaluate("page.state.revision")
+        click(own, 20, 250)
+        assert page.evaluate("page.state.revision") == before
+        assert len(page.evaluate("own.surface")) == 1
+        click(own, 20, 400)
+        camera = made.scene().camera
+        assert camera.roll_deg in (None, 0.0)
+        assert page.evaluate("page.state.place[0]") == pytest.approx(20.0, abs=1.0)
+        assert [one["col"] for one in page.evaluate("own.surface")] == pytest.approx(
+            [250, 400], abs=1.0
+        )
+        click(own, 60, 200)
+        assert len(page.evaluate("own.surface")) == 1
+        click(own, 30, 500)
+        assert made.scene().camera.roll_deg == pytest.approx(5.71, abs=0.3)
+        own.click("#clear-tool")
+        assert made.scene().camera.roll_deg in (None, 0.0)
+        assert page.evaluate("own.surface") == []
+        page.focus("#stage")
+        page.keyboard.press("Enter")
+        page.keyboard.press("Shift+ArrowLeft")
+        page.keyboard.press("Enter")
+        page.wait_for_timeout(350)
+        own.settle()
+        assert len(page.evaluate("own.surface")) == 2
+        page.keyboard.press("Enter")
+        assert len(page.evaluate("own.surface")) == 1
+        assert own.said == []
