@@ -55,3 +55,20 @@ def test_two_clicks_make_the_surface_line_and_stay_where_they_were_set(chromium,
         page.keyboard.press("Enter")
         assert len(page.evaluate("own.surface")) == 1
         assert own.said == []
+
+
+def test_a_contact_above_the_picture_can_be_set_there(chromium, made):
+    """Its place above the first row is no edge of the picture."""
+    with tab(chromium, made) as own:
+        own.tool("contact")
+        own.page.fill("#point-0-row", "-40")
+        own.page.press("#point-0-row", "Tab")
+        own.page.wait_for_timeout(80)
+        own.settle()
+        assert made.scene().camera.top_mm == pytest.approx(39.5 * 0.00607, abs=1e-6)
+        own.page.focus("#stage")
+        own.page.keyboard.press("ArrowRight")
+        own.page.wait_for_timeout(350)
+        own.settle()
+        assert made.scene().camera.top_mm == pytest.approx(39.5 * 0.00607, abs=1e-6)
+        assert own.said == []

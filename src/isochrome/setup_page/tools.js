@@ -104,9 +104,11 @@ function commit(wait = 0) {
 }
 
 function inside(point) {
+  // the contact and its surface may lie beside the picture, one height of it away at the most
+  const beyond = 0.5 + (tool === "contact" || tool === "surface" ? shown.rows : 0);
   return {
-    row: Number(clamp(point.row, -0.5, shown.rows - 0.5).toFixed(2)),
-    col: Number(clamp(point.col, -0.5, shown.cols - 0.5).toFixed(2)),
+    row: Number(clamp(point.row, -beyond, shown.rows - 1 + beyond).toFixed(2)),
+    col: Number(clamp(point.col, -beyond, shown.cols - 1 + beyond).toFixed(2)),
   };
 }
 function addPoint(at) {
