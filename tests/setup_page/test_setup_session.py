@@ -145,6 +145,40 @@ def test_a_scene_that_is_there_keeps_its_comments(fresh):
     assert (fresh / "scene.toml").read_bytes() == own.replace("4.0", "5.0").encode()
 
 
+def test_a_file_that_another_program_changed_is_not_written_over(made, fresh):
+    """Its words are named; a page that is loaded anew has the file's scene, and Undo the page's."""
+    apply_tool(made, {"tool": "save"})
+    file = fresh / "scene.toml"
+    other = file.read_text().replace("normal_n = 40.0", "normal_n = 55.0  # by hand")
+    file.write_text(other)
+    apply_tool(made, {"tool": "values", "values": {"load.normal_n": 50.0}})
+    mine = made.text
+    with pytest.raises(InputError, match=r"^scene\.toml: was changed by another program since"):
+        apply_tool(made, {"tool": "save"})
+    assert file.read_text() == other
+    made.read_again()
+    assert made.text == other and made.is_saved
+    apply_tool(made, {"tool": "undo"})
+    assert made.text == mine
+    apply_tool(made, {"tool": "save"})
+    assert file.read_text() == mine
+    file.write_text("no scene [")
+    made.read_again()
+    assert made.text == mine
+    with pytest.raises(InputError, match="was changed by another program"):
+        apply_tool(made, {"tool": "save"})
+    file.unlink()
+    apply_tool(made, {"tool": "save"})
+    assert file.read_text() == mine
+
+
+def test_a_scene_that_came_while_the_page_was_open_is_not_written_over(made, fresh):
+    (fresh / "scene.toml").write_text("# of a second page\n")
+    with pytest.raises(InputError, match="was changed by another program"):
+        apply_tool(made, {"tool": "save"})
+    assert (fresh / "scene.toml").read_text() == "# of a second page\n"
+
+
 def test_a_scene_of_the_package_is_copied_beside_the_frames(fresh):
     session = open_session(fresh / "captured.tif", "line-contact-wear")
     assert session.scene_file == fresh / "scene.toml" and not session.is_saved

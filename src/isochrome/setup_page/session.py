@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,7 @@ class SetupSession:
         self.revision = 0
         self.saves = 0
         self._saved_text = text if saved else None
+        self._file_bytes = self._read_file()
         self._undo: list[str] = []
         self._lock = threading.RLock()
         self._model: tuple[tuple[int, int], LiveModel, tuple[float, float]] | None = None
@@ -142,12 +144,44 @@ class SetupSession:
             self.text = self._undo.pop()
             self.revision += 1
 
+    def _read_file(self) -> bytes | None:
+        """What the scene's file holds now; None where there is none that can be read."""
+        try:
+            return self.scene_file.read_bytes()
+        except OSError:
+            return None
+
+    def read_again(self) -> None:
+        """Take the file's scene where another program has changed it; undo takes it back.
+
+        A text that is no scene is left alone: `save` refuses to write over it.
+        """
+        with self._lock:
+            there = self._read_file()
+            if there is None or there == self._file_bytes:
+                return
+            with suppress(InputError, UnicodeDecodeError):
+                text = there.decode("utf-8-sig")  # line ends stay as they are
+                self._named |= _named_files(text)
+                self.change(lambda _: text)
+                self._file_bytes, self._saved_text = there, text
+
     def save(self) -> None:
-        """Write the scene, whole or not at all. Raises InputError where it cannot be written."""
+        """Write the scene, whole or not at all.
+
+        Raises InputError where it cannot be written, or where the file is no longer the one that
+        was read or saved last.
+        """
         with self._lock:
             self.check_complete()
+            if self._read_file() not in (None, self._file_bytes):
+                noun = "scene" if self.subject is None else "set"
+                raise InputError(
+                    f"{self.scene_file.name}: was changed by another program since this page read "
+                    f"it; copy what you need from 'The {noun} as text', and reload the page"
+                )
             write_text(self.scene_file.resolve(), self.text)
-            self._saved_text = self.text
+            self._file_bytes, self._saved_text = self._read_file(), self.text
             self._named |= _named_files(self.text)
             self.saves += 1
 
