@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from browsers import skip_without_browser
+from isochrome.setup_page import apply_tool
 
 from .test_setup_browser import chromium, place_on_screen, tab
 
@@ -71,4 +72,55 @@ def test_a_contact_above_the_picture_can_be_set_there(chromium, made):
         own.page.wait_for_timeout(350)
         own.settle()
         assert made.scene().camera.top_mm == pytest.approx(39.5 * 0.00607, abs=1e-6)
+        assert own.said == []
+
+
+@pytest.fixture
+def lined(made):
+    """A scene with two known lines and two free edges."""
+    ends = ([[100, 100], [150, 140]], [[300, 400], [350, 460]])
+    lines = [{"points": points, "order": order} for points, order in zip(ends, (1, 3), strict=True)]
+    apply_tool(made, {"tool": "known_line", "lines": lines})
+    apply_tool(made, {"tool": "free_boundary", "lines": [{"points": points} for points in ends]})
+    return made
+
+
+@pytest.mark.parametrize("name", ["line", "boundary"])
+def test_a_second_line_is_dragged_chosen_by_keys_and_taken_away(chromium, lined, name):
+    """The first line is left as it is, whatever is done to the second."""
+
+    def lines():
+        frames = lined.scene().frames
+        found = frames.known_line if name == "line" else frames.free_boundary
+        return [one.places for one in found]
+
+    first, second = lines()
+    with tab(chromium, lined) as own:
+        page = own.page
+        own.tool(name)
+        page.mouse.move(*place_on_screen(own, 350, 460))
+        page.mouse.down()
+        page.mouse.move(*place_on_screen(own, 400, 470), steps=3)
+        page.mouse.up()
+        page.wait_for_timeout(80)
+        own.settle()
+        assert lines()[0] == first
+        assert lines()[1][0] == second[0]
+        assert lines()[1][1] == pytest.approx((400, 470), abs=1.0)
+        assert page.evaluate("line") == 1
+        assert "Line 2 of 2" in page.locator("#line-number option:checked").inner_text()
+        page.focus("#line-number")
+        page.keyboard.press("ArrowUp")
+        assert page.evaluate("line") == 0
+        page.keyboard.press("ArrowDown")
+        assert page.evaluate("line") == 1
+        own.click("#new-line")
+        click(own, 60, 500)  # the first point of a third line, left off
+        click(own, 300, 400)
+        assert page.evaluate("[line, own[tool].length]") == [1, 2]
+        page.focus("#clear-line")
+        page.keyboard.press("Enter")
+        page.wait_for_timeout(80)
+        own.settle()
+        assert lines() == [first]
         assert own.said == []

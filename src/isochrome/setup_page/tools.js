@@ -44,9 +44,10 @@ function takeState(state) {
       { row: box.top_px + box.height_px - 1, col: box.left_px + box.width_px - 1 },
     ],
   };
+  const isNewLine = ofLines() && line === own[tool].length;
   // what the user has moved since, the answer knows nothing of
   for (const name of Object.keys(known)) if (!touched[name]) own[name] = known[name];
-  if (ofLines()) line = Math.min(line, Math.max(0, own[tool].length - 1));
+  if (ofLines()) line = Math.min(line, Math.max(0, own[tool].length - (isNewLine ? 0 : 1)));
   active = Math.min(active, points().length - 1);
   showPoints();
   draw();
@@ -162,13 +163,34 @@ function removePoint(at) {
   draw();
   commit();
 }
+const farPx = (one, at) => Math.hypot(one.row - at.row, one.col - at.col) * view.zoom;
 function nearest(at, reach) {
   let best = -1, least = reach;
   points().forEach((one, number) => {
-    const far = Math.hypot(one.row - at.row, one.col - at.col) * view.zoom;
+    const far = farPx(one, at);
     if (far < least) { least = far; best = number; }
   });
   return best;
+}
+/* the point under the mouse, which may be another line's: that line is the chosen one then */
+function grab(at) {
+  const here = nearest(at, REACH_PX);
+  if (here >= 0 || !ofLines()) return here;
+  let least = REACH_PX, chosen = line;
+  own[tool].forEach((one, number) => one.points.forEach((point) => {
+    const far = farPx(point, at);
+    if (far < least) { least = far; chosen = number; }
+  }));
+  chooseLine(chosen);
+  return nearest(at, REACH_PX);
+}
+/* another line; a new one of which less than two points are set is dropped */
+function chooseLine(number) {
+  if (number === line) return;
+  const lines = own[tool];
+  if (line === lines.length - 1 && lines[line].points.length < 2) lines.pop();
+  line = number;
+  active = points().length ? 0 : -1;
 }
 
 canvas.addEventListener("pointerdown", (event) => {
@@ -181,7 +203,7 @@ canvas.addEventListener("pointerdown", (event) => {
     return;
   }
   if (event.button !== 0) return;
-  const hit = nearest(at, REACH_PX);
+  const hit = grab(at);
   if (hit >= 0) active = hit;
   else if (tool === "region") {
     own.region = [];
@@ -287,7 +309,18 @@ function showPoints() {
     row.append(...pointField(own.line[line], -1, "order", "order of this line"));
     holder.append(row);
   }
+  showLines();
   if (kept && get(kept)) get(kept).focus();
+}
+/* the lines by number, as soon as there is one */
+function showLines() {
+  const count = ofLines() ? Math.max(own[tool].length, line + 1) : 0, select = get("line-number");
+  get("line-row").hidden = !ofLines() || !own[tool].length;
+  select.replaceChildren();
+  for (let number = 0; number < count; number++) {
+    const one = own[tool][number], order = one && one.order !== undefined ? ", order " + one.order : "";
+    select.append(new Option("Line " + (number + 1) + " of " + count + (one ? order : ", new"), number, false, number === line));
+  }
 }
 function pointField(one, number, name, words) {
   const label = document.createElement("label"), field = document.createElement("input");
@@ -343,6 +376,19 @@ get("new-line").addEventListener("click", () => {
   active = -1;
   showPoints();
   draw();
+});
+get("line-number").addEventListener("change", () => {
+  chooseLine(Number(get("line-number").value));
+  showPoints();
+  draw();
+});
+get("clear-line").addEventListener("click", () => {
+  own[tool].splice(line, 1);
+  line = Math.max(0, Math.min(line, own[tool].length - 1));
+  active = points().length ? 0 : -1;
+  showPoints();
+  draw();
+  commit();
 });
 get("clear-tool").addEventListener("click", () => {
   own[tool] = [];
