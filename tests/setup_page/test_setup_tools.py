@@ -124,3 +124,32 @@ def test_a_second_line_is_dragged_chosen_by_keys_and_taken_away(chromium, lined,
         own.settle()
         assert lines() == [first]
         assert own.said == []
+
+
+@pytest.mark.parametrize("given", ["-1", "thick"])
+def test_a_refused_value_leaves_its_field_and_save_says_that_it_is_without_it(
+    chromium, made, given
+):
+    """One that the scene refuses, and one that is no number; also that of a slider."""
+    field = "[id='field-specimen.thickness_mm']"
+    with tab(chromium, made) as own:
+        page = own.page
+        page.fill(field, given)
+        page.press(field, "Tab")
+        page.wait_for_timeout(80)
+        own.settle()
+        assert page.input_value(field) == "4"
+        words = page.text_content("#status")
+        assert "hickness" in words and "wrong" in page.get_attribute("#status", "class")
+        own.click("#save")
+        own.status("Saved, without the value that was refused: " + words)
+        own.click("#save")
+        assert page.text_content("#status") == "Saved."
+        slider = "[id='number-specimen.fringe_value_n_per_mm']"
+        page.fill(slider, given)
+        page.press(slider, "Tab")
+        page.wait_for_timeout(80)
+        own.settle()
+        assert page.input_value(slider) == "14.6"
+        assert "wrong" in page.get_attribute("#status", "class")
+        assert made.scene().specimen.fringe_value_n_per_mm == 14.6

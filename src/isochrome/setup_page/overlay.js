@@ -124,7 +124,7 @@ function slider(one, value, state) {
   const set = (given) => {
     const values = Number.isFinite(given) ? { [one.key]: given } : {};
     if (Number.isFinite(given)) useTool({ tool: "values", values });
-    else say(one.words + ": '" + number.value + "' is no number.", true);
+    else refusedValue(new Refusal(one.words + ": '" + number.value + "' is no number."));
   };
   bar.addEventListener("change", () => set(Number(Number(bar.value).toPrecision(5))));
   number.addEventListener("change", () => set(Number(number.value.replace(",", "."))));

@@ -22,21 +22,34 @@ async function post(name, body) {
 const noun = (state) => state.subject ? "set" : "scene";
 class Refusal extends Error {}
 const refused = (error) => { if (error instanceof Refusal) say(error.message, true); else lost(error); };
+/* a value that was refused leaves its field: the fields show the scene */
+let notTaken = ""; // what the last refusal said, until something else is done
+function refusedValue(error) {
+  refused(error);
+  notTaken = error.message;
+  if (page.state) showValues(page.state);
+}
 
 /* tools go one after the other: each begins with the scene that the last has left */
 let queue = Promise.resolve(true);
+const NO_VALUES = ["new", "text", "undo", "save"]; // tools whose refusal concerns no single value
 function useTool(asked, done = "", settled = () => null) {
   queue = queue.then(async () => {
     try {
       const state = await post("tool", asked);
       settled();
-      say(done || (state.saved ? "Saved." : "The " + noun(state) + " has changed; Save writes it."));
+      const saved = asked.tool === "save" && notTaken;
+      say(saved ? "Saved, without the value that was refused: " + notTaken : done || (state.saved ? "Saved." : "The " + noun(state) + " has changed; Save writes it."), Boolean(saved));
+      notTaken = "";
       await takeAll(state);
       return true;
     } catch (error) {
-      refused(error);
       settled();
+      const slid = Object.keys(overlay.values).length;
+      refusedValue(error);
+      if (NO_VALUES.includes(asked.tool)) notTaken = "";
       if (page.state) takeState(page.state);
+      if (slid) askModel(); // the sliders are back, and so is the model
       return false;
     }
   });
@@ -58,10 +71,7 @@ async function takeAll(state) {
   const last = state.frames.count - 1;
   get("frame").max = get("frame-number").max = last;
   get("frame-count").textContent = "of 0 to " + last;
-  showFields(state);
-  showNoLoad(state);
-  showSliders(state);
-  showLoads(state);
+  showValues(state);
   takeState(state);
   if (!before || turned(before) !== turned(state)) await showFrame(page.frame);
   if (!before || before.text !== state.text) hideMap();
@@ -72,6 +82,12 @@ async function takeAll(state) {
   askModel();
   askOutlines();
   checkSoon();
+}
+function showValues(state) {
+  showFields(state);
+  showNoLoad(state);
+  showSliders(state);
+  showLoads(state);
 }
 const turned = (state) => JSON.stringify([
   "frames.rotate_deg", "frames.flip", "frames.channel", "camera.bit_depth", "polariscope.wavelength_nm",
@@ -185,7 +201,7 @@ function fieldRow(field, value, state) {
     if (!page.state.has_scene || input.readOnly) return;
     try {
       useTool({ tool: "values", values: { [field.key]: readField(field, input.value) } });
-    } catch (error) { refused(error); }
+    } catch (error) { refusedValue(error); }
   });
   return row;
 }

@@ -21,7 +21,7 @@ function showLoads(state) {
     field.addEventListener("focus", () => { if (page.frame !== number) goToFrame(number); });
     field.addEventListener("change", () => {
       if (!page.state.has_scene) return;
-      try { useTool({ tool: "loads", loads: readLoads() }); } catch (error) { refused(error); }
+      try { useTool({ tool: "loads", loads: readLoads() }); } catch (error) { refusedValue(error); }
     });
     row.append(label, field);
     holder.append(row);
