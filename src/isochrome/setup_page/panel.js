@@ -73,7 +73,8 @@ async function takeAll(state) {
   get("frame-count").textContent = "of 0 to " + last;
   showValues(state);
   takeState(state);
-  if (!before || turned(before) !== turned(state)) await showFrame(page.frame);
+  const isOther = !before || turned(before) !== turned(state) || before.frames.count !== state.frames.count;
+  if (isOther) await showFrame(Math.min(page.frame, last));
   if (!before || before.text !== state.text) hideMap();
   if (state.model && state.pixel_mm && (!before || !before.model || !before.pixel_mm)) {
     get("show-model").checked = true;
@@ -91,6 +92,7 @@ function showValues(state) {
 }
 const turned = (state) => JSON.stringify([
   "frames.rotate_deg", "frames.flip", "frames.channel", "camera.bit_depth", "polariscope.wavelength_nm",
+  "frames.no_load_dark", "frames.no_load_bright", // of a folder, which files are frames
 ].map((key) => state.values[key]));
 
 let frameAsked = 0;
