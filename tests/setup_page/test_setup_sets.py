@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 
 import pytest
 
@@ -70,6 +71,22 @@ def test_the_beams_edges_give_the_scale_and_its_uncertainty(made):
     assert values["camera.pixel_mm"] == pytest.approx(0.05)
     # 0.05 mm times 0.5 px * sqrt(2) over 400 px
     assert values["uncertainty.pixel_mm"] == pytest.approx(8.8e-5, rel=0.01)
+
+
+def test_another_scale_takes_the_uncertainty_of_the_last_one_away(made):
+    """By number and by two points of another length; with its own, it is that one."""
+    edges = {"tool": "edges", "points": [[50.0, 300.0], [450.0, 300.0]]}
+    for other in (
+        {"tool": "values", "values": {"camera.pixel_mm": 0.04}},
+        {"tool": "scale", "points": [[0.0, 0.0], [0.0, 400.0]], "length_mm": 12.0},
+    ):
+        apply_tool(made, edges)
+        assert "pixel_mm" in tomllib.loads(made.text)["uncertainty"]
+        apply_tool(made, other)
+        assert "pixel_mm" not in tomllib.loads(made.text).get("uncertainty", {})
+    own = {"camera.pixel_mm": 0.05, "uncertainty.pixel_mm": 1e-5}
+    apply_tool(made, {"tool": "values", "values": own})
+    assert tomllib.loads(made.text)["uncertainty"]["pixel_mm"] == 1e-5
 
 
 def test_the_inner_rollers_give_the_scale_and_what_is_read(made):
