@@ -153,3 +153,47 @@ def test_a_refused_value_leaves_its_field_and_save_says_that_it_is_without_it(
         assert page.input_value(slider) == "14.6"
         assert "wrong" in page.get_attribute("#status", "class")
         assert made.scene().specimen.fringe_value_n_per_mm == 14.6
+
+
+def test_text_that_is_typed_and_not_used_stays(chromium, made):
+    """Whatever tool is used meanwhile; Save says that it is without it."""
+    with tab(chromium, made) as own:
+        page = own.page
+        page.locator("#step-text summary").click()
+        assert page.is_hidden("#text-typed")
+        typed = page.input_value("#text").replace("normal_n = 40.0", "normal_n = 55.0")
+        page.fill("#text", typed)
+        assert page.is_visible("#text-typed")
+        own.fill("specimen.thickness_mm", "5")
+        page.keyboard.press("Tab")
+        page.wait_for_timeout(80)
+        own.settle()
+        assert made.scene().specimen.thickness_mm == 5.0
+        assert page.input_value("#text") == typed
+        own.click("#save")
+        own.status("Saved, without the text that is typed")
+        own.click("#use-text")
+        assert made.scene().load.normal_n == 55.0 and page.is_hidden("#text-typed")
+        page.fill("#text", "nothing")
+        page.click("#drop-text")
+        assert page.input_value("#text") == made.text and page.is_hidden("#text-typed")
+        own.click("#undo")
+        assert page.input_value("#text") == made.text
+        assert own.said == []
+
+
+def test_a_mask_that_loses_its_third_corner_is_said_to_stay(chromium, made):
+    corners = [[100, 100], [400, 100], [400, 500]]
+    apply_tool(made, {"tool": "polygon", "points": corners})
+    with tab(chromium, made) as own:
+        own.tool("mask")
+        own.page.focus("#stage")
+        own.page.keyboard.press("Delete")
+        own.status("A mask needs three corners; the scene keeps the last one.")
+        assert len(made.scene().frames.polygon_px) == 3
+        own.click("#clear-tool")
+        own.page.wait_for_function("() => page.state.polygon.length === 0")
+        assert made.scene().frames.polygon_px is None
+        own.click("#undo")
+        assert len(own.page.evaluate("points()")) == 3
+        assert own.said == []

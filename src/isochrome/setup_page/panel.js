@@ -30,6 +30,11 @@ function refusedValue(error) {
   if (page.state) showValues(page.state);
 }
 
+function notWritten() {
+  if (notTaken) return "Saved, without the value that was refused: " + notTaken;
+  return isTyped() ? "Saved, without the text that is typed below and not used yet." : "";
+}
+
 /* tools go one after the other: each begins with the scene that the last has left */
 let queue = Promise.resolve(true);
 const NO_VALUES = ["new", "text", "undo", "save"]; // tools whose refusal concerns no single value
@@ -38,8 +43,8 @@ function useTool(asked, done = "", settled = () => null) {
     try {
       const state = await post("tool", asked);
       settled();
-      const saved = asked.tool === "save" && notTaken;
-      say(saved ? "Saved, without the value that was refused: " + notTaken : done || (state.saved ? "Saved." : "The " + noun(state) + " has changed; Save writes it."), Boolean(saved));
+      const without = asked.tool === "save" ? notWritten() : "";
+      say(without || done || (state.saved ? "Saved." : "The " + noun(state) + " has changed; Save writes it."), without !== "");
       notTaken = "";
       await takeAll(state);
       return true;
@@ -61,7 +66,7 @@ async function takeAll(state) {
   get("saved").textContent = state.saved ? "saved" : state.has_scene ? "not saved yet" : "";
   get("save").disabled = !state.has_scene;
   get("fit").disabled = !state.model;
-  get("text").value = state.text;
+  showText(state);
   if (get("contact-name")) get("contact-name").textContent = !state.model || state.model === "contact" ? "Contact point" : "Middle of the top";
   get("make-row").hidden = get("kind-row").hidden = state.has_scene;
   get("form-hint").textContent = state.has_scene
@@ -368,11 +373,28 @@ async function checkNow() {
 }
 get("check").addEventListener("click", checkNow);
 
+/* the text: what is typed and not used yet stays, whatever is done beside it */
+let shownText = "";
+const plainLines = (text) => text.replace(/\r\n?/g, "\n"); // as a field of text has them
+const isTyped = () => get("text").value !== shownText;
+function showText(state) {
+  const text = plainLines(state.text);
+  if (!isTyped()) get("text").value = text;
+  shownText = text;
+  markText();
+}
+const markText = () => { get("text-typed").hidden = !isTyped(); };
+get("text").addEventListener("input", markText);
+get("drop-text").addEventListener("click", () => {
+  get("text").value = shownText;
+  markText();
+  get("text").focus();
+});
 get("use-text").addEventListener("click", () => useTool({ tool: "text", text: get("text").value }));
 get("undo").addEventListener("click", () => useTool({ tool: "undo" }, "Taken back.", () => { for (const name in touched) delete touched[name]; }));
 get("save").addEventListener("click", () => useTool({ tool: "save" }, "Saved."));
 addEventListener("beforeunload", (event) => {
-  if (page.state && page.state.has_scene && !page.state.saved) event.preventDefault();
+  if (page.state && ((page.state.has_scene && !page.state.saved) || isTyped())) event.preventDefault();
 });
 addEventListener("keydown", (event) => {
   if ((event.ctrlKey || event.metaKey) && event.key === "s") { event.preventDefault(); get("save").click(); }

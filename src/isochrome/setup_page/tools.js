@@ -101,9 +101,18 @@ function commit(wait = 0) {
   commitLater[mine] = setTimeout(() => {
     const asked = commands[name](), moves = touched[mine];
     if (asked) useTool({ tool: name, ...asked }, "", () => { if (touched[mine] === moves) delete touched[mine]; });
+    else if (keepsLast(mine)) say(NEEDS[mine] + "; the scene keeps the last one.", true);
   }, wait);
 }
 
+const NEEDS = { mask: "A mask needs three corners", line: "A line needs two points", boundary: "A free edge needs two points" };
+/* whether the scene has a mask or line of which too few points are left here */
+function keepsLast(name) {
+  if (name === "mask") return page.state.polygon.length > 0;
+  if (!(name in NEEDS)) return false;
+  const lines = page.state[NAMES[name]];
+  return own[name].some((one, number) => one.points.length < 2 && number < lines.length);
+}
 function inside(point) {
   // the contact and its surface may lie beside the picture, one height of it away at the most
   const beyond = 0.5 + (tool === "contact" || tool === "surface" ? shown.rows : 0);
