@@ -197,3 +197,69 @@ def test_a_mask_that_loses_its_third_corner_is_said_to_stay(chromium, made):
         own.click("#undo")
         assert len(own.page.evaluate("points()")) == 3
         assert own.said == []
+
+
+def test_values_of_a_wrong_model_are_not_offered_together(chromium, made):
+    row = {"key": "load.normal_n", "value": 44.0, "text": "44", "line": "", "asked": False}
+    told = {"frame": 0, "values": [row], "warnings": [], "kept_share": 0.5}
+    with tab(chromium, made) as own:
+        page = own.page
+        page.locator("#step-fit summary").click()
+        show = "given => { page.fit = given; showFit(); }"
+        page.evaluate(show, told | {"chi": 4.2, "wrong": True})
+        assert page.is_hidden("#take-all")
+        assert "chi is over 3" in page.text_content("#fit-result")
+        page.evaluate(show, told | {"chi": 1.1, "wrong": False})
+        assert page.is_visible("#take-all")
+        assert "chi is over 3" not in page.text_content("#fit-result")
+
+
+def test_the_map_of_points_is_read_out_renewed_and_of_any_opacity(chromium, made):
+    """N stands under the mouse; another point renews the map, another frame takes it away."""
+    point = {"row": 420, "col": 100, "order": 0.42}
+    apply_tool(made, {"tool": "values", "values": {"frames.gamma": 1.4}})
+    apply_tool(made, {"tool": "known_order", "points": [point]})
+    with tab(chromium, made) as own:
+        page = own.page
+        own.tool("order")
+        page.click("#show-map")
+        page.wait_for_function("() => shown.map !== null", timeout=60_000)
+        page.mouse.move(*place_on_screen(own, 420, 100))
+        assert "N = 0.4" in page.text_content("#readout")
+        lines = page.locator("#map-said p").all_inner_texts()
+        assert len(lines) == 1 and "line of order 0.5" in lines[0]
+        page.fill("#wipe", "100")
+        page.wait_for_timeout(100)
+        before = page.locator("#canvas").screenshot()
+        page.fill("#opacity", "20")
+        page.wait_for_timeout(100)
+        assert page.locator("#canvas").screenshot() != before
+        page.evaluate("shown.map.first = true")
+        page.fill("#point-0-order", "1.42")
+        page.press("#point-0-order", "Tab")
+        page.wait_for_function("() => shown.map && !shown.map.first", timeout=60_000)
+        page.mouse.move(*place_on_screen(own, 420, 100))
+        assert "N = 1.4" in page.text_content("#readout")
+        page.fill("#frame-number", "1")
+        page.press("#frame-number", "Tab")
+        page.wait_for_function("() => shown.map === null")
+        assert own.said == []
+
+
+def test_something_else_has_no_model_to_slide(chromium, session):
+    values = {"specimen.thickness_mm": 4.0, "specimen.fringe_value_n_per_mm": 14.6}
+    apply_tool(session, {"tool": "new", "kind": "other", "values": values})
+    with tab(chromium, session) as own:
+        page = own.page
+        for name in ("show-model", "opacity", "wipe", "blink"):
+            assert page.is_disabled(f"#{name}")
+        for step in ("step-place", "step-model"):
+            page.locator(f"#{step} summary").click()
+        assert page.is_visible("#order-words") and page.is_hidden("#place-words")
+        assert page.is_hidden("#slider-words")
+        assert "no model of something else" in page.text_content("#sliders")
+        own.click("#undo")
+        assert page.is_visible("#place-words") and page.is_hidden("#order-words")
+        page.select_option("#kind", "other")
+        assert page.is_visible("#order-words") and page.is_hidden("#place-words")
+        assert own.said == []

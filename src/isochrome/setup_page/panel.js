@@ -80,7 +80,7 @@ async function takeAll(state) {
   takeState(state);
   const isOther = !before || turned(before) !== turned(state) || before.frames.count !== state.frames.count;
   if (isOther) await showFrame(Math.min(page.frame, last));
-  if (!before || before.text !== state.text) hideMap();
+  if (!before || before.text !== state.text) renewMap(before, state);
   if (state.model && state.pixel_mm && (!before || !before.model || !before.pixel_mm)) {
     get("show-model").checked = true;
     get("step-model").open = true;
@@ -94,6 +94,15 @@ function showValues(state) {
   showNoLoad(state);
   showSliders(state);
   showLoads(state);
+  showKind(state);
+}
+/* what is of a model alone is not offered for a specimen without one */
+function showKind(state) {
+  const isOther = kindOf(state) === "other";
+  get("place-words").hidden = get("held-row").hidden = isOther || Boolean(state.subject);
+  get("order-words").hidden = !isOther;
+  get("slider-words").hidden = isOther;
+  showOver(state);
 }
 const turned = (state) => JSON.stringify([
   "frames.rotate_deg", "frames.flip", "frames.channel", "camera.bit_depth", "polariscope.wavelength_nm",
@@ -229,7 +238,12 @@ function readField(field, text) {
   if (field.key === "frames.gamma" && plain === "unknown") return plain;
   return number(plain);
 }
-get("kind").addEventListener("change", () => { showFields(page.state); showFind(page.state); });
+get("kind").addEventListener("change", () => {
+  showFields(page.state);
+  showFind(page.state);
+  showSliders(page.state);
+  showKind(page.state);
+});
 function readForm() {
   const kind = get("kind").value, values = {};
   for (const field of data.fields) {
@@ -282,13 +296,18 @@ get("fit").addEventListener("click", async () => {
   } catch (error) { refused(error); } finally { get("fit").disabled = !page.state.model; }
 });
 function showFit() {
-  const { values, warnings, chi, kept_share: kept, frame } = page.fit, holder = get("fit-result");
+  const { values, warnings, chi, wrong, kept_share: kept, frame } = page.fit, holder = get("fit-result");
   holder.replaceChildren();
-  get("take-all").hidden = !values.length;
+  get("take-all").hidden = wrong || !values.length;
   const head = document.createElement("p");
   head.textContent = "Frame " + frame + ": chi = " + (chi === null ? "not known" : chi.toFixed(2)) +
     " (1 = within the noise)" + (kept ? "; order read in " + Math.round(100 * kept) + " % of the specimen." : ".");
   holder.append(head);
+  if (wrong && values.length) {
+    const why = document.createElement("p");
+    why.textContent = "chi is over 3: the model leaves far more than the noise, so its values are not offered together. See the warnings, and set right what is wrong first.";
+    holder.append(why);
+  }
   if (values.length) {
     const table = tableUnder(["Value", "Found ± standard uncertainty", "Into the scene"]);
     const body = table.createTBody();

@@ -288,6 +288,8 @@ function readOut(at) {
     parts.push("x = " + ((at.col - place[1]) * pixel).toFixed(4) + " mm");
     parts.push("z = " + ((at.row - place[0]) * pixel).toFixed(4) + " mm");
   }
+  const order = shown.map ? orderOnMap(at) : "";
+  if (order) parts.push(order);
   get("readout").textContent = parts.join("; ");
 }
 
