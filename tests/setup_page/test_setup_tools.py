@@ -7,6 +7,7 @@ import pytest
 from browsers import skip_without_browser
 from isochrome.setup_page import apply_tool
 
+from .conftest import GIVEN
 from .test_setup_browser import chromium, place_on_screen, tab
 
 __all__ = ["chromium"]
@@ -262,4 +263,38 @@ def test_something_else_has_no_model_to_slide(chromium, session):
         assert page.is_visible("#place-words") and page.is_hidden("#order-words")
         page.select_option("#kind", "other")
         assert page.is_visible("#order-words") and page.is_hidden("#place-words")
+        assert own.said == []
+
+
+def test_on_a_narrow_page_numbers_stay_whole_and_the_next_step_comes_into_view(chromium, session):
+    view = {"width": 360, "height": 740}
+    rows = [
+        {"key": key, "value": 1.0, "text": text, "line": "", "asked": True}
+        for key, text in (
+            ("specimen.fringe_value_n_per_mm", "14.6012 ± 0.0034"),
+            ("wear.coefficient_mm2_per_n", "1.2345e-09 ± 0.0067e-09"),
+        )
+    ]
+    told = {"frame": 0, "values": rows, "warnings": [], "kept_share": 0.5, "chi": 1.0}
+    with tab(chromium, session, viewport=view) as own:
+        page = own.page
+        for key, value in GIVEN.items():
+            if isinstance(value, bool):
+                value = str(value).lower()
+            text = " ".join(map(str, value)) if isinstance(value, list) else str(value)
+            own.page.evaluate("([key, text]) => { get('field-' + key).value = text; }", [key, text])
+        own.click("#make")
+        page.wait_for_function("() => page.state.has_scene")
+        page.wait_for_timeout(100)
+        top = page.evaluate("get('step-place').getBoundingClientRect().top")
+        assert 0 <= top < 370
+        page.evaluate("given => { page.fit = given; showFit(); }", told)
+        page.locator("#step-fit summary").click()
+        heights = page.eval_on_selector_all(
+            "#fit-result td.value",
+            "all => all.map(one => { const range = document.createRange();"
+            " range.selectNodeContents(one); return range.getClientRects().length; })",
+        )
+        assert heights == [1, 1]
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360
         assert own.said == []

@@ -265,6 +265,7 @@ get("make").addEventListener("click", () => {
       radio.checked = true;
       chooseTool(radio.value);
     }
+    get("step-place").scrollIntoView({ block: "start" });
   });
 });
 
@@ -316,7 +317,7 @@ function showFit() {
       const what = row.insertCell();
       what.textContent = nameOf(one.key);
       if (one.asked) what.append(": the frame asks for it");
-      row.insertCell().textContent = one.text;
+      valueCell(row, one.text);
       button.type = "button";
       button.textContent = "Take";
       button.setAttribute("aria-label", "Take " + one.key + " into the scene");
@@ -337,6 +338,12 @@ function tableUnder(heads) {
     top.append(cell);
   }
   return table;
+}
+/* a number that does not break, however narrow the page is */
+function valueCell(row, text) {
+  const cell = row.insertCell();
+  cell.className = "value";
+  cell.textContent = text;
 }
 function nameOf(key) {
   const kind = page.state ? kindOf(page.state) : "";
