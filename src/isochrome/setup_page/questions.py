@@ -60,7 +60,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "frame": index,
         "revision": session.revision,
         "chi": found.frame.chi,
-        "wrong": found.frame.chi is not None and found.frame.chi > _WRONG_CHI,
+        "wrong": found.frame.chi > _WRONG_CHI,  # not where it is not known
         "kept_share": found.row.get("kept_share"),
         "values": [*_scale_row(scene, found), *map(_value_row, found.values)],
         "warnings": list(found.frame.warnings),
