@@ -11,9 +11,12 @@ import tomllib
 
 import numpy as np
 import pytest
+import tifffile
+from PIL import Image
 
 import isochrome
 from isochrome.errors import InputError
+from isochrome.frames import open_scene_frames
 from isochrome.scene import load_scene
 from isochrome.setup_page import apply_tool, open_session, session_state
 from isochrome.setup_page.live_model import LiveModel
@@ -145,6 +148,40 @@ def test_a_scene_that_is_there_keeps_its_comments(fresh):
     assert (fresh / "scene.toml").read_bytes() == own.replace("4.0", "5.0").encode()
 
 
+def test_a_file_that_another_program_changed_is_not_written_over(made, fresh):
+    """Its words are named; a page that is loaded anew has the file's scene, and Undo the page's."""
+    apply_tool(made, {"tool": "save"})
+    file = fresh / "scene.toml"
+    other = file.read_text().replace("normal_n = 40.0", "normal_n = 55.0  # by hand")
+    file.write_text(other)
+    apply_tool(made, {"tool": "values", "values": {"load.normal_n": 50.0}})
+    mine = made.text
+    with pytest.raises(InputError, match=r"^scene\.toml: was changed by another program since"):
+        apply_tool(made, {"tool": "save"})
+    assert file.read_text() == other
+    made.read_again()
+    assert made.text == other and made.is_saved
+    apply_tool(made, {"tool": "undo"})
+    assert made.text == mine
+    apply_tool(made, {"tool": "save"})
+    assert file.read_text() == mine
+    file.write_text("no scene [")
+    made.read_again()
+    assert made.text == mine
+    with pytest.raises(InputError, match="was changed by another program"):
+        apply_tool(made, {"tool": "save"})
+    file.unlink()
+    apply_tool(made, {"tool": "save"})
+    assert file.read_text() == mine
+
+
+def test_a_scene_that_came_while_the_page_was_open_is_not_written_over(made, fresh):
+    (fresh / "scene.toml").write_text("# of a second page\n")
+    with pytest.raises(InputError, match="was changed by another program"):
+        apply_tool(made, {"tool": "save"})
+    assert (fresh / "scene.toml").read_text() == "# of a second page\n"
+
+
 def test_a_scene_of_the_package_is_copied_beside_the_frames(fresh):
     session = open_session(fresh / "captured.tif", "line-contact-wear")
     assert session.scene_file == fresh / "scene.toml" and not session.is_saved
@@ -249,3 +286,52 @@ def test_a_save_that_is_killed_leaves_a_whole_scene(made, fresh):
         text = (fresh / "scene.toml").read_text("utf-8")
         load = load_scene(fresh / "scene.toml").load.normal_n
         assert load >= 1.0 and len(text.splitlines()) == len(whole.splitlines())
+
+
+@pytest.fixture
+def folder(fresh):
+    """A folder of six frames with the no-load frames among them."""
+    place = fresh / "capture"
+    place.mkdir()
+    for number, frame in enumerate(tifffile.imread(fresh / "captured.tif")):
+        Image.fromarray(frame).save(place / f"frame_{number:03d}.png")
+    for light in ("dark", "bright"):
+        Image.fromarray(np.squeeze(tifffile.imread(fresh / f"no-load-{light}.tif"))).save(
+            place / f"no-load-{light}.png"
+        )
+    return place
+
+
+def test_no_load_frames_beside_the_frames_of_a_folder_are_no_frames(folder):
+    """On the page by their names, and from then on by the scene, as for `process` and `check`."""
+    session = open_session(folder)
+    state = session_state(session)
+    assert state["frames"]["count"] == 6
+    assert state["beside"] == ["no-load-bright.png", "no-load-dark.png"]
+    apply_tool(session, {"tool": "new", "kind": "contact", "values": GIVEN})
+    named = {"no_load_dark": "no-load-dark.png", "no_load_bright": "no-load-bright.png"}
+    assert values_of(session)["frames"] == named
+    assert session_state(session)["frames"]["count"] == 6
+    apply_tool(session, {"tool": "save"})
+    scene = load_scene(folder / "scene.toml")
+    with open_scene_frames(folder, scene) as reader:
+        assert reader.count() == 6
+    checked = isochrome.check(folder, scene)
+    assert checked.ok and checked.count == 6
+    # one that the scene no longer names is a frame again, here and for `process`
+    apply_tool(session, {"tool": "values", "values": {"frames.no_load_dark": None}})
+    state = session_state(session)
+    assert state["frames"]["count"] == 7 and "no-load-dark.png" in state["beside"]
+    again = open_session(folder, folder / "scene.toml")
+    assert session_state(again)["frames"]["count"] == 6
+
+
+@pytest.mark.long
+def test_a_folder_with_its_no_load_frames_gives_what_a_stack_gives(folder, fresh, made):
+    """`process` reads six frames, and the same values."""
+    apply_tool(made, {"tool": "save"})
+    stack = isochrome.process(fresh / "captured.tif", fresh / "scene.toml")
+    text = made.text.replace("no-load-dark.tif", "no-load-dark.png")
+    (folder / "scene.toml").write_text(text.replace("no-load-bright.tif", "no-load-bright.png"))
+    found = isochrome.process(folder, folder / "scene.toml")
+    assert found.table["load.normal_n"].tolist() == stack.table["load.normal_n"].tolist()

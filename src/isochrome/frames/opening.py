@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -32,6 +33,7 @@ def open_frames(
     flip: Literal["horizontal", "vertical"] | None = None,
     roi: Roi | None = None,
     bit_depth: int | None = None,
+    leave_out: Sequence[str | Path] = (),
 ) -> FrameReader:
     """Open captured frames: a TIFF stack, an image, a video, or a folder, list or glob of them.
 
@@ -60,6 +62,8 @@ def open_frames(
     bit_depth : int, optional
         Bits of the sensor; by default 8 or 16 by the file's type. Give 10 or 12 for such a sensor
         in a 16-bit file.
+    leave_out : sequence of str or Path, optional
+        Files of a folder that are no frames, such as a scene's no-load frames and mask.
 
     Returns
     -------
@@ -87,7 +91,7 @@ def open_frames(
     ('array', 12, 2)
     """
     path = frames_of(path)
-    source = turned(_source(path), rotate_deg, flip)
+    source = turned(_source(path, leave_out), rotate_deg, flip)
     label = f"{path[0]} ..." if isinstance(path, tuple) else path
     rows, cols = source.form.shape
     dtype = source.form.dtype
@@ -113,6 +117,8 @@ def open_scene_frames(
     path: FramesLike, scene: Scene, *, masked: bool = True, any_scale: bool = False
 ) -> FrameReader:
     """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
+
+    Of a folder, files that the scene names, such as its no-load frames, are no frames.
 
     Parameters
     ----------
@@ -143,6 +149,7 @@ def open_scene_frames(
         flip=scene.frames.flip,
         roi=scene.frames.roi,
         bit_depth=scene.camera.bit_depth if scene.camera else None,
+        leave_out=named_files(scene),
     )
     if not any_scale:
         check_scale(reader, scene.camera)
@@ -168,6 +175,27 @@ def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
         The files, and arrays in place of files, that results depend on.
     """
     return [*reader.files, *scene.files(of_frames=True)]
+
+
+def named_files(scene: Scene) -> list[Path]:
+    """List the files that a scene names, which are no frames of the folder in which they lie.
+
+    Parameters
+    ----------
+    scene : Scene
+        What stood in front of the camera.
+
+    Returns
+    -------
+    list of Path
+        No-load frames, mask, tables; of a glob of no-load steps each file.
+    """
+    named = [name for name in scene.files(of_frames=True) if isinstance(name, Path)]
+    return [
+        file
+        for name in named
+        for file in ((name,) if os.path.exists(name) else map(Path, glob.glob(os.fspath(name))))
+    ]
 
 
 def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
@@ -264,7 +292,7 @@ def _after_turn(rotate_deg: int) -> str:
     return " after its turn by frames.rotate_deg" if rotate_deg in (90, 270) else ""
 
 
-def _source(path: FramesLike) -> Source:
+def _source(path: FramesLike, leave_out: Sequence[str | Path]) -> Source:
     if isinstance(path, ArrayFrames):
         return open_arrays(path)
     if isinstance(path, tuple):
@@ -279,7 +307,7 @@ def _source(path: FramesLike) -> Source:
     except (OSError, ValueError) as error:  # a name that no file can have
         raise InputError(f"{path}: cannot be read ({error}); check its name") from error
     if folder:
-        return _of_files(_files_in(place), "folder")
+        return _of_files(_files_in(place, leave_out), "folder")
     if not there:
         return _of_files(matches(path), "list")
     return _of_files((place,), "image")
@@ -293,10 +321,13 @@ def matches(name: str | Path) -> tuple[Path, ...]:
     return tuple(map(Path, found))
 
 
-def _files_in(folder: Path) -> tuple[Path, ...]:
+def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]:
     """The frame files of a folder in natural order, hidden ones left out. Raises InputError."""
     with refusing(folder, "the folder cannot be read"):
         found = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
+        if leave_out:
+            apart = {Path(name).resolve() for name in leave_out}
+            found = [p for p in found if p.resolve() not in apart]
     wanted = sorted((p for p in found if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
     if not wanted:
         raise InputError(

@@ -89,10 +89,11 @@ def find_in_frames(
     started = session.text
     text, guessed = _start_text(session, form)
     scene = session.scene(text)
-    if not 0 <= index < session.count:
-        raise InputError(f"frame {index}: there are {session.count}, counted from 0")
-    known = _known(scene, _moving_frame(scene, index, session.count), held=held)
-    draft = _drafted(session, known)
+    count = session.count(scene)
+    if not 0 <= index < count:
+        raise InputError(f"frame {index}: there are {count}, counted from 0")
+    known = _known(scene, _moving_frame(scene, index, count), held=held)
+    draft = _drafted(session, scene, known)
     values, notes = _values(draft, scene, guessed=guessed)
     _refuse_turn(scene, draft)
 
@@ -184,7 +185,7 @@ def _stated(scene: Scene, key: str) -> Any:
     return getattr(getattr(scene, table), name, None)
 
 
-def _drafted(session: SetupSession, known: KnownValues) -> SceneDraft:
+def _drafted(session: SetupSession, scene: Scene, known: KnownValues) -> SceneDraft:
     """The draft from the frames as they were captured, its refusals in the page's words."""
     try:
         with open_frames(
@@ -192,6 +193,7 @@ def _drafted(session: SetupSession, known: KnownValues) -> SceneDraft:
             channel=known.channel,
             wavelength_nm=known.wavelength_nm,
             bit_depth=known.bit_depth,
+            leave_out=session.left_out(scene),
         ) as reader:
             return draft_scene(reader, known)
     except IsochromeError as error:

@@ -38,6 +38,7 @@ from isochrome.setup_page.set_session import SetSession, with_loads
 from isochrome.stress import PixelGrid
 
 LEFT, TOP, ROLL = "camera.left_mm", "camera.top_mm", "camera.roll_deg"
+_PIXEL, _PIXEL_SPREAD = "camera.pixel_mm", "uncertainty.pixel_mm"
 _DIGITS = 6
 """Of lengths: a nanometre."""
 
@@ -57,8 +58,12 @@ Asked = Mapping[str, Any]
 def set_values(text: str, values: Mapping[str, Any]) -> str:
     """Give a scene's text with some values; None takes a key out.
 
+    The ± of a set's scale goes with the scale that it was stated for.
+
     Parameters: `text`, TOML; `values` by the scene's keys. Returns TOML. Raises InputError.
     """
+    if _PIXEL in values and _PIXEL_SPREAD not in values:
+        text = without_value(text, _PIXEL_SPREAD)
     for key, value in values.items():
         if key.count(".") != 1:
             raise InputError(f"{key!r}: is no key of a scene; write it as 'load.normal_n'")
@@ -95,7 +100,7 @@ def _scale(session: SetupSession, asked: Asked) -> None:
     first, second = asked["points"]
     pixel = float(f"{pixel_scale(first, second, float(asked['length_mm'])):.6g}")
     scene = session.scene()
-    values: dict[str, Any] = {"camera.pixel_mm": pixel}
+    values: dict[str, Any] = {_PIXEL: pixel}
     camera = scene.camera
     if camera is not None and camera.pixel_mm is not None:
         share = pixel / camera.pixel_mm
@@ -135,8 +140,8 @@ def _sized(session: SetupSession, asked: Asked, key: str) -> dict[str, Any]:
     pixel = pixel_scale(first, second, float(length))
     spread = pixel * pixel * _CLICK_PX * math.sqrt(2.0) / float(length)
     return {
-        "camera.pixel_mm": float(f"{pixel:.6g}"),
-        "uncertainty.pixel_mm": float(f"{spread:.2g}"),
+        _PIXEL: float(f"{pixel:.6g}"),
+        _PIXEL_SPREAD: float(f"{spread:.2g}"),
     }
 
 
@@ -150,7 +155,7 @@ def _rollers(session: SetupSession, asked: Asked) -> None:
     """The inner rollers: their distance gives the scale, and between them is what is read."""
     values = _sized(_set_of(session), asked, "beam.inner_span_mm")
     left, right = sorted(col for _, col in asked["points"])
-    away = _FROM_ROLLERS * plain_values(session.text)["beam.height_mm"] / values["camera.pixel_mm"]
+    away = _FROM_ROLLERS * plain_values(session.text)["beam.height_mm"] / values[_PIXEL]
     rows, cols = session.reader(session.scene()).shape
     first, last = max(0, math.ceil(left + away)), min(cols - 1, math.floor(right - away))
     if last - first < _FEWEST_COLS:

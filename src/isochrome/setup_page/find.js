@@ -46,9 +46,7 @@ function showFound({ frame, chi, found, warnings }) {
     const row = body.insertRow(), what = row.insertCell();
     row.dataset.key = one.key;
     what.textContent = nameOf(one.key);
-    const value = row.insertCell();
-    value.textContent = one.text;
-    value.className = "value";
+    valueCell(row, one.text);
     if (!one.note) continue;
     const below = body.insertRow(), note = below.insertCell();
     row.className = "noted";

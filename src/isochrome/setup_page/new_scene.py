@@ -94,12 +94,13 @@ def likely_no_load(names: Sequence[str]) -> dict[str, str]:
     """
     found = {}
     for field in ("dark", "bright"):
-        own = [n for n in names if field in n.lower() and _unloaded(n) and not n.endswith(".csv")]
+        own = [n for n in names if field in n.lower() and is_unloaded(n) and not n.endswith(".csv")]
         if len(own) == 1:
             found[f"frames.no_load_{field}"] = own[0]
     return found
 
 
-def _unloaded(name: str) -> bool:
+def is_unloaded(name: str) -> bool:
+    """Say whether a file's name is that of a frame without load. Parameters: `name`."""
     plain = name.lower().replace("_", "-").replace(" ", "-")
     return any(word in plain for word in ("no-load", "noload", "unloaded"))

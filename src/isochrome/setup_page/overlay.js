@@ -11,7 +11,8 @@ function drawOver(to) {
   to.beginPath();
   to.rect(own.left, own.top, (own.cols * cut) / 100, own.rows);
   to.clip();
-  to.globalAlpha = shown.map ? 0.75 : Number(get("opacity").value) / 100;
+  // the map's colours let the fringes through, however opaque they are to be
+  to.globalAlpha = ((shown.map ? 0.75 : 1) * Number(get("opacity").value)) / 100;
   to.drawImage(own.picture, own.left, own.top);
   to.restore();
   if (cut > 0 && cut < 100) {
@@ -67,7 +68,9 @@ function showSliders(state) {
   holder.replaceChildren();
   overlay.values = {};
   if (!state.model) {
-    holder.textContent = "The scene has no model yet: fill in step 1.";
+    holder.textContent = kindOf(state) === "other"
+      ? "There is no model of something else: its orders are told by known points, known lines and free edges, in step 2."
+      : "The scene has no model yet: fill in step 1.";
     return;
   }
   if (!state.pixel_mm) {
@@ -124,7 +127,7 @@ function slider(one, value, state) {
   const set = (given) => {
     const values = Number.isFinite(given) ? { [one.key]: given } : {};
     if (Number.isFinite(given)) useTool({ tool: "values", values });
-    else say(one.words + ": '" + number.value + "' is no number.", true);
+    else refusedValue(new Refusal(one.words + ": '" + number.value + "' is no number."));
   };
   bar.addEventListener("change", () => set(Number(Number(bar.value).toPrecision(5))));
   number.addEventListener("change", () => set(Number(number.value.replace(",", "."))));
@@ -154,7 +157,16 @@ get("blink").addEventListener("click", () => {
 for (const id of ["opacity", "wipe"]) get(id).addEventListener("input", draw);
 get("show-model").addEventListener("change", () => { draw(); askModel(); });
 
+/* what lies over the picture can be compared only where something does */
+function showOver(state) {
+  for (const id of ["show-model", "wipe", "blink"]) get(id).disabled = !state.model;
+  get("opacity").disabled = !state.model && !shown.map;
+}
+
+let mapAsked = 0, mapWanted = false;
 async function askMap() {
+  const mine = ++mapAsked;
+  mapWanted = true;
   say("Reading what the points say …");
   try {
     const answer = await fetch("map", {
@@ -162,24 +174,50 @@ async function askMap() {
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify({ frame: page.frame }),
     });
+    if (mine !== mapAsked) return; // the points, or the frame, are others by now
     if (!answer.ok) { say((await answer.json()).error, true); return; }
     const size = (name) => Number(answer.headers.get(name));
     const rows = size("X-Rows"), cols = size("X-Cols"), bytes = new Uint8Array(await answer.arrayBuffer());
-    shown.map = { picture: bitmap(bytes, rows, cols, ORDERS), rows, cols, top: size("X-Top"), left: size("X-Left") };
+    if (mine !== mapAsked) return;
+    shown.map = { picture: bitmap(bytes, rows, cols, ORDERS), orders: bytes, rows, cols, top: size("X-Top"), left: size("X-Left") };
     get("hide-map").hidden = false;
+    showOver(page.state);
     const known = bytes.reduce((count, level) => count + (level > 0), 0);
     const said = JSON.parse(answer.headers.get("X-Said"));
     say("Coloured is what the points say: the order is known in " + Math.round((100 * known) / bytes.length) + " % of the region.");
     const { top_px: top, left_px: left } = page.state.region;
     if (said.length && (top || left)) said.push("Rows and columns here are counted in the region: add " + top + " and " + left + " for those of the picture.");
-    get("map-said").textContent = said.join(" ");
+    get("map-said").replaceChildren(...said.map((text) => {
+      const one = document.createElement("p");
+      one.textContent = text;
+      return one;
+    }));
     draw();
   } catch (error) { lost(error); }
 }
+/* the order at a point of the picture as the map has it, in words; see bitmap's ORDERS */
+function orderOnMap(at) {
+  const { orders, rows, cols, top, left } = shown.map, row = Math.round(at.row) - top, col = Math.round(at.col) - left;
+  if (row < 0 || col < 0 || row >= rows || col >= cols) return "";
+  const level = orders[row * cols + col];
+  if (!level) return "N not known";
+  return level === 255 ? "N over 5.07" : "N = " + ((level - 1) * 0.02).toFixed(2);
+}
+/* another text has another map; it is asked for by itself where what was told on the picture changed */
+function renewMap(before, state) {
+  const wanted = mapWanted;
+  hideMap();
+  const told = (one) => JSON.stringify([one.known_order, one.known_line, one.free_boundary, one.polygon, one.region]);
+  mapWanted = wanted;
+  if (wanted && before && told(before) !== told(state)) askMap();
+}
 function hideMap() {
   shown.map = null;
-  get("map-said").textContent = "";
+  mapAsked++;
+  mapWanted = false;
+  get("map-said").replaceChildren();
   get("hide-map").hidden = true;
+  if (page.state) showOver(page.state);
   draw();
 }
 get("show-map").addEventListener("click", askMap);

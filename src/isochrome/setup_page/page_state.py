@@ -37,8 +37,8 @@ def session_state(session: SetupSession) -> dict[str, Any]:
         "has_scene": scene is not None,
         "model": scene.model if scene is not None else None,
         "frames": {
-            "count": session.count, "rows": rows, "cols": cols, "bit_depth": reader.bit_depth,
-            "pixel_mm": reader.pixel_mm,
+            "count": session.count(scene), "rows": rows, "cols": cols,
+            "bit_depth": reader.bit_depth, "pixel_mm": reader.pixel_mm,
         },
         "region": region.model_dump(),
         "beside": candidates,

@@ -22,21 +22,39 @@ async function post(name, body) {
 const noun = (state) => state.subject ? "set" : "scene";
 class Refusal extends Error {}
 const refused = (error) => { if (error instanceof Refusal) say(error.message, true); else lost(error); };
+/* a value that was refused leaves its field: the fields show the scene */
+let notTaken = ""; // what the last refusal said, until something else is done
+function refusedValue(error) {
+  refused(error);
+  notTaken = error.message;
+  if (page.state) showValues(page.state);
+}
+
+function notWritten() {
+  if (notTaken) return "Saved, without the value that was refused: " + notTaken;
+  return isTyped() ? "Saved, without the text that is typed below and not used yet." : "";
+}
 
 /* tools go one after the other: each begins with the scene that the last has left */
 let queue = Promise.resolve(true);
+const NO_VALUES = ["new", "text", "undo", "save"]; // tools whose refusal concerns no single value
 function useTool(asked, done = "", settled = () => null) {
   queue = queue.then(async () => {
     try {
       const state = await post("tool", asked);
       settled();
-      say(done || (state.saved ? "Saved." : "The " + noun(state) + " has changed; Save writes it."));
+      const without = asked.tool === "save" ? notWritten() : "";
+      say(without || done || (state.saved ? "Saved." : "The " + noun(state) + " has changed; Save writes it."), without !== "");
+      notTaken = "";
       await takeAll(state);
       return true;
     } catch (error) {
-      refused(error);
       settled();
+      const slid = Object.keys(overlay.values).length;
+      refusedValue(error);
+      if (NO_VALUES.includes(asked.tool)) notTaken = "";
       if (page.state) takeState(page.state);
+      if (slid) askModel(); // the sliders are back, and so is the model
       return false;
     }
   });
@@ -48,7 +66,7 @@ async function takeAll(state) {
   get("saved").textContent = state.saved ? "saved" : state.has_scene ? "not saved yet" : "";
   get("save").disabled = !state.has_scene;
   get("fit").disabled = !state.model;
-  get("text").value = state.text;
+  showText(state);
   if (get("contact-name")) get("contact-name").textContent = !state.model || state.model === "contact" ? "Contact point" : "Middle of the top";
   get("make-row").hidden = get("kind-row").hidden = state.has_scene;
   get("form-hint").textContent = state.has_scene
@@ -58,13 +76,11 @@ async function takeAll(state) {
   const last = state.frames.count - 1;
   get("frame").max = get("frame-number").max = last;
   get("frame-count").textContent = "of 0 to " + last;
-  showFields(state);
-  showNoLoad(state);
-  showSliders(state);
-  showLoads(state);
+  showValues(state);
   takeState(state);
-  if (!before || turned(before) !== turned(state)) await showFrame(page.frame);
-  if (!before || before.text !== state.text) hideMap();
+  const isOther = !before || turned(before) !== turned(state) || before.frames.count !== state.frames.count;
+  if (isOther) await showFrame(Math.min(page.frame, last));
+  if (!before || before.text !== state.text) renewMap(before, state);
   if (state.model && state.pixel_mm && (!before || !before.model || !before.pixel_mm)) {
     get("show-model").checked = true;
     get("step-model").open = true;
@@ -73,8 +89,24 @@ async function takeAll(state) {
   askOutlines();
   checkSoon();
 }
+function showValues(state) {
+  showFields(state);
+  showNoLoad(state);
+  showSliders(state);
+  showLoads(state);
+  showKind(state);
+}
+/* what is of a model alone is not offered for a specimen without one */
+function showKind(state) {
+  const isOther = kindOf(state) === "other";
+  get("place-words").hidden = get("held-row").hidden = isOther || Boolean(state.subject);
+  get("order-words").hidden = !isOther;
+  get("slider-words").hidden = isOther;
+  showOver(state);
+}
 const turned = (state) => JSON.stringify([
   "frames.rotate_deg", "frames.flip", "frames.channel", "camera.bit_depth", "polariscope.wavelength_nm",
+  "frames.no_load_dark", "frames.no_load_bright", // of a folder, which files are frames
 ].map((key) => state.values[key]));
 
 let frameAsked = 0;
@@ -185,7 +217,7 @@ function fieldRow(field, value, state) {
     if (!page.state.has_scene || input.readOnly) return;
     try {
       useTool({ tool: "values", values: { [field.key]: readField(field, input.value) } });
-    } catch (error) { refused(error); }
+    } catch (error) { refusedValue(error); }
   });
   return row;
 }
@@ -206,7 +238,12 @@ function readField(field, text) {
   if (field.key === "frames.gamma" && plain === "unknown") return plain;
   return number(plain);
 }
-get("kind").addEventListener("change", () => { showFields(page.state); showFind(page.state); });
+get("kind").addEventListener("change", () => {
+  showFields(page.state);
+  showFind(page.state);
+  showSliders(page.state);
+  showKind(page.state);
+});
 function readForm() {
   const kind = get("kind").value, values = {};
   for (const field of data.fields) {
@@ -228,6 +265,7 @@ get("make").addEventListener("click", () => {
       radio.checked = true;
       chooseTool(radio.value);
     }
+    get("step-place").scrollIntoView({ block: "start" });
   });
 });
 
@@ -259,13 +297,18 @@ get("fit").addEventListener("click", async () => {
   } catch (error) { refused(error); } finally { get("fit").disabled = !page.state.model; }
 });
 function showFit() {
-  const { values, warnings, chi, kept_share: kept, frame } = page.fit, holder = get("fit-result");
+  const { values, warnings, chi, wrong, kept_share: kept, frame } = page.fit, holder = get("fit-result");
   holder.replaceChildren();
-  get("take-all").hidden = !values.length;
+  get("take-all").hidden = wrong || !values.length;
   const head = document.createElement("p");
   head.textContent = "Frame " + frame + ": chi = " + (chi === null ? "not known" : chi.toFixed(2)) +
     " (1 = within the noise)" + (kept ? "; order read in " + Math.round(100 * kept) + " % of the specimen." : ".");
   holder.append(head);
+  if (wrong && values.length) {
+    const why = document.createElement("p");
+    why.textContent = "chi is over 3: the model leaves far more than the noise, so its values are not offered together. See the warnings, and set right what is wrong first.";
+    holder.append(why);
+  }
   if (values.length) {
     const table = tableUnder(["Value", "Found ± standard uncertainty", "Into the scene"]);
     const body = table.createTBody();
@@ -274,7 +317,7 @@ function showFit() {
       const what = row.insertCell();
       what.textContent = nameOf(one.key);
       if (one.asked) what.append(": the frame asks for it");
-      row.insertCell().textContent = one.text;
+      valueCell(row, one.text);
       button.type = "button";
       button.textContent = "Take";
       button.setAttribute("aria-label", "Take " + one.key + " into the scene");
@@ -295,6 +338,12 @@ function tableUnder(heads) {
     top.append(cell);
   }
   return table;
+}
+/* a number that does not break, however narrow the page is */
+function valueCell(row, text) {
+  const cell = row.insertCell();
+  cell.className = "value";
+  cell.textContent = text;
 }
 function nameOf(key) {
   const kind = page.state ? kindOf(page.state) : "";
@@ -350,11 +399,28 @@ async function checkNow() {
 }
 get("check").addEventListener("click", checkNow);
 
+/* the text: what is typed and not used yet stays, whatever is done beside it */
+let shownText = "";
+const plainLines = (text) => text.replace(/\r\n?/g, "\n"); // as a field of text has them
+const isTyped = () => get("text").value !== shownText;
+function showText(state) {
+  const text = plainLines(state.text);
+  if (!isTyped()) get("text").value = text;
+  shownText = text;
+  markText();
+}
+const markText = () => { get("text-typed").hidden = !isTyped(); };
+get("text").addEventListener("input", markText);
+get("drop-text").addEventListener("click", () => {
+  get("text").value = shownText;
+  markText();
+  get("text").focus();
+});
 get("use-text").addEventListener("click", () => useTool({ tool: "text", text: get("text").value }));
 get("undo").addEventListener("click", () => useTool({ tool: "undo" }, "Taken back.", () => { for (const name in touched) delete touched[name]; }));
 get("save").addEventListener("click", () => useTool({ tool: "save" }, "Saved."));
 addEventListener("beforeunload", (event) => {
-  if (page.state && page.state.has_scene && !page.state.saved) event.preventDefault();
+  if (page.state && ((page.state.has_scene && !page.state.saved) || isTyped())) event.preventDefault();
 });
 addEventListener("keydown", (event) => {
   if ((event.ctrlKey || event.metaKey) && event.key === "s") { event.preventDefault(); get("save").click(); }

@@ -16,6 +16,9 @@ from isochrome.setup_page.session import SetupSession
 _OF_A_MODEL = ("indenter", "friction", "wear", "scar", "load")
 """Tables that make a scene one of a model."""
 
+_WRONG_CHI = 3.0
+"""chi of a fit from which its values are not taken into the scene together: the model is wrong."""
+
 _ORDER_STEP = 0.02
 """Fringes from level to level of a map as the page shows it."""
 
@@ -37,7 +40,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
     -------
     dict
         `values`: key, value, its ± as text, the TOML line that states it, and whether the frame
-        asked for it; `chi`, `noise`, `kept_share`, and `warnings`.
+        asked for it; `chi`, whether it is `wrong`, `kept_share`, and `warnings`.
 
     Raises
     ------
@@ -57,6 +60,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "frame": index,
         "revision": session.revision,
         "chi": found.frame.chi,
+        "wrong": found.frame.chi > _WRONG_CHI,  # not where it is not known
         "kept_share": found.row.get("kept_share"),
         "values": [*_scale_row(scene, found), *map(_value_row, found.values)],
         "warnings": list(found.frame.warnings),

@@ -286,6 +286,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _page(handler: _Handler, _: Any) -> None:
+    handler.server.session.read_again()  # a page that is loaded anew shows what the file holds
     handler.send_page()
 
 

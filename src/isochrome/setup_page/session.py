@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError
-from isochrome.frames import Frame, FrameReader, SequentialFrames, open_frames, with_file_scale
+from isochrome.frames import (
+    Frame,
+    FrameReader,
+    SequentialFrames,
+    named_files,
+    open_frames,
+    with_file_scale,
+)
 from isochrome.output import write_text
 from isochrome.processing import one_state
 from isochrome.scene import FramesLike, Roi, Scene, parse_scene, parse_toml
 from isochrome.setup_page.live_model import LiveModel, grey_span, shown_grey
+from isochrome.setup_page.new_scene import is_unloaded, likely_no_load
 from isochrome.stress import PixelGrid, pixel_grid
 
 _NAMING = (
@@ -57,15 +66,16 @@ class SetupSession:
         self.revision = 0
         self.saves = 0
         self._saved_text = text if saved else None
+        self._file_bytes = self._read_file()
         self._undo: list[str] = []
         self._lock = threading.RLock()
         self._model: tuple[tuple[int, int], LiveModel, tuple[float, float]] | None = None
         self._named = set(_named_files(text))
         self._readers: dict[Any, SequentialFrames] = {}
-        with open_frames(frames) as reader:
-            self.count = reader.count(decode=False)
+        self._counts: dict[tuple[Path, ...], int] = {}
+        with open_frames(frames, leave_out=self.left_out(None)) as reader:
             self.reader_files = tuple(Path(str(file)) for file in reader.files)
-        if self.count == 0:
+        if self.count(None) == 0:
             raise InputError(f"{frames}: holds no frame; check the file")
 
     @property
@@ -81,12 +91,37 @@ class SetupSession:
     def beside(self) -> list[str]:
         """List the files beside the frames that a scene may name: their names, nothing of them."""
         frames = {file.resolve() for file in self.reader_files}
+        return [
+            name
+            for name in self._pictures()
+            if is_unloaded(name) or (self.folder / name).resolve() not in frames
+        ]
+
+    def _pictures(self) -> list[str]:
+        """The names of all pictures and tables in the scene's folder."""
         there = (f for f in self.folder.iterdir() if f.suffix.lower() in _PICTURES)
-        return sorted(
-            f.name
-            for f in there
-            if f.is_file() and f.resolve() not in frames and not f.name.startswith(".")
-        )
+        return sorted(f.name for f in there if f.is_file() and not f.name.startswith("."))
+
+    def left_out(self, scene: Scene | None) -> tuple[Path, ...]:
+        """List the files of a folder of frames that are none of them.
+
+        Parameters: `scene`, which names them as for `process`; None before there is one: the
+        files that look like no-load frames by their names.
+        """
+        if not (isinstance(self.frames, str | Path) and Path(self.frames).is_dir()):
+            return ()
+        if scene is not None:
+            return tuple(named_files(scene))
+        names = {*_named_files(self.text), *likely_no_load(self._pictures()).values()}
+        return tuple(self.folder / name for name in sorted(names))
+
+    def count(self, scene: Scene | None) -> int:
+        """Count the frames. Parameters: `scene`, as for `left_out`. Raises InputError."""
+        apart = self.left_out(scene)
+        if apart not in self._counts:
+            with open_frames(self.frames, leave_out=apart) as reader:
+                self._counts[apart] = reader.count(decode=False)
+        return self._counts[apart]
 
     def scene(self, text: str | None = None) -> Scene:
         """Read the scene of a text, by default the page's own.
@@ -142,12 +177,44 @@ class SetupSession:
             self.text = self._undo.pop()
             self.revision += 1
 
+    def _read_file(self) -> bytes | None:
+        """What the scene's file holds now; None where there is none that can be read."""
+        try:
+            return self.scene_file.read_bytes()
+        except OSError:
+            return None
+
+    def read_again(self) -> None:
+        """Take the file's scene where another program has changed it; undo takes it back.
+
+        A text that is no scene is left alone: `save` refuses to write over it.
+        """
+        with self._lock:
+            there = self._read_file()
+            if there is None or there == self._file_bytes:
+                return
+            with suppress(InputError, UnicodeDecodeError):
+                text = there.decode("utf-8-sig")  # line ends stay as they are
+                self._named |= _named_files(text)
+                self.change(lambda _: text)
+                self._file_bytes, self._saved_text = there, text
+
     def save(self) -> None:
-        """Write the scene, whole or not at all. Raises InputError where it cannot be written."""
+        """Write the scene, whole or not at all.
+
+        Raises InputError where it cannot be written, or where the file is no longer the one that
+        was read or saved last.
+        """
         with self._lock:
             self.check_complete()
+            if self._read_file() not in (None, self._file_bytes):
+                noun = "scene" if self.subject is None else "set"
+                raise InputError(
+                    f"{self.scene_file.name}: was changed by another program since this page read "
+                    f"it; copy what you need from 'The {noun} as text', and reload the page"
+                )
             write_text(self.scene_file.resolve(), self.text)
-            self._saved_text = self.text
+            self._file_bytes, self._saved_text = self._read_file(), self.text
             self._named |= _named_files(self.text)
             self.saves += 1
 
@@ -156,11 +223,11 @@ class SetupSession:
         return self._sequence(scene).reader
 
     def _sequence(self, scene: Scene | None) -> SequentialFrames:
-        key: tuple[Any, ...] = (0, None, None, None, None)
+        key: tuple[Any, ...] = (0, None, None, None, None, self.left_out(scene))
         if scene is not None:
             own, depth = scene.frames, scene.camera.bit_depth if scene.camera else None
             channel, light = own.channel, scene.polariscope.wavelength_nm
-            key = (own.rotate_deg, own.flip, channel, light, depth)
+            key = (own.rotate_deg, own.flip, channel, light, depth, key[-1])
         with self._lock:
             if key not in self._readers:
                 opened = open_frames(
@@ -170,6 +237,7 @@ class SetupSession:
                     channel=key[2],
                     wavelength_nm=key[3],
                     bit_depth=key[4],
+                    leave_out=key[5],
                 )
                 for one in self._readers.values():
                     one.close()
@@ -185,8 +253,9 @@ class SetupSession:
 
     def frame(self, index: int, scene: Scene | None) -> Frame:
         """A whole frame. Raises InputError where there is none of this number."""
-        if not 0 <= index < self.count:
-            raise InputError(f"frame {index}: there are {self.count}, counted from 0")
+        count = self.count(scene)
+        if not 0 <= index < count:
+            raise InputError(f"frame {index}: there are {count}, counted from 0")
         return self._sequence(scene).frame(index)
 
     def picture(self, index: int) -> NDArray[np.uint8]:

@@ -80,6 +80,10 @@ class SetSession(SetupSession):
         self.subject = subject
         self._geometry: tuple[int, dict[str, dict[str, float]]] = (-1, {})
 
+    def left_out(self, scene: Scene | None) -> tuple[Path, ...]:
+        """None: each image is offered as one of the set. Parameters: `scene`, not looked at."""
+        return ()
+
     @property
     def image_names(self) -> list[str]:
         """The images' files as the set names them: relative to its folder."""

@@ -21,7 +21,7 @@ function showLoads(state) {
     field.addEventListener("focus", () => { if (page.frame !== number) goToFrame(number); });
     field.addEventListener("change", () => {
       if (!page.state.has_scene) return;
-      try { useTool({ tool: "loads", loads: readLoads() }); } catch (error) { refused(error); }
+      try { useTool({ tool: "loads", loads: readLoads() }); } catch (error) { refusedValue(error); }
     });
     row.append(label, field);
     holder.append(row);
@@ -77,14 +77,13 @@ function showCalibration({ values, images, warnings, revision }) {
   for (const one of values) {
     const row = body.insertRow();
     row.insertCell().textContent = one.words;
-    row.insertCell().textContent = one.text;
+    valueCell(row, one.text);
   }
   const each = tableUnder(["Image", "Load (N)", "Order", "chi"]), rows = each.createTBody();
   for (const one of images) {
     const row = rows.insertRow();
-    for (const text of [one.file, String(one.load_n), one.order.toFixed(4), one.chi.toFixed(2)]) {
-      row.insertCell().textContent = text;
-    }
+    row.insertCell().textContent = one.file;
+    for (const text of [String(one.load_n), one.order.toFixed(4), one.chi.toFixed(2)]) valueCell(row, text);
   }
   holder.dataset.revision = revision;
   holder.replaceChildren(table, each, listOf(warnings.map((text) => ["warning", text])));

@@ -34,7 +34,7 @@ function takeState(state) {
   const box = state.region, whole = box.height_px === state.frames.rows && box.width_px === state.frames.cols;
   const known = {
     contact: state.place ? [point(state.place)] : [],
-    surface: state.surface ? state.surface.map(point) : [],
+    surface: surfacePoints(state),
     mask: state.polygon.map(point),
     order: state.known_order.map((one) => ({ ...one })),
     line: state.known_line.map((one) => ({ order: one.order, points: one.points.map(point) })),
@@ -44,13 +44,25 @@ function takeState(state) {
       { row: box.top_px + box.height_px - 1, col: box.left_px + box.width_px - 1 },
     ],
   };
+  const isNewLine = ofLines() && line === own[tool].length;
   // what the user has moved since, the answer knows nothing of
   for (const name of Object.keys(known)) if (!touched[name]) own[name] = known[name];
-  if (ofLines()) line = Math.min(line, Math.max(0, own[tool].length - 1));
+  if (ofLines()) line = Math.min(line, Math.max(0, own[tool].length - (isNewLine ? 0 : 1)));
   active = Math.min(active, points().length - 1);
   showPoints();
   draw();
 }
+/* the user's own two points where the scene's surface goes through them, else its ends, if it is
+   turned; a level one that nobody has set is drawn as a line alone */
+function surfacePoints(state) {
+  if (!state.surface) return [];
+  const [left, right] = state.surface, stated = state.values["camera.roll_deg"] !== undefined;
+  const rowAt = (col) => left[0] + ((right[0] - left[0]) * (col - left[1])) / (right[1] - left[1]);
+  const isOwn = own.surface.length === 2 && own.surface.every(({ row, col }) => Math.abs(row - rowAt(col)) < NEAR_PX);
+  if (isOwn) return own.surface;
+  return stated ? state.surface.map(([row, col]) => ({ row, col })) : [];
+}
+const NEAR_PX = 0.5; // the roll's last digit, and a lens
 const pairs = (list) => list.map(({ row, col }) => [row, col]);
 const commands = {
   scale: () => null,
@@ -89,13 +101,24 @@ function commit(wait = 0) {
   commitLater[mine] = setTimeout(() => {
     const asked = commands[name](), moves = touched[mine];
     if (asked) useTool({ tool: name, ...asked }, "", () => { if (touched[mine] === moves) delete touched[mine]; });
+    else if (keepsLast(mine)) say(NEEDS[mine] + "; the scene keeps the last one.", true);
   }, wait);
 }
 
+const NEEDS = { mask: "A mask needs three corners", line: "A line needs two points", boundary: "A free edge needs two points" };
+/* whether the scene has a mask or line of which too few points are left here */
+function keepsLast(name) {
+  if (name === "mask") return page.state.polygon.length > 0;
+  if (!(name in NEEDS)) return false;
+  const lines = page.state[NAMES[name]];
+  return own[name].some((one, number) => one.points.length < 2 && number < lines.length);
+}
 function inside(point) {
+  // the contact and its surface may lie beside the picture, one height of it away at the most
+  const beyond = 0.5 + (tool === "contact" || tool === "surface" ? shown.rows : 0);
   return {
-    row: Number(clamp(point.row, -0.5, shown.rows - 0.5).toFixed(2)),
-    col: Number(clamp(point.col, -0.5, shown.cols - 0.5).toFixed(2)),
+    row: Number(clamp(point.row, -beyond, shown.rows - 1 + beyond).toFixed(2)),
+    col: Number(clamp(point.col, -beyond, shown.cols - 1 + beyond).toFixed(2)),
   };
 }
 function addPoint(at) {
@@ -106,6 +129,7 @@ function addPoint(at) {
     own.line[line] = { order: Number(get("new-order").value) || 0, points: [] };
   }
   if (tool === "boundary" && !own.boundary[line]) own.boundary[line] = { points: [] };
+  if (tool === "surface" && own.surface.length === MOST.surface) own.surface = []; // a new pair
   const list = points();
   if (list.length >= MOST[tool]) {
     active = tool === "contact" ? 0 : nearest(at, Infinity);
@@ -148,13 +172,34 @@ function removePoint(at) {
   draw();
   commit();
 }
+const farPx = (one, at) => Math.hypot(one.row - at.row, one.col - at.col) * view.zoom;
 function nearest(at, reach) {
   let best = -1, least = reach;
   points().forEach((one, number) => {
-    const far = Math.hypot(one.row - at.row, one.col - at.col) * view.zoom;
+    const far = farPx(one, at);
     if (far < least) { least = far; best = number; }
   });
   return best;
+}
+/* the point under the mouse, which may be another line's: that line is the chosen one then */
+function grab(at) {
+  const here = nearest(at, REACH_PX);
+  if (here >= 0 || !ofLines()) return here;
+  let least = REACH_PX, chosen = line;
+  own[tool].forEach((one, number) => one.points.forEach((point) => {
+    const far = farPx(point, at);
+    if (far < least) { least = far; chosen = number; }
+  }));
+  chooseLine(chosen);
+  return nearest(at, REACH_PX);
+}
+/* another line; a new one of which less than two points are set is dropped */
+function chooseLine(number) {
+  if (number === line) return;
+  const lines = own[tool];
+  if (line === lines.length - 1 && lines[line].points.length < 2) lines.pop();
+  line = number;
+  active = points().length ? 0 : -1;
 }
 
 canvas.addEventListener("pointerdown", (event) => {
@@ -167,7 +212,7 @@ canvas.addEventListener("pointerdown", (event) => {
     return;
   }
   if (event.button !== 0) return;
-  const hit = nearest(at, REACH_PX);
+  const hit = grab(at);
   if (hit >= 0) active = hit;
   else if (tool === "region") {
     own.region = [];
@@ -243,6 +288,8 @@ function readOut(at) {
     parts.push("x = " + ((at.col - place[1]) * pixel).toFixed(4) + " mm");
     parts.push("z = " + ((at.row - place[0]) * pixel).toFixed(4) + " mm");
   }
+  const order = shown.map ? orderOnMap(at) : "";
+  if (order) parts.push(order);
   get("readout").textContent = parts.join("; ");
 }
 
@@ -273,7 +320,18 @@ function showPoints() {
     row.append(...pointField(own.line[line], -1, "order", "order of this line"));
     holder.append(row);
   }
+  showLines();
   if (kept && get(kept)) get(kept).focus();
+}
+/* the lines by number, as soon as there is one */
+function showLines() {
+  const count = ofLines() ? Math.max(own[tool].length, line + 1) : 0, select = get("line-number");
+  get("line-row").hidden = !ofLines() || !own[tool].length;
+  select.replaceChildren();
+  for (let number = 0; number < count; number++) {
+    const one = own[tool][number], order = one && one.order !== undefined ? ", order " + one.order : "";
+    select.append(new Option("Line " + (number + 1) + " of " + count + (one ? order : ", new"), number, false, number === line));
+  }
 }
 function pointField(one, number, name, words) {
   const label = document.createElement("label"), field = document.createElement("input");
@@ -330,8 +388,23 @@ get("new-line").addEventListener("click", () => {
   showPoints();
   draw();
 });
+get("line-number").addEventListener("change", () => {
+  chooseLine(Number(get("line-number").value));
+  showPoints();
+  draw();
+});
+get("clear-line").addEventListener("click", () => {
+  own[tool].splice(line, 1);
+  line = Math.max(0, Math.min(line, own[tool].length - 1));
+  active = points().length ? 0 : -1;
+  showPoints();
+  draw();
+  commit();
+});
 get("clear-tool").addEventListener("click", () => {
   own[tool] = [];
+  clearTimeout(commitLater[tool]);
+  delete touched[tool];
   active = -1;
   line = 0;
   showPoints();
@@ -351,7 +424,8 @@ get("apply-scale").addEventListener("click", () => {
 function drawMarks(to) {
   outline(to, own.region.length === 2 ? boxCorners(own.region) : [], true, "#7fd1ff", tool === "region");
   outline(to, own.mask, own.mask.length > 2, "#8cff9e", tool === "mask");
-  outline(to, own.surface, false, "#ffd34d", tool === "surface");
+  const surface = touched.surface ? own.surface : (page.state && page.state.surface || []).map(([row, col]) => ({ row, col }));
+  outline(to, surface, false, "#ffd34d", tool === "surface");
   outline(to, own.scale, false, "#ff9d2e", tool === "scale");
   own.line.forEach((one, number) => outline(to, one.points, false, "#ff8ad8", tool === "line" && number === line));
   own.boundary.forEach((one, number) => outline(to, one.points, false, "#c9a6ff", tool === "boundary" && number === line));
