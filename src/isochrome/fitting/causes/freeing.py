@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Generic, TypeVar
@@ -261,17 +262,13 @@ def _change(freed: Freed[S], asked: Asked) -> Change:
 
 def _with_all_light(solution: S) -> S:
     """A fit whose light is made as rich as its frames ask for."""
-    for _ in range(_LIGHTS):
-        terms = richer_light(solution.blocks(), solution.terms, MOST_TERMS)
-        if terms == solution.terms:
-            break
-        try:
-            again = solution.again(Change(terms=terms))
-        except PhysicsError:
-            break
-        if not again.is_sound or again.chi > solution.chi:
-            break
-        solution = again
+    with suppress(PhysicsError):  # what cannot be fitted is not asked for
+        for _ in range(_LIGHTS):
+            terms = richer_light(solution.blocks(), solution.terms, MOST_TERMS)
+            again = solution if terms == solution.terms else solution.again(Change(terms=terms))
+            if again is solution or not again.is_sound or again.chi > solution.chi:
+                break
+            solution = again
     return solution
 
 

@@ -56,7 +56,7 @@ scale may shift its loads."""
 
 
 def _with_one_more(kept: list[WornScar], more: WornScar, elastic_mm2: float) -> list[WornScar]:
-    """Scars by their areas with one more: the last ones, and of those before some, to `_BACK`."""
+    """Scars by their areas with one more: the last ones, and some as far back as boxes reach."""
     every = sorted([*kept, more], key=lambda scar: scar.worn_mm2)
     older: list[WornScar] = []
     for scar in every[:-_SCARS]:
