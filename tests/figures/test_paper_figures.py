@@ -284,6 +284,7 @@ def test_bands_and_bars_of_a_curve_are_among_its_data():
     axes.fill_between(x, y - u, y + u, color="#0072b2", alpha=0.3)
     axes.plot(x, y, color="#0072b2", label="one")
     axes.errorbar([1.0, 3.0], [2.0, 4.0], yerr=[0.1, 0.2], fmt="o", label="two")
+    axes.errorbar([], [], yerr=[], fmt="s")  # of a film none of whose frames stands still
     axes.axhline(0.0)
     axes.set(xlabel="x (mm)", ylabel="y (N)")
     found = {name: column.tolist() for name, column in curve_columns(axes).items()}

@@ -11,9 +11,8 @@ import re
 import numpy as np
 import pytest
 import tifffile
-from pages import HOSTILE, Page
+from pages import HOSTILE, Page, data_of, decoded
 from PIL import Image
-from test_report_page import data_of, decoded
 
 import isochrome
 from calibration.target_pictures import Shown, dots

@@ -12,6 +12,7 @@ from test_other_reports import wear_set
 import isochrome
 from browsers import open_chromium, skip_without_browser
 from isochrome.calibration import save_calibration
+from processing.tracked_films import LOAD, contact, film
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 pytestmark = pytest.mark.browser
@@ -183,6 +184,31 @@ def test_slider_wipe_and_blink_go_by_the_mouse(opened):
     assert (first, opened.share()) in ((0.0, 100.0), (100.0, 0.0))
     page.click("#blink")
     assert opened.share() == 80.0
+
+
+@pytest.fixture(scope="module")
+def followed_file(tmp_path_factory):
+    """The report of a followed film of four frames, of which the first alone has its picture."""
+    scene = contact(sliding=True)
+    frames = film(scene, {LOAD: [44.0, 44.5, 45.0, 45.5]}, 1)
+    place = tmp_path_factory.mktemp("followed") / "out"
+    isochrome.process(frames, scene, place, track=True, every=9)
+    return place / "report.html"
+
+
+def test_the_slider_of_a_followed_film_goes_to_frames_without_a_picture(chromium, followed_file):
+    with Opened(chromium, followed_file) as own:
+        assert own.page.text_content(".sides span") == "experiment"
+        own.page.fill("#frame", "2")
+        label = own.page.text_content("#frame-label")
+        assert label.startswith("frame 2: ") and "its picture is not kept" in label
+        assert own.page.text_content(".sides span") == "fringe order N"
+        assert own.page.text_content("#under-label") == "simulation"
+        own.page.hover("#stage")
+        assert re.search(r"N = [\d.]+ fringes; simulation [\d.]+; difference", own.readout())
+        own.page.fill("#frame", "0")
+        assert own.page.text_content(".sides span") == "experiment"
+        assert own.said == []
 
 
 def test_every_tool_goes_by_the_keyboard_alone(opened):

@@ -5,15 +5,26 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
-import json
 import re
-import zlib
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from pages import COLS, HOSTILE, LEFT, PIXEL, ROWS, TOP, Page, made_content, made_frame, order_field
+from pages import (
+    COLS,
+    HOSTILE,
+    LEFT,
+    PIXEL,
+    ROWS,
+    TOP,
+    Page,
+    data_of,
+    decoded,
+    made_content,
+    made_frame,
+    order_field,
+)
 
 from isochrome.errors import InputError
 from isochrome.reporting import (
@@ -30,19 +41,6 @@ from isochrome.reporting import (
 )
 
 ALLOWED = {"http-equiv", "charset", "name", "content", "lang", "class", "id", "href", "src", "alt"}
-
-
-def decoded(map_, rows, cols):
-    """Orders from a map's text, by the words of OrderMap's docstring alone."""
-    data = np.frombuffer(zlib.decompress(base64.b64decode(map_["data"])), np.uint8).astype(int)
-    moved = (data[: rows * cols] + 256 * data[rows * cols :]).reshape(rows, cols)
-    level = np.cumsum(moved, axis=1) % 65536
-    return np.where(level == 0, np.nan, (level - 1 + map_["first"]) * 0.01)
-
-
-def data_of(page):
-    """What the script is given."""
-    return json.loads(page.inside["script"][0])
 
 
 def test_the_policy_names_the_style_and_the_script_that_are_there(page):

@@ -66,6 +66,8 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
             line, caps, sticks = bars.lines
             held |= {line, *caps}
             x, y = (np.asarray(v, dtype=float) for v in (line.get_xdata(), line.get_ydata()))
+            if not len(x):  # no frame is of this kind
+                continue
             ends = [np.asarray(stick)[:, 1] for stick in sticks[0].get_segments()] if sticks else []
             values = {"": y}
             if len(ends) == len(y):

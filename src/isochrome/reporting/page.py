@@ -94,7 +94,7 @@ def report_html(content: ReportContent) -> str:
 def _for_script(frame: dict[str, Any]) -> dict[str, Any]:
     """What the script needs of a frame: its pictures stand in the page."""
     panes = [{"key": p["key"], "label": p["label"]} for p in frame["panes"]]
-    return {name: value for name, value in frame.items() if name != "notes"} | {"panes": panes}
+    return frame | {"panes": panes}
 
 
 def _picture(png: bytes | None) -> str:

@@ -106,6 +106,7 @@
     under.width = frame.cols;
     under.height = frame.rows;
     get("under-label").textContent = frame.panes[at].label;
+    document.querySelectorAll(".over-label").forEach((one) => { one.textContent = frame.panes[0].label; });
     const legend = figures[shown].querySelectorAll(".pane .legend")[at];
     const [low, high] = legend.querySelectorAll("span"), bar = legend.querySelector("img");
     get("low").textContent = low.textContent;
@@ -113,7 +114,8 @@
     get("bar").src = bar.src;
     get("bar").alt = bar.alt;
     const why = frame.why && " (" + frame.why + ")";
-    get("frame-label").textContent = "frame " + frame.number + ": " + frame.label + why;
+    const notes = frame.notes.map((note) => "; " + note).join("");
+    get("frame-label").textContent = "frame " + frame.number + ": " + frame.label + why + notes;
     slider.setAttribute("aria-valuetext", "frame " + frame.number + ", " + frame.label);
     if (point) moveTo(point.row, point.col);
     drawWipe();
