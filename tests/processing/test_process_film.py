@@ -185,7 +185,7 @@ def test_the_report_shows_frames_between_the_key_frames(followed):
         assert any("its picture is not kept" in note for note in one["notes"]) != kept
         own = decoded(one["order"], one["rows"], one["cols"])
         # orders of a report are rounded to its step
-        np.testing.assert_allclose(own, order[k, : one["rows"], : one["cols"]], atol=0.0051)
+        np.testing.assert_allclose(own, order[k, : one["rows"], : one["cols"]], atol=0.00051)
 
 
 def test_the_stacks_have_a_page_for_every_frame_as_run_zarr_has_it(followed):

@@ -138,7 +138,7 @@ def decoded(map_, rows, cols):
     data = np.frombuffer(zlib.decompress(base64.b64decode(map_["data"])), np.uint8).astype(int)
     moved = (data[: rows * cols] + 256 * data[rows * cols :]).reshape(rows, cols)
     level = np.cumsum(moved, axis=1) % 65536
-    return np.where(level == 0, np.nan, (level - 1 + map_["first"]) * 0.01)
+    return np.where(level == 0, np.nan, (level - 1 + map_["first"]) * map_["step"])
 
 
 def data_of(page):

@@ -77,8 +77,9 @@ def is_right(text, row, col, number=0):
     found = dict(re.findall(r"(N|simulation|difference|x|z|row|column) =? ?([-\d.]+)", text))
     x, z = LEFT + (col + 0.5) * PIXEL, TOP + (row + 0.5) * PIXEL
     return (
-        abs(float(found["N"]) - order) <= 0.0101
-        and abs(float(found["simulation"]) - (order - 0.05)) <= 0.0101
+        abs(float(found["N"]) - order) <= 0.00101
+        and abs(float(found["simulation"]) - (order - 0.05)) <= 0.00101
+        and abs(float(found["difference"]) - 0.05) <= 0.0021
         and abs(float(found["x"]) - x) <= 1e-4
         and abs(float(found["z"]) - z) <= 1e-4
         and (int(found["row"]), int(found["column"])) == (row, col)
@@ -110,14 +111,15 @@ def test_the_policy_stops_a_script_that_somebody_puts_in(chromium, report_file, 
 
 @pytest.fixture(scope="module")
 def other_files(tmp_path_factory):
-    """The pages of a simulation and of a calibration whose settings hold hostile text."""
+    """The pages of a simulation, a calibration whose settings hold hostile text, a comparison."""
     home = tmp_path_factory.mktemp("others")
     scene = isochrome.parse_scene(WORN_CONTACT + SMALL_CAMERA, name="worn")
     isochrome.simulate(scene, home / "simulated")
     path = wear_set(home)
     path.write_text(path.read_text("utf-8") + f"# {' '.join(HOSTILE[:-1])}\n", "utf-8")
     save_calibration(isochrome.calibrate_wear(path), home / "worn", source=path)
-    return [home / name / "report.html" for name in ("simulated", "worn")]
+    isochrome.compare(home / "simulated", home / "simulated", home / "compared")
+    return [home / name / "report.html" for name in ("simulated", "worn", "compared")]
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -302,6 +304,19 @@ def test_it_prints_all_that_is_folded_away_or_behind_the_slider(chromium, report
         own.page.evaluate("dispatchEvent(new Event('beforeprint'))")
         assert all(own.page.locator("details").nth(k).get_attribute("open") is not None
                    for k in range(own.page.locator("details").count()))  # fmt: skip
+
+
+def test_heads_of_a_printed_table_keep_their_words(chromium, other_files):
+    """A comparison's has 14 columns; its words break at their underscores alone."""
+    with Opened(chromium, other_files[2], viewport={"width": 680, "height": 900}) as own:
+        own.page.emulate_media(media="print")
+        lines = own.page.eval_on_selector_all(
+            "#trust thead bdi",
+            "all => all.map(one => [one.textContent, "
+            "new Set([...one.getClientRects()].map(box => Math.round(box.top))).size])",
+        )
+        assert len(lines) > 10
+        assert all(count <= 1 + name.count("_") for name, count in lines), lines
 
 
 def test_without_scripts_all_frames_stand_there(chromium, report_file):
