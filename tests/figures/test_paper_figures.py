@@ -270,10 +270,19 @@ def test_the_data_of_each_curve_stand_beside(worn, tmp_path):
     label = worn["simulate"].columns["label"][1]
     column = next(name for name in rows[0] if name.startswith(f"{label}: pressure p (MPa)"))
     place = list(rows[0])[list(rows[0]).index(column) - 1]
-    place = place if place.startswith("x (mm)") else "x (mm)"
+    place = place if place.endswith("x (mm)") else "x (mm)"
     drawn = {row[place]: row[column] for row in rows if row[column]}
     assert len(of_state) > 20  # the nodes in contact: those beyond it have no pressure
     assert all(drawn[row["x_mm"]] == row["pressure_mpa"] for row in of_state)
+
+
+def test_a_figure_of_what_is_not_worn_has_no_panel_of_worn_depth(worn):
+    titles = []
+    for frames in ((0,), (1,)):
+        figure = isochrome.paper_figure(worn["simulate"], isochrome.FigureStyle(frames=frames))
+        titles.append([axes.get_title(loc="left")[4:] for axes in figure.axes])
+    assert "worn depth" in titles[1] and "worn depth" not in titles[0]
+    assert "pressure" in titles[0]
 
 
 def test_data_of_plots_that_a_new_figure_does_not_have_are_removed(worn, tmp_path):
@@ -354,7 +363,7 @@ def test_bands_and_bars_of_a_curve_are_among_its_data():
     axes.set(xlabel="x (mm)", ylabel="y (N)")
     found = {name: column.tolist() for name, column in curve_columns(axes).items()}
     assert found.pop("x (mm)")[:2] == [1.0, 3.0]
-    assert found.pop("x (mm) (2)") == [0.0, 1.0, 2.0]
+    assert found.pop("one: x (mm)") == [0.0, 1.0, 2.0]
     nan = pytest.approx(np.nan, nan_ok=True)
     assert found == {
         "two: y (N)": [2.0, 4.0, nan],
