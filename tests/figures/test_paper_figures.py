@@ -23,10 +23,12 @@ from isochrome.calibration import ColourCalibration
 from isochrome.campaigns import Campaign
 from isochrome.campaigns.outcome import Outcome
 from isochrome.cli import main
+from isochrome.cli.figure_options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
+from isochrome.figures import frame_values_figure
 from isochrome.fringes.colour.colour_table import ColourTable
-from isochrome.output import write_tiff
+from isochrome.output import FrameValues, write_excel_copies, write_tiff
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 
@@ -268,10 +270,82 @@ def test_the_data_of_each_curve_stand_beside(worn, tmp_path):
     label = worn["simulate"].columns["label"][1]
     column = next(name for name in rows[0] if name.startswith(f"{label}: pressure p (MPa)"))
     place = list(rows[0])[list(rows[0]).index(column) - 1]
-    place = place if place.startswith("x (mm)") else "x (mm)"
+    place = place if place.endswith("x (mm)") else "x (mm)"
     drawn = {row[place]: row[column] for row in rows if row[column]}
     assert len(of_state) > 20  # the nodes in contact: those beyond it have no pressure
     assert all(drawn[row["x_mm"]] == row["pressure_mpa"] for row in of_state)
+
+
+def test_a_figure_of_what_is_not_worn_has_no_panel_of_worn_depth(worn):
+    titles = []
+    for frames in ((0,), (1,)):
+        figure = isochrome.paper_figure(worn["simulate"], isochrome.FigureStyle(frames=frames))
+        titles.append([axes.get_title(loc="left")[4:] for axes in figure.axes])
+    assert "worn depth" in titles[1] and "worn depth" not in titles[0]
+    assert "pressure" in titles[0]
+
+
+def test_data_of_plots_that_a_new_figure_does_not_have_are_removed(worn, tmp_path):
+    """A figure of one state and then of two: the plots' letters move on by one."""
+    style = partial(isochrome.FigureStyle, formats=("png",), dpi=60)
+    first = isochrome.save_figure(worn["simulate"], tmp_path / "figure", style(frames=(0,)))
+    write_excel_copies(tmp_path)
+    others = [tmp_path / name for name in ("figure_85mm_b.csv", "figure_me.csv", "other_b.csv")]
+    for file in others:
+        file.write_text("of somebody else\n", "utf-8")
+    then = isochrome.save_figure(worn["simulate"], tmp_path / "figure", style(frames=(0, 1)))
+    assert {file.name for file in first} - {file.name for file in then} == {"figure_b.csv"}
+    assert {*tmp_path.iterdir()} == {*then, *others}
+
+
+def test_a_figure_that_is_taller_than_a_page_is_written_with_a_warning(
+    worn, tmp_path, monkeypatch, capsys
+):
+    style = isochrome.FigureStyle(width_mm=85, frames=(0, 1) * 6, formats=("png",), dpi=60)
+    with pytest.warns(
+        UserWarning, match=r"the figure is \d+ mm tall; choose fewer --frames"
+    ) as said:
+        (file,) = isochrome.save_figure(worn["compare"], tmp_path / "figure", style)
+    tall = float(re.findall(r"\d+", str(said[0].message))[0])
+    with Image.open(file) as picture:
+        assert tall > 230.0 and picture.height / 60 * 25.4 == pytest.approx(tall, abs=0.6)
+    monkeypatch.setattr("isochrome.cli.figure_options.print_warnings", print)
+    save_paper_figure(worn["compare"], tmp_path, style)
+    assert f"['the figure is {tall:.0f} mm tall; choose fewer --frames']" in capsys.readouterr().out
+
+
+def numbers_shown(axis) -> int:
+    """How many numbers an axis shows within its limits."""
+    low, high = sorted(axis.get_view_interval())
+    return sum(low <= place <= high for place in axis.get_ticklocs())
+
+
+@pytest.mark.parametrize("count", [3, 6])
+def test_each_axis_with_numbers_has_two_at_least(worn, count):
+    style = isochrome.FigureStyle(width_mm=85, frames=(0, 1) * (count // 2) + (0,) * (count % 2))
+    figure = isochrome.paper_figure(worn["compare"], style)
+    assert not overlaps(drawn_texts(figure))
+    shown = [axes for axes in figure.axes if axes.get_visible()]
+    found = [
+        numbers_shown(axis)
+        for axes in shown
+        for axis in (axes.xaxis, axes.yaxis)
+        if any(text.get_visible() and text.get_text() for text in axis.get_ticklabels())
+    ]
+    assert len(found) > 4 and min(found) >= 2
+
+
+def test_labels_at_the_sides_of_values_over_frames_are_apart():
+    keys, count = ("camera.left_mm", "camera.top_mm", "wear.coefficient_mm2_per_n"), 5
+    none = np.zeros(count, dtype=bool)
+    values = FrameValues(
+        keys=keys, values=np.ones((count, 3)), standard_uncertainty=np.full((count, 3), 0.1),
+        chi=np.ones(count), distance_m=np.arange(5.0), searched=none, whole=none,
+    )  # fmt: skip
+    figure = frame_values_figure("film", values)
+    labels = [" ".join(axes.get_ylabel().split()) for axes in figure.axes]
+    assert labels[:2] == ["left edge of the picture (mm)", "top edge of the picture (mm)"]
+    assert not overlaps(drawn_texts(figure))
 
 
 def test_bands_and_bars_of_a_curve_are_among_its_data():
@@ -284,11 +358,12 @@ def test_bands_and_bars_of_a_curve_are_among_its_data():
     axes.fill_between(x, y - u, y + u, color="#0072b2", alpha=0.3)
     axes.plot(x, y, color="#0072b2", label="one")
     axes.errorbar([1.0, 3.0], [2.0, 4.0], yerr=[0.1, 0.2], fmt="o", label="two")
+    axes.errorbar([], [], yerr=[], fmt="s")  # of a film none of whose frames stands still
     axes.axhline(0.0)
     axes.set(xlabel="x (mm)", ylabel="y (N)")
     found = {name: column.tolist() for name, column in curve_columns(axes).items()}
     assert found.pop("x (mm)")[:2] == [1.0, 3.0]
-    assert found.pop("x (mm) (2)") == [0.0, 1.0, 2.0]
+    assert found.pop("one: x (mm)") == [0.0, 1.0, 2.0]
     nan = pytest.approx(np.nan, nan_ok=True)
     assert found == {
         "two: y (N)": [2.0, 4.0, nan],

@@ -11,6 +11,7 @@ import tifffile
 import zarr
 from tracked_films import FRICTION, LEFT, LOAD, contact, film, light_of, write_video
 
+import isochrome
 from isochrome import open_run
 from isochrome.comparison.frame_folders import load_frame_set
 from isochrome.errors import InputError
@@ -26,6 +27,7 @@ from isochrome.simulation import scene_states, state_difference
 from isochrome.simulation.model import make_picture
 from isochrome.stress import pixel_grid
 from processing.test_process_track import EVERY, SHAPE, save
+from reporting.pages import Page, data_of, decoded
 from runs.counting import contents
 
 COUNT = 8
@@ -116,6 +118,74 @@ def test_maps_are_kept_in_whole_steps_whose_error_is_half_of_one(followed):
     assert size < 1.6 * COUNT * SHAPE[0] * SHAPE[1]  # of two bytes a pixel, one and a quarter
     (stack,) = (f for f in export(place / "out", "tiff", place) if f.stem == "fringe_order")
     assert cv2.imreadmulti(str(stack), flags=cv2.IMREAD_UNCHANGED)[1][3].shape == SHAPE
+
+
+def shown_maps(figure):
+    """The pictures of a figure: what their panels are called, and their values."""
+    named = {axes: " ".join(axes.get_title(loc="left").split()) for axes in figure.axes}
+    return {
+        name: np.ma.filled(axes.images[0].get_array(), np.nan)
+        for axes, name in named.items()
+        if axes.images and name
+    }
+
+
+@pytest.mark.parametrize("kept", ["folder", "memory"])
+def test_a_figure_shows_the_maps_of_the_frames_that_it_names(followed, kept):
+    """Pictures are numbered by key frame, orders by frame: 5 is the second key frame."""
+    place, found, _ = followed
+    found = found if kept == "folder" else run(place, out=None)
+    order, picture = found.dataset.fringe_order.values, found.dataset.normalised.values
+    shown = shown_maps(isochrome.paper_figure(found, isochrome.FigureStyle(frames=(5, 3))))
+    of_order, of_frame = ([shown[n] for n in shown if words in n] for words in ("order", "picture"))
+    assert [k for k in (5, 3) if any(f"frame {k}" in name for name in shown)] == [5, 3]
+    np.testing.assert_array_equal(of_order[0], order[5])
+    np.testing.assert_array_equal(of_order[1], order[3])
+    np.testing.assert_array_equal(of_frame[0], picture[1])
+    assert np.isnan(of_frame[1]).all()  # its picture is not kept, and the panel says so
+
+
+def test_a_figure_of_few_key_frames_shows_other_frames_too(followed):
+    _, found, _ = followed
+    figure = isochrome.paper_figure(found)
+    shown = [values for name, values in shown_maps(figure).items() if "order" in name]
+    order = found.dataset.fringe_order.values
+    for own, k in zip(shown, (0, 4, 7), strict=True):
+        np.testing.assert_array_equal(own, order[k])
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert texts.count("its picture\nis not kept") == 2
+    alone = shown_maps(isochrome.paper_figure(found, isochrome.FigureStyle(frames=(3,))))
+    assert len(alone) == 1  # no panel for a picture that nobody has
+
+
+def test_frames_without_a_map_are_refused_in_a_figure(followed):
+    place, _, _ = followed
+    found = run(place, out=None, maps="key")
+    shown = shown_maps(isochrome.paper_figure(found))
+    assert len(shown) == 4  # of both key frames
+    with pytest.raises(InputError, match=r"has no map of its order; frames that have one: 0, 5$"):
+        isochrome.paper_figure(found, isochrome.FigureStyle(frames=(3,)))
+    none = run(place, out=None, maps="none")
+    assert not shown_maps(isochrome.paper_figure(none))  # its values alone
+    with pytest.raises(InputError, match="frames that have one: none"):
+        isochrome.paper_figure(none, isochrome.FigureStyle(frames=(0,)))
+
+
+def test_the_report_shows_frames_between_the_key_frames(followed):
+    place, found, _ = followed
+    page = Page(place / "out" / "report.html")
+    assert "8 of 8 frames are shown." in page.text
+    frames = data_of(page)["frames"]
+    order = found.dataset.fringe_order.values
+    for k, one in enumerate(frames):
+        keys = [pane["key"] for pane in one["panes"]]
+        kept = k in (0, 5)
+        assert keys == (["experiment", "simulation", "difference", "order"] if kept else
+                        ["order", "simulation", "difference"])  # fmt: skip
+        assert any("its picture is not kept" in note for note in one["notes"]) != kept
+        own = decoded(one["order"], one["rows"], one["cols"])
+        # orders of a report are rounded to its step
+        np.testing.assert_allclose(own, order[k, : one["rows"], : one["cols"]], atol=0.00051)
 
 
 def test_the_stacks_have_a_page_for_every_frame_as_run_zarr_has_it(followed):

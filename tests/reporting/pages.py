@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import re
+import zlib
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -128,3 +131,16 @@ class Page(HTMLParser):
     def text(self) -> str:
         """All of it as one line."""
         return re.sub(r"\s+", " ", "".join(self.texts))
+
+
+def decoded(map_, rows, cols):
+    """Orders from a map's text, by the words of OrderMap's docstring alone."""
+    data = np.frombuffer(zlib.decompress(base64.b64decode(map_["data"])), np.uint8).astype(int)
+    moved = (data[: rows * cols] + 256 * data[rows * cols :]).reshape(rows, cols)
+    level = np.cumsum(moved, axis=1) % 65536
+    return np.where(level == 0, np.nan, (level - 1 + map_["first"]) * map_["step"])
+
+
+def data_of(page):
+    """What the script is given."""
+    return json.loads(page.inside["script"][0])

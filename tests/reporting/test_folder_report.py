@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pages import Page
-from test_report_page import data_of, decoded
+from pages import Page, data_of, decoded
 
 import isochrome
 from fitting.test_fit_track import LOAD, contact, film, save

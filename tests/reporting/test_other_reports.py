@@ -7,17 +7,18 @@ import csv
 import io
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
-from pages import HOSTILE, Page
+from pages import HOSTILE, Page, data_of, decoded
 from PIL import Image
-from test_report_page import data_of, decoded
 
 import isochrome
 from calibration.target_pictures import Shown, dots
 from isochrome.calibration import ColourCalibration, save_calibration
+from isochrome.calibration.settings import load_set
 from isochrome.errors import InputError
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.output import write_tiff
@@ -136,6 +137,21 @@ def test_other_cameras_have_their_pages(tmp_path, values, note):
     assert same_but_for_the_name(tmp_path / "out", tmp_path / "again", "ring")
 
 
+def test_a_comparisons_page_states_the_experiments_camera_light_and_specimen(simulated, tmp_path):
+    isochrome.compare(simulated, simulated, tmp_path / "out")
+    page, own = Page(tmp_path / "out" / "report.html"), Page(simulated / "report.html")
+    table = own.text[own.text.rindex("For a paper") :]
+    for words in ("camera", "light", "pixel", "fringe value f_sigma", "thickness"):
+        row = re.search(rf"{words}.{{5}}", table)
+        assert row is not None and row[0] in page.text, words
+    assert "Scene of the experiment" in page.text and "coefficient_mm2_per_n" in page.text
+    assert same_bytes(tmp_path / "out", tmp_path / "again")
+    bare = tmp_path / "frames.tif"
+    bare.write_bytes((simulated / "frames.tif").read_bytes())
+    isochrome.compare(bare, bare, tmp_path / "bare")
+    assert "f_sigma" not in Page(tmp_path / "bare" / "report.html").text
+
+
 def test_a_wear_calibrations_page_states_k_and_its_settings(worn, tmp_path):
     page = Page(worn / "report.html")
     found = json.loads((worn / "calibration.json").read_text("utf-8"))
@@ -213,6 +229,13 @@ def test_the_page_of_a_fringe_value_states_it(tmp_path, specimen, images):
         one.file in page.text for one in found.images
     )
     assert all(item.name in page.text for item in found.budget)
+    settings = load_set(given)
+    assert "lightwavelength not stated, dark field" in page.text
+    assert f"camera{settings.camera.bit_depth} bit" in page.text
+    assert specimen == "disc" or f"pixel{settings.camera.pixel_mm:g}" in page.text
+    record = json.loads((tmp_path / "out" / "provenance.json").read_text("utf-8"))
+    hashed = {Path(name).name for name in record["inputs_sha256"]}
+    assert {given.name, *(one.file for one in found.images)} <= hashed
     assert same_bytes(tmp_path / "out", tmp_path / "again")
 
 

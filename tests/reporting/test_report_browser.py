@@ -12,6 +12,7 @@ from test_other_reports import wear_set
 import isochrome
 from browsers import open_chromium, skip_without_browser
 from isochrome.calibration import save_calibration
+from processing.tracked_films import LOAD, contact, film
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 
 pytestmark = pytest.mark.browser
@@ -76,8 +77,9 @@ def is_right(text, row, col, number=0):
     found = dict(re.findall(r"(N|simulation|difference|x|z|row|column) =? ?([-\d.]+)", text))
     x, z = LEFT + (col + 0.5) * PIXEL, TOP + (row + 0.5) * PIXEL
     return (
-        abs(float(found["N"]) - order) <= 0.0101
-        and abs(float(found["simulation"]) - (order - 0.05)) <= 0.0101
+        abs(float(found["N"]) - order) <= 0.00101
+        and abs(float(found["simulation"]) - (order - 0.05)) <= 0.00101
+        and abs(float(found["difference"]) - 0.05) <= 0.0021
         and abs(float(found["x"]) - x) <= 1e-4
         and abs(float(found["z"]) - z) <= 1e-4
         and (int(found["row"]), int(found["column"])) == (row, col)
@@ -109,14 +111,15 @@ def test_the_policy_stops_a_script_that_somebody_puts_in(chromium, report_file, 
 
 @pytest.fixture(scope="module")
 def other_files(tmp_path_factory):
-    """The pages of a simulation and of a calibration whose settings hold hostile text."""
+    """The pages of a simulation, a calibration whose settings hold hostile text, a comparison."""
     home = tmp_path_factory.mktemp("others")
     scene = isochrome.parse_scene(WORN_CONTACT + SMALL_CAMERA, name="worn")
     isochrome.simulate(scene, home / "simulated")
     path = wear_set(home)
     path.write_text(path.read_text("utf-8") + f"# {' '.join(HOSTILE[:-1])}\n", "utf-8")
     save_calibration(isochrome.calibrate_wear(path), home / "worn", source=path)
-    return [home / name / "report.html" for name in ("simulated", "worn")]
+    isochrome.compare(home / "simulated", home / "simulated", home / "compared")
+    return [home / name / "report.html" for name in ("simulated", "worn", "compared")]
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -183,6 +186,31 @@ def test_slider_wipe_and_blink_go_by_the_mouse(opened):
     assert (first, opened.share()) in ((0.0, 100.0), (100.0, 0.0))
     page.click("#blink")
     assert opened.share() == 80.0
+
+
+@pytest.fixture(scope="module")
+def followed_file(tmp_path_factory):
+    """The report of a followed film of four frames, of which the first alone has its picture."""
+    scene = contact(sliding=True)
+    frames = film(scene, {LOAD: [44.0, 44.5, 45.0, 45.5]}, 1)
+    place = tmp_path_factory.mktemp("followed") / "out"
+    isochrome.process(frames, scene, place, track=True, every=9)
+    return place / "report.html"
+
+
+def test_the_slider_of_a_followed_film_goes_to_frames_without_a_picture(chromium, followed_file):
+    with Opened(chromium, followed_file) as own:
+        assert own.page.text_content(".sides span") == "experiment"
+        own.page.fill("#frame", "2")
+        label = own.page.text_content("#frame-label")
+        assert label.startswith("frame 2: ") and "its picture is not kept" in label
+        assert own.page.text_content(".sides span") == "fringe order N"
+        assert own.page.text_content("#under-label") == "simulation"
+        own.page.hover("#stage")
+        assert re.search(r"N = [\d.]+ fringes; simulation [\d.]+; difference", own.readout())
+        own.page.fill("#frame", "0")
+        assert own.page.text_content(".sides span") == "experiment"
+        assert own.said == []
 
 
 def test_every_tool_goes_by_the_keyboard_alone(opened):
@@ -276,6 +304,19 @@ def test_it_prints_all_that_is_folded_away_or_behind_the_slider(chromium, report
         own.page.evaluate("dispatchEvent(new Event('beforeprint'))")
         assert all(own.page.locator("details").nth(k).get_attribute("open") is not None
                    for k in range(own.page.locator("details").count()))  # fmt: skip
+
+
+def test_heads_of_a_printed_table_keep_their_words(chromium, other_files):
+    """A comparison's has 14 columns; its words break at their underscores alone."""
+    with Opened(chromium, other_files[2], viewport={"width": 680, "height": 900}) as own:
+        own.page.emulate_media(media="print")
+        lines = own.page.eval_on_selector_all(
+            "#trust thead bdi",
+            "all => all.map(one => [one.textContent, "
+            "new Set([...one.getClientRects()].map(box => Math.round(box.top))).size])",
+        )
+        assert len(lines) > 10
+        assert all(count <= 1 + name.count("_") for name, count in lines), lines
 
 
 def test_without_scripts_all_frames_stand_there(chromium, report_file):

@@ -8,8 +8,7 @@ import time
 import numpy as np
 import pytest
 from long_runs import LOAD, lengthen
-from pages import Page
-from test_report_page import data_of, decoded
+from pages import Page, data_of, decoded
 
 import isochrome
 from processing.tracked_films import contact, film

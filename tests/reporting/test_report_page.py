@@ -5,15 +5,26 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
-import json
 import re
-import zlib
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from pages import COLS, HOSTILE, LEFT, PIXEL, ROWS, TOP, Page, made_content, made_frame, order_field
+from pages import (
+    COLS,
+    HOSTILE,
+    LEFT,
+    PIXEL,
+    ROWS,
+    TOP,
+    Page,
+    data_of,
+    decoded,
+    made_content,
+    made_frame,
+    order_field,
+)
 
 from isochrome.errors import InputError
 from isochrome.reporting import (
@@ -30,19 +41,6 @@ from isochrome.reporting import (
 )
 
 ALLOWED = {"http-equiv", "charset", "name", "content", "lang", "class", "id", "href", "src", "alt"}
-
-
-def decoded(map_, rows, cols):
-    """Orders from a map's text, by the words of OrderMap's docstring alone."""
-    data = np.frombuffer(zlib.decompress(base64.b64decode(map_["data"])), np.uint8).astype(int)
-    moved = (data[: rows * cols] + 256 * data[rows * cols :]).reshape(rows, cols)
-    level = np.cumsum(moved, axis=1) % 65536
-    return np.where(level == 0, np.nan, (level - 1 + map_["first"]) * 0.01)
-
-
-def data_of(page):
-    """What the script is given."""
-    return json.loads(page.inside["script"][0])
 
 
 def test_the_policy_names_the_style_and_the_script_that_are_there(page):
@@ -112,19 +110,19 @@ def test_headings_are_in_order_and_pictures_have_words(page):
 def test_all_that_a_report_promises_is_on_the_page(page):
     text = page.text
     for words in ("Causes found", "Uncertainty budget", "Remedy", "For a paper", "Scene",
-                  "N is rounded to 0.01 fringe", "two standard uncertainties"):  # fmt: skip
+                  "N is rounded to 0.001 fringe", "two standard uncertainties"):  # fmt: skip
         assert words in text, words
     assert "A file or folder is not there, or may not be read" in text  # of the warning
 
 
 def test_orders_are_within_their_stated_rounding(page):
-    """Half of the 0.01 fringe that the page states, and not known where they are not known."""
+    """Half of the 0.001 fringe that the page states, and not known where they are not known."""
     for number, frame in enumerate(data_of(page)["frames"]):
         assert (frame["rows"], frame["cols"], frame["stride"]) == (ROWS, COLS, 1)
         own = decoded(frame["order"], ROWS, COLS)
         true = order_field(number)
         assert (np.isnan(own) == np.isnan(true)).all()
-        assert np.nanmax(np.abs(own - true)) <= 0.005 + 1e-9
+        assert np.nanmax(np.abs(own - true)) <= 0.0005 + 1e-9
         assert (frame["left_mm"], frame["top_mm"], frame["pixel_mm"]) == (LEFT, TOP, PIXEL)
 
 
@@ -135,7 +133,7 @@ def test_orders_are_within_their_stated_rounding(page):
 def test_orders_of_any_kind_come_back_or_are_not_known(order):
     """What does not fit beside the smallest is given as not known, never as another order."""
     made = order_map(order)
-    own = decoded({"data": made.data, "first": made.first}, *order.shape)
+    own = decoded(vars(made), *order.shape)
     fits = np.isfinite(order) & (order < 600.0)
     assert np.abs(own - order)[fits].max(initial=0.0) <= 0.005 + 1e-9
     wrong = np.isfinite(own) & ~(np.abs(own - np.where(np.isfinite(order), order, np.nan)) < 0.006)
@@ -156,6 +154,21 @@ def test_frames_of_noise_keep_to_their_room_and_their_places():
     own = decoded(one["order"], one["rows"], one["cols"])
     true = order[first::stride, first::stride][: one["rows"], : one["cols"]]
     assert np.abs(own - true).max() <= 0.005 + 1e-9
+
+
+def test_orders_are_rounded_to_a_thousandth_where_that_has_room():
+    """A difference of some thousandths is read under the mouse; a finer picture goes before it."""
+    order = np.random.default_rng(3).uniform(0.0, 20.0, (200, 300))
+    pane = Pane("order", "order", order, (0.0, 20.0), SIGNAL)
+    frame = ReportFrame(number=0, label="a", why="b", panes=(pane,), order=order)
+    (fine,), (tight,) = (encode_frames([frame], room=room) for room in (1_000_000, 195_000))
+    far = ReportFrame(number=0, label="a", why="b", panes=(pane,), order=10.0 * order)
+    (coarse,) = encode_frames([far], room=1_000_000)
+    steps = [one["order"]["step"] for one in (fine, tight, coarse)]
+    assert steps == [0.001, 0.01, 0.01] and {fine["stride"], tight["stride"]} == {1}
+    own = decoded(fine["order"], *order.shape)
+    assert np.abs(own - order).max() <= 0.0005 + 1e-9
+    assert np.isfinite(decoded(coarse["order"], *order.shape)).all()
 
 
 def test_a_report_of_many_large_frames_is_below_ten_megabytes(tmp_path):

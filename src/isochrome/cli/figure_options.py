@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.cli.options import FIGURE
+from isochrome.console import print_warnings
 from isochrome.errors import InputError
 
 if TYPE_CHECKING:
@@ -70,12 +72,15 @@ def _whole_numbers(text: str) -> tuple[int, ...]:
 def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list[str]:
     """Write a result's figure for a paper beside its other files, where it was asked for.
 
-    Parameters: `result`; `out`, its folder; `style`. Returns the files' names. Raises InputError
-    where the figure has no such frame.
+    What it warns of stands on standard error. Parameters: `result`; `out`, its folder; `style`.
+    Returns the files' names. Raises InputError where the figure has no such frame.
     """
     if style is None:
         return []
     from isochrome.figures import save_figure
 
-    files = save_figure(result, out / f"figure_{style.width_mm:g}mm", style)
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always", UserWarning)
+        files = save_figure(result, out / f"figure_{style.width_mm:g}mm", style)
+    print_warnings([str(one.message) for one in noted])
     return [str(file) for file in files]

@@ -27,7 +27,7 @@ from isochrome.output import (
 )
 from isochrome.reporting import ReportContent, write_report
 from isochrome.runs import REPORT
-from isochrome.scene import ArrayFrames, Scene
+from isochrome.scene import ArrayFrames, Scene, load_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -174,7 +174,8 @@ def compare(
             record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
             write_json(folder / "provenance.json", record)
             write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
-            content = comparison_report(here, there, metrics, result.columns, record)
+            scene = _scene_of(experiment)
+            content = comparison_report(here, there, metrics, result.columns, record, scene)
             write_report(folder / REPORT, content)
     return result
 
@@ -213,7 +214,16 @@ def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
         )
     here, there = (load_frame_set(one) for one in sets)
     metrics = compare_frames(here, there)
-    return comparison_report(here, there, metrics, _table(metrics), record)
+    return comparison_report(here, there, metrics, _table(metrics), record, _scene_of(sets[0]))
+
+
+def _scene_of(given: SetToCompare) -> Scene | None:
+    """The scene of a set: that in its folder or of what was in memory; None of bare frames."""
+    if isinstance(given, str | Path):
+        file = Path(given) / "scene.toml"
+        return load_scene(file) if file.is_file() else None
+    own = getattr(given, "scene", None)
+    return own if isinstance(own, Scene) else None
 
 
 def _hashed(given: SetToCompare, frames: ComparedFrames, name: str) -> str | Path | ArrayFrames:

@@ -19,6 +19,7 @@ from isochrome.reporting import (
     choose_frames,
     paper_rows,
 )
+from isochrome.scene import Scene, dump_scene
 
 _TEXT = "A comparison asks nothing of the frames: the reports of its two sets say what was found."
 
@@ -29,11 +30,13 @@ def comparison_report(
     metrics: Sequence[FrameMetrics],
     columns: Mapping[str, Sequence[Any]],
     record: Mapping[str, Any],
+    scene: Scene | None = None,
 ) -> ReportContent:
     """What the report says.
 
     Parameters: `experiment`, `simulation`, the sets; `metrics` of their pairs of frames; `columns`
-    of metrics.csv; `record`, what provenance.json holds. Returns ReportContent.
+    of metrics.csv; `record`, what provenance.json holds; `scene` of the experiment, None of bare
+    frames. Returns ReportContent.
     """
     chosen = choose_frames([m.signals.rmse for m in metrics], [m.signals.rmse for m in metrics])
     pairs = frame_pairs(experiment, simulation)
@@ -71,7 +74,9 @@ def comparison_report(
         no_budget="A comparison has none; those of its two sets stand in their own reports.",
         tables=[ReportTable("The metrics (metrics.csv)", columns)],
         causes_text=_TEXT,
-        paper=paper_rows(None, record),
+        scene="" if scene is None else dump_scene(scene),
+        scene_title="Scene of the experiment",
+        paper=paper_rows(scene, record),
     )
 
 

@@ -33,7 +33,9 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     across = " ".join(axes.get_xlabel().split()) or "x"
     for name, up, x, values in _all_curves(axes):
         if last is None or not _same(last, x):
-            columns[_free(columns, across if x.dtype.kind == "f" else "input")] = last = x
+            place = across if x.dtype.kind == "f" else "input"
+            place = f"{name}: {place}" if place in columns and name else place
+            columns[_free(columns, place)] = last = x
         for ending, column in values.items():
             columns[_free(columns, ": ".join(filter(None, (name, f"{up}{ending}"))))] = column
     longest = max((len(column) for column in columns.values()), default=0)
@@ -66,6 +68,8 @@ def _curves(axes: Axes) -> Iterator[tuple[str, Array, dict[str, Array]]]:
             line, caps, sticks = bars.lines
             held |= {line, *caps}
             x, y = (np.asarray(v, dtype=float) for v in (line.get_xdata(), line.get_ydata()))
+            if not len(x):  # no frame is of this kind
+                continue
             ends = [np.asarray(stick)[:, 1] for stick in sticks[0].get_segments()] if sticks else []
             values = {"": y}
             if len(ends) == len(y):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from isochrome.figures.style import PAPER_PT
+from isochrome.figures.style import PAPER_LINE_MM, PAPER_PT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +28,10 @@ _BAR = "<colorbar>"
 """What Matplotlib calls the axes of a colour bar."""
 _FOR_THREE, _MOST_NUMBERS = 3.5, 6
 """Room, in numbers, for three of them; and the most."""
+_STEPS = [1, 2, 2.5, 5, 10]
+"""Round steps from number to number."""
+_OVER_MM = 0.5
+"""How far one of two numbers may stand out beyond its axis."""
 _TICK_DOWN_MM = 7.0
 """Room of a number at a vertical axis."""
 
@@ -131,8 +136,10 @@ class FittedTexts:
                     (width_mm(text.get_text()) for text in axis.get_ticklabels()), default=0
                 )
                 _thin(axis, wide / max(_TICK_MM, longest + _BETWEEN_MM))
+                _give_two(axis, wide, width_mm)
             else:
                 _thin(axis, high / _TICK_DOWN_MM)
+                _give_two(axis, high, _height_mm)
 
 
 def _texts(axes: Axes) -> list[Text]:
@@ -153,10 +160,50 @@ def _size_mm(axes: Axes) -> tuple[float, float]:
     return place.width * part.bbox.width * scale, place.height * part.bbox.height * scale
 
 
+def _height_mm(text: str) -> float:
+    """Height of a number, mm."""
+    return PAPER_LINE_MM if text else 0.0
+
+
+def _give_two(axis: Axis, long_mm: float, size_mm: Callable[[str], float]) -> None:
+    """Two numbers where there would be one, which tells no scale: the outermost that have room.
+
+    Parameters: `axis`; its length `long_mm`; `size_mm` of a number along it. A number stands
+    within its axis, for there may be others beside it.
+    """
+    from matplotlib.ticker import FixedLocator, MaxNLocator
+
+    low, high = sorted(axis.get_view_interval())
+    scale = long_mm / (high - low)
+    if len(_inside(axis.get_major_locator().tick_values(low, high), low, high)) > 1:
+        return
+    for most in range(2, 2 * _MOST_NUMBERS):  # the roundest first
+        found = MaxNLocator(most, steps=_STEPS, min_n_ticks=1).tick_values(low, high)
+        values = _inside(found, low, high)
+        halves = [0.5 * size_mm(text) for text in axis.get_major_formatter().format_ticks(values)]
+        whole = [
+            (value, half)
+            for value, half in zip(values, halves, strict=True)
+            if min(value - low, high - value) * scale > half - _OVER_MM
+        ]
+        if len(whole) < 2:
+            continue
+        (first, own), (last, other) = whole[0], whole[-1]
+        if (last - first) * scale >= own + other + _BETWEEN_MM:
+            axis.set_major_locator(FixedLocator([first, last]))
+            return
+
+
+def _inside(values: Iterable[float], low: float, high: float) -> list[float]:
+    """Those of some numbers that an axis from `low` to `high` shows."""
+    close = 1e-9 * (high - low)
+    return [float(value) for value in values if low - close <= value <= high + close]
+
+
 def _thin(axis: Axis, room: float) -> None:
     """As many numbers at an axis as there is room for."""
     from matplotlib.ticker import MaxNLocator
 
     least = 3 if room >= _FOR_THREE else 1
     most = max(1, min(int(room), _MOST_NUMBERS))
-    axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10], min_n_ticks=least))
+    axis.set_major_locator(MaxNLocator(most, steps=_STEPS, min_n_ticks=least))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from isochrome.errors import InputError
 from isochrome.figures.curve_data import curve_columns
 from isochrome.figures.panels import FigureStyle, WithPanels
-from isochrome.figures.paper import panel_of_plot, paper_figure
+from isochrome.figures.paper import MM_PER_INCH, panel_of_plot, paper_figure
 from isochrome.output import replacing, write_csv
 
 if TYPE_CHECKING:
@@ -17,6 +20,9 @@ if TYPE_CHECKING:
 
 _EMBEDDED: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "isochrome"}
 """Fonts as TrueType, which journals take, and text as text; the same file again."""
+
+PAGE_MM = 230.0
+"""Height that a journal's page leaves for a figure."""
 
 _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
@@ -26,7 +32,9 @@ def save_figure(
 ) -> tuple[Path, ...]:
     """Write a result's figure for a paper, and beside it the data of each plot as CSV.
 
-    PDF and SVG hold text as text, with the fonts of a PDF in it.
+    PDF and SVG hold text as text, with the fonts of a PDF in it. The data of an earlier figure of
+    this name are removed. A figure that is taller than a page (230 mm) is written with a
+    UserWarning.
 
     Parameters
     ----------
@@ -60,6 +68,10 @@ def save_figure(
     """
     style = style or FigureStyle()
     figure = paper_figure(result, style)
+    tall = MM_PER_INCH * figure.get_figheight()
+    if tall > PAGE_MM:
+        say = f"the figure is {tall:.0f} mm tall; choose fewer --frames"
+        warnings.warn(say, UserWarning, stacklevel=2)
     base = Path(path)
     files = []
     for form in dict.fromkeys(style.formats):
@@ -67,14 +79,39 @@ def save_figure(
         with replacing(file) as beside:
             Path(beside).write_bytes(_content(figure, form, style.dpi))
         files.append(file)
+    tables = _tables(figure, base)
+    _remove_stale(base, tables)
+    for file, columns in tables.items():
+        write_csv(file, {name: column.tolist() for name, column in columns.items()})
+    return (*files, *tables)
+
+
+def _tables(figure: Figure, base: Path) -> dict[Path, dict[str, Any]]:
+    """The data of each plot, by the file beside the figure that is to hold them."""
+    found = {}
     for axes in figure.axes:
         letter = panel_of_plot(axes)
         columns = curve_columns(axes) if letter else {}
         if columns:
-            file = base.with_name(f"{base.name}_{letter}.csv")
-            write_csv(file, {name: column.tolist() for name, column in columns.items()})
-            files.append(file)
-    return tuple(files)
+            found[base.with_name(f"{base.name}_{letter}.csv")] = columns
+    return found
+
+
+def _remove_stale(base: Path, tables: Iterable[Path]) -> None:
+    """Remove what an earlier figure of this name left of plots that this one does not have.
+
+    A copy for Excel is of the earlier plot even where there is a new one of its letter.
+    """
+    own = re.compile(rf"{re.escape(base.name)}_[a-z](_excel)?\.csv")
+    for file in base.parent.iterdir():
+        if own.fullmatch(file.name) and file not in tables:
+            try:
+                file.unlink()
+            except OSError as error:
+                raise InputError(
+                    f"{file}: cannot be written ({error.strerror}); make its folder, or name "
+                    "another"
+                ) from error
 
 
 def _content(figure: Figure, form: str, dpi: float) -> bytes:

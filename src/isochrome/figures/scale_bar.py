@@ -70,5 +70,5 @@ def add_scale_bar(axes: Axes) -> None:
         size_vertical=0.015 * abs(top - bottom), color=INK,
         fontproperties=FontProperties(size=PAPER_PT),
     )  # fmt: skip
-    bar.patch.set(facecolor="white", edgecolor="none", alpha=0.85, linewidth=BOLD_PT)
+    bar.patch.set(facecolor="white", edgecolor="none", linewidth=BOLD_PT)
     axes.add_artist(bar)

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.figures.fitted_text import wrap_note
 from isochrome.figures.style import (
     GREY,
     INK,
     LINE_COLOURS,
     LINE_PT,
     NOTE_PT,
+    PAPER_PT,
+    TEXT_PT,
     new_figure,
     plain_name,
     style_axes,
@@ -41,6 +44,9 @@ KEY_LABELS = {
 
 PANEL_IN = 2.1
 """Height of one quantity's panel in inches."""
+
+_LABEL_MM = 25.4 * 0.7 * PANEL_IN * PAPER_PT / TEXT_PT
+"""Longest line of a label at the side, in letters of a paper's size: it keeps to its panel."""
 
 _POINTS = 1600
 """Frames that are drawn: twice as many as a panel has pixels across."""
@@ -174,6 +180,7 @@ def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
     for axis, key in zip(axes, found.keys, strict=False):
         draw_values(axis, found, key)
         axis.set_xlabel("")
+        axis.set_ylabel(wrap_note(axis.get_ylabel(), _LABEL_MM))
     draw_chi(axes[-1], found)
     marks = "circles: found by a full search"
     marks = f"dots: key frames; {marks}" if found.whole.any() else marks

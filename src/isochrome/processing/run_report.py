@@ -130,8 +130,13 @@ def _frames(
     import zarr
 
     group: Any = zarr.open_group(folder / STORE, mode="r")
-    stored = table[PICTURE] if PICTURE in table else table["frame"]
-    having = np.flatnonzero(np.isfinite(numbers(stored)) & np.isfinite(numbers(table["noise"])))
+    stored = numbers(table[PICTURE] if PICTURE in table else table["frame"])
+    arrays = {name: group[name] for name in (NORMALISED.name, ORDER.name) if name in group}
+    with_maps = np.isfinite(numbers(table["noise"]))  # of a frame that is left out nobody knows it
+    of_all = any(_over_frames(array) for array in arrays.values())
+    if not of_all:
+        with_maps &= np.isfinite(stored)
+    having = np.flatnonzero(with_maps)
     chi, largest = (
         numbers(table[name])[having] if name in table else np.full(len(having), np.nan)
         for name in ("chi", "n_max")
@@ -141,23 +146,35 @@ def _frames(
     shown = []
     for one in chosen:
         k = int(having[one.number])
-        layers = {
-            name: stored_map(group[name], item=k, picture=int(stored[k]))
-            for name in (NORMALISED.name, ORDER.name)
-            if name in group
-        }
+        layers = _layers(arrays, k, stored[k])
         shown.append(_Shown(k, one.why, layers, float(left[k]), float(top[k])))
-    what = "frames" if PICTURE not in table else "key frames"
+    what = "frames" if of_all else "key frames"
     text = f"{len(chosen)} of {counted(len(table['frame']), 'frame')} are shown"
     if len(chosen) < len(having):
         text += f", chosen among {len(having)} {what} for the reason that stands beside each"
     return _report_frames(scene, table, shown), f"{text}."
 
 
+def _over_frames(array: Any) -> bool:
+    """Whether an array of the store has a map of every frame, or those of key frames alone."""
+    return bool(array.metadata.dimension_names[0] == "frame")
+
+
+def _layers(arrays: Mapping[str, Any], k: int, picture: float) -> dict[str, Array]:
+    """Frame k's maps: those over all frames, and those of key frames where it has a `picture`."""
+    return {
+        name: stored_map(array, item=k, picture=k if _over_frames(array) else int(picture))
+        for name, array in arrays.items()
+        if _over_frames(array) or np.isfinite(picture)
+    }
+
+
 _LIGHT = (0.0, 1.0)
 """What is black and white: darkness, and the brightest field."""
 
 _DIFFERENCE = "experiment − simulation, order N"
+
+_NOT_KEPT = "its picture is not kept: only those of key frames are"
 
 
 @dataclass(frozen=True)
@@ -171,14 +188,20 @@ class _Shown:
     top_mm: float
 
     @property
-    def signal(self) -> Array:
-        """The frame as a signal, 0 in darkness."""
-        return self.layers[NORMALISED.name]
+    def signal(self) -> Array | None:
+        """The frame as a signal, 0 in darkness; None where its picture is not kept."""
+        return self.layers.get(NORMALISED.name)
 
     @property
     def order(self) -> Array | None:
         """Its fringe order, None where none is read."""
         return self.layers.get(ORDER.name)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, cols = next(iter(self.layers.values())).shape
+        return rows, cols
 
 
 def _report_frames(
@@ -196,30 +219,39 @@ def _report_frames(
     limit = centred_limit(*gaps) if gaps else 1.0
     found = []
     for one, (model, note) in zip(shown, models, strict=True):
-        panes = [Pane("experiment", "experiment", one.signal, _LIGHT, SIGNAL)]
-        if model is not None:
-            panes.append(Pane("simulation", "simulation", model.signal, _LIGHT, SIGNAL))
-        if one.order is not None and model is not None:
-            gap = one.order - model.order
-            panes.append(Pane("difference", _DIFFERENCE, gap, (-limit, limit), FRINGES))
-        if one.order is not None:
-            panes.append(Pane("order", "fringe order N", one.order, (0.0, largest), FRINGES))
+        panes = _panes(one, model, largest, limit)
         pixel = table["pixel_mm"][one.number]
         found.append(
             ReportFrame(
                 number=one.number,
                 label=str(table["label"][one.number]),
                 why=one.why,
-                panes=tuple(panes),
+                panes=panes,
                 order=one.order,
                 model_order=None if model is None else model.order,
                 pixel_mm=None if pixel is None or pixel != pixel else float(pixel),
                 left_mm=one.left_mm if np.isfinite(one.left_mm) else 0.0,
                 top_mm=one.top_mm if np.isfinite(one.top_mm) else 0.0,
-                notes=(note,) if note else (),
+                notes=(*((_NOT_KEPT,) * (one.signal is None)), *((note,) if note else ())),
             )
         )
     return found
+
+
+def _panes(shown: _Shown, model: _Model | None, largest: float, limit: float) -> tuple[Pane, ...]:
+    """The pictures of a frame; where its own is not kept, its order stands in the first place."""
+    own, order = list[Pane](), list[Pane]()
+    if shown.signal is not None:
+        own.append(Pane("experiment", "experiment", shown.signal, _LIGHT, SIGNAL))
+    if shown.order is not None:
+        order.append(Pane("order", "fringe order N", shown.order, (0.0, largest), FRINGES))
+    simulated = list[Pane]()
+    if model is not None:
+        simulated.append(Pane("simulation", "simulation", model.signal, _LIGHT, SIGNAL))
+    if model is not None and shown.order is not None:
+        gap = shown.order - model.order
+        simulated.append(Pane("difference", _DIFFERENCE, gap, (-limit, limit), FRINGES))
+    return (*own, *simulated, *order) if own else (*order, *simulated)
 
 
 @dataclass(frozen=True)
@@ -257,7 +289,7 @@ def _own_scene(
     scene: Scene, table: Mapping[str, list[Any]], shown: _Shown, values: Mapping[str, float]
 ) -> Scene:
     """The scene of a frame alone, as `own_scene` has it, with what was fitted."""
-    rows, cols = shown.signal.shape
+    rows, cols = shown.shape
     bare = sliding_scene(scene)
     if scene.frames.sliding_speed_mm_per_s is None:
         bare = frame_scene(bare, shown.number)

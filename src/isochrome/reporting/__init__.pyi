@@ -3,7 +3,7 @@ from .charts import Curve, curves_of, make_curve
 from .content import ReportContent, ReportTable, warnings_with_remedies
 from .frame_choice import MOST_FRAMES, ChosenFrame, choose_frames
 from .page import report_html, write_report
-from .paper_table import paper_rows
+from .paper_table import camera_rows, paper_rows
 from .pictures import (
     FRINGES,
     GREY_LEVELS,
@@ -28,6 +28,7 @@ __all__ = [
     "ReportFrame",
     "ReportTable",
     "assemble_page",
+    "camera_rows",
     "choose_frames",
     "content_policy",
     "curves_of",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from isochrome.errors import InputError
 from isochrome.output import write_text
 from isochrome.reporting.assembly import assemble_page
 from isochrome.reporting.content import ReportContent, warnings_with_remedies
-from isochrome.reporting.pictures import ROOM_BYTES, STEP, encode_frames
+from isochrome.reporting.pictures import ROOM_BYTES, encode_frames
 
 MOST_BYTES = 10_000_000
 """Of a report, whatever the run's length."""
@@ -79,9 +80,9 @@ def report_html(content: ReportContent) -> str:
         values={
             "content": content,
             "frames": frames,
-            "data": {"step": STEP, "frames": [_for_script(one) for one in frames]},
+            "data": {"frames": [_for_script(one) for one in frames]},
             "strides": strides,
-            "step": STEP,
+            "steps": _steps(frames),
             "curves": [curve.drawing() for curve in content.curves],
             "groups": warnings_with_remedies(content.warnings),
             "picture": _picture(content.picture),
@@ -91,10 +92,16 @@ def report_html(content: ReportContent) -> str:
     )
 
 
+def _steps(frames: Sequence[dict[str, Any]]) -> list[float]:
+    """What the orders are rounded to, the finest first."""
+    maps = (frame[name] for frame in frames for name in ("order", "model_order"))
+    return sorted({one["step"] for one in maps if one})
+
+
 def _for_script(frame: dict[str, Any]) -> dict[str, Any]:
     """What the script needs of a frame: its pictures stand in the page."""
     panes = [{"key": p["key"], "label": p["label"]} for p in frame["panes"]]
-    return {name: value for name, value in frame.items() if name != "notes"} | {"panes": panes}
+    return frame | {"panes": panes}
 
 
 def _picture(png: bytes | None) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import PurePath
-from typing import Any
+from typing import Any, Protocol
 
 from isochrome.output import with_uncertainty
-from isochrome.scene import Scene
+from isochrome.scene import Camera, Frames, Polariscope, Scene
 
 _MEASURED = (
     ("pixel", "camera.pixel_mm", "mm"),
@@ -26,6 +26,38 @@ _MOST_FILES = 16
 NO_DATE = "a scene states no date of its calibration; take it from the calibration's own record"
 
 
+class WithCamera(Protocol):
+    """A scene, or a calibration's set: what stood in front of the camera."""
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera."""
+
+    @property
+    def polariscope(self) -> Polariscope:
+        """The light."""
+
+    @property
+    def frames(self) -> Frames:
+        """How its frames are read."""
+
+
+def camera_rows(found: WithCamera) -> list[tuple[str, str]]:
+    """Collect what a paper states of the camera and the light.
+
+    Parameters
+    ----------
+    found : Scene or CalibrationSet
+        What has them.
+
+    Returns
+    -------
+    list of tuple of str
+        Names and values, with units.
+    """
+    return [*_camera(found), *_light(found)]
+
+
 def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Collect what a paper states of a run.
 
@@ -41,11 +73,11 @@ def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str
     list of tuple of str
         Names and values, with units.
     """
-    own = [] if scene is None else [*_camera(scene), *_light(scene), *_numbers(scene)]
+    own = [] if scene is None else [*camera_rows(scene), *_numbers(scene)]
     return [*own, *_software(record), *_input(record)]
 
 
-def _camera(scene: Scene) -> Iterator[tuple[str, str]]:
+def _camera(scene: WithCamera) -> Iterator[tuple[str, str]]:
     camera = scene.camera
     if camera is None:
         return
@@ -59,7 +91,7 @@ def _camera(scene: Scene) -> Iterator[tuple[str, str]]:
     yield "camera", ", ".join(parts)
 
 
-def _light(scene: Scene) -> Iterator[tuple[str, str]]:
+def _light(scene: WithCamera) -> Iterator[tuple[str, str]]:
     light = scene.polariscope
     field = f"{len(light.step)} phase steps" if light.step else f"{light.field} field"
     if light.several_wavelengths:

@@ -16,8 +16,8 @@ from isochrome.figures import DIFFERENCE_MAP, FRAME_MAP, VALUE_MAP
 
 Array = NDArray[Any]
 
-STEP = 0.01
-"""Fringes: orders in a report are rounded to this."""
+FINE_STEP, STEP = 0.001, 0.01
+"""Fringes: orders in a report are rounded to the first, or the second where that lacks room."""
 
 ROOM_BYTES = 8_000_000
 """Text for all frames of a report, of the 10 MB that one has at most."""
@@ -63,19 +63,22 @@ class Pane:
 
 @dataclass(frozen=True)
 class OrderMap:
-    """Fringe orders as text, rounded to STEP.
+    """Fringe orders as text, rounded to a step.
 
     Parameters
     ----------
     data : str
-        Base64 of zlib: N/STEP - first + 1 as 16-bit whole numbers, 0 = not known; each less the
+        Base64 of zlib: N/step - first + 1 as 16-bit whole numbers, 0 = not known; each less the
         one to its left (modulo 2^16), first all low bytes and then all high ones, row by row.
     first : int
-        The smallest N/STEP.
+        The smallest N/step.
+    step : float
+        What they are rounded to, fringes.
     """
 
     data: str
     first: int
+    step: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +143,8 @@ def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> l
         while _size(encoded) > own and min(shape) > stride:
             stride = max(stride + 1, int(stride * np.sqrt(_size(encoded) / own)))
             encoded = _encoded(frame, stride)
+        finer = encoded | _orders(frame, stride, FINE_STEP)
+        encoded = finer if _size(finer) <= own and _holds(frame) else encoded
         found.append((encoded, _size(encoded)))
     return [encoded for encoded, _ in found]
 
@@ -151,9 +156,7 @@ def _size(encoded: dict[str, Any]) -> int:
 
 def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
     """A frame as the page takes it: means over `stride` pixels, and orders in their middle."""
-    first = stride // 2
     rows, cols = (size // stride for size in frame.panes[0].values.shape)
-    part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
     pixel = frame.pixel_mm
     return {
         "number": frame.number,
@@ -163,7 +166,7 @@ def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
         "rows": rows,
         "cols": cols,
         "stride": stride,
-        "first": first,
+        "first": stride // 2,
         "pixel_mm": pixel,
         "left_mm": frame.left_mm,
         "top_mm": frame.top_mm,
@@ -172,9 +175,23 @@ def _encoded(frame: ReportFrame, stride: int) -> dict[str, Any]:
              "png": _png(p, _means(p.values, stride)), "bar": _bar(p)}
             for p in frame.panes
         ],
-        "order": _map(frame.order, part),
-        "model_order": _map(frame.model_order, part),
-    }  # fmt: skip
+    } | _orders(frame, stride, STEP)  # fmt: skip
+
+
+def _orders(frame: ReportFrame, stride: int, step: float) -> dict[str, Any]:
+    """A frame's orders as the page takes them, those in the middle of each square."""
+    first = stride // 2
+    rows, cols = (size // stride for size in frame.panes[0].values.shape)
+    part = tuple(slice(first, first + stride * size, stride) for size in (rows, cols))
+    own = {"order": frame.order, "model_order": frame.model_order}
+    return {name: _map(order, part, step) for name, order in own.items()}
+
+
+def _holds(frame: ReportFrame) -> bool:
+    """Whether a frame's orders are within what whole numbers of the fine step hold."""
+    maps = [order for order in (frame.order, frame.model_order) if order is not None]
+    known = [order[np.isfinite(order)] for order in maps]
+    return all(np.ptp(own) < FINE_STEP * (_LARGEST - 1) for own in known if own.size)
 
 
 def _means(values: Array, stride: int) -> Array:
@@ -187,34 +204,33 @@ def _means(values: Array, stride: int) -> Array:
     return means
 
 
-def _map(order: Array | None, part: tuple[slice, ...]) -> dict[str, Any] | None:
-    if order is None:
-        return None
-    made = order_map(order[part])
-    return {"data": made.data, "first": made.first}
+def _map(order: Array | None, part: tuple[slice, ...], step: float) -> dict[str, Any] | None:
+    return None if order is None else vars(order_map(order[part], step))
 
 
-def order_map(order: Array) -> OrderMap:
+def order_map(order: Array, step: float = STEP) -> OrderMap:
     """Make text of fringe orders.
 
     Parameters
     ----------
     order : ndarray of shape (row, col)
         Fringe order N, fringes; NaN = not known.
+    step : float, default 0.01
+        What they are rounded to, fringes.
 
     Returns
     -------
     OrderMap
-        The text, in which each order is within STEP/2 of its own.
+        The text, in which each order is within half a step of its own.
     """
     known = np.isfinite(order)
-    steps = np.rint(np.where(known, order, 0.0).astype(float) / STEP).astype(np.int64)
+    steps = np.rint(np.where(known, order, 0.0).astype(float) / step).astype(np.int64)
     first = int(steps[known].min()) if known.any() else 0
     level = np.where(known & (steps - first < _LARGEST), steps - first + 1, 0)
     moved = np.diff(level, axis=1, prepend=0) % 65536
     low, high = (moved % 256).astype(np.uint8), (moved // 256).astype(np.uint8)
     data = zlib.compress(low.tobytes() + high.tobytes(), 6)
-    return OrderMap(base64.b64encode(data).decode(), first)
+    return OrderMap(base64.b64encode(data).decode(), first, step)
 
 
 def _bar(pane: Pane) -> str:

@@ -29,7 +29,7 @@
       let level = 0;
       for (let at = row * frame.cols; at < (row + 1) * frame.cols; at++) {
         level = (level + parts[at] + 256 * parts[size + at]) & 65535;
-        found[at] = level ? (level - 1 + map.first) * data.step : NaN;
+        found[at] = level ? (level - 1 + map.first) * map.step : NaN;
       }
     }
     return found;
@@ -42,18 +42,19 @@
     return unpacked.get(number);
   }
 
-  const fringes = (value) => (Number.isNaN(value) ? "not known" : value.toFixed(2));
+  const digits = (map) => Math.round(-Math.log10(map.step));
+  const fringes = (value, map) => (Number.isNaN(value) ? "not known" : value.toFixed(digits(map)));
   async function read() {
     if (!point) return;
     const frame = data.frames[shown], { row, col } = point, number = shown;
     const [order, model] = await mapsOf(number);
     if (number !== shown || !point || point.row !== row || point.col !== col) return;
     const at = row * frame.cols + col, parts = [];
-    if (order) parts.push("N = " + fringes(order[at]) + (Number.isNaN(order[at]) ? "" : " fringes"));
+    if (order) parts.push("N = " + fringes(order[at], frame.order) + (Number.isNaN(order[at]) ? "" : " fringes"));
     else parts.push("N: no order was read in this frame");
-    if (model) parts.push("simulation " + fringes(model[at]));
+    if (model) parts.push("simulation " + fringes(model[at], frame.model_order));
     if (order && model && !Number.isNaN(order[at] + model[at])) {
-      parts.push("difference " + (order[at] - model[at]).toFixed(2));
+      parts.push("difference " + fringes(order[at] - model[at], frame.order));
     }
     const ownRow = frame.first + frame.stride * row, ownCol = frame.first + frame.stride * col;
     if (frame.pixel_mm !== null) {
@@ -106,6 +107,7 @@
     under.width = frame.cols;
     under.height = frame.rows;
     get("under-label").textContent = frame.panes[at].label;
+    document.querySelectorAll(".over-label").forEach((one) => { one.textContent = frame.panes[0].label; });
     const legend = figures[shown].querySelectorAll(".pane .legend")[at];
     const [low, high] = legend.querySelectorAll("span"), bar = legend.querySelector("img");
     get("low").textContent = low.textContent;
@@ -113,7 +115,8 @@
     get("bar").src = bar.src;
     get("bar").alt = bar.alt;
     const why = frame.why && " (" + frame.why + ")";
-    get("frame-label").textContent = "frame " + frame.number + ": " + frame.label + why;
+    const notes = frame.notes.map((note) => "; " + note).join("");
+    get("frame-label").textContent = "frame " + frame.number + ": " + frame.label + why + notes;
     slider.setAttribute("aria-valuetext", "frame " + frame.number + ", " + frame.label);
     if (point) moveTo(point.row, point.col);
     drawWipe();

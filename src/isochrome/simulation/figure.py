@@ -105,8 +105,10 @@ def simulation_panels(scene: Scene, pixels: PixelGrid, items: Sequence[Rendered]
     states = [item.state for item in items]
     plots = []
     if items[0].state.surface is not None:
-        for title, draw in (("pressure", plot_pressure), ("worn depth", plot_scar)):
-            plots.append(Plot(title=title, draw=partial(draw, states)))
+        plots.append(Plot(title="pressure", draw=partial(plot_pressure, states)))
+        surfaces = [state.surface for state in states if state.surface is not None]
+        if any(np.any(surface.wear_depth_mm != 0.0) for surface in surfaces):
+            plots.append(Plot(title="worn depth", draw=partial(plot_scar, states)))
     return PaperPanels(
         kinds=kinds,
         labels=[plain_name(item.state.label, 24) for item in items],

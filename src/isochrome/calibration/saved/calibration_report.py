@@ -7,8 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from isochrome.calibration.settings import load_set
+from isochrome.errors import InputError
 from isochrome.output import counted, with_uncertainty
-from isochrome.reporting import ReportContent, ReportTable, paper_rows
+from isochrome.reporting import ReportContent, ReportTable, camera_rows, paper_rows
+from isochrome.scene import parse_toml
 
 _LISTS = {
     "images": "By image",
@@ -75,9 +78,24 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
         warnings=found["warnings"],
         scene=str(record.get("settings") or ""),
         scene_title="Settings",
-        paper=[*own, *paper_rows(None, record)],
+        paper=[*own, *_of_camera(record), *paper_rows(None, record)],
         picture=(folder / f"{name}.png").read_bytes(),
     )
+
+
+def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Camera, light and pixel of a beam's or disc's set; other calibrations have no such set."""
+    try:
+        found = load_set(parse_toml(str(record.get("settings") or ""), "settings"))
+    except InputError:
+        return []
+    rows, pixel = camera_rows(found), found.camera.pixel_mm
+    if pixel is None:
+        return rows
+    spread = None if found.uncertainty is None else found.uncertainty.pixel_mm
+    text = f"{pixel:g}" if spread is None else with_uncertainty(pixel, spread)
+    own = "no uncertainty stated" if spread is None else "standard uncertainty"
+    return [*rows, ("pixel", f"{text} mm ({own})")]
 
 
 def _values(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from isochrome.calibration.wear.result import WearCalibration
 from isochrome.output import provenance, staged, write_figure, write_json
 from isochrome.reporting import write_report
 from isochrome.runs import PROVENANCE, REPORT, environment
-from isochrome.scene import read_text
+from isochrome.scene import parse_toml, read_text
 
 AnyCalibration = Calibration | ColourCalibration | ScaleCalibration | WearCalibration
 
@@ -42,7 +43,8 @@ def save_calibration(
     out : str or Path
         The folder.
     source : str, Path or sequence of them, optional
-        The calibration set, or a scale's images, for their hashes; the set's text is kept too.
+        The calibration set, or a scale's images, for the hashes of these and of the files that the
+        set names; the set's text is kept too.
 
     Raises
     ------
@@ -53,12 +55,30 @@ def save_calibration(
     inputs = [source] if isinstance(source, str | Path) else list(source or ())
     with staged(out) as folder:
         write_json(folder / f"{name}.json", calibration.to_json())
-        record = provenance(None, inputs) | environment() | _origin(calibration, inputs)
+        files = [file for given in inputs for file in (given, *_named_files(Path(given)))]
+        record = provenance(None, files) | environment() | _origin(calibration, inputs)
         write_json(folder / PROVENANCE, record)
         write_figure(folder / f"{name}.png", calibration.figure())
         if isinstance(calibration, ColourCalibration):
             write_colours(calibration, folder)
         write_report(folder / REPORT, calibration_report(folder, name, record))
+
+
+def _named_files(settings: Path) -> list[Path]:
+    """The files that a set names: its images, traces and no-load frames; none of an image."""
+    if settings.suffix != ".toml":
+        return []
+    texts = dict.fromkeys(_texts(parse_toml(read_text(settings), str(settings))))
+    return [Path(file) for text in texts if isfile(file := settings.parent / text)]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All texts in what a TOML file holds."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list):
+        for own in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(own)
 
 
 def _origin(calibration: AnyCalibration, inputs: Sequence[str | Path]) -> dict[str, Any]:

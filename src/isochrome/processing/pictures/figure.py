@@ -54,7 +54,7 @@ _BESIDE = 0.7
 """Inches that an axis' numbers and label take beside a picture."""
 
 _WIDTH = 7.4
-_SHOWN, _KEY_FRAMES = 6, 3
+_SHOWN, KEY_FRAMES = 6, 3
 """Frames of a set that are drawn, and key frames of a tracked one."""
 
 
@@ -282,7 +282,7 @@ def shown_frames(table: Mapping[str, list[Any]], status: list[str]) -> list[int]
         return [k for k, state in enumerate(status) if state != "failed"][:_SHOWN] or [0]
     whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
     good = [k for k in whole if status[k] != "failed"] or whole[:1]
-    places = np.linspace(0, len(good) - 1, min(_KEY_FRAMES, len(good)))
+    places = np.linspace(0, len(good) - 1, min(KEY_FRAMES, len(good)))
     return [good[round(place)] for place in places]
 
 
