@@ -287,15 +287,17 @@ def test_a_figure_of_what_is_not_worn_has_no_panel_of_worn_depth(worn):
 
 def test_data_of_plots_that_a_new_figure_does_not_have_are_removed(worn, tmp_path):
     """A figure of one state and then of two: the plots' letters move on by one."""
-    style = partial(isochrome.FigureStyle, formats=("png",), dpi=60)
-    first = isochrome.save_figure(worn["simulate"], tmp_path / "figure", style(frames=(0,)))
+    style = partial(isochrome.FigureStyle, width_mm=85, formats=("png",), dpi=60)
+    first = save_paper_figure(worn["simulate"], tmp_path, style(frames=(0,)))
     write_excel_copies(tmp_path)
-    others = [tmp_path / name for name in ("figure_85mm_b.csv", "figure_me.csv", "other_b.csv")]
+    others = [tmp_path / name for name in ("figure_174mm_b.csv", "figure_me.csv", "other_b.csv")]
     for file in others:
         file.write_text("of somebody else\n", "utf-8")
-    then = isochrome.save_figure(worn["simulate"], tmp_path / "figure", style(frames=(0, 1)))
-    assert {file.name for file in first} - {file.name for file in then} == {"figure_b.csv"}
-    assert {*tmp_path.iterdir()} == {*then, *others}
+    then = save_paper_figure(worn["simulate"], tmp_path, style(frames=(0, 1)))
+    assert {Path(one).name for one in {*first} - {*then}} == {"figure_85mm_b.csv"}
+    assert {*tmp_path.iterdir()} == {*map(Path, then), *others}
+    isochrome.save_figure(worn["simulate"], tmp_path / "other", style(frames=(0, 1)))
+    assert (tmp_path / "other_b.csv").read_text("utf-8") == "of somebody else\n"
 
 
 def test_a_figure_that_is_taller_than_a_page_is_written_with_a_warning(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +82,26 @@ def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list
 
     with warnings.catch_warnings(record=True) as noted:
         warnings.simplefilter("always", UserWarning)
-        files = save_figure(result, out / f"figure_{style.width_mm:g}mm", style)
+        base = out / f"figure_{style.width_mm:g}mm"
+        files = save_figure(result, base, style)
+    _remove_stale(base, files)
     print_warnings([str(one.message) for one in noted])
     return [str(file) for file in files]
+
+
+def _remove_stale(base: Path, files: Iterable[Path]) -> None:
+    """Remove the data that an earlier figure of this width left of plots that are there no more.
+
+    A copy for Excel is of the earlier plot even where there is a new one of its letter. In Python,
+    where a figure has any name, nothing is removed: the file might be the user's own.
+    """
+    own = re.compile(rf"{re.escape(base.name)}_[a-z](_excel)?\.csv")
+    for file in base.parent.iterdir():
+        if own.fullmatch(file.name) and file not in files:
+            try:
+                file.unlink()
+            except OSError as error:
+                raise InputError(
+                    f"{file}: cannot be written ({error.strerror}); make its folder, or name "
+                    "another"
+                ) from error

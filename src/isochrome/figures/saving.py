@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import io
-import re
 import warnings
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isochrome.errors import InputError
 from isochrome.figures.curve_data import curve_columns
 from isochrome.figures.panels import FigureStyle, WithPanels
 from isochrome.figures.paper import MM_PER_INCH, panel_of_plot, paper_figure
@@ -32,9 +29,8 @@ def save_figure(
 ) -> tuple[Path, ...]:
     """Write a result's figure for a paper, and beside it the data of each plot as CSV.
 
-    PDF and SVG hold text as text, with the fonts of a PDF in it. The data of an earlier figure of
-    this name are removed. A figure that is taller than a page (230 mm) is written with a
-    UserWarning.
+    PDF and SVG hold text as text, with the fonts of a PDF in it. A figure that is taller than a
+    page (230 mm) is written with a UserWarning.
 
     Parameters
     ----------
@@ -80,7 +76,6 @@ def save_figure(
             Path(beside).write_bytes(_content(figure, form, style.dpi))
         files.append(file)
     tables = _tables(figure, base)
-    _remove_stale(base, tables)
     for file, columns in tables.items():
         write_csv(file, {name: column.tolist() for name, column in columns.items()})
     return (*files, *tables)
@@ -95,23 +90,6 @@ def _tables(figure: Figure, base: Path) -> dict[Path, dict[str, Any]]:
         if columns:
             found[base.with_name(f"{base.name}_{letter}.csv")] = columns
     return found
-
-
-def _remove_stale(base: Path, tables: Iterable[Path]) -> None:
-    """Remove what an earlier figure of this name left of plots that this one does not have.
-
-    A copy for Excel is of the earlier plot even where there is a new one of its letter.
-    """
-    own = re.compile(rf"{re.escape(base.name)}_[a-z](_excel)?\.csv")
-    for file in base.parent.iterdir():
-        if own.fullmatch(file.name) and file not in tables:
-            try:
-                file.unlink()
-            except OSError as error:
-                raise InputError(
-                    f"{file}: cannot be written ({error.strerror}); make its folder, or name "
-                    "another"
-                ) from error
 
 
 def _content(figure: Figure, form: str, dpi: float) -> bytes:
