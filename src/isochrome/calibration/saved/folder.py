@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Iterator, Mapping, Sequence
 from os.path import isfile
 from pathlib import Path
@@ -12,6 +11,7 @@ from isochrome.calibration.colour.api import ColourCalibration
 from isochrome.calibration.colour.folder import write_colours
 from isochrome.calibration.result import CUTS, Calibration
 from isochrome.calibration.saved.calibration_report import calibration_report
+from isochrome.calibration.saved.scene_file import calibration_day
 from isochrome.calibration.scale.result import ScaleCalibration
 from isochrome.calibration.wear.result import WearCalibration, trace_json
 from isochrome.output import columns_of, provenance, staged, write_csv, write_figure, write_json
@@ -114,6 +114,6 @@ def _origin(calibration: AnyCalibration, inputs: Sequence[str | Path]) -> dict[s
     return {
         "command": f"calibrate {kind}",
         "title": calibration.title,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "date": calibration_day(),
         "settings": "\n".join(texts) or None,
     }
