@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from isochrome.frames import Frame, open_scene_frames, with_file_scale
+from isochrome.output import numbers
 from isochrome.processing.api import check_scene
 from isochrome.processing.chunk import frame_row
 from isochrome.processing.frame_task import FrameSource, FrameTask, own_scene
-from isochrome.processing.result import CAUSES, ProcessedFrame, causes_of
+from isochrome.processing.processed import fitted_keys
+from isochrome.processing.result import CAUSES, SPREAD, ProcessedFrame, causes_of
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, check_pixel
 
@@ -55,7 +59,9 @@ class FrameResult:
     def values(self) -> tuple[FrameValue, ...]:
         """The fitted values; none where the frame does not show the scene's model."""
         fit = self.frame.fit
-        if fit is None or not self.frame.has_values:
+        if fit is None:
+            return self._read_values
+        if not self.frame.has_values:
             return ()
         asked = causes_of(self.row.get(CAUSES) or "")
         return tuple(
@@ -64,6 +70,13 @@ class FrameResult:
                 fit.keys, fit.values, fit.standard_uncertainty, strict=True
             )
         )
+
+    @property
+    def _read_values(self) -> tuple[FrameValue, ...]:
+        """What a frame without a fit has with an uncertainty, where it is known."""
+        pairs = {key: (self.row[key], self.row[f"{key} {SPREAD}"]) for key in fitted_keys(self.row)}
+        known = {key: pair for key, pair in pairs.items() if np.all(np.isfinite(numbers(pair)))}
+        return tuple(FrameValue(key, *pair, asked=False) for key, pair in known.items())
 
 
 def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:

@@ -81,6 +81,7 @@ def process_report(folder: Path, result: Processed, record: Mapping[str, Any]) -
     count = len(table["frame"])
     fitted = scene.model is not None and bool(rows)
     looked = not (record.get("options") or {}).get("as_stated", False)
+    looked &= result.asks_causes
     verdict = sentence_of(rows, count, result.causes, looked) if rows else sentence_of_orders(table)
     frames, choice = _frames(folder, scene, table)
     return ReportContent(
@@ -269,6 +270,8 @@ def _model(
     keys = fitted_keys(table)
     if scene.model is None or not keys:
         return None, ""
+    if scene.frames.known_loads_n:
+        return None, "the stress that the disc holds without load is in no simulation"
     found = own_values(table, keys, shown.number)  # NaN for what its state does not have
     values = {key: value for key, value in found.items() if np.isfinite(value)}
     if not values:
