@@ -175,6 +175,11 @@ def test_letters_of_every_figure_are_large_enough_and_apart(others, make, width,
     style = isochrome.FigureStyle(width_mm=width, numbers=numbers)
     figure = isochrome.paper_figure(others(make), style)
     check(figure, width)
+    if make in (the_beam, the_disc):  # a row of three, the last with a colour bar
+        tops = [axes.get_window_extent().y1 for axes in figure.axes if axes.images][
+            : 2 + (width > 60)
+        ]
+        assert max(tops) - min(tops) < 1.0
     if make in (the_beam, the_disc, the_wear, a_scale):  # at 85 mm they were up to 373 mm tall
         assert 25.4 * figure.get_figheight() <= PAGE_MM
 

@@ -317,12 +317,13 @@ def _missing_mm(row: Sequence[Axes]) -> float:
 
 
 def _align(rows: Sequence[Sequence[Axes]]) -> None:
-    """Give the pictures of a row one upper edge: a colour bar below one of them moves it."""
+    """Give the pictures of a row one upper edge: a colour bar below moves one and its place."""
     for row in rows:
         places = [own.get_position(original=True) for own in row]
         top = max((place.y1 for place in places), default=0.0)
         for own, place in zip(row, places, strict=True):
             own.set_position((place.x0, top - place.height, place.width, place.height))
+            own.set_anchor("N")  # Matplotlib stands a picture with a bar on its place's lower edge
 
 
 def _settle(figure: Figure) -> None:
