@@ -57,6 +57,7 @@ def test_each_load_is_read_against_the_others(frames, tmp_path):
     report = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert "causes found" not in report
     assert "no simulation" in report
+    assert "taken as exact" not in report.lower()
     assert not (tmp_path / "out" / "fringe_order.tif").exists()
 
 
