@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from isochrome.errors import InputError
 from isochrome.frames import Frame, open_scene_frames, with_file_scale
 from isochrome.processing.api import check_scene
 from isochrome.processing.chunk import frame_row
 from isochrome.processing.frame_task import FrameSource, FrameTask, own_scene
+from isochrome.processing.kinds.anchor_preview import AnchorPreview
 from isochrome.processing.result import CAUSES, ProcessedFrame, causes_of
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, check_pixel
@@ -90,6 +94,47 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
     PhysicsError
         Where the scene's model cannot be solved.
     """
+    with _captured(frames, scene, index) as (source, number, states):
+        found = source.processed(number, states)
+    return FrameResult(found, frame_row(found, source.recipe))
+
+
+def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPreview:
+    """Follow the fringes of one frame, to say what known orders would make of it.
+
+    Parameters
+    ----------
+    frames : str, Path, sequence of them, array or sequence of arrays
+        The set, as for `process`.
+    scene : Scene
+        What stood in front of the camera, without a model.
+    index : int
+        Number of the frame from 0.
+
+    Returns
+    -------
+    AnchorPreview
+        What is asked.
+
+    Raises
+    ------
+    InputError
+        Where the frame or the scene is wrong, or the scene's frames tell their orders themselves.
+    """
+    if scene.polariscope.several_wavelengths or scene.polariscope.step:
+        raise InputError(
+            f"{scene.name}: colours and phase steps are read otherwise; press Show what the points "
+            "say after setting a point"
+        )
+    with _captured(frames, scene, index) as (source, _, states):
+        return AnchorPreview(states[0], scene, source.capture)
+
+
+@contextmanager
+def _captured(
+    frames: FramesLike, scene: Scene, index: int
+) -> Iterator[tuple[FrameSource, int, list[Frame]]]:
+    """A set that is opened for one of its states, the state's number, and its frames."""
     check_scene(scene)
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
@@ -98,10 +143,9 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
         source = FrameSource(recipe)
         try:
             ((number, states),) = source.captured(index, index + 1)
-            found = source.processed(number, states)
+            yield source, number, states
         finally:
             source.close()
-    return FrameResult(found, frame_row(found, recipe))
 
 
 def one_state(scene: Scene, frame: Frame) -> Scene:

@@ -1,4 +1,4 @@
-"""A first scene from what the user fills in: commented, with nothing that nobody has said."""
+"""A first scene from what the user fills in, commented; and a scene without its model."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.scene import toml_text
+from isochrome.scene import Scene, parse_scene, toml_text, with_value, without_value
 from isochrome.setup_page.fields import FIELDS, KINDS, SET_KINDS, STATED_SHAPES, SceneField
 
 _ORDER = (
     "specimen", "beam", "disc", "indenter", "load", "friction", "wear", "polariscope", "camera",
     "frames", "uncertainty",
 )  # fmt: skip
+
+_OF_A_MODEL = ("indenter", "friction", "wear", "scar", "load")
+"""Tables that make a scene one of a model."""
 
 _NOUGHT = (False, 0, "")
 """What is as good as nothing said: the scene's own default."""
@@ -104,3 +107,32 @@ def is_unloaded(name: str) -> bool:
     """Say whether a file's name is that of a frame without load. Parameters: `name`."""
     plain = name.lower().replace("_", "-").replace(" ", "-")
     return any(word in plain for word in ("no-load", "noload", "unloaded"))
+
+
+def without_model(scene: Scene, text: str) -> Scene:
+    """Give a scene without its model: what remains is read from the image alone.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, for its name and folder.
+    text : str
+        Its text.
+
+    Returns
+    -------
+    Scene
+        A scene without a model.
+
+    Raises
+    ------
+    InputError
+        Where the text's layout cannot be edited.
+    """
+    if scene.model is None:
+        return scene
+    for table in _OF_A_MODEL:
+        text = without_value(text, table)
+    if scene.specimen.shape is not None:
+        text = with_value(text, "specimen.shape", '"other"')
+    return parse_scene(text, name=scene.name, folder=scene.folder)
