@@ -11,13 +11,14 @@ import numpy as np
 
 from isochrome.calibration import fit_circle
 from isochrome.errors import InputError, IsochromeError
+from isochrome.frames import likely_no_load
 from isochrome.scene import (
     toml_text,
     with_table_list,
     with_value,
     without_value,
 )
-from isochrome.setup_page.new_scene import likely_no_load, new_scene_text
+from isochrome.setup_page.new_scene import new_scene_text
 from isochrome.setup_page.page_state import (
     boundaries_on_picture,
     lines_on_picture,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from isochrome.errors import InputError
@@ -80,33 +80,6 @@ def _comment(key: str, field: SceneField | None) -> str:
     if field is None:
         return "the unloaded specimen"  # its field stands in the key
     return f"{field.label}, {field.unit}" if field.unit else field.label
-
-
-def likely_no_load(names: Sequence[str]) -> dict[str, str]:
-    """Choose the no-load frames by the names of files, where they say so.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Files beside the frames.
-
-    Returns
-    -------
-    dict of str to str
-        The scene's key to a name, only where one file alone is called so.
-    """
-    found = {}
-    for field in ("dark", "bright"):
-        own = [n for n in names if field in n.lower() and is_unloaded(n) and not n.endswith(".csv")]
-        if len(own) == 1:
-            found[f"frames.no_load_{field}"] = own[0]
-    return found
-
-
-def is_unloaded(name: str) -> bool:
-    """Say whether a file's name is that of a frame without load. Parameters: `name`."""
-    plain = name.lower().replace("_", "-").replace(" ", "-")
-    return any(word in plain for word in ("no-load", "noload", "unloaded"))
 
 
 def without_model(scene: Scene, text: str) -> Scene:
