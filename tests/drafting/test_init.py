@@ -289,7 +289,7 @@ def test_a_folders_no_load_frames_are_no_frames(folder):
 
 def test_a_folder_of_no_load_frames_alone_is_said_to_be_one(folder):
     (folder / "disc-560N.tif").unlink()
-    with pytest.raises(isochrome.InputError, match="besides no-load-bright.tif, no-load-d"):
+    with pytest.raises(isochrome.InputError, match=r"besides no-load-bright\.tif, no-load"):
         isochrome.init(folder, OTHER)
     (folder / "scene.toml").write_text(
         '[specimen]\nshape = "other"\n[frames]\nno_load_dark = "no-load-dark.tif"\n'

@@ -333,10 +333,10 @@ def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]
         known = sorted((p for p in there if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
         wanted = [p for p in known if p.resolve() not in apart]
     if known and not wanted:
-        names = ", ".join(p.name for p in known[:_MOST_NAMED]) + ", …" * (len(known) > _MOST_NAMED)
+        names = ", ".join(p.name for p in known[:_MOST_NAMED])
         raise InputError(
-            f"{folder}: holds no frame besides {names}, which the scene or its own name keeps apart, "
-            "as those of the unloaded specimen; put the loaded frames there, or name their folder"
+            f"{folder}: holds no frame besides {names}, which the scene, or its own name, keeps "
+            "apart; put the loaded frames there, or name their folder"
         )
     if not wanted:
         raise InputError(
