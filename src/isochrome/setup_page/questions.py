@@ -26,6 +26,7 @@ from isochrome.processing import (
 from isochrome.scene import Roi, Scene, toml_text, with_table_list
 from isochrome.setup_page.edits import line_tables, order_tables, refused_as_asked
 from isochrome.setup_page.new_scene import without_model
+from isochrome.setup_page.places import round_by_spread
 from isochrome.setup_page.session import SetupSession
 
 _WRONG_CHI = 3.0
@@ -86,7 +87,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
 
 
 def _value_row(one: FrameValue) -> dict[str, Any]:
-    value = _rounded(one.value, one.standard_uncertainty)
+    value = round_by_spread(one.value, one.standard_uncertainty)
     return {
         "key": one.key,
         "value": value,
@@ -105,13 +106,6 @@ def _scale_row(scene: Scene, found: FrameResult) -> list[dict[str, Any]]:
     value = float(f"{pixel:.6g}")
     row = {"key": "camera.pixel_mm", "value": value, "text": f"{value:.6g} (by the rim)"}
     return [row | {"line": f"pixel_mm = {toml_text(value)}", "asked": False}]
-
-
-def _rounded(value: float, spread: float) -> float:
-    """A value two digits beyond its uncertainty's first."""
-    if not (np.isfinite(spread) and spread > 0.0):
-        return value
-    return float(np.round(value, max(0, 2 - int(np.floor(np.log10(spread))))))
 
 
 def check_answer(session: SetupSession) -> dict[str, Any]:
