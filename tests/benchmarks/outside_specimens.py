@@ -6,6 +6,7 @@ between them and the stored grey levels are those of `outside_camera`. No code o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +29,8 @@ class Bench:
     `shape`, and where the specimen lies in it: `angle_deg`, and its middle's place from the
     picture's, `down_px` and `right_px`. `size_px`, a beam's height or a disc's diameter; `axis_px`,
     how far a beam's neutral axis lies below its middle; `zero_order`, what stays without load at a
-    beam's edge, or at a disc's centre as a uniform stress along its loads.
+    beam's edge, or at a disc's centre as a uniform stress along its loads. `residual`, what a disc
+    holds besides, (sx - sz) + 2i txz in fringes at (x, z) in radii.
     """
 
     defects: Defects = NONE
@@ -40,6 +42,7 @@ class Bench:
     right_px: float = -4.0
     axis_px: float = 1.5
     zero_order: float = 0.0
+    residual: Callable[..., object] | None = None
 
 
 def beam_images(orders, bench: Bench, seed: int = 0):
@@ -95,4 +98,6 @@ def _disc_order(centre, x, z, bench):
         total = total + radial
     # at the centre each is 1 along z: N = 2 in these units beside the tension's isotropic part
     field = centre * total / 2.0 + bench.zero_order
+    if bench.residual is not None:
+        field = field + bench.residual(x, z)
     return np.abs(field), 0.5 * np.angle(field), x**2 + z**2 < 1.0

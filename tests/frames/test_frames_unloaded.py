@@ -108,4 +108,7 @@ def test_a_load_that_the_scene_lets_change_may_begin_at_nought(sample):
     scene, captured, dark, _ = sample
     table = {"distance_m": [0.0, 10.0, 233.0], "value": [0.001, 44.0, 44.0]}
     changing = scene.with_values({"load.normal_n": table})
+    each = {"known_loads_n": (0.0,) * 6}
+    known = scene.model_copy(update={"frames": scene.frames.model_copy(update=each)})
+    assert named([dark, *captured[1:]], known) == []
     assert named([dark, *captured[1:]], changing) == [] != named([dark, *captured[1:]], scene)

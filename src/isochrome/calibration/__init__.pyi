@@ -3,6 +3,7 @@ from .colour.api import ColourCalibration, calibrate_colour
 from .colour.settings import ColourSet
 from .disc.api import calibrate_disc, disc_from_shots
 from .disc.disc_rim import Circle, find_rim, fit_circle
+from .load_reading import LoadReading, LoadSeries, lay_series, read_load
 from .result import Calibration, ImageFit
 from .saved.calibration_report import calibration_report
 from .saved.folder import save_calibration
@@ -25,6 +26,8 @@ __all__ = [
     "ColourSet",
     "Disc",
     "ImageFit",
+    "LoadReading",
+    "LoadSeries",
     "LoadedImage",
     "MeasuredValue",
     "ScaleCalibration",
@@ -47,7 +50,9 @@ __all__ = [
     "disc_from_shots",
     "find_rim",
     "fit_circle",
+    "lay_series",
     "load_set",
+    "read_load",
     "save_calibration",
     "write_into_scene",
 ]

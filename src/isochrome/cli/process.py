@@ -70,7 +70,7 @@ def process_command(
 
     with run_bar("processing") as progress:
         result = run(recordings[0], scene, out, progress=progress, **options)
-    looked = not options["as_stated"]
+    looked = not options["as_stated"] and result.asks_causes
     files = save_paper_figure(result, out, style)
     write_excel_tables(out, excel)
     print_result(result, out, as_json, lambda found: _print_processed(found, looked), files)

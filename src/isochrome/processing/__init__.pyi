@@ -1,7 +1,15 @@
 from .api import check_scene, process
 from .checking import check
-from .kinds.anchor_preview import AnchorPreview, PatchOrders, part_change
-from .one_frame import FrameResult, FrameValue, anchor_preview, one_state, process_frame
+from .one_frame import (
+    AnchorPreview,
+    FrameResult,
+    FrameValue,
+    PatchOrders,
+    anchor_preview,
+    one_state,
+    part_change,
+    process_frame,
+)
 from .pictures.figure import plot_order
 from .placement import placed_disc
 from .processed import Processed, restore

@@ -11,6 +11,7 @@ from isochrome.frames import (
     Check,
     Finding,
     Frame,
+    FrameReader,
     Level,
     load_no_load,
     look_through,
@@ -20,6 +21,11 @@ from isochrome.frames import (
 from isochrome.output import named_frames
 from isochrome.processing.frame_task import own_scene
 from isochrome.processing.kinds.image_only import told_exposure
+from isochrome.processing.kinds.known_loads import (
+    known_series,
+    process_known_loads,
+    tells_load,
+)
 from isochrome.processing.kinds.with_model import frame_causes
 from isochrome.processing.result import Capture
 from isochrome.runs import single_threaded
@@ -32,7 +38,8 @@ of the set: one takes seconds."""
 _OF_LOST = {
     "disc": (
         "; where the scene is right, the disc has residual stress, and no single frame tells its "
-        "load: isochrome calibrate disc reads f_sigma from several loads in spite of it"
+        "load: give the loads of six frames or more, in frames.known_loads_n, and process reads "
+        "each against the others; isochrome calibrate disc reads f_sigma from them"
     )
 }
 """What there is for a scene that explains no frame, by its model."""
@@ -91,12 +98,33 @@ def _by_fringes(path: FramesLike, scene: Scene, count: int) -> Iterator[Finding]
         scene = with_file_scale(scene, reader)
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)
         capture = Capture(reader.bit_depth, dark, bright)
+        if scene.frames.known_loads_n:
+            yield from _against_others(reader, scene, capture)
+            return
         if scene.model is None:
             yield from _exposed(islice(reader, _FIRST + 1), scene, capture)
             return
         tried = {*range(_FIRST), count // 2}
         frames = (frame for frame in islice(reader, max(tried) + 1) if frame.index in tried)
         yield from _asked(frames, scene, capture, count)
+
+
+def _against_others(reader: FrameReader, scene: Scene, capture: Capture) -> Iterator[Finding]:
+    """What some frames' loads say, each read against the frames of known loads."""
+    try:
+        series = known_series(scene, reader)
+    except (InputError, PhysicsError) as error:
+        yield Finding("error", str(error))
+        return
+    own = replace(capture, series=series)
+    middle = len(scene.frames.known_loads_n) // 2
+    looked = [frame for frame in reader if frame.index in (0, middle)]
+    found = [process_known_loads(frame, scene, own) for frame in looked]
+    read = any(tells_load(frame) for frame in found)
+    for frame in found:
+        for text in frame.warnings[:1] if not tells_load(frame) else ():
+            level: Level = "warning" if read else "error"
+            yield Finding(level, f"{named_frames([frame.index])}: {text}", frame.index)
 
 
 def _asked(

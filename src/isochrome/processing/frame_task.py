@@ -22,6 +22,7 @@ from isochrome.processing.kinds.colour_light import (
 )
 from isochrome.processing.kinds.followed_film import FollowedFilm, followed_states
 from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.kinds.known_loads import known_series, process_known_loads
 from isochrome.processing.kinds.phase_stepped import load_residual, process_stepped
 from isochrome.processing.kinds.with_model import process_with_model
 from isochrome.processing.placement import placed_disc
@@ -107,7 +108,8 @@ class FrameSource:
             self.residual = load_residual(scene, self.reader)
         else:
             dark, bright = load_no_load(scene, full_shape=self.reader.full_shape)
-            self.capture = Capture(self.reader.bit_depth, dark, bright)
+            series = known_series(scene, self.reader) if scene.frames.known_loads_n else None
+            self.capture = Capture(self.reader.bit_depth, dark, bright, series=series)
         self._cursor = Cursor[list[Frame]](self._begin, self._anew)
 
     def _anew(self, start: int) -> int:
@@ -177,6 +179,8 @@ class FrameSource:
             label = None if label == first.name else label  # its own name says from where to where
         elif scene.model is None:
             found = process_image_only(first, own, capture)
+        elif scene.frames.known_loads_n:
+            found = process_known_loads(first, own, capture)
         else:
             # what belongs to the apparatus was asked before, of a few frames for all of them
             stated = self.recipe.as_stated or self.recipe.every is not None

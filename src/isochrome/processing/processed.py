@@ -41,6 +41,7 @@ from isochrome.processing.in_common import (
 from isochrome.processing.result import (
     CAUSES,
     FOUND_BY,
+    LOAD,
     NOTHING,
     ORDER_SPREAD,
     PICTURE,
@@ -57,6 +58,10 @@ from isochrome.scene import Scene
 from isochrome.simulation import no_model_sentence
 
 FIGURE = "process.png"
+_AGAINST_OTHERS = (
+    "no model names the fringes of a disc that holds stress without load: its load is read against "
+    "the frames of known loads, and its orders only where [[frames.known_order]] names a point"
+)
 _LOOK = "`isochrome check` looks at the frames and their light"
 
 _NOTABLE = 0.02
@@ -143,6 +148,11 @@ class Processed(Result):
         for name in ("n_max", ORDER_SPREAD, "chi", "kept_share", "fringe_lines"):
             if any(value is not None for value in self.columns.get(name, ())):
                 yield name, over_items(self.columns[name])
+
+    @property
+    def asks_causes(self) -> bool:
+        """Whether frames may ask for more than the scene: not where no model is fitted."""
+        return not self.scene.frames.known_loads_n
 
     @property
     def causes(self) -> list[str]:
@@ -247,7 +257,7 @@ def collect(
     if frames is not None and wider is not table:
         frames = [_of_row(frame, wider, k) for k, frame in enumerate(frames)]
     table = wider
-    warnings = [] if orders_are_read(scene) else [no_model_sentence(scene)]
+    warnings = [] if orders_are_read(scene) else [_not_read(scene)]
     warnings += _of_residual(scene, residual) if residual is not None else []
     warnings += untracked_inputs(scene) if PICTURE in table else []
     of_frames = zip(table["frame"], table["warnings"], strict=True)
@@ -279,7 +289,9 @@ def refuse_unread(
     followed = any(found != NOTHING for found in table.get(FOUND_BY, ()))
     asked = orders_are_read(scene)
     normalised = np.isfinite(numbers(table["noise"])).any()
-    if followed or any(kept) or (normalised and not asked):
+    loads = numbers(table[LOAD]) if scene.frames.known_loads_n else None
+    found = normalised if loads is None else np.isfinite(loads).any()
+    if followed or any(kept) or (found and not asked):
         return
     count = counted(len(table["frame"]), "frame")
     raise PhysicsError(
@@ -288,10 +300,16 @@ def refuse_unread(
     )
 
 
+def _not_read(scene: Scene) -> str:
+    """Why the orders of a scene's frames are not read."""
+    return _AGAINST_OTHERS if scene.frames.known_loads_n else no_model_sentence(scene)
+
+
 def orders_are_read(scene: Scene) -> bool:
     """Whether fringe orders are read of a scene's frames: else they are normalised alone."""
     alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    return bool(scene.model or alone or scene.frames.orders_known)
+    fitted = scene.model and not scene.frames.known_loads_n
+    return bool(fitted or alone or scene.frames.orders_known)
 
 
 def restore(

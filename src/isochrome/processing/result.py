@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.calibration import LoadSeries
 from isochrome.fitting import GAMMA, FrameFit, Tracked, free_keys, sliding_scene
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
@@ -37,6 +38,12 @@ SEPARATOR = " | "
 CAUSES = "causes"
 """Column of what frames asked for besides the scene's unknowns."""
 
+LOAD = "load.normal_n"
+"""Column of the load."""
+
+EXPLAINED = "explained_share"
+"""Column of the share of a frame's light that the frames of known loads explain."""
+
 ORDER_SPREAD = "order_uncertainty"
 """Column of the typical standard uncertainty of an order, of frames without a model."""
 
@@ -56,14 +63,16 @@ def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
     elif light.step:
         own = ("kept_share", "isoclinic_share", "whole_order_from", *_LARGEST)
         own += ("residual_order_max",) if scene.frames.no_load_steps is not None else ()
-    elif scene.model is not None:
+    elif scene.model is not None and not scene.frames.known_loads_n:
         keys = _set_keys(scene)
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
         own = ("kept_share", "n_max", "n_max_x_mm", "n_max_z_mm", *values)
         own += (CAUSES,)
     else:
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
-        own = (*(("kept_share",) * known), "fringe_lines", *gamma, *(_LARGEST * known))
+        loads = bool(scene.frames.known_loads_n)
+        load = (LOAD, f"{LOAD} {SPREAD}", EXPLAINED) * loads
+        own = (*(("kept_share",) * known), "fringe_lines", *gamma, *load, *(_LARGEST * known))
     followed = (PICTURE, FOUND_BY) if tracked else ()
     place = ("distance_m", "chi", "noise", "pixel_mm")
     return ("frame", "name", "label", *followed, *place, *own, "warnings")
@@ -103,13 +112,15 @@ class Capture:
     """How a set was captured: the sensor's `bit_depth`, the `dark` and `bright` no-load frames.
 
     Of frames whose colours tell the order, the no-load frames are (rows, cols, 3), and `table` has
-    the channels' signals against order.
+    the channels' signals against order. Of a disc whose load is read against others, `series` has
+    the frames of known loads.
     """
 
     bit_depth: int | None
     dark: Linear | None = None
     bright: Linear | None = None
     table: ColourTable | None = None
+    series: LoadSeries | None = None
 
 
 def largest_pixel(order: Array) -> dict[str, Any]:

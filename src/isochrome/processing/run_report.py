@@ -24,7 +24,7 @@ from isochrome.processing.processed import (
     Processed,
     fitted_keys,
 )
-from isochrome.processing.result import CAUSES, PICTURE, own_values
+from isochrome.processing.result import CAUSES, EXPLAINED, PICTURE, own_values
 from isochrome.reporting import (
     FRINGES,
     SIGNAL,
@@ -51,6 +51,11 @@ Array = NDArray[Any]
 _NO_BUDGET = (
     "Processing states the ± of the images' noise, without the shares of what the scene states; "
     "isochrome fit with the same frames gives them."
+)
+
+_OF_KNOWN_LOADS = (
+    "The ± of a load holds what the frames leave open, and how well the known loads agree among "
+    "themselves; an error that all known loads have in common is not in it."
 )
 
 
@@ -80,7 +85,9 @@ def process_report(folder: Path, result: Processed, record: Mapping[str, Any]) -
     rows = list(zip(*result.summary().values(), strict=True))
     count = len(table["frame"])
     fitted = scene.model is not None and bool(rows)
+    by_model = fitted and result.asks_causes
     looked = not (record.get("options") or {}).get("as_stated", False)
+    looked &= result.asks_causes
     verdict = sentence_of(rows, count, result.causes, looked) if rows else sentence_of_orders(table)
     frames, choice = _frames(folder, scene, table)
     return ReportContent(
@@ -90,18 +97,32 @@ def process_report(folder: Path, result: Processed, record: Mapping[str, Any]) -
         frames=frames,
         choice=choice,
         curves=curves_of(result.over_frames),
-        no_budget=_NO_BUDGET if fitted else "There is none: nothing was fitted to these frames.",
+        no_budget=_no_budget(fitted, result.asks_causes),
         causes=result.causes if looked and fitted else None,
         tables=_causes(table),
-        taken_as_exact=taken_as_exact(scene, fitted_keys(table)) if fitted else (),
+        taken_as_exact=taken_as_exact(scene, fitted_keys(table)) if by_model else (),
         warnings=result.warnings,
         scene=dump_scene(scene),
         paper=paper_rows(scene, record),
     )
 
 
+def _no_budget(fitted: bool, by_model: bool) -> str:
+    """What stands in the place of a budget."""
+    if not fitted:
+        return "There is none: nothing was fitted to these frames."
+    return _NO_BUDGET if by_model else _OF_KNOWN_LOADS
+
+
 def _goodness(table: Mapping[str, list[Any]]) -> str:
     """Chi in a sentence: about 1 where the model describes the frames."""
+    told = numbers(table[EXPLAINED]) if EXPLAINED in table else np.zeros(0)
+    told = 100.0 * told[np.isfinite(told)]
+    if told.size:
+        return (
+            f"The frames of known loads explain {told.min():.0f} to {told.max():.0f} % of a "
+            "frame's light; what they do not is in the ±."
+        )
     chi = numbers(table["chi"])
     known = chi[np.isfinite(chi)]
     if not known.size:
@@ -269,6 +290,8 @@ def _model(
     keys = fitted_keys(table)
     if scene.model is None or not keys:
         return None, ""
+    if scene.frames.known_loads_n:
+        return None, "the stress that the disc holds without load is in no simulation"
     found = own_values(table, keys, shown.number)  # NaN for what its state does not have
     values = {key: value for key, value in found.items() if np.isfinite(value)}
     if not values:

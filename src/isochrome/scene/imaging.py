@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 from isochrome.errors import InputError
 from isochrome.scene.array_frames import ImageFile, no_escape
 from isochrome.scene.known_orders import FreeBoundary, KnownLine, KnownOrder, Rows
-from isochrome.scene.scene_values import NUMBER, Finite, Positive, ScenePart
+from isochrome.scene.scene_values import NUMBER, Finite, NonNegative, Positive, ScenePart
 
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Pixels = Annotated[int, Field(ge=1, le=100_000)]
@@ -171,6 +171,9 @@ class Frames(ScenePart):
     free_boundary : tuple of FreeBoundary, optional
         Parts of the outline that are free of load: their sharp corners are of order 0, and outside
         of a closed one there is no specimen.
+    known_loads_n : tuple of float, optional
+        Of a disc that holds stress without load: the measured load of each frame (N), in their
+        order, 0 where it is not known. A frame's load is read against the others of known load.
     """
 
     rotate_deg: Turn = 0
@@ -193,6 +196,7 @@ class Frames(ScenePart):
     known_order: tuple[KnownOrder, ...] = ()
     known_line: tuple[KnownLine, ...] = ()
     free_boundary: tuple[FreeBoundary, ...] = ()
+    known_loads_n: tuple[NonNegative, ...] = ()
 
     @property
     def stated_orders(self) -> tuple[float, ...]:

@@ -132,6 +132,8 @@ class Scene(ScenePart):
                 "[[frames.known_line]] is for single frames, and [[polariscope.step]] makes a "
                 "phase-stepped set; give a point of it as [[frames.known_order]]"
             )
+        if self.frames.known_loads_n:
+            self._check_known_loads()
         if self.specimen.shape == "block":
             self._check_block()
         load = self.load
@@ -165,6 +167,14 @@ class Scene(ScenePart):
             raise ValueError(
                 "specimen.support = 'sliding' holds no tangential load, and [friction] makes one; "
                 "set support = 'fixed', or remove [friction]"
+            )
+
+    def _check_known_loads(self) -> None:
+        light = self.polariscope
+        if self.model != "disc" or light.step or light.several_wavelengths:
+            raise ValueError(
+                "frames.known_loads_n is for single frames of a disc (specimen.shape = 'disc') in "
+                "light of one wavelength; remove it"
             )
 
     def _check_load_table(self, load: Load) -> None:

@@ -14,8 +14,8 @@ _ORDER = (
     "frames", "uncertainty",
 )  # fmt: skip
 
-_OF_A_MODEL = ("indenter", "friction", "wear", "scar", "load")
-"""Tables that make a scene one of a model."""
+_OF_A_MODEL = ("indenter", "friction", "wear", "scar", "load", "frames.known_loads_n")
+"""Tables and keys that make a scene one of a model."""
 
 _NOUGHT = (False, 0, "")
 """What is as good as nothing said: the scene's own default."""
@@ -104,8 +104,8 @@ def without_model(scene: Scene, text: str) -> Scene:
     """
     if scene.model is None:
         return scene
-    for table in _OF_A_MODEL:
-        text = without_value(text, table)
+    for part in _OF_A_MODEL:
+        text = without_value(text, part)
     if scene.specimen.shape is not None:
         text = with_value(text, "specimen.shape", '"other"')
     return parse_scene(text, name=scene.name, folder=scene.folder)

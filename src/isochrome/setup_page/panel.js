@@ -226,6 +226,7 @@ function fieldRow(field, value, state) {
   return row;
 }
 /* a field's text as a value; a decimal comma is a point */
+const LISTS = ["wear.distances_m", "frames.known_loads_n"];
 function readField(field, text) {
   const plain = text.trim();
   if (plain === "") return null;
@@ -238,7 +239,7 @@ function readField(field, text) {
     if (!Number.isFinite(value)) throw new Refusal(field.label + ": '" + word + "' is no number.");
     return value;
   };
-  if (field.key === "wear.distances_m") return plain.split(/[\s;]+/).map(number);
+  if (LISTS.includes(field.key)) return plain.split(/[\s;]+/).map(number);
   if (field.key === "frames.gamma" && plain === "unknown") return plain;
   return number(plain);
 }

@@ -79,7 +79,8 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "frame": index,
         "revision": session.revision,
         "chi": found.frame.chi,
-        "wrong": found.frame.chi > _WRONG_CHI,  # not where it is not known
+        # not where it is not known; a load that is read against others has the misfit in its ±
+        "wrong": found.frame.fit is not None and found.frame.chi > _WRONG_CHI,
         "kept_share": found.row.get("kept_share"),
         "values": [*_scale_row(scene, found), *map(_value_row, found.values)],
         "warnings": list(found.frame.warnings),

@@ -28,6 +28,8 @@ FEWEST_LOADS = 5
 
 ANGLES_DEG = (-6.0, -3.0, 0.0, 3.0, 6.0)
 SIDE = 90
+THIN = 4
+"""Columns of which one is looked at while a rise is searched for."""
 WITHIN, ALONG = 0.8, 0.6
 """Radii about the centre, and along the loads, that are used."""
 
@@ -103,8 +105,8 @@ def _on_unit_disc(shot: Shot, circle: Circle, z: Array, x: Array) -> Array:
 
 def _shares(images: Overlay, angle: float, slopes: Array) -> Array:
     """Share of the variation over the loads that each slope explains, pooled over the pixels."""
-    field, used = images.field(angle), images.used
-    data = images.stack[:, used]
+    field, used = images.field(angle)[:, ::THIN], images.used[:, ::THIN]
+    data = images.stack[:, :, ::THIN][:, used]
     total = float(np.sum((data - data.mean(axis=0)) ** 2))
     left = [
         float(np.sum(pixel_waves(data, slope * images.loads, field[used])[0] ** 2))
@@ -131,6 +133,9 @@ def pixel_waves(data: Array, orders: Array, field: Array) -> tuple[Array, Array]
     return rest - np.einsum("kln,kn->ln", wave, coefficients), coefficients
 
 
+ENOUGH = 1e-6
+"""Relative fall of the misfit, or relative move, below which a step is the last."""
+
 MEMORY_PX = 4.0
 """Pixels of a frame over which the overlaid images' noise and misfit are correlated, at least."""
 
@@ -148,7 +153,9 @@ def fit_rise(
     `diameter_mm`. Returns the ImageFits; the constant that they share is known up to a whole order,
     and chosen within half an order at zero load.
     """
-    orders, variance, place = _fit_orders(images, rise)
+    fitted = fit_orders(images, rise.slope * images.loads, rise.angle)
+    orders, place = fitted.orders, fitted.place
+    variance = np.diag(np.linalg.pinv(fitted.normal))[: len(orders) - 1]
     angle, scale, z, x = place
     field, used = images.field(*place), images.used
     residual, waves = pixel_waves(images.stack[:, used], orders, field[used])
@@ -173,27 +180,53 @@ def fit_rise(
     return tuple(fits)
 
 
-def _fit_orders(images: Overlay, rise: Rise) -> tuple[Array, Array, Array]:
-    """Every image's centre order (n,), the first's as the rise has it; the variance (n - 1,) of the
-    others over the residual's; the loads' angle, the disc's scale and its place (4,).
+@dataclass(frozen=True)
+class OrdersFit:
+    """Every image's centre order (n,), the first's as it was given; `place`: the loads' angle, the
+    disc's scale, z and x (4,); `rest` (n, m) and its `jacobian` (n, m, n + 3) by the orders but the
+    first, then the place.
+    """
+
+    orders: Array
+    place: Array
+    rest: Array
+    jacobian: Array
+
+    @property
+    def normal(self) -> Array:
+        """The normal equations (n + 3, n + 3)."""
+        flat = self.jacobian.reshape(-1, self.jacobian.shape[-1])
+        return np.asarray(flat.T @ flat)
+
+
+def fit_orders(images: Overlay, first: Array, angle: float) -> OrdersFit:
+    """Fit the centre order of every image with the residual order free at every pixel.
+
+    Parameters: `images` (n,); `first` (n,), the orders to start from, of which the first is kept;
+    `angle` of the loads, rad. Returns an OrdersFit.
     """
     from scipy.optimize import least_squares
 
     used = images.used
-    data = images.stack[:, used]
-    first, count = rise.slope * images.loads, len(images.loads)
+    data, count = images.stack[:, used], len(first)
 
     def left(free: Array) -> Array:
         orders = np.concatenate([first[:1], free[: count - 1]])
         return pixel_waves(data, orders, images.field(*free[count - 1 :])[used])[0].ravel()
 
-    start = np.concatenate([first[1:], [rise.angle, 1.0, 0.0, 0.0]])
+    start = np.concatenate([first[1:], [angle, 1.0, 0.0, 0.0]])
     size = np.concatenate([np.full(count - 1, 0.1), [0.05, 0.01, 0.01, 0.01]])
     room = np.concatenate([np.full(count - 1, 1.0), [0.2, 0.06, 0.06, 0.06]])
-    found = least_squares(left, start, x_scale=size, bounds=(start - room, start + room))
+    found = least_squares(
+        left, start, x_scale=size, bounds=(start - room, start + room), ftol=ENOUGH, xtol=ENOUGH
+    )
     orders = np.concatenate([first[:1], found.x[: count - 1]])
-    variance = np.diag(np.linalg.pinv(found.jac.T @ found.jac))[: count - 1]
-    return orders, variance, found.x[count - 1 :]
+    return OrdersFit(
+        orders,
+        found.x[count - 1 :],
+        found.fun.reshape(count, -1),
+        found.jac.reshape(count, -1, start.size),
+    )
 
 
 def _centre_order(images: Overlay, waves: Array, bright: bool) -> float:

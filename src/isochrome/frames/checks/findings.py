@@ -167,6 +167,11 @@ def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tu
     if count is not None and not each:
         text = f"{count} frames are not a multiple of the polariscope's {steps} steps; give one "
         yield str(reader.path), f"{text}frame for each [[polariscope.step]]"
+    loads = len(scene.frames.known_loads_n)
+    if loads and count is not None and loads != count:
+        text = f"frames.known_loads_n has {counted(loads, 'number')}, and the set "
+        text += f"{counted(count, 'frame')}; give one for each, in their order, 0 where it is not "
+        yield scene.name, f"{text}known"
     for i, known in enumerate(scene.frames.known_order, start=1):
         if known.row_px >= rows or known.col_px >= cols:
             text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "

@@ -85,9 +85,10 @@ def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
     """
     frames, load = scene.frames, scene.load
     changes = load is not None and not isinstance(load.normal_n, int | float)
-    if frames.starts_unloaded or changes or scene.polariscope.step:
+    light = scene.polariscope
+    if frames.starts_unloaded or changes or frames.known_loads_n:
         return None
-    if scene.polariscope.several_wavelengths:
+    if light.step or light.several_wavelengths:
         return None
     try:
         dark, bright = load_no_load(scene, full_shape=reader.full_shape)

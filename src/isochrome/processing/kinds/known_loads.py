@@ -1,0 +1,113 @@
+"""A disc that holds stress without load: each frame's load, read against those of known load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from isochrome.calibration import Circle, LoadReading, LoadSeries, Shot, lay_series, read_load
+from isochrome.errors import PhysicsError
+from isochrome.estimation import prepare_frame
+from isochrome.frames import Frame, FrameReader
+from isochrome.output import with_uncertainty
+from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.result import EXPLAINED, LOAD, SPREAD, Capture, ProcessedFrame
+from isochrome.scene import Scene
+
+WITHIN = 0.97
+"""Radii within which a disc's fringes are looked at: the rim itself is an edge."""
+
+CONTRADICTED = 3.0
+"""Standard uncertainties from which a frame's own stated load and the one that is read disagree."""
+
+FAR = 0.5
+"""Ranges of the known loads beyond them from which a load is told to be far outside."""
+
+
+def known_series(scene: Scene, reader: FrameReader) -> LoadSeries:
+    """Lay the frames whose loads the scene states over each other.
+
+    Parameters: `scene`, with frames.known_loads_n, one for each frame; `reader` of the set. Returns
+    a LoadSeries. Raises InputError on a blank frame, PhysicsError where one shows no disc.
+    """
+    loads = dict(enumerate(scene.frames.known_loads_n))
+    own = [frame for frame in reader if loads.get(frame.index)]
+    capture = Capture(reader.bit_depth)
+    shots = [_shot(frame, scene, capture, loads[frame.index]) for frame in own]
+    return lay_series(shots, [frame.index for frame in own])
+
+
+def _shot(frame: Frame, scene: Scene, capture: Capture, load_n: float) -> Shot:
+    data = prepare_frame(frame, scene, bit_depth=capture.bit_depth, gamma_found=True)
+    bright = scene.polariscope.field == "bright"
+    seen = {name: getattr(data, name) for name in ("light", "sigma", "valid", "raw", "raw_sigma")}
+    return Shot(**seen, name=data.name, gamma=data.gamma, load_n=load_n, bright=bright)
+
+
+def process_known_loads(frame: Frame, scene: Scene, capture: Capture) -> ProcessedFrame:
+    """Read a frame's load against the frames of known loads, and its order as the image tells it.
+
+    Parameters: `frame`, by its number in the set; `scene`; `capture`, with the series. Returns a
+    ProcessedFrame; its load is NaN where the known loads do not tell it, and a warning says why.
+    Raises InputError on a blank frame.
+    """
+    assert capture.series is not None and scene.rim_diameter_mm is not None
+    try:
+        read = read_load(capture.series, _shot(frame, scene, capture, 0.0), frame.index)
+    except PhysicsError as error:
+        unknown = {LOAD: float("nan"), f"{LOAD} {SPREAD}": float("nan")}
+        return _with_orders(frame, scene, capture, None, [str(error)], unknown)
+    columns = {
+        LOAD: read.load_n,
+        f"{LOAD} {SPREAD}": read.standard_uncertainty,
+        EXPLAINED: read.explained,
+    }
+    said = _told(read, scene.frames.known_loads_n, frame.index)
+    found = _with_orders(frame, scene, capture, read.rim, said, columns)
+    scale = scene.camera.pixel_mm if scene.camera else None
+    scale = scale or scene.rim_diameter_mm / (2.0 * read.rim.radius)
+    return replace(found, pixel_mm=scale, chi=read.chi)
+
+
+def _told(read: LoadReading, loads: Sequence[float], number: int) -> list[str]:
+    """What to beware of in a load that was read."""
+    said = list[str]()
+    stated = loads[number] if number < len(loads) else 0.0
+    away = abs(read.load_n - stated) / read.standard_uncertainty
+    if stated and away > CONTRADICTED:
+        said.append(
+            f"its load is stated as {stated:g} N, and the other known loads tell "
+            f"{with_uncertainty(read.load_n, read.standard_uncertainty)} N, {away:.1f} standard "
+            "uncertainties away; check this load, and whether it had changed when the frame was "
+            "taken"
+        )
+    if read.beyond > FAR:
+        said.append("its load lies far outside of the known loads; measure one beyond it")
+    return said
+
+
+def _with_orders(
+    frame: Frame,
+    scene: Scene,
+    capture: Capture,
+    rim: Circle | None,
+    said: Sequence[str],
+    columns: dict[str, float],
+) -> ProcessedFrame:
+    """What the image alone tells within its `rim`, with what is `said` of its load, its columns."""
+    inside = None
+    if rim is not None:
+        rows, cols = (np.arange(size) for size in frame.image.shape)
+        inside = np.hypot(rows[:, None] - rim.row, cols - rim.col) < WITHIN * rim.radius
+    found = process_image_only(frame, scene, capture, inside=inside)
+    # where nobody asked for orders it is said once, of the set
+    image = found.warnings if scene.frames.orders_known else ()
+    own = {"fringe_lines": len(found.lines)} | found.columns | columns
+    return replace(found, columns=own, warnings=(*said, *image))
+
+
+def tells_load(found: ProcessedFrame) -> bool:
+    """Whether a frame's load was read."""
+    return bool(np.isfinite(found.columns.get(LOAD, np.nan)))
