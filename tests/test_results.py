@@ -189,7 +189,7 @@ def calibrated(specimen: str, run: Callable[..., Any], images: tuple[int, int]):
         given = some_of_a_shipped_set(places["home"] / "sets", specimen, images)
         found, out = run(given), places["home"] / specimen
         save_calibration(found, out)
-        return Left(found, out, None, "calibration.json", "calibration.png")
+        return Left(found, out, "images.csv", "calibration.json", "calibration.png")
 
     return make_one
 
@@ -219,7 +219,9 @@ def calibrated_scale(places, make):
     options = [str(part) for key, value in size.items()
                for part in (f"--{key.replace('_', '-')}", value)]  # fmt: skip
     command = ("calibrate", "scale", picture, "--target", "dots", *options)
-    return Left(found, out, None, "scale.json", "scale.png", command=command, again=lambda: found)
+    return Left(
+        found, out, "scale.csv", "scale.json", "scale.png", command=command, again=lambda: found
+    )
 
 
 def calibrated_wear(places, make):
@@ -234,7 +236,7 @@ def calibrated_wear(places, make):
     save_calibration(found, out, source=path)
     command = ("calibrate", "wear", path)
     return Left(
-        found, out, None, "calibration.json", "calibration.png", command=command,
+        found, out, "distances.csv", "calibration.json", "calibration.png", command=command,
         again=lambda: found,
     )  # fmt: skip
 

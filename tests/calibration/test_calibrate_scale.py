@@ -304,7 +304,7 @@ def test_the_command_leaves_its_files_and_sets_a_scene(saved, tmp_path, monkeypa
     saved_json = json.loads((out / "scale.json").read_text("utf-8"))
     assert {**saved_json, "out": str(out), "into": str(scene)} == printed
     assert {p.name for p in out.iterdir()} == {
-        "scale.json", "scale.png", "provenance.json", "report.html",
+        "budget.csv", "scale.csv", "scale.json", "scale.png", "provenance.json", "report.html",
     }  # fmt: skip
     came = json.loads((out / "provenance.json").read_text("utf-8"))
     assert list(came["inputs_sha256"]) == [str(paths[0])]

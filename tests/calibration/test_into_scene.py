@@ -9,6 +9,7 @@ import pytest
 import tifffile
 
 from isochrome.calibration import Calibration, write_into_scene
+from isochrome.calibration.saved import scene_file
 from isochrome.calibration.saved.scene_file import edited
 from isochrome.cli import main
 from isochrome.errors import InputError
@@ -84,17 +85,19 @@ def test_a_byte_order_mark_stays(tmp_path):
     assert path.read_bytes().startswith(b"\xef\xbb\xbf[specimen]")
 
 
-def test_a_file_is_written_with_its_value_rounded_to_its_uncertainty(tmp_path):
+def test_a_file_is_written_with_its_value_rounded_to_its_uncertainty(tmp_path, monkeypatch):
+    monkeypatch.setattr(scene_file, "calibration_day", lambda: "2026-11-25")
     path = tmp_path / "scene.toml"
     path.write_bytes(b"[specimen]\r\nfringe_value_n_per_mm = 12.0 # per fringe\r\n")
     assert write_into_scene(FOUND, path, source="sets/disc.toml") == 14.6123
     text = path.read_bytes().decode("utf-8")
     said = "# per fringe; calibrated: chi 1.02, disc.toml"
-    value = "{ value = 14.6123, standard_uncertainty = 0.0131 }"
+    value = '{ value = 14.6123, standard_uncertainty = 0.0131, date = "2026-11-25" }'
     assert text == (f"[specimen]\r\nfringe_value_n_per_mm = {value} {said}\r\n")
     scene = load_scene(path)
     assert scene.specimen.fringe_value_n_per_mm == 14.6123
     assert scene.uncertainties == {"specimen.fringe_value_n_per_mm": 0.0131}
+    assert scene.fringe_value_date == "2026-11-25"
     assert [p.name for p in tmp_path.iterdir()] == ["scene.toml"]
 
 

@@ -292,7 +292,8 @@ def test_calibrate_finds_the_fringe_value(quick_isochrome, place, specimen, comm
     assert 0.9 < found["chi"] < 1.1
     assert abs(found["order_at_zero_load"]) < 0.06
     assert files_in(place / "Kalibrierung") == {
-        "calibration.json", "calibration.png", "provenance.json", "report.html",
+        "budget.csv", "calibration.json", "calibration.png", "images.csv", "provenance.json",
+        "report.html",
     }  # fmt: skip
 
 

@@ -26,9 +26,14 @@ from isochrome.cli import main
 from isochrome.cli.figure_options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
-from isochrome.figures import frame_values_figure
+from isochrome.figures import PaperPanels, PictureKind, Plot, budget_plot, frame_values_figure
+from isochrome.figures.curve_data import curve_columns, data_name
+from isochrome.figures.layout import PAGE_MM
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.output import FrameValues, write_excel_copies, write_tiff
+from isochrome.processing.pictures.figure import Shown as ShownFrame
+from isochrome.processing.pictures.figure import tracked_figure
+from isochrome.processing.result import FOUND_BY, PICTURE
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 
@@ -168,7 +173,15 @@ def others(worn):
 @pytest.mark.parametrize("make", OTHERS)
 def test_letters_of_every_figure_are_large_enough_and_apart(others, make, width, numbers):
     style = isochrome.FigureStyle(width_mm=width, numbers=numbers)
-    check(isochrome.paper_figure(others(make), style), width)
+    figure = isochrome.paper_figure(others(make), style)
+    check(figure, width)
+    if make in (the_beam, the_disc):  # a row of three, the last with a colour bar
+        tops = [axes.get_window_extent().y1 for axes in figure.axes if axes.images][
+            : 2 + (width > 60)
+        ]
+        assert max(tops) - min(tops) < 1.0
+    if make in (the_beam, the_disc, the_wear, a_scale):  # at 85 mm they were up to 373 mm tall
+        assert 25.4 * figure.get_figheight() <= PAGE_MM
 
 
 @pytest.mark.long
@@ -350,12 +363,88 @@ def test_labels_at_the_sides_of_values_over_frames_are_apart():
     assert not overlaps(drawn_texts(figure))
 
 
+class Made:
+    """A result of some plots, and of three pictures where `pictures`."""
+
+    title = "made"
+
+    def __init__(self, *plots: Plot, pictures: bool = False) -> None:
+        self.plots, self.pictures = plots, pictures
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        def draw(axes, k):
+            return axes.imshow(np.zeros((40, 50)), cmap="gray")
+
+        kinds = [PictureKind(name=name, draw=draw) for name in ("one", "two", "three")]
+        kinds = kinds if self.pictures else []
+        return PaperPanels(kinds=kinds, labels=["60 N"] * bool(kinds), plots=self.plots)
+
+
+def a_plot(title: str, **options) -> Plot:
+    return Plot(title=title, draw=lambda axes: axes.plot([0.0, 1.0], [0.0, 1.0]), **options)
+
+
+def tall_and_axes(result: Made) -> tuple[float, list]:
+    figure = isochrome.paper_figure(result, isochrome.FigureStyle(width_mm=85))
+    check(figure, 85.0)
+    return 25.4 * figure.get_figheight(), [axes for axes in figure.axes if axes.get_visible()]
+
+
+def test_what_is_taller_than_a_page_is_laid_out_closer():
+    """Pictures beside each other, lower plots, and no plot left out that has room so."""
+    tall, shown = tall_and_axes(Made(*map(a_plot, "abcd"), pictures=True))
+    assert tall <= PAGE_MM and len(shown) == 7
+    tops = [axes.get_window_extent().y1 for axes in shown[:3]]
+    assert max(tops) - min(tops) < 1.0
+    low, few = tall_and_axes(Made(*map(a_plot, "ab"), pictures=True))
+    assert low < tall  # what has room is laid out as ever: pictures in two rows
+    assert len({round(axes.get_window_extent().y1) for axes in few[:3]}) == 2
+
+
+def test_spare_plots_are_left_out_last_of_all_and_this_is_said(tmp_path):
+    ranks = (0, 1, 0, 2, 0, 0, 0, 0)
+    made = Made(*(a_plot(f"plot {k}", spare=rank) for k, rank in enumerate(ranks)))
+    style = isochrome.FigureStyle(width_mm=85, formats=("png",), dpi=60)
+    with pytest.warns(UserWarning, match=r"a page has no room for: plot 3, plot 1; a wider"):
+        files = isochrome.save_figure(made, tmp_path / "figure", style)
+    assert [file.name for file in files[1:]] == [f"figure_{letter}.csv" for letter in "abcdef"]
+    tall, shown = tall_and_axes(made)
+    assert tall <= PAGE_MM and len(shown) == 6
+    crowd = Made(*(a_plot(f"plot {k}", spare=k % 2) for k in range(24)))
+    with pytest.warns(UserWarning, match=r"^the figure is \d+ mm tall"):  # nothing is left out
+        files = isochrome.save_figure(crowd, tmp_path / "crowd", style)
+    assert len(files) == 25
+
+
+@pytest.mark.parametrize("width", [60.0, 85.0])
+def test_titles_over_bars_with_long_names_stay_whole(width):
+    """They were broken within words over the few millimetres that the names left, or stood out."""
+    parts = {"profilometer's lateral scale": 2e-7, "another long name of it": 1e-7}
+    budget = budget_plot("uncertainty budget of pixel_mm", parts, unit="mm")
+    figure = isochrome.paper_figure(Made(budget), isochrome.FigureStyle(width_mm=width))
+    check(figure, width)
+    (axes,) = figure.axes
+    assert axes.get_title(loc="left").split() == ["(a)", "uncertainty", "budget", "of", "pixel_mm"]
+    assert axes.get_xlabel().replace("\u00a0", " ") == "contribution to u (1e-7 mm)"
+    assert axes.patches[-1].get_width() == pytest.approx(2.0)
+
+
+def test_curves_have_names_in_the_data_that_no_legend_shows():
+    """Two curves of one quantity were told apart by "(2)"."""
+    axes = Figure().subplots()
+    x, y, u = np.array([0.0, 1.0]), np.array([5.0, 6.0]), np.array([0.5, 0.25])
+    axes.fill_between(x, y - u, y + u, color="#0072b2", alpha=0.3)
+    axes.plot(x, y, color="#0072b2")
+    axes.errorbar(x, y, yerr=u, fmt="o", color="#0072b2")  # the same once more
+    axes.plot(x[:1], y[:1], ".", label=data_name("key frames"))
+    axes.set(xlabel="x (m)", ylabel="y (N)")
+    names = ["x (m)", "y (N)", "y (N) low", "y (N) high"]
+    assert list(curve_columns(axes)) == [*names, "key frames: x (m)", "key frames: y (N)"]
+    assert axes.get_legend_handles_labels() == ([], [])
+
+
 def test_bands_and_bars_of_a_curve_are_among_its_data():
-    from matplotlib.figure import Figure as Plain
-
-    from isochrome.figures.curve_data import curve_columns
-
-    axes = Plain().subplots()
+    axes = Figure().subplots()
     x, y, u = np.array([0.0, 1.0, 2.0]), np.array([5.0, 6.0, 7.0]), np.array([0.5, np.nan, 0.25])
     axes.fill_between(x, y - u, y + u, color="#0072b2", alpha=0.3)
     axes.plot(x, y, color="#0072b2", label="one")
@@ -481,3 +570,26 @@ def test_a_campaign_and_the_demo_leave_the_figure_that_is_asked_for(
     with Image.open(file) as picture:
         assert picture.width == pytest.approx(60 * 85 / 25.4, abs=1)
     assert run(monkeypatch, capsys, "demo", "--width", "10mm")[0] == 2  # before its minute of work
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_colour_bar_of_key_frames_is_no_taller_than_its_pictures(count):
+    """Beside six values of a film, that of one key frame was three times as tall."""
+    keys = [f"key {k}" for k in range(5)]
+    columns = {"frame": [0, 1], "distance_m": [0.0, 1.0], "chi": [1.0, 1.0]}
+    columns |= {PICTURE: [0, 1], FOUND_BY: ["whole frame", "track"]}
+    for key in keys:
+        columns |= {key: [1.0, 1.1], f"{key} standard_uncertainty": [0.1, 0.1]}
+    order = np.add.outer(np.linspace(0.0, 3.0, 60), np.zeros(80))
+    shown = ShownFrame(
+        label="frame 0", chi=1.0, kept=1.0, normalised=np.sin(np.pi * order) ** 2, order=order,
+        isoclinic=None, lines=[], place={"pixel_mm": 0.05, "left_mm": -2.0, "top_mm": 0.0},
+    )  # fmt: skip
+    figure = tracked_figure(isochrome.parse_scene("[specimen]"), columns, [shown] * count)
+    figure.draw_without_rendering()
+    maps = [axes for axes in figure.axes if axes.images]
+    bars = [image.colorbar for axes in maps for image in axes.images if image.colorbar]
+    (high,) = (bar.ax.get_window_extent().height for bar in bars)
+    boxes = [axes.get_window_extent() for axes in maps]
+    assert len(maps) == 2 * count
+    assert high <= max(box.y1 for box in boxes) - min(box.y0 for box in boxes) + 1.0

@@ -25,7 +25,7 @@ SETS = {
     ),
     "A calibration set of colours": (ColourSet, "for `isochrome calibrate colour SET`"),
 }
-NO_KEYS = ("folder", "name", "stated_uncertainty")
+NO_KEYS = ("folder", "name", "stated_uncertainty", "fringe_value_date")
 LIKE_A_SCENE = ("camera", "polariscope", "frames")
 """Tables of a set that are a scene's."""
 SPELT = {"mm2": "mm²", "um": "µm", "pixel": "px", "degree": "°"}
@@ -35,9 +35,10 @@ HEAD = """# Every key of a scene and of a calibration set
 Scenes and sets are TOML files. The unit stands in the key. What has no default and is not optional
 must be there where its table is. A table that is absent is not modelled and costs nothing; an
 unknown key is refused. Any single measured number may be written with its standard uncertainty,
-`{ value = 14.6, standard_uncertainty = 0.066 }`. A value over sliding distance is a number, or a
-table `{ distance_m = [0, 50], value = [44, 60] }`, straight in between and constant beyond.
-Paths are relative to the file; write them with / or in single quotes.
+`{ value = 14.6, standard_uncertainty = 0.066 }`; that of `specimen.fringe_value_n_per_mm` also with
+the day of its calibration, `date = "2026-11-25"` beside these. A value over sliding distance is a
+number, or a table `{ distance_m = [0, 50], value = [44, 60] }`, straight in between and constant
+beyond. Paths are relative to the file; write them with / or in single quotes.
 
 """
 

@@ -22,6 +22,8 @@ from isochrome.calibration.settings import load_set
 from isochrome.errors import InputError
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.output import write_tiff
+from isochrome.reporting import paper_rows
+from isochrome.scene import parse_scene
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 from stepped_sets import CIRCULAR, as_steps
@@ -150,6 +152,18 @@ def test_a_comparisons_page_states_the_experiments_camera_light_and_specimen(sim
     bare.write_bytes((simulated / "frames.tif").read_bytes())
     isochrome.compare(bare, bare, tmp_path / "bare")
     assert "f_sigma" not in Page(tmp_path / "bare" / "report.html").text
+
+
+def test_the_fringe_value_stands_with_its_uncertainty_and_the_day_of_its_calibration():
+    text = """[specimen]
+fringe_value_n_per_mm = { value = 14.6, standard_uncertainty = 0.066, date = "2026-11-25" }
+"""
+    rows = dict(paper_rows(parse_scene(text), {}))
+    assert rows["fringe value f_sigma"].startswith("14.600 ± 0.066 N/mm per fringe")
+    assert rows["date of f_sigma"] == "2026-11-25"
+    without = text.replace(', date = "2026-11-25"', "")
+    rows = dict(paper_rows(parse_scene(without), {}))
+    assert rows["date of f_sigma"].startswith("not stated in the scene")
 
 
 def test_a_wear_calibrations_page_states_k_and_its_settings(worn, tmp_path):

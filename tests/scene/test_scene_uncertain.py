@@ -1,11 +1,12 @@
 """Measured numbers with a standard uncertainty: plain for all users, kept beside, written back."""
 
+import datetime
 import pickle
 
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.scene import dump_scene, parse_scene
+from isochrome.scene import dump_scene, load_scene, parse_scene, with_value
 
 TEXT = """
 [specimen]
@@ -115,3 +116,62 @@ def test_values_are_checked_as_plain_ones():
 def test_no_table_of_a_file_is_called_like_the_pairs():
     with pytest.raises(InputError, match="unknown key 'stated_uncertainty'"):
         parse_scene("stated_uncertainty = [['specimen.thickness_mm', 1.0]]\n[specimen]")
+
+
+DATED = TEXT.replace("= 0.066 }", '= 0.066, date = "2026-11-25" }')
+FRINGE_VALUE = "specimen.fringe_value_n_per_mm"
+
+
+@pytest.mark.parametrize("written", ['"2026-11-25"', "2026-11-25"])
+def test_a_fringe_value_has_the_day_of_its_calibration(written):
+    scene = parse_scene(DATED.replace('"2026-11-25"', written))
+    assert scene.fringe_value_date == "2026-11-25"
+    assert scene.uncertainties == parse_scene(TEXT).uncertainties
+    text = dump_scene(scene)
+    line = '{ value = 14.6, standard_uncertainty = 0.066, date = "2026-11-25" }'
+    assert f"fringe_value_n_per_mm = {line}\n" in text
+    assert parse_scene(text) == scene == pickle.loads(pickle.dumps(scene))
+    edited = with_value(DATED.replace('"2026-11-25"', written), "load.normal_n", "310.0")
+    assert parse_scene(edited).fringe_value_date == "2026-11-25"
+
+
+def test_a_date_is_allowed_in_tables_of_python():
+    value = {"value": 14.6, "standard_uncertainty": 0.1, "date": datetime.date(2026, 11, 25)}
+    scene = load_scene({"specimen": {"fringe_value_n_per_mm": value}})
+    assert scene.fringe_value_date == "2026-11-25"
+
+
+def test_a_date_belongs_to_its_value():
+    """A value that a fit has found, or that somebody sets, is not that of the day."""
+    scene = parse_scene(DATED)
+    assert scene.with_values({"load.normal_n": 310.0}).fringe_value_date == "2026-11-25"
+    assert scene.with_values({FRINGE_VALUE: 14.6}).fringe_value_date == "2026-11-25"
+    new = {"value": 14.7, "standard_uncertainty": 0.1}
+    for value in (14.5, new):
+        other = scene.with_values({FRINGE_VALUE: value})
+        assert other.fringe_value_date is None and "date" not in dump_scene(other)
+    again = scene.with_values({FRINGE_VALUE: new | {"date": "2027-01-02"}})
+    assert again.fringe_value_date == "2027-01-02"
+
+
+@pytest.mark.parametrize(
+    "written", ['"25.11.2026"', '"20261125"', "2026-11-25T08:00:00", "20261125", '"soon"', "[]"]
+)
+def test_what_is_no_day_is_refused_in_a_line(written):
+    with pytest.raises(InputError, match="the day of the calibration is written as") as refused:
+        parse_scene(DATED.replace('"2026-11-25"', written))
+    text = str(refused.value)
+    assert f"{FRINGE_VALUE}.date = " in text and "\n" not in text
+
+
+def test_other_values_and_plain_ones_have_no_date():
+    text = TEXT.replace(
+        "standard_uncertainty = 0.02 }", 'standard_uncertainty = 0.02, date = "a" }'
+    )
+    with pytest.raises(InputError, match=r"thickness_mm = .* a measured number is written as"):
+        parse_scene(text)
+    alone = DATED.replace("standard_uncertainty = 0.066, ", "")
+    with pytest.raises(InputError, match="its date beside these"):
+        parse_scene(alone)
+    with pytest.raises(InputError, match="unknown key 'fringe_value_date'"):
+        parse_scene('fringe_value_date = "2026-11-25"\n' + TEXT)

@@ -25,7 +25,9 @@ from isochrome.figures import (
     PictureKind,
     Plot,
     add_legend,
+    budget_plot,
     chosen_frames,
+    data_name,
     draw_budget,
     new_figure,
     show_image,
@@ -109,24 +111,31 @@ def calibration_panels(calibration: Calibration, frames: tuple[int, ...] | None)
         return show_image(axes, small, pixel_mm=pixel, **options)
 
     def order_line(axes: Axes) -> None:
-        _line(axes, calibration)
+        _line(axes, calibration, "measured", "predicted")  # short: a long name covers the points
         axes.margins(y=0.25)  # so that what stands below the line's beginning has room
 
     names = ("captured", "fitted", "residual")
     plots = [
         Plot(
-            title=f"{item.load_n:.4g} N, along the cut", draw=partial(_cut, item=item, where=where)
+            title=f"{item.load_n:.4g} N, along the cut",
+            draw=partial(_cut, item=item, where=where),
+            spare=1 if item is shown[-1] else 3,  # one cut tells how well the model fits
         )
         for item in shown
     ]
     parts = {item.name: item.contribution_n_per_mm for item in calibration.budget}
-    budget = partial(draw_budget, parts=parts, x_label="contribution to u (N/mm)", title="")
+    budget = budget_plot("uncertainty budget", parts, unit="N/mm")
     plots += [
         Plot(title="order over load", draw=order_line),
-        Plot(title=_misfit_title(calibration), draw=partial(_misfit, calibration=calibration)),
-        Plot(title="uncertainty budget", draw=budget, height_mm=max(30.0, 5.0 * len(parts))),
+        Plot(
+            title=_misfit_title(calibration),
+            draw=partial(_misfit, calibration=calibration),
+            spare=2,
+        ),
+        budget,
     ]
     value, *others = _values(calibration)
+    predicted = any(item.predicted_order is not None for item in images)
     return PaperPanels(
         kinds=[
             PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
@@ -141,6 +150,7 @@ def calibration_panels(calibration: Calibration, frames: tuple[int, ...] | None)
             + "".join(f", {text}" for text in others) + ".",
             *(f"{item.load_n:.4g} N: N = {_order_text(item)} at the {where.place}, "
               f"χ = {item.chi:.2f}." for item in shown),
+            *(["Predicted: by the line through the other loads."] if predicted else []),
         ],
     )  # fmt: skip
 
@@ -218,21 +228,27 @@ def _square(image: Array, pixel_mm: tuple[float, float]) -> tuple[Array, float]:
     return image[:: rows * step, ::step], wide * step
 
 
-def _line(axes: Any, calibration: Calibration) -> None:
+def _line(
+    axes: Any,
+    calibration: Calibration,
+    measured: str = "from its image",
+    predicted: str = "predicted by the other loads",
+) -> None:
     loads = np.array([i.load_n for i in calibration.images])
     orders = np.array([i.order for i in calibration.images])
     rest = calibration.order_at_zero_load or 0.0
     reach = np.array([0.0, loads.max() * 1.05])
-    axes.plot(reach, calibration.slope_per_n * reach + rest, "-", color=GREY, lw=LINE_PT)
-    axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label="from its image")
+    line = data_name("line of all loads")
+    axes.plot(reach, calibration.slope_per_n * reach + rest, color=GREY, lw=LINE_PT, label=line)
+    axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label=measured)
     known = [i for i in calibration.images if i.predicted_order is not None]
     if known:
         places = [i.load_n for i in known], [i.predicted_order for i in known]
-        label = "predicted by the other loads"
-        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label=label)
+        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label=predicted)
         add_legend(axes, loc="upper left")
     if calibration.order_at_zero_load is not None:
-        axes.plot(0.0, rest, "s", color=LINE_COLOURS[1], ms=5)
+        label = data_name("at zero load")
+        axes.plot(0.0, rest, "s", color=LINE_COLOURS[1], ms=5, label=label)
         text = f"{rest:+.4f} at zero load"
         axes.annotate(
             text, (0.0, rest), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT

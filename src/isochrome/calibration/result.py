@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.figures import PaperPanels
-from isochrome.output import Result, counted, with_uncertainty
+from isochrome.output import Result, columns_of, counted, with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -177,9 +177,24 @@ class Calibration(Result):
     @property
     def columns(self) -> dict[str, list[Any]]:
         """A row an image: its load, its order and what it is worth, its fitted place."""
-        rows = self.to_json()["images"]
-        names = dict.fromkeys(name for row in rows for name in row)
-        return {name: [row.get(name) for row in rows] for name in names}
+        return columns_of(self.to_json()["images"])
+
+    @property
+    def budget_columns(self) -> dict[str, list[Any]]:
+        """Those of budget.csv: a row a source of uncertainty, the largest share first.
+
+        `relative_standard_uncertainty` is the contribution as a part of the fringe value.
+        """
+        items = sorted(self.budget, key=lambda item: -item.share)
+        parts = [item.contribution_n_per_mm for item in items]
+        return {
+            "input": [item.name for item in items],
+            "standard_uncertainty": [item.standard_uncertainty for item in items],
+            "unit": [item.unit for item in items],
+            "contribution_n_per_mm": parts,
+            "relative_standard_uncertainty": [part / self.fringe_value_n_per_mm for part in parts],
+            "share": [item.share for item in items],
+        }
 
     @property
     def title(self) -> str:

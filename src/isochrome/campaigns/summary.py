@@ -13,7 +13,7 @@ from isochrome.campaigns.figure import summary_figure
 from isochrome.campaigns.outcome import Outcome
 from isochrome.campaigns.recording_folders import SUMMARIES
 from isochrome.errors import InputError
-from isochrome.output import output_folder, write_csv, write_figure, write_json
+from isochrome.output import columns_of, output_folder, write_csv, write_figure, write_json
 from isochrome.runs import environment
 from isochrome.scene import Scene, dump_scene
 
@@ -25,9 +25,10 @@ def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
 
     Parameters: `rows`, one a recording. Returns column name to values, None where a row has none.
     """
-    names = dict.fromkeys(name for row in rows for name in row)
-    ordered = [*(name for name in names if name not in _LAST), *_LAST]
-    return {name: [row.get(name) for row in rows] for name in ordered}
+    columns = columns_of(rows)
+    unknown: list[Any] = [None] * len(rows)
+    last = {name: columns.pop(name, unknown) for name in _LAST}
+    return columns | last
 
 
 def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -50,11 +50,19 @@ def takes_excel(options: dict[str, Any]) -> bool:
 
 
 def write_excel_tables(out: Path, excel: bool) -> None:
-    """Write the tables in a folder for Excel, where it was asked for. Raises InputError."""
+    """Write the tables in a folder for Excel, where it was asked for. Raises InputError.
+
+    Where it was not, the copies of earlier tables go: a calibration is written over an earlier one.
+    """
     if excel:
         from isochrome.output import write_excel_copies
 
         write_excel_copies(out)
+        return
+    for copy in out.glob("*_excel.csv"):
+        table = copy.with_name(copy.name.replace("_excel.csv", ".csv"))
+        if table.is_file() and table.stat().st_mtime_ns > copy.stat().st_mtime_ns:
+            _remove(copy)
 
 
 def _width_mm(text: str) -> float:
@@ -98,10 +106,13 @@ def _remove_stale(base: Path, files: Iterable[Path]) -> None:
     own = re.compile(rf"{re.escape(base.name)}_[a-z](_excel)?\.csv")
     for file in base.parent.iterdir():
         if own.fullmatch(file.name) and file not in files:
-            try:
-                file.unlink()
-            except OSError as error:
-                raise InputError(
-                    f"{file}: cannot be written ({error.strerror}); make its folder, or name "
-                    "another"
-                ) from error
+            _remove(file)
+
+
+def _remove(file: Path) -> None:
+    try:
+        file.unlink()
+    except OSError as error:
+        raise InputError(
+            f"{file}: cannot be written ({error.strerror}); make its folder, or name another"
+        ) from error

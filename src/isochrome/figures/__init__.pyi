@@ -1,3 +1,4 @@
+from .curve_data import data_name
 from .panels import (
     FigureStyle,
     PaperPanels,
@@ -43,6 +44,7 @@ from .values import (
     BAND,
     KEY_LABELS,
     PANEL_IN,
+    budget_plot,
     draw_band,
     draw_budget,
     draw_chi,
@@ -82,8 +84,10 @@ __all__ = [
     "Plot",
     "add_colour_bar",
     "add_legend",
+    "budget_plot",
     "centred_limit",
     "chosen_frames",
+    "data_name",
     "draw_band",
     "draw_budget",
     "draw_chi",

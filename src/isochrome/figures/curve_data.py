@@ -13,6 +13,25 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 
+_DATA_ONLY = "_data: "
+"""In front of a name that no legend shows, as of all that begin with a line below."""
+
+
+def data_name(words: str) -> str:
+    """Give the label of a curve that has its name in the data alone, and in no legend.
+
+    Parameters
+    ----------
+    words : str
+        The name.
+
+    Returns
+    -------
+    str
+        Its label.
+    """
+    return f"{_DATA_ONLY}{words}"
+
 
 def curve_columns(axes: Axes) -> dict[str, Array]:
     """Give the data of the curves of a plot, as columns for a spreadsheet.
@@ -26,12 +45,18 @@ def curve_columns(axes: Axes) -> dict[str, Array]:
     -------
     dict of str to ndarray
         Columns of one length, NaN where one is shorter: x and y of each curve, the ends of its
-        band or bar; several curves over one x have it once.
+        band or bar; several curves over one x have it once, and one that is drawn twice stands
+        once.
     """
     columns: dict[str, Array] = {}
     last: Array | None = None
     across = " ".join(axes.get_xlabel().split()) or "x"
+    seen: list[list[Array]] = []
     for name, up, x, values in _all_curves(axes):
+        own = [x, *values.values()]
+        if any(len(own) == len(old) and all(map(_same, own, old)) for old in seen):
+            continue  # a line with a band, and its points with bars
+        seen.append(own)
         if last is None or not _same(last, x):
             place = across if x.dtype.kind == "f" else "input"
             place = f"{name}: {place}" if place in columns and name else place
@@ -119,8 +144,8 @@ def _colour(line: Any) -> tuple[float, ...]:
 
 
 def _name(artist: Any) -> str:
-    """What a legend calls it; empty where it would not."""
-    label = str(artist.get_label())
+    """What a legend calls it, or would; empty where it has no name."""
+    label = str(artist.get_label()).removeprefix(_DATA_ONLY)
     return "" if label.startswith("_") else " ".join(label.split())
 
 

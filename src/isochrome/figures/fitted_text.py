@@ -32,6 +32,8 @@ _STEPS = [1, 2, 2.5, 5, 10]
 """Round steps from number to number."""
 _OVER_MM = 0.5
 """How far one of two numbers may stand out beyond its axis."""
+_EDGE_MM = 1.5
+"""What stays free at the figure's edge."""
 _TICK_DOWN_MM = 7.0
 """Room of a number at a vertical axis."""
 
@@ -122,13 +124,7 @@ class FittedTexts:
         for text, words in self._whole.items():
             text.set_text("x"[: len(words)])  # so that no text pushes the axes that it is to fit
         self.figure.draw_without_rendering()
-        for axes in self.axes:
-            wide, high = _size_mm(axes)
-            title, across, up, *names = _texts(axes)
-            rooms = [(title, wide), (across, wide), (up, high)]
-            rooms += [(name, _LEGEND_SHARE * wide - _KEY_MM) for name in names]
-            for text, room in rooms:
-                text.set_text(wrap_note(self._whole[text], max(room, _LEAST_MM)))
+        self.wrap()
         for axes, axis in self._thinned:
             wide, high = _size_mm(axes)
             if axis is axes.xaxis:
@@ -141,12 +137,38 @@ class FittedTexts:
                 _thin(axis, high / _TICK_DOWN_MM)
                 _give_two(axis, high, _height_mm)
 
+    def wrap(self) -> None:
+        """Break what is longer than its axes are now: the texts at the sides have made them so."""
+        for axes in self.axes:
+            wide, high = _size_mm(axes)
+            title, across, up, *names = _texts(axes)
+            beside = _free_beside_mm(axes)
+            for text, middle in ((title, 0.0), (across, 0.5)):
+                more = min(max(width_mm(self._whole[text]) - wide, 0.0), beside)
+                text.set_x(middle - (1.0 - middle) * more / wide)
+                text.set_text(wrap_note(self._whole[text], max(wide + more, _LEAST_MM)))
+            for text, room in ((up, high), *((n, _LEGEND_SHARE * wide - _KEY_MM) for n in names)):
+                text.set_text(wrap_note(self._whole[text], max(room, _LEAST_MM)))
+
 
 def _texts(axes: Axes) -> list[Text]:
     """The title at the left, which setting it to what it is gives; labels; names of a legend."""
     title = axes.set_title(axes.get_title(loc="left"), loc="left", fontsize=PAPER_PT)
     legend = axes.get_legend()
     return [title, axes.xaxis.label, axes.yaxis.label, *(legend.get_texts() if legend else ())]
+
+
+def _free_beside_mm(axes: Axes) -> float:
+    """Room at the left of axes for their title and label, mm: names of bars leave them narrow.
+
+    That of a picture in a grid may be its neighbour's.
+    """
+    part = axes.figure
+    assert part is not None
+    if len({tuple(own.get_position(original=True).bounds) for own in part.axes}) > 1:
+        return 0.0
+    start = float(axes.get_position(original=True).x0 * part.bbox.width)
+    return max(0.0, start * 25.4 / part.figure.dpi - _EDGE_MM)
 
 
 def _size_mm(axes: Axes) -> tuple[float, float]:

@@ -107,11 +107,17 @@ class Plot:
         Draws it on Axes.
     height_mm : float, default 40.0
         Height of its axes, mm.
+    least_mm : float, default 22.0
+        Height down to which its axes may be lowered where a page has no room, mm.
+    spare : int, default 0
+        Rank in which it goes where a page has no room for all: the largest first, 0 never.
     """
 
     title: str
     draw: Callable[[Axes], Any]
     height_mm: float = 40.0
+    least_mm: float = 22.0
+    spare: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,6 @@ Pictures stand in a grid, plots flow in rows below it. The figure is made as hig
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from itertools import count
@@ -15,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.figures.fitted_text import FittedTexts, width_mm, wrap_note
-from isochrome.figures.panels import FigureStyle, PaperPanels, Plot, WithPanels
+from isochrome.figures.fitted_text import FittedTexts
+from isochrome.figures.layout import PAGE_MM, FigureLayout
+from isochrome.figures.panels import FigureStyle, WithPanels
 from isochrome.figures.scale_bar import add_scale_bar
-from isochrome.figures.style import PAPER_LINE_MM, PAPER_PT, add_legend, new_figure
+from isochrome.figures.style import PAPER_PT, add_legend, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,18 +26,6 @@ if TYPE_CHECKING:
 
 MM_PER_INCH = 25.4
 
-_BESIDE_MM = 36.0
-"""Narrowest picture whose kinds stand beside each other."""
-_LEAST_MM, _LEAST_OF_COLUMN_MM = 40.0, 24.0
-"""Narrowest picture of several items, in a wide figure and in one of a column."""
-_COLUMN_MM = 120.0
-"""Width below which a figure is one of a column."""
-_PLOT_MM = 70.0
-"""Narrowest plot, with its labels."""
-_KEY_MM = 14.0
-"""Room of a line in a legend, and between its columns."""
-_AROUND_MM = 12.0
-"""Room of a picture's title and numbers, to begin with."""
 _LARGEST_STEP = 0.4
 """Of the pictures' height, so that no slope of two heights that are alike throws it away."""
 _BAR_MM = 1.6
@@ -89,16 +77,57 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
     >>> round(25.4 * figure.get_figwidth())
     85
     """
-    style = style or FigureStyle()
+    return figure_for_page(result, style or FigureStyle())[0]
+
+
+def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tuple[str, ...]]:
+    """Draw `paper_figure`, and say which plots are left out of it.
+
+    What is taller than a page is laid out closer; its letters stay as large.
+
+    Parameters
+    ----------
+    result, style
+        As `paper_figure` has them.
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        The figure.
+    left_out : tuple of str
+        Titles of the plots that have no room on the page.
+
+    Raises
+    ------
+    InputError
+        Where the result has no such picture or no such frame.
+    """
     make = getattr(result, "panels", None)
     if make is None:
         raise InputError(
             f"{getattr(result, 'title', type(result).__name__)}: has no figure for a paper; its "
             "figure() is a matplotlib Figure, and its table has the numbers"
         )
-    panels: PaperPanels = make(style.frames)
-    blocks = _blocks(panels, style)
-    figure = new_figure(style.width_mm / MM_PER_INCH, sum(blocks.values()) / MM_PER_INCH)
+    layout = FigureLayout(make(style.frames), style)
+    figure = _drawn(layout)
+    closer = layout.closer()
+    if layout.panels.kinds and _tall_mm(figure) > PAGE_MM and closer.grid != layout.grid:
+        layout, figure = closer, _drawn(closer)
+    lower = layout.within_page(_tall_mm(figure))
+    if lower != layout:
+        layout, figure = lower, _drawn(lower)
+    return figure, tuple(plot.title for plot in layout.left_out)
+
+
+def _tall_mm(figure: Figure) -> float:
+    return MM_PER_INCH * float(figure.get_figheight())
+
+
+def _drawn(layout: FigureLayout) -> Figure:
+    """The figure by a layout."""
+    blocks = layout.blocks
+    size = layout.style.width_mm / MM_PER_INCH, sum(blocks.values()) / MM_PER_INCH
+    figure = new_figure(*size)
     engine: Any = figure.get_layout_engine()
     engine.set(w_pad=0.05, h_pad=0.02, wspace=0.0, hspace=0.0)
     grid = figure.add_gridspec(len(blocks), 1, height_ratios=list(blocks.values()))
@@ -106,11 +135,11 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
     letters = (f"({_letters(k)})" for k in count())
     pictures: list[list[Axes]] = []
     if "pictures" in parts:
-        pictures = _draw_pictures(parts["pictures"], panels, style, letters)
+        pictures = _draw_pictures(parts["pictures"], layout, letters)
     if "plots" in parts:
-        _draw_plots(parts["plots"], panels, style, letters)
+        _draw_plots(parts["plots"], layout, letters)
     if "notes" in parts:
-        text = parts["notes"].text(0.01, 1.0, _notes(panels, style), va="top")
+        text = parts["notes"].text(0.01, 1.0, layout.notes, va="top")
         text.set_in_layout(False)
     _one_size(figure)
     _fit(figure, grid, blocks, pictures)
@@ -140,6 +169,7 @@ def _fit(figure: Figure, grid: Any, blocks: dict[str, float], pictures: list[lis
             blocks["pictures"] = round(blocks["pictures"] + min(max(step, -most), most), _PLACES)
             grid.set_height_ratios(list(blocks.values()))
             figure.set_figheight(sum(blocks.values()) / MM_PER_INCH)
+        texts.wrap()
         figure.draw_without_rendering()  # the layout settles in the second drawing
     figure.set_layout_engine("none")  # what is saved is what was fitted, at any resolution
     _align(pictures)
@@ -152,79 +182,15 @@ def _letters(k: int) -> str:
     return (ascii_lowercase[more - 1] if more else "") + ascii_lowercase[last]
 
 
-def _notes(panels: PaperPanels, style: FigureStyle) -> str:
-    return "\n".join(wrap_note(note, style.width_mm - 2.0) for note in panels.notes)
-
-
-def _blocks(panels: PaperPanels, style: FigureStyle) -> dict[str, float]:
-    """The blocks of a figure, from the top, with their first heights in mm."""
-    found: dict[str, float] = {}
-    if panels.kinds:
-        rows, cols = grid_of_pictures(len(panels.kinds), len(panels.labels), style.width_mm)
-        found["pictures"] = rows * (0.75 * style.width_mm / cols + _AROUND_MM) + _AROUND_MM
-    if panels.plots:
-        found["plots"] = sum(_plot_height(row, style) for row in _plot_rows(panels, style))
-        found["plots"] += _legend_height(panels, style) if panels.legend else 0.0
-    if panels.notes and style.numbers:
-        found["notes"] = PAPER_LINE_MM * (_notes(panels, style).count("\n") + 1.5)
-    return found
-
-
-def grid_of_pictures(kinds: int, items: int, width_mm: float) -> tuple[int, int]:
-    """Say how pictures stand: the kinds beside each other where they fit, else the items.
-
-    Parameters
-    ----------
-    kinds : int
-        Kinds of pictures.
-    items : int
-        Pictures of each.
-    width_mm : float
-        Width of the figure, mm.
-
-    Returns
-    -------
-    tuple of two ints
-        Rows and columns; of the items beside each other, all rows of a kind come together.
-    """
-    if items == 1:
-        across = max(1, min(kinds, int(width_mm / _BESIDE_MM)))
-        return math.ceil(kinds / across), across
-    if _beside(kinds, width_mm):
-        return items, kinds
-    least = _LEAST_OF_COLUMN_MM if width_mm < _COLUMN_MM else _LEAST_MM
-    most = max(1, int(width_mm / least))
-    across = math.ceil(items / math.ceil(items / most))  # rows of one length, or nearly
-    return kinds * math.ceil(items / across), across
-
-
-def _beside(kinds: int, width_mm: float) -> bool:
-    """Whether kinds of several items stand beside each other, a row an item."""
-    return kinds > 2 and width_mm / kinds >= _BESIDE_MM
-
-
-def _places(kinds: int, items: int, width_mm: float) -> dict[tuple[int, int], tuple[int, int]]:
-    """Row and column of each kind's picture of each item."""
-    rows, cols = grid_of_pictures(kinds, items, width_mm)
-    pairs = [(j, k) for j in range(kinds) for k in range(items)]
-    if items == 1:
-        return {(j, k): (j // cols, j % cols) for j, k in pairs}
-    if _beside(kinds, width_mm):
-        return {(j, k): (k, j) for j, k in pairs}
-    own = rows // kinds
-    return {(j, k): (j * own + k // cols, k % cols) for j, k in pairs}
-
-
-def _draw_pictures(
-    part: SubFigure, panels: PaperPanels, style: FigureStyle, letters: Any
-) -> list[list[Axes]]:
+def _draw_pictures(part: SubFigure, layout: FigureLayout, letters: Any) -> list[list[Axes]]:
     """Draw the grid of pictures. Returns its rows."""
+    panels = layout.panels
     kinds, items = len(panels.kinds), len(panels.labels)
-    rows, cols = grid_of_pictures(kinds, items, style.width_mm)
+    rows, cols = layout.grid
     axes: Any = part.subplots(rows, cols, squeeze=False)
     used: set[int] = set()
     drawn: dict[int, list[Any]] = {}
-    places = _places(kinds, items, style.width_mm)
+    places = layout.places
     for (j, k), (row, col) in sorted(places.items(), key=lambda item: item[1]):
         own, kind = axes[row, col], panels.kinds[j]
         drawn.setdefault(j, []).append(kind.draw(own, k))
@@ -243,7 +209,7 @@ def _draw_pictures(
             own_places = [places[j, k] for k in range(items)]
             last = max(own_places)[0]
             below = [axes[place] for place in own_places if place[0] == last]
-            _add_bar(part, images, panels.kinds[j].bar, below, style.width_mm / cols)
+            _add_bar(part, images, panels.kinds[j].bar, below, layout.style.width_mm / cols)
     return [[own for own in row if own.get_visible()] for row in axes]
 
 
@@ -288,19 +254,10 @@ def _outer_labels(axes: Any, used: set[int]) -> None:
         own.set_xlabel("" if below else own.get_xlabel())
 
 
-def _plot_rows(panels: PaperPanels, style: FigureStyle) -> list[list[Plot]]:
-    """Plots in rows, as many beside each other as fit."""
-    plots = panels.plots
-    most = max(1, min(int(style.width_mm / _PLOT_MM), panels.plots_across))
-    down = math.ceil(len(plots) / most)
-    across = math.ceil(len(plots) / down)
-    return [list(plots[k : k + across]) for k in range(0, len(plots), across)]
-
-
-def _draw_plots(part: SubFigure, panels: PaperPanels, style: FigureStyle, letters: Any) -> None:
-    rows = _plot_rows(panels, style)
-    heights = [_plot_height(row, style) for row in rows]
-    foot = [_legend_height(panels, style)] if panels.legend else []
+def _draw_plots(part: SubFigure, layout: FigureLayout, letters: Any) -> None:
+    rows = layout.plot_rows
+    heights = [layout.plot_height(row) for row in rows]
+    foot = [layout.legend_height] if layout.panels.legend else []
     grid = part.add_gridspec(len(rows) + len(foot), 1, height_ratios=[*heights, *foot])
     first: Axes | None = None
     for k, row in enumerate(rows):
@@ -315,25 +272,8 @@ def _draw_plots(part: SubFigure, panels: PaperPanels, style: FigureStyle, letter
     if first is not None and foot:
         handles, labels = first.get_legend_handles_labels()
         holder = part.add_subfigure(grid[len(rows)])
-        cols = _legend_columns(panels.legend, style)
+        cols = layout.legend_columns
         add_legend(holder, handles, labels, loc="upper center", ncols=cols)
-
-
-def _legend_columns(names: Sequence[str], style: FigureStyle) -> int:
-    longest = max(map(width_mm, names)) + _KEY_MM
-    return max(1, min(len(names), int(style.width_mm / longest)))
-
-
-def _legend_height(panels: PaperPanels, style: FigureStyle) -> float:
-    """Height of the legend below the plots, mm."""
-    lines = math.ceil(len(panels.legend) / _legend_columns(panels.legend, style))
-    return (1.4 * lines + 0.6) * PAPER_LINE_MM
-
-
-def _plot_height(row: Sequence[Plot], style: FigureStyle) -> float:
-    """Height of a row of plots with their titles and labels, mm; lower in a column's figure."""
-    share = 1.0 if style.width_mm >= _COLUMN_MM else 0.8
-    return share * max(plot.height_mm for plot in row) + 4.0 * PAPER_LINE_MM
 
 
 def panel_of_plot(axes: Axes) -> str:
@@ -377,12 +317,13 @@ def _missing_mm(row: Sequence[Axes]) -> float:
 
 
 def _align(rows: Sequence[Sequence[Axes]]) -> None:
-    """Give the pictures of a row one upper edge: a colour bar below one of them moves it."""
+    """Give the pictures of a row one upper edge: a colour bar below moves one and its place."""
     for row in rows:
         places = [own.get_position(original=True) for own in row]
         top = max((place.y1 for place in places), default=0.0)
         for own, place in zip(row, places, strict=True):
             own.set_position((place.x0, top - place.height, place.width, place.height))
+            own.set_anchor("N")  # Matplotlib stands a picture with a bar on its place's lower edge
 
 
 def _settle(figure: Figure) -> None:

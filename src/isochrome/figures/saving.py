@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.figures.curve_data import curve_columns
+from isochrome.figures.layout import PAGE_MM
 from isochrome.figures.panels import FigureStyle, WithPanels
-from isochrome.figures.paper import MM_PER_INCH, panel_of_plot, paper_figure
+from isochrome.figures.paper import MM_PER_INCH, figure_for_page, panel_of_plot
 from isochrome.output import replacing, write_csv
 
 if TYPE_CHECKING:
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
 
 _EMBEDDED: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "isochrome"}
 """Fonts as TrueType, which journals take, and text as text; the same file again."""
-
-PAGE_MM = 230.0
-"""Height that a journal's page leaves for a figure."""
 
 _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
@@ -29,8 +27,9 @@ def save_figure(
 ) -> tuple[Path, ...]:
     """Write a result's figure for a paper, and beside it the data of each plot as CSV.
 
-    PDF and SVG hold text as text, with the fonts of a PDF in it. A figure that is taller than a
-    page (230 mm) is written with a UserWarning.
+    PDF and SVG hold text as text, with the fonts of a PDF in it. A figure that would be taller
+    than a page (230 mm) is laid out closer; a UserWarning says which plots have no room, or how
+    tall it is still.
 
     Parameters
     ----------
@@ -63,7 +62,10 @@ def save_figure(
     ['ring.svg']
     """
     style = style or FigureStyle()
-    figure = paper_figure(result, style)
+    figure, left_out = figure_for_page(result, style)
+    if left_out:
+        say = f"a page has no room for: {', '.join(left_out)}; a wider figure has"
+        warnings.warn(say, UserWarning, stacklevel=2)
     tall = MM_PER_INCH * figure.get_figheight()
     if tall > PAGE_MM:
         say = f"the figure is {tall:.0f} mm tall; choose fewer --frames"

@@ -290,7 +290,11 @@ def _opaque(colour: np.ndarray, vmin: float | None, vmax: float | None) -> np.nd
 
 
 def add_colour_bar(
-    drawn: AxesImage | list[AxesImage], label: str, *, length: float = 1.0
+    drawn: AxesImage | list[AxesImage],
+    label: str,
+    *,
+    length: float = 1.0,
+    is_as_high: bool = False,
 ) -> Colorbar:
     """Add a colour bar beside the axes of one or several images.
 
@@ -304,6 +308,9 @@ def add_colour_bar(
         Quantity and unit.
     length : float, default 1.0
         Share of the axes' common height.
+    is_as_high : bool, default False
+        Of one image, in a figure that lays itself out: whether the bar is as high as the picture,
+        which need not fill its place.
 
     Returns
     -------
@@ -316,14 +323,16 @@ def add_colour_bar(
     below = any(values.size and float(values.min()) < low for values in shown)
     above = any(values.size and float(values.max()) > high for values in shown)
     ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    place: dict[str, Any] = {
+        "ax": [image.axes for image in images],
+        "pad": 0.02,
+        "aspect": 18.0 * max(1.0, length * len(images)),
+        "shrink": length,
+    }
+    if is_as_high:
+        place = {"cax": images[0].axes.inset_axes((1.04, 0.0, 0.05, 1.0))}
     bar = images[0].axes.figure.colorbar(
-        images[0],
-        ax=[image.axes for image in images],
-        extend=ends.get((below, above), "neither"),
-        pad=0.02,
-        aspect=18.0 * max(1.0, length * len(images)),
-        shrink=length,
-        extendfrac=0.03,
+        images[0], extend=ends.get((below, above), "neither"), extendfrac=0.03, **place
     )
     bar.set_label(label, fontsize=TEXT_PT)
     bar.ax.tick_params(labelsize=TICK_PT, length=3, width=FINE_PT)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.figures.curve_data import data_name
 from isochrome.figures.fitted_text import wrap_note
+from isochrome.figures.panels import Plot
 from isochrome.figures.style import (
     GREY,
     INK,
@@ -32,6 +36,9 @@ Array = NDArray[Any]
 
 BAND = 2.0
 """Half-width of a band, in standard uncertainties."""
+
+_SMALL = 1e-3
+"""Contributions to an uncertainty below which they are drawn in a power of ten."""
 
 KEY_LABELS = {
     "friction.coefficient": "friction coefficient",
@@ -126,7 +133,7 @@ def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
     drawn = order[np.isfinite(values[order])] if len(order) <= _FEW else order
     draw_band(axis, place[drawn], values[drawn], spread[drawn], lw=LINE_PT)
     if len(order) <= _FEW:
-        open_square: dict[str, Any] = {"fmt": "s", "mfc": "white"}
+        open_square: dict[str, Any] = {"fmt": "s", "mfc": "white", "label": data_name("static")}
         for frames, look in ((drawn, {"fmt": "o"}), (np.flatnonzero(still), open_square)):
             x = np.where(np.isfinite(place[frames]), place[frames], 0.0)
             bars = BAND * np.where(np.isfinite(spread[frames]), spread[frames], np.nan)
@@ -143,9 +150,10 @@ def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
 
 def _mark(axis: Axes, found: FrameValues, place: Array, values: Array) -> None:
     """Mark key frames, and those that were found by a full search."""
-    axis.plot(place[found.whole], values[found.whole], ".", color=INK, ms=4)
-    again = found.searched
-    axis.plot(place[again], values[again], "o", mfc="none", color=LINE_COLOURS[1], ms=5)
+    whole, again = found.whole, found.searched
+    axis.plot(place[whole], values[whole], ".", color=INK, ms=4, label=data_name("key frames"))
+    look: dict[str, Any] = {"mfc": "none", "color": LINE_COLOURS[1], "ms": 5}
+    axis.plot(place[again], values[again], "o", label=data_name("full search"), **look)
 
 
 def draw_chi(axis: Axes, found: FrameValues) -> None:
@@ -208,6 +216,39 @@ def frame_values_figure(name: str, found: FrameValues) -> Figure:
     return figure
 
 
+def budget_plot(title: str, parts: Mapping[str, float], *, unit: str) -> Plot:
+    """Make `draw_budget` a plot of a figure for a paper, high enough for its bars.
+
+    Parameters
+    ----------
+    title : str
+        Title.
+    parts : mapping of str to float
+        What each input adds.
+    unit : str
+        Unit of the contributions; small ones are drawn in a power of ten of it, for Matplotlib's
+        own would stand in the label's place.
+
+    Returns
+    -------
+    Plot
+        The plot.
+    """
+    shown = _shown_parts(parts)
+    tall = max(30.0, 5.0 * (len(shown) + 1))
+    largest = max(shown.values(), default=1.0)
+    if largest < _SMALL:
+        power = math.floor(math.log10(largest))
+        parts, unit = {k: part / 10.0**power for k, part in shown.items()}, f"1e{power} {unit}"
+    draw = partial(draw_budget, parts=parts, x_label=f"contribution to u ({unit})", title="")
+    return Plot(title=title, draw=draw, height_mm=tall, least_mm=tall)  # a line of text a bar
+
+
+def _shown_parts(parts: Mapping[str, float]) -> dict[str, float]:
+    """Those that add something."""
+    return {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
+
+
 def draw_budget(axes: Axes, parts: Mapping[str, float], *, x_label: str, title: str) -> None:
     """Draw an uncertainty budget as bars, the first on top, each with its share.
 
@@ -222,7 +263,7 @@ def draw_budget(axes: Axes, parts: Mapping[str, float], *, x_label: str, title: 
     title : str
         Title.
     """
-    items = {name: part for name, part in parts.items() if part > 0.0 and np.isfinite(part)}
+    items = _shown_parts(parts)
     names, sizes = list(items)[::-1], list(items.values())[::-1]
     axes.barh(names, sizes, height=0.6, color=LINE_COLOURS[0])
     total = sum(size**2 for size in sizes)

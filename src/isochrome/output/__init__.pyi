@@ -29,6 +29,7 @@ from .sentence import sentence_of, sentence_of_orders, sentence_of_values
 from .tables import (
     Floats,
     check_given_table,
+    columns_of,
     csv_text,
     numbers,
     read_csv,
@@ -58,6 +59,7 @@ __all__ = [
     "add_rois",
     "check_given_table",
     "check_link",
+    "columns_of",
     "common_edge",
     "counted",
     "counted_frames",

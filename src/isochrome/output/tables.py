@@ -70,6 +70,23 @@ def write_csv(path: str | Path, columns: Mapping[str, Sequence[Any]]) -> None:
         _write_table(file, columns)
 
 
+def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Turn rows into the columns of a table.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Name to value of each row.
+
+    Returns
+    -------
+    dict of str to list
+        Name to values, in the order in which the names come up; None where a row has none.
+    """
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name) for row in rows] for name in names}
+
+
 def csv_text(columns: Mapping[str, Any], *, header: bool = True) -> str:
     """Give a table as the text that `write_csv` would write, to be put together with others.
 

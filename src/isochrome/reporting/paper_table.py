@@ -23,7 +23,10 @@ _MEASURED = (
 _MOST_FILES = 16
 """Of the input, with their hashes: a run may be of thousands of single pictures."""
 
-NO_DATE = "a scene states no date of its calibration; take it from the calibration's own record"
+NO_DATE = (
+    "not stated in the scene, where calibrate --into writes it; else it stands in the report of "
+    "the calibration"
+)
 
 
 class WithCamera(Protocol):
@@ -115,7 +118,7 @@ def _numbers(scene: Scene) -> Iterator[tuple[str, str]]:
         own = "no uncertainty stated" if spread is None else "standard uncertainty"
         yield name, f"{text} {unit}".strip() + f" ({own})"
         if name.startswith("fringe value"):
-            yield "date of f_sigma", NO_DATE
+            yield "date of f_sigma", scene.fringe_value_date or NO_DATE
 
 
 def _software(record: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

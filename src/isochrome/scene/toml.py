@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.scene.uncertain import as_text
+from isochrome.scene.uncertain import DATED, as_text
 from isochrome.scene.validation import check_reach, nearest, validate
 from isochrome.scene.whole import NO_KEYS, Scene
 
@@ -161,7 +161,8 @@ def dump_scene(scene: Scene) -> str:
         if isinstance(value, int | float):
             # a key's own place, for the writer makes a table of its own of a dictionary
             data[part][name] = f"{{{key}}}"
-            stated[f'{name} = "{{{key}}}"\n'] = f"{name} = {as_text(value, spread)}\n"
+            date = scene.fringe_value_date if key == DATED else None
+            stated[f'{name} = "{{{key}}}"\n'] = f"{name} = {as_text(value, spread, date)}\n"
     text = tomli_w.dumps(data)
     for place, line in stated.items():
         text = text.replace(place, line)

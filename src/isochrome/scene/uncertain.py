@@ -1,11 +1,13 @@
 """Measured numbers with what is not known of them: { value = 14.6, standard_uncertainty = 0.066 }.
 
 A scene keeps the plain number, so that all who use it see a float, and beside it the standard
-uncertainties by their dotted keys.
+uncertainties by their dotted keys. The material fringe value, which ages with the material, may
+carry the day of its calibration too.
 """
 
 from __future__ import annotations
 
+import datetime
 import math
 import typing
 from collections.abc import Mapping
@@ -16,6 +18,10 @@ from pydantic import BaseModel
 VALUE, SPREAD = "value", "standard_uncertainty"
 PAIRS = "stated_uncertainty"
 """The field that holds the uncertainties; no key of a file."""
+DATED, DATE = "specimen.fringe_value_n_per_mm", "date"
+"""The key that may carry the day of its calibration, and how that is called there."""
+DATE_FIELD = "fringe_value_date"
+"""The field that holds that day; no key of a file."""
 
 _MOST = 1e30
 _UNMEASURED = ("numerics",)
@@ -27,12 +33,19 @@ _FORM = "{ value = 14.6, standard_uncertainty = 0.066 }"
 def with_pairs(model: type[BaseModel], data: Any) -> Any:
     """A scene's tables with plain values, and all uncertainties as sorted pairs under PAIRS.
 
-    An uncertainty that was stated before stays where the value is still a number. Parameters:
-    `model` of the scene; `data`, its tables. Raises ValueError, see `split_uncertainties`.
+    An uncertainty that was stated before stays where the value is still a number. The day of the
+    fringe value's calibration comes under DATE_FIELD; one that was stated before goes with a value
+    and uncertainty that are stated anew. Parameters: `model` of the scene; `data`, its tables.
+    Raises ValueError, see `split_uncertainties`.
     """
     if not isinstance(data, dict):
         return data
+    data, date = _without_date(data)
     plain, stated = split_uncertainties(model, data)
+    if DATED in stated:
+        plain.pop(DATE_FIELD, None)
+    if date is not None:
+        plain[DATE_FIELD] = date
     found = dict(data.get(PAIRS, ())) | stated
     kept = {key: u for key, u in found.items() if _is_number(plain, key)}
     if kept or PAIRS in data:
@@ -121,12 +134,43 @@ def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
     return number, float(spread)
 
 
-def as_text(value: float, standard_uncertainty: float) -> str:
-    """A value with its uncertainty as it stands in a TOML file."""
+def as_text(value: float, standard_uncertainty: float, date: str | None = None) -> str:
+    """A value with its uncertainty, and the day of its calibration, as in a TOML file."""
     import tomli_w
 
-    lines = tomli_w.dumps({VALUE: value, SPREAD: standard_uncertainty}).split("\n")
+    table = {VALUE: value, SPREAD: standard_uncertainty} | ({DATE: date} if date else {})
+    lines = tomli_w.dumps(table).split("\n")
     return "{ " + ", ".join(line for line in lines if line) + " }"
+
+
+def _without_date(data: dict[str, Any]) -> tuple[dict[str, Any], str | None]:
+    """A scene's tables without the day of the fringe value's calibration, and that day as text."""
+    part, _, name = DATED.partition(".")
+    table = data.get(part)
+    value = table.get(name) if isinstance(table, dict) else None
+    if not isinstance(table, dict) or not isinstance(value, dict) or DATE not in value:
+        return data, None
+    rest = {entry: own for entry, own in value.items() if entry != DATE}
+    if SPREAD not in rest:
+        raise ValueError(
+            f"{DATED} = {value!r} is not allowed: a measured number is written as {_FORM}, and "
+            "its date beside these; correct it"
+        )
+    return data | {part: table | {name: rest}}, _day(value[DATE])
+
+
+def _day(given: Any) -> str:
+    """A day as ISO text. Raises ValueError for all but a date of TOML, or its text."""
+    text = given.isoformat() if type(given) is datetime.date else given
+    try:
+        if datetime.date.fromisoformat(text).isoformat() == text:
+            return str(text)
+    except (TypeError, ValueError):
+        pass  # the same refusal as for other forms of a date
+    raise ValueError(
+        f"{DATED}.{DATE} = {str(given)[:60]!r} is not allowed: the day of the calibration is "
+        'written as "2026-11-25"; correct it'
+    )
 
 
 def _table_model(model: type[BaseModel], part: str) -> type[BaseModel] | None:

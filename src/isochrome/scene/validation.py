@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from isochrome.errors import InputError
 from isochrome.scene.measured_course import FILE, FILES, FROM_FILES, SPEED
 from isochrome.scene.scene_values import NUMBER, TABLE
-from isochrome.scene.uncertain import PAIRS
+from isochrome.scene.uncertain import DATE_FIELD, PAIRS
 
 LARGEST = 1e30
 """In any unit, what is beyond is a slip."""
@@ -173,7 +173,8 @@ def _keys_beside(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str
             if inner is None:
                 break
             here = inner
-    known = [k for k in here.model_fields if k not in ("folder", "name", PAIRS, FILES)]
+    hidden = ("folder", "name", PAIRS, DATE_FIELD, FILES)
+    known = [k for k in here.model_fields if k not in hidden]
     return known + ([FILE, SPEED] if loc and loc[0] in FROM_FILES else [])
 
 

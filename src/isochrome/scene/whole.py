@@ -24,10 +24,10 @@ from isochrome.scene.parts import (
 )
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
 from isochrome.scene.specimen import BODIES, Body, Specimen
-from isochrome.scene.uncertain import PAIRS, with_pairs
+from isochrome.scene.uncertain import DATE_FIELD, DATED, PAIRS, with_pairs
 from isochrome.scene.validation import validate
 
-NO_KEYS = ("folder", "name", PAIRS, FILES)
+NO_KEYS = ("folder", "name", PAIRS, DATE_FIELD, FILES)
 """Fields of a scene that are no keys of its file."""
 
 
@@ -68,6 +68,9 @@ class Scene(ScenePart):
         Name of the scene, in titles and messages.
     stated_uncertainty : tuple of tuple of (str, float), optional
         What `uncertainties` holds, as pairs.
+    fringe_value_date : str, optional
+        The day of the fringe value's calibration, such as '2026-11-25', which stands beside its
+        uncertainty as 'date'.
     table_files : tuple of str, optional
         The files from which friction and load were read: their parts hold the tables.
 
@@ -99,6 +102,7 @@ class Scene(ScenePart):
     folder: Path | None = Field(default=None, exclude=True, repr=False)
     name: str = Field(default="scene", exclude=True, repr=False)
     stated_uncertainty: tuple[tuple[str, float], ...] = Field(default=(), exclude=True, repr=False)
+    fringe_value_date: str | None = Field(default=None, exclude=True, repr=False)
     table_files: tuple[str, ...] = Field(default=(), exclude=True, repr=False)
 
     @model_validator(mode="before")
@@ -327,7 +331,8 @@ class Scene(ScenePart):
         """A copy with some dotted keys changed and checked again; raises InputError.
 
         Parameters: `values`, by dotted key; {'value': v, 'standard_uncertainty': u} states an
-        uncertainty too, and a plain number keeps the one that is stated.
+        uncertainty too, and a plain number keeps the one that is stated. The date of a fringe value
+        stays with the value that it belongs to.
         """
         parts: dict[str, dict[str, Any]] = {}
         for key, value in values.items():
@@ -335,6 +340,8 @@ class Scene(ScenePart):
             part, _, name = key.partition(".")
             parts.setdefault(part, {})[name] = value
         data = {name: getattr(self, name) for name in self.model_fields_set}
+        if DATED in values and values[DATED] != self.get(DATED):
+            data.pop(DATE_FIELD, None)
         for part, update in parts.items():
             table = getattr(self, part)
             data[part] = {n: getattr(table, n) for n in table.model_fields_set} | update

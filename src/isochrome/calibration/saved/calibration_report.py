@@ -9,7 +9,7 @@ from typing import Any
 
 from isochrome.calibration.settings import load_set
 from isochrome.errors import InputError
-from isochrome.output import counted, with_uncertainty
+from isochrome.output import columns_of, counted, with_uncertainty
 from isochrome.reporting import ReportContent, ReportTable, camera_rows, paper_rows
 from isochrome.scene import parse_toml
 
@@ -182,8 +182,8 @@ def _table(caption: str, rows: Sequence[Mapping[str, Any]]) -> ReportTable | Non
     """Rows as a table; None where there are none. What a row does not have is not known."""
     if not rows:
         return None
-    names = dict.fromkeys(name for row in rows for name in row)
-    return ReportTable(caption, {name: [_cell(row.get(name)) for row in rows] for name in names})
+    shown = {name: [_cell(value) for value in own] for name, own in columns_of(rows).items()}
+    return ReportTable(caption, shown)
 
 
 def _cell(value: Any) -> Any:

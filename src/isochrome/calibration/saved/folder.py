@@ -1,8 +1,7 @@
-"""A calibration on disk: its JSON, its figure, and where it came from."""
+"""A calibration on disk: its JSON, its tables, its figure, and where it came from."""
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Iterator, Mapping, Sequence
 from os.path import isfile
 from pathlib import Path
@@ -12,9 +11,10 @@ from isochrome.calibration.colour.api import ColourCalibration
 from isochrome.calibration.colour.folder import write_colours
 from isochrome.calibration.result import CUTS, Calibration
 from isochrome.calibration.saved.calibration_report import calibration_report
+from isochrome.calibration.saved.scene_file import calibration_day
 from isochrome.calibration.scale.result import ScaleCalibration
-from isochrome.calibration.wear.result import WearCalibration
-from isochrome.output import provenance, staged, write_figure, write_json
+from isochrome.calibration.wear.result import WearCalibration, trace_json
+from isochrome.output import columns_of, provenance, staged, write_csv, write_figure, write_json
 from isochrome.reporting import write_report
 from isochrome.runs import PROVENANCE, REPORT, environment
 from isochrome.scene import parse_toml, read_text
@@ -30,7 +30,9 @@ def save_calibration(
 ) -> None:
     """Write calibration.json, calibration.png, provenance.json and report.html, all or none.
 
-    Of a scale the first two are scale.json and scale.png.
+    Of a scale the first two are scale.json and scale.png. Beside them stand the numbers as tables:
+    images.csv of a beam or a disc, scale.csv, or distances.csv and traces.csv of wear; of each of
+    these also budget.csv.
 
     Of colours also colour_table.csv and, where background and illumination were found,
     background.tif and illumination.tif, to be named as a scene's no-load frames for frames of the
@@ -61,7 +63,27 @@ def save_calibration(
         write_figure(folder / f"{name}.png", calibration.figure())
         if isinstance(calibration, ColourCalibration):
             write_colours(calibration, folder)
+        else:
+            for table, columns in _tables(calibration).items():
+                write_csv(folder / table, columns)
         write_report(folder / REPORT, calibration_report(folder, name, record))
+
+
+def _tables(
+    calibration: Calibration | ScaleCalibration | WearCalibration,
+) -> dict[str, dict[str, list[Any]]]:
+    """A calibration's tables by the names of their files."""
+    if isinstance(calibration, Calibration):
+        tables = {"images.csv": calibration.columns}
+    elif isinstance(calibration, ScaleCalibration):
+        tables = {"scale.csv": calibration.columns}
+    else:
+        tables = {"distances.csv": calibration.columns}
+        found = [trace_json(scar) for scar in calibration.traces]
+        traces = [row | {"is_clear": int(row["is_clear"])} for row in found]
+        if traces:  # a set may state worn volumes alone
+            tables["traces.csv"] = columns_of(traces)
+    return tables | {"budget.csv": calibration.budget_columns}
 
 
 def _named_files(settings: Path) -> list[Path]:
@@ -92,6 +114,6 @@ def _origin(calibration: AnyCalibration, inputs: Sequence[str | Path]) -> dict[s
     return {
         "command": f"calibrate {kind}",
         "title": calibration.title,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "date": calibration_day(),
         "settings": "\n".join(texts) or None,
     }

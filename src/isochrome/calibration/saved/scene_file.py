@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -27,9 +28,17 @@ MARK = "calibrated: "
 BYTE_ORDER_MARK = "\ufeff"
 """What some editors begin a file with; it stays."""
 
+FRINGE_VALUE = "specimen.fringe_value_n_per_mm"
+"""It ages with the material, so its day is written beside it."""
+
 CLEAR = 3.0
 """Standard uncertainties beyond which a value is no nothing: a lens's value below is not written,
 unless the scene states another."""
+
+
+def calibration_day() -> str:
+    """Today's date, universal time, as ISO text."""
+    return datetime.datetime.now(datetime.UTC).date().isoformat()
 
 
 def check_scene_file(path: str | Path) -> str:
@@ -76,9 +85,10 @@ def write_into_scene(
     Of wear it is `wear.coefficient_mm2_per_n`, by the law that the scene states.
 
     It is written as { value = ..., standard_uncertainty = ... }, from which a fit has its prior, or
-    an input of its budget. The value is rounded two digits beyond the uncertainty's first. A
-    comment beside it states chi, or a scale's residual; all else in the file stays, to the byte.
-    The file is replaced as a whole or not at all.
+    an input of its budget; a fringe value has its `date` beside these, today's. The value is
+    rounded two digits beyond the uncertainty's first. A comment beside it states chi, or a scale's
+    residual; all else in the file stays, to the byte. The file is replaced as a whole or not at
+    all.
 
     Parameters
     ----------
@@ -120,7 +130,8 @@ def write_into_scene(
     comment = _comment(calibration, source)
     entries = [(key, rounded_texts(*value)) for key, value in _to_write(calibration, text)]
     for key, entry in reversed(entries):  # each is put on top of its table
-        text = edited(text, *entry, comment, name=str(scene), key=key)
+        date = calibration_day() if key == FRINGE_VALUE else None
+        text = edited(text, *entry, comment, name=str(scene), key=key, date=date)
     target = Path(scene).resolve()  # a link stays a link
     with replacing(target) as beside:
         beside.write_bytes((mark + text).encode("utf-8"))
@@ -135,15 +146,17 @@ def edited(
     comment: str,
     *,
     name: str = "scene",
-    key: str = "specimen.fringe_value_n_per_mm",
+    key: str = FRINGE_VALUE,
+    date: str | None = None,
 ) -> str:
     """A scene's TOML text with another value of a key.
 
     Parameters: `text`; `value` and its standard uncertainty `spread`, TOML numbers; `comment` for
-    its line, without #; `name` of the file for messages; `key`, table and name. Returns
-    the text. Raises InputError where no edit does only that.
+    its line, without #; `name` of the file for messages; `key`, table and name; `date`, the day
+    of the calibration. Returns the text. Raises InputError where no edit does only that.
     """
-    written = f"{{ value = {value}, standard_uncertainty = {spread} }}"
+    dated = "" if date is None else f', date = "{date}"'
+    written = f"{{ value = {value}, standard_uncertainty = {spread}{dated} }}"
     return with_value(text, key, written, comment=comment, mark=MARK, name=name)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from isochrome.figures import (
     TITLE_PT,
     PaperPanels,
     PictureKind,
-    Plot,
+    budget_plot,
     chosen_frames,
     draw_budget,
     new_figure,
@@ -87,7 +86,6 @@ def scale_panels(calibration: ScaleCalibration, frames: tuple[int, ...] | None) 
         return _draw_points(axes, shown[k], factor)
 
     parts = {item.input: item.contribution for item in calibration.budget}
-    budget = partial(draw_budget, parts=parts, x_label="contribution to u (mm)", title="")
     values = "; ".join(
         f"{name} = {with_uncertainty(found.value, found.standard_uncertainty)}"
         for name, found in calibration.values.items()
@@ -95,9 +93,7 @@ def scale_panels(calibration: ScaleCalibration, frames: tuple[int, ...] | None) 
     return PaperPanels(
         kinds=[PictureKind(name="points", draw=draw)],
         labels=[plain_name(picture.file, 24) for picture in shown],
-        plots=[
-            Plot(title="budget of pixel_mm", draw=budget, height_mm=max(24.0, 5.0 * len(parts)))
-        ],
+        plots=[budget_plot("budget of pixel_mm", parts, unit="mm")],
         notes=[f"{values}.", *(f"{_title(picture, factor)}." for picture in shown)],
     )
 

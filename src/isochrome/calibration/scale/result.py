@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from isochrome.estimation import BudgetInput
 from isochrome.figures import PaperPanels
-from isochrome.output import Result, counted, with_uncertainty
+from isochrome.output import Result, columns_of, counted, with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -134,6 +134,13 @@ class ScaleCalibration(Result):
             "value": [row.value for row in rows.values()],
             "standard_uncertainty": [row.standard_uncertainty for row in rows.values()],
         }
+
+    @property
+    def budget_columns(self) -> dict[str, list[Any]]:
+        """Those of budget.csv: a row an input, the largest share first."""
+        return columns_of(
+            [item.to_json() | {"contribution_mm": item.contribution} for item in self.budget]
+        )
 
     @property
     def title(self) -> str:

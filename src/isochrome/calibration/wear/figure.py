@@ -19,7 +19,9 @@ from isochrome.figures import (
     PaperPanels,
     Plot,
     add_legend,
+    budget_plot,
     chosen_frames,
+    data_name,
     draw_band,
     draw_budget,
     new_figure,
@@ -91,12 +93,18 @@ def wear_panels(calibration: WearCalibration, frames: tuple[int, ...] | None) ->
         _draw_levelled(axes, [s for s in calibration.traces if s.test.distance_m == place])
         axes.set_xlabel("x (mm)")
 
-    plots = [Plot(title=f"{place:g} m", draw=partial(scar, place=place)) for place in shown]
+    plots = [
+        Plot(
+            title=f"{place:g} m",
+            draw=partial(scar, place=place),
+            spare=int(frames is None and 0 < k < len(shown) - 1),  # the ends tell the most
+        )
+        for k, place in enumerate(shown)
+    ]
     parts = {item.input: item.contribution / _UNIT for item in calibration.budget}
-    budget = partial(draw_budget, parts=parts, x_label="contribution to u (1e-9 mm²/N)", title="")
     plots += [
         Plot(title="V/(P s)", draw=partial(_draw_coefficients, calibration=calibration)),
-        Plot(title="uncertainty budget", draw=budget, height_mm=max(30.0, 5.0 * len(parts))),
+        budget_plot("uncertainty budget", parts, unit="1e-9 mm²/N"),
     ]
     notes = ["; ".join(_values(calibration)) + ".", f"Bands: ± {BAND:g} standard uncertainties."]
     return PaperPanels(plots=plots, notes=notes)
@@ -151,8 +159,10 @@ def _draw_coefficients(axes: Any, calibration: WearCalibration) -> None:
     u = np.array([row.standard_uncertainty for row in rows]) / _UNIT
     ends = np.array([0.0, 1.08 * s.max()])
     value, spread = calibration.coefficient_mm2_per_n, calibration.standard_uncertainty
-    draw_band(axes, ends, np.full(2, value / _UNIT), np.full(2, spread / _UNIT))
-    axes.errorbar(s, k, yerr=BAND * u, fmt="o", color=LINE_COLOURS[1], lw=LINE_PT, capsize=3)
+    together = data_name("all distances")
+    draw_band(axes, ends, np.full(2, value / _UNIT), np.full(2, spread / _UNIT), label=together)
+    look: dict[str, Any] = {"fmt": "o", "color": LINE_COLOURS[1], "lw": LINE_PT, "capsize": 3}
+    axes.errorbar(s, k, yerr=BAND * u, label=data_name("each distance"), **look)
     axes.set_xlim(*ends)
     style_axes(
         axes,

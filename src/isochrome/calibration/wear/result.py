@@ -12,7 +12,7 @@ from isochrome.calibration.wear.coefficient import WearLawFit
 from isochrome.calibration.wear.worn_volumes import TraceScar, WornVolume
 from isochrome.estimation import BudgetInput
 from isochrome.figures import PaperPanels
-from isochrome.output import Result, counted, with_uncertainty
+from isochrome.output import Result, columns_of, counted, with_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,8 +126,14 @@ class WearCalibration(Result):
     @property
     def columns(self) -> dict[str, list[Any]]:
         """A row a distance."""
-        rows = [row.to_json() for row in self.by_distance]
-        return {name: [row[name] for row in rows] for name in rows[0]}
+        return columns_of([row.to_json() for row in self.by_distance])
+
+    @property
+    def budget_columns(self) -> dict[str, list[Any]]:
+        """Those of budget.csv: a row an input, the largest share first."""
+        return columns_of(
+            [item.to_json() | {"contribution_mm2_per_n": item.contribution} for item in self.budget]
+        )
 
     @property
     def title(self) -> str:

@@ -131,8 +131,9 @@ def draw_frames(figure: Figure | SubFigure, items: list[Shown]) -> str:
         if item.isoclinic is not None:
             directions.append(_show_isoclinic(axes[k, 2], item.isoclinic, item.place))
         draw_fringes(ax, item, largest)
-    _share_bar(orders, ORDER_LABEL)
-    _share_bar(directions, "counter-clockwise from x (degrees)")
+    _share_bar(orders, ORDER_LABEL, is_as_high=len(orders) == 1)
+    label = "counter-clockwise from x (degrees)"
+    _share_bar(directions, label, is_as_high=len(directions) == 1)
     for ax in list(axes.flat)[len(items) * (across if read else 1) :]:
         ax.set_visible(False)
     return say_lines(largest, read)
@@ -243,13 +244,14 @@ def _show_isoclinic(axes: Any, isoclinic: np.ndarray, place: Place) -> Any:
     )  # fmt: skip
 
 
-def _share_bar(images: list[Any], label: str) -> None:
+def _share_bar(images: list[Any], label: str, *, is_as_high: bool = False) -> None:
     """One colour bar for a column of maps, which have the same colours."""
     if not images:
         return
     for shown in images:
         shown.set_interpolation("nearest")
-    add_colour_bar(images, label, length=1.0 if len(images) == 1 else 0.6)
+    length = 1.0 if len(images) == 1 else 0.6
+    add_colour_bar(images, label, length=length, is_as_high=is_as_high)
 
 
 def highest_order(item: Shown) -> float:
@@ -327,10 +329,15 @@ def tracked_figure(scene: Scene, table: Mapping[str, list[Any]], items: list[Sho
     """
     found = frame_values(table)
     wide, high = frames_size(items) if items else (0.0, 0.0)
-    figure = new_figure(_WIDTH + wide, max(high, PANEL_IN * (len(found.keys) + 1)) + 0.3)
+    tall = max(high, PANEL_IN * (len(found.keys) + 1)) + 0.3
+    figure = new_figure(_WIDTH + wide, tall)
     if items:
         parts: Any = figure.subfigures(1, 2, width_ratios=(_WIDTH, wide))
         left, right = parts
+        high += 0.3  # the head
+        if tall > high:  # few frames are no higher for many values, nor is their colour bar
+            halves: Any = right.subfigures(2, 1, height_ratios=(high, tall - high))
+            right = halves[0]
         write_head(right, f"key frames, normalised; {draw_frames(right, items)}")
     else:  # nobody wants maps
         left = figure.subfigures(1, 1)
