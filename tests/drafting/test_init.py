@@ -265,6 +265,40 @@ def test_a_specimen_without_a_model_has_a_scene_to_fill_in(tmp_path):
     assert isochrome.check(image, tmp_path / "scene.toml").ok
 
 
+@pytest.fixture
+def folder(tmp_path):
+    """A loaded frame, and those of the unloaded specimen."""
+    for name in ("disc-560N.tif", "no-load-dark.tif", "no-load-bright.tif"):
+        tifffile.imwrite(tmp_path / name, tifffile_of("disc-560N.png"))
+    return tmp_path
+
+
+OTHER = {"shape": "other", "pixel_mm": 0.13}
+
+
+def test_a_folders_no_load_frames_are_no_frames(folder):
+    assert "disc-560N.tif: 1 frame of" in isochrome.init(folder, OTHER).text
+    (folder / "no-load-dark.tif").rename(folder / "ground.tif")
+    assert ": 2 frames of" in isochrome.init(folder, OTHER).text  # nobody says what it is
+    (folder / "scene.toml").write_text(
+        '[specimen]\nshape = "other"\n[frames]\nno_load_dark = "ground.tif"\n'
+        'no_load_bright = "no-load-bright.tif"\n'
+    )
+    assert "disc-560N.tif: 1 frame of" in isochrome.init(folder, OTHER).text
+
+
+def test_a_folder_of_no_load_frames_alone_is_said_to_be_one(folder):
+    (folder / "disc-560N.tif").unlink()
+    with pytest.raises(isochrome.InputError, match=r"besides no-load-bright\.tif, no-load"):
+        isochrome.init(folder, OTHER)
+    (folder / "scene.toml").write_text(
+        '[specimen]\nshape = "other"\n[frames]\nno_load_dark = "no-load-dark.tif"\n'
+        'no_load_bright = "no-load-bright.tif"\n'
+    )
+    found = isochrome.check(folder, folder / "scene.toml")
+    assert not found.ok and "put the loaded frames there" in found.findings[0].text
+
+
 def test_a_report_has_what_was_found(draft):
     printed = repr(draft)
     assert "load.normal_n" in printed and "to fill in" in printed

@@ -100,10 +100,11 @@ HEADERS = [
 
 
 @pytest.mark.parametrize("headers", HEADERS)
-@pytest.mark.parametrize("method", ["GET", "POST"])
-def test_another_host_or_origin_is_refused(server, headers, method):
+@pytest.mark.parametrize(
+    ("method", "name"), [("GET", "state"), ("POST", "tool"), ("POST", "preview")]
+)
+def test_another_host_or_origin_is_refused(server, headers, method, name):
     given = {k: v and v.replace("{port}", str(server.server_port)) for k, v in headers.items()}
-    name = "tool" if method == "POST" else "state"
     body = json.dumps({"tool": "save"}).encode() if method == "POST" else b""
     status, _, _ = ask(server, method, f"/{server.token}/{name}", given, body)
     assert status == 403
@@ -121,12 +122,13 @@ def test_two_hosts_are_refused(server):
     assert ask(server, raw=raw)[0] == 403
 
 
+@pytest.mark.parametrize("name", ["tool", "preview"])
 @pytest.mark.parametrize("length", [MOST_BYTES + 1, 1_000_000_000, 10**30])
-def test_a_body_of_a_gigabyte_is_refused_before_it_is_read(server, length):
+def test_a_body_of_a_gigabyte_is_refused_before_it_is_read(server, length, name):
     """None of it is sent, and the answer is there at once."""
     began = time.monotonic()
     status, head, _ = ask(
-        server, "POST", f"/{server.token}/tool", {"Content-Length": str(length)}, b""
+        server, "POST", f"/{server.token}/{name}", {"Content-Length": str(length)}, b""
     )
     assert status == 413 and "Connection: close" in head
     assert time.monotonic() - began < 5.0  # it does not wait for the body; the machine is slow
@@ -167,6 +169,8 @@ def test_a_body_that_is_no_json_object_is_refused(server, headers, body, wanted)
         ("fit", {"frame": 0}, 422),
         ("check", {}, 422),
         ("map", {"frame": 99}, 422),
+        ("preview", {"frame": "x"}, 400),
+        ("preview", {"frame": 0, "at": [1, 2], "points": 3, "lines": []}, 422),
         ("find", {"frame": "x"}, 400),
         ("find", {"frame": 0, "values": 3}, 400),
         ("find", {"frame": 0}, 422),

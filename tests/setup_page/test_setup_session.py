@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,9 +18,11 @@ from PIL import Image
 import isochrome
 from isochrome.errors import InputError
 from isochrome.frames import open_scene_frames
+from isochrome.samples import samples_path
 from isochrome.scene import load_scene
 from isochrome.setup_page import apply_tool, open_session, session_state
 from isochrome.setup_page.live_model import LiveModel
+from isochrome.setup_page.new_scene import without_model
 from isochrome.setup_page.questions import fit_answer, order_map_of_points
 
 from .conftest import GIVEN
@@ -253,6 +256,27 @@ def test_known_points_are_shown_without_the_model(made):
     apply_tool(made, {"tool": "known_order", "points": [point]})
     shown, _ = order_map_of_points(made, 0)
     assert shown.shape == (494, 659)
+
+
+def test_a_disc_of_known_loads_is_read_without_its_model_too():
+    text = (
+        '[specimen]\nshape = "disc"\ndiameter_mm = 50.0\nthickness_mm = 6.0\n'
+        "fringe_value_n_per_mm = 14.6\n[load]\nnormal_n = 100.0\n"
+        "[frames]\nknown_loads_n = [100.0, 200.0, 300.0, 400.0, 500.0, 600.0]\n"
+    )
+    bare = without_model(isochrome.parse_scene(text, name="disc"), text)
+    assert bare.model is None and bare.frames.known_loads_n == ()
+
+
+def test_a_scene_that_names_the_only_picture_of_its_folder_is_refused(tmp_path):
+    shutil.copy(samples_path() / "disc" / "disc-560N.png", tmp_path / "unloaded.png")
+    session = open_session(tmp_path)
+    values = {"specimen.thickness_mm": 4.0, "specimen.fringe_value_n_per_mm": 14.6}
+    apply_tool(session, {"tool": "new", "kind": "other", "values": values})
+    text = session.text
+    with pytest.raises(InputError, match="holds no frame besides"):
+        apply_tool(session, {"tool": "values", "values": {"frames.no_load_dark": "unloaded.png"}})
+    assert session.text == text and session.count(session.scene()) == 1
 
 
 KILLED = """

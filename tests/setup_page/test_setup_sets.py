@@ -12,10 +12,12 @@ import tomllib
 import pytest
 
 import isochrome
-from browsers import open_chromium
+from browsers import open_chromium, skip_without_browser
+from isochrome.calibration import Calibration, ImageFit, cause_sentence
 from isochrome.errors import InputError
 from isochrome.samples import samples_path
 from isochrome.setup_page import apply_tool, open_session, session_state
+from isochrome.setup_page.set_session import calibration_answer
 
 BEAM = {"beam.height_mm": 20, "beam.inner_span_mm": 40, "beam.outer_span_mm": 100}
 MOST_ACTIONS = 12
@@ -212,6 +214,78 @@ def test_the_sets_page_passes_an_automated_check_and_its_tools_go_by_keys(made, 
         page.fill("#load-1", "101,5")
         page.keyboard.press("Tab")
         page.wait_for_function("() => page.state.images[1].load_n === 101.5")
+        assert own.said == []
+
+
+CAUSES = (
+    {"key": "camera.distortion", "cause": "the lens's distortion", "value": -0.00213456,
+     "standard_uncertainty": 0.00012},
+    {"key": None, "cause": "the light's band of wavelengths", "value": 0.0171,
+     "standard_uncertainty": 0.0011},
+    {"key": "frames.gamma", "cause": "the camera's tone curve", "value": 1.1,
+     "standard_uncertainty": 0.001},
+)  # fmt: skip
+"""As a calibration gives them: a gamma is a factor to the set's own."""
+
+
+def with_causes(session, monkeypatch, residual=None):
+    """What the page is told where a calibration has found these."""
+    image = ImageFit(file="a.png", load_n=60.0, order=1.0, standard_uncertainty=0.1, chi=1.0)
+    plain = "one of the loads is far from the line"
+    found = Calibration(
+        specimen="beam", fringe_value_n_per_mm=14.6, standard_uncertainty=0.1, chi=1.0,
+        order_at_zero_load=None, order_at_zero_load_uncertainty=None, slope_per_n=0.01,
+        images=(image,), budget=(), warnings=(*map(cause_sentence, CAUSES), plain),
+        causes=CAUSES, residual=residual,
+    )  # fmt: skip
+    monkeypatch.setattr(session, "calibrate", lambda: found)
+    told = calibration_answer(session)
+    assert told["warnings"] == [plain]
+    return told
+
+
+def test_causes_are_said_in_plain_words_with_the_key_that_states_them(made, monkeypatch):
+    apply_tool(made, {"tool": "values", "values": {"camera.pixel_mm": 0.05, "frames.gamma": 1.4}})
+    told = with_causes(made, monkeypatch, residual={"largest_order": 0.123})["causes"]
+    lens, band, tone, stress = told
+    assert lens["words"] == "The lens's distortion" and lens["note"] == "Of the corner's distance."
+    assert (lens["key"], lens["line"]) == ("camera.distortion", "distortion = -0.002135")
+    assert band["key"] is None and "fill in the wavelength in step 1" in band["note"]
+    assert tone["value"] == pytest.approx(1.54, abs=1e-3) and tone["text"].startswith("1.540")
+    assert stress["key"] is None and "no key of a set states a field" in stress["note"]
+    assert not any("." in one["words"] or "_" in one["words"] for one in told)
+    for one in (lens, tone):
+        apply_tool(made, {"tool": "values", "values": {one["key"]: one["value"]}})
+    assert made.calibration_set().camera.distortion == -0.002135
+    assert made.calibration_set().gamma == pytest.approx(1.54, abs=1e-3)
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("width", [360, 1280])
+def test_a_cause_is_taken_into_the_set_by_its_button(made, monkeypatch, width):
+    from axe_playwright_python.sync_playwright import Axe
+
+    from .test_setup_browser import tab
+
+    skip_without_browser()
+    apply_tool(made, {"tool": "values", "values": {"camera.pixel_mm": 0.05}})
+    told = with_causes(made, monkeypatch)
+    view = {"width": width, "height": 800}
+    with (
+        open_chromium() as browser,
+        tab(browser, made, viewport=view, bypass_csp=True) as own,
+    ):
+        page = own.page
+        page.evaluate("told => { showCalibration(told); get('step-fit').open = true; }", told)
+        assert page.locator("#fit-result button").count() == 2  # the band has no key without more
+        assert "fill in the wavelength" in page.text_content("#fit-result")
+        assert "frames.gamma" not in page.inner_text("#fit-result")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert Axe().run(page).response["violations"] == []
+        page.get_by_role("button", name="Take The lens's distortion").click()
+        own.settle()
+        own.status("taken into the set")
+        assert made.calibration_set().camera.distortion == -0.002135
         assert own.said == []
 
 

@@ -15,6 +15,7 @@ from .shot import Shot, as_shots
 from .wear.api import calibrate_wear
 from .wear.result import WearCalibration, WornDistance
 from .wear.settings import WearSet
+from .whole_set.set_result import cause_sentence
 
 __all__ = [
     "Beam",
@@ -44,6 +45,7 @@ __all__ = [
     "calibrate_scale",
     "calibrate_wear",
     "calibration_report",
+    "cause_sentence",
     "check_scene_file",
     "disc_from_shots",
     "find_rim",

@@ -89,10 +89,10 @@ def init_command(
 
 def _asked(recording: Any, known: dict[str, Any]) -> dict[str, float]:
     """What the user answers to the questions that are open."""
-    from isochrome.drafting import QUANTITIES, known_values, open_questions
+    from isochrome.drafting import QUANTITIES, known_values, not_among_frames, open_questions
     from isochrome.frames import open_frames
 
-    with open_frames(recording) as frames:
+    with open_frames(recording, leave_out=not_among_frames(recording)) as frames:
         names = open_questions(frames, known_values(known))
     return {name: typer.prompt(QUANTITIES[name].question, type=float, err=True) for name in names}
 

@@ -1,5 +1,5 @@
 from .api import draft_scene, init
-from .captured_set import open_questions
+from .captured_set import not_among_frames, open_questions
 from .known_values import NEEDED, QUANTITIES, KnownValues, Quantity, known_values
 from .scene_draft import DraftValue, OpenKey, SceneDraft
 
@@ -14,5 +14,6 @@ __all__ = [
     "draft_scene",
     "init",
     "known_values",
+    "not_among_frames",
     "open_questions",
 ]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.drafting.body_draft import draft_disc, draft_without_model
+from isochrome.drafting.captured_set import SCENE_FILE, not_among_frames
 from isochrome.drafting.contact_draft import draft_contact
 from isochrome.drafting.known_values import KnownValues, known_values
 from isochrome.drafting.scene_draft import SceneDraft
@@ -17,7 +18,7 @@ from isochrome.output import staged, write_figure, write_text
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike
 
-SCENE_FILE, PREVIEW_FILE = "scene.toml", "scene.png"
+PREVIEW_FILE = "scene.png"
 
 
 def draft_scene(frames: FrameReader, given: KnownValues) -> SceneDraft:
@@ -64,7 +65,8 @@ def init(
     Parameters
     ----------
     frames : str, Path, sequence of them, array or sequence of arrays
-        The frames, as for `open_frames`.
+        The frames, as for `open_frames`. Files of a folder that its scene.toml names besides, or
+        whose names say that they are no-load frames, are none of them.
     known : KnownValues or mapping
         What is known, by the names of the fields of `isochrome.drafting.KnownValues`; of a contact
         young_gpa, poisson, thickness_mm, fringe_value_n_per_mm, radius_mm, indenter_young_gpa,
@@ -109,6 +111,7 @@ def init(
         channel=given.channel,
         wavelength_nm=given.wavelength_nm,
         bit_depth=given.bit_depth,
+        leave_out=not_among_frames(frames),
     ) as reader:
         draft = draft_scene(reader, given)
     if out is not None:

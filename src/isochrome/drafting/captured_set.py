@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,12 @@ import numpy as np
 from isochrome.drafting.known_values import QUANTITIES, KnownValues
 from isochrome.drafting.scene_draft import DraftValue, OpenKey, Origin
 from isochrome.errors import InputError
-from isochrome.frames import Frame, FrameReader, check_scale
+from isochrome.frames import Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.output import counted
-from isochrome.scene import Camera
+from isochrome.scene import Camera, FramesLike, load_scene
+
+SCENE_FILE = "scene.toml"
+"""What a scene is called that nobody has named."""
 
 _LOOKED_AT = 5
 """Frames at the most in which a specimen is looked for, from the first to the last."""
@@ -25,6 +29,31 @@ def name_of(reader: FrameReader) -> str:
     """The frames' name, for messages."""
     first = reader.files[0]
     return str(first) if isinstance(first, Path) else "the frames"
+
+
+def not_among_frames(frames: FramesLike) -> tuple[Path, ...]:
+    """List the files of a folder that are none of its frames.
+
+    Parameters
+    ----------
+    frames : str, Path, sequence of them, array or sequence of arrays
+        The frames, as for `open_frames`.
+
+    Returns
+    -------
+    tuple of Path
+        Those that the scene in the folder names, such as its no-load frames, and without one those
+        whose names say that they are no-load frames; none where the frames are no folder.
+    """
+    if not (isinstance(frames, str | Path) and Path(frames).is_dir()):
+        return ()
+    folder = Path(frames)
+    with suppress(InputError, OSError):
+        return tuple(named_files(load_scene(folder / SCENE_FILE)))
+    with suppress(OSError):  # said where the folder is opened
+        named = likely_no_load(sorted(file.name for file in folder.iterdir() if file.is_file()))
+        return tuple(folder / name for name in named.values())
+    return ()
 
 
 def open_questions(frames: FrameReader, given: KnownValues) -> tuple[str, ...]:

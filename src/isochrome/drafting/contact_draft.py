@@ -15,12 +15,15 @@ from isochrome.drafting.captured_set import (
 )
 from isochrome.drafting.contact_fit import FOUND, ContactFit, find_contact, start_scene
 from isochrome.drafting.draft_figure import draft_figure
+from isochrome.drafting.fringeless import has_no_fringes
 from isochrome.drafting.known_values import QUANTITIES, KnownValues, refuse_missing
 from isochrome.drafting.scene_draft import DraftValue, Origin, SceneDraft
 from isochrome.drafting.scene_text import written_draft
 from isochrome.errors import IsochromeError, PhysicsError
+from isochrome.estimation import prepare_frame
 from isochrome.fitting import FRICTION, GAMMA
-from isochrome.frames import FrameReader
+from isochrome.frames import Frame, FrameReader
+from isochrome.output import named_frames
 from isochrome.scene import Scene
 
 _HAS_SIDE = 4.0
@@ -61,15 +64,25 @@ def draft_contact(frames: FrameReader, given: KnownValues) -> SceneDraft:
 
 
 def _first_explained(frames: FrameReader, scene: Scene, given: KnownValues) -> ContactFit:
-    """The contact in the first frame that it explains; else what was said of the first frame."""
+    """The contact in the first frame that it explains; else what was said of the first frame that
+    shows fringes."""
     refused: IsochromeError | None = None
+    bare: list[Frame] = []
     for index in frames_to_look_at(frames, given):
         frame = frame_of(frames, index, given)
         try:
             return find_contact(frame, scene, given, bit_depth=frames.bit_depth)
         except PhysicsError as error:
-            refused = refused or error
-    assert refused is not None
+            if has_no_fringes(prepare_frame(frame, scene, bit_depth=frames.bit_depth)):
+                bare.append(frame)
+            else:
+                refused = refused or error
+    if refused is None:
+        first = bare[0]
+        raise PhysicsError(
+            f"{first.name}: no fringes in {named_frames([one.index for one in bare])}, whose light "
+            "is smooth all over; is it loaded? take a loaded frame, by another --frame"
+        )
     raise refused
 
 
@@ -102,6 +115,9 @@ def _found_values(contact: ContactFit, given: KnownValues) -> list[DraftValue]:
         GAMMA: "the camera stores light^(1/gamma)",
     }
     more = [key for key in fit.keys if key not in (*FOUND, GAMMA)]
+    for key, names in contact.unsure.items():
+        others = " or ".join(names)
+        notes[key] = f"the frame asks for it, or for {others}, and cannot tell which"
     values = [
         DraftValue(
             key=key,

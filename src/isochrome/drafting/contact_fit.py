@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -18,6 +19,8 @@ from isochrome.fitting import (
     cause_messages,
     fit_frame,
     fit_with_causes,
+    light_matters,
+    rival_causes,
     search_picture,
 )
 from isochrome.frames import Frame
@@ -54,7 +57,8 @@ class ContactFit:
     """A contact that was found in a frame.
 
     `lying`, how the picture is taken; `data`, the frame so; `fit`, with what the frame asked for;
-    `messages`, what is to be said of it.
+    `messages`, what is to be said of it; `unsure`, causes that the frame cannot tell from that of a
+    key which it asked for.
     """
 
     frame: int
@@ -62,6 +66,7 @@ class ContactFit:
     data: FrameData
     fit: FrameFit
     messages: tuple[str, ...]
+    unsure: Mapping[str, tuple[str, ...]]
 
 
 def start_scene(pixel_mm: float, shape: tuple[int, int], given: KnownValues) -> Scene:
@@ -115,7 +120,8 @@ def find_contact(
     freed = fit_with_causes(best.data, first.scene, _keys(given), cold=False, slips=False)
     fit = freed.fit
     _refuse_wrong(fit, starts, best, given, frame)
-    messages = cause_messages(freed)
+    rivals = rival_causes(freed)
+    messages = cause_messages(freed, rivals=rivals, light=light_matters(freed))
     poor = fit.chi > POOR_CHI
     if poor:
         messages += (
@@ -123,7 +129,13 @@ def find_contact(
             "and friction may be off by far more than their ±; measure the indenter's radius, the "
             "fringe value and the pixel, then run isochrome check",
         )
-    return ContactFit(frame.index, best.lying, freed.data, fit, messages)
+    unsure = {
+        key: rivals[cause.name]
+        for cause in freed.causes
+        for key in cause.keys
+        if cause.name in rivals
+    }
+    return ContactFit(frame.index, best.lying, freed.data, fit, messages, unsure)
 
 
 def _keys(given: KnownValues) -> tuple[str, ...]:

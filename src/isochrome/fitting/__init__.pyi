@@ -1,6 +1,7 @@
 from .api import fit
 from .causes.freeing import Freed, fit_with_causes
-from .causes.report import cause_messages, opposite_shear
+from .causes.report import cause_messages, light_matters, opposite_shear
+from .causes.rivals import rival_causes
 from .fit_report import fit_report
 from .folder import restore_values
 from .frame.frame_estimate import FrameFit
@@ -58,12 +59,14 @@ __all__ = [
     "frame_distance",
     "frame_scene",
     "free_keys",
+    "light_matters",
     "nothing_found",
     "opposite_shear",
     "over_distance",
     "placed",
     "refuse_shared",
     "restore_values",
+    "rival_causes",
     "scene_at",
     "search_picture",
     "slid_until",

@@ -2,7 +2,7 @@ from .checks.api import Check, look_through
 from .checks.findings import Finding, Level, misfits
 from .linear import Linear, Normalised, find_outliers, normalise, to_linear
 from .mask import load_mask
-from .no_load import load_no_load, open_no_load_steps
+from .no_load import is_unloaded, likely_no_load, load_no_load, open_no_load_steps
 from .noise import NoiseModel, estimate_noise, full_scale, noise_between_pixels
 from .opening import (
     absolute,
@@ -42,6 +42,8 @@ __all__ = [
     "find_outliers",
     "full_scale",
     "input_files",
+    "is_unloaded",
+    "likely_no_load",
     "load_mask",
     "load_no_load",
     "look_through",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -114,3 +115,41 @@ def _average(
     if not valid.any():
         raise InputError(f"{path}: frames.{key} is saturated all over; lower the exposure")
     return Linear((total / count).astype(np.float32), valid)
+
+
+def likely_no_load(names: Sequence[str]) -> dict[str, str]:
+    """Choose the no-load frames by the names of files, where they say so.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Files beside the frames.
+
+    Returns
+    -------
+    dict of str to str
+        The scene's key to a name, only where one file alone is called so.
+    """
+    found = {}
+    for field in ("dark", "bright"):
+        own = [n for n in names if field in n.lower() and is_unloaded(n) and not n.endswith(".csv")]
+        if len(own) == 1:
+            found[f"frames.no_load_{field}"] = own[0]
+    return found
+
+
+def is_unloaded(name: str) -> bool:
+    """Say whether a file's name is that of a frame without load.
+
+    Parameters
+    ----------
+    name : str
+        The file's name.
+
+    Returns
+    -------
+    bool
+        Whether it says so.
+    """
+    plain = name.lower().replace("_", "-").replace(" ", "-")
+    return any(word in plain for word in ("no-load", "noload", "unloaded"))

@@ -321,14 +321,23 @@ def matches(name: str | Path) -> tuple[Path, ...]:
     return tuple(map(Path, found))
 
 
+_MOST_NAMED = 4
+"""Files that a message names."""
+
+
 def _files_in(folder: Path, leave_out: Sequence[str | Path]) -> tuple[Path, ...]:
     """The frame files of a folder in natural order, hidden ones left out. Raises InputError."""
     with refusing(folder, "the folder cannot be read"):
-        found = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
-        if leave_out:
-            apart = {Path(name).resolve() for name in leave_out}
-            found = [p for p in found if p.resolve() not in apart]
-    wanted = sorted((p for p in found if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
+        there = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")]
+        apart = {Path(name).resolve() for name in leave_out}
+        known = sorted((p for p in there if _suffix(p) in KNOWN), key=lambda p: natural_key(p.name))
+        wanted = [p for p in known if p.resolve() not in apart]
+    if known and not wanted:
+        names = ", ".join(p.name for p in known[:_MOST_NAMED])
+        raise InputError(
+            f"{folder}: holds no frame besides {names}, which the scene, or its own name, keeps "
+            "apart; put the loaded frames there, or name their folder"
+        )
     if not wanted:
         raise InputError(
             f"{folder}: the folder holds no image and no video; they end in {', '.join(KNOWN)}; "

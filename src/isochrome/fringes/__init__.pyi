@@ -15,16 +15,29 @@ from .film.film_reading import (
 )
 from .film.follower import FilmState, follow_frame, unloaded_state
 from .film.order_change import LARGEST_CHANGE
-from .on_branch import OrderReading, read_order, widened
+from .on_branch import LARGEST_UNCERTAINTY, OrderReading, read_order, widened
 from .single_frame.background_modulation import (
     BackgroundModulation,
     exact_ends,
     fit_background_modulation,
     gamma_misfit,
 )
-from .single_frame.free_order import FreeReading, common_reading, read_free
+from .single_frame.free_order import (
+    FollowedFringes,
+    FreeReading,
+    common_reading,
+    follow_fringes,
+    read_free,
+)
 from .single_frame.no_load_exposure import NoLoadExposure, find_no_load_exposure
-from .single_frame.stated_orders import CLEAR, MOST_COST, STATED_SPREAD, KnownPlaces
+from .single_frame.stated_orders import (
+    CLEAR,
+    MOST_COST,
+    STATED_SPREAD,
+    KnownOrders,
+    KnownPlaces,
+    known_orders,
+)
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
 from .stepped.residual_stress import ResidualStress, read_residual
 from .stepped.step_equations import make_design
@@ -33,6 +46,7 @@ from .stepped.stepped_order import SteppedReading, read_steps
 __all__ = [
     "CLEAR",
     "LARGEST_CHANGE",
+    "LARGEST_UNCERTAINTY",
     "MOST_COST",
     "STATED_SPREAD",
     "STEP",
@@ -44,8 +58,10 @@ __all__ = [
     "FilmLight",
     "FilmPath",
     "FilmState",
+    "FollowedFringes",
     "FreeReading",
     "KeptState",
+    "KnownOrders",
     "KnownPlaces",
     "NoLoadExposure",
     "OrderReading",
@@ -61,10 +77,12 @@ __all__ = [
     "find_no_load_exposure",
     "fit_background_modulation",
     "follow_frame",
+    "follow_fringes",
     "fringe_response",
     "gamma_misfit",
     "joined_pixels",
     "joined_reading",
+    "known_orders",
     "light_wave",
     "make_design",
     "measured_table",

@@ -1,6 +1,15 @@
 from .api import check_scene, process
 from .checking import check
-from .one_frame import FrameResult, FrameValue, one_state, process_frame
+from .one_frame import (
+    AnchorPreview,
+    FrameResult,
+    FrameValue,
+    PatchOrders,
+    anchor_preview,
+    one_state,
+    part_change,
+    process_frame,
+)
 from .pictures.figure import plot_order
 from .placement import placed_disc
 from .processed import Processed, restore
@@ -10,13 +19,17 @@ from .run_report import process_report
 __all__ = [
     "PICTURE",
     "SPREAD",
+    "AnchorPreview",
     "FrameResult",
     "FrameValue",
+    "PatchOrders",
     "Processed",
     "ProcessedFrame",
+    "anchor_preview",
     "check",
     "check_scene",
     "one_state",
+    "part_change",
     "placed_disc",
     "plot_order",
     "process",

@@ -49,7 +49,8 @@ def check(path: FramesLike, scene: SceneLike) -> Check:
     """Look through captured frames once, and say what is wrong with them for this scene.
 
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
-    in one pass with one frame in memory. Where they can be the scene's, and it has a model, the
+    in one pass with one frame in memory; a frame that shows the unloaded specimen among loaded ones
+    is named. Where they can be the scene's, and it has a model, the
     first frame that shows its fringes is fitted, and what it asks for besides what the scene states
     is a warning, as `process` says it: the key that mends it, and its value. A slip in the scene
     with which nothing can be read, such as a picture that lies otherwise, is an error, and so is a

@@ -1,21 +1,49 @@
-"""`process_frame`: one frame of a set, as `process` reads it, without the others."""
+"""One frame of a set, without the others: as `process` reads it, or as known orders would have it.
+
+For the latter the fringes are followed once. Each order that is tried is then asked of the patches
+alone, which takes some hundredths of a second where the whole frame takes seconds.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from isochrome.frames import Frame, open_scene_frames, with_file_scale
+from isochrome.errors import InputError
+from isochrome.frames import Frame, open_scene_frames, to_linear, with_file_scale
+from isochrome.fringes import LARGEST_UNCERTAINTY, FollowedFringes, follow_fringes, skeletons
 from isochrome.output import numbers
 from isochrome.processing.api import check_scene
 from isochrome.processing.chunk import frame_row
 from isochrome.processing.frame_task import FrameSource, FrameTask, own_scene
+from isochrome.processing.kinds.image_only import (
+    frame_signal,
+    orders_of,
+    refused_beforehand,
+    refused_low,
+    wave_of,
+)
 from isochrome.processing.processed import fitted_keys
-from isochrome.processing.result import CAUSES, SPREAD, ProcessedFrame, causes_of
+from isochrome.processing.result import CAUSES, SPREAD, Capture, ProcessedFrame, causes_of
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, check_pixel
+
+Array = NDArray[Any]
+
+_SAME, _ALMOST_ALL = 0.05, 0.9
+"""Fringes within which an order is as it was, or a whole one away from it; and share of a part's
+patches of which that is so where it is said of the part."""
+
+_ENDS = (0.5, 99.5)
+"""Per cent of a part's patches between which its orders are said to lie."""
+
+_WORTH_SAYING = 0.01
+"""Share of a part that more, or less, is known of from which it is said."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +131,179 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
     PhysicsError
         Where the scene's model cannot be solved.
     """
+    with _captured(frames, scene, index) as (source, number, states):
+        found = source.processed(number, states)
+    return FrameResult(found, frame_row(found, source.recipe))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchOrders:
+    """The orders of a frame's patches under what a scene says of them.
+
+    Parameters
+    ----------
+    rows, cols : ndarray of int (m,), (n,)
+        The patches' middles, px of the region.
+    order : ndarray (m, n)
+        Fringe order, NaN = not known.
+    said : tuple of str
+        What `process` says of it.
+    """
+
+    rows: NDArray[Any]
+    cols: NDArray[Any]
+    order: Array = field(repr=False)
+    said: tuple[str, ...]
+
+
+class AnchorPreview:
+    """A frame whose fringes are followed, and asked what known orders would make of it.
+
+    Parameters
+    ----------
+    frame : Frame
+        The frame.
+    scene : Scene
+        Without a model. What it knows of the orders matters where fringes have lost contrast.
+    capture : Capture
+        How the set was captured.
+    """
+
+    def __init__(self, frame: Frame, scene: Scene, capture: Capture) -> None:
+        self._capture = capture
+        self.refusal = ""
+        self._followed: tuple[FollowedFringes, ...] = ()
+        linear = to_linear(frame, bit_depth=capture.bit_depth, gamma=scene.frames.first_gamma)
+        try:
+            seen = frame_signal(frame, linear, scene, capture)
+        except InputError as error:  # no fringe in it
+            self.refusal = str(error)
+            return
+        lines = len(skeletons(np.clip(seen.signal, 0.0, 1.0)))
+        self.refusal = refused_beforehand(frame, seen, lines, capture, asked=True)
+        if self.refusal:
+            return
+        known = orders_of(scene)
+        self._followed = tuple(
+            follow_fringes(*wave_of(one, scene), one.valid, known, error=one.error)[0]
+            for one in (seen, *seen.others)
+        )
+
+    @property
+    def depends_on_known(self) -> bool:
+        """Whether what could be followed depends on what the scene knew, as with faded fringes."""
+        return any(one.faded for one in self._followed)
+
+    def orders(self, scene: Scene) -> PatchOrders:
+        """The patches' orders under what a `scene` says of them. Raises InputError where none is
+        read of this frame whatever is said."""
+        if self.refusal:
+            raise InputError(self.refusal)
+        known = orders_of(scene)
+        found = [one.anchored(known) for one in self._followed]
+        fewest = min(len(one.misses) for one in found)
+        best, *others = (one for one in found if len(one.misses) == fewest)
+        order = np.abs(best.terms[..., 0])
+        if others:  # lights that explain the frame alike: what they have in common is kept
+            square = np.sum([(np.abs(one.terms[..., 0]) - order) ** 2 for one in others], axis=0)
+            agree = np.sqrt(np.where(np.isnan(square), np.inf, square)) < LARGEST_UNCERTAINTY
+            order = np.where(agree, order, np.nan)
+        said = best.said
+        few = refused_low(order, self._capture)
+        if few:
+            order, said = np.full_like(order, np.nan), (*said, few)
+        patches = self._followed[0].patches
+        return PatchOrders(rows=patches.rows, cols=patches.cols, order=order, said=said)
+
+    def part_at(self, row: float, col: float, *, on_line: bool = False) -> NDArray[np.bool_]:
+        """The patches (m, n) that hang together with a place of the region, px; none where no
+        fringe could be followed. `on_line`, whether it is a fringe line's place."""
+        if not self._followed:
+            return np.zeros((0, 0), dtype=bool)
+        return self._followed[0].part_at(row, col, on_line=on_line)
+
+
+def part_change(before: Array, after: Array, under: str, what: str) -> tuple[str, str]:
+    """Say what becomes of the orders of a part.
+
+    Parameters
+    ----------
+    before, after : ndarray (p,)
+        The orders of its patches now, and as they would be; NaN = not known.
+    under : str
+        What the part is called.
+    what : str
+        What would be set.
+
+    Returns
+    -------
+    tuple of str
+        The kind, 'nothing', 'new', 'moved', 'changed', 'same' or 'lost', and the words.
+    """
+    if not np.isfinite(after).any():
+        if not np.isfinite(before).any():
+            return "nothing", f"{what} would anchor nothing: {under} stays without an order"
+        return "lost", f"{under} at {_span(before)} now, would not be known any more"
+    if not np.isfinite(before).any():
+        return "new", f"{under} gets {_span(after)}; no order is known in it yet"
+    both = np.isfinite(before) & np.isfinite(after)
+    away = (after - before)[both]
+    step = round(float(np.median(away))) if away.size else 0
+    if np.mean(np.abs(away - step) < _SAME) < _ALMOST_ALL:
+        return "changed", f"{under} changes from {_span(before)} to {_span(after)}"
+    if not step:
+        grown = int(np.isfinite(after).sum()) - int(np.isfinite(before).sum())
+        if abs(grown) > _WORTH_SAYING * after.size:
+            share = f"{100.0 * abs(grown) / after.size:.0f} % of it"
+            more = f"{share} more would be known" if grown > 0 else f"{share} would be lost"
+            return "changed", f"{under} stays at {_span(after)}; {more}"
+        return "same", f"{under} stays at {_span(after)}"
+    orders = f"{abs(step)} whole order{'s' * (abs(step) > 1)} {'up' if step > 0 else 'down'}"
+    return "moved", f"{under} moves from {_span(before)} to {_span(after)}, {orders}"
+
+
+def _span(order: Array) -> str:
+    """Between which orders a part lies, but for a few of its patches."""
+    low, high = np.percentile(order[np.isfinite(order)], _ENDS)
+    return f"{low:.1f}..{high:.1f}"
+
+
+def anchor_preview(frames: FramesLike, scene: Scene, index: int) -> AnchorPreview:
+    """Follow the fringes of one frame, to say what known orders would make of it.
+
+    Parameters
+    ----------
+    frames : str, Path, sequence of them, array or sequence of arrays
+        The set, as for `process`.
+    scene : Scene
+        What stood in front of the camera, without a model.
+    index : int
+        Number of the frame from 0.
+
+    Returns
+    -------
+    AnchorPreview
+        What is asked.
+
+    Raises
+    ------
+    InputError
+        Where the frame or the scene is wrong, or the scene's frames tell their orders themselves.
+    """
+    if scene.polariscope.several_wavelengths or scene.polariscope.step:
+        raise InputError(
+            f"{scene.name}: colours and phase steps are read otherwise; press Show what the points "
+            "say after setting a point"
+        )
+    with _captured(frames, scene, index) as (source, _, states):
+        return AnchorPreview(states[0], scene, source.capture)
+
+
+@contextmanager
+def _captured(
+    frames: FramesLike, scene: Scene, index: int
+) -> Iterator[tuple[FrameSource, int, list[Frame]]]:
+    """A set that is opened for one of its states, the state's number, and its frames."""
     check_scene(scene)
     with single_threaded(), open_scene_frames(frames, scene) as reader:
         scene = with_file_scale(scene, reader)
@@ -111,10 +312,9 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
         source = FrameSource(recipe)
         try:
             ((number, states),) = source.captured(index, index + 1)
-            found = source.processed(number, states)
+            yield source, number, states
         finally:
             source.close()
-    return FrameResult(found, frame_row(found, recipe))
 
 
 def one_state(scene: Scene, frame: Frame) -> Scene:

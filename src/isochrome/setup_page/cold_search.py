@@ -16,7 +16,7 @@ from isochrome.drafting import (
     known_values,
 )
 from isochrome.errors import InputError, IsochromeError
-from isochrome.frames import open_frames
+from isochrome.frames import likely_no_load, open_frames
 from isochrome.output import rounded_texts
 from isochrome.scene import Scene
 from isochrome.setup_page.edits import (
@@ -28,7 +28,7 @@ from isochrome.setup_page.edits import (
     values_of_place,
 )
 from isochrome.setup_page.fields import FIELDS
-from isochrome.setup_page.new_scene import likely_no_load, new_scene_text
+from isochrome.setup_page.new_scene import new_scene_text
 from isochrome.setup_page.places import seen_at
 from isochrome.setup_page.session import SetupSession
 from isochrome.stress import pixel_grid

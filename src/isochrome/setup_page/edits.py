@@ -11,13 +11,14 @@ import numpy as np
 
 from isochrome.calibration import fit_circle
 from isochrome.errors import InputError, IsochromeError
+from isochrome.frames import likely_no_load
 from isochrome.scene import (
     toml_text,
     with_table_list,
     with_value,
     without_value,
 )
-from isochrome.setup_page.new_scene import likely_no_load, new_scene_text
+from isochrome.setup_page.new_scene import new_scene_text
 from isochrome.setup_page.page_state import (
     boundaries_on_picture,
     lines_on_picture,
@@ -256,10 +257,10 @@ def _region(session: SetupSession, asked: Asked) -> None:
     def edit(text: str) -> str:
         text = set_values(text, values)
         if orders:
-            text = with_table_list(text, "frames.known_order", _order_tables(orders, shift))
+            text = with_table_list(text, "frames.known_order", order_tables(orders, shift))
         for key, lines in paths.items():
             if lines:
-                text = with_table_list(text, key, _line_tables(lines, shift))
+                text = with_table_list(text, key, line_tables(lines, shift))
         return text
 
     session.change(edit)
@@ -275,26 +276,29 @@ def _boundary(session: SetupSession, asked: Asked) -> None:
     """Lines along free edges, where the order is known from the fringes that meet them."""
     region = session.region(session.scene())
     shift = {"top_px": region.top_px, "left_px": region.left_px}
-    tables = _line_tables(asked["lines"], shift)
+    tables = line_tables(asked["lines"], shift)
     session.change(lambda text: with_table_list(text, "frames.free_boundary", tables))
 
 
 def _known_order(session: SetupSession, asked: Asked) -> None:
     region = session.region(session.scene())
     shift = {"top_px": region.top_px, "left_px": region.left_px}
-    tables = _order_tables(asked["points"], shift)
+    tables = order_tables(asked["points"], shift)
     session.change(lambda text: with_table_list(text, "frames.known_order", tables))
 
 
 def _known_line(session: SetupSession, asked: Asked) -> None:
     region = session.region(session.scene())
     shift = {"top_px": region.top_px, "left_px": region.left_px}
-    tables = _line_tables(asked["lines"], shift)
+    tables = line_tables(asked["lines"], shift)
     session.change(lambda text: with_table_list(text, "frames.known_line", tables))
 
 
-def _order_tables(points: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Known points as the scene writes them: whole pixels of the region."""
+def order_tables(points: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Known points as the scene writes them: whole pixels of the region.
+
+    Parameters: `points` of the picture; `shift`, the region's place. Returns tables.
+    """
     return [
         {
             "row_px": round(point["row"]) - shift["top_px"],
@@ -306,7 +310,8 @@ def _order_tables(points: Sequence[Asked], shift: Mapping[str, int]) -> list[dic
     ]
 
 
-def _line_tables(lines: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[str, Any]]:
+def line_tables(lines: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Known lines as the scene writes them. Parameters, returns: as for points."""
     found = []
     for line in lines:
         points = moved(line["points"], -shift["top_px"], -shift["left_px"])

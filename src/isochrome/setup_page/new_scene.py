@@ -1,18 +1,21 @@
-"""A first scene from what the user fills in: commented, with nothing that nobody has said."""
+"""A first scene from what the user fills in, commented; and a scene without its model."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.scene import toml_text
+from isochrome.scene import Scene, parse_scene, toml_text, with_value, without_value
 from isochrome.setup_page.fields import FIELDS, KINDS, SET_KINDS, STATED_SHAPES, SceneField
 
 _ORDER = (
     "specimen", "beam", "disc", "indenter", "load", "friction", "wear", "polariscope", "camera",
     "frames", "uncertainty",
 )  # fmt: skip
+
+_OF_A_MODEL = ("indenter", "friction", "wear", "scar", "load", "frames.known_loads_n")
+"""Tables and keys that make a scene one of a model."""
 
 _NOUGHT = (False, 0, "")
 """What is as good as nothing said: the scene's own default."""
@@ -79,28 +82,30 @@ def _comment(key: str, field: SceneField | None) -> str:
     return f"{field.label}, {field.unit}" if field.unit else field.label
 
 
-def likely_no_load(names: Sequence[str]) -> dict[str, str]:
-    """Choose the no-load frames by the names of files, where they say so.
+def without_model(scene: Scene, text: str) -> Scene:
+    """Give a scene without its model: what remains is read from the image alone.
 
     Parameters
     ----------
-    names : sequence of str
-        Files beside the frames.
+    scene : Scene
+        The scene, for its name and folder.
+    text : str
+        Its text.
 
     Returns
     -------
-    dict of str to str
-        The scene's key to a name, only where one file alone is called so.
+    Scene
+        A scene without a model.
+
+    Raises
+    ------
+    InputError
+        Where the text's layout cannot be edited.
     """
-    found = {}
-    for field in ("dark", "bright"):
-        own = [n for n in names if field in n.lower() and is_unloaded(n) and not n.endswith(".csv")]
-        if len(own) == 1:
-            found[f"frames.no_load_{field}"] = own[0]
-    return found
-
-
-def is_unloaded(name: str) -> bool:
-    """Say whether a file's name is that of a frame without load. Parameters: `name`."""
-    plain = name.lower().replace("_", "-").replace(" ", "-")
-    return any(word in plain for word in ("no-load", "noload", "unloaded"))
+    if scene.model is None:
+        return scene
+    for part in _OF_A_MODEL:
+        text = without_value(text, part)
+    if scene.specimen.shape is not None:
+        text = with_value(text, "specimen.shape", '"other"')
+    return parse_scene(text, name=scene.name, folder=scene.folder)

@@ -4,6 +4,10 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const overlay = { values: {}, busy: false, again: false, serial: 0, timer: 0, hidden: false };
 
 function drawOver(to) {
+  drawMapOrModel(to);
+  drawPreview(to);
+}
+function drawMapOrModel(to) {
   const own = shown.map || (get("show-model").checked ? shown.model : null);
   if (!own || overlay.hidden) return;
   const cut = shown.map || overlay.timer ? 100 : Number(get("wipe").value);

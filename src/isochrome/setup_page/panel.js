@@ -87,6 +87,8 @@ async function takeAll(state) {
   }
   askModel();
   askOutlines();
+  hidePreview();
+  followFrame();
   checkSoon();
 }
 function showValues(state) {
@@ -129,6 +131,8 @@ async function showFrame(number) {
 async function goToFrame(number) {
   hideMap();
   await showFrame(clamp(Math.round(number) || 0, 0, page.state.frames.count - 1));
+  hidePreview();
+  followFrame();
   askModel();
   askOutlines();
 }

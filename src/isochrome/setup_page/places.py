@@ -220,3 +220,13 @@ def cut_out(pixels: PixelGrid, rows: int, cols: int) -> PixelGrid:
         pixels.lens, right_mm=width, down_mm=height, half_width_mm=width, half_height_mm=height
     )
     return replace(pixels, rows=rows, cols=cols, lens=lens)
+
+
+def round_by_spread(value: float, spread: float) -> float:
+    """Round a value two digits beyond its uncertainty's first.
+
+    Parameters: `value`; `spread`, its standard uncertainty. Returns the value.
+    """
+    if not (np.isfinite(spread) and spread > 0.0):
+        return value
+    return float(np.round(value, max(0, 2 - int(np.floor(np.log10(spread))))))

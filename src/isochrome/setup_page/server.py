@@ -27,7 +27,12 @@ from isochrome.setup_page.cold_search import SEARCHED, find_in_frames
 from isochrome.setup_page.edits import apply_tool
 from isochrome.setup_page.fields import KINDS, SET_KINDS, field_rows
 from isochrome.setup_page.page_state import session_state
-from isochrome.setup_page.questions import check_answer, fit_answer, order_map_of_points
+from isochrome.setup_page.questions import (
+    ClickPreview,
+    check_answer,
+    fit_answer,
+    order_map_of_points,
+)
 from isochrome.setup_page.session import SetupSession
 from isochrome.setup_page.set_session import SetSession, calibration_answer
 
@@ -46,7 +51,7 @@ _GRACE_S = 3.0
 """Seconds without a page after which the server ends: a page that is loaded anew takes less."""
 
 _ROOM, _NAME = "isochrome.setup_page", "setup"
-_SCRIPTS = ("view.js", "tools.js", "overlay.js", "panel.js", "find.js", "sets.js")
+_SCRIPTS = ("view.js", "tools.js", "overlay.js", "preview.js", "panel.js", "find.js", "sets.js")
 _ALLOWED = "connect-src 'self'; img-src data:"
 _POLICY = (
     content_policy(_ROOM, _NAME, scripts=_SCRIPTS, policy=_ALLOWED) + "; frame-ancestors 'none'"
@@ -85,6 +90,7 @@ class SetupServer(ThreadingHTTPServer):
         self.session = session
         self.token = secrets.token_urlsafe(24)
         self.work = threading.Lock()  # one fit, check or map at a time
+        self.preview = ClickPreview(session)  # beside them: it is to come at once
         self._pages = 0
         self._gone_at: float | None = None
         self._count = threading.Lock()
@@ -290,17 +296,8 @@ def _page(handler: _Handler, _: Any) -> None:
     handler.send_page()
 
 
-def _life(handler: _Handler, _: Any) -> None:
-    handler.send_life()
-
-
-def _state(handler: _Handler, _: Any) -> None:
-    handler.send_json(session_state(handler.server.session))
-
-
 def _frame(handler: _Handler, query: Mapping[str, str]) -> None:
-    picture = handler.server.session.picture(_index(query))
-    handler.send_picture(picture, {})
+    handler.send_picture(handler.server.session.picture(_index(query)), {})
 
 
 def _index(asked: Mapping[str, Any]) -> int:
@@ -318,8 +315,7 @@ def _model(handler: _Handler, asked: Mapping[str, Any]) -> None:
     ):
         raise _Refused(HTTPStatus.BAD_REQUEST, "values are no numbers")
     picture, region = handler.server.session.live(_index(asked), given)
-    place = {"X-Top": str(region.top_px), "X-Left": str(region.left_px)}
-    handler.send_picture(picture, place)
+    handler.send_picture(picture, {"X-Top": str(region.top_px), "X-Left": str(region.left_px)})
 
 
 def _tool(handler: _Handler, asked: Mapping[str, Any]) -> None:
@@ -379,10 +375,14 @@ def _map(handler: _Handler, asked: Mapping[str, Any]) -> None:
     handler.send_picture(shown, place | {"X-Said": words[:2000] if len(words) < 2000 else "[]"})
 
 
+def _preview(handler: _Handler, asked: Mapping[str, Any]) -> None:
+    handler.send_json(handler.server.preview.answer(_index(asked), asked))
+
+
 GETS: Mapping[str, Callable[[_Handler, Any], None]] = {
     "": _page,
-    "life": _life,
-    "state": _state,
+    "life": lambda handler, _: handler.send_life(),
+    "state": lambda handler, _: handler.send_json(session_state(handler.server.session)),
     "frame": _frame,
 }
 
@@ -395,5 +395,6 @@ POSTS: Mapping[str, Callable[[_Handler, Any], None]] = {
     "outlines": _outlines,
     "check": _check,
     "map": _map,
+    "preview": _preview,
 }
 """All that can be asked for, by its name behind the token."""

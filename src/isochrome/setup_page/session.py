@@ -16,6 +16,8 @@ from isochrome.frames import (
     Frame,
     FrameReader,
     SequentialFrames,
+    is_unloaded,
+    likely_no_load,
     named_files,
     open_frames,
     with_file_scale,
@@ -24,7 +26,6 @@ from isochrome.output import write_text
 from isochrome.processing import one_state
 from isochrome.scene import FramesLike, Roi, Scene, parse_scene, parse_toml
 from isochrome.setup_page.live_model import LiveModel, grey_span, shown_grey
-from isochrome.setup_page.new_scene import is_unloaded, likely_no_load
 from isochrome.stress import PixelGrid, pixel_grid
 
 _NAMING = (
@@ -164,7 +165,7 @@ class SetupSession:
             text = edit(self.text)
             if text == self.text:
                 return
-            self.scene(text)
+            self.count(self.scene(text))  # of a folder, a scene may name its only picture
             self._undo = [*self._undo[-_MOST_STEPS:], self.text]
             self.text = text
             self.revision += 1

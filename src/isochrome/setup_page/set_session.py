@@ -19,6 +19,7 @@ from isochrome.calibration import (
     Disc,
     calibrate_bending,
     calibrate_disc,
+    cause_sentence,
     find_rim,
     load_set,
 )
@@ -35,7 +36,7 @@ from isochrome.scene import (
     validate,
     with_table_list,
 )
-from isochrome.setup_page.places import moved
+from isochrome.setup_page.places import moved, round_by_spread
 from isochrome.setup_page.session import SetupSession
 
 TABLES = {"bending": "beam", "diametral": "disc"}
@@ -48,6 +49,8 @@ _PICTURED = ("camera", "polariscope", "frames")
 
 _LOAD_IN_NAME = re.compile(r"(?<![0-9A-Za-z.,])([0-9]+(?:[.,][0-9]+)?)[ _-]?N(?![A-Za-z])")
 _LOAD_LINE = re.compile(r"(?m)^([ \t]*load_n[ \t]*=[ \t]*)([^#\r\n]*?)([ \t]*(?:#.*)?)\r?$")
+
+_GAMMA = "frames.gamma"
 
 _TURN = 73
 """Points of a circle as the page draws it."""
@@ -282,8 +285,10 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
     Returns
     -------
     dict
-        `values`: words and text of each; `images`: file, load, order and chi; `warnings`, and the
-        `revision` of the set that was calibrated.
+        `values`: words and text of each; `images`: file, load, order and chi; `causes`: words and
+        text of each that the images asked for, the key and value of the set that state it, None
+        where there is none, and a `note`; `warnings`, and the `revision` of the set that was
+        calibrated.
 
     Raises
     ------
@@ -307,5 +312,45 @@ def calibration_answer(session: SetSession) -> dict[str, Any]:
             {"file": one.file, "load_n": one.load_n, "order": one.order, "chi": one.chi}
             for one in found.images
         ],
-        "warnings": list(found.warnings),
+        "causes": list(_cause_rows(session, found)),
+        "warnings": [w for w in found.warnings if w not in map(cause_sentence, found.causes)],
     }
+
+
+_UNITS = {
+    "camera.distortion": "of the corner's distance",
+    "camera.keystone_x": "change of scale, middle to edge",
+    "camera.keystone_z": "change of scale, middle to edge",
+    "camera.blur_px": "px",
+    "polariscope.bandwidth_nm": "nm, full width at half height",
+    _GAMMA: "of the light, in place of the set's gamma",
+}
+"""What the value of a cause is counted in, by its key."""
+
+
+def _cause_rows(session: SetSession, found: Calibration) -> Iterator[dict[str, Any]]:
+    """What the images asked for besides the set, in plain words, and where the set states it."""
+    for cause in found.causes:
+        key, value, spread = cause["key"], cause["value"], cause["standard_uncertainty"]
+        unit, why = _UNITS.get(key, ""), ""
+        if key is None:
+            unit = "of the wavelength, full width at half height"
+            why = "The set states it in nm: fill in the wavelength in step 1, and calibrate again."
+        elif key == _GAMMA:
+            own = session.calibration_set().gamma  # what was found is a factor to it
+            value, spread = own * value, own * spread
+        stated = None if key is None else round_by_spread(value, spread)
+        words = cause["cause"][:1].upper() + cause["cause"][1:]
+        text = with_uncertainty(value, spread)
+        note = f"{unit[:1].upper()}{unit[1:]}. {why}".strip() if unit else why
+        yield {"words": words, "text": text} | {
+            "key": key, "value": stated, "note": note,
+            "line": None if key is None else f"{key.partition('.')[2]} = {toml_text(stated)}",
+        }  # fmt: skip
+    if found.residual is not None:
+        most = f"up to {found.residual['largest_order']:.3f} fringes"
+        yield {
+            "words": "Residual stress in the specimen", "text": most, "key": None, "value": None,
+            "line": None,
+            "note": "It was fitted as a field, and taken off; no key of a set states a field.",
+        }  # fmt: skip

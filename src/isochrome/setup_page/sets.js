@@ -71,7 +71,34 @@ if (get("calibrate")) get("calibrate").addEventListener("click", () => {
     } catch (error) { refused(error); return false; } finally { get("calibrate").disabled = false; }
   });
 });
-function showCalibration({ values, images, warnings, revision }) {
+/* what the images asked for besides the set, and a button where a key of the set states it */
+function causesTable(causes) {
+  const table = tableUnder(["The images ask for", "Found ± (standard)", "Into the set"]), body = table.createTBody();
+  for (const one of causes) {
+    const row = body.insertRow(), button = document.createElement("button");
+    row.insertCell().textContent = one.words;
+    valueCell(row, one.text);
+    const last = row.insertCell();
+    if (one.note) {
+      const note = body.insertRow().insertCell();
+      row.className = "noted";
+      note.colSpan = 3;
+      note.className = "hint";
+      note.textContent = one.note;
+    }
+    if (one.key === null) { last.textContent = "no key"; continue; }
+    button.type = "button";
+    button.textContent = "Take";
+    button.title = one.line;
+    button.setAttribute("aria-label", "Take " + one.words + " into the set");
+    button.addEventListener("click", () => {
+      useTool({ tool: "values", values: { [one.key]: one.value } }, one.words + ": taken into the set. Calibrate again: f_sigma is found with it then.");
+    });
+    last.append(button);
+  }
+  return table;
+}
+function showCalibration({ values, images, causes, warnings, revision }) {
   const holder = get("fit-result"), table = tableUnder(["Value", "Found ± standard uncertainty"]);
   const body = table.createTBody();
   for (const one of values) {
@@ -86,5 +113,5 @@ function showCalibration({ values, images, warnings, revision }) {
     for (const text of [String(one.load_n), one.order.toFixed(4), one.chi.toFixed(2)]) valueCell(row, text);
   }
   holder.dataset.revision = revision;
-  holder.replaceChildren(table, each, listOf(warnings.map((text) => ["warning", text])));
+  holder.replaceChildren(table, ...(causes.length ? [causesTable(causes)] : []), each, listOf(warnings.map((text) => ["warning", text])));
 }

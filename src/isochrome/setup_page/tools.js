@@ -371,10 +371,13 @@ function chooseTool(name) {
   get("order-row").hidden = tool !== "order" && tool !== "line";
   get("new-line").hidden = !ofLines();
   get("show-map").hidden = tool !== "order" && !ofLines();
+  if (get("preview")) get("preview").hidden = !tellsOrders();
   get("add-point").hidden = get("clear-tool").hidden = tool === "look";
   if (tool !== "look") get("step-place").open = true;
   showPoints();
   draw();
+  hidePreview();
+  followFrame();
 }
 for (const radio of document.getElementsByName("tool")) {
   radio.addEventListener("change", () => chooseTool(radio.value));

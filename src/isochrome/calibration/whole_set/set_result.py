@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -93,26 +94,39 @@ def causes(fit: SetFit, wavelength_nm: float | None) -> tuple[dict[str, Any], ..
     return tuple(found)
 
 
+def cause_sentence(cause: Mapping[str, Any]) -> str:
+    """Say of a cause that a calibration found and used what it is, and where a set states it.
+
+    Parameters
+    ----------
+    cause : mapping
+        One of `Calibration.causes`.
+
+    Returns
+    -------
+    str
+        As it stands in the calibration's warnings.
+    """
+    value = with_uncertainty(cause["value"], cause["standard_uncertainty"])
+    if cause["key"] == GAMMA:
+        return (
+            f"the grey levels are not linear in light: gamma = {value} times the one given "
+            "describes the fringes, and was used; set camera.gamma to the product"
+        )
+    if cause["key"]:
+        return (
+            f"{cause['cause']}: {cause['key']} = {value} describes the fringes, and was used; "
+            "set it in the set"
+        )
+    return (
+        f"{cause['cause']}: {value} of the wavelength (full width at half height) describes "
+        "the fringes, and was used; set polariscope.wavelength_nm and bandwidth_nm"
+    )
+
+
 def sentences(fit: SetFit, found: tuple[dict[str, Any], ...]) -> tuple[str, ...]:
     """What was found and used, a sentence each."""
-    messages = []
-    for item in found:
-        value = with_uncertainty(item["value"], item["standard_uncertainty"])
-        if item["key"] == GAMMA:
-            messages.append(
-                f"the grey levels are not linear in light: gamma = {value} times the one given "
-                "describes the fringes, and was used; set camera.gamma to the product"
-            )
-        elif item["key"]:
-            messages.append(
-                f"{item['cause']}: {item['key']} = {value} describes the fringes, and was used; "
-                "set it in the set"
-            )
-        else:
-            messages.append(
-                f"{item['cause']}: {value} of the wavelength (full width at half height) describes "
-                "the fringes, and was used; set polariscope.wavelength_nm and bandwidth_nm"
-            )
+    messages = [cause_sentence(item) for item in found]
     count = sum(len(t) for t in fit.model.terms)
     plain = 9 if fit.model.shots[0].no_load_light is None else 6
     if count > plain:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from isochrome.fitting.causes.cause import Cause
@@ -20,13 +21,30 @@ _LEAST_SHIFT = 1e-6
 """Change of the load below which nothing is said of it."""
 
 
-def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
+_SMALL = 0.1
+"""Of a friction, or another plain number, what is little."""
+
+_MOVED, _GROWN = 0.005, 1.5
+"""Share of a value by which richer light must move it, or its ± be and grow by so much, where it is
+said for what it changes alone."""
+
+
+def cause_messages(
+    freed: Freed[Any],
+    *,
+    rivals: Mapping[str, tuple[str, ...]] | None = None,
+    light: bool = True,
+) -> tuple[str, ...]:
     """Say what was freed in one frame, or in several together, and what is suspected and cannot be.
 
     Parameters
     ----------
     freed : Freed
         A fit with what its frames asked for.
+    rivals : mapping of str to tuple of str, optional
+        Causes that the frame cannot tell from those that were freed, see `rival_causes`.
+    light : bool, default True
+        Whether richer light is said where it was taken.
 
     Returns
     -------
@@ -37,9 +55,9 @@ def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
     if freed.slip is not None:
         return (freed.slip.sentence(),)
     own = tuple(cause for cause in freed.causes if not cause.weight)
-    messages = [_freed_sentence(freed, own)] if own else []
+    messages = [_freed_sentence(freed, own, rivals or {})] if own else []
     messages += [_stated_sentence(freed, cause) for cause in freed.causes if cause.weight]
-    if freed.light:
+    if freed.light and light:
         messages.append(
             f"{freed.now.light_words}; no-load frames (frames.no_load_bright, no_load_dark) show "
             "it as it is"
@@ -61,6 +79,36 @@ def cause_messages(freed: Freed[Any]) -> tuple[str, ...]:
     if suspects:
         messages.append(_suspect_sentence(freed.now, suspects))
     return tuple(messages)
+
+
+def light_matters(freed: Freed[Any]) -> bool:
+    """Tell whether richer light changes a value of a frame, or its uncertainty, noticeably.
+
+    Parameters
+    ----------
+    freed : Freed
+        One frame's fit with what it asked for.
+
+    Returns
+    -------
+    bool
+        Whether a value moves by half a per cent and more than four of its uncertainties, or its
+        uncertainty is half a per cent of it and grows by half. Places are judged by the pixel, and
+        a friction by a tenth at least.
+    """
+    before, now = freed.stated.fit, freed.fit
+    pixel = now.scene.camera.pixel_mm if now.scene.camera else None
+    for key in set(before.keys) & set(now.keys):
+        (first, spread), (last, wider) = (
+            (float(fit.values[k]), float(fit.standard_uncertainty[k]))
+            for fit in (before, now)
+            for k in (fit.keys.index(key),)
+        )
+        size = 100.0 * (pixel or 0.0) if key.endswith("_mm") else max(abs(last), _SMALL)
+        moved = abs(last - first) > max(_MOVED * size, _FAR * wider)
+        if moved or (wider > _MOVED * size and wider > _GROWN * spread):
+            return True
+    return False
 
 
 def opposite_shear(given: Scene, key: str, value: float, spread: float) -> str | None:
@@ -114,7 +162,7 @@ def _said(solution: Askable, key: str) -> str:
 def _stated_sentence(freed: Freed[Any], cause: Cause) -> str:
     """What the frame says of the values that are stated with their uncertainties."""
     now = freed.now
-    values = ", ".join(_said(now, key) for key in cause.keys)
+    values = ", ".join(_told(freed, key) for key in cause.keys)
     text = (
         f"{_verb(now, 'tell')} more of {len(cause.keys)} stated value(s) than their uncertainties: "
         f"fitted too, with these as priors ({values})"
@@ -132,14 +180,32 @@ def _stated_sentence(freed: Freed[Any], cause: Cause) -> str:
     return text
 
 
-def _freed_sentence(freed: Freed[Any], causes: tuple[Cause, ...]) -> str:
-    """What was freed, by name, key and value."""
+def _freed_sentence(
+    freed: Freed[Any], causes: tuple[Cause, ...], rivals: Mapping[str, tuple[str, ...]]
+) -> str:
+    """What was freed, by name, key and value, and what it may be instead."""
     parts = []
     for cause in causes:
-        values = ", ".join(_said(freed.now, key) for key in cause.keys)
-        parts.append(f"{cause.name} ({values})")
+        values = ", ".join(_told(freed, key) for key in cause.keys)
+        others = " or ".join(rivals.get(cause.name, ()))
+        name = f"{cause.name} or {others}, and cannot tell which: fitted is the first"
+        parts.append(f"{name if others else cause.name} ({values})")
+    if any(cause.name in rivals for cause in causes):
+        asks = _verb(freed.now, "ask")
+        return f"{asks} for {' and for '.join(parts)}; look at the bench before you state either"
     shows = _verb(freed.now, "show")
     return f"{shows} {' and '.join(parts)}, fitted too; state it in the scene to fix it"
+
+
+def _told(freed: Freed[Any], key: str) -> str:
+    """A key with its value and the uncertainty that the results have, which is not the fit's alone:
+    causes that the frame neither asks for nor excludes are counted."""
+    fit = freed.fit
+    if freed.now.count != 1:
+        return _said(freed.now, key)
+    place = fit.keys.index(key)
+    pair = float(fit.values[place]), float(fit.standard_uncertainty[place])
+    return f"{key} = {with_uncertainty(*pair)}"
 
 
 def _shift(freed: Freed[Any]) -> str:

@@ -16,6 +16,7 @@ from isochrome.frames.checks.findings import (
     of_depth,
     of_light,
     of_no_load,
+    of_unloaded,
     refusals,
     survey,
 )
@@ -105,7 +106,7 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     """Look through captured frames once, without a model: what is wrong with them for this scene.
 
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
-    in one pass with one frame in memory.
+    in one pass with one frame in memory; and whether a frame shows the unloaded specimen.
 
     Parameters
     ----------
@@ -137,7 +138,7 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     except InputError as error:
         return Check(_sorted([Finding("error", str(error)), *found]), 0, None)
     with reader:
-        seen = survey(reader)
+        seen = survey(reader, scene)
     if seen.failure is not None:
         found.append(Finding("error", seen.failure, seen.count))
     found += _of_file(reader, scene)
@@ -148,6 +149,7 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     found += of_depth(reader, seen)
     found += of_light(reader, seen)
     found += of_no_load(reader, seen, scene)
+    found += of_unloaded(reader, seen, scene)
     return Check(_sorted(found), seen.count, reader.shape, seen)
 
 

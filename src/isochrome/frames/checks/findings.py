@@ -14,6 +14,12 @@ from typing import Literal
 import numpy as np
 
 from isochrome.errors import InputError
+from isochrome.frames.checks.unloaded import (
+    UNLOADED,
+    LoadSigns,
+    load_signs,
+    unloaded_frames,
+)
 from isochrome.frames.linear import Linear
 from isochrome.frames.no_load import load_no_load, open_no_load_steps
 from isochrome.frames.noise import estimate_noise, full_scale
@@ -55,7 +61,8 @@ class Survey:
     `low`, `high`: 2nd and 98th percentile; `saturated`: share on the plateau, where clipped;
     `smallest`, `largest`: of the finite pixels, NaN where there are none; `not_finite`: share;
     `noise`: sigma at mid level of frames 0, 1, 3, 7, ...; `twins`: (frame, earlier equal one);
-    `bits`: all values or-ed together; `failure`: why reading ended before the end.
+    `bits`: all values or-ed together; `failure`: why reading ended before the end; `load`: what
+    says whether each is loaded, None where that is not asked.
     """
 
     count: int = 0
@@ -70,20 +77,23 @@ class Survey:
     untimed: int = 0
     bits: int = 0
     failure: str | None = None
+    load: LoadSigns | None = None
 
 
-def survey(reader: FrameReader) -> Survey:
-    """Read all frames once, in memory that does not grow with them.
+def survey(reader: FrameReader, scene: Scene) -> Survey:
+    """Read all frames once, in memory that does not grow with their pixels.
 
-    Parameters: `reader`. Returns a Survey; an InputError on the way ends it and is kept in
+    Parameters: `reader`; `scene`. Returns a Survey; an InputError on the way ends it and is kept in
     `failure`.
     """
-    found, seen = Survey(), dict[bytes, int]()
+    found, seen = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
     full = full_scale(reader.bit_depth)
     try:
         for frame in reader:
             level = saturation_level(frame.image, full=full)
             _add(found, frame.image, level, frame.mask)
+            if found.load is not None:
+                found.load.add(frame, full, scene.frames.first_gamma)
             key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
             first = seen.setdefault(key, frame.index)
             if first != frame.index:
@@ -295,6 +305,21 @@ def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
     if not index.size:
         return
     yield Finding(level, f"{named_frames(index.tolist())}: {text}", int(index[0]))
+
+
+def of_unloaded(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:
+    """Findings on frames that show the unloaded specimen among those to be processed."""
+    if seen.load is None or not seen.count:
+        return
+    full, gamma = full_scale(reader.bit_depth), scene.frames.first_gamma
+    like, alone = unloaded_frames(seen.load, seen.low, seen.high, full, gamma)
+    for key, numbers in like.items():
+        why = UNLOADED.format(f"nearly the same picture as {key}", "")
+        yield Finding("warning", f"{named_frames(numbers)}: {why}", numbers[0])
+    if alone:
+        name = ", or name it as frames.no_load_dark or no_load_bright"
+        why = UNLOADED.format("no fringes, where the frames beside show many", name)
+        yield Finding("warning", f"{named_frames(alone)}: {why}", alone[0])
 
 
 def of_no_load(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:

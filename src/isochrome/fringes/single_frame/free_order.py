@@ -12,7 +12,7 @@ masked pixels keep apart are parts apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -37,6 +37,7 @@ from isochrome.fringes.single_frame.known_points import (
     Anchored,
     anchor_parts,
     clearly_apart,
+    part_near,
 )
 from isochrome.fringes.single_frame.patch_labels import (
     Labels,
@@ -57,7 +58,13 @@ from isochrome.fringes.single_frame.patches import (
     offsets,
 )
 from isochrome.fringes.single_frame.sign_ambiguity import mend_mirrored
-from isochrome.fringes.single_frame.stated_orders import KnownPlaces, KnownPoint, corner_orders
+from isochrome.fringes.single_frame.stated_orders import (
+    KnownOrders,
+    KnownPlaces,
+    KnownPoint,
+    corner_orders,
+    known_orders,
+)
 from isochrome.fringes.stray_light import stray_error
 from isochrome.fringes.windows import Array, Mask, innermost
 from isochrome.scene import FreeCorner
@@ -149,42 +156,94 @@ def read_free(
             f"a frame of {wave.shape[0]} x {wave.shape[1]} pixels is smaller than a patch of "
             f"{2 * HALF + 1}; enlarge frames.roi"
         )
-    points = [
-        KnownPlaces(((row, col),), order, extremum=turn[0] if turn else None)
-        for row, col, order, *turn in known
-    ]
-
-    def anchored_by(patches: Patches, labels: Labels, wave: Array) -> Anchored:
-        at_corners, unlit = corner_orders(corners, patches, labels, wave, valid)
-        unlit_by = np.zeros(patches.chi.shape) if error is None else _at(error, patches)
-        found = anchor_parts(patches, labels, [*points, *lines, *at_corners], valid, unlit_by)
-        return replace(found, said=(*unlit, *found.said))
-
-    patches, labels, found, fade = _whole_contrast(wave, sigma, valid, anchored_by)
-    wave, sigma = wave / fade, sigma / fade
-    good = max(1, int((labels.part >= 0).sum()))
+    orders = known_orders(known, lines, corners)
+    followed, fade = follow_fringes(wave, sigma, valid, orders, error=error)
+    found = followed.anchored(orders)
+    good = max(1, int((followed.labels.part >= 0).sum()))
     anchored = float(np.isfinite(found.terms[..., 0]).sum() / good)
-    reading = _beside_stray(_dense(patches, found.terms, valid), wave, sigma)
+    dense = _dense(followed.patches, found.terms, valid)
+    reading = _beside_stray(dense, followed.wave, sigma / fade)
     return FreeReading(reading, anchored, fade, found.misses, found.said)
 
 
-def _whole_contrast(
-    wave: Array,
-    sigma: Array,
-    valid: Mask,
-    anchored_by: Callable[[Patches, Labels, Array], Anchored],
-) -> tuple[Patches, Labels, Anchored, Array]:
-    """Patches, labels and anchored orders of a frame, and its contrast (rows, cols).
+@dataclass(frozen=True, kw_only=True)
+class FollowedFringes:
+    """What a frame's fringes say before an order is known.
 
-    Low orders of wide fringes lose next to nothing and tell what the others lose: what is followed
-    grows from them. `anchored_by`, what is known, as patches, labels and the light see it.
+    Parameters
+    ----------
+    faded : bool
+        Whether they have lost contrast, so that what can be followed depends on what was known.
+    patches, labels : Patches, Labels
+        The frame's patches, and their signs and whole numbers within each part.
+    wave : ndarray (rows, cols)
+        The light c = cos 2 pi N.
+    valid : bool ndarray (rows, cols)
+        Whether a pixel is trusted.
+    unlit : ndarray (m, n)
+        The signal's uncertainty by the ends of the light, at the patches.
     """
+
+    faded: bool
+    patches: Patches = field(repr=False)
+    labels: Labels = field(repr=False)
+    wave: Array = field(repr=False)
+    valid: Mask = field(repr=False)
+    unlit: Array = field(repr=False)
+
+    def anchored(self, known: KnownOrders) -> Anchored:
+        """The signed orders of the patches by what is `known`, and what is to be said."""
+        patches, labels, valid = self.patches, self.labels, self.valid
+        at_corners, unlit = corner_orders(known.corners, patches, labels, self.wave, valid)
+        places = [*known.places, *at_corners]
+        found = anchor_parts(patches, labels, places, valid, self.unlit)
+        return replace(found, said=(*unlit, *found.said))
+
+    def part_at(self, row: float, col: float, *, on_line: bool = False) -> Mask:
+        """The patches (m, n) for which an order at a place speaks; none where it has none."""
+        number = part_near(self.patches, self.labels, (row, col), on_line=on_line)
+        return np.asarray((self.labels.part == number) & (number >= 0))
+
+
+def follow_fringes(
+    wave: Array, sigma: Array, valid: Mask, known: KnownOrders, *, error: Array | None = None
+) -> tuple[FollowedFringes, Array]:
+    """Follow the fringes of a normalised frame as far as they can be without a known order.
+
+    Low orders of wide fringes lose next to nothing of their contrast and tell what the others lose:
+    where contrast is lost, what is followed grows from them by what is known.
+
+    Parameters
+    ----------
+    wave, sigma, valid : ndarray (rows, cols)
+        As in `read_free`.
+    known : KnownOrders
+        What is known; it matters where the fringes have lost contrast alone.
+    error : ndarray (rows, cols), optional
+        As in `read_free`.
+
+    Returns
+    -------
+    FollowedFringes
+        What could be followed.
+    ndarray (rows, cols)
+        What the fringes have left of their contrast.
+    """
+
     fade = np.ones(wave.shape)
     patches, labels = _coarse_to_fine(wave, sigma, valid)
-    if is_faded(patches):
+    faded = is_faded(patches)
+
+    def followed(patches: Patches, labels: Labels, wave: Array) -> FollowedFringes:
+        unlit = np.zeros(patches.chi.shape) if error is None else _at(error, patches)
+        return FollowedFringes(
+            patches=patches, labels=labels, wave=wave, valid=valid, unlit=unlit, faded=faded
+        )
+
+    if faded:
         patches, labels = _coarse_to_fine(wave, sigma, valid, faded=True)
         for _ in range(_CONTRAST_ROUNDS):
-            found = anchored_by(patches, labels, wave / fade)
+            found = followed(patches, labels, wave / fade).anchored(known)
             if not np.isfinite(found.terms).any():
                 break
             own = replace(patches, contrast=patches.contrast * _at(fade, patches))
@@ -194,7 +253,7 @@ def _whole_contrast(
             patches, labels = _coarse_to_fine(wave / fade, sigma / fade, valid, faded=True)
             if np.percentile(np.abs(fade - before)[valid], _MOSTLY) < FADED:
                 break
-    return patches, labels, anchored_by(patches, labels, wave / fade), fade
+    return followed(patches, labels, wave / fade), fade
 
 
 def _at(image: Array, patches: Patches) -> Array:

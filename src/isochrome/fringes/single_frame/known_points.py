@@ -298,6 +298,17 @@ def _unfollowed(known: KnownPlaces, valid: Mask) -> str:
     return f"{known.key} = {known.order:g} at row {row:g}, column {col:g}{others}: {why}"
 
 
+def part_near(
+    patches: Patches, labels: Labels, place: tuple[float, float], *, on_line: bool = False
+) -> int:
+    """The part for which an order at a place speaks, -1 where there is none near.
+
+    Parameters: `patches`, their `labels`; `place` (row, col), px; `on_line`, whether a line's.
+    """
+    kind = KnownPlaces((place,) * (2 if on_line else 1), 0.0)
+    return _part_at(patches, labels, stated_place(patches, labels, patches.terms, kind, place))
+
+
 def _part_at(patches: Patches, labels: Labels, p: StatedPlace) -> int:
     """The part of the patch about a place, -1 where there is none near."""
     far = max(

@@ -75,6 +75,46 @@ class KnownPlaces:
         return len(self.places) > 1
 
 
+@dataclass(frozen=True)
+class KnownOrders:
+    """What is known of a frame's orders.
+
+    Parameters
+    ----------
+    places : tuple of KnownPlaces
+        Points and fringe lines alike.
+    corners : tuple of FreeCorner
+        Corners of the outline that are free of load.
+    """
+
+    places: tuple[KnownPlaces, ...] = ()
+    corners: tuple[FreeCorner, ...] = ()
+
+
+def known_orders(
+    known: Sequence[KnownPoint | tuple[float, float, float, str]],
+    lines: Sequence[KnownPlaces] = (),
+    corners: Sequence[FreeCorner] = (),
+) -> KnownOrders:
+    """Gather what is known of a frame's orders.
+
+    Parameters
+    ----------
+    known, lines, corners : sequence
+        As for `read_free`.
+
+    Returns
+    -------
+    KnownOrders
+        All of it.
+    """
+    points = [
+        KnownPlaces(((row, col),), order, extremum=turn[0] if turn else None)
+        for row, col, order, *turn in known
+    ]
+    return KnownOrders((*points, *lines), tuple(corners))
+
+
 @dataclass(frozen=True, kw_only=True)
 class StatedPlace:
     """A place of known order: its quadratic's `basis` (6,) in the `patch` about it, its part's f.

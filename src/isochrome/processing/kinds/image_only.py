@@ -25,10 +25,12 @@ from isochrome.frames import (
 from isochrome.fringes import (
     BackgroundModulation,
     FreeReading,
+    KnownOrders,
     KnownPlaces,
     common_reading,
     fit_background_modulation,
     gamma_misfit,
+    known_orders,
     read_free,
     skeletons,
     widened,
@@ -78,7 +80,7 @@ out of the picture, and an order beyond a bright crest may be mirrored about it.
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Signal:
+class FrameSignal:
     """The fringe signal 0..1 (rows, cols), its noise, where it is trusted, and what to say.
 
     `refusal`, why no order can be told from it, if any; `error`, what the ends and the tone curve
@@ -96,7 +98,7 @@ class _Signal:
     notes: tuple[str, ...] = ()
     columns: dict[str, Any] = field(default_factory=dict)
     gamma_check: Callable[[Array], tuple[Array, list[str]]] | None = None
-    others: tuple[_Signal, ...] = ()
+    others: tuple[FrameSignal, ...] = ()
 
 
 def process_image_only(
@@ -136,22 +138,16 @@ def read_alone(
         normalised=np.where(linear.valid, linear.image, np.nan).astype(np.float32),
     )
     try:
-        seen = _signal(frame, linear, scene, capture)
+        seen = frame_signal(frame, linear, scene, capture)
     except InputError as error:
         return replace(blank, warnings=(f"not normalised: {error}",)), None
     lines = skeletons(np.clip(seen.signal, 0.0, 1.0))
-    saturated = _saturated(frame, capture, inside)
-    if capture.bright is None and saturated > MOST_SATURATED:
-        found, warnings = None, [OVEREXPOSED.format(100.0 * saturated)]
-    elif seen.refusal:
-        found, warnings = None, [seen.refusal]
-    elif capture.bright is None and len(lines) < FEWEST_LINES and scene.frames.known_order:
-        found, warnings = None, [FEW_FRINGES.format(f"{len(lines)} fringe lines", FEWEST_LINES)]
-    else:
+    asked = bool(scene.frames.known_order)
+    found, warnings = None, [refused_beforehand(frame, seen, len(lines), capture, asked, inside)]
+    if not warnings[0]:
         found, warnings = _read(seen, scene)
-        highest = _highest(found)
-        if capture.bright is None and 0.0 < highest < LEAST_ORDER:
-            few = FEW_FRINGES.format(f"fringes up to order {highest:.2f}", LEAST_ORDER)
+        few = refused_low(found.reading.order if found else np.zeros(0), capture)
+        if few:
             found, warnings = None, [*warnings, few]
     whole = replace(
         blank,
@@ -165,11 +161,39 @@ def read_alone(
     return whole, seen.ends
 
 
-def _highest(found: FreeReading | None) -> float:
-    """The highest order of a reading but for a few pixels, 0 where none is known."""
-    if found is None or not np.isfinite(found.reading.order).any():
-        return 0.0
-    return float(np.nanpercentile(found.reading.order, _ALMOST_ALL))
+def refused_beforehand(
+    frame: Frame,
+    seen: FrameSignal,
+    lines: int,
+    capture: Capture,
+    asked: bool,
+    inside: NDArray[np.bool_] | None = None,
+) -> str:
+    """Why no order is read in a frame whatever is known of its orders; empty where one is.
+
+    Parameters: the `frame`, what is `seen` in it, its fringe `lines`; `capture`; `asked`, whether a
+    point is known; `inside`, as in `read_alone`.
+    """
+    saturated = _saturated(frame, capture, inside)
+    if capture.bright is None and saturated > MOST_SATURATED:
+        return OVEREXPOSED.format(100.0 * saturated)
+    if seen.refusal:
+        return seen.refusal
+    if capture.bright is None and lines < FEWEST_LINES and asked:
+        return FEW_FRINGES.format(f"{lines} fringe lines", FEWEST_LINES)
+    return ""
+
+
+def refused_low(order: Array, capture: Capture) -> str:
+    """Why orders are too low to be told without a bright no-load frame; empty where they are not.
+
+    Parameters: `order`, NaN = not known; `capture`.
+    """
+    known = order[np.isfinite(order)]
+    highest = float(np.percentile(known, _ALMOST_ALL)) if known.size else 0.0
+    if capture.bright is None and 0.0 < highest < LEAST_ORDER:
+        return FEW_FRINGES.format(f"fringes up to order {highest:.2f}", LEAST_ORDER)
+    return ""
 
 
 def _saturated(frame: Frame, capture: Capture, inside: NDArray[np.bool_] | None) -> float:
@@ -196,7 +220,7 @@ def _light(
     return np.where(valid, linear.image, 0.0), sigma, valid
 
 
-def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Signal:
+def frame_signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> FrameSignal:
     """Background and illumination out, by no-load frames where there are, else by the fringes."""
     light, sigma, valid = _light(frame, linear, scene, capture)
     dark, bright = (part.image if part else None for part in (capture.dark, capture.bright))
@@ -233,7 +257,7 @@ def _signal(frame: Frame, linear: Linear, scene: Scene, capture: Capture) -> _Si
 
 def _by_ends(
     light: Array, sigma: Array, valid: NDArray[np.bool_], ends: BackgroundModulation
-) -> tuple[Normalised, _Signal]:
+) -> tuple[Normalised, FrameSignal]:
     """A frame's light normalised by the ends and the tone curve that its fringes told."""
     done = normalise(
         Linear(np.maximum(light, 0.0) ** ends.tone, valid),
@@ -241,7 +265,7 @@ def _by_ends(
         Linear(ends.bright, valid),
     )
     slope = ends.tone * np.maximum(light, sigma) ** (ends.tone - 1.0)
-    signal = _Signal(
+    signal = FrameSignal(
         signal=done.signal,
         sigma=slope * sigma / np.where(done.valid, done.contrast, 1.0),
         valid=done.valid,
@@ -323,7 +347,7 @@ def _contradicted(
     ]
 
 
-def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
+def _read(seen: FrameSignal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     """The order from what is known of it, and what to say of it."""
     if not scene.frames.orders_known:
         return None, [NO_ANCHOR]
@@ -333,10 +357,21 @@ def _read(seen: _Signal, scene: Scene) -> tuple[FreeReading | None, list[str]]:
     return found, [*messages, *found.said]
 
 
-def _read_signal(seen: _Signal, scene: Scene) -> tuple[FreeReading, list[str]]:
+def _read_signal(seen: FrameSignal, scene: Scene) -> tuple[FreeReading, list[str]]:
     """The order of one signal, and what its gamma is told by."""
+    error, messages, known = seen.error, list[str](), orders_of(scene)
+    light, apart = (*wave_of(seen, scene), seen.valid), known.corners
+    found = read_free(*light, (), lines=known.places, corners=apart, error=error)
+    if seen.gamma_check is not None:
+        other, messages = seen.gamma_check(found.contrast)
+        error = np.hypot(error, other)
+    return replace(found, reading=widened(found.reading, error)), messages
+
+
+def orders_of(scene: Scene) -> KnownOrders:
+    """What a `scene` says of the orders in its frames."""
     own = scene.frames
-    known: list[tuple[float, float, float] | tuple[float, float, float, str]] = [
+    points: list[tuple[float, float, float] | tuple[float, float, float, str]] = [
         (k.row_px, k.col_px, k.order, k.extremum) if k.extremum else (k.row_px, k.col_px, k.order)
         for k in own.known_order
     ]
@@ -344,19 +379,17 @@ def _read_signal(seen: _Signal, scene: Scene) -> tuple[FreeReading, list[str]]:
         KnownPlaces(line.places, line.order, f"frames.known_line[{i}]")
         for i, line in enumerate(own.known_line, start=1)
     ]
-    corners = [corner for boundary in own.free_boundary for corner in boundary.corners]
+    return known_orders(points, lines, [c for edge in own.free_boundary for c in edge.corners])
+
+
+def wave_of(seen: FrameSignal, scene: Scene) -> tuple[Array, Array]:
+    """The light c = cos 2 pi N of a signal `seen` in the `scene`'s field, and its noise."""
     turn = -1.0 if scene.polariscope.field == "bright" else 1.0
     wave = np.where(seen.valid, turn * (1.0 - 2.0 * seen.signal), 0.0)
-    sigma = np.where(seen.valid, 2.0 * seen.sigma, 1.0)
-    error, messages = seen.error, list[str]()
-    found = read_free(wave, sigma, seen.valid, known, lines=lines, corners=corners, error=error)
-    if seen.gamma_check is not None:
-        other, messages = seen.gamma_check(found.contrast)
-        error = np.hypot(error, other)
-    return replace(found, reading=widened(found.reading, error)), messages
+    return wave, np.where(seen.valid, 2.0 * seen.sigma, 1.0)
 
 
-def _columns(found: FreeReading | None, seen: _Signal, lines: int) -> dict[str, Any]:
+def _columns(found: FreeReading | None, seen: FrameSignal, lines: int) -> dict[str, Any]:
     """The frame's columns of frames.csv besides those of every frame."""
     kept = {"kept_share": found.reading.kept} if found else {}
     columns = kept | {"fringe_lines": lines} | seen.columns
