@@ -10,6 +10,7 @@ from isochrome.fitting.causes.freeing import Freed
 from isochrome.fitting.causes.score import Asked
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.causes.trials import lying_otherwise
+from isochrome.fitting.frame.frame_estimate import FrameFit
 from isochrome.fitting.frame.unknowns import FRICTION, LOAD, TANGENTIAL
 from isochrome.output import per_cent, with_uncertainty
 from isochrome.scene import Scene
@@ -199,9 +200,10 @@ def _freed_sentence(
 
 def _told(freed: Freed[Any], key: str) -> str:
     """A key with its value and the uncertainty that the results have, which is not the fit's alone:
-    causes that the frame neither asks for nor excludes are counted."""
+    causes that the frame neither asks for nor excludes are counted.
+    """
     fit = freed.fit
-    if freed.now.count != 1:
+    if not isinstance(fit, FrameFit):  # of several frames, or of the only one of a film
         return _said(freed.now, key)
     place = fit.keys.index(key)
     pair = float(fit.values[place]), float(fit.standard_uncertainty[place])
