@@ -13,8 +13,6 @@ from isochrome.processing import anchor_preview, part_change
 from isochrome.setup_page import apply_tool, questions
 from isochrome.setup_page.questions import ClickPreview, order_map_of_points
 
-from .test_setup_browser import place_on_screen, tab
-
 POINT = {"row": 420, "col": 100, "order": 0.42, "extremum": None}
 SPAN = r"(\d+\.\d)\.\.(\d+\.\d)"
 
@@ -160,6 +158,8 @@ def chromium():
 
 def words_at(own, row, col):
     """What is said of a place on which the mouse rests."""
+    from .test_setup_browser import place_on_screen
+
     own.page.mouse.move(*place_on_screen(own, row - 4, col + 3))
     own.page.mouse.move(*place_on_screen(own, row, col))
     own.page.wait_for_function("() => would.found !== null", timeout=30_000)
@@ -171,6 +171,8 @@ def words_at(own, row, col):
 
 @pytest.mark.browser
 def test_the_words_beside_the_mouse_are_what_the_map_is_after_the_click(chromium, bench):
+    from .test_setup_browser import tab
+
     with tab(chromium, bench) as own:
         page = own.page
         own.tool("order")
@@ -199,6 +201,8 @@ def test_the_words_beside_the_mouse_are_what_the_map_is_after_the_click(chromium
 @pytest.mark.browser
 def test_a_number_that_is_typed_says_what_it_would_do_before_it_is_taken(chromium, bench):
     apply_tool(bench, {"tool": "known_order", "points": [POINT]})
+    from .test_setup_browser import tab
+
     with tab(chromium, bench) as own:
         page = own.page
         own.tool("order")
@@ -220,6 +224,8 @@ def test_a_number_that_is_typed_says_what_it_would_do_before_it_is_taken(chromiu
 
 @pytest.mark.browser
 def test_the_keys_alone_are_told_what_enter_would_set(chromium, bench):
+    from .test_setup_browser import tab
+
     with tab(chromium, bench) as own:
         page = own.page
         page.focus("input[name=tool]:checked")
