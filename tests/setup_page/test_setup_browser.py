@@ -238,19 +238,7 @@ def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
     """
     shutil.copy(REAL / "DSC_0010.jpg", tmp_path)
     with tab(chromium, open_session(tmp_path / "DSC_0010.jpg")) as own:
-        own.actions += 1
-        own.page.select_option("#kind", "disc")
-        for key, text in (
-            ("specimen.diameter_mm", "60"), ("specimen.thickness_mm", "6"),
-            ("specimen.fringe_value_n_per_mm", "11"), ("load.normal_n", "800"),
-            ("frames.gamma", "2.2"),
-        ):  # fmt: skip
-            own.fill(key, text)
-        own.click("#make")
-        own.tool("region")
-        draw_region(own, (630, 580), (1540, 1490))
-        own.click("#save")
-        own.status("Saved")
+        save_real_disc(own)
         assert own.actions <= MOST_ACTIONS
         scene = isochrome.load_scene(tmp_path / "scene.toml")
         assert abs(scene.frames.roi.top_px - 630) <= 4  # a pixel of the screen is 3.6 of the frame
@@ -270,6 +258,23 @@ def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
         isochrome.process(tmp_path / "DSC_0010.jpg", scene)
 
 
+def save_real_disc(own, *more):
+    """Fill in what is guessed of the real disc, and `more` fields, draw its region, and save."""
+    own.actions += 1
+    own.page.select_option("#kind", "disc")
+    for key, text in (
+        ("specimen.diameter_mm", "60"), ("specimen.thickness_mm", "6"),
+        ("specimen.fringe_value_n_per_mm", "11"), ("load.normal_n", "800"),
+        ("frames.gamma", "2.2"), *more,
+    ):  # fmt: skip
+        own.fill(key, text)
+    own.click("#make")
+    own.tool("region")
+    draw_region(own, (630, 580), (1540, 1490))
+    own.click("#save")
+    own.status("Saved")
+
+
 def draw_region(own, first, last):
     """Draw a region from corner to corner, (row, col) of the picture."""
     own.actions += 1
@@ -287,20 +292,8 @@ def test_from_the_real_discs_known_loads_to_the_one_that_nobody_stated(chromium,
     for file in REAL.glob("*.jpg"):
         shutil.copy(file, tmp_path)
     with tab(chromium, open_session(tmp_path)) as own:
-        own.actions += 1
-        own.page.select_option("#kind", "disc")
-        for key, text in (
-            ("specimen.diameter_mm", "60"), ("specimen.thickness_mm", "6"),
-            ("specimen.fringe_value_n_per_mm", "11"), ("load.normal_n", "800"),
-            ("frames.known_loads_n", "523 663 0 922 1045 1152 1221"), ("frames.gamma", "2.2"),
-            ("polariscope.wavelength_nm", "546"),
-        ):  # fmt: skip
-            own.fill(key, text)
-        own.click("#make")
-        own.tool("region")
-        draw_region(own, (630, 580), (1540, 1490))
-        own.click("#save")
-        own.status("Saved")
+        loads = "523 663 0 922 1045 1152 1221"
+        save_real_disc(own, ("frames.known_loads_n", loads), ("polariscope.wavelength_nm", "546"))
         assert own.actions <= MOST_ACTIONS
         scene = isochrome.load_scene(tmp_path / "scene.toml")
         own.page.click("#check")

@@ -28,6 +28,7 @@ from isochrome.calibration.disc.order_slope import (
 )
 from isochrome.calibration.shot import Shot
 from isochrome.errors import PhysicsError
+from isochrome.estimation import jackknife_variance
 
 Array = NDArray[np.float64]
 
@@ -145,8 +146,7 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     Notes
     -----
     The variance of a predicted value with an unknown scatter is that of Student's t: Gelman et al.
-    (2013), Bayesian Data Analysis, section 3.2. The jackknife: Künsch (1989), Ann. Statist. 17,
-    1217-1241.
+    (2013), Bayesian Data Analysis, section 3.2. The jackknife: `jackknife_variance`.
     """
     others = [i for i, other in enumerate(series.numbers) if other != number]
     known = Overlay(series.images.stack[others], series.images.grid, series.images.loads[others])
@@ -162,7 +162,7 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     start = _coarse(known, own, rise, shot.name)
     both = replace(known, stack=np.concatenate([known.stack, own.stack]))
     fit = fit_orders(both, np.append(rise.slope * known.loads, start), rise.angle)
-    load, spread = _on_line(known.loads, fit, _block_covariance(both, fit))
+    load, spread = _on_line(known.loads, fit, _without_blocks(both, fit))
     seen = own.stack[0][own.used]
     predicted = _Prediction.of(known, fit.orders[:-1], fit.place).light(float(fit.orders[-1]))
     left = float(np.mean((seen - predicted) ** 2))
@@ -221,8 +221,8 @@ class _Prediction:
         )
 
 
-def _block_covariance(images: Overlay, fit: OrdersFit) -> Array:
-    """Covariance (n, n) of the orders, from leaving out one block of the disc after another.
+def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
+    """How the orders (B, n) move where one block of the disc after another is left out.
 
     To first order in what is left out; the first image's order is held.
     """
@@ -241,8 +241,7 @@ def _block_covariance(images: Overlay, fit: OrdersFit) -> Array:
     moved = np.zeros((len(grams), count))
     for i, (gram, one) in enumerate(zip(grams, pulls, strict=True)):
         moved[i, 1:] = -np.linalg.solve(whole - gram, pull - one)[: count - 1]
-    away = moved - moved.mean(axis=0)
-    return np.asarray((len(moved) - 1) / len(moved) * away.T @ away)
+    return moved
 
 
 def _strip(place: Array, count: int) -> NDArray[np.intp]:
@@ -251,7 +250,7 @@ def _strip(place: Array, count: int) -> NDArray[np.intp]:
     return np.searchsorted(edges, place)
 
 
-def _on_line(loads: Array, fit: OrdersFit, covariance: Array) -> tuple[float, float]:
+def _on_line(loads: Array, fit: OrdersFit, moved: Array) -> tuple[float, float]:
     """The last image's load by the line of the others' orders, and its standard uncertainty (N)."""
     design = np.stack([loads, np.ones_like(loads)], axis=1)
     inverse = np.linalg.pinv(design)
@@ -260,7 +259,6 @@ def _on_line(loads: Array, fit: OrdersFit, covariance: Array) -> tuple[float, fl
     weights = np.array([load, 1.0]) @ inverse
     free = len(loads) - 2
     scatter = np.sum((fit.orders[:-1] - design @ (slope, rest)) ** 2) / free
-    own = np.append(-weights, 1.0)
-    variance = own @ covariance @ own
+    variance = float(jackknife_variance(moved @ np.append(-weights, 1.0)))
     variance += scatter * (1.0 + weights @ weights) * free / (free - 2)
     return load, float(np.sqrt(variance) / abs(slope))

@@ -17,6 +17,7 @@ from isochrome.fitting import (
     CORRECT,
     EARLIER,
     FRICTION,
+    LOAD,
     fitted_scene,
     over_distance,
     untracked_inputs,
@@ -41,7 +42,6 @@ from isochrome.processing.in_common import (
 from isochrome.processing.result import (
     CAUSES,
     FOUND_BY,
-    LOAD,
     NOTHING,
     ORDER_SPREAD,
     PICTURE,

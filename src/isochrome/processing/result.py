@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration import LoadSeries
-from isochrome.fitting import GAMMA, FrameFit, Tracked, free_keys, sliding_scene
+from isochrome.fitting import GAMMA, LOAD, FrameFit, Tracked, free_keys, sliding_scene
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
 from isochrome.scene import Scene
@@ -37,9 +37,6 @@ SEPARATOR = " | "
 
 CAUSES = "causes"
 """Column of what frames asked for besides the scene's unknowns."""
-
-LOAD = "load.normal_n"
-"""Column of the load."""
 
 EXPLAINED = "explained_share"
 """Column of the share of a frame's light that the frames of known loads explain."""

@@ -11,8 +11,8 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.scene.uncertain import DATED, as_text
-from isochrome.scene.validation import check_reach, nearest, validate
-from isochrome.scene.whole import NO_KEYS, Scene
+from isochrome.scene.validation import NO_KEYS, check_reach, nearest, validate
+from isochrome.scene.whole import Scene
 
 LIBRARY = resources.files("isochrome.scene") / "library"
 """The scenes that ship inside the package."""

@@ -14,6 +14,9 @@ from isochrome.scene.measured_course import FILE, FILES, FROM_FILES, SPEED
 from isochrome.scene.scene_values import NUMBER, TABLE
 from isochrome.scene.uncertain import DATE_FIELD, PAIRS
 
+NO_KEYS = ("folder", "name", PAIRS, DATE_FIELD, FILES)
+"""Fields of a scene that are no keys of its file."""
+
 LARGEST = 1e30
 """In any unit, what is beyond is a slip."""
 
@@ -173,8 +176,7 @@ def _keys_beside(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str
             if inner is None:
                 break
             here = inner
-    hidden = ("folder", "name", PAIRS, DATE_FIELD, FILES)
-    known = [k for k in here.model_fields if k not in hidden]
+    known = [k for k in here.model_fields if k not in NO_KEYS]
     return known + ([FILE, SPEED] if loc and loc[0] in FROM_FILES else [])
 
 

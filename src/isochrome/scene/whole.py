@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from isochrome.errors import InputError
 from isochrome.scene.array_frames import ArrayFrames
 from isochrome.scene.imaging import Camera, Frames
-from isochrome.scene.measured_course import FILES, with_tables
+from isochrome.scene.measured_course import with_tables
 from isochrome.scene.parts import (
     Friction,
     Indenter,
@@ -24,11 +24,8 @@ from isochrome.scene.parts import (
 )
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
 from isochrome.scene.specimen import BODIES, Body, Specimen
-from isochrome.scene.uncertain import DATE_FIELD, DATED, PAIRS, with_pairs
-from isochrome.scene.validation import validate
-
-NO_KEYS = ("folder", "name", PAIRS, DATE_FIELD, FILES)
-"""Fields of a scene that are no keys of its file."""
+from isochrome.scene.uncertain import DATE_FIELD, DATED, with_pairs
+from isochrome.scene.validation import NO_KEYS, validate
 
 
 class Scene(ScenePart):

@@ -10,10 +10,11 @@ import numpy as np
 from isochrome.calibration import Circle, LoadReading, LoadSeries, Shot, lay_series, read_load
 from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
+from isochrome.fitting import LOAD
 from isochrome.frames import Frame, FrameReader
 from isochrome.output import with_uncertainty
 from isochrome.processing.kinds.image_only import process_image_only
-from isochrome.processing.result import EXPLAINED, LOAD, SPREAD, Capture, ProcessedFrame
+from isochrome.processing.result import EXPLAINED, SPREAD, Capture, ProcessedFrame
 from isochrome.scene import Scene
 
 WITHIN = 0.97
