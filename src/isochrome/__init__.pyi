@@ -18,7 +18,7 @@ from .fitting import fit, track
 from .folder_report import report
 from .frames import open_frames
 from .processing import check, plot_order, process
-from .runs import export, open_run
+from .runs import export, open_run, verify
 from .scene import Scene, dump_scene, load_scene, parse_scene, scene_names
 from .setup_page import setup
 from .simulation import (
@@ -83,5 +83,6 @@ __all__ = [
     "surface_tractions",
     "sweep",
     "track",
+    "verify",
     "write_into_scene",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,16 @@ from isochrome.fitting import fit_report, restore_values
 from isochrome.output import output_folder
 from isochrome.processing import process_report, restore
 from isochrome.reporting import ReportContent, write_report
-from isochrome.runs import PROVENANCE, REPORT, STORE, WORKING, open_run
+from isochrome.runs import (
+    PROVENANCE,
+    REPORT,
+    STORE,
+    WORKING,
+    checked_store,
+    open_run,
+    opened_record,
+    reseal,
+)
 from isochrome.scene import Scene, parse_scene, read_text
 from isochrome.simulation import simulation_report
 
@@ -78,13 +86,21 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
     """
     place = Path(folder)
     file, command = _kind(place)
+    record = opened_record(place)
+    assert record is not None
+    # maps are many, and are looked at as they are read; of the rest all is small
+    record.check(name for name in record.sizes if "/" not in name and name != REPORT)
     try:
-        content = _content(place, file)
+        content = _content(place, file, record.record)
+    except InputError:
+        raise
     except (OSError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
         reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
         raise InputError(f"{place}: cannot be read ({reason}); {_again(command)}") from error
     target = place if out is None else output_folder(out)
-    return write_report(target / REPORT, content)
+    written = write_report(target / REPORT, content)
+    reseal(target, REPORT)
+    return written
 
 
 def _again(command: str) -> str:
@@ -120,9 +136,8 @@ def _kind(place: Path) -> tuple[str, str]:
     return found, command
 
 
-def _content(place: Path, file: str) -> ReportContent:
+def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent:
     """What the report of a run says that is known by a file."""
-    record: Mapping[str, Any] = json.loads((place / PROVENANCE).read_text("utf-8"))
     if file in ("calibration.json", "scale.json"):
         return calibration_report(place, Path(file).stem, record)
     if file == "metrics.csv" and (place / "scars.csv").is_file():
@@ -137,7 +152,9 @@ def _content(place: Path, file: str) -> ReportContent:
         return fit_report(place, found, record)
     with open_run(place) as dataset:
         rows, cols = dataset["normalised"].shape[-2:]
-    return process_report(place, restore(scene, place, (rows, cols), None), record)
+    return process_report(
+        checked_store(place / STORE), restore(scene, place, (rows, cols), None), record
+    )
 
 
 def _scene(place: Path) -> Scene:

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isochrome.runs import Job, Layer, Results, RunLayout
-from isochrome.runs.chunks import parts, rows
+from isochrome.runs import Job, Layer, Results, RunLayout, parts, rows, write_stack
 
 ROWS, COLS = 5, 7
 IDENTITY = {
@@ -80,10 +79,11 @@ def job(work, count=10, chunk=3, identity=IDENTITY):
 
 
 def finish(bench):
-    """Write the rows and the joined parts; return the rows."""
+    """Write the rows, the joined parts and the stack; return the rows."""
     found = [row for row, _ in rows(bench)]
     (bench.results / "rows.json").write_text(json.dumps(found), "utf-8")
     (bench.results / "lines.txt").write_bytes(b"".join(parts(bench, "lines.txt")))
+    write_stack(bench, bench.layout.layer("order"), {})
     return found
 
 

@@ -90,7 +90,7 @@ needs_proc = pytest.mark.skipif(
 
 def finished_chunks(out):
     """How many chunks a killed run has kept beside its output."""
-    return len(list(out.with_name(f"{out.name}.partial").joinpath("chunks").glob("*.json")))
+    return len(list(out.with_name(f"{out.name}.partial").glob("results-*/records/*.json")))
 
 
 def undisturbed(begin, place):

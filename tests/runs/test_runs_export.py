@@ -11,7 +11,7 @@ import xarray
 
 from isochrome.errors import InputError
 from isochrome.output import read_csv, read_pixel_mm
-from isochrome.runs import open_run
+from isochrome.runs import open_run, seal
 from isochrome.runs.exporting import export
 from isochrome.runs.job import Layer, RunLayout
 from isochrome.runs.store import (
@@ -71,6 +71,7 @@ def write_run(folder, *, times=TIMES, rows=ROWS, every=1):
     import zarr
 
     zarr.open_group(folder / "run.zarr")["fringe_order"][:] = pictures()[::every, :rows]
+    seal(folder, {})
     return folder
 
 

@@ -116,7 +116,7 @@ def goes_on_with_what_was_kept(notes, out):
 
 def kept_chunks(out):
     """The starts of the chunks that a run has kept beside its output."""
-    records = out.with_name(f"{out.name}.partial").joinpath("chunks").glob("*.json")
+    records = out.with_name(f"{out.name}.partial").glob("results-*/records/*.json")
     return {3 * int(file.stem) for file in records}
 
 

@@ -13,8 +13,8 @@ from isochrome.campaigns.figure import summary_figure
 from isochrome.campaigns.outcome import Outcome
 from isochrome.campaigns.recording_folders import SUMMARIES
 from isochrome.errors import InputError
-from isochrome.output import columns_of, output_folder, write_csv, write_figure, write_json
-from isochrome.runs import environment
+from isochrome.output import columns_of, output_folder, write_csv, write_figure
+from isochrome.runs import environment, seal
 from isochrome.scene import Scene, dump_scene
 
 _LAST = ("kept_share", "warnings", "error")
@@ -56,9 +56,10 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
     figure = summary_figure(scene.name, outcomes)
     try:
         write_csv(beside / table, tabulate_campaign([item.row for item in outcomes]))
-        write_json(beside / summary, summary_of(scene, outcomes))
         if figure is not None:
             write_figure(beside / picture, figure)
+        left = [name for name in (table, picture) if (beside / name).exists()]
+        seal(beside, summary_of(scene, outcomes), file=summary, names=left)
         for name in (summary, table, picture):  # first what says whose they are
             if (beside / name).exists():
                 os.replace(beside / name, folder / name)

@@ -17,7 +17,7 @@ from isochrome.cli.figure_options import (
     write_excel_tables,
 )
 from isochrome.cli.init import init_command
-from isochrome.cli.long import export_command, report_command, sweep_command
+from isochrome.cli.long import export_command, report_command, sweep_command, verify_command
 from isochrome.cli.options import (
     AS_STATED,
     FIGURE,
@@ -60,6 +60,7 @@ app.command("process", epilog=examples_of("process"))(process_command)
 app.command("sweep", epilog=examples_of("sweep"))(sweep_command)
 app.command("export", epilog=examples_of("export"))(export_command)
 app.command("report", epilog=examples_of("report"))(report_command)
+app.command("verify", epilog=examples_of("verify"))(verify_command)
 
 STOPPED = 130
 """Exit code after Ctrl-C, as shells have it."""
@@ -340,6 +341,7 @@ def bench_command(
 
 def main() -> None:
     """Run the command line; refusals become one line and the exit codes 2 and 3."""
+    warnings.showwarning = lambda message, *_, **__: print_warnings([str(message)])
     try:
         app(prog_name="isochrome")  # also as `python -m isochrome`
     except IsochromeError as error:

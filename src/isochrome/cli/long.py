@@ -68,6 +68,33 @@ def export_command(
         typer.echo(file)
 
 
+def verify_command(
+    folder: Annotated[
+        str, typer.Argument(metavar="FOLDER", help="What a command left; of a campaign all of it.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Read all files of a results folder and say which are not what was left there."""
+    from isochrome.runs import verify
+
+    with run_bar("reading", "files") as progress:
+        found = verify(folder, progress=progress)
+    if as_json:
+        print_json(found.to_json())
+    else:
+        for name, fault in found.damaged.items():
+            typer.echo(f"{name}: {fault}")
+        print_warnings(list(found.warnings))
+        typer.echo(found.title)
+    if not found.ok:
+        typer.echo(
+            f"isochrome: {found.title}; run the command that left it again, which makes anew what "
+            "is damaged",
+            err=True,
+        )
+        raise typer.Exit(2)
+
+
 def report_command(
     run: Annotated[
         str,

@@ -62,6 +62,10 @@ EXAMPLES = {
         "isochrome report experiment",
         "isochrome report experiment --out for-a-colleague",
     ),
+    "verify": (
+        "isochrome verify experiment",
+        "isochrome verify campaign --json",
+    ),
     "guide": (
         "isochrome guide",
         "isochrome guide first-video",

@@ -23,10 +23,9 @@ from isochrome.output import (
     staged,
     write_csv,
     write_figure,
-    write_json,
 )
 from isochrome.reporting import ReportContent, write_report
-from isochrome.runs import REPORT
+from isochrome.runs import REPORT, seal
 from isochrome.scene import ArrayFrames, Scene, load_scene
 
 if TYPE_CHECKING:
@@ -172,11 +171,11 @@ def compare(
             record = provenance(None, [_hashed(*one) for one in sets])
             on_disk = all(isinstance(given, str | Path) for given in (experiment, simulation))
             record[_SETS] = [str(experiment), str(simulation)] if on_disk else None
-            write_json(folder / "provenance.json", record)
             write_figure(folder / "comparison.png", side_by_side(here, there, metrics))
             scene = _scene_of(experiment)
             content = comparison_report(here, there, metrics, result.columns, record, scene)
             write_report(folder / REPORT, content)
+            seal(folder, record)
     return result
 
 

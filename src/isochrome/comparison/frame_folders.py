@@ -17,6 +17,7 @@ from isochrome.errors import InputError
 from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.processing import PICTURE, Processed
+from isochrome.runs import opened_record
 from isochrome.scene import FramesLike, dump_scene
 from isochrome.simulation import Simulation
 
@@ -106,6 +107,7 @@ def _maps_of(found: Processed) -> tuple[NDArray[Any] | None, NDArray[Any] | None
 def _load_result(
     folder: Path, signal_name: str, table_name: str, bit_depth: int | None
 ) -> ComparedFrames:
+    opened_record(folder, (signal_name, _ORDER, table_name, "scene.toml"))
     stack = _read_stack(folder / signal_name)
     order = _read_stack(folder / _ORDER) if (folder / _ORDER).exists() else None
     table = read_csv(folder / table_name) if (folder / table_name).exists() else {}

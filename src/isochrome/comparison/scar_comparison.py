@@ -28,8 +28,8 @@ from isochrome.output import (
     with_uncertainty,
     write_csv,
     write_figure,
-    write_json,
 )
+from isochrome.runs import opened_record, seal
 from isochrome.scars import UnclearScarError, levelled, read_trace
 from isochrome.scene import Scene, dump_scene, load_scene, parse_toml, read_text
 
@@ -211,8 +211,8 @@ def compare_scars(
             write_csv(folder / "metrics.csv", result.columns)
             write_csv(folder / "scars.csv", result.profiles)
             inputs = [*files, *scene.files(of_frames=False)]
-            write_json(folder / "provenance.json", provenance(dump_scene(scene), inputs))
             write_figure(folder / "scars.png", result.figure())
+            seal(folder, provenance(dump_scene(scene), inputs))
     return result
 
 
@@ -252,6 +252,7 @@ def _simulated_scene(simulation: str | Path | Scene) -> Scene:
         file = Path(simulation) / "scene.toml"
         if not file.is_file():
             raise InputError(f"{file}: is not there; name a result folder of simulate, or a scene")
+        opened_record(file.parent, [file.name])
         return load_scene(file)
     return load_scene(simulation)
 

@@ -1,4 +1,3 @@
-from .canvas import TiffCanvas, make_canvas, open_canvas
 from .files import (
     check_link,
     json_pieces,
@@ -38,7 +37,6 @@ from .tables import (
 )
 from .tiff_stack import (
     Photometric,
-    add_imagej_view,
     common_edge,
     imagej_view,
     write_frames,
@@ -54,8 +52,6 @@ __all__ = [
     "InputContent",
     "Photometric",
     "Result",
-    "TiffCanvas",
-    "add_imagej_view",
     "add_rois",
     "check_given_table",
     "check_link",
@@ -67,12 +63,10 @@ __all__ = [
     "imagej_view",
     "json_pieces",
     "load_roifile",
-    "make_canvas",
     "messages_of_frames",
     "named_frames",
     "numbered_lines",
     "numbers",
-    "open_canvas",
     "output_folder",
     "over_items",
     "per_cent",

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from os import SEEK_END
 from pathlib import Path
-from struct import pack, pack_into, unpack, unpack_from
-from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -37,12 +34,6 @@ _COLOUR_MAP, _SHORT = 320, 3
 
 _OF_COLOURS = ("Labels", "xorigin", "yorigin")
 """What ImageJ is told of a stack in colour."""
-
-_STRIP_OFFSETS = 273
-"""The tag of where a frame's grey levels are; a frame of a stack is one strip."""
-
-_TAG_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8}
-"""Bytes of a tag's values, by their type (TIFF 6.0, section 2)."""
 
 Photometric = Literal["minisblack", "rgb"]
 
@@ -135,7 +126,7 @@ def write_frames(
 
     order = dtype.newbyteorder("<")  # tifffile takes an iterator's frames as they are
     swapped = (frame.astype(order, copy=False) for frame in frames)
-    kind, keys = stack_layout(shape, order, pixel_mm, photometric, metadata)
+    kind, keys = _stack_layout(shape, order, pixel_mm, photometric, metadata)
     with replacing(path) as beside, tifffile.TiffWriter(beside, **kind) as tif:
         if kind["imagej"]:
             tif.write(swapped, shape=shape, dtype=order, **keys)
@@ -230,92 +221,7 @@ def common_edge(found_mm: npt.ArrayLike, stated_mm: float, pixel_mm: float) -> f
     return float(known.mean()) if alike else stated_mm
 
 
-def add_imagej_view(
-    path: str | Path, shape: tuple[int, ...], pixel_mm: float | None, view: Mapping[str, Any]
-) -> None:
-    """Tell ImageJ more of a stack of float32 that was laid out before its frames were known.
-
-    A new head with all of it is put behind the frames, which stay where they are; a stack beyond
-    ImageJ's 4 GB stays as it is.
-
-    Parameters
-    ----------
-    path : str or Path
-        The stack, as `make_canvas` lays it out.
-    shape : tuple of int
-        Frames, rows, cols.
-    pixel_mm : float or None
-        The pixel's side, mm.
-    view : mapping
-        What `imagej_view` gives.
-
-    Raises
-    ------
-    OSError
-        Where the file cannot be read or written.
-    """
-    with TemporaryDirectory() as folder:
-        laid_out, head = Path(folder) / "laid-out", Path(folder) / "head"
-        if not blank_stack(laid_out, shape, pixel_mm):
-            return
-        blank_stack(head, shape, pixel_mm, view)
-        with open(laid_out, "rb") as file:
-            _, values, after = _first_head(file)
-            # where it was laid out to: behind it may lie the head of a finish that was killed
-            length = file.seek(0, SEEK_END)
-        with open(head, "rb") as file:
-            new, own, _ = _first_head(file)
-            file.seek(0)
-            data = bytearray(file.read(own[_STRIP_OFFSETS]))
-    end = length + length % 2
-    count = unpack_from("<H", data, new)[0]
-    for at in range(new + 2, new + 2 + 12 * count, 12):
-        tag, kind_of, number, value = unpack_from("<HHII", data, at)
-        if tag == _STRIP_OFFSETS:
-            pack_into("<I", data, at + 8, values[_STRIP_OFFSETS])
-        elif _TAG_BYTES[kind_of] * number > 4:  # it stands elsewhere in the head
-            pack_into("<I", data, at + 8, value + end)
-    pack_into("<I", data, new + 2 + 12 * count, after)
-    with open(path, "r+b") as file:
-        file.truncate(length)
-        file.seek(end)
-        file.write(data)
-        file.flush()
-        file.seek(4)
-        file.write(pack("<I", end + new))
-
-
-def blank_stack(
-    path: Path,
-    shape: tuple[int, ...],
-    pixel_mm: float | None,
-    view: Mapping[str, Any] | None = None,
-) -> bool:
-    """Lay out a stack of float32 without its frames, which take no disk.
-
-    Parameters: `path`, the file to make; the rest as in `add_imagej_view`. Returns whether it is
-    in ImageJ's layout. Raises OSError.
-    """
-    import tifffile
-
-    kind, keys = stack_layout(shape, np.dtype("<f4"), pixel_mm, metadata=view)
-    with tifffile.TiffWriter(path, **kind) as tif:
-        tif.write(None, shape=shape, dtype=np.dtype("<f4"), **keys)
-    return bool(kind["imagej"])
-
-
-def _first_head(file: BinaryIO) -> tuple[int, dict[int, int], int]:
-    """Where a TIFF's first head is, its tags' values or their places, and where the next one is."""
-    file.seek(0)
-    (place,) = unpack("<4xI", file.read(8))
-    file.seek(place)
-    (count,) = unpack("<H", file.read(2))
-    entries = [unpack("<HHII", file.read(12)) for _ in range(count)]
-    (after,) = unpack("<I", file.read(4))
-    return place, {tag: value for tag, _, _, value in entries}, after
-
-
-def stack_layout(
+def _stack_layout(
     shape: tuple[int, ...],
     dtype: np.dtype,
     pixel_mm: float | None,

@@ -156,8 +156,10 @@ def process_chunk(recipe: FrameTask, start: int, stop: int) -> Results:
 def gather(recipe: FrameTask, states: Iterable[ProcessedFrame | FollowedFrame]) -> Results:
     """Processed frames as Results; they are let go one by one."""
     layers = task_layers(recipe)
-    pictures: dict[str, list[np.ndarray]] = {layer.name: [] for layer in layers}
     compact = {layer.name: layer.compact for layer in layers if layer.compact is not None}
+    pictures: dict[str, list[np.ndarray]] = {
+        layer.name: [] for layer in layers if layer.name not in compact
+    }
     packed: dict[str, list[bytes | None]] = {name: [] for name in compact}
     rows, more = [], []
     tables: list[str] = []

@@ -16,7 +16,6 @@ import isochrome
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
     FIGURE_DPI,
-    add_imagej_view,
     add_rois,
     common_edge,
     imagej_view,
@@ -66,6 +65,7 @@ from isochrome.runs import (
     picture,
     rows,
     trim_heap,
+    write_stack,
 )
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import picture_axes
@@ -116,7 +116,7 @@ def finish_set_folder(
     dpi = FIGURE_DPI if recipe.every is None else _TRACKED_DPI
     write_figure(folder / FIGURE, result.figure(), dpi=dpi)
     trim_heap()
-    write_report(folder / REPORT, process_report(folder, result, job.identity))
+    write_report(folder / REPORT, process_report(folder / STORE, result, job.identity))
     return result
 
 
@@ -137,7 +137,7 @@ def _add_to_store(
     columns, axes = _set_columns(recipe.scene, table, more, shape)
     add_columns(bench.results / STORE, columns, axes, attributes(job.identity))
     edges = _edges(bench, columns, axes)
-    _tell_imagej(bench, table, axes, edges)
+    _write_stacks(bench, table, axes, edges)
     if residual is not None:
         _write_residual(bench, residual, edges)
 
@@ -223,25 +223,24 @@ def set_dataset(
     return make_dataset(maps | columns, axes, attributes(known))
 
 
-def _tell_imagej(
+def _write_stacks(
     bench: RunFolder,
     table: Mapping[str, list[Any]],
     axes: Mapping[str, Column],
     edges: Mapping[str, float],
 ) -> None:
-    """Give the maps' stacks their labels, range, colours, origin and interval. Raises OSError."""
+    """The maps as TIFF stacks, with labels, range, colours, origin and interval. Raises OSError."""
     names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
-    shown = axes["key_frame"].values if "key_frame" in axes else range(len(names))
     times, pixel = axes["time_s"].values, bench.layout.pixel_mm
     highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
     largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
-    for name, stack in bench.stacks.items():
-        pages = range(len(names)) if stack.shape[0] == len(names) else shown
+    for layer in bench.layout.layers:
+        pages = bench.layout.paged_items(layer)
         view = imagej_view(
-            name, (0.0, largest), labels=[names[k] for k in pages], pixel_mm=pixel,
+            layer.name, (0.0, largest), labels=[names[k] for k in pages], pixel_mm=pixel,
             times_s=[times[k] for k in pages], **edges,
         )  # fmt: skip
-        add_imagej_view(stack.path, stack.shape, pixel, view)
+        write_stack(bench, layer, view)
 
 
 def _edges(

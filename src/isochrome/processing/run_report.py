@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,7 @@ from isochrome.reporting import (
     curves_of,
     paper_rows,
 )
-from isochrome.runs import STORE, stored_map
+from isochrome.runs import stored_map
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import (
     iter_scene_states,
@@ -59,13 +58,13 @@ _OF_KNOWN_LOADS = (
 )
 
 
-def process_report(folder: Path, result: Processed, record: Mapping[str, Any]) -> ReportContent:
+def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> ReportContent:
     """Collect what the report of processed frames says; maps are read of the few that it shows.
 
     Parameters
     ----------
-    folder : Path
-        Where the run's store is.
+    store : Any
+        What zarr reads the run's store from: a Path, or what `checked_store` gives.
     result : Processed
         What was found.
     record : mapping
@@ -89,7 +88,7 @@ def process_report(folder: Path, result: Processed, record: Mapping[str, Any]) -
     looked = not (record.get("options") or {}).get("as_stated", False)
     looked &= result.asks_causes
     verdict = sentence_of(rows, count, result.causes, looked) if rows else sentence_of_orders(table)
-    frames, choice = _frames(folder, scene, table)
+    frames, choice = _frames(store, scene, table)
     return ReportContent(
         command="process",
         title=result.title,
@@ -145,12 +144,12 @@ def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
 
 
 def _frames(
-    folder: Path, scene: Scene, table: Mapping[str, list[Any]]
+    store: Any, scene: Scene, table: Mapping[str, list[Any]]
 ) -> tuple[list[ReportFrame], str]:
     """The frames that are shown, and which of how many they are."""
     import zarr
 
-    group: Any = zarr.open_group(folder / STORE, mode="r")
+    group: Any = zarr.open_group(store, mode="r")
     stored = numbers(table[PICTURE] if PICTURE in table else table["frame"])
     arrays = {name: group[name] for name in (NORMALISED.name, ORDER.name) if name in group}
     with_maps = np.isfinite(numbers(table["noise"]))  # of a frame that is left out nobody knows it

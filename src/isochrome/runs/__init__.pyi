@@ -1,8 +1,20 @@
-from .chunks import RunFolder, parts, picture, rows
+from .chunks import RunFolder, parts, picture, rows, write_stack
 from .datasets import RunArray, RunDataset, make_dataset, stored_map
 from .execution import WORTH_WORKERS_S, RunOptions, Stopped, refuse_without_folder, run_job
 from .exporting import export
 from .identity import environment, run_identity
+from .integrity import (
+    PROVENANCE,
+    REPORT,
+    SUMMARY,
+    ResultsRecord,
+    Verified,
+    opened_record,
+    read_record,
+    reseal,
+    seal,
+    verify,
+)
 from .job import CHUNK_BYTES, Compact, Job, Layer, Results, RunLayout, chunk_size
 from .lock import locked
 from .memory import trim_heap
@@ -12,6 +24,7 @@ from .store import (
     Column,
     add_columns,
     attributes,
+    checked_store,
     column,
     column_values,
     identifier,
@@ -19,7 +32,7 @@ from .store import (
     open_run,
     texts,
 )
-from .work_folder import PROVENANCE, REPORT, has_run, holds_results, wipe, working_folder
+from .work_folder import has_run, holds_results, wipe, working_folder
 from .workers import (
     NoCluster,
     WorkersLost,
@@ -35,6 +48,7 @@ __all__ = [
     "PROVENANCE",
     "REPORT",
     "STORE",
+    "SUMMARY",
     "WORKING",
     "WORTH_WORKERS_S",
     "Column",
@@ -43,15 +57,18 @@ __all__ = [
     "Layer",
     "NoCluster",
     "Results",
+    "ResultsRecord",
     "RunArray",
     "RunDataset",
     "RunFolder",
     "RunLayout",
     "RunOptions",
     "Stopped",
+    "Verified",
     "WorkersLost",
     "add_columns",
     "attributes",
+    "checked_store",
     "chunk_size",
     "column",
     "column_values",
@@ -65,19 +82,25 @@ __all__ = [
     "make_dataset",
     "named_units",
     "open_run",
+    "opened_record",
     "parts",
     "picture",
     "processors",
+    "read_record",
     "refuse_without_folder",
+    "reseal",
     "rows",
     "run_identity",
     "run_job",
+    "seal",
     "single_threaded",
     "stored_map",
     "texts",
     "trim_heap",
+    "verify",
     "waiting_workers",
     "wipe",
     "worker_pool",
     "working_folder",
+    "write_stack",
 ]

@@ -5,20 +5,23 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from isochrome.output import TiffCanvas
+from isochrome.output import write_frames
+from isochrome.runs.integrity import SUM_BYTES, crc32c, file_sum, is_plain, sum_bytes
 from isochrome.runs.job import Layer, Results, RunLayout
 from isochrome.runs.store import STORE
 
-MANIFEST, RECORDS = "manifest.json", "chunks"
-"""In a working folder: what the run is a result of, and the folder of the chunks' records."""
+MANIFEST, RECORDS = "manifest.json", "records"
+"""In a working folder what the run is a result of; the folder of the chunks' records."""
+
+_NO_MAP = 2**64 - 1
+"""Place and length of a map that is not there, by zarr's sharding codec."""
 
 
 @dataclass(frozen=True)
@@ -28,19 +31,29 @@ class RunFolder:
     Parameters
     ----------
     results : Path
-        The folder that becomes the output.
-    records : Path
-        The folder of the chunks' records.
+        The folder that becomes the output, in the run's working folder.
     layout : RunLayout
         What the run leaves.
-    stacks : dict of str to TiffCanvas
-        The TIFF stacks by the name of their layer.
+    digest : str
+        Of what the run is a result of, see `identity_digest`; the chunks' records hold it.
     """
 
     results: Path
-    records: Path
     layout: RunLayout
-    stacks: dict[str, TiffCanvas]
+    digest: str
+
+    @property
+    def root(self) -> Path:
+        """The working folder."""
+        return self.results.parent
+
+    @property
+    def records(self) -> Path:
+        """The folder of the chunks' records: beside a store, of which damage can be mended by them.
+
+        What has no store is made of its chunks' parts, as large as the results, and they go.
+        """
+        return (self.results if self.layout.store else self.root) / RECORDS
 
     def chunk_file(self, layer: str, index: int) -> Path:
         """The file of a layer's chunk in the store."""
@@ -72,33 +85,26 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     """
     start, stop = run.layout.span(index)
     first, end = run.layout.pictures(start, stop)
-    sums: dict[str, list[int]] = {}
+    sums: dict[str, int] = {}
     for layer in run.layout.layers:
-        values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
-        assert values.shape == (end - first, *run.layout.shape.values()), layer.name
-        data = values.data.cast("B")
-        short = zlib.crc32(data)
-        if layer.compact is not None and layer.compact.pages:
-            short = _write_pages(run, layer, start, results.packed[layer.name])
-        elif layer.name in run.stacks:
-            run.stacks[layer.name].write(first, [data])
         if layer.compact is not None:
-            pieces: list[bytes | memoryview] = _shard(results.packed[layer.name], run.layout.chunk)
+            pieces = _shard(results.packed[layer.name], run.layout.chunk)
         else:
+            values = np.ascontiguousarray(results.arrays[layer.name], dtype="<f4")
+            assert values.shape == (end - first, *run.layout.shape.values()), layer.name
             rest = int(np.prod(run.layout.chunk_shape)) - values.size
-            pieces = [data, np.full(rest, np.nan, dtype="<f4").tobytes()]
+            pieces = [values.data.cast("B"), np.full(rest, np.nan, dtype="<f4").tobytes()]
+            pieces.append(sum_bytes(crc32c(*pieces)))
         write_through(run.chunk_file(layer.name, index), *pieces)
-        whole = 0
-        for piece in pieces:
-            whole = zlib.crc32(piece, whole)
-        sums[layer.name] = [short, whole]
+        sums[layer.name] = crc32c(*pieces[:-1])
     for name, part in results.parts.items():
         write_through(run.part_file(name, index), part)
     states = [more["status"] for more in results.more]
     kept = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
     body = {
+        "of": run.digest,
         "layers": sums,
-        "parts": {name: zlib.crc32(part) for name, part in results.parts.items()},
+        "parts": {name: crc32c(part) for name, part in results.parts.items()},
         "flagged": kept.flagged,
         "failed": kept.failed,
         "rows": [_plain(row) for row in results.rows],
@@ -109,49 +115,40 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     return kept
 
 
-def _write_pages(run: RunFolder, layer: Layer, start: int, maps: list[bytes | None]) -> int:
-    """Write the map of every item as the store has it into the TIFF stack, one after the other.
-
-    Parameters: `run`; `layer`, a compact one; `start`, the first item; their packed `maps`. Returns
-    the checksum of all pages. Raises OSError.
-    """
-    compact, shape = layer.compact, tuple(run.layout.shape.values())
-    assert compact is not None
-    blank = np.full(shape, np.nan, dtype="<f4")
-    checksum = 0
-
-    def pages() -> Iterator[memoryview]:
-        nonlocal checksum
-        for data in maps:
-            page = blank if data is None else compact.unpack(data, shape)
-            raw = np.ascontiguousarray(page, dtype="<f4").data.cast("B")
-            checksum = zlib.crc32(raw, checksum)
-            yield raw
-
-    run.stacks[layer.name].write(start, pages())
-    return checksum
-
-
 def _shard(maps: list[bytes | None], count: int) -> list[bytes | memoryview]:
     """The pieces of a shard's file: its items' maps, then where each lies and how long it is.
 
+    Behind each, and behind the places, stands its checksum.
     Parameters: `maps`, None where an item has none; `count` of items in a shard. Source: the zarr
-    format's specification of its sharding codec, the index at the end.
+    format's specification of its sharding and crc32c codecs, the index at the end.
     """
-    index = np.full((count, 2), 2**64 - 1, dtype="<u8")  # no map
+    index = np.full((count, 2), _NO_MAP, dtype="<u8")
     pieces, at = list[bytes | memoryview](), 0
     for number, data in enumerate(maps):
         if data is not None:
-            index[number] = at, len(data)
-            pieces.append(data)
-            at += len(data)
-    return [*pieces, index.tobytes()]
+            index[number] = at, len(data) + SUM_BYTES
+            pieces += [data, sum_bytes(crc32c(data))]
+            at += len(data) + SUM_BYTES
+    places = index.tobytes()
+    return [*pieces, places, sum_bytes(crc32c(places))]
 
 
-def read_record(run: RunFolder, index: int) -> dict[str, Any] | None:
-    """A chunk's record; None where it is not there or not whole. Raises OSError."""
-    record: dict[str, Any] | None = read_checked(run.record_file(index))
-    return record
+def _of_shard(file: Path, place: int, count: int) -> bytes | None:
+    """A map of a shard's file, packed; None where it has none there. Raises OSError."""
+    with open(file, "rb") as shard:
+        shard.seek(-SUM_BYTES - 16 * count, os.SEEK_END)
+        at, length = np.frombuffer(shard.read(16 * count), "<u8").reshape(count, 2)[place].tolist()
+        if length == _NO_MAP:
+            return None
+        shard.seek(at)
+        return shard.read(length - SUM_BYTES)
+
+
+def read_record_of(run: RunFolder, index: int) -> dict[str, Any] | None:
+    """A chunk's record; None where none of this run is there, whole. Raises OSError."""
+    file = run.record_file(index)
+    record: dict[str, Any] | None = read_checked(file) if is_plain(file) else None
+    return record if record is not None and record.get("of") == run.digest else None
 
 
 def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
@@ -159,20 +156,16 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
 
     Parameters: `run`; `index`. Raises OSError.
     """
-    record = read_record(run, index)
+    record = read_record_of(run, index)
     if record is None:
         return None
     start, stop = run.layout.span(index)
     try:
-        for name, (short, long) in record["layers"].items():
-            if zlib.crc32(run.chunk_file(name, index).read_bytes()) != long:
-                return None
-            stack = run.stacks.get(name)
-            first, end = run.layout.pages(run.layout.layer(name), start, stop)
-            if stack is not None and stack.checksum(first, end - first) != short:
+        for name, checksum in record["layers"].items():
+            if file_sum(run.chunk_file(name, index), chunk=True) != checksum:
                 return None
         for name, checksum in record["parts"].items():
-            if zlib.crc32(run.part_file(name, index).read_bytes()) != checksum:
+            if file_sum(run.part_file(name, index), chunk=False) != checksum:
                 return None
     except FileNotFoundError:
         return None
@@ -193,7 +186,7 @@ def rows(run: RunFolder) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
         The row, and what else is known.
     """
     for index in range(run.layout.chunks):
-        record = read_record(run, index)
+        record = read_record_of(run, index)
         assert record is not None
         yield from zip(record["rows"], record["more"], strict=True)
 
@@ -237,16 +230,32 @@ def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
         The picture, NaN = not known.
     """
     index, inside = divmod(item, run.layout.chunk)
+    file, size = run.chunk_file(layer, index), tuple(run.layout.shape.values())
+    compact = run.layout.layer(layer).compact
+    if compact is not None:
+        packed = _of_shard(file, inside, run.layout.chunk)
+        return np.full(size, np.nan, "<f4") if packed is None else compact.unpack(packed, size)
     each, rest = divmod(inside, run.layout.every)
     assert rest == 0, f"item {item} has no picture"
-    kept = run.stacks.get(layer)
-    if kept is not None:  # the store may have it in whole steps
-        page, _ = run.layout.pages(run.layout.layer(layer), item, item + 1)
-        data = kept.read(page, 1)
-        return np.frombuffer(data, "<f4").reshape(kept.shape[1:]).copy()
-    flat = np.memmap(run.chunk_file(layer, index), dtype="<f4", mode="r")
-    shape = (run.layout.chunk // run.layout.every, *run.layout.shape.values())
-    return np.array(flat.reshape(shape)[each])
+    stored = np.memmap(
+        file, dtype="<f4", mode="r", shape=(run.layout.chunk // run.layout.every, *size)
+    )
+    return np.array(stored[each])
+
+
+def write_stack(run: RunFolder, layer: Layer, view: Mapping[str, Any]) -> None:
+    """Write a layer's TIFF stack, of its pictures as the store has them.
+
+    Parameters: `run`, all of whose chunks are there; `layer`; `view`, what ImageJ is to know of it,
+    see `imagej_view`. Raises OSError, InputError.
+    """
+    items = run.layout.paged_items(layer)
+    pictures = (picture(run, layer.name, item) for item in items)
+    write_frames(
+        run.results / f"{layer.name}.tif", pictures,
+        (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
+        pixel_mm=run.layout.pixel_mm, metadata=view,
+    )  # fmt: skip
 
 
 def write_through(path: Path, *data: bytes | memoryview) -> None:
@@ -265,7 +274,7 @@ def write_through(path: Path, *data: bytes | memoryview) -> None:
 def write_checked(path: Path, body: dict[str, Any]) -> None:
     """Write an object as JSON below a line with its checksum. Raises OSError."""
     text = json.dumps(body).encode()
-    write_through(path, b"%08x\n" % zlib.crc32(text), text)
+    write_through(path, b"%08x\n" % crc32c(text), text)
 
 
 def read_checked(path: Path) -> Any:
@@ -274,7 +283,7 @@ def read_checked(path: Path) -> Any:
         head, _, body = path.read_bytes().partition(b"\n")
     except FileNotFoundError:
         return None
-    return json.loads(body) if head == b"%08x" % zlib.crc32(body) else None
+    return json.loads(body) if head == b"%08x" % crc32c(body) else None
 
 
 def remove(entry: Path) -> None:

@@ -171,7 +171,7 @@ def open_growing(partial: Path) -> xarray.Dataset:
         raise InputError(f"{partial}: can be opened when it is finished; it is a grid of runs")
     ((axis, count),) = layout["axes"].items()
     rows: dict[int, dict[str, Any]] = {}
-    for file in sorted((partial / RECORDS).glob("*.json")):
+    for file in sorted((stores[-1].parent.parent / RECORDS).glob("*.json")):
         record = read_checked(file)
         if record is not None:
             rows |= dict(enumerate(record["rows"], int(file.stem) * layout["chunk"]))
@@ -182,6 +182,6 @@ def open_growing(partial: Path) -> xarray.Dataset:
     }
     columns["finished"] = Column((axis,), np.array([k in rows for k in range(count)]), {})
     columns[axis] = Column((axis,), np.arange(count), {})
-    found = read_store(stores[-1].parent)
+    found = read_store(stores[-1].parent, stores[-1].parent)
     own = {n: (c.axes, c.values, described(n, c)) for n, c in columns.items()}
     return found.assign(own).set_coords(axis)

@@ -11,21 +11,21 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from isochrome.errors import InputError, IsochromeError, PhysicsError
-from isochrome.output import write_json
 from isochrome.progress import RunProgress, Tally
-from isochrome.runs.chunks import ChunkRecord, RunFolder, check_chunk, read_record
+from isochrome.runs.chunks import ChunkRecord, RunFolder, check_chunk, read_record_of
+from isochrome.runs.integrity import seal
 from isochrome.runs.job import InTurn, Job, Results, Work
 from isochrome.runs.lock import locked
 from isochrome.runs.memory import keep_steady
 from isochrome.runs.publish import check_own, publish
 from isochrome.runs.store import STORE
 from isochrome.runs.work_folder import (
-    PROVENANCE,
     check_room,
+    faults_of,
     has_run,
-    is_complete,
     is_finished,
     open_run_folder,
+    take_back,
     wipe,
     working_folder,
 )
@@ -150,7 +150,8 @@ def run_job(
     target, stamps = Path(out).resolve(), stamps_of(job.identity)
     check_apart(stamps, target)
     with locked(root):
-        if not means.restart and is_complete(target, job):
+        faults = None if means.restart else faults_of(target, job.identity)
+        if faults == {}:
             wipe(root)
             return None
         if not has_run(root):
@@ -158,6 +159,10 @@ def run_job(
         with _saying(root, job) as state:
             state.own = means.restart or not has_run(root)
             run = open_run_folder(root, job, restart=means.restart)
+            if faults and progress is not None:
+                progress(Tally(0, job.layout.count, 0, 0, _of_damage(out, faults)))
+            if not (means.restart or is_finished(run)):
+                take_back(run, target)
             found: T | None = None
             if is_finished(run):  # and killed before all had its place
                 state.finished = True
@@ -176,6 +181,13 @@ def run_job(
             publish(run, target)
             wipe(root)
             return found
+
+
+def _of_damage(out: str | Path, faults: Mapping[str, str]) -> str:
+    """What is said of damaged results before they are mended."""
+    name, fault = next(iter(faults.items()))
+    more = f", and {len(faults) - 1} more" if len(faults) > 1 else ""
+    return f"{out}: {name} {fault}{more}; that is made anew, and what is whole stays"
 
 
 @dataclass
@@ -247,7 +259,7 @@ def _compute(
 ) -> None:
     """Compute the chunks that are not there; `kept` grows with each."""
     before = sum(chunk.items for chunk in kept.values())
-    check_room(run.records.parent, job.layout, job.layout.count - before)
+    check_room(run.root, job.layout, job.layout.count - before)
     todo = [index for index in range(run.layout.chunks) if index not in kept]
 
     def tell() -> None:
@@ -287,13 +299,12 @@ def _finished(job: Job, run: RunFolder, todo: list[int], means: RunOptions) -> G
 
 def _leave_record(run: RunFolder, job: Job) -> None:
     """Write down what the results are of, and which they are: last, when all others are there."""
-    outputs = {
-        file.name: file.stat().st_size
-        for file in sorted(run.results.iterdir())
-        if file.is_file() and file.name != PROVENANCE
+    known = {
+        run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
+        for index in range(run.layout.chunks if run.layout.layers else 0)
+        for name, checksum in (read_record_of(run, index) or {})["layers"].items()
     }
-    identity = json.loads(json.dumps(dict(job.identity)))
-    write_json(run.results / PROVENANCE, {**identity, "outputs": outputs})
+    seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
 
 
 Stamps = Mapping[Path, tuple[int, int]]
@@ -359,7 +370,7 @@ def one_by_one(job: Job, run: RunFolder) -> Work:
     def in_turn(start: int, stop: int) -> Results:
         index = start // run.layout.chunk
         if index and index - 1 not in last:
-            record = read_record(run, index - 1)
+            record = read_record_of(run, index - 1)
             assert record is not None
             last[index - 1] = record["left"]
         results = work(start, stop, last.get(index - 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import platform
 from collections.abc import Iterable, Mapping
 from functools import cache
@@ -15,6 +16,15 @@ from isochrome.output import InputContent, provenance
 
 LIBRARIES = ("numpy", "scipy", "scikit-image", "opencv-python-headless", "tifffile", "pillow", "av")
 """Those whose version may change a result's bits."""
+
+_LABELS = {
+    "options": "the options",
+    "isochrome": "Isochrome's version",
+    "code_sha256": "Isochrome's own code",
+    "libraries": "the version of Python or a library",
+    "seed": "the seed",
+}
+"""What a run is a result of besides its scene and its input, in words."""
 
 
 @cache
@@ -73,6 +83,13 @@ def _versions() -> dict[str, str]:
     return found
 
 
+def identity_digest(identity: Mapping[str, Any]) -> str:
+    """A hash of what a run is a result of, the same where `difference` finds none."""
+    files = [[Path(name).name, found] for name, found in (identity["inputs_sha256"] or {}).items()]
+    parts = [identity.get(key) for key in ("scene", *_LABELS)]
+    return hashlib.sha256(json.dumps([files, parts]).encode()).hexdigest()
+
+
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     """What differs between two runs' identities, in words; None where they are the same.
 
@@ -88,14 +105,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     changed = [name for (_, a), (name, b) in zip(before, now, strict=True) if a != b]
     if changed:
         return f"the content of {changed[0]}"
-    labels = {
-        "options": "the options",
-        "isochrome": "Isochrome's version",
-        "code_sha256": "Isochrome's own code",
-        "libraries": "the version of Python or a library",
-        "seed": "the seed",
-    }
-    for key, label in labels.items():
+    for key, label in _LABELS.items():
         if old.get(key) != new.get(key):
             return f"{label} ({_pair(old.get(key), new.get(key))})"
     return None

@@ -58,14 +58,14 @@ class Compact:
 
         Each can be read by itself: behind them stands where each is, zarr's sharding.
         """
-        from zarr.codecs import BloscCodec, BytesCodec, ShardingCodec
+        from zarr.codecs import BloscCodec, BytesCodec, Crc32cCodec, ShardingCodec
 
         size = self.dtype.itemsize
         packing = BloscCodec(typesize=size, cname="zstd", clevel=1, shuffle="shuffle")
         return ShardingCodec(
             chunk_shape=(1, *shape),
-            codecs=[BytesCodec(), packing],
-            index_codecs=[BytesCodec()],
+            codecs=[BytesCodec(), packing, Crc32cCodec()],
+            index_codecs=[BytesCodec(), Crc32cCodec()],
         )
 
     def pack(self, values: NDArray[Any]) -> bytes:
@@ -182,10 +182,15 @@ class RunLayout:
         """First picture of the items [start, stop), and the one after its last."""
         return -(-start // self.every), -(-stop // self.every)
 
-    def pages(self, layer: Layer, start: int, stop: int) -> tuple[int, int]:
-        """First page of the items [start, stop) in a layer's TIFF stack, and the one after it."""
+    def paged_items(self, layer: Layer) -> range:
+        """The items that have a page in a layer's TIFF stack."""
         every_item = layer.compact is not None and layer.compact.pages
-        return (start, stop) if every_item else self.pictures(start, stop)
+        return range(0, self.count, 1 if every_item else self.every)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the layers."""
+        return tuple(layer.name for layer in self.layers)
 
     def layer(self, name: str) -> Layer:
         """The layer of a name."""
@@ -211,7 +216,7 @@ class Results:
     Parameters
     ----------
     arrays : mapping of str to ndarray, shape (pictures, ...)
-        By layer, a picture for each item but where the layout says `every`.
+        By layer that is not compact, a picture for each item but where the layout says `every`.
     rows : list of dict
         A row of the run's table for each item.
     more : list of dict

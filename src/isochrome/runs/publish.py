@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.runs.chunks import RunFolder, sync_folder, write_through
+from isochrome.runs.integrity import OWN_KEYS, PROVENANCE, REPORT, is_plain, read_record
 from isochrome.runs.store import STORE
-from isochrome.runs.work_folder import FINISHED, PROVENANCE, REPORT, is_finished, sync_tree
+from isochrome.runs.work_folder import FINISHED, is_finished, sync_tree
 
 
 def publish(run: RunFolder, target: Path) -> None:
@@ -21,7 +22,7 @@ def publish(run: RunFolder, target: Path) -> None:
     Killed in between, the next run goes on with it. Parameters: `run`; `target`, the output
     folder. Raises OSError.
     """
-    root = run.records.parent
+    root = run.root
     if not is_finished(run):
         check_own(target, (entry.name for entry in run.results.iterdir()))
         sync_tree(run.results)
@@ -45,8 +46,11 @@ def check_own(target: Path, names: Iterable[str]) -> None:
 
     Parameters: `target`, the output folder; `names` of the results. Raises InputError.
     """
-    outputs = _outputs(_record(target))
-    known = {*outputs, PROVENANCE} | ({STORE, REPORT} if outputs else set())
+    outputs = _outputs(target)
+    known = {name.partition("/")[0] for name in outputs} | {PROVENANCE}
+    known |= {STORE, REPORT} if outputs else set()  # of an earlier version too
+    if not outputs and _has_damaged_record(target):
+        return
     for name in names:
         place = target / name
         if name not in known and place.exists() and not place.is_symlink():
@@ -56,30 +60,37 @@ def check_own(target: Path, names: Iterable[str]) -> None:
             )
 
 
-def _record(target: Path) -> dict[str, Any]:
+def _record(target: Path) -> Mapping[str, Any]:
     """What an earlier run has left to say of itself; nothing where it cannot be read."""
     try:
-        found = json.loads((target / PROVENANCE).read_text("utf-8"))
-    except (OSError, ValueError, RecursionError):
+        known = read_record(target)
+    except InputError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return {} if known is None else known.record
 
 
-def _outputs(record: dict[str, Any]) -> list[str]:
+def _outputs(target: Path) -> list[str]:
     """The files of an earlier run, by its record."""
-    outputs = record.get("outputs")
+    outputs = _record(target).get("outputs")
     return list(outputs) if isinstance(outputs, dict) else []
+
+
+def _has_damaged_record(target: Path) -> bool:
+    """Whether a run has left its results, and nobody knows any more which these are."""
+    path, store = target / PROVENANCE, target / STORE / "zarr.json"
+    if is_plain(path):
+        return any(key in path.read_bytes() for key in OWN_KEYS)
+    return is_plain(store) and b'"source": "Isochrome"' in store.read_bytes()
 
 
 def _clear_old(results: Path, target: Path) -> None:
     """Take from a folder what an older run says of it, and its files that have no successor.
 
     Else they would pass for results of the new one. What is left of the record are the names of
-    all files that runs have made there: should this one be killed here, the next knows them.
+    all that runs have made there: should this one be killed here, the next knows them.
     """
-    record = _record(target)
-    outputs = _outputs(record)
-    names = sorted({*outputs, *(entry.name for entry in results.iterdir() if entry.is_file())})
+    record, outputs = _record(target), _outputs(target)
+    names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
     left = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
     write_through(target / PROVENANCE, json.dumps(left).encode())
     if record.get("placing") == results.name:  # it was killed here: what is there are its own

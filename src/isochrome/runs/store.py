@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.output import Floats, numbers
+from isochrome.runs.integrity import PROVENANCE, opened_record, read_record, warn_unverified
 from isochrome.runs.job import Compact, Layer, RunLayout
 
 if TYPE_CHECKING:
@@ -38,10 +39,11 @@ _UNITS = {
 def create_store(path: Path, layout: RunLayout) -> None:
     """Lay out the store: an array for each layer with named axes, no picture in it yet.
 
-    Chunks are plain little-endian float32, so that one that was computed elsewhere is put in its
-    place as a file. Parameters: `path`, a folder; `layout`. Raises OSError.
+    Chunks are plain little-endian float32 and a checksum, so that one that was computed elsewhere
+    is put in its place as a file. Parameters: `path`, a folder; `layout`. Raises OSError.
     """
     import zarr
+    from zarr.codecs import Crc32cCodec
 
     group = zarr.open_group(path, mode="w", zarr_format=3)
     for layer in layout.layers:
@@ -54,7 +56,7 @@ def create_store(path: Path, layout: RunLayout) -> None:
             chunks=layout.chunk_shape,
             dtype="float32",
             fill_value=np.nan,
-            compressors=None,
+            compressors=[Crc32cCodec()],
             dimension_names=tuple(map(identifier, (*layout.picture_axes, *layout.shape))),
             attributes={"units": layer.units, "long_name": layer.what},
         )
@@ -126,6 +128,7 @@ def add_columns(
         Where the disk cannot be written or read.
     """
     import zarr
+    from zarr.codecs import Crc32cCodec, ZstdCodec
 
     group = zarr.open_group(path, mode="r+", zarr_format=3)
     nothing = {"T": "", "f": np.nan}  # by the kind of value, else 0
@@ -136,6 +139,7 @@ def add_columns(
             data=column.values,
             chunks=tuple(max(1, size) for size in column.values.shape),
             fill_value=nothing.get(column.values.dtype.kind, 0),
+            compressors=[ZstdCodec(), Crc32cCodec()],
             dimension_names=tuple(map(identifier, column.axes)),
             attributes=described(name, column),
         )
@@ -348,10 +352,13 @@ def open_run(path: str | Path) -> RunDataset:
 
 
 def open_store(path: str | Path) -> xarray.Dataset:
-    """The dataset that a run left, its pictures over row and col. Raises InputError."""
+    """The dataset that a run left, its pictures over row and col. Raises InputError.
+
+    All its files are there with their sizes, and the checksum of what is read is looked at.
+    """
     place = Path(path)
     store = place if place.suffix == ".zarr" else place / STORE
-    if not (store / "zarr.json").is_file():
+    if not (store / "zarr.json").is_file() and read_record(store.parent) is None:
         unfinished = place.with_name(place.name + WORKING).is_dir()
         hint = (
             "the run is not finished: run the same command again to resume, or open "
@@ -360,28 +367,56 @@ def open_store(path: str | Path) -> xarray.Dataset:
             else "name a folder that process or sweep left"
         )
         raise InputError(f"{place}: holds no {STORE}; {hint}")
-    return read_store(store)
+    if store != place and read_record(place) is None:
+        raise InputError(
+            f"{place}: holds no {PROVENANCE}, by which its files could be told; run the command "
+            f"that left it again, or name {store} itself"
+        )
+    return read_store(store, checked_store(store))
 
 
-def read_store(store: Path) -> xarray.Dataset:
-    """A store as a dataset, read as it is used. Raises InputError where it cannot be read."""
+def checked_store(store: Path) -> Any:
+    """What zarr reads a store from: of results, the files that were left, as they were left.
+
+    A store away from its results is read as it is, which is said as a warning; so is an older one.
+    Raises InputError where a file is missing or of another size.
+    """
+    record = opened_record(store.parent)
+    if record is None:
+        warn_unverified(store)
+    if record is None or record.older:
+        return store
+    if f"{store.name}/zarr.json" not in record.sizes:
+        raise InputError(f"{store.parent}: holds no {store.name}; name a folder that process left")
+    from isochrome.runs.checked_store import CheckedStore
+
+    return CheckedStore(store, record)
+
+
+def read_store(store: Path, source: Any) -> xarray.Dataset:
+    """A store as a dataset, read as it is used. Raises InputError where it cannot be read.
+
+    Parameters: `store`, for messages; `source`, from which zarr reads it.
+    """
     import xarray
 
     try:
         stored = xarray.open_dataset(
-            store, engine="zarr", consolidated=False, chunks=None, decode_cf=False
+            source, engine="zarr", consolidated=False, chunks=None, decode_cf=False
         )
         for array in stored.variables.values():
             if "scale_factor" in array.attrs:  # maps in whole steps are single precision
                 array.attrs["scale_factor"] = np.float32(array.attrs["scale_factor"])
         found = xarray.decode_cf(stored)
         found.set_close(stored.close)
+    except InputError:
+        raise
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{store}: cannot be read ({error}); run the command again with --restart"
         ) from error
     lost = [array for array in _arrays(store) if array not in found.variables]
-    if lost:
+    if lost and isinstance(source, Path):  # else what is not in the record is no part of it
         found.close()
         raise InputError(f"{store}: {lost[0]} cannot be read; run the command again with --restart")
     return found

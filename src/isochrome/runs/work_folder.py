@@ -12,31 +12,28 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError
-from isochrome.output import TiffCanvas, check_link, make_canvas, open_canvas
+from isochrome.output import check_link
 from isochrome.runs.chunks import (
     MANIFEST,
     RECORDS,
     RunFolder,
     read_checked,
+    read_record_of,
     remove,
     sync_folder,
     write_checked,
 )
-from isochrome.runs.identity import difference
+from isochrome.runs.identity import difference, identity_digest
+from isochrome.runs.integrity import is_plain, read_record
 from isochrome.runs.job import Job, RunLayout
 from isochrome.runs.lock import LOCK, OWNER
 from isochrome.runs.store import STORE, WORKING, create_store
-
-PROVENANCE = "provenance.json"
-REPORT = "report.html"
-"""A view of the results, which `isochrome report` makes anew: a run is whole without it."""
 
 FINISHED = "finished"
 _GROUP = "group.json"
@@ -82,37 +79,43 @@ def working_folder(out: Path) -> Path:
     return target.with_name(target.name + WORKING)
 
 
-def is_complete(target: Path, job: Job) -> bool:
-    """Whether a folder holds all results of a job, as its record names them."""
-    stored = not job.layout.store or (target / STORE / "zarr.json").is_file()
-    return stored and holds_results(target, job.identity)
+def faults_of(target: Path, identity: Mapping[str, Any]) -> dict[str, str] | None:
+    """What is damaged of the results that a run of an identity has left, by a file's path.
+
+    None where the folder's record is of no such run, or is damaged itself.
+    """
+    try:
+        known = read_record(target)
+    except InputError:
+        return None
+    if known is None or known.older or difference(known.record, identity) is not None:
+        return None
+    return {name: fault for name in known.sizes if (fault := known.fault(name))}
 
 
 def holds_results(target: Path, identity: Mapping[str, Any]) -> bool:
-    """Tell whether a folder holds the files of a finished run of an identity, as its record says.
+    """Whether a folder holds all results of an identity, as in a Job: all its files are read."""
+    return faults_of(target, identity) == {}
 
-    Parameters
-    ----------
-    target : Path
-        The folder.
-    identity : mapping
-        What the run is a result of, as in a Job.
 
-    Returns
-    -------
-    bool
-        Whether all of them are there.
+def take_back(run: RunFolder, target: Path) -> None:
+    """Take chunks that are left of damaged results back to work, of which only the record is known.
+
+    Whether they are whole is looked at as in any run that goes on. Parameters: `run`, in a working
+    folder; `target`, where the results lie. Raises OSError.
     """
-    try:
-        record = json.loads((target / PROVENANCE).read_text("utf-8"))
-        outputs = record.get("outputs")
-        if not outputs or difference(record, identity) is not None:
-            return False
-        files = {name: size for name, size in outputs.items() if name != REPORT}
-        sizes = [(target / name).stat().st_size == size for name, size in files.items()]
-    except (OSError, ValueError, AttributeError):
-        return False
-    return all(sizes)
+    there = replace(run, results=target)
+    for index in range(run.layout.chunks if run.layout.store else 0):
+        record = None if run.record_file(index).exists() else read_record_of(there, index)
+        if record is None:
+            continue
+        names = [run.chunk_file(name, index) for name in record["layers"]]
+        names += [run.part_file(name, index) for name in record["parts"]]
+        for place in (*names, run.record_file(index)):
+            old = target / place.relative_to(run.results)
+            if is_plain(old):
+                place.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(old, place)
 
 
 def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
@@ -132,11 +135,10 @@ def open_run_folder(root: Path, job: Job, *, restart: bool) -> RunFolder:
                 "that to resume it, add --restart to begin anew, or name another --out folder"
             )
         results = root / manifest["token"]
+        run = RunFolder(results, job.layout, identity_digest(job.identity))
         if (root / FINISHED).exists():
-            return RunFolder(results, root / RECORDS, job.layout, {})
+            return run
         if results.is_dir():
-            stacks = _stacks(results, job.layout, open_canvas)
-            run = RunFolder(results, root / RECORDS, job.layout, stacks)
             clear_up(run)
             return run
     wipe(root)
@@ -197,35 +199,21 @@ def _new(root: Path, job: Job) -> RunFolder:
     token = f"results-{secrets.token_hex(4)}"  # a dead run's last worker finds its folder gone
     results, layout = root / token, job.layout
     check_room(root, layout, layout.count)
+    run = RunFolder(results, layout, identity_digest(job.identity))
     results.mkdir()
-    (root / RECORDS).mkdir()
+    run.records.mkdir()
     if layout.store:
         create_store(results / STORE, layout)
         shutil.copyfile(results / STORE / "zarr.json", root / _GROUP)
-    stacks = _stacks(results, layout, partial(make_canvas, pixel_mm=layout.pixel_mm))
     sync_tree(root)
     body = {"identity": dict(job.identity), "layout": _described(layout), "token": token}
     write_checked(root / MANIFEST, body)
-    return RunFolder(results, root / RECORDS, layout, stacks)
-
-
-def _stacks(
-    results: Path, layout: RunLayout, lay_out: Callable[[Path, tuple[int, int, int]], TiffCanvas]
-) -> dict[str, TiffCanvas]:
-    """The TIFF stacks of a run by the name of their layer, made or opened by `lay_out`."""
-    stacks = {}
-    for layer in (layer for layer in layout.layers if layer.stack):
-        rows, cols = list(layout.shape.values())[-2:]
-        _, count = layout.pages(layer, 0, layout.count)
-        stacks[layer.name] = lay_out(results / f"{layer.name}.tif", (count, rows, cols))
-    return stacks
+    return run
 
 
 def clear_up(run: RunFolder) -> None:
     """Remove what a killed run left half-written beside finished chunks. Raises OSError."""
-    layers = {layer.name for layer in run.layout.layers}
-    store = run.results / STORE
-    keep = {STORE} | {f"{name}.tif" for name in run.stacks}
+    layers, store, keep = set(run.layout.names), run.results / STORE, {STORE, RECORDS}
     inside = store.iterdir() if run.layout.store else ()
     for entry in [*run.results.iterdir(), *inside]:
         known = layers | {"zarr.json"} if entry.parent == store else keep
@@ -235,7 +223,7 @@ def clear_up(run: RunFolder) -> None:
         for file in folder.rglob(".*.part"):
             file.unlink()
     if run.layout.store:
-        shutil.copyfile(run.records.parent / _GROUP, store / "zarr.json")
+        shutil.copyfile(run.root / _GROUP, store / "zarr.json")
 
 
 def check_room(root: Path, layout: RunLayout, items: int) -> None:
@@ -261,7 +249,7 @@ def check_room(root: Path, layout: RunLayout, items: int) -> None:
 
 def is_finished(run: RunFolder) -> bool:
     """Whether all results are made, and only have to be given their place."""
-    return (run.records.parent / FINISHED).exists()
+    return (run.root / FINISHED).exists()
 
 
 def sync_tree(folder: Path) -> None:

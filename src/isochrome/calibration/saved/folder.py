@@ -16,7 +16,7 @@ from isochrome.calibration.scale.result import ScaleCalibration
 from isochrome.calibration.wear.result import WearCalibration, trace_json
 from isochrome.output import columns_of, provenance, staged, write_csv, write_figure, write_json
 from isochrome.reporting import write_report
-from isochrome.runs import PROVENANCE, REPORT, environment
+from isochrome.runs import REPORT, environment, seal
 from isochrome.scene import parse_toml, read_text
 
 AnyCalibration = Calibration | ColourCalibration | ScaleCalibration | WearCalibration
@@ -59,7 +59,6 @@ def save_calibration(
         write_json(folder / f"{name}.json", calibration.to_json())
         files = [file for given in inputs for file in (given, *_named_files(Path(given)))]
         record = provenance(None, files) | environment() | _origin(calibration, inputs)
-        write_json(folder / PROVENANCE, record)
         write_figure(folder / f"{name}.png", calibration.figure())
         if isinstance(calibration, ColourCalibration):
             write_colours(calibration, folder)
@@ -67,6 +66,7 @@ def save_calibration(
             for table, columns in _tables(calibration).items():
                 write_csv(folder / table, columns)
         write_report(folder / REPORT, calibration_report(folder, name, record))
+        seal(folder, record)
 
 
 def _tables(

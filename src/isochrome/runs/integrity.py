@@ -1,0 +1,403 @@
+"""Whether results are those that were left: a record of all their files, with sizes and checksums.
+
+The record is the folder's provenance.json (of a campaign its summary.json), written last. A file is
+opened where it is a regular one of the size that was left; its checksum is looked at as it is read.
+The checksum is CRC-32C (Castagnoli), that of zarr's crc32c codec: it finds damage, not forgery.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import stat
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import google_crc32c
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.output import Result, counted, plain, write_text
+from isochrome.progress import RunProgress, Tally
+
+PROVENANCE = "provenance.json"
+SUMMARY = "summary.json"
+"""The record of a campaign, whose recordings have a folder and a record each."""
+REPORT = "report.html"
+"""A view of the results, which `isochrome report` makes anew: a run is whole without it."""
+
+_SIZES, _SUMS, _OWN = "outputs", "outputs_crc32c", "record_crc32c"
+OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
+"""As they stand in a record, whatever else of it is damaged."""
+SUM_BYTES = 4
+"""Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
+_CHUNK = re.compile(r"[^/]+\.zarr/[^/]+/c(/|$)")
+_BLOCK = 1 << 22
+"""Bytes of a file that are in memory at a time."""
+_MOST = 1 << 28
+"""Bytes of a record: of a million files. What is larger is none."""
+
+
+def crc32c(*pieces: Any, start: int = 0) -> int:
+    """CRC-32C of bytes-like pieces, one after the other; `start`, that of what lies before them."""
+    for piece in pieces:
+        start = google_crc32c.extend(start, np.frombuffer(piece, np.uint8))
+    return start
+
+
+def sum_bytes(checksum: int) -> bytes:
+    """A checksum as zarr's crc32c codec puts it behind a chunk."""
+    return checksum.to_bytes(SUM_BYTES, "little")
+
+
+def is_plain(path: Path) -> bool:
+    """Whether a regular file is there, and not a link to one: what else is may never end."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except OSError:
+        return False
+
+
+def file_sum(path: Path, *, chunk: bool) -> int:
+    """The checksum of a file; of a store's chunk, of all but its own checksum. Raises OSError."""
+    found = 0
+    with open(path, "rb") as file:
+        left = os.fstat(file.fileno()).st_size - SUM_BYTES * chunk
+        while left > 0 and (data := file.read(min(_BLOCK, left))):
+            found = crc32c(data, start=found)
+            left -= len(data)
+    return found
+
+
+@dataclass(frozen=True)
+class ResultsRecord:
+    """A folder of results by its record: the `place`, and all that the `record` says."""
+
+    place: Path
+    record: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def older(self) -> bool:
+        """Whether an earlier version left it, which kept no checksums."""
+        return _SUMS not in self.record
+
+    @cached_property
+    def sizes(self) -> Mapping[str, int]:
+        """Bytes of each file, by its path in the folder; of older results without the report."""
+        sizes = self.record.get(_SIZES)
+        known = sizes if isinstance(sizes, dict) else {}
+        return {name: size for name, size in known.items() if name != REPORT or not self.older}
+
+    def size_fault(self, name: str) -> str:
+        """What is wrong with a file before it is opened, in words; empty where nothing is."""
+        *folders, file = (self.place, *PurePosixPath(name).parts)
+        try:
+            at = Path(folders[0])
+            for part in folders[1:]:
+                at /= part
+                if not stat.S_ISDIR(at.lstat().st_mode):
+                    return "lies behind a link, or what is no folder"
+            found = (at / file).lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            return "is missing"
+        except OSError as error:
+            return f"cannot be looked at ({error.strerror})"
+        if stat.S_ISLNK(found.st_mode):
+            return "is a link"
+        if not stat.S_ISREG(found.st_mode):
+            return "is no file"
+        left = self.sizes[name]
+        return "" if found.st_size == left else f"has {found.st_size} bytes, and {left} were left"
+
+    def fault(self, name: str) -> str:
+        """What is wrong with a file, its content read, in words; empty where nothing is."""
+        found = self.size_fault(name)
+        if found or self.older:
+            return found
+        try:
+            same = file_sum(self.place / name, chunk=_is_chunk(name)) == self._sum(name)
+        except OSError as error:
+            return f"cannot be read ({error.strerror})"
+        return "" if same else "is damaged: its checksum is another"
+
+    def check(self, names: Iterable[str] = ()) -> None:
+        """Refuse results of which a file has gone or changed its size, or `names` their content.
+
+        Names that the record does not have are passed over, and so is the report: it may go, and be
+        made anew. Raises InputError.
+        """
+        for name in self.sizes:
+            if name != REPORT:
+                self._refuse(name, self.size_fault(name))
+        for name in names:
+            if name in self.sizes:
+                self._refuse(name, self.fault(name))
+
+    def check_read(self, name: str, data: NDArray[Any], *, whole: bool) -> None:
+        """Refuse what was read of a file: all of it, or, not `whole`, a part of a chunk.
+
+        A chunk ends with a checksum, which zarr compares with what it read; here it is compared
+        with the one that was left, lest another chunk stands in its place.
+        """
+        if not whole or self.older:
+            return
+        own = (
+            int.from_bytes(data[-SUM_BYTES:].tobytes(), "little")
+            if _is_chunk(name)
+            else crc32c(data)
+        )
+        if len(data) != self.sizes[name]:
+            self._refuse(name, f"has {len(data)} bytes, and {self.sizes[name]} were left")
+        if own != self._sum(name):
+            self._refuse(name, "is damaged: its checksum is another")
+
+    def refusal(self, name: str, what: str) -> InputError:
+        """The error that names a file and what is wrong with it."""
+        return InputError(
+            f"{self.place / name}: {what}; run the command that left {self.place} again, which "
+            "makes it anew (`isochrome verify` names all that is damaged)"
+        )
+
+    def _refuse(self, name: str, what: str) -> None:
+        if what:
+            raise self.refusal(name, what)
+
+    def _sum(self, name: str) -> int:
+        return int(self.record[_SUMS].get(name, "-1"), 16)
+
+
+def _is_chunk(name: str) -> bool:
+    """Whether a file is a chunk of a store, which ends with a checksum of its own."""
+    return _CHUNK.match(name) is not None
+
+
+def seal(
+    folder: Path,
+    record: Mapping[str, Any],
+    *,
+    known: Mapping[str, int] | None = None,
+    file: str = PROVENANCE,
+    names: Iterable[str] | None = None,
+) -> None:
+    """Write down what results are of, and all their files: last, when these are there.
+
+    Parameters: `folder`; `record`, what they are of; `known`, checksums by the path of a file;
+    `file`, the record's; `names`, by default of all files in the folder. Raises OSError,
+    InputError.
+    """
+    if names is None:
+        names = sorted(_files_below(folder))
+    found = {name: folder / name for name in names if name != file}
+    sizes = {name: path.stat().st_size for name, path in found.items()}
+    sums = dict(known or {})
+    for name, path in found.items():
+        if name not in sums:
+            sums[name] = file_sum(path, chunk=_is_chunk(name))
+    texts = {name: f"{sums[name]:08x}" for name in found}
+    _write(folder / file, {**record, _SIZES: sizes, _SUMS: texts})
+
+
+def reseal(folder: Path, name: str) -> None:
+    """Take a file that was made anew into a folder's record, where that has one of its kind."""
+    known = read_record(folder)
+    if known is None or known.older or name not in known.sizes:
+        return
+    path = folder / name
+    sizes = {**known.record[_SIZES], name: path.stat().st_size}
+    texts = {**known.record[_SUMS], name: f"{file_sum(path, chunk=False):08x}"}
+    _write(folder / PROVENANCE, {**known.record, _SIZES: sizes, _SUMS: texts})
+
+
+def _files_below(folder: Path) -> Iterator[str]:
+    for path, _, files in os.walk(folder):
+        for name in files:
+            yield (Path(path) / name).relative_to(folder).as_posix()
+
+
+def _write(path: Path, record: Mapping[str, Any]) -> None:
+    """A record with its own checksum, that of its text with noughts in the checksum's place."""
+    bare = {key: value for key, value in record.items() if key != _OWN}
+    text = json.dumps(plain(bare | {_OWN: "0" * 8}), indent=2, allow_nan=False) + "\n"
+    write_text(path, text.replace(_line("0" * 8), _line(f"{crc32c(text.encode()):08x}")))
+
+
+def _line(checksum: str) -> str:
+    """The end of a record."""
+    return f'"{_OWN}": "{checksum}"\n}}\n'
+
+
+def read_record(place: Path, file: str = PROVENANCE) -> ResultsRecord | None:
+    """A folder's record; None where it has none. Raises InputError where it is damaged."""
+    path = place / file
+    try:
+        found = path.lstat()
+        if not stat.S_ISREG(found.st_mode):
+            raise InputError(f"{path}: is no file; run the command that left {place} again")
+        if found.st_size > _MOST:
+            raise InputError(f"{path}: has {found.st_size} bytes, and is no record of results")
+        text = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); see its drive") from error
+    try:
+        record = json.loads(text)
+        own = record.get(_OWN)
+        as_left = own is None and _SUMS not in record
+        if isinstance(own, str):
+            bare = text.replace(_line(own).encode(), _line("0" * 8).encode())
+            as_left = own == f"{crc32c(bare):08x}" and isinstance(record[_SUMS], dict)
+    except (ValueError, KeyError, AttributeError, RecursionError):
+        as_left, record = False, {}
+    if not as_left:
+        raise InputError(
+            f"{path}: is damaged, so that nobody knows whether the results are; run the command "
+            f"that left {place} again"
+        )
+    return ResultsRecord(place, record)
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Verified(Result):
+    """Whether a folder holds what was left in it.
+
+    Parameters
+    ----------
+    draw : callable, optional
+        Nothing is drawn.
+    folder : Path
+        The folder.
+    files : int
+        How many files were read.
+    damaged : mapping of str to str
+        What is wrong with a file, by its path in the folder.
+    warnings : tuple of str
+        Folders of earlier versions, of whose files the sizes alone are known.
+    """
+
+    folder: Path
+    files: int
+    damaged: Mapping[str, str]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is damaged."""
+        return not self.damaged
+
+    @property
+    def title(self) -> str:
+        """How many files there are, and how many of them are damaged."""
+        what = f"{len(self.damaged)} of {counted(self.files, 'file')} damaged"
+        return f"{self.folder}: {what if self.damaged else f'{self.files} files as they were left'}"
+
+    @property
+    def columns(self) -> dict[str, list[str]]:
+        """The damaged files, and what is wrong with each."""
+        return {"file": list(self.damaged), "fault": list(self.damaged.values())}
+
+    def main_values(self) -> Iterable[tuple[str, str]]:
+        """The damaged files."""
+        return self.damaged.items()
+
+    def to_json(self) -> dict[str, Any]:
+        """What `--json` prints."""
+        found = {"ok": self.ok, "folder": str(self.folder), "files": self.files}
+        return found | {"damaged": dict(self.damaged), "warnings": list(self.warnings)}
+
+
+def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verified:
+    """Read all files of a results folder and hold them against the checksums that were left.
+
+    Files that no command left there, such as exports, are not looked at.
+
+    Parameters
+    ----------
+    folder : str or Path
+        A folder that a command left; of a campaign with the folders of its recordings.
+    progress : callable, optional
+        Called with a Tally of the files.
+
+    Returns
+    -------
+    Verified
+        What is damaged.
+
+    Raises
+    ------
+    InputError
+        Where the folder holds no record of results, or a damaged one.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> scene = isochrome.load_scene("ring").with_values({
+    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
+    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
+    >>> found = isochrome.simulate(scene, "simulated")
+    >>> isochrome.verify("simulated").ok
+    True
+    """
+    place, damaged = Path(folder), dict[str, str]()
+    records = {PROVENANCE: read_record(place), SUMMARY: read_record(place, SUMMARY)}
+    known = {place / file: record for file, record in records.items() if record is not None}
+    if not known:
+        raise InputError(
+            f"{place}: holds no {PROVENANCE}, by which its files could be told; name a folder that "
+            "a command left"
+        )
+    campaign = records[SUMMARY]
+    for row in campaign.record.get("recordings", ()) if campaign is not None else ():
+        own = place / str(row["folder"])
+        if row["status"] == "failed" and not own.exists():
+            continue
+        name = f"{row['folder']}/{PROVENANCE}"
+        try:
+            record = read_record(own)
+        except InputError as error:
+            damaged[name] = str(error)
+            continue
+        if record is None:
+            damaged[name] = "is missing"
+        else:
+            known[own / PROVENANCE] = record
+    todo = [(record, name) for record in known.values() for name in record.sizes]
+    for number, (record, name) in enumerate(todo):
+        if progress is not None:
+            progress(Tally(number, len(todo), 0, len(damaged)))
+        fault = record.fault(name)
+        if fault:
+            damaged[(record.place / name).relative_to(place).as_posix()] = fault
+    if progress is not None:
+        progress(Tally(len(todo), len(todo), 0, len(damaged)))
+    older = tuple(_unverified(file.parent) for file, record in known.items() if record.older)
+    return Verified(folder=place, files=len(todo), damaged=damaged, warnings=older)
+
+
+def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | None:
+    """The record of results that are to be read: of all files the sizes are right.
+
+    Of `names` the content too. None where no command has left the folder; of older results nobody
+    can tell, which is said as a warning. Raises InputError.
+    """
+    record = read_record(place)
+    if record is not None:
+        record.check(names)
+        if record.older:
+            warn_unverified(place)
+    return record
+
+
+def warn_unverified(place: Path) -> None:
+    """Say that nobody can tell whether results are those that were left."""
+    warnings.warn(_unverified(place), UserWarning, stacklevel=3)
+
+
+def _unverified(place: Path) -> str:
+    return f"{place}: has no checksums, as results of earlier versions, and cannot be verified"
