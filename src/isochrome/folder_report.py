@@ -152,9 +152,8 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
         return fit_report(place, found, record)
     with open_run(place) as dataset:
         rows, cols = dataset["normalised"].shape[-2:]
-    return process_report(
-        checked_store(place / STORE), restore(scene, place, (rows, cols), None), record
-    )
+    found = restore(scene, place, (rows, cols), None)
+    return process_report(checked_store(place / STORE), found, record)
 
 
 def _scene(place: Path) -> Scene:

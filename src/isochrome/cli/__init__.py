@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,6 +43,7 @@ from isochrome.console import (
     print_result,
     print_rows,
     print_summary,
+    print_warnings,
     run_bar,
     steps,
 )
