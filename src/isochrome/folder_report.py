@@ -152,8 +152,8 @@ def _content(place: Path, file: str, record: Mapping[str, Any]) -> ReportContent
         return fit_report(place, found, record)
     with open_run(place) as dataset:
         rows, cols = dataset["normalised"].shape[-2:]
-    found = restore(scene, place, (rows, cols), None)
-    return process_report(checked_store(place / STORE), found, record)
+    processed = restore(scene, place, (rows, cols), None)
+    return process_report(checked_store(place / STORE), processed, record)
 
 
 def _scene(place: Path) -> Scene:
