@@ -27,7 +27,7 @@ COMMANDS = [
     (), ("demo",), ("simulate",), ("process",), ("compare",), ("calibrate",),
     ("calibrate", "bending"), ("calibrate", "disc"), ("calibrate", "colour"),
     ("calibrate", "scale"), ("calibrate", "wear"), ("fit",), ("check",), ("setup",), ("bench",),
-    ("sweep",), ("export",), ("report",), ("guide",), ("init",),
+    ("sweep",), ("export",), ("report",), ("verify",), ("guide",), ("init",),
 ]  # fmt: skip
 
 HISTORY = (
@@ -88,7 +88,7 @@ def test_help_of_every_command(quick_isochrome, command):
     else:
         assert "--json" in done.out
         assert ("--out FOLDER" in done.out or "--out  " in done.out) == (
-            command not in (("check",), ("guide",), ("setup",))
+            command not in (("check",), ("guide",), ("setup",), ("verify",))
         )
         shown = " ".join(done.out.split())
         assert all(example in shown for example in EXAMPLES[" ".join(command)])
@@ -176,6 +176,7 @@ def test_process_leaves_what_the_contract_names(processed):
     assert files_in(out) == {
         "frames.csv", "fringe_order.tif", "confidence.tif", "normalised.tif", "scene.toml",
         "fitted_scene.toml", "provenance.json", "process.png", "report.html", "run.zarr",
+        *(f"records/{k:08d}.json" for k in range(2)),
     }  # fmt: skip
     for name in ("fringe_order", "confidence", "normalised"):
         stack = tifffile.imread(out / f"{name}.tif")

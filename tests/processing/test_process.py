@@ -241,7 +241,7 @@ def test_without_a_model_the_frame_is_normalised_and_that_is_said(tmp_path, text
     assert "mine: " in found.warnings[0] and "cannot be simulated" in found.warnings[0]
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "frames.csv", "normalised.tif", "skeleton.csv", "scene.toml", "provenance.json",
-        "process.png", "report.html", "run.zarr",
+        "process.png", "report.html", "run.zarr", "records",
     }  # fmt: skip
     signal = tifffile.imread(tmp_path / "out" / "normalised.tif")
     assert signal.shape == (60, 80) and signal.dtype == np.float32

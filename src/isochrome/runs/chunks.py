@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 
 from isochrome.output import write_frames
-from isochrome.runs.integrity import SUM_BYTES, crc32c, file_sum, is_plain, sum_bytes
+from isochrome.runs.integrity import (
+    SUM_BYTES,
+    FileSum,
+    crc32c,
+    is_as_left,
+    is_record,
+    sum_bytes,
+)
 from isochrome.runs.job import Layer, Results, RunLayout
 from isochrome.runs.store import STORE
 
@@ -85,7 +92,7 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
     """
     start, stop = run.layout.span(index)
     first, end = run.layout.pictures(start, stop)
-    sums: dict[str, int] = {}
+    left: dict[str, dict[str, FileSum]] = {"layers": {}, "parts": {}}
     for layer in run.layout.layers:
         if layer.compact is not None:
             pieces = _shard(results.packed[layer.name], run.layout.chunk)
@@ -96,15 +103,16 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
             pieces = [values.data.cast("B"), np.full(rest, np.nan, dtype="<f4").tobytes()]
             pieces.append(sum_bytes(crc32c(*pieces)))
         write_through(run.chunk_file(layer.name, index), *pieces)
-        sums[layer.name] = crc32c(*pieces[:-1])
+        size = sum(memoryview(piece).nbytes for piece in pieces)
+        left["layers"][layer.name] = size, crc32c(*pieces[:-1])
     for name, part in results.parts.items():
         write_through(run.part_file(name, index), part)
+        left["parts"][name] = len(part), crc32c(part)
     states = [more["status"] for more in results.more]
     kept = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
     body = {
         "of": run.digest,
-        "layers": sums,
-        "parts": {name: crc32c(part) for name, part in results.parts.items()},
+        **left,
         "flagged": kept.flagged,
         "failed": kept.failed,
         "rows": [_plain(row) for row in results.rows],
@@ -147,7 +155,7 @@ def _of_shard(file: Path, place: int, count: int) -> bytes | None:
 def read_record_of(run: RunFolder, index: int) -> dict[str, Any] | None:
     """A chunk's record; None where none of this run is there, whole. Raises OSError."""
     file = run.record_file(index)
-    record: dict[str, Any] | None = read_checked(file) if is_plain(file) else None
+    record: dict[str, Any] | None = read_checked(file) if is_record(file) else None
     return record if record is not None and record.get("of") == run.digest else None
 
 
@@ -161,11 +169,11 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
         return None
     start, stop = run.layout.span(index)
     try:
-        for name, checksum in record["layers"].items():
-            if file_sum(run.chunk_file(name, index), chunk=True) != checksum:
+        for name, left in record["layers"].items():
+            if not is_as_left(run.chunk_file(name, index), left, chunk=True):
                 return None
-        for name, checksum in record["parts"].items():
-            if file_sum(run.part_file(name, index), chunk=False) != checksum:
+        for name, left in record["parts"].items():
+            if not is_as_left(run.part_file(name, index), left, chunk=False):
                 return None
     except FileNotFoundError:
         return None

@@ -302,7 +302,7 @@ def _leave_record(run: RunFolder, job: Job) -> None:
     known = {
         run.chunk_file(name, index).relative_to(run.results).as_posix(): checksum
         for index in range(run.layout.chunks if run.layout.layers else 0)
-        for name, checksum in (read_record_of(run, index) or {})["layers"].items()
+        for name, (_, checksum) in (read_record_of(run, index) or {})["layers"].items()
     }
     seal(run.results, json.loads(json.dumps(dict(job.identity))), known=known)
 

@@ -12,7 +12,7 @@ import os
 import re
 import stat
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -64,6 +64,11 @@ def is_plain(path: Path) -> bool:
         return False
 
 
+def is_record(path: Path) -> bool:
+    """Whether a file may be a record of something: it is read at once."""
+    return is_plain(path) and path.stat().st_size <= _MOST
+
+
 def file_sum(path: Path, *, chunk: bool) -> int:
     """The checksum of a file; of a store's chunk, of all but its own checksum. Raises OSError."""
     found = 0
@@ -73,6 +78,17 @@ def file_sum(path: Path, *, chunk: bool) -> int:
             found = crc32c(data, start=found)
             left -= len(data)
     return found
+
+
+FileSum = Sequence[int]
+"""Bytes and checksum of a file."""
+
+
+def is_as_left(path: Path, left: FileSum, *, chunk: bool) -> bool:
+    """Whether a file is the one that was left: of another size, it is not read. Raises OSError."""
+    size, checksum = left
+    there = is_plain(path) and path.stat().st_size == size
+    return there and file_sum(path, chunk=chunk) == checksum
 
 
 @dataclass(frozen=True)
@@ -142,20 +158,12 @@ class ResultsRecord:
     def check_read(self, name: str, data: NDArray[Any], *, whole: bool) -> None:
         """Refuse what was read of a file: all of it, or, not `whole`, a part of a chunk.
 
-        A chunk ends with a checksum, which zarr compares with what it read; here it is compared
-        with the one that was left, lest another chunk stands in its place.
+        Such a part ends with a checksum of its own, so that the whole chunk need not be read.
         """
-        if not whole or self.older:
-            return
-        own = (
-            int.from_bytes(data[-SUM_BYTES:].tobytes(), "little")
-            if _is_chunk(name)
-            else crc32c(data)
-        )
-        if len(data) != self.sizes[name]:
-            self._refuse(name, f"has {len(data)} bytes, and {self.sizes[name]} were left")
-        if own != self._sum(name):
-            self._refuse(name, "is damaged: its checksum is another")
+        own = crc32c(data[:-SUM_BYTES] if _is_chunk(name) else data)
+        left = self._sum(name) if whole else int.from_bytes(data[-SUM_BYTES:].tobytes(), "little")
+        if own != left:
+            self._refuse(name, self.fault(name))
 
     def refusal(self, name: str, what: str) -> InputError:
         """The error that names a file and what is wrong with it."""

@@ -388,9 +388,9 @@ def checked_store(store: Path) -> Any:
         return store
     if f"{store.name}/zarr.json" not in record.sizes:
         raise InputError(f"{store.parent}: holds no {store.name}; name a folder that process left")
-    from isochrome.runs.checked_store import CheckedStore
+    from isochrome.runs.verified_store import VerifiedStore
 
-    return CheckedStore(store, record)
+    return VerifiedStore(store, record)
 
 
 def read_store(store: Path, source: Any) -> xarray.Dataset:

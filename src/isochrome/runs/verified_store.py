@@ -13,7 +13,7 @@ from zarr.storage import LocalStore
 from isochrome.runs.integrity import ResultsRecord
 
 
-class CheckedStore(LocalStore):
+class VerifiedStore(LocalStore):
     """A store that is read alone, and holds what is read against the record of its results.
 
     What the record does not have is not there. `root`, the store; `record` of its folder. Reading

@@ -1,0 +1,175 @@
+"""Damaged results are named, give nothing wrong, and are mended by the command that left them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import isochrome
+import isochrome.processing.api
+from isochrome.cli import app
+from isochrome.errors import InputError
+from runs.counting import contents
+from runs.damage import FAULTS, commands, damage, uses, write_input
+
+LONGEST_S = 120
+"""Seconds in which a folder, whatever is in it, is refused or read: one that hangs takes all."""
+
+COMMANDS = {command.name: command for command in commands()}
+
+
+class Finished:
+    """Folders as the commands left them, made when they are asked for, each with a copy NAME-kept.
+
+    `found`, what reads a folder finds in it as it was left.
+    """
+
+    def __init__(self, place):
+        self.place = place
+        self.found = {}
+
+    def __call__(self, name):
+        """The folder of a command as it was left."""
+        command = COMMANDS[name]
+        if name not in self.found:
+            for other in command.needs:
+                self(other)
+            command.again()
+            shutil.copytree(name, f"{name}-kept")
+            self.found[name] = {}
+            if name == "simulate":
+                self("single")  # with which it is compared
+            self.found[name] = {use: read(self.place / name) for use, read in uses(name).items()}
+        for path in (name, f"{name}-elsewhere", f"{name}.partial"):
+            if (path := self.place / path).is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+        shutil.copytree(self.place / f"{name}-kept", self.place / name)
+        return self.place / name
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """What the commands left, in the folder where one works."""
+    place = tmp_path_factory.mktemp("finished")
+    before = Path.cwd()
+    os.chdir(place)
+    write_input(place)
+    yield Finished(place)
+    os.chdir(before)
+
+
+def refusal_or_result(read, folder):
+    """What reading a folder gives, or the sentence that refuses it."""
+    try:
+        return "", read(folder)
+    except InputError as error:
+        return str(error), None
+
+
+def check_fault(finished, name, kind, seed, *, mend=True):
+    """One fault: it is named with exit code 2, gives nothing wrong, and is mended."""
+    folder = finished(name)
+    file = damage(folder, np.random.default_rng(seed), kind)
+    what = f"{name}: {kind} of {file}, seed {seed}"
+    kept = folder.with_name(f"{name}-kept")
+    signal.alarm(LONGEST_S)
+    ended = CliRunner().invoke(app, ["verify", name, "--json"])
+    if isinstance(ended.exception, InputError):  # the record itself, in one line
+        assert Path(file).name in str(ended.exception), what
+    else:
+        assert ended.exit_code == 2, (what, ended.output, ended.exception)
+        damaged = json.loads(ended.stdout)["damaged"]
+        assert file in damaged or kind == "linked", (what, damaged)
+        assert damaged and set(damaged) <= set(contents(kept)), what
+    for use, read in uses(name).items():
+        refused, now = refusal_or_result(read, folder)
+        assert now == finished.found[name][use] if not refused else name in refused, (
+            what,
+            use,
+            refused,
+        )
+        assert "\n" not in refused, (what, use)
+    if mend:
+        COMMANDS[name].again()
+        assert contents(folder) == contents(kept), what
+    signal.alarm(0)
+
+
+@pytest.mark.parametrize("kind", ["byte", "pipe"])
+def test_a_fault_is_named_gives_nothing_wrong_and_is_mended(finished, kind):
+    check_fault(finished, "process", kind, 1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("seed", [2, 3])
+def test_faults_of_every_command(finished, name, seed):
+    for kind in FAULTS:
+        check_fault(finished, name, kind, seed)
+
+
+@pytest.mark.study
+@pytest.mark.long
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("kind", FAULTS)
+def test_a_thousand_faults(finished, name, kind):
+    for seed in range(100, 110):
+        check_fault(finished, name, kind, seed)
+
+
+def test_what_is_damaged_is_computed_again_and_nothing_else(finished, monkeypatch):
+    folder = finished("process")
+    computed = []
+    own = isochrome.processing.api.process_chunk
+    monkeypatch.setattr(
+        isochrome.processing.api,
+        "process_chunk",
+        lambda *span: computed.append(span[1:]) or own(*span),
+    )
+    chunks = sorted((folder / "run.zarr" / "fringe_order" / "c").iterdir())
+    assert len(chunks) > 3
+    (chunks[1] / "0" / "0").write_bytes(b"")
+    (folder / "frames.csv").unlink()
+    said = []
+    isochrome.process("ring.tif", "ring.toml", "process", progress=said.append)
+    assert computed == [(2, 4)]
+    assert any("frames.csv is missing, and 1 more; that is made anew" in t.said for t in said)
+    assert contents(folder) == contents(folder.with_name("process-kept"))
+    computed.clear()
+    assert isochrome.process("ring.tif", "ring.toml", "process").already and not computed
+
+
+def test_results_of_an_earlier_version_open_and_say_that_they_cannot_be_verified(finished):
+    folder = finished("process")
+    file = folder / "provenance.json"
+    record = json.loads(file.read_text("utf-8"))
+    del record["outputs_crc32c"], record["record_crc32c"]
+    file.write_text(json.dumps(record), "utf-8")
+    with pytest.warns(UserWarning, match="earlier versions, and cannot be verified"):
+        dataset = isochrome.open_run("process")
+    dataset.close()
+    verified = isochrome.verify("process")
+    assert verified.ok and "cannot be verified" in verified.warnings[0]
+
+
+def test_a_report_that_was_made_anew_or_removed_is_no_damage_to_what_reads_the_rest(finished):
+    folder = finished("process")
+    (folder / "report.html").unlink()
+    isochrome.open_run("process").close()
+    assert list(isochrome.verify("process").damaged) == ["report.html"]
+    isochrome.report("process")
+    assert isochrome.verify("process").ok
+
+
+def test_a_folder_of_no_command_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"holds no provenance\.json"):
+        isochrome.verify(tmp_path)
