@@ -22,20 +22,11 @@ from isochrome.stress.half_plane.hats import Floats
 
 
 class PointForce(NamedTuple):
-    """A point force on the edge of a half-plane, per thickness, or its dipole.
-
-    Parameters
-    ----------
-    normal : float
-        Normal force P (N/mm), or as a dipole its first moment (N).
-    tangential : float
-        Tangential force Q (N/mm), or as a dipole its first moment (N).
-    dipole : bool, default False
-        Whether it is a dipole.
+    """A point force on a half-plane's edge, per thickness (N/mm), or a dipole's first moment (N).
     """
 
-    normal: float
-    tangential: float
+    normal: float  # P
+    tangential: float  # Q
     dipole: bool = False
 
 
