@@ -62,10 +62,9 @@ class Surface:
 def make_surface(
     nodes: int, spacing_mm: float, *, contact_modulus_mpa: float, coupling_per_mpa: float = 0.0
 ) -> Surface:
-    """The surface operator of a grid, for E* and the coupling 1/G* (0: none). Source: see the
-    module.
+    """The surface operator of a grid, for E* and the coupling 1/G* (0: none).
 
-    The last ones are kept: a video's frames are solved on one.
+    The last ones are kept: a video's frames are solved on one. Source: see the module.
     """
     n, h = nodes, spacing_mm
     length = int(scipy.fft.next_fast_len(2 * n, real=True))

@@ -149,8 +149,7 @@ def block_correlation(keep: Mask, residual: Array, *, most_px: int = 16) -> floa
 
 
 def line_correlation(keep: Mask, residual: Array, axis: int) -> float:
-    """Variance of residuals' sums along rows (axis 1) or columns (0), over that of independent
-    ones.
+    """Variance of residuals' sums along rows (axis 1) or columns (0), over independent ones'.
 
     Many sensors add to each row, or to each column, a noise of its own. 1 where it is no more than
     chance makes it.

@@ -115,10 +115,9 @@ def frame_light(
 def smooth_light(
     shape: tuple[int, ...], degrees: tuple[int, int], light: ArrayLike | None = None
 ) -> LightModel:
-    """The light of a calibration's image, with the degrees (`degrees_of`) that its evidence asks
-    for.
+    """The light of a calibration's image, with the degrees that its evidence asks for.
 
-    `light` (rows, cols) is the no-load bright minus dark frame.
+    For these see `degrees_of`; `light` (rows, cols) is the no-load bright minus dark frame.
     """
     size = (shape[0], shape[1])
     bases = polynomial_basis(size, degrees[0], times=light), polynomial_basis(size, degrees[1])
@@ -139,8 +138,7 @@ def total_degree(degree: int) -> Terms:
 
 
 def missing_terms(own: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
-    """The products of illumination and background, up to their total degrees, that a light has not.
-    """
+    """The products of illumination and background up to total degrees that a light has not."""
     light, dark = (
         tuple(term for term in total_degree(degree) if term not in terms)
         for degree, terms in zip(degrees, own, strict=True)
@@ -182,8 +180,7 @@ def light_basis(shape: tuple[int, int], terms: Terms) -> Array:
 def light_products(
     places: tuple[Array, Array], terms: Terms, dtype: type[np.floating] = np.float32
 ) -> Array:
-    """Legendre products P_i(y) P_j(x) (k, rows, cols) at the rows' y and the columns' x, in -1..1.
-    """
+    """Legendre products P_i(y) P_j(x) (k, rows, cols) of rows' y and columns' x, in -1..1."""
     degree = max((max(pair) for pair in terms), default=0)
     rows, cols = (np.polynomial.legendre.legvander(p, degree).T.astype(dtype) for p in places)
     stack = np.empty((len(terms), len(places[0]), len(places[1])), dtype)

@@ -83,8 +83,7 @@ class ScoreProducts:
         return np.asarray(-self._taken_up[:, chosen] @ values)
 
     def score_with_prior(self, chosen: slice, weight: Array) -> tuple[float, float, Array]:
-        """What columns gain whose values are known beforehand, over the noise, its price, and
-        values.
+        """What columns gain whose values are known beforehand, over the noise, its price, values.
 
         With U² the prior's variances, 1/`weight`, the gain is gᵀ (M + U⁻²)⁻¹ g, and what Bayes's
         factor takes off for the values that might have been, ln det(1 + U M U). Values (k,) are to

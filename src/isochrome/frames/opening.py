@@ -141,8 +141,7 @@ def open_scene_frames(
 
 
 def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
-    """The files, and arrays in place of files, that results depend on: captured, then the scene's.
-    """
+    """The files, or arrays in their place, that results depend on: captured, then the scene's."""
     return [*reader.files, *scene.files(of_frames=True)]
 
 

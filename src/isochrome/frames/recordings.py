@@ -16,13 +16,12 @@ from isochrome.frames.source import natural_key
 
 
 def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[FramesPath, ...]:
-    """The recordings that files, folders and globs stand for, in order, as `open_frames` takes
-    them.
+    """The recordings that files, folders and globs stand for, in order, for `open_frames`.
 
     A folder, video or TIFF stack is one each, images one to a file are one together; no video is
-    decoded to tell. Globs are in natural order (part2 before part10), as are names in the
+    decoded to tell. Globs are in natural order (part2 before part10), and so are names in the
     alphabet's order, as a shell makes them of a glob; others stay. `join`: all are parts of one.
-    InputError where a name stands for nothing, or single images stand among recordings.
+    InputError where a name stands for nothing, or images stand among recordings.
     """
     if not names:
         raise InputError("no frames are named; name at least one file or folder")

@@ -126,8 +126,7 @@ def load_rises(course: SlidingHistory) -> bool:
 
 
 def unresolved(scar: Scar) -> float:
-    """How much of a scar's pressure its mesh may miss, as a ratio: what every second node alone
-    does.
+    """How much of a scar's pressure its mesh may miss, a ratio: what every second node alone does.
 
     Equation: max |w - w_2| / max w of the load per φ, w = p (3/2) sin³φ, with w_2 the spline
     through every second node. Where a bend of the depth lies between few nodes, p_max errs by 0.15

@@ -77,8 +77,7 @@ def worn_states(
     *,
     path: SlidingHistory | None = None,
 ) -> Iterator[SurfaceState]:
-    """States at rising doses: a cylinder's on a mesh of its own as far as it goes, else on the
-    grid.
+    """States at rising doses: a cylinder's on a mesh of its own as far as it goes, else here.
 
     How far is decided on `path`, the course as sampled at PATH_TOLERANCE. PhysicsError where a
     contact does not converge.
@@ -227,8 +226,7 @@ def _state(
 
 
 def scar_on_nodes(scar: Scar, x_mm: Floats) -> tuple[Floats, Floats]:
-    """Pressure (MPa) and worn depth (mm) of a scar at uniform nodes (n,), second order in their
-    step h.
+    """Pressure (MPa) and worn depth (mm) of a scar at uniform nodes (n,), to second order in h.
 
     p_i = (1/h) ∫ p(t) hat((t - x_i)/h) dt, the mean over a hat, keeps the load and its moment
     wherever the edges lie between the nodes. It is the difference of the mean loads behind, F, in

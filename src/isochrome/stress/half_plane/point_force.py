@@ -22,8 +22,7 @@ from isochrome.stress.half_plane.hats import Floats
 
 
 class PointForce(NamedTuple):
-    """A point force on a half-plane's edge, per thickness (N/mm), or a dipole's first moment (N).
-    """
+    """A point force on a half-plane's edge, per thickness (N/mm), or a dipole's moment (N)."""
 
     normal: float  # P
     tangential: float  # Q
