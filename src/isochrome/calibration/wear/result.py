@@ -20,24 +20,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class WornDistance:
-    """A distance's own coefficient, k = V/(P s).
-
-    Parameters
-    ----------
-    volume : WornVolume
-        The volume and what made it.
-    standard_uncertainty_mm3 : float
-        Standard uncertainty of the volume with the inputs that it has part in, mm³.
-    coefficient_mm2_per_n : float
-        The distance's own k, mm²/N.
-    standard_uncertainty : float
-        Standard uncertainty of that with all inputs, mm²/N.
-    """
+    """A distance's own coefficient, k = V/(P s)."""
 
     volume: WornVolume
-    standard_uncertainty_mm3: float
+    standard_uncertainty_mm3: float  # of the volume, with the inputs that it has part in
     coefficient_mm2_per_n: float
-    standard_uncertainty: float
+    standard_uncertainty: float  # of k, with all inputs, mm²/N
 
     def to_json(self) -> dict[str, Any]:
         """Its numbers by name."""
