@@ -31,11 +31,10 @@ SetToCompare = FramesLike | Processed | Simulation | ComparedFrames
 def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> ComparedFrames:
     """Load frames (frame, row, col) to compare, as a signal of 0 to 1.
 
-    Of a result, in memory or a folder: `normalised.tif` (process) or `frames.tif` (simulate),
-    `fringe_order.tif`, labels of `frames.csv` or `history.csv`, place of `scene.toml`. Else bare
-    frames without orders, as `open_frames`: of colours the scene's channel or that nearest its
-    wavelength, whole numbers over 2^bits - 1. InputError where parts do not fit or steps are
-    phases.
+    Of a result, in memory or a folder: `normalised.tif` or `frames.tif`, `fringe_order.tif`, labels
+    of `frames.csv` or `history.csv`, place of `scene.toml`. Else bare frames without orders, as by
+    `open_frames`: of colours the scene's channel or that nearest its wavelength, whole numbers over
+    2^bits - 1. InputError where parts do not fit, or it is a phase-stepped set.
     """
     if isinstance(given, ComparedFrames):
         return given

@@ -61,8 +61,8 @@ class LiveModel:
         self._renderers: dict[tuple[int, int], SceneRenderer] = {}
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
-        """The polariscope's signal (rows, cols) for values by key, 1 for full light; 0: no
-        specimen.
+        """The polariscope's signal (rows, cols) for values by key, 1 for full light; no specimen,
+        0.
 
         Keys that a frame's own state does not have are left out. InputError where a value is not
         allowed, PhysicsError where the contact cannot be solved.

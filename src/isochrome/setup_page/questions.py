@@ -156,11 +156,10 @@ class ClickPreview:
     def answer(self, index: int, asked: Mapping[str, Any]) -> dict[str, Any]:
         """What would become of the map of a frame: its `kind`, 'nothing' where no order is read.
 
-        `points` and `lines` are asked for as they would stand; `at` (row, col) of the picture,
-        `on_line`: what is set; without `at` the frame is only followed, for the next answer. Kinds:
-        'nothing', 'new', 'moved', 'changed', 'same', 'lost'; also `words`, `said`, `share` of the
-        frame, the part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the
-        `revision`.
+        Asked: `points`, `lines` as they would stand; `at` (row, col) of the picture, `on_line`:
+        what is set; without `at` the frame is only followed, for the next answer. Kinds: 'nothing',
+        'new', 'moved', 'changed', 'same', 'lost'; also `words`, `said`, `share` of the frame, the
+        part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the `revision`.
         """
         with refused_as_asked("preview"):
             asked = _plainly(asked)

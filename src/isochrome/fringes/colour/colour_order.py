@@ -84,8 +84,7 @@ def read_colour(
     Not known: fewer than two channels trusted; a branch in doubt by over 2 %; over 0.03 fringe of
     noise; light and table apart by over twice the noise and 0.05 of the table; fringes finer than 4
     pixels, or fading to white; beside a jump; without `bright` and `specimen` wide black places,
-    maybe no specimen. No-load frames are found from it where missing. InputError on shapes or no
-    contrast.
+    maybe no specimen. Missing no-load frames are found from it. InputError: shapes, no contrast.
     """
     _check(light, table, valid, specimen)
     trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)
