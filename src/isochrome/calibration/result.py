@@ -74,20 +74,42 @@ class View:
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFit:
-    """One image's part of a calibration; orders and their uncertainties in fringes."""
+    """One image's part of a calibration.
+
+    Parameters
+    ----------
+    file : str
+        The image's file or name.
+    load_n : float
+        Its load, N.
+    order : float
+        Its order at a beam's edge, or at a disc's centre, fringes.
+    standard_uncertainty : float
+        That of the order by the noise, fringes.
+    chi : float
+        Root mean square of the residual over the noise.
+    predicted_order : float, optional
+        The order by the other loads' line, fringes; None below three loads.
+    predicted_uncertainty : float, optional
+        Standard uncertainty of the difference to that, by both and by the value's own, fringes.
+    geometry : dict, optional
+        The fitted places in pixels and angles in degrees, by name.
+    view : View, optional
+        What a figure shows of it.
+    misfit : float, optional
+        What comes on top of the uncertainty where the model does not describe the image, fringes.
+    """
 
     file: str
     load_n: float
-    order: float  # at a beam's edge, or at a disc's centre
-    standard_uncertainty: float  # by the noise
-    chi: float  # root mean square of the residual over the noise
-    predicted_order: float | None = None  # by the other loads' line; None below three loads
-    # of the difference to that, by both and by the value's own
+    order: float
+    standard_uncertainty: float
+    chi: float
+    predicted_order: float | None = None
     predicted_uncertainty: float | None = None
-    # fitted places, px, and angles, degrees
     geometry: dict[str, float] = field(default_factory=dict)
-    view: View | None = None  # what a figure shows of it
-    misfit: float = 0.0  # on top of the uncertainty where the model does not describe the image
+    view: View | None = None
+    misfit: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -21,19 +21,45 @@ _STEPS, _SETTLED = 10, 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class ScarPair:
-    """A levelled trace, moved onto the simulated scar of its distance."""
+    """A levelled trace, moved onto the simulated scar of its distance.
+
+    Parameters
+    ----------
+    trace : LevelledTrace
+        The trace.
+    scar : SimulatedScar
+        The scar.
+    shift_mm : float
+        What was taken off the trace's x, mm.
+    shift_uncertainty_mm : float
+        Its standard uncertainty, mm.
+    x_mm : ndarray, shape (n,)
+        Places of the trace's bins in the scene, mm.
+    simulated_um : ndarray, shape (n,)
+        The simulated depth, as means over the bins, µm.
+    simulated_uncertainty_um : ndarray, shape (n,)
+        Its standard uncertainty by the scene's inputs, µm.
+    difference_um : ndarray, shape (n,)
+        Measured less simulated depth, µm.
+    difference_uncertainty_um : ndarray, shape (n,)
+        Its standard uncertainty by roughness, levelling, shift and inputs, µm.
+    rms_um : float
+        Root mean square difference over the scar, µm.
+    chi : float
+        The difference over its uncertainty, over the scar: near 1 where both agree.
+    """
 
     trace: LevelledTrace
     scar: SimulatedScar
-    shift_mm: float  # taken off the trace's x
-    shift_uncertainty_mm: float  # standard
-    x_mm: Array  # (n,): places of the trace's bins in the scene
-    simulated_um: Array  # depth, as means over the bins
-    simulated_uncertainty_um: Array  # standard, by the scene's inputs
-    difference_um: Array  # measured less simulated depth
-    difference_uncertainty_um: Array  # standard, by roughness, levelling, shift and inputs
-    rms_um: float  # root mean square difference over the scar
-    chi: float  # difference over its uncertainty, over the scar: near 1 where both agree
+    shift_mm: float
+    shift_uncertainty_mm: float
+    x_mm: Array
+    simulated_um: Array
+    simulated_uncertainty_um: Array
+    difference_um: Array
+    difference_uncertainty_um: Array
+    rms_um: float
+    chi: float
 
     @property
     def area_difference_mm2(self) -> tuple[float, float]:

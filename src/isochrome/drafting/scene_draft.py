@@ -46,10 +46,18 @@ class DraftValue:
 
 @dataclass(frozen=True)
 class OpenKey:
-    """A key that nobody knows yet: a line of the scene to fill in."""
+    """A key that nobody knows yet: a line of the scene to fill in.
+
+    Parameters
+    ----------
+    key : str
+        The scene's key.
+    hint : str
+        What it is, its unit and what it usually is.
+    """
 
     key: str
-    hint: str  # what it is, its unit and what it usually is
+    hint: str
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)

@@ -58,13 +58,27 @@ def no_prior(count: int) -> Prior:
 
 @dataclass(frozen=True, kw_only=True)
 class BudgetInput:
-    """What one input adds to the standard uncertainty of a value."""
+    """What one input adds to the standard uncertainty of a value.
 
-    input: str  # its key, or 'image noise'
-    value: float | None  # as stated, None of noise
-    standard_uncertainty: float  # of noise, what it adds to the value
-    sensitivity: float  # change of the value over that of the input
-    share: float  # of the value's variance, 0 to 1
+    Parameters
+    ----------
+    input : str
+        Its key, or 'image noise'.
+    value : float, optional
+        Its stated value, None of noise.
+    standard_uncertainty : float
+        Its standard uncertainty; of noise, what it adds to the value.
+    sensitivity : float
+        Change of the value over that of the input.
+    share : float
+        Its part of the value's variance, 0 to 1.
+    """
+
+    input: str
+    value: float | None
+    standard_uncertainty: float
+    sensitivity: float
+    share: float
 
     @property
     def contribution(self) -> float:

@@ -61,11 +61,10 @@ class LiveModel:
         self._renderers: dict[tuple[int, int], SceneRenderer] = {}
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
-        """The polariscope's signal (rows, cols) for values by key, 1 for full light; no specimen,
-        0.
+        """The polariscope's signal (rows, cols) for values by key, 1 for full light.
 
-        Keys that a frame's own state does not have are left out. InputError where a value is not
-        allowed, PhysicsError where the contact cannot be solved.
+        No specimen, no light. Keys that a frame's own state does not have are left out. InputError
+        where a value is not allowed, PhysicsError where the contact cannot be solved.
         """
         known = {key: value for key, value in values.items() if self._has(key)}
         try:

@@ -40,13 +40,27 @@ class MeasuredValue:
 
 @dataclass(frozen=True, kw_only=True)
 class ScalePicture:
-    """One picture's part of a scale."""
+    """One picture's part of a scale.
+
+    Parameters
+    ----------
+    file : str
+        Its name.
+    image : (rows, cols) array
+        Its grey levels.
+    places : (n, 2) array
+        Column and row of the points that were found, px.
+    residual_px : (n, 2) array
+        What the model leaves of them, px.
+    roll : MeasuredValue, optional
+        How it is turned against the target, degrees; None by edges.
+    """
 
     file: str
-    image: Array  # grey levels
-    places: Array  # (n, 2): column and row of the points that were found, px
-    residual_px: Array  # (n, 2): what the model leaves of them
-    roll: MeasuredValue | None = None  # against the target, degrees; None by edges
+    image: Array
+    places: Array
+    residual_px: Array
+    roll: MeasuredValue | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Its file, how many points it shows, their residual and the target's roll."""

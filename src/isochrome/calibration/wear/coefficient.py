@@ -46,16 +46,34 @@ far they reach at first, in the priors' standard deviations."""
 
 @dataclass(frozen=True, kw_only=True)
 class WearLawFit:
-    """A law ('archard', 'sarkar', 'dissipated_energy', 'running_in') through volumes."""
+    """A law through volumes.
+
+    Parameters
+    ----------
+    law : str
+        'archard', 'sarkar', 'dissipated_energy' or 'running_in'.
+    coefficient_mm2_per_n : float
+        Its k, mm²/N; of running_in the one that stays.
+    own_uncertainty : float
+        Standard uncertainty by the volumes' own errors, mm²/N.
+    chi_square : float
+        Square residuals over the variances.
+    freedom : int
+        Volumes less the law's parameters.
+    log_evidence : float
+        Evidence ln Z, less that of the preferred law.
+    first_over_last, running_in_distance_m : float, optional
+        Of running_in: r and s0, m.
+    """
 
     law: str
-    coefficient_mm2_per_n: float  # k; of running_in the one that stays
-    own_uncertainty: float  # standard, by the volumes' own errors, mm²/N
-    chi_square: float  # square residuals over the variances
-    freedom: int  # volumes less the law's parameters
-    log_evidence: float  # ln Z less that of the preferred law
-    first_over_last: float | None = None  # r, of running_in
-    running_in_distance_m: float | None = None  # s0, of running_in
+    coefficient_mm2_per_n: float
+    own_uncertainty: float
+    chi_square: float
+    freedom: int
+    log_evidence: float
+    first_over_last: float | None = None
+    running_in_distance_m: float | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Its numbers by name."""

@@ -20,12 +20,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class WornDistance:
-    """A distance's own coefficient, k = V/(P s)."""
+    """A distance's own coefficient, k = V/(P s).
+
+    Parameters
+    ----------
+    volume : WornVolume
+        The volume and what made it.
+    standard_uncertainty_mm3 : float
+        Standard uncertainty of the volume with the inputs that it has part in, mm³.
+    coefficient_mm2_per_n : float
+        The distance's own k, mm²/N.
+    standard_uncertainty : float
+        Standard uncertainty of that with all inputs, mm²/N.
+    """
 
     volume: WornVolume
-    standard_uncertainty_mm3: float  # of the volume, with the inputs that it has part in
+    standard_uncertainty_mm3: float
     coefficient_mm2_per_n: float
-    standard_uncertainty: float  # of k, with all inputs, mm²/N
+    standard_uncertainty: float
 
     def to_json(self) -> dict[str, Any]:
         """Its numbers by name."""

@@ -36,11 +36,21 @@ UNSTEADY = "at most); fix exposure, gain and lamp (only an unloaded dark-field f
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing to know of a set of frames, as a sentence."""
+    """One thing to know of a set of frames.
+
+    Parameters
+    ----------
+    level : {'error', 'warning', 'note'}
+        How grave it is.
+    text : str
+        A sentence.
+    frame : int, optional
+        The frame that it is of; None: of the set.
+    """
 
     level: Level
     text: str
-    frame: int | None = None  # None: of the set
+    frame: int | None = None
 
 
 @dataclass(kw_only=True)
