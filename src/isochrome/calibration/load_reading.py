@@ -65,7 +65,7 @@ class LoadReading:
     explained: float  # share of the frame's variation that the known loads explain
     chi: float  # what they leave over the frame's noise
     rim: Circle  # the disc's outline
-    beyond: float  # how far the load is outside of the known ones, over their range
+    beyond: float  # how far it is outside of the known loads, over their range; 0 inside
 
 
 def lay_series(shots: Sequence[Shot], numbers: Sequence[int]) -> LoadSeries:

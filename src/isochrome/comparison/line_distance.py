@@ -47,12 +47,12 @@ def skeleton_distance(
     pixel_mm: float | None = None,
     reach_px: float | None = None,
 ) -> SkeletonDistance:
-    """Mean distance between the fringe centre lines of two images.
+    """Mean distance between the fringe centre lines of two images; InputError where no line is.
 
     To the nearest line of the same kind (and order, where both know it); mean of both directions',
     so that neither side's longer lines rule. A point without a partner within `reach_px` only
     lowers `matched_share`: a missing line shows there alone. By default 20 px, about half the
-    distance of like fringes, or 100 with orders, which no neighbour shares. InputError: no line.
+    distance of like fringes, or 100 with orders, as no line is taken for its neighbour there.
     """
     if not (len(experiment) or len(simulation)):
         raise InputError("no fringe line in either image: nothing to compare; check the frames")

@@ -86,9 +86,9 @@ def contact_grid(
     """A grid that holds the contact at every state, fine enough for the unworn one.
 
     Half-width (a³ + c³)^(1/3) with a margin, a of Hertz, c = (3 R K P'/2)^(1/3) of the worn arc; it
-    reaches a measured profile's outer hills. Spacing: 1/4 of the profile's rows' at most, a part of
-    the pixel, so that the stress needs no interpolation. Of `line_loads_n_per_mm` the smaller sets
-    it, the larger the window, which `growth` widens. PhysicsError where no grid does.
+    reaches a measured profile's outer hills. Spacing: 1/4 of the profile's row step at most, a part
+    of the pixel, so that the stress needs no interpolation. Of `line_loads_n_per_mm` the smaller
+    sets it, the larger the window, which `growth` widens. PhysicsError where no grid does.
     """
     modulus, _ = elastic_constants(scene)
     loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))

@@ -88,8 +88,9 @@ def order_contours(
     """Lines of a known order map (NaN: not known) at whole (dark) and half (bright) orders.
 
     N is linear between pixel centres, which puts a line within N''/(8 N') px of its place (N', N''
-    along the row or column that it crosses). `levels`, multiples of 1/2, by default all from 1/2 (N
-    = 0 is touched, not crossed: it has no line); by level, with their order. InputError on others.
+    along the row or column that it crosses). `levels` are multiples of 1/2 (else InputError), by
+    default all from 1/2: N = 0 is touched, not crossed, so it has no line. By level, with their
+    order.
     """
     from skimage.measure import find_contours
 

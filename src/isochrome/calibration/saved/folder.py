@@ -32,8 +32,8 @@ def save_calibration(
 
     Of a scale scale.json, scale.png. Tables: images.csv (beam, disc), scale.csv, distances.csv and
     traces.csv (wear), and budget.csv; of colours colour_table.csv and, where found, background.tif
-    and illumination.tif, a scene's no-load frames for the same camera, light and place. `source`:
-    set or images, for the hashes of all their files; the set's text is kept. InputError.
+    and illumination.tif, no-load frames for the same camera, light and place. `source`: set or
+    images, for the hashes of all their files; the set's text is kept too.
     """
     name = "scale" if isinstance(calibration, ScaleCalibration) else "calibration"
     inputs = [source] if isinstance(source, str | Path) else list(source or ())
