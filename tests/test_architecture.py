@@ -159,6 +159,7 @@ FRONT = ("api", "result", "figure", "folder", "settings")
 """Modules that stand in several rooms, and mean the same in each."""
 
 SHORT_WITH_A_REASON = {
+    "figures/scale_bar.py": "the length of a scale bar, which figures for a paper alone have",
     "frames/readers/video.py": "which library reads a video: the one place that knows both",
 }
 

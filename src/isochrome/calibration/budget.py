@@ -60,11 +60,9 @@ def uncertainty_budget(
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
 
-    Parameters: `specimen`, 'beam' or 'disc'; `images`, fitted, with loads above zero;
-    `factor_n2_per_mm`, N/mm per (fringe/N); `inputs`, what else is uncertain;
-    `covariance` (n, n) of the orders where they were fitted together; `rest`, what unloaded
-    images show; `messages`, warnings already known.
-    Returns the Calibration. Raises PhysicsError where the orders contradict the loads.
+    `images` have loads above zero, `factor_n2_per_mm` is N/mm per (fringe/N), `inputs` what else is
+    uncertain; `covariance` (n, n) of orders that were fitted together; `rest`, what unloaded images
+    show; `messages`, known already. PhysicsError where the orders contradict the loads.
     """
     loads = [i.load_n for i in images]
     orders = np.array([i.order for i in images])

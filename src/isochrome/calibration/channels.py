@@ -25,11 +25,9 @@ def calibrate_channels(
 ) -> Calibration:
     """Run a calibration, once a channel where the images are in colour and none is named.
 
-    Parameters: `given`, the set; `run`, a calibration of one channel's shots. Returns the
-    Calibration of the channel that sees polariscope.wavelength_nm best (green where that is not
-    given), with all three in `channels`. A set of grey images, one that names frames.channel, and
-    one in light of one wavelength has the one value. Raises what `run` raises for the channel that
-    is reported.
+    The value is that of the channel that sees polariscope.wavelength_nm best (green where that is
+    not given), with all three in `channels`. A set of grey images, one that names frames.channel,
+    and one in light of one wavelength has the one value. Raises what `run` raises for that channel.
     """
     scope = given.polariscope
     one_light = scope.wavelength_nm and scope.lines is None

@@ -50,15 +50,7 @@ ACROSS, ALONG = 4, 4
 
 @dataclass(frozen=True)
 class LoadSeries:
-    """Frames of known loads laid over each other on the disc.
-
-    Parameters
-    ----------
-    images : Overlay
-        The frames on the unit disc, and their loads.
-    numbers : tuple of int
-        Number of each frame in its set.
-    """
+    """Frames of known loads laid over each other on the unit disc, and their numbers in the set."""
 
     images: Overlay
     numbers: tuple[int, ...]
@@ -66,87 +58,28 @@ class LoadSeries:
 
 @dataclass(frozen=True)
 class LoadReading:
-    """A load that was read.
-
-    Parameters
-    ----------
-    load_n : float
-        The load, N.
-    standard_uncertainty : float
-        Its standard uncertainty, N: the frame's own, and how well the known loads agree.
-    explained : float
-        Share of the frame's variation that the known loads explain.
-    chi : float
-        What they leave over the frame's noise.
-    rim : Circle
-        The disc's outline in the frame.
-    beyond : float
-        How far the load lies outside of the known ones, over their range; 0 inside.
-    """
+    """A load that was read."""
 
     load_n: float
-    standard_uncertainty: float
-    explained: float
-    chi: float
-    rim: Circle
-    beyond: float
+    standard_uncertainty: float  # N: the frame's own, and how well the known loads agree
+    explained: float  # share of the frame's variation that the known loads explain
+    chi: float  # what they leave over the frame's noise
+    rim: Circle  # the disc's outline
+    beyond: float  # how far it is outside of the known loads, over their range; 0 inside
 
 
 def lay_series(shots: Sequence[Shot], numbers: Sequence[int]) -> LoadSeries:
-    """Lay frames of known loads over each other.
-
-    Parameters
-    ----------
-    shots : sequence of Shot
-        The frames with their loads.
-    numbers : sequence of int
-        Number of each in its set.
-
-    Returns
-    -------
-    LoadSeries
-        The frames on the unit disc.
-
-    Raises
-    ------
-    PhysicsError
-        Where no disc is seen.
-    """
+    """Lay numbered frames of known loads over each other; PhysicsError where no disc is seen."""
     return LoadSeries(overlay(shots, [find_rim(shot) for shot in shots]), tuple(numbers))
 
 
 def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
     """Read the load of a frame against the frames of known loads, itself left out of them.
 
-    All orders N_i are fitted together with a, b, c free at every pixel; the line N = k P + N0
-    through the known loads gives the load (N - N0)/k. Its uncertainty is that of the orders, by
-    leaving out one block of the disc after another, and the scatter s of the n known loads about
-    their line, with its own small number of degrees of freedom: u^2 = u_J^2 + s^2 (1 + w^T w)
-    (n - 2)/(n - 4)/k^2, w the weights of the known orders in the line at that load.
-
-    Parameters
-    ----------
-    series : LoadSeries
-        The frames of known loads.
-    shot : Shot
-        The frame; its own load is not looked at.
-    number : int
-        Its number in the set.
-
-    Returns
-    -------
-    LoadReading
-        The load.
-
-    Raises
-    ------
-    PhysicsError
-        Where no disc is seen, fewer than five other loads are known, or they do not tell this one.
-
-    Notes
-    -----
-    The variance of a predicted value with an unknown scatter is that of Student's t: Gelman et al.
-    (2013), Bayesian Data Analysis, section 3.2. The jackknife: `jackknife_variance`.
+    All orders N_i are fitted with a, b, c free at every pixel; the line N = k P + N0 gives (N -
+    N0)/k. u² = u_J² + s² (1 + wᵀ w) (n - 2)/(n - 4)/k²: u_J by `jackknife_variance` over blocks of
+    the disc, s the n known loads' scatter about the line, w their weights in it there; Student's t:
+    Gelman et al. (2013), Bayesian Data Analysis, 3.2. PhysicsError: no disc, under five loads.
     """
     others = [i for i, other in enumerate(series.numbers) if other != number]
     known = Overlay(series.images.stack[others], series.images.grid, series.images.loads[others])

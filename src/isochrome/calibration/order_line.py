@@ -27,35 +27,26 @@ NOTICED = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class OrderLine:
-    """order = slope * load + intercept. `intercept` is None for a line forced through the origin.
-
-    `slope_noise` is the slope's uncertainty from the images' fits alone, `slope_uncertainty`
-    with the scatter about the line; `scatter` is that between-load part of an order's
-    uncertainty (0 where the fits explain it all); `left_out` predicts each order from the other
-    loads (None below three loads); `weights` are d slope / d order, 1/N, and `intercept_weights`
-    d intercept / d order (None without an intercept).
-    """
+    """order = slope * load + intercept, which is None for a line forced through the origin."""
 
     slope: float
-    slope_uncertainty: float
-    slope_noise: float
+    slope_uncertainty: float  # with the scatter about the line
+    slope_noise: float  # by the images' fits alone
     intercept: float | None = None
     intercept_uncertainty: float | None = None
-    scatter: float = 0.0
-    left_out: tuple[float, ...] | None = None
-    weights: tuple[float, ...]
-    intercept_weights: tuple[float, ...] | None = None
+    scatter: float = 0.0  # between-load part of an order's uncertainty (0: the fits explain it all)
+    left_out: tuple[float, ...] | None = None  # each order by the other loads; None below three
+    weights: tuple[float, ...]  # d slope / d order, 1/N
+    intercept_weights: tuple[float, ...] | None = None  # d intercept / d order
 
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
     """Straight line through orders at their loads, with an intercept from two loads on.
 
-    Generalised least squares with the covariance V + t^2 of the orders. The scatter t is zero
-    unless chi-square about the line exceeds its 95 % point; then it is what brings chi-square to
-    the degrees of freedom (Paule & Mandel, J. Res. Natl. Bur. Stand. 87, 1982, 377-385).
-
-    Parameters: `loads_n` (n,), N; `orders` (n,), fringes; `uncertainties` (n,), their standard
-    uncertainties, or (n, n), their covariance. Returns a OrderLine.
+    Generalised least squares with the covariance V + t² of the orders, of their standard
+    uncertainties (n,) or covariance (n, n). t is zero unless chi-square about the line exceeds its
+    95 % point; then it brings chi-square to the degrees of freedom (Paule & Mandel, J. Res. Natl.
+    Bur. Stand. 87, 1982, 377-385).
     """
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
     v = np.diag(u**2) if u.ndim == 1 else u

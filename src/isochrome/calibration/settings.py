@@ -231,25 +231,10 @@ SetLike = str | Path | CalibrationSet | Mapping[str, Any]
 
 
 def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
-    """Read a calibration set.
+    """A calibration set from its TOML file, its tables, whose images may be arrays, or itself.
 
-    Parameters
-    ----------
-    source : str, Path, CalibrationSet or mapping
-        The TOML file, a CalibrationSet, which is returned as it is, or the tables of such a file
-        as dictionaries, in which an image may be an array.
-    specimen : {'beam', 'disc'}, optional
-        The specimen where only one will do.
-
-    Returns
-    -------
-    CalibrationSet
-        The set.
-
-    Raises
-    ------
-    InputError
-        Where the set is wrong; it names the file, key, value and fix.
+    `specimen`: 'beam' or 'disc' where only one will do. InputError names the file, key, value and
+    fix.
     """
     if isinstance(source, CalibrationSet):
         found = source

@@ -19,33 +19,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Shot(Observation):
-    """A prepared frame and the load that it was taken under.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    light : (rows, cols) array
-        Linear light.
-    sigma : (rows, cols) array
-        Its noise.
-    valid : (rows, cols) array of bool
-        True where a pixel may be used.
-    raw, raw_sigma : (rows, cols) array
-        The same light and noise as the sensor stored them.
-    gamma : float
-        The exponent from raw to light.
-    load_n : float
-        The load, N.
-    bright : bool, optional
-        Whether the polariscope's field is bright.
-    no_load_light : (rows, cols) array, optional
-        The bright less the dark frame of no load, where there are both.
-    """
+    """A prepared frame and the load that it was taken under."""
 
     load_n: float
-    bright: bool = False
-    no_load_light: Array | None = None
+    bright: bool = False  # the polariscope's field is
+    no_load_light: Array | None = None  # bright less dark frame of no load, where there are both
 
     def lamp(self, *pick: Any) -> Array | None:
         """The no-load light at the pixels of an index."""
@@ -60,30 +38,10 @@ def as_shots(
     bright: bool = False,
     no_load_light: ArrayLike | None = None,
 ) -> tuple[Shot, ...]:
-    """Make shots of arrays.
+    """Shots of arrays of linear intensity, of integer types saturated on a plateau at the top.
 
-    Parameters
-    ----------
-    images : sequence of (rows, cols) arrays
-        Linear intensities; of integer types those on a plateau at the top are saturated.
-    loads_n : sequence of float
-        The load of each, N.
-    sigma : float or sequence of arrays, optional
-        Their noise: one number, or one number or map an image; by default it is estimated.
-    bright : bool, optional
-        Whether the polariscope's field is bright.
-    no_load_light : (rows, cols) array, optional
-        The no-load bright minus dark frame.
-
-    Returns
-    -------
-    tuple of Shot
-        One for each image.
-
-    Raises
-    ------
-    InputError
-        For counts or shapes that do not agree.
+    `sigma`: one number, or a number or map an image; by default the noise is estimated.
+    `no_load_light`: bright less dark frame. InputError for counts or shapes that do not agree.
     """
     if len(images) != len(loads_n) or not images:
         raise InputError(

@@ -180,24 +180,10 @@ def compare(
 
 
 def compared_again(record: Mapping[str, Any], name: str) -> ReportContent:
-    """Give the report of two sets that were compared before, of the sets as they are on disk.
+    """The report of two sets that were compared before, of the sets as they are on disk.
 
-    Parameters
-    ----------
-    record : mapping
-        What the comparison's provenance.json holds.
-    name : str
-        The comparison's folder, in messages.
-
-    Returns
-    -------
-    ReportContent
-        What the report says.
-
-    Raises
-    ------
-    InputError
-        Where the sets were not files, are not there, or are others by now.
+    `record` is the comparison's provenance.json, `name` its folder in messages. InputError where
+    the sets were not files, are not there, or are others by now.
     """
     sets = record.get(_SETS)
     if not sets:

@@ -64,33 +64,10 @@ def side_by_side(
 ) -> Figure:
     """Draw captured and simulated fringe patterns beside each other, with their difference.
 
-    One row a frame: experiment, simulation, experiment - simulation; one scale, one grey range
-    and one difference range for all rows. The difference is that of the fringe order where both
-    sets have one, else that of the signal after the gain and offset of `compare_signals`. Beyond
-    `max_rows` frames, evenly spaced ones are drawn and the foot says so.
-
-    Parameters
-    ----------
-    experiment : ComparedFrames
-        The captured frames.
-    simulation : ComparedFrames
-        The simulated frames on the same pixel grid.
-    metrics : sequence of FrameMetrics, optional
-        What `compare_frames` gives for these sets; by default made here.
-    max_rows : int, default 8
-        Most rows, 1 to 8.
-    lines : bool, default True
-        Whether the simulation's dark-fringe centre lines are drawn over the experiment.
-
-    Returns
-    -------
-    Figure
-        The picture; its layout is that of Figure 11 of the paper.
-
-    Raises
-    ------
-    InputError
-        Where `compare_frames` raises it, or `metrics` belong to another number of frames.
+    Rows as in Figure 11 of the paper: experiment, simulation, experiment - simulation; one scale,
+    grey and difference range. The difference is the order's where both have one, else the signal's
+    after gain and offset (`compare_signals`). Beyond `max_rows`, 8 at most, evenly spaced frames
+    are drawn, as the foot says. `lines`: simulated dark fringes over the experiment.
     """
     pairs = frame_pairs(experiment, simulation)
     metrics = compare_frames(experiment, simulation) if metrics is None else metrics

@@ -30,33 +30,12 @@ SetToCompare = FramesLike | Processed | Simulation | ComparedFrames
 
 
 def load_frame_set(given: SetToCompare, *, bit_depth: int | None = None) -> ComparedFrames:
-    """Load frames to compare from a result's folder, a result in memory, or captured frames.
+    """Load frames (frame, row, col) to compare, as a signal of 0 to 1.
 
-    A folder with `normalised.tif` (made by `isochrome process`) or `frames.tif` (by `simulate`)
-    gives signals, fringe orders (`fringe_order.tif`), labels (`frames.csv`, `history.csv`) and
-    the frame's place (`scene.toml`), and so does what these gave in memory; anything else is read
-    as bare frames without orders, as by `open_frames`. Of colour frames the channel is taken that
-    the scene names, else the one nearest to its wavelength.
-    Whole-number images are divided by 2^bits - 1.
-
-    Parameters
-    ----------
-    given : str, Path, array, sequence of arrays, Processed, Simulation or ComparedFrames
-        File or folder, frames in memory, or what `process` or `simulate` gave without a folder.
-    bit_depth : int, optional
-        Bits of the sensor, for whole-number images; by default what the scene or the file says,
-        else the container's.
-
-    Returns
-    -------
-    ComparedFrames
-        The frames, (frame, row, col), as a signal of 0 to 1.
-
-    Raises
-    ------
-    InputError
-        Where the path does not exist, its parts do not fit together, or it holds a phase-stepped
-        set.
+    Of a result, in memory or a folder: `normalised.tif` or `frames.tif`, `fringe_order.tif`, labels
+    of `frames.csv` or `history.csv`, place of `scene.toml`. Else bare frames without orders, as by
+    `open_frames`: of colours the scene's channel or that nearest its wavelength, whole numbers over
+    2^bits - 1. InputError where parts do not fit, or it is a phase-stepped set.
     """
     if isinstance(given, ComparedFrames):
         return given

@@ -126,30 +126,11 @@ class FrameMetrics:
 def compare_frames(
     experiment: ComparedFrames, simulation: ComparedFrames, *, mask: ArrayLike | None = None
 ) -> list[FrameMetrics]:
-    """Compare two sets frame by frame; a set of one frame is compared with every other frame.
+    """Compare two sets frame by frame, an entry a pair; one frame is compared with every other one.
 
     Lines for the skeleton distance come from the order maps where both sides have them, else from
-    the signals; only where both images are known.
-
-    Parameters
-    ----------
-    experiment : ComparedFrames
-        The captured frames.
-    simulation : ComparedFrames
-        The simulated frames on the same pixel grid.
-    mask : array_like of shape (row, col), optional
-        True = valid.
-
-    Returns
-    -------
-    list of FrameMetrics
-        The numbers, one entry a pair.
-
-    Raises
-    ------
-    InputError
-        Where the numbers of frames, the shapes or the pixel scales do not fit together, or a pair
-        has no pixel to compare.
+    the signals; only where both images are known. InputError where numbers, shapes or pixel scales
+    do not fit together, or a pair has no pixel to compare.
     """
     found = []
     for index, (here, there) in enumerate(frame_pairs(experiment, simulation)):

@@ -47,34 +47,12 @@ def skeleton_distance(
     pixel_mm: float | None = None,
     reach_px: float | None = None,
 ) -> SkeletonDistance:
-    """Measure the mean distance between the fringe centre lines of two images.
+    """Mean distance between the fringe centre lines of two images; InputError where no line is.
 
-    For every point the distance to the nearest line of the same kind on the other side (of the
-    same order too, where both sides know it); the mean is the average of both directions' means,
-    so that neither side's longer lines rule. A point without a partner within `reach_px` is not
-    in the distances but lowers `matched_share`: a missing line shows there and nowhere else.
-
-    Parameters
-    ----------
-    experiment : sequence of Skeleton
-        Lines as `skeletons` finds them in a signal, or `order_contours` in an order map.
-    simulation : sequence of Skeleton
-        Lines of the other image.
-    pixel_mm : float, optional
-        Edge of a pixel, mm, for `mean_mm`.
-    reach_px : float, optional
-        Farthest partner, pixels; by default 20, about half the distance between like fringes, and
-        100 where both sides know the order, since a line cannot be taken for its neighbour there.
-
-    Returns
-    -------
-    SkeletonDistance
-        The distances and the share that has a partner.
-
-    Raises
-    ------
-    InputError
-        Where neither side has a line.
+    To the nearest line of the same kind (and order, where both know it); mean of both directions',
+    so that neither side's longer lines rule. A point without a partner within `reach_px` only
+    lowers `matched_share`: a missing line shows there alone. By default 20 px, about half the
+    distance of like fringes, or 100 with orders, as no line is taken for its neighbour there.
     """
     if not (len(experiment) or len(simulation)):
         raise InputError("no fringe line in either image: nothing to compare; check the frames")

@@ -81,36 +81,12 @@ class SignalMetrics:
 def compare_orders(
     experiment: ArrayLike, simulation: ArrayLike, *, mask: ArrayLike | None = None
 ) -> OrderMetrics:
-    """Compare two maps of the fringe order N.
+    """Compare two maps (row, col) of the fringe order N, NaN = not known, where both are known.
 
-    d = N_experiment - N_simulation;  rms = sqrt(mean d²);  wrong branch: |d| > 0.25
-
-    Parameters
-    ----------
-    experiment : array_like of shape (row, col)
-        Orders, fringes; NaN = not known.
-    simulation : array_like of shape (row, col)
-        Orders, fringes; NaN = not known.
-    mask : array_like of shape (row, col), optional
-        True = valid.
-
-    Returns
-    -------
-    OrderMetrics
-        The numbers over all pixels that are known in both.
-
-    Raises
-    ------
-    InputError
-        Where the shapes differ, or no pixel is known in both.
-
-    Notes
-    -----
-    Why 0.25: the dark field shows sin²(pi N), which runs from 0 to 1 and back within one fringe,
-    so that one of its branches is half a fringe wide. Inside the right branch an arcsine errs by
-    noise, far less than half a branch; an error beyond that puts the pixel nearer to another
-    branch. A pixel mirrored just beside a branch's edge is off by less and is not counted: the
-    share is a lower bound.
+    d = N_experiment - N_simulation; rms = sqrt(mean d²); wrong branch: |d| > 0.25. The dark field,
+    sin²(pi N), has branches of half a fringe: inside the right one an arcsine errs by far less than
+    half of it, beyond it another is nearer. A pixel mirrored beside a branch's edge is not counted:
+    the share is a lower bound. InputError where the shapes differ or nothing is known in both.
     """
     measured, model, valid = _paired(experiment, simulation, mask, "fringe-order maps")
     known = valid & np.isfinite(measured) & np.isfinite(model)
@@ -138,38 +114,10 @@ def compare_signals(
 ) -> SignalMetrics:
     """Compare two images of the same fringes, whatever their brightness and contrast.
 
-    NCC = <(E - Ē)(S - S̄)> / (sd E sd S);  RMSE = rms r,  r = E - (gain S + offset) with gain and
-    offset from ordinary least squares over the compared pixels; RMSE over noise = rms (r / noise),
-    which is 1 when the simulation explains everything but the noise.
-
-    Parameters
-    ----------
-    experiment : array_like of shape (row, col)
-        Signal E; NaN = not known.
-    simulation : array_like of shape (row, col)
-        Signal S; NaN = not known.
-    mask : array_like of shape (row, col), optional
-        True = valid.
-    noise : float or array_like of shape (row, col), optional
-        The experiment's standard deviation, in its units.
-    data_range : float, default 1.0
-        Span of the experiment's signal, for SSIM.
-
-    Returns
-    -------
-    SignalMetrics
-        The numbers; NaN for what cannot be said (NCC of a constant, RMSE over an unknown noise).
-
-    Raises
-    ------
-    InputError
-        Where the shapes differ, no pixel is known in both, or a noise is not above zero.
-
-    Notes
-    -----
-    SSIM (7 x 7 window, on E and gain S + offset, only windows that are wholly known) is given
-    because others report it. It cannot judge accuracy: against one noisy frame a perfect model
-    scores .893 and a model 1 % off in load .890.
+    NCC = <(E - Ē)(S - S̄)>/(sd E sd S); RMSE = rms r, r = E - (gain S + offset) by least squares;
+    over noise (a standard deviation) rms (r/noise), 1 if only noise is left. SSIM (7 x 7, E and
+    gain S + offset, windows wholly known, `data_range` E's span) is given as others report it: a
+    perfect model scores .893 on one noisy frame, one 1 % off in load .890. NaN: cannot be said.
     """
     measured, model, valid = _paired(experiment, simulation, mask, "images")
     known = valid & np.isfinite(measured) & np.isfinite(model)

@@ -152,48 +152,10 @@ def compare_scars(
 ) -> ScarComparison:
     """Set measured scars beside the simulated ones: depth over x, worn area, width, difference.
 
-    Each trace is levelled on its shoulders, moved onto the simulated scar of its distance by least
-    squares, and subtracted. The scene's wear is solved at the traces'
-    distances, and again with each input moved by its stated uncertainty, which makes the band.
-
-    Parameters
-    ----------
-    measured : str, Path, Scene, WearSet or sequence of (str or Path, float)
-        A scene with [[scar]], a set of `calibrate_wear` with [[trace]], or files of traces with the
-        distances slid, m.
-    simulation : str, Path or Scene
-        Result folder of `simulate`, or a scene: a file, a name or a Scene.
-    out : str or Path, optional
-        Folder for metrics.csv, scars.csv, provenance.json and scars.png.
-
-    Returns
-    -------
-    ScarComparison
-        The numbers, a row a trace: areas in mm², widths in mm, differences in µm.
-
-    Raises
-    ------
-    InputError
-        Where a trace, the scene or the simulation cannot be used.
-    PhysicsError
-        Where a contact cannot be solved, or no trace shows a scar.
-
-    Notes
-    -----
-    The band is the root of the sum of squares of [h(+u) - h(-u)]/2 over the inputs: JCGM 100:2008
-    (GUM), 5.1. Levelling and edges: see `isochrome.scars`.
-
-    Examples
-    --------
-    >>> import isochrome, numpy as np
-    >>> from isochrome.comparison import compare_scars
-    >>> x = np.linspace(0.0, 4.0, 2001)  # the late scar under a stiff cylinder: its own arc
-    >>> arc = 1e3 * np.maximum(0.4**2 - (x - 1.7) ** 2, 0.0) / (2 * 24.61)
-    >>> np.savetxt("77m.csv", np.column_stack([x, 0.05 * np.sin(97.0 * x) - arc]), delimiter=",",
-    ...            header="x_mm,z_um", comments="")
-    >>> found = compare_scars([("77m.csv", 77.0)], "line-contact-wear")
-    >>> round(found.table["measured_area_mm2"][0], 4)
-    0.0017
+    Traces (of a scene, a `calibrate_wear` set, or files with their distances, m) are levelled on
+    their shoulders and moved onto the simulated scar by least squares. The band is the root sum of
+    squares of [h(+u) - h(-u)]/2 over the inputs: JCGM 100:2008 (GUM), 5.1. `out`: folder for
+    metrics.csv, scars.csv, provenance.json, scars.png. PhysicsError: no trace shows a scar.
     """
     files, listed = _traces(measured)
     scene = _simulated_scene(simulation)

@@ -77,27 +77,12 @@ class ScarPair:
 
 
 def pair_scar(trace: LevelledTrace, scar: SimulatedScar) -> ScarPair:
-    r"""Move a trace onto a simulated scar, and subtract.
+    """Move a trace, whose x begins anywhere, onto a simulated scar, and subtract.
 
-    A trace's x begins anywhere. With d = h_measured - h_simulated over the n bins of the scar, the
-    shift is that of least dᵀ C_trace⁻¹ d, from the middles between both scars' edges, and
-
-        u_shift² = 1/(h'ᵀ C_trace⁻¹ h'),    C = C_trace + Σ_inputs δh δhᵀ + u_shift² h' h'ᵀ,
-        chi² = dᵀ C⁻¹ d / n.
-
-    A scar that is deeper or wider than the other stays in the middle: h' is odd about it.
-
-    Parameters
-    ----------
-    trace : LevelledTrace
-        The trace, as `isochrome.scars.levelled` gives it.
-    scar : SimulatedScar
-        The simulated scar at its distance.
-
-    Returns
-    -------
-    ScarPair
-        Both, and what they differ by.
+    With d = h_measured - h_simulated over n bins the shift is that of least dᵀ C_trace⁻¹ d, from
+    the middles between both scars' edges: u_shift² = 1/(h'ᵀ C_trace⁻¹ h'), C = C_trace + Σ_inputs
+    δh δhᵀ + u_shift² h' h'ᵀ, chi² = dᵀ C⁻¹ d/n. A scar that is deeper or wider than the other stays
+    in the middle: h' is odd about it.
     """
     shift, spread = _aligned(trace, scar)
     x = trace.x_mm - shift

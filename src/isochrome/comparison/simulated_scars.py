@@ -22,32 +22,16 @@ _PARTS = ("specimen", "indenter", "load", "friction", "wear")
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedScar:
-    """A simulated scar at one distance.
-
-    Parameters
-    ----------
-    distance_m : float
-        Distance slid, m.
-    x_mm : ndarray, shape (n,)
-        Places along the surface, mm.
-    depth_um : ndarray, shape (n,)
-        Worn depth, µm.
-    edges_mm : tuple of float
-        Where it begins and ends, mm.
-    moved_um : dict of str to ndarray, shape (n,)
-        What each input's standard uncertainty does to the depth, µm, by the inputs' keys.
-    moved_area_mm2, moved_width_mm, moved_depth_um : dict of str to float
-        The same of worn area, width and largest depth.
-    """
+    """A simulated scar at one distance; what an input's standard uncertainty does is by its key."""
 
     distance_m: float
     x_mm: Array
-    depth_um: Array
+    depth_um: Array  # worn depth (n,)
     edges_mm: tuple[float, float]
-    moved_um: Mapping[str, Array]
+    moved_um: Mapping[str, Array]  # of the depth
     moved_area_mm2: Mapping[str, float]
     moved_width_mm: Mapping[str, float]
-    moved_depth_um: Mapping[str, float]
+    moved_depth_um: Mapping[str, float]  # of the largest depth
 
     @property
     def width_mm(self) -> float:
@@ -88,27 +72,9 @@ def root_sum_square(moved: Mapping[str, Any]) -> Any:
 def simulated_scars(scene: Scene, distances_m: Sequence[float]) -> list[SimulatedScar]:
     """Simulate a scene's scars, and how its stated uncertainties move them.
 
-    Each input is moved by its standard uncertainty to both sides, and half of the difference is
-    what it does: dh = (h(+u) - h(-u))/2, which is h's derivative times u to the second order.
-
-    Parameters
-    ----------
-    scene : Scene
-        A contact's scene with wear; `scene.uncertainties` are its inputs.
-    distances_m : sequence of float
-        The distances slid, m.
-
-    Returns
-    -------
-    list of SimulatedScar
-        One a distance.
-
-    Raises
-    ------
-    InputError
-        Where the scene has no wear, or an input less its uncertainty is no value that it may have.
-    PhysicsError
-        Where a contact cannot be solved.
+    Each input is moved by its standard uncertainty to both sides: dh = (h(+u) - h(-u))/2, which is
+    h's derivative times u to the second order. InputError where there is no wear, or an input less
+    its uncertainty is no value that it may have; PhysicsError where a contact cannot be solved.
     """
     if scene.wear is None:
         raise InputError(f"{scene.name}: has no [wear], which makes scars; add it")

@@ -32,31 +32,16 @@ _WORST = 100.0
 
 @dataclass(frozen=True)
 class ContactState:
-    """A solved contact, and how well it holds.
+    """A solved contact at n nodes, and how well it holds."""
 
-    Parameters
-    ----------
-    pressure : ndarray, shape (n,)
-        Pressure at the nodes, MPa.
-    gap : ndarray, shape (n,)
-        Gap at the nodes, mm.
-    approach_mm : float
-        Approach of the bodies, mm.
-    residual : float
-        The complementarity (KKT) residual: the largest violation of gap = 0 in contact and gap >= 0
-        outside, over the range of the elastic displacement.
-    iterations : int
-        Applications of the operator.
-    sets : int
-        Trial sets of nodes in contact.
-    """
-
-    pressure: Floats
-    gap: Floats
+    pressure: Floats  # MPa
+    gap: Floats  # mm
     approach_mm: float
+    # KKT: the largest violation of gap = 0 in contact and gap >= 0 outside, over the range of the
+    # elastic displacement
     residual: float
-    iterations: int
-    sets: int
+    iterations: int  # applications of the operator
+    sets: int  # trial sets of nodes in contact
 
 
 def solve_pressure(
@@ -69,36 +54,12 @@ def solve_pressure(
     start: Floats | None = None,
     tolerance: float = 1e-10,
 ) -> ContactState:
-    """Solve for the contact pressure under a given load.
+    """Contact pressure under the load P', for an undeformed gap (n,) that includes the worn depth.
 
-    Parameters
-    ----------
-    surface : Surface
-        The surface operator.
-    gap_mm : ndarray, shape (n,)
-        The undeformed gap, worn depth included, mm; finite, and a constant offset does not matter.
-    line_load_n_per_mm : float
-        Load over thickness P', N/mm, positive.
-    friction : float, default 0.0
-        Friction coefficient mu, only for the coupling.
-    wear_mm_per_mpa : float, default 0.0
-        The diagonal c, mm/MPa.
-    start : ndarray, shape (n,), optional
-        A pressure to start from, MPa; else, or where it bears nothing, a coarser grid's.
-    tolerance : float, default 1e-10
-        Tolerance on the KKT residual.
-
-    Returns
-    -------
-    ContactState
-        The solved contact.
-
-    Raises
-    ------
-    InputError
-        On a gap or a load that is none.
-    PhysicsError
-        Where it does not converge.
+    A constant offset of the gap does not matter; mu counts in the coupling alone; `wear_mm_per_mpa`
+    is the diagonal c. `start` (n,), MPa: a coarser grid's where it is absent or bears nothing.
+    `tolerance` is the KKT residual's. InputError on a gap or load that is none, PhysicsError where
+    it does not converge.
     """
     datum = _checked_datum(gap_mm, line_load_n_per_mm)
     gap = gap_mm - datum

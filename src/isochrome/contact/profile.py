@@ -50,21 +50,11 @@ class ContactGrid:
 
 
 def elastic_constants(scene: Scene) -> tuple[float, float]:
-    """Elastic constants of a contact scene, for its plane strain or plane stress.
+    """E* (MPa) and 1/G* (1/MPa) of a scene with an indenter, in its plane strain or plane stress.
 
     1/E* = Σ (1-nu²)/E and 1/G* = (1-2nu1)/G1 - (1-2nu2)/G2 in plane strain; plane stress is the
     same with nu/(1+nu) for nu at unchanged G. Source: Johnson (1985), sections 2.4 and 5.4;
     Timoshenko & Goodier (1970), section 16, for the exchange.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene with an indenter.
-
-    Returns
-    -------
-    tuple of float
-        E*, MPa, and 1/G*, 1/MPa.
     """
     block, other = scene.specimen, scene.indenter
     assert other is not None and block.young_gpa is not None and block.poisson is not None
@@ -81,20 +71,7 @@ def elastic_constants(scene: Scene) -> tuple[float, float]:
 
 
 def line_load(scene: Scene, distance_m: float = 0.0) -> float:
-    """Normal load over thickness at a sliding distance.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene with a load.
-    distance_m : float, default 0.0
-        The distance slid, m.
-
-    Returns
-    -------
-    float
-        The load P', N/mm.
-    """
+    """Normal load over thickness P' at a sliding distance, N/mm."""
     assert scene.specimen.thickness_mm is not None
     return scene.load_at(distance_m) / scene.specimen.thickness_mm
 
@@ -106,35 +83,12 @@ def contact_grid(
     line_loads_n_per_mm: tuple[float, float] | None = None,
     growth: float = 1.0,
 ) -> ContactGrid:
-    """Make a grid that holds the contact at every state, fine enough for the unworn one.
+    """A grid that holds the contact at every state, fine enough for the unworn one.
 
-    The half-width is that of Hertz, a, joined with that of the worn arc, c = (3 R K P'/2)^(1/3), as
-    (a³ + c³)^(1/3), with a margin; it reaches a measured profile's outer hills as well. The spacing
-    is a quarter of the profile's row step at most, and divides the camera's pixel, so that the
-    stress below needs no interpolation.
-
-    Parameters
-    ----------
-    scene : Scene
-        A contact's scene.
-    largest_dose_mm_per_mpa : float
-        Dose K = ∫kappa ds of the last state, mm/MPa.
-    line_loads_n_per_mm : tuple of float, optional
-        The smallest P', which sets the fineness, and the largest, which sets the window, N/mm; by
-        default the scene's at no distance.
-    growth : float, default 1.0
-        Factor on the window, for a second try.
-
-    Returns
-    -------
-    ContactGrid
-        The grid.
-
-    Raises
-    ------
-    PhysicsError
-        On a contact too wide for its model, on a grid too large or too small, on a spacing that
-        would pass over rows of the profile, and on a pixel wider than the contact.
+    Half-width (a³ + c³)^(1/3) with a margin, a of Hertz, c = (3 R K P'/2)^(1/3) of the worn arc; it
+    reaches a measured profile's outer hills. Spacing: 1/4 of the profile's row step at most, a part
+    of the pixel, so that the stress needs no interpolation. Of `line_loads_n_per_mm` the smaller
+    sets it, the larger the window, which `growth` widens. PhysicsError where no grid does.
     """
     modulus, _ = elastic_constants(scene)
     loads = line_loads_n_per_mm or (line_load(scene), line_load(scene))

@@ -114,12 +114,10 @@ def _resolved(rate: Callable[[Floats], Floats], s: Floats) -> Floats:
 
 
 def sampled(scene: Scene, rate: Callable[[Floats], Floats], kinks: Floats) -> Floats:
-    """Distances between which load and friction are linear in the dose ∫ rate ds.
+    """Distances (m,), m, between which load and friction are linear in the dose ∫ rate ds.
 
-    Stretches are halved until quadrature gives their dose, and two places in each show the line:
-    in one place, an inflection of the dose could pass for a straight line.
-    Parameters: `scene`; `rate`, dose per distance; `kinks`, see `kinks_of`.
-    Returns (m,), rising, m.
+    Stretches are halved until quadrature gives their dose, and two places in each show the line: in
+    one place, an inflection of the dose could pass for a straight line. For `kinks` see `kinks_of`.
     """
     s = _resolved(rate, _stretches(scene, kinks))
     samples, a, b = [s], s[:-1], s[1:]

@@ -42,26 +42,13 @@ def same_drive(one: tuple[float, float], other: tuple[float, float]) -> bool:
 
 @dataclass(frozen=True)
 class SlidingHistory:
-    """Dose, load and friction sampled along the distance, linear in the dose between.
-
-    Parameters
-    ----------
-    distance_m : ndarray, shape (m,)
-        Distance slid, m, rising.
-    dose_mm_per_mpa : ndarray, shape (m,)
-        Dose K, mm/MPa, not falling.
-    line_load_n_per_mm : ndarray, shape (m,)
-        Load over thickness P', N/mm.
-    friction : ndarray, shape (m,)
-        Friction coefficient mu.
-    breaks_mm_per_mpa : tuple of float, optional
-        Doses inside the run at which load or friction may have a kink or a jump, mm/MPa.
-    """
+    """Dose, load P' and friction mu sampled at m rising distances, linear in the dose between."""
 
     distance_m: Floats
-    dose_mm_per_mpa: Floats
+    dose_mm_per_mpa: Floats  # K, not falling
     line_load_n_per_mm: Floats
     friction: Floats
+    # doses inside the run where load or friction may have a kink or a jump
     breaks_mm_per_mpa: tuple[float, ...] = ()
 
     @property
@@ -144,19 +131,7 @@ def _next(doses: tuple[float, ...], dose: float) -> float:
 
 @dataclass(frozen=True)
 class OutputState:
-    """A state asked for, with its own load and friction.
-
-    Parameters
-    ----------
-    distance_m : float
-        Distance slid, m.
-    dose_mm_per_mpa : float
-        Dose K, mm/MPa.
-    line_load_n_per_mm : float
-        Load over thickness P', N/mm.
-    friction : float
-        Friction coefficient mu.
-    """
+    """A state asked for, with its own dose K, load P' and friction mu."""
 
     distance_m: float
     dose_mm_per_mpa: float
@@ -179,35 +154,11 @@ def paused_doses(course: SlidingHistory, stops: Sequence[OutputState]) -> frozen
 
 
 def wear_rate(wear: Wear, friction: Value, distance_m: Value) -> Value:
-    """Depth per pressure and distance, kappa of dh = kappa p ds: the one place of a law.
+    """Depth per pressure and distance, kappa of dh = kappa p ds, mm²/N: the one place of a law.
 
-    A law may go with the distance, the friction there and any key of [wear]; its dose is the
-    integral of what stands here, by as many samples as that takes.
-
-    'archard', kappa = k; 'sarkar', kappa = k sqrt(1 + 3 mu²); 'dissipated_energy', kappa = k |mu|,
-    since the energy dissipated per area is |mu| p ds. Sources: Archard (1953), J. Appl. Phys. 24,
-    981; Sarkar (1980), Friction and Wear; Fouvry, Kapsa, Zahouani & Vincent (1997), Wear 203-204,
-    393.
-
-    Parameters
-    ----------
-    wear : Wear
-        The scene's [wear]: the law and its coefficient k, mm²/N; in the last law the worn volume
-        per energy, where 1 mm³/J is 1e-3 mm²/N.
-    friction : float or ndarray, any shape
-        Friction coefficient mu.
-    distance_m : float or ndarray, of the same shape
-        Distance slid s, m.
-
-    Returns
-    -------
-    float or ndarray, of the same shape
-        The rate kappa, mm²/N.
-
-    Raises
-    ------
-    ValueError
-        On another law.
+    'archard': k; 'sarkar': k sqrt(1 + 3 mu²); 'dissipated_energy': k |mu|, as the energy per area
+    is |mu| p ds (k is worn volume per energy, 1 mm³/J = 1e-3 mm²/N). Sources: Archard (1953), J.
+    Appl. Phys. 24, 981; Sarkar (1980), Friction and Wear; Fouvry et al. (1997), Wear 203-204, 393.
     """
     coefficient = wear.coefficient_at(distance_m)
     if wear.law == "archard":
@@ -221,43 +172,19 @@ def wear_rate(wear: Wear, friction: Value, distance_m: Value) -> Value:
 
 
 def mean_wear_rate(wear: Wear, friction: float | Floats, distance_m: float) -> Floats:
-    """Mean of kappa from the start to a distance, at one friction: what a search starts from.
+    """Mean of kappa from the start to a distance, at one friction, mm²/N: where a search starts.
 
     By eight points, and exactly kappa where it does not go with the distance; `wear_course` gives
-    the dose itself.
-
-    Parameters
-    ----------
-    wear : Wear
-        The scene's [wear]; its coefficient may be an array (m,) of those that a search tries.
-    friction : float or ndarray, shape (m,)
-        Friction coefficient mu.
-    distance_m : float
-        Distance slid, m.
-
-    Returns
-    -------
-    ndarray, shape of `friction`
-        The means, mm²/N.
+    the dose itself. The coefficient of [wear] may be an array (m,) of those that a search tries.
     """
     mu: Any = friction
     return mean(lambda s: wear_rate(wear, mu, np.full(np.shape(mu), s)), distance_m)
 
 
 def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
-    """Give the sliding history of a contact scene and the states that it asks for.
+    """The sliding history of a contact scene, and its states in the order of `wear.distances_m`.
 
-    Parameters
-    ----------
-    scene : Scene
-        A scene with a load; without wear there is one state, at no distance.
-
-    Returns
-    -------
-    history : SlidingHistory
-        From distance 0 to the largest asked for.
-    states : list of OutputState
-        One for each of `wear.distances_m`, in the scene's order.
+    Without wear there is one state, at no distance.
     """
     thickness = scene.specimen.thickness_mm
     assert thickness is not None
@@ -299,25 +226,9 @@ def constant_course(
     dose_per_m: float,
     friction: float = 0.0,
 ) -> tuple[SlidingHistory, list[OutputState]]:
-    """Give the sliding history of a run at constant load, friction and wear rate.
+    """Sliding history and states of a run at constant load P', friction and wear rate.
 
-    Parameters
-    ----------
-    line_load_n_per_mm : float
-        Normal load over thickness P', N/mm.
-    distances_m : ndarray or sequence of float, shape (m,)
-        Distances slid, m, in any order.
-    dose_per_m : float
-        Dose for a metre, 1000 kappa, mm/MPa per m.
-    friction : float, default 0.0
-        Friction coefficient mu.
-
-    Returns
-    -------
-    history : SlidingHistory
-        The run.
-    states : list of OutputState
-        One for each distance.
+    `distances_m` in any order; `dose_per_m` is 1000 kappa, mm/MPa per m.
     """
     asked = np.asarray(distances_m, dtype=float)
     ends = np.unique([0.0, asked.max()])

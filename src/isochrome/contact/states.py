@@ -26,44 +26,17 @@ _TRIES = 4
 
 
 def contact_states(scene: Scene) -> list[SurfaceState]:
-    """Solve the contact at every state of a scene, see `iter_contact_states`.
-
-    Parameters
-    ----------
-    scene : Scene
-        A contact's scene.
-
-    Returns
-    -------
-    list of SurfaceState
-        The states, in the scene's order.
-    """
+    """The contact at every state of a scene, in its order; see `iter_contact_states`."""
     return list(iter_contact_states(scene))
 
 
 def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
     """Solve the contact at every state of a scene, each handed out as soon as it is known.
 
-    A static state first if the scene asks for it, then one at each of `wear.distances_m`, in the
-    scene's order; without wear, one state, sliding if there is friction. States wait in memory only
-    for others that the scene names before them. A contact that outgrows its grid is solved again on
-    a wider one, and what was handed out is passed over.
-
-    Parameters
-    ----------
-    scene : Scene
-        A contact's scene.
-
-    Yields
-    ------
-    SurfaceState
-        What acts on the surface.
-
-    Raises
-    ------
-    PhysicsError
-        Where the contact does not converge, reaches the edge of the grid, or is beyond what its
-        grid, its profile or linear elasticity carries (see `contact.validity`).
+    A static state first if the scene asks for it, then those of `wear.distances_m` in its order;
+    without wear one, sliding if there is friction. States wait only for others named before them. A
+    contact that outgrows its grid is solved again on a wider one. PhysicsError where it does not
+    converge, reaches the grid's edge, or as `contact.validity` says.
     """
     course, stops = wear_course(scene)
     loads = course.line_load_n_per_mm

@@ -33,41 +33,23 @@ _NEAR = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """The surface operator of one grid: spectra made once, used by every solve.
+    """The surface operator of one grid of n nodes: spectra made once, used by every solve.
 
     The symbols on an endless grid are those of the same kernels; their inverse is the
     preconditioner.
-
-    Parameters
-    ----------
-    nodes : int
-        Nodes n of the grid.
-    spacing_mm : float
-        Their distance h, mm.
-    modulus_mpa : float
-        Contact modulus E*, MPa.
-    normal : ndarray of complex
-        Spectrum of the normal influence kernel, mm per MPa.
-    coupling : ndarray of complex or None
-        Spectrum of the coupling's kernel, mm per MPa and per unit mu; None without coupling.
-    lattice_normal : ndarray
-        The normal kernel's symbol on an endless grid.
-    lattice_coupling : ndarray of complex or None
-        The coupling's symbol on an endless grid.
-    dense : tuple of ndarray or None
-        On a small grid the two kernels as matrices (n, n).
-    coarse : Surface or None
-        On a large grid the same surface with every fourth node, where a cold start begins.
     """
 
     nodes: int
-    spacing_mm: float
-    modulus_mpa: float
-    normal: NDArray[np.complex128] = field(repr=False)
+    spacing_mm: float  # h
+    modulus_mpa: float  # E*
+    normal: NDArray[np.complex128] = field(repr=False)  # spectrum of the normal influence, mm/MPa
+    # mm/MPa per unit mu; None: no coupling
     coupling: NDArray[np.complex128] | None = field(repr=False)
-    lattice_normal: Floats = field(repr=False)
+    lattice_normal: Floats = field(repr=False)  # symbol on an endless grid
     lattice_coupling: NDArray[np.complex128] | None = field(repr=False)
+    # small grids: the kernels (n, n)
     dense: tuple[Floats, Floats | None] | None = field(repr=False)
+    # large grids: every fourth node, where a cold start begins
     coarse: Surface | None = field(repr=False)
 
     @property
@@ -80,27 +62,9 @@ class Surface:
 def make_surface(
     nodes: int, spacing_mm: float, *, contact_modulus_mpa: float, coupling_per_mpa: float = 0.0
 ) -> Surface:
-    """Precompute the surface operator of a grid.
+    """The surface operator of a grid, for E* and the coupling 1/G* (0: none).
 
-    The last ones are kept: a video's frames are solved on one.
-
-    Source: see the module.
-
-    Parameters
-    ----------
-    nodes : int
-        Count of nodes.
-    spacing_mm : float
-        Their distance h, mm.
-    contact_modulus_mpa : float
-        Contact modulus E*, MPa.
-    coupling_per_mpa : float, default 0.0
-        Coupling 1/G*, 1/MPa; 0 for none.
-
-    Returns
-    -------
-    Surface
-        The operator.
+    The last ones are kept: a video's frames are solved on one. Source: see the module.
     """
     n, h = nodes, spacing_mm
     length = int(scipy.fft.next_fast_len(2 * n, real=True))
@@ -137,22 +101,7 @@ def make_surface(
 
 
 def displacement(surface: Surface, pressure: Floats, *, friction: float = 0.0) -> Floats:
-    """Displacement into the block at the nodes, up to a constant.
-
-    Parameters
-    ----------
-    surface : Surface
-        The surface operator.
-    pressure : ndarray, shape (..., n)
-        Pressure p at the nodes, MPa.
-    friction : float, default 0.0
-        Friction coefficient mu of q = mu p.
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-        Displacement u, mm.
-    """
+    """Displacement u into the block at the nodes (..., n), mm, up to a constant; mu of q = mu p."""
     spectrum = combined(surface.normal, surface.coupling, friction)
     product = spectrum * scipy.fft.rfft(pressure, surface.length)
     return np.asarray(scipy.fft.irfft(product, surface.length)[..., : surface.nodes])

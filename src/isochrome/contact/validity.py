@@ -24,13 +24,12 @@ _PLACES = 1024
 
 
 def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
-    """Refuse a state that its grid, its profile's file or linear elasticity does not carry.
+    """Refuse a state that its grid, its profile or linear elasticity does not carry.
 
     Conditions: at least 8 nodes in contact; no contact at the end of a measured profile; mean
-    pressure P'/(n h) <= 0.12 E*; scar no deeper than 0.3 of the contact's half-width.
-    Parameters: `scene`; `state`, solved. Raises PhysicsError with what to change.
-    Source of the two last: the parabola's own limit, a <= 0.3 R, where p_mean = pi E* a/(8 R);
-    Johnson (1985), Contact Mechanics, section 4.2.
+    pressure P'/(n h) <= 0.12 E*; scar no deeper than 0.3 of the contact's half-width. The two last:
+    the parabola's own limit, a <= 0.3 R, where p_mean = pi E* a/(8 R); Johnson (1985), section 4.2.
+    PhysicsError says what to change.
     """
     grid, inside = state.grid, state.pressure_mpa > 0.0
     count = int(np.count_nonzero(inside))

@@ -24,24 +24,8 @@ PREVIEW_FILE = "scene.png"
 def draft_scene(frames: FrameReader, given: KnownValues) -> SceneDraft:
     """Draft a scene from opened frames and what is known besides; nothing is written.
 
-    Parameters
-    ----------
-    frames : FrameReader
-        The frames as they were captured: not turned, without a region of interest.
-    given : KnownValues
-        What the user knows.
-
-    Returns
-    -------
-    SceneDraft
-        The scene's text, its values with their uncertainties, what is open, warnings.
-
-    Raises
-    ------
-    InputError
-        Where something is not known without which nothing can be found: it names the option.
-    PhysicsError
-        Where no contact's or disc's fringes are in the frames.
+    Frames are as captured: not turned, without a region of interest. InputError names the option
+    without which nothing can be found; PhysicsError where no contact's or disc's fringes are seen.
     """
     drafts = {"contact": draft_contact, "disc": draft_disc, "other": draft_without_model}
     with single_threaded():

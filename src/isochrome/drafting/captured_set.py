@@ -32,18 +32,9 @@ def name_of(reader: FrameReader) -> str:
 
 
 def not_among_frames(frames: FramesLike) -> tuple[Path, ...]:
-    """List the files of a folder that are none of its frames.
+    """The files of a folder that are none of its frames; of frames that are no folder, none.
 
-    Parameters
-    ----------
-    frames : str, Path, sequence of them, array or sequence of arrays
-        The frames, as for `open_frames`.
-
-    Returns
-    -------
-    tuple of Path
-        Those that the scene in the folder names, such as its no-load frames, and without one those
-        whose names say that they are no-load frames; none where the frames are no folder.
+    Those that the scene in it names, such as its no-load frames; without one, by their names.
     """
     if not (isinstance(frames, str | Path) and Path(frames).is_dir()):
         return ()
@@ -57,20 +48,7 @@ def not_among_frames(frames: FramesLike) -> tuple[Path, ...]:
 
 
 def open_questions(frames: FrameReader, given: KnownValues) -> tuple[str, ...]:
-    """Say what must be known besides before a scene can be drafted.
-
-    Parameters
-    ----------
-    frames : FrameReader
-        The frames as captured.
-    given : KnownValues
-        What is known.
-
-    Returns
-    -------
-    tuple of str
-        Names of fields of KnownValues; `QUANTITIES` has the words to ask for each.
-    """
+    """Fields of KnownValues that must be known besides; `QUANTITIES` has the words to ask."""
     names = list(given.missing)
     if given.pixel_mm is None and frames.pixel_mm is None and not given.has_own_scale:
         names.append("pixel_mm")

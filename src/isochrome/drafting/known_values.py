@@ -14,61 +14,32 @@ Shape = Literal["contact", "disc", "other"]
 
 @dataclass(frozen=True, kw_only=True)
 class KnownValues:
-    """What is known besides the frames; None = not known.
+    """What is known besides the frames, as captured; None = not known.
 
-    Parameters
-    ----------
-    shape : {'contact', 'disc', 'other'}, default 'contact'
-        What stands in front of the camera: a cylinder on a half-plane, a disc, or something
-        without a model.
-    young_gpa, poisson, thickness_mm, fringe_value_n_per_mm : float, optional
-        The specimen's Young's modulus, GPa, Poisson's ratio, thickness, mm, and material fringe
-        value, N/mm per fringe.
-    radius_mm, indenter_young_gpa, indenter_poisson : float, optional
-        The cylinder's radius, mm, Young's modulus, GPa, and Poisson's ratio.
-    load_n : float, optional
-        The normal load, N; of a contact within a factor of three.
-    diameter_mm : float, optional
-        A disc's diameter, mm.
-    pixel_mm : float, optional
-        Side of a pixel, mm, where the file does not name it.
-    bit_depth : int, optional
-        Bits of the sensor, where they are not those of the file's type.
-    wavelength_nm : float, optional
-        Wavelength of the light, nm.
-    channel : {'red', 'green', 'blue', 'mean'}, optional
-        The channel of colour frames that is read.
-    field : {'dark', 'bright'}, optional
-        The polariscope's field; a contact's is searched for where it is not known.
-    gamma : float, optional
-        The camera's exponent; a contact's is searched for where it is not known.
-    rotate_deg : {0, 90, 180, 270}, optional
-        Quarter turns after which the load comes from above; a contact's are searched for.
-    flip : {'horizontal', 'vertical'}, optional
-        How the turned picture is mirrored, where a mirror stood in the light's way.
-    frame : int, optional
-        The frame to look at, from 0; by default the first that shows the fringes.
+    A contact's field, gamma and quarter turns are searched for where they are not known.
     """
 
-    shape: Shape = "contact"
+    shape: Shape = "contact"  # a cylinder on a half-plane, a disc, or something without a model
     young_gpa: float | None = None
     poisson: float | None = None
     thickness_mm: float | None = None
     fringe_value_n_per_mm: float | None = None
-    radius_mm: float | None = None
+    radius_mm: float | None = None  # the cylinder's, as the next two
     indenter_young_gpa: float | None = None
     indenter_poisson: float | None = None
-    load_n: float | None = None
-    diameter_mm: float | None = None
-    pixel_mm: float | None = None
-    bit_depth: int | None = None
+    load_n: float | None = None  # normal; of a contact within a factor of three
+    diameter_mm: float | None = None  # a disc's
+    pixel_mm: float | None = None  # where the file does not name it
+    bit_depth: int | None = None  # where it is not that of the file's type
     wavelength_nm: float | None = None
-    channel: Channel | None = None
+    channel: Channel | None = None  # of colour frames
     field: Literal["dark", "bright"] | None = None
-    gamma: float | None = None
+    gamma: float | None = None  # the camera's exponent
+    # quarter turns after which the load comes from above
     rotate_deg: Literal[0, 90, 180, 270] | None = None
+    # of the turned picture, where a mirror stood in the light's way
     flip: Literal["horizontal", "vertical"] | None = None
-    frame: int | None = None
+    frame: int | None = None  # from 0; by default the first that shows the fringes
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -83,24 +54,12 @@ class KnownValues:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity that a user knows, or can look up or measure.
-
-    Parameters
-    ----------
-    key : str
-        Its key in a scene.
-    words : str
-        What it is.
-    unit : str
-        Its unit; empty for a plain number.
-    usual : str
-        What it usually is.
-    """
+    """A quantity that a user knows, or can look up or measure."""
 
     key: str
-    words: str
-    unit: str
-    usual: str
+    words: str  # what it is
+    unit: str  # empty for a plain number
+    usual: str  # what it usually is
 
     @property
     def question(self) -> str:
@@ -158,23 +117,7 @@ WITH_OWN_SCALE = ("disc", "other")
 
 
 def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
-    """Take known values from a mapping.
-
-    Parameters
-    ----------
-    known : KnownValues or mapping
-        Values by the names of the fields of KnownValues.
-
-    Returns
-    -------
-    KnownValues
-        The same.
-
-    Raises
-    ------
-    InputError
-        For a name that is none of these, a shape that is none, and a frame below 0.
-    """
+    """KnownValues of a mapping; InputError for a name or shape that is none, or a frame below 0."""
     if not isinstance(known, KnownValues):
         names = [field.name for field in fields(KnownValues)]
         for name in known:

@@ -23,37 +23,16 @@ EASED, STIFFENED = 0.2, 8.0
 
 
 def next_damping(damping: Array | float, better: Mask | bool) -> Array:
-    """The damping after steps of which those are taken that were better.
+    """The damping λ (m,) after steps of which those are taken that were better, lowered the cost.
 
-    Parameters
-    ----------
-    damping : (m,) array or float
-        Damping λ before the step.
-    better : (m,) array of bool or bool
-        Whether the step lowered the cost.
-
-    Returns
-    -------
-    (m,) array
-        The next damping, less after a step that was taken and more after one that was not.
+    Less after a step that was taken, more after one that was not.
     """
     return np.where(better, EASED * damping, STIFFENED * damping)
 
 
 def solve_all(matrices: Array, right: Array) -> Array:
-    """Solve m linear systems A x = b; one that is singular leaves the others alone.
-
-    Parameters
-    ----------
-    matrices : (m, p, p) array
-        The matrices A.
-    right : (m, p, q) array
-        The right sides b.
-
-    Returns
-    -------
-    (m, p, q) array
-        The solutions x, NaN where A is singular.
+    """Solve m systems A x = b, (m, p, p) and (m, p, q); a singular one is NaN and leaves the others
+    alone.
     """
     try:
         return np.asarray(np.linalg.solve(matrices, right))
@@ -65,21 +44,9 @@ def solve_all(matrices: Array, right: Array) -> Array:
 
 
 def damped_steps(normal: Array, gradient: Array, damping: Array) -> Array:
-    """Damped steps s of m problems, (N + λ diag N) s = g.
+    """Damped steps s (m, p) of m problems, (N + λ diag N) s = g, NaN where N is singular.
 
-    Parameters
-    ----------
-    normal : (m, p, p) array
-        Normal equations' matrices N, damped in place.
-    gradient : (m, p) array
-        Their right sides g.
-    damping : (m,) array
-        Damping λ.
-
-    Returns
-    -------
-    (m, p) array
-        The steps s, NaN where N is singular.
+    `normal` N (m, p, p) is damped in place.
     """
     diagonal = np.arange(normal.shape[-1])
     normal[:, diagonal, diagonal] *= 1.0 + damping[:, None]
@@ -97,29 +64,9 @@ def minimise_all(
 ) -> tuple[Array, State, Array]:
     """Take steps of m problems at once, each where it lowers the problem's cost.
 
-    Parameters
-    ----------
-    at : callable
-        From values (m, p) to arrays (m, ...), the costs (m,) first.
-    equations : callable
-        From values and these arrays to N (m, p, p) and g (m, p).
-    values : (m, p) array
-        The start.
-    damping : (m,) array
-        Damping λ to begin with.
-    steps : int
-        How many steps are taken.
-    limits : tuple of float, optional
-        Least and largest damping.
-
-    Returns
-    -------
-    values : (m, p) array
-        Where the steps ended.
-    state : tuple of arrays
-        What `at` says there.
-    damping : (m,) array
-        The damping there.
+    `at`: from values (m, p) to arrays (m, ...), the costs (m,) first; `equations`: from values and
+    these to N (m, p, p) and g (m, p); `limits`: least and largest damping λ. Returns where the
+    steps ended: values, what `at` says there, λ (m,).
     """
     now = at(values)
     for _ in range(steps):

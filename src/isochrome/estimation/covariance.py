@@ -42,19 +42,9 @@ UNDETERMINED = 1e-10
 
 
 def white_middle(rows: Array, residual: Array) -> Array:
-    """The middle Σ r² j jᵀ of White's covariance.
+    """The middle Σ r² j jᵀ (p, p) of White's covariance, of rows j (p, n), over the noise as r is.
 
-    Parameters
-    ----------
-    rows : (p, n) array
-        Derivatives j, over the noise.
-    residual : (n,) array
-        Residuals r, over the noise.
-
-    Returns
-    -------
-    (p, p) array
-        The gradient's covariance as the residuals show it.
+    It is the gradient's covariance as the residuals show it.
     """
     weighted = rows * residual
     return np.asarray((weighted @ weighted.T).astype(float))
@@ -64,26 +54,9 @@ def gradient_covariance(rows: Array, residual: Array, keep: Mask) -> Array:
     """The gradient's covariance as the residuals show it, with what neighbours and lines share.
 
     White's middle, times the residuals' correlation over blocks; and where rows or columns show
-    more than these, what Σ g gᵀ of their sums g = Σ r j along each is more.
-
-    Parameters
-    ----------
-    rows : (p, n) array
-        Derivatives j, over the noise.
-    residual : (n,) array
-        Residuals r, over the noise.
-    keep : (rows, cols) array of bool
-        Where the n pixels are.
-
-    Returns
-    -------
-    (p, p) array
-        The covariance.
-
-    Notes
-    -----
-    Source: White (1980), Econometrica 48, 817-838; Cameron, Gelbach & Miller (2011), J. Bus. Econ.
-    Stat. 29, 238-249, for sums along two directions.
+    more than these, what Σ g gᵀ of their sums g = Σ r j along each is more. Source: White (1980),
+    Econometrica 48, 817; for sums along two directions Cameron, Gelbach & Miller (2011), J. Bus.
+    Econ. Stat. 29, 238.
     """
     wider = block_correlation(keep, residual)
     near = white_middle(rows, residual) * wider
@@ -106,23 +79,10 @@ def _positive_part(matrix: Array, scale: Array) -> Array:
 
 
 def sandwich(inverse: Array, middle: Array) -> Array:
-    """Covariance N⁻¹ M N⁻¹ of least squares whose weights are no inverse variances.
+    """Covariance N⁻¹ M N⁻¹ (..., p, p) of least squares whose weights are no inverse variances.
 
-    Parameters
-    ----------
-    inverse : (..., p, p) array
-        Inverse N⁻¹ of the normal equations.
-    middle : (..., p, p) array
-        The gradient's true covariance M.
-
-    Returns
-    -------
-    (..., p, p) array
-        Covariance of the values.
-
-    Notes
-    -----
-    Source: White (1980), Econometrica 48, 817-838.
+    N⁻¹ inverts the normal equations; M is the gradient's true covariance. Source: White (1980),
+    Econometrica 48, 817-838.
     """
     return np.asarray(inverse @ middle @ inverse)
 
@@ -130,114 +90,44 @@ def sandwich(inverse: Array, middle: Array) -> Array:
 def white_covariance(
     inverse: Array, rows: Array, residual: Array, keep: Mask, *, linear: int
 ) -> Array:
-    """Covariance of the values, right whatever the weights were.
+    """Covariance N⁻¹ M N⁻¹ n/(n - k) of the values, right whatever the weights were.
 
-    N⁻¹ M N⁻¹ n/(n - k), M of `gradient_covariance`.
-
-    Parameters
-    ----------
-    inverse : (p, p) array
-        Inverse N⁻¹ of the normal equations N = Σ j jᵀ.
-    rows : (p, n) array
-        Derivatives j over the noise, less what the linear unknowns explain.
-    residual : (n,) array
-        Residuals r over the noise.
-    keep : (rows, cols) array of bool
-        Where the n pixels are.
-    linear : int
-        Number of linear unknowns, so that k = p + linear.
-
-    Returns
-    -------
-    (p, p) array
-        Covariance of the values.
-
-    Notes
-    -----
-    Source: MacKinnon & White (1985), J. Econometrics 29, 305-325, for n/(n - k).
+    M of `gradient_covariance`; `rows` j (p, n) are less what the linear unknowns explain, N = Σ j
+    jᵀ, k = p + linear; all over the noise. Source: MacKinnon & White (1985), J. Econometrics 29,
+    305-325, for n/(n - k).
     """
     freedom = residual.size / max(1, residual.size - len(rows) - linear)
     return sandwich(inverse, gradient_covariance(rows, residual, keep)) * freedom
 
 
 def jackknife_variance(values: Array) -> Array:
-    """Variance of a value from its estimates with one of B blocks of the data left out.
+    """Variance of a value from its estimates (B, ...) with one of B blocks of the data left out.
 
-    (B - 1) var(values), which holds where the pixels of a block depend on each other.
-
-    Parameters
-    ----------
-    values : (B, ...) array
-        The estimates.
-
-    Returns
-    -------
-    (...) array
-        Their variance.
-
-    Notes
-    -----
-    Source: Wu (1986), Ann. Statist. 14, 1261-1295; Künsch (1989), Ann. Statist. 17, 1217-1241.
+    (B - 1) var(values), which holds where the pixels of a block depend on each other. Source: Wu
+    (1986), Ann. Statist. 14, 1261-1295; Künsch (1989), Ann. Statist. 17, 1217-1241.
     """
     return np.asarray((len(values) - 1) * np.var(values, axis=0))
 
 
 def standard_uncertainty(covariance: Array, determined: Mask) -> Array:
-    """Standard uncertainties, the roots of a covariance's diagonal.
-
-    Parameters
-    ----------
-    covariance : (p, p) array
-        Covariance of the unknowns.
-    determined : (p,) array of bool
-        Which of them are determined.
-
-    Returns
-    -------
-    (p,) array
-        The standard uncertainties, inf where an unknown is not determined.
-    """
+    """Roots of a covariance's diagonal (p,), inf where an unknown is not determined."""
     return np.where(determined, np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.inf)
 
 
 def is_determined(information: Array, squares: Array) -> Mask:
     """Which unknowns leave an effect that the linear ones cannot take up.
 
-    Parameters
-    ----------
-    information : (p, p) array
-        Normal equations, the linear unknowns eliminated.
-    squares : (p,) array
-        Their diagonal with the linear unknowns known.
-
-    Returns
-    -------
-    (p,) array of bool
-        True where an unknown is determined.
+    `information` (p, p) has the linear unknowns eliminated, `squares` (p,) is its diagonal with
+    them known.
     """
     return np.asarray(np.diag(information) > UNDETERMINED * squares)
 
 
 def information_bound(inverse: Array, determined: Mask) -> Array:
-    """The Cramér-Rao bound: no unbiased estimate has a smaller standard uncertainty.
+    """The Cramér-Rao bound sqrt(diag(F⁻¹)), inf where an unknown is not determined.
 
-    It is sqrt(diag(F⁻¹)).
-
-    Parameters
-    ----------
-    inverse : (p, p) array
-        Inverse F⁻¹ of the Fisher information.
-    determined : (p,) array of bool
-        Which unknowns are determined, see `is_determined`.
-
-    Returns
-    -------
-    (p,) array
-        The bound, inf where an unknown is not determined.
-
-    Notes
-    -----
-    Source: Kay (1993), Fundamentals of Statistical Signal Processing I, section 3.7.
+    No unbiased estimate has a smaller standard uncertainty. Source: Kay (1993), Fundamentals of
+    Statistical Signal Processing I, section 3.7.
     """
     return standard_uncertainty(inverse, determined)
 
@@ -245,22 +135,8 @@ def information_bound(inverse: Array, determined: Mask) -> Array:
 def block_correlation(keep: Mask, residual: Array, *, most_px: int = 16) -> float:
     """Variance of the residuals' sums over blocks of pixels, over that of independent ones.
 
-    The blocks are of 4 x 4 pixels, and larger where sums over these show clearly more.
-
-    Parameters
-    ----------
-    keep : (rows, cols) array of bool
-        Where the n pixels are.
-    residual : (n,) array
-        Their residuals.
-    most_px : int, default 16
-        The largest side of a block.
-
-    Returns
-    -------
-    float
-        The ratio, 1 at least: neighbours that differ more than by chance do not make a value more
-        certain.
+    Blocks of 4 x 4 pixels, and larger, up to `most_px`, where sums over these show clearly more. 1
+    at least: neighbours that differ more than by chance do not make a value more certain.
     """
     ratio = 1.0
     for side in (side for side in _SUMS_PX if side <= most_px):
@@ -273,23 +149,10 @@ def block_correlation(keep: Mask, residual: Array, *, most_px: int = 16) -> floa
 
 
 def line_correlation(keep: Mask, residual: Array, axis: int) -> float:
-    """Variance of the residuals' sums along rows or columns, over that of independent ones.
+    """Variance of residuals' sums along rows (axis 1) or columns (0), over independent ones'.
 
-    Many sensors add to each row, or to each column, a noise of its own.
-
-    Parameters
-    ----------
-    keep : (rows, cols) array of bool
-        Where the n pixels are.
-    residual : (n,) array
-        Their residuals.
-    axis : int
-        1 for sums along rows, 0 along columns.
-
-    Returns
-    -------
-    float
-        The ratio; 1 where it is no more than chance makes it.
+    Many sensors add to each row, or to each column, a noise of its own. 1 where it is no more than
+    chance makes it.
     """
     image = _picture(keep, residual)
     sums, ratio = _sum_ratio(image if axis else image.T)
@@ -297,24 +160,10 @@ def line_correlation(keep: Mask, residual: Array, axis: int) -> float:
 
 
 def line_noise(keep: Mask, residual: Array, axis: int) -> float:
-    """Variance that rows or columns have of their own, over that of independent pixels' sums.
+    """Variance that rows (axis 1) or columns (0) have of their own, over independent pixels' sums.
 
     By the differences of neighbouring lines: what a model misses hardly changes from one to the
-    next.
-
-    Parameters
-    ----------
-    keep : (rows, cols) array of bool
-        Where the n pixels are.
-    residual : (n,) array
-        Their residuals.
-    axis : int
-        1 for rows, 0 for columns.
-
-    Returns
-    -------
-    float
-        The ratio; 1 where each line's pixels are independent.
+    next. 1 where each line's pixels are independent.
     """
     image = _picture(keep, residual)
     sums = image.sum(axis=axis, dtype=float)
@@ -330,27 +179,12 @@ def _sum_ratio(parts: Array) -> tuple[int, float]:
 
 
 def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
-    """Standard deviation of the noise, whatever is wrong with the model that left a residual.
+    """Standard deviation of the noise, 1 at least, whatever is wrong with the model.
 
-    What a model misses is smooth over blocks of 16 x 16 pixels almost everywhere; noise is not,
-    not even that of a compressed picture, whose finest part is gone. So it is told by what a plane
-    leaves of the residual in a block, or a cubic of the picture, whichever is less: by the mean of
-    the blocks, since compression leaves more where there is more to see. Where a quintic leaves
-    half of the blocks no more than was expected, that is the noise.
-
-    Parameters
-    ----------
-    keep : (rows, cols) array of bool
-        Where the n pixels are.
-    residual : (n,) array
-        Residuals of a model over the noise.
-    picture : (n,) array
-        What they were left of, over the noise.
-
-    Returns
-    -------
-    float
-        The standard deviation; 1 where it is no more than expected, or few blocks are full.
+    A model misses what is smooth over 16 x 16 pixels; noise, even a compressed picture's, is not.
+    So it is what a plane leaves of the residual in a block, or a cubic of the picture, whichever is
+    less: by the mean of the blocks, since compression leaves more where there is more to see. Where
+    a quintic leaves half of them no more than expected, that is the noise.
     """
     full = _blocks(keep, np.ones(residual.size, np.float32), _LOCAL_PX).all(axis=1)
     if full.sum() < _FEWEST:

@@ -28,62 +28,21 @@ anything."""
 
 
 def is_explained(before: float, after: float, left: float) -> bool:
-    """Tell whether chi² - 1 fell below a share of what it was.
-
-    Parameters
-    ----------
-    before, after : float
-        Residual over noise without and with more unknowns.
-    left : float
-        The share.
-
-    Returns
-    -------
-    bool
-        True where it did.
-    """
+    """Whether chi² - 1, of residual over noise, fell below a share `left` of what it was."""
     return after**2 - 1.0 < left * (before**2 - 1.0)
 
 
 def stays_poor(before: float, after: float, left: float) -> bool:
-    """Whether more unknowns leave a model poor, and took little of its misfit away.
-
-    Parameters
-    ----------
-    before, after : float
-        Residual over noise without and with them.
-    left : float
-        Share of chi² - 1 from which that is little.
-
-    Returns
-    -------
-    bool
-        True where chi is still above `POOR_CHI`, and chi² - 1 at least that share of what it was.
-    """
+    """Whether more unknowns leave chi above `POOR_CHI`, and a share `left` of chi² - 1 at least."""
     return after > POOR_CHI and not is_explained(before, after, left)
 
 
 def evidence_gain(old: tuple[float, int], new: tuple[float, int], *, pixels: int) -> float:
     """What Bayes' information criterion gains by another model; it is the better one above 0.
 
-    n (c_old - c_new) / min(c_old, c_new) - (k_new - k_old) ln n, the fall of chi-square in units of
-    the better fit's, less ln n for each unknown more.
-
-    Parameters
-    ----------
-    old, new : tuple of float and int
-        A fit's mean squared residual c, in any one unit, and its number of unknowns k.
-    pixels : int
-        Pixels n that both were fitted to.
-
-    Returns
-    -------
-    float
-        The gain.
-
-    Notes
-    -----
-    Source: Schwarz (1978), Ann. Statist. 6, 461-464.
+    n (c_old - c_new) / min(c_old, c_new) - (k_new - k_old) ln n: the fall of chi-square in units of
+    the better fit's, less ln n for each unknown more. A fit is its mean squared residual c, in any
+    one unit, and its number of unknowns k. Source: Schwarz (1978), Ann. Statist. 6, 461-464.
     """
     best = max(min(old[0], new[0]), 1e-24)
     return float(pixels * (old[0] - new[0]) / best - (new[1] - old[1]) * np.log(pixels))

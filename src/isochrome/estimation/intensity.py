@@ -39,44 +39,23 @@ _LAST_STEP = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class IntensityFit:
-    """A fitted frame.
-
-    Parameters
-    ----------
-    values : (p,) array
-        The parameters.
-    standard_uncertainty : (p,) array
-        Theirs, from the Jacobian with the linear unknowns, times max(1, chi).
-    covariance : (p, p) array
-        The same, times max(1, chi)².
-    chi : float
-        Root of the sum of (residual/sigma)² over the degrees of freedom.
-    illumination_coefficients, background_coefficients : (k,) array
-        Coefficients of the bases.
-    illumination_map, background_map : (rows, cols) array
-        Their sums, in the image's unit.
-    signal : (rows, cols) array
-        The polariscope's signal, 0..1.
-    residual : (rows, cols) array
-        Image less model, NaN where masked.
-    converged : bool
-        Whether the steps ended, with finite uncertainties.
-    positive : bool
-        False where the illumination came out negative: a wrong solution.
+    """A fitted frame: values (p,), coefficients (k,) of the bases, maps (rows, cols) in the image's
+    unit.
     """
 
     values: Array
+    # (p,), from the Jacobian with the linear unknowns, times max(1, chi)
     standard_uncertainty: Array
-    covariance: Array
-    chi: float
+    covariance: Array  # (p, p), the same, times max(1, chi)²
+    chi: float  # root of the sum of (residual/sigma)² over the degrees of freedom
     illumination_coefficients: Array
     background_coefficients: Array
     illumination_map: Array
     background_map: Array
-    signal: Array
-    residual: Array
-    converged: bool
-    positive: bool
+    signal: Array  # the polariscope's, 0..1
+    residual: Array  # image less model, NaN where masked
+    converged: bool  # the steps ended, with finite uncertainties
+    positive: bool  # False: the illumination came out negative, a wrong solution
 
     @property
     def model(self) -> Array:
@@ -100,39 +79,10 @@ def fit_intensity(
 ) -> IntensityFit:
     """Fit a polariscope's signal to a frame, illumination and background eliminated linearly.
 
-    Parameters
-    ----------
-    image : (rows, cols) array
-        The frame, in any linear intensity unit.
-    response : callable
-        From params (p,) to the ideal signal 0..1 (rows, cols), such as sin²(πN).
-    start : (p,) array
-        Parameters to start from.
-    illumination, background : (k, rows, cols) array
-        Bases, see `polynomial_basis`.
-    mask : (rows, cols) array of bool, optional
-        True where a pixel is valid; by default where it is finite.
-    sigma : float or (rows, cols) array, optional
-        Noise in the image's unit.
-    lower, upper : (p,) array, optional
-        Bounds of the parameters.
-    scale : (p,) array, optional
-        A natural change of each parameter, whose 1e-4 is the difference step; by default |start|,
-        or 1 at 0.
-    central : bool, optional
-        Whether the uncertainties' derivatives are taken both ways. False: as in the search, for a
-        response that costs much.
-
-    Returns
-    -------
-    IntensityFit
-        The fit.
-
-    Raises
-    ------
-    InputError
-        Where shapes do not agree, the response is not finite at the start, or there are more
-        unknowns than pixels.
+    `response`: from params (p,) to the ideal signal 0..1 (rows, cols), such as sin²(πN); bases (k,
+    rows, cols), see `polynomial_basis`; `mask`: by default where finite; `scale`: a natural change
+    of each parameter, by default |start| or 1, whose 1e-4 is the difference step; not `central`:
+    one way, for a costly response. InputError on shapes, a start, or more unknowns than pixels.
     """
     problem = prepare(
         image, mask=mask, sigma=sigma, illumination=illumination, background=background

@@ -49,17 +49,7 @@ Restriction = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True)
 class Damping:
-    """The damping of one problem.
-
-    Parameters
-    ----------
-    value : float
-        The damping λ.
-    growth : float, optional
-        By what it is multiplied next.
-    least : float, optional
-        What it rises from.
-    """
+    """The damping λ of one problem, what it is multiplied by next, and what it rises from."""
 
     value: float
     growth: float = 2.0
@@ -83,13 +73,7 @@ class Damping:
 
 @dataclass(frozen=True)
 class Bounds:
-    """The least and the largest value of each unknown.
-
-    Parameters
-    ----------
-    low, high : (p,) array
-        The bounds.
-    """
+    """The least and the largest value of each unknown, (p,)."""
 
     low: Array
     high: Array
@@ -115,20 +99,7 @@ class Descent(Generic[P]):
 
 
 def damped(normal: Array, damping: float) -> Array:
-    """The matrix N + λ diag N of Marquardt.
-
-    Parameters
-    ----------
-    normal : (p, p) array
-        Normal equations' matrix N.
-    damping : float
-        Damping λ.
-
-    Returns
-    -------
-    (p, p) array
-        The damped matrix.
-    """
+    """The matrix N + λ diag N of Marquardt."""
     return np.asarray(normal + damping * np.diag(np.diag(normal)))
 
 
@@ -140,25 +111,9 @@ def damped_step(
     *,
     cutoff: float = CUTOFF,
 ) -> Array:
-    """The step of the free unknowns; the others stay.
+    """The step of the free unknowns, of normal equations N and g; 0 for the others.
 
-    Parameters
-    ----------
-    normal : (p, p) array
-        Normal equations' matrix N.
-    gradient : (p,) array
-        Their right side g.
-    damping : float
-        Damping λ.
-    free : (p,) array of bool
-        Unknowns that move.
-    cutoff : float, optional
-        Eigenvalue over the largest below which no step is taken, see `scaled_inverse`.
-
-    Returns
-    -------
-    (p,) array
-        The step, 0 for those that are not free.
+    `cutoff`: eigenvalue over the largest below which no step is taken, see `scaled_inverse`.
     """
     step = np.zeros(len(gradient))
     moved = np.flatnonzero(free)
@@ -169,22 +124,7 @@ def damped_step(
 
 
 def promised_gain(normal: Array, gradient: Array, step: Array) -> float:
-    """How much a step s lowers r·r where the model is linear, s·(2 g - N s).
-
-    Parameters
-    ----------
-    normal : (p, p) array
-        Normal equations' matrix N.
-    gradient : (p,) array
-        Their right side g.
-    step : (p,) array
-        The step s.
-
-    Returns
-    -------
-    float
-        The promised gain.
-    """
+    """How much a step s lowers r·r where the model is linear, s·(2 g - N s)."""
     return float(step @ (2.0 * gradient - normal @ step))
 
 
@@ -202,31 +142,9 @@ def minimise(
 ) -> Descent[P]:
     """Take steps from a point to the least sum of squares near it.
 
-    Parameters
-    ----------
-    at : callable
-        From values (p,) to the Point there, None where there is none.
-    values : (p,) array
-        Where to start.
-    point : Point
-        The one at `values`: its cost, normal equations and gradient.
-    enough : callable
-        From a point to the promised gain below which it is the end.
-    damping : Damping
-        The damping to begin with.
-    iterations : int
-        Steps at the most.
-    better : callable, optional
-        Of a new point and the old one, whether the new is taken; by default where its cost is less.
-    bounds : Bounds, optional
-        Bounds of the values.
-    cut : callable, optional
-        From values and a step to the step that is taken; by default up to the bounds.
-
-    Returns
-    -------
-    Descent
-        Where the steps ended: `values`, `point`, the next `step`, and whether they `converged`.
+    `at`: from values (p,) to the point there, None where there is none; `enough`: from a point to
+    the promised gain below which it is the end; `better`: of a new and the old point, by default
+    less cost; `cut`: from values and a step to the step that is taken, by default up to the bounds.
     """
     anywhere = np.full(values.size, np.inf)
     bounds = bounds or Bounds(-anywhere, anywhere)

@@ -98,10 +98,8 @@ def frame_light(
     """The light of a frame that is fitted with a scene, in single precision.
 
     With both no-load frames the illumination is their difference times a plane, and the background
-    the dark one plus a constant; without, smooth polynomials stand for what is missing.
-    Parameters: `shape` (rows, cols); `dark`, `bright` (rows, cols), the no-load frames' light;
-    `terms`, the polynomial products of illumination and background, by default the lowest degrees
-    that serve.
+    the dark one plus a constant; without, smooth polynomials stand for what is missing. `terms`,
+    the products of illumination and background, are by default the lowest degrees that serve.
     """
     if terms is None:
         even = 1 if bright is not None and dark is None else EVEN
@@ -119,19 +117,7 @@ def smooth_light(
 ) -> LightModel:
     """The light of a calibration's image, with the degrees that its evidence asks for.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns.
-    degrees : tuple of int
-        Degrees of illumination and background, see `degrees_of`.
-    light : (rows, cols) array, optional
-        The no-load bright minus dark frame.
-
-    Returns
-    -------
-    LightModel
-        The bases.
+    For these see `degrees_of`; `light` (rows, cols) is the no-load bright minus dark frame.
     """
     size = (shape[0], shape[1])
     bases = polynomial_basis(size, degrees[0], times=light), polynomial_basis(size, degrees[1])
@@ -141,50 +127,18 @@ def smooth_light(
 def degrees_of(light: ArrayLike | None) -> tuple[tuple[int, int], ...]:
     """The degrees of illumination and background to try, fewest unknowns first.
 
-    Parameters
-    ----------
-    light : (rows, cols) array or None
-        The no-load bright minus dark frame, None where there is none.
-
-    Returns
-    -------
-    tuple of tuple of int
-        Pairs of degrees.
+    `light` (rows, cols) is the no-load bright minus dark frame, None where there is none.
     """
     return DEGREES if light is None else DEGREES_ON_LIGHT
 
 
 def total_degree(degree: int) -> Terms:
-    """The products P_i(y) P_j(x) with i + j up to a degree, the constant first.
-
-    Parameters
-    ----------
-    degree : int
-        The total degree.
-
-    Returns
-    -------
-    tuple of (int, int)
-        Each product as (i, j).
-    """
+    """The products P_i(y) P_j(x), as (i, j), with i + j up to a degree, the constant first."""
     return tuple((t - j, j) for t in range(degree + 1) for j in range(t + 1))
 
 
 def missing_terms(own: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
-    """List the products up to some degrees that a light has not.
-
-    Parameters
-    ----------
-    own : (terms, terms)
-        Products of the illumination and of the background.
-    degrees : (int, int)
-        Total degrees of both.
-
-    Returns
-    -------
-    (terms, terms)
-        The others of each.
-    """
+    """The products of illumination and background up to total degrees that a light has not."""
     light, dark = (
         tuple(term for term in total_degree(degree) if term not in terms)
         for degree, terms in zip(degrees, own, strict=True)
@@ -195,21 +149,9 @@ def missing_terms(own: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[T
 def with_chosen_terms(
     own: tuple[Terms, Terms], more: tuple[Terms, Terms], chosen: Iterable[int]
 ) -> tuple[Terms, Terms]:
-    """Add to a light's products some of those that it has not.
+    """A light's products, of illumination and background, and behind them some of those it has not.
 
-    Parameters
-    ----------
-    own : (terms, terms)
-        Products of the illumination and of the background.
-    more : (terms, terms)
-        What may be added, see `missing_terms`.
-    chosen : iterable of int
-        Which of these, counted through both; they are added in this order.
-
-    Returns
-    -------
-    (terms, terms)
-        All products, a light's own first.
+    `chosen`: which of `more` (see `missing_terms`), counted through both, in this order.
     """
     count, order = len(more[0]), tuple(chosen)
     light = tuple(more[0][i] for i in order if i < count)
@@ -226,21 +168,9 @@ def _basis(shape: tuple[int, int], terms: Terms) -> Array:
 
 @lru_cache(maxsize=8)
 def light_basis(shape: tuple[int, int], terms: Terms) -> Array:
-    """Legendre products of a frame's light, float32, the same for all frames of a size.
+    """Legendre products (k, rows, cols) of a frame's light, float32, the same for a size.
 
-    The last ones are kept.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        The frame's rows and columns.
-    terms : tuple of (int, int)
-        The products P_i(y) P_j(x), each as (i, j).
-
-    Returns
-    -------
-    (k, rows, cols) array
-        The stack, which cannot be written to.
+    The last ones are kept, and cannot be written to.
     """
     basis = light_products((_unit(shape[0]), _unit(shape[1])), terms)
     basis.flags.writeable = False
@@ -250,22 +180,7 @@ def light_basis(shape: tuple[int, int], terms: Terms) -> Array:
 def light_products(
     places: tuple[Array, Array], terms: Terms, dtype: type[np.floating] = np.float32
 ) -> Array:
-    """Legendre products P_i(y) P_j(x) on a grid.
-
-    Parameters
-    ----------
-    places : tuple of two arrays
-        The rows' y (rows,) and the columns' x (cols,), in -1..1.
-    terms : tuple of (int, int)
-        The products, each as (i, j).
-    dtype : type, default float32
-        Of the result.
-
-    Returns
-    -------
-    (k, rows, cols) array
-        The products on the grid.
-    """
+    """Legendre products P_i(y) P_j(x) (k, rows, cols) of rows' y and columns' x, in -1..1."""
     degree = max((max(pair) for pair in terms), default=0)
     rows, cols = (np.polynomial.legendre.legvander(p, degree).T.astype(dtype) for p in places)
     stack = np.empty((len(terms), len(places[0]), len(places[1])), dtype)
@@ -283,11 +198,9 @@ def polynomial_basis(
 ) -> Array:
     """Legendre products P_i(y) P_j(x), i + j <= degree, with x and y in -1..1 over the frame.
 
-    Parameters: `shape`, the frame's (rows, cols); `degree`, the total degree, 0 for a constant;
-    `times`, an optional image (rows, cols) that multiplies every member, such as the no-load
-    bright frame minus the no-load dark one; `dtype` of the result without that.
-    Returns the stack (k, rows, cols), k = (degree + 1)(degree + 2)/2, the constant first.
-    Raises InputError for a negative degree or an image of another shape.
+    The stack (k, rows, cols), k = (degree + 1)(degree + 2)/2, the constant first; `times`, such as
+    the no-load bright less the dark frame, multiplies every member, else it is of `dtype`.
+    InputError for a negative degree or an image of another shape.
     """
     if degree < 0:
         raise InputError(f"degree = {degree} is not allowed: a polynomial's is 0 or more; raise it")
@@ -304,19 +217,9 @@ def polynomial_basis(
 
 
 def channel_light(rows: int, cols: int) -> Array:
-    """What the light of a colour frame's channel is a sum of, the even light first.
+    """What a colour channel's light is a sum of, (6, rows, cols): 1, y, x, y², x², xy.
 
-    The terms 1, y, x, y², x², xy with y and x from -1 to 1 between the frame's edges.
-
-    Parameters
-    ----------
-    rows, cols : int
-        The frame's size.
-
-    Returns
-    -------
-    (6, rows, cols) array
-        The terms.
+    The even light is first; y and x go from -1 to 1 between the frame's edges.
     """
     y = (2.0 * np.arange(rows) + 1.0)[:, None] / rows - 1.0
     x = (2.0 * np.arange(cols) + 1.0)[None, :] / cols - 1.0

@@ -31,40 +31,9 @@ def smooth_starts(
     """`several_starts` with polynomial illumination and background of the degree that is needed.
 
     A low degree leaves a slow vignette in the residual, a high one costs accuracy where few fringes
-    are seen; more unknowns are taken only where the evidence asks for them.
-
-    Parameters
-    ----------
-    image : (rows, cols) array
-        The frame, in any linear intensity unit.
-    response : callable
-        From params (p,) to the ideal signal 0..1 (rows, cols).
-    starts : (m, p) array
-        Parameters to start from.
-    light : (rows, cols) array, optional
-        The no-load bright minus dark frame; then degree 1 on it is enough.
-    mask : (rows, cols) array of bool
-        True where a pixel is valid.
-    sigma : float or (rows, cols) array
-        Noise in the image's unit.
-    scale : (p,) array
-        A natural change of each parameter.
-    refine : int, optional
-        How many starts are refined.
-    scan_pixels : int, optional
-        Pixels of the thinned frame that is scanned.
-    **options : dict
-        The rest, as in `several_starts` and `fit_intensity`.
-
-    Returns
-    -------
-    SeveralStarts
-        The best fit and the other minima.
-
-    Raises
-    ------
-    PhysicsError
-        Where no start gives a positive illumination.
+    are seen; more unknowns are taken only where the evidence asks for them. With `light`, the
+    no-load bright less the dark frame, degree 1 on it is enough. PhysicsError where no start gives
+    a positive illumination.
     """
     maps = [smooth_light(image.shape, i, light).bases for i in degrees_of(light)]
     common: dict[str, Any] = {"mask": mask, "sigma": sigma, "scale": scale, **options}
@@ -101,16 +70,5 @@ def _with_rivals(
 
 
 def light_unknowns(fit: IntensityFit) -> int:
-    """Number of coefficients of illumination and background in a fit.
-
-    Parameters
-    ----------
-    fit : IntensityFit
-        The fit.
-
-    Returns
-    -------
-    int
-        How many there are.
-    """
+    """Number of coefficients of illumination and background in a fit."""
     return len(fit.illumination_coefficients) + len(fit.background_coefficients)

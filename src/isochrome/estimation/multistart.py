@@ -20,15 +20,7 @@ APART = 0.1
 
 @dataclass(frozen=True)
 class Minimum:
-    """One minimum that a refined start led to.
-
-    Parameters
-    ----------
-    values : (p,) array
-        The parameters.
-    chi : float
-        Root mean square of the residual over the noise, inf where the light is negative.
-    """
+    """One minimum that a refined start led to; chi is inf where the light is negative."""
 
     values: Array
     chi: float
@@ -41,15 +33,7 @@ class Minimum:
 
 @dataclass(frozen=True)
 class SeveralStarts:
-    """The best fit, and the other minima.
-
-    Parameters
-    ----------
-    best : IntensityFit
-        The best one.
-    others : tuple of Minimum
-        The others, by rising chi.
-    """
+    """The best fit, and the other minima by rising chi."""
 
     best: IntensityFit
     others: tuple[Minimum, ...]
@@ -69,40 +53,10 @@ def several_starts(
     scan_pixels: int = 30_000,
     **options: Any,
 ) -> SeveralStarts:
-    """Scan many starts on a thinned frame, refine the best few, fit the best one in full.
+    """Scan many starts (m, p) on a thinned frame, refine the best few, fit the best one in full.
 
-    Parameters
-    ----------
-    image : (rows, cols) array
-        The frame, in any linear intensity unit.
-    response : callable
-        From params (p,) to the ideal signal 0..1 (rows, cols).
-    starts : (m, p) array
-        Parameters to start from.
-    illumination, background : (k, rows, cols) array
-        Bases, see `polynomial_basis`.
-    mask : (rows, cols) array of bool, optional
-        True where a pixel is valid; by default where it is finite.
-    sigma : float or (rows, cols) array, optional
-        Noise in the image's unit.
-    scale : (p,) array
-        A natural change of each parameter.
-    refine : int, optional
-        How many starts are refined.
-    scan_pixels : int, optional
-        Pixels of the thinned frame.
-    **options : dict
-        The rest, as in `fit_intensity`.
-
-    Returns
-    -------
-    SeveralStarts
-        The best fit and the other minima.
-
-    Raises
-    ------
-    PhysicsError
-        Where no start gives a positive illumination.
+    Parameters as in `fit_intensity`; `scan_pixels`, those of the thinned frame. PhysicsError where
+    no start gives a positive illumination.
     """
     table = np.atleast_2d(np.asarray(starts, dtype=float))
     size = np.abs(np.asarray(scale, dtype=float))

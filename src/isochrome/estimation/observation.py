@@ -22,59 +22,23 @@ _SMOOTH_PX, _SMOOTH_WINDOW = 1.5, (13, 13)
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """One prepared frame, in fractions of full scale.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    light : (rows, cols) array
-        Linear light, raw^gamma.
-    sigma : (rows, cols) array
-        Its noise.
-    valid : (rows, cols) array of bool
-        True where a pixel may be used.
-    raw, raw_sigma : (rows, cols) array
-        The same light and noise as the sensor stored them.
-    gamma : float
-        The exponent from raw to light.
-    """
+    """One prepared frame (rows, cols), in fractions of full scale; `name` is that of messages."""
 
     name: str
-    light: Array
+    light: Array  # linear, raw^gamma
     sigma: Array
-    valid: Mask
-    raw: Array
+    valid: Mask  # may be used
+    raw: Array  # the light as the sensor stored it
     raw_sigma: Array
-    gamma: float
+    gamma: float  # from raw to light
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrameData(Observation):
-    """A prepared frame to hold a scene against.
+    """A prepared frame to hold a scene against."""
 
-    Parameters
-    ----------
-    name : str
-        For messages.
-    light : (rows, cols) array
-        Linear light, raw^gamma, in fractions of full scale.
-    sigma : (rows, cols) array
-        Its noise.
-    valid : (rows, cols) array of bool
-        True where a pixel may be used.
-    raw, raw_sigma : (rows, cols) array
-        The same light and noise as the sensor stored them.
-    gamma : float
-        The exponent from raw to light.
-    lamp : LightModel
-        What its illumination and background are sums of.
-    noise_ratio : float, default 1.0
-        The noise over what the picture's finest part shows, which compression takes away.
-    """
-
-    lamp: LightModel
-    noise_ratio: float = 1.0
+    lamp: LightModel  # what illumination and background are sums of
+    noise_ratio: float = 1.0  # over what the finest part shows, which compression takes away
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -143,36 +107,11 @@ def observe(
     mask: Mask | None = None,
     noise: NoiseModel | None = None,
 ) -> Observation:
-    """Turn a frame's raw grey levels into light with its noise.
+    """Turn a frame's raw grey levels into light with its noise; InputError on a blank frame.
 
     The noise is told from the frame itself where it is not known. A pixel's own is that of the grey
     level about it, a Gaussian mean in which the pixel counts for a fourteenth, not a ninth as in
     one over 3 x 3: a weight that follows the pixel's own noise pulls every fit to the dark side.
-
-    Parameters
-    ----------
-    image : (rows, cols) array
-        Grey levels as stored.
-    name : str
-        For messages.
-    bit_depth : int or None
-        Bits of the sensor, None where the levels are fractions already.
-    gamma : float
-        Light = raw^gamma.
-    mask : (rows, cols) array of bool, optional
-        True where a pixel may be used.
-    noise : NoiseModel, optional
-        The camera's noise.
-
-    Returns
-    -------
-    Observation
-        The prepared frame.
-
-    Raises
-    ------
-    InputError
-        On a blank frame.
     """
     import cv2
 
@@ -206,32 +145,10 @@ def prepare_frame(
     gamma_found: bool = False,
     noise: NoiseModel | None = None,
 ) -> FrameData:
-    """Observe a frame, with the light that its scene is to be held against.
+    """Observe a frame, with the light that its scene is to be held against, as in `frame_light`.
 
-    Parameters
-    ----------
-    frame : Frame
-        The captured frame.
-    scene : Scene
-        The scene, for frames.gamma.
-    bit_depth : int or None
-        Bits of the sensor.
-    no_load : tuple of Linear or None, optional
-        The dark and the bright frame of no load.
-    gamma_found : bool, optional
-        Whether an unknown gamma is going to be found, and is 1 until then.
-    noise : NoiseModel, optional
-        The camera's noise; by default the frame itself tells it.
-
-    Returns
-    -------
-    FrameData
-        The prepared frame, its light as in `frame_light`.
-
-    Raises
-    ------
-    InputError
-        On a blank frame, and an unknown gamma.
+    `gamma_found`: an unknown gamma is going to be found, and is 1 until then; else InputError, as
+    on a blank frame. `noise`: by default the frame itself tells it.
     """
     gamma = scene.frames.first_gamma if gamma_found else scene.frames.stated_gamma
     seen = observe(

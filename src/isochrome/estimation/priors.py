@@ -22,18 +22,10 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Prior:
-    """Gaussian priors of a fit's unknowns.
-
-    Parameters
-    ----------
-    values : (p,) array
-        The stated values.
-    weight : (p,) array
-        1/u², 0 where nothing is stated.
-    """
+    """Gaussian priors of a fit's unknowns (p,)."""
 
     values: Array
-    weight: Array
+    weight: Array  # 1/u², 0 where nothing is stated
 
     @property
     def any(self) -> bool:
@@ -60,18 +52,7 @@ class Prior:
 
 
 def no_prior(count: int) -> Prior:
-    """The prior of unknowns of which nothing is stated.
-
-    Parameters
-    ----------
-    count : int
-        How many they are.
-
-    Returns
-    -------
-    Prior
-        No weights.
-    """
+    """The prior of unknowns of which nothing is stated: no weights."""
     return Prior(np.zeros(count), np.zeros(count))
 
 
@@ -114,17 +95,8 @@ NOISE = "image noise"
 
 
 def variance_shares(contributions: Array) -> Array:
-    """The part of a variance that each of some contributions is.
-
-    Parameters
-    ----------
-    contributions : (n,) array
-        Standard uncertainties that add in squares.
-
-    Returns
-    -------
-    (n,) array
-        Their shares, 0 where nothing contributes.
+    """The part of a variance that each of some standard uncertainties is; 0 where nothing
+    contributes.
     """
     squares = np.square(np.asarray(contributions, dtype=float))
     total = float(squares.sum())
@@ -134,32 +106,11 @@ def variance_shares(contributions: Array) -> Array:
 def less_explained(
     residual: Array, rows: Array, inverse: Array, held: Array, spread: Array
 ) -> Array:
-    """Take off residuals what errors of inputs that a fit holds explain of them.
+    """Take off residuals r (n,) what errors of inputs that a fit holds explain of them.
 
-    r - Hᵀ δ, δ = argmin |r - Hᵀ δ|² + Σ (δ/u)², H less what the unknowns follow: the inputs' own
-    share of the uncertainty counts this, and noise is what is left.
-
-    Parameters
-    ----------
-    residual : (n,) array
-        Residuals r over the noise.
-    rows : (p, n) array
-        Derivatives by the unknowns, over the noise.
-    inverse : (p, p) array
-        Inverse of their normal equations.
-    held : (m, n) array
-        Derivatives H by the inputs, over the noise.
-    spread : (m,) array
-        Standard uncertainties u of the inputs.
-
-    Returns
-    -------
-    (n,) array
-        The residuals.
-
-    Notes
-    -----
-    Source: Tarantola (2005), Inverse problem theory, section 3.2, for δ.
+    r - Hᵀ δ, δ = argmin |r - Hᵀ δ|² + Σ (δ/u)², H = `held` (m, n) less what the unknowns, `rows`
+    (p, n), follow; all over the noise. The inputs' own share of the uncertainty counts this, and
+    noise is what is left. Source: Tarantola (2005), Inverse problem theory, section 3.2, for δ.
     """
     if not len(held):
         return residual
@@ -171,21 +122,10 @@ def less_explained(
 def budget_of(
     noise: float, inputs: tuple[tuple[str, float, float], ...], sensitivity: Array
 ) -> tuple[BudgetInput, ...]:
-    """The budget of one value, the largest share first.
+    """The budget of one value, the largest share first: the noise, and each input.
 
-    Parameters
-    ----------
-    noise : float
-        What the images' noise adds.
-    inputs : tuple of tuple, (m,)
-        Each input's key, stated value and standard uncertainty.
-    sensitivity : (m,) array
-        Change of the value over that of each input.
-
-    Returns
-    -------
-    tuple of BudgetInput
-        The noise and the inputs.
+    An input is its key, stated value and standard uncertainty; `sensitivity` (m,) is the change of
+    the value over theirs.
     """
     rows: list[tuple[str, float | None, float, float]] = [(NOISE, None, noise, 1.0)]
     rows += [(*row, float(c)) for row, c in zip(inputs, sensitivity, strict=True)]

@@ -42,12 +42,9 @@ _TAKEN = 1e-6
 class ScoreProducts:
     """Products of columns with each other and the residual, what is fitted taken off.
 
-    Parameters
-    ----------
-    parts : iterable of (own, fitted, columns, residual)
-        The data in one part or more: derivatives (q, n) by what is fitted to this part alone, such
-        as a frame's light, (p, n) by what is fitted to all of them, and (k, n) by what is not, and
-        the residual (n,), all over the noise. The p and k are the same in all parts.
+    Of parts (own, fitted, columns, residual) of the data, all over the noise: derivatives (q, n) by
+    what is fitted to this part alone, such as a frame's light, (p, n) by what is fitted to all, (k,
+    n) by what is not, and the residual (n,). p and k are the same in all parts.
     """
 
     def __init__(self, parts: Iterable[tuple[Array, Array, Array, Array]]) -> None:
@@ -67,21 +64,8 @@ class ScoreProducts:
         self.noise = max(1.0, float(left) / max(1, count - fitted - shared))
 
     def score(self, chosen: slice | list[int]) -> tuple[float, int, Array]:
-        """What some columns gain together.
-
-        Parameters
-        ----------
-        chosen : slice or list of int
-            The columns.
-
-        Returns
-        -------
-        gain : float
-            S over the noise.
-        size : int
-            Number of columns that are not taken up by what is fitted.
-        values : (k,) array
-            What they would come out at, to first order.
+        """What some columns gain together: S over the noise, the number of them not taken up by
+        what is fitted, and the values (k,) that they would come out at, to first order.
         """
         right, matrix = self.right[chosen], self.matrix[chosen][:, chosen]
         own = np.diag(matrix) > _TAKEN * self.size[chosen]
@@ -93,43 +77,17 @@ class ScoreProducts:
         return float(values @ right) / self.noise, int(own.sum()), values
 
     def shift(self, chosen: slice | list[int], values: Array) -> Array:
-        """How far what is fitted to all parts would move if some columns came out at their values.
-
-        Parameters
-        ----------
-        chosen : slice or list of int
-            The columns.
-        values : (k,) array
-            Their values.
-
-        Returns
-        -------
-        (p,) array
-            The change, to first order.
+        """How far (p,) what is fitted to all parts would move, to first order, if columns had such
+        values.
         """
         return np.asarray(-self._taken_up[:, chosen] @ values)
 
     def score_with_prior(self, chosen: slice, weight: Array) -> tuple[float, float, Array]:
-        """What some columns gain whose values are known beforehand.
+        """What columns gain whose values are known beforehand, over the noise, its price, values.
 
-        With U² the prior's variances, the gain is gᵀ (M + U⁻²)⁻¹ g, and what Bayes's factor takes
-        off for the values that might have been, ln det(1 + U M U).
-
-        Parameters
-        ----------
-        chosen : slice
-            The columns.
-        weight : (k,) array
-            One over the variances of what is known.
-
-        Returns
-        -------
-        gain : float
-            Over the noise.
-        price : float
-            What is taken off.
-        values : (k,) array
-            What they would come out at, to first order.
+        With U² the prior's variances, 1/`weight`, the gain is gᵀ (M + U⁻²)⁻¹ g, and what Bayes's
+        factor takes off for the values that might have been, ln det(1 + U M U). Values (k,) are to
+        first order.
         """
         right, matrix = self.right[chosen] / self.noise, self.matrix[chosen][:, chosen] / self.noise
         scale = weight**-0.5
@@ -140,15 +98,7 @@ class ScoreProducts:
     def one_by_one(self, most: int) -> list[int]:
         """The columns that are asked for, each the one with the most evidence beside those before.
 
-        Parameters
-        ----------
-        most : int
-            So many at the most.
-
-        Returns
-        -------
-        list of int
-            Their indices, in order. They are taken as fitted from then on.
+        They are taken as fitted from then on.
         """
         least = np.log(self.count) + ASKED
         chosen: list[int] = []
@@ -164,13 +114,7 @@ class ScoreProducts:
         return chosen
 
     def take(self, index: int) -> None:
-        """Fit one column more.
-
-        Parameters
-        ----------
-        index : int
-            Which of them.
-        """
+        """Fit one column more."""
         row, value = self.matrix[index].copy(), self.right[index]
         size = row[index]
         self.matrix -= np.outer(row, row) / size

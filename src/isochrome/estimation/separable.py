@@ -27,29 +27,14 @@ _CUTOFF = {4: 1e-6, 8: 1e-12}
 
 @dataclass(frozen=True)
 class SeparableProblem:
-    """A frame's valid pixels, weighted by 1/sigma.
-
-    Parameters
-    ----------
-    data : (n,) array
-        The pixels.
-    light : (ka, n) array
-        The illumination's basis.
-    dark : (kc, n) array
-        The background's basis.
-    keep : (rows, cols) array of bool
-        Where the pixels are.
-    dark_gram : (kc, kc) array
-        The product dark darkᵀ.
-    scratch : (ka, n) array
-        Overwritten by every solution, because fresh memory costs more than the arithmetic.
-    """
+    """A frame's n valid pixels, weighted by 1/sigma."""
 
     data: Array
-    light: Array
-    dark: Array
-    keep: NDArray[np.bool_]
-    dark_gram: Array
+    light: Array  # (ka, n), the illumination's basis
+    dark: Array  # (kc, n), the background's basis
+    keep: NDArray[np.bool_]  # (rows, cols): where the pixels are
+    dark_gram: Array  # (kc, kc), dark darkᵀ
+    # (ka, n), overwritten by every solution: fresh memory costs more than the arithmetic
     scratch: Array
 
     @property
@@ -60,33 +45,15 @@ class SeparableProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class LinearPart:
-    """Coefficients (a, c) for one signal, and the weighted residual they leave.
+    """Coefficients (a, c) for one signal, and the weighted residual they leave."""
 
-    Parameters
-    ----------
-    coefficients : (k,) array
-        Those of the illumination, then the background's.
-    signal : (n,) array
-        The signal that was solved for.
-    inverse : (k, k) array
-        Inverse of the weighted columns' Gram matrix.
-    amplitude : (n,) array
-        The weighted illumination.
-    residual : (n,) array
-        The weighted residual.
-    cost : float
-        Its sum of squares.
-    negative_share : float
-        Share of pixels whose illumination is not positive.
-    """
-
-    coefficients: Array
-    signal: Array
-    inverse: Array
-    amplitude: Array
-    residual: Array
-    cost: float
-    negative_share: float
+    coefficients: Array  # (k,), the illumination's, then the background's
+    signal: Array  # (n,), solved for
+    inverse: Array  # (k, k), of the weighted columns' Gram matrix
+    amplitude: Array  # (n,), the weighted illumination
+    residual: Array  # (n,), weighted
+    cost: float  # the residual's sum of squares
+    negative_share: float  # share of pixels whose illumination is not positive
 
     @property
     def positive(self) -> bool:
@@ -112,28 +79,10 @@ def prepare(
     illumination: Array,
     background: Array,
 ) -> SeparableProblem:
-    """Drop the masked pixels, weight the rest by 1/sigma.
+    """Drop the masked pixels (None: those not finite), weight the rest by 1/sigma.
 
-    Parameters
-    ----------
-    image : (rows, cols) array
-        The frame.
-    mask : (rows, cols) array of bool or None
-        True where a pixel is valid; None: where it is finite.
-    sigma : float or (rows, cols) array
-        Noise in the image's unit.
-    illumination, background : (k, rows, cols) array
-        Bases, see `polynomial_basis`.
-
-    Returns
-    -------
-    SeparableProblem
-        The weighted pixels.
-
-    Raises
-    ------
-    InputError
-        Where shapes do not agree, no pixel is valid, or a sigma is not positive.
+    Bases (k, rows, cols), see `polynomial_basis`. InputError where shapes do not agree, no pixel is
+    valid, or a sigma is not positive.
     """
     frame = np.asarray(image, dtype=float)
     if frame.ndim != 2:
@@ -157,20 +106,7 @@ def prepare(
 
 
 def solve_linear(problem: SeparableProblem, signal: Array) -> LinearPart:
-    """Illumination and background that fit best for a signal.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        The frame's valid pixels.
-    signal : (n,) array
-        The ideal polariscope's 0..1 there.
-
-    Returns
-    -------
-    LinearPart
-        The coefficients, and what they leave.
-    """
+    """Illumination and background that fit best for a signal (n,), the ideal polariscope's 0..1."""
     light = np.multiply(problem.light, signal, out=problem.scratch)
     cross = light @ problem.dark.T
     gram = np.block([[light @ light.T, cross], [cross.T, problem.dark_gram]]).astype(float)
@@ -201,31 +137,10 @@ def evaluate(
     mask: NDArray[np.bool_] | None = None,
     sigma: ArrayLike = 1.0,
 ) -> Evaluation:
-    """How well a fixed signal explains a frame, with the best illumination and background.
+    """How well a fixed signal, 0..1, explains a frame, with the best illumination and background.
 
-    Parameters
-    ----------
-    image : (rows, cols) array
-        The frame.
-    signal : (rows, cols) array
-        The ideal polariscope's 0..1.
-    illumination, background : (k, rows, cols) array
-        Bases, see `polynomial_basis`.
-    mask : (rows, cols) array of bool, optional
-        True where a pixel is valid; by default where it is finite.
-    sigma : float or (rows, cols) array, optional
-        Noise in the image's unit.
-
-    Returns
-    -------
-    Evaluation
-        Its `chi` is inf where the illumination comes out negative, because such a signal has the
-        wrong contrast.
-
-    Raises
-    ------
-    InputError
-        Where shapes do not agree.
+    `chi` is inf where the illumination comes out negative: such a signal has the wrong contrast.
+    InputError where shapes do not agree.
     """
     problem = prepare(
         image, mask=mask, sigma=sigma, illumination=illumination, background=background
@@ -234,20 +149,7 @@ def evaluate(
 
 
 def evaluate_prepared(problem: SeparableProblem, signal: Array) -> Evaluation:
-    """How well a signal explains a frame that is prepared already: a scan's inner step.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        The frame's valid pixels.
-    signal : (rows, cols) array
-        The ideal polariscope's 0..1.
-
-    Returns
-    -------
-    Evaluation
-        As in `evaluate`.
-    """
+    """`evaluate` of a frame that is prepared already: a scan's inner step."""
     split = len(problem.light)
     values = signal[problem.keep]
     if not np.all(np.isfinite(values)):
@@ -261,22 +163,10 @@ def evaluate_prepared(problem: SeparableProblem, signal: Array) -> Evaluation:
 
 
 def scaled_inverse(matrix: Array, cutoff: float = 1e-12) -> Array:
-    """Pseudo-inverse of normal equations, scaled to a unit diagonal first.
+    """Pseudo-inverse of normal equations (k, k), scaled to a unit diagonal first.
 
-    The unknowns' units may differ by many powers of ten. Directions whose eigenvalue is below the
-    cutoff are dropped.
-
-    Parameters
-    ----------
-    matrix : (k, k) array
-        Normal equations.
-    cutoff : float, optional
-        Eigenvalue over the largest below which a direction is dropped.
-
-    Returns
-    -------
-    (k, k) array
-        The pseudo-inverse.
+    The unknowns' units may differ by many powers of ten. Directions whose eigenvalue over the
+    largest is below the cutoff are dropped.
     """
     diagonal = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale = 1.0 / np.where(diagonal > 0, diagonal, 1.0)

@@ -18,35 +18,15 @@ _DATA_ONLY = "_data: "
 
 
 def data_name(words: str) -> str:
-    """Give the label of a curve that has its name in the data alone, and in no legend.
-
-    Parameters
-    ----------
-    words : str
-        The name.
-
-    Returns
-    -------
-    str
-        Its label.
-    """
+    """The label of a curve that has its name in the data alone, and in no legend."""
     return f"{_DATA_ONLY}{words}"
 
 
 def curve_columns(axes: Axes) -> dict[str, Array]:
-    """Give the data of the curves of a plot, as columns for a spreadsheet.
+    """The data of the curves of a plot, as columns for a spreadsheet, NaN where one is shorter.
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        The plot.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Columns of one length, NaN where one is shorter: x and y of each curve, the ends of its
-        band or bar; several curves over one x have it once, and one that is drawn twice stands
-        once.
+    x and y of each curve, the ends of its band or bar; several curves over one x have it once, and
+    one that is drawn twice stands once.
     """
     columns: dict[str, Array] = {}
     last: Array | None = None

@@ -40,18 +40,7 @@ _TICK_DOWN_MM = 7.0
 
 @lru_cache(maxsize=4096)
 def width_mm(text: str) -> float:
-    """Measure a line of text in the figure's font and size.
-
-    Parameters
-    ----------
-    text : str
-        One line.
-
-    Returns
-    -------
-    float
-        Its width, mm.
-    """
+    """Width of a line of text in the figure's font and size."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath
 
@@ -62,19 +51,9 @@ def width_mm(text: str) -> float:
 
 
 def wrap_note(text: str, room_mm: float) -> str:
-    """Break a text at its spaces into lines that fit.
+    """Break a text at its spaces, its own line breaks too, into lines that fit.
 
-    Parameters
-    ----------
-    text : str
-        The text; its own line breaks are spaces.
-    room_mm : float
-        Width of a line, mm.
-
-    Returns
-    -------
-    str
-        The lines. A word that is too long stands alone, and is broken where it must be.
+    A word that is too long stands alone, and is broken where it must be.
     """
     lines, line = list[str](), ""
     held = _UNIT.sub("\u00a0", " ".join(text.splitlines()))
@@ -98,10 +77,7 @@ def wrap_note(text: str, room_mm: float) -> str:
 class FittedTexts:
     """The titles, labels, legends and numbers of a figure, fitted to its axes again and again.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        A figure whose texts have the paper's size.
+    The figure's texts have the paper's size.
     """
 
     def __init__(self, figure: Figure) -> None:

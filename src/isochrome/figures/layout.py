@@ -37,27 +37,13 @@ _STEPS = 50
 
 @dataclass(frozen=True)
 class FigureLayout:
-    """How the panels stand, for a width.
-
-    Parameters
-    ----------
-    panels : PaperPanels
-        The panels.
-    style : FigureStyle
-        Width, and whether the numbers stand below the panels.
-    is_close : bool, default False
-        Whether pictures stand beside each other at the narrowest.
-    lowered : float, default 0.0
-        How far the plots are lowered, from 0 to 1: to the least height of each.
-    left_out : tuple of Plot, optional
-        Plots that have no room on the page.
-    """
+    """How the panels stand, for a width."""
 
     panels: PaperPanels
     style: FigureStyle
-    is_close: bool = False
-    lowered: float = 0.0
-    left_out: tuple[Plot, ...] = ()
+    is_close: bool = False  # pictures stand beside each other at the narrowest
+    lowered: float = 0.0  # how far the plots are, 0 to 1: to the least height of each
+    left_out: tuple[Plot, ...] = ()  # no room on the page
 
     @cached_property
     def notes(self) -> str:

@@ -78,74 +78,34 @@ class FigureStyle:
 
 @dataclass(frozen=True, kw_only=True)
 class PictureKind:
-    """Pictures of one kind, one an item, that share their colours.
+    """Pictures of one kind, one an item, that share their colours."""
 
-    Parameters
-    ----------
-    name : str
-        What they show.
-    draw : callable
-        Draws item k on Axes, with `show_image`, and returns the image.
-    bar : str, default ''
-        Label of their colour bar, with its unit; empty: there is none.
-    """
-
-    name: str
-    draw: Callable[[Axes, int], AxesImage]
-    bar: str = ""
+    name: str  # what they show
+    draw: Callable[[Axes, int], AxesImage]  # item k, with `show_image`
+    bar: str = ""  # label of their colour bar, with its unit; empty: there is none
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """A plot of curves or bars.
+    """A plot of curves or bars."""
 
-    Parameters
-    ----------
-    title : str
-        What it shows.
-    draw : callable
-        Draws it on Axes.
-    height_mm : float, default 40.0
-        Height of its axes, mm.
-    least_mm : float, default 22.0
-        Height down to which its axes may be lowered where a page has no room, mm.
-    spare : int, default 0
-        Rank in which it goes where a page has no room for all: the largest first, 0 never.
-    """
-
-    title: str
+    title: str  # what it shows
     draw: Callable[[Axes], Any]
-    height_mm: float = 40.0
-    least_mm: float = 22.0
-    spare: int = 0
+    height_mm: float = 40.0  # of its axes
+    least_mm: float = 22.0  # down to which they may be lowered where a page has no room
+    spare: int = 0  # rank in which it goes where a page has no room: the largest first, 0 never
 
 
 @dataclass(frozen=True, kw_only=True)
 class PaperPanels:
-    """The panels of a figure for a paper.
+    """The panels of a figure for a paper."""
 
-    Parameters
-    ----------
-    kinds : sequence of PictureKind, optional
-        Kinds of pictures, each with one of every item.
-    labels : sequence of str, optional
-        What the items are.
-    plots : sequence of Plot, optional
-        Plots below the pictures.
-    plots_across : int, default 3
-        Most plots beside each other.
-    legend : sequence of str, optional
-        Names of the lines, where the plots share one legend, below them.
-    notes : sequence of str, optional
-        The numbers of the panels and what holds for all, a paragraph each.
-    """
-
-    kinds: Sequence[PictureKind] = ()
-    labels: Sequence[str] = ()
-    plots: Sequence[Plot] = ()
-    plots_across: int = 3
-    legend: Sequence[str] = ()
-    notes: Sequence[str] = ()
+    kinds: Sequence[PictureKind] = ()  # each with a picture of every item
+    labels: Sequence[str] = ()  # what the items are
+    plots: Sequence[Plot] = ()  # below the pictures
+    plots_across: int = 3  # most plots beside each other
+    legend: Sequence[str] = ()  # names of the lines, where the plots share one legend, below them
+    notes: Sequence[str] = ()  # the panels' numbers and what holds for all, a paragraph each
 
 
 class WithPanels(Protocol):
@@ -162,28 +122,9 @@ class WithPanels(Protocol):
 def chosen_frames(
     frames: tuple[int, ...] | None, count: int, default: Sequence[int], *, items: str = "frames"
 ) -> list[int]:
-    """Give the frames that a figure shows.
+    """The numbers of the frames that a figure shows: those asked for, or the default ones.
 
-    Parameters
-    ----------
-    frames : tuple of int or None
-        The numbers that were asked for.
-    count : int
-        How many there are.
-    default : sequence of int
-        Those that are shown where nobody asks.
-    items : str, default 'frames'
-        What they are called.
-
-    Returns
-    -------
-    list of int
-        Their numbers.
-
-    Raises
-    ------
-    InputError
-        Where there is no such frame.
+    `items` is what they are called. InputError where there is no such frame.
     """
     if frames is None:
         return list(default)

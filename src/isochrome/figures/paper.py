@@ -81,26 +81,10 @@ def paper_figure(result: WithPanels, style: FigureStyle | None = None) -> Figure
 
 
 def figure_for_page(result: WithPanels, style: FigureStyle) -> tuple[Figure, tuple[str, ...]]:
-    """Draw `paper_figure`, and say which plots are left out of it.
+    """Draw `paper_figure`, and give the titles of the plots that have no room on the page.
 
-    What is taller than a page is laid out closer; its letters stay as large.
-
-    Parameters
-    ----------
-    result, style
-        As `paper_figure` has them.
-
-    Returns
-    -------
-    figure : matplotlib.figure.Figure
-        The figure.
-    left_out : tuple of str
-        Titles of the plots that have no room on the page.
-
-    Raises
-    ------
-    InputError
-        Where the result has no such picture or no such frame.
+    What is taller than a page is laid out closer; its letters stay as large. InputError where the
+    result has no such picture or no such frame.
     """
     make = getattr(result, "panels", None)
     if make is None:
@@ -277,17 +261,8 @@ def _draw_plots(part: SubFigure, layout: FigureLayout, letters: Any) -> None:
 
 
 def panel_of_plot(axes: Axes) -> str:
-    """Give the letter of a plot of a figure for a paper.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Axes of such a figure.
-
-    Returns
-    -------
-    str
-        Its letter; empty for a picture, a colour bar or a second scale.
+    """The letter of a plot of a figure for a paper; empty for a picture, colour bar or second
+    scale.
     """
     name = axes.get_gid() or ""
     return name.removeprefix(_PLOT) if name.startswith(_PLOT) else ""

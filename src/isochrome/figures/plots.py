@@ -17,18 +17,7 @@ if TYPE_CHECKING:
 
 
 def given_axes(axes: Axes | None) -> Axes:
-    """Give the Axes that a plot is drawn on: the caller's, or those of a new figure.
-
-    Parameters
-    ----------
-    axes : Axes or None
-        The caller's; None for a new figure of matplotlib.pyplot, which a notebook shows.
-
-    Returns
-    -------
-    Axes
-        The Axes.
-    """
+    """The caller's Axes, or those of a new figure of matplotlib.pyplot, which a notebook shows."""
     if axes is not None:
         return axes
     from matplotlib import pyplot
@@ -38,24 +27,7 @@ def given_axes(axes: Axes | None) -> Axes:
 
 
 def place_of_image(image: Any, pixel_mm: float | None, left_mm: float, top_mm: float) -> Place:
-    """Give the place of an image: as its coordinates z_mm and x_mm say, or as it is given.
-
-    Parameters
-    ----------
-    image : array_like
-        The image; an xarray.DataArray may have coordinates.
-    pixel_mm : float or None
-        Side of a pixel, mm, where the coordinates say nothing.
-    left_mm : float
-        Outer edge of the first column, mm.
-    top_mm : float
-        Outer edge of the first row, mm.
-
-    Returns
-    -------
-    Place
-        Keywords of `show_image`.
-    """
+    """The place of an image: as its coordinates z_mm and x_mm say, or as it is given."""
     coords = getattr(image, "coords", {})
     if pixel_mm is None and "x_mm" in coords and "z_mm" in coords:
         x, z = (np.asarray(coords[name], dtype=float) for name in ("x_mm", "z_mm"))

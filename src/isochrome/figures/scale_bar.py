@@ -15,35 +15,13 @@ _SHARE = 0.3
 
 
 def bar_length_mm(width_mm: float) -> float:
-    """Give the length of a scale bar: 1, 2 or 5 times a power of ten.
-
-    Parameters
-    ----------
-    width_mm : float
-        What the picture's width stands for, mm.
-
-    Returns
-    -------
-    float
-        Length, mm, at most three tenths of the width.
-    """
+    """Length of a scale bar: 1, 2 or 5 times a power of ten, at most 0.3 of the picture's width."""
     decade = 10.0 ** math.floor(math.log10(_SHARE * width_mm))
     return decade * max(s for s in (1.0, 2.0, 5.0) if s * decade <= _SHARE * width_mm * 1.000001)
 
 
 def bar_label(length_mm: float) -> str:
-    """Give the words at a scale bar.
-
-    Parameters
-    ----------
-    length_mm : float
-        Its length, mm.
-
-    Returns
-    -------
-    str
-        The length in mm, or in µm below a tenth of that.
-    """
+    """The words at a scale bar: its length in mm, or in µm below a tenth of that."""
     return f"{length_mm:g} mm" if length_mm >= 0.1 else f"{1000.0 * length_mm:g} µm"
 
 
@@ -51,11 +29,6 @@ def add_scale_bar(axes: Axes) -> None:
     """Draw a scale bar on a picture in mm, on a white ground that shows on any picture.
 
     A picture in pixels gets none.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Where `show_image` has drawn it.
     """
     from matplotlib.font_manager import FontProperties
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar

@@ -61,43 +61,15 @@ _HATCH_COLOUR = "#c4c4c4"
 
 
 class Place(TypedDict):
-    """Where an image lies: keywords of `show_image`.
+    """Where an image lies: keywords of `show_image`."""
 
-    Attributes
-    ----------
-    pixel_mm : float or None
-        Edge of a square pixel, mm; None where it is not known.
-    left_mm : float
-        Outer edge of the first column, mm.
-    top_mm : float
-        Outer edge of the first row, mm.
-    """
-
-    pixel_mm: float | None
-    left_mm: float
-    top_mm: float
+    pixel_mm: float | None  # None: not known
+    left_mm: float  # outer edge of the first column
+    top_mm: float  # outer edge of the first row
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """Make an empty white figure with constrained layout.
-
-    Parameters
-    ----------
-    width_in : float
-        Width, inches.
-    height_in : float
-        Height, inches.
-
-    Returns
-    -------
-    Figure
-        On an Agg canvas; `isochrome.output.write_figure` saves it.
-
-    Raises
-    ------
-    InputError
-        Where a side is not above zero.
-    """
+    """An empty white figure with constrained layout, on an Agg canvas, for `write_figure`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -109,20 +81,9 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str = "") -> None:
-    """Give one pair of axes the program's fonts, ticks and labels.
+    """Give one pair of axes, of a plot or an image, the program's fonts, ticks and labels.
 
-    It serves plots as well as images.
-
-    Parameters
-    ----------
-    axes : Axes
-        The axes to style.
-    x_label : str, default ''
-        The horizontal quantity with its unit in brackets; empty: the label that is there stays.
-    z_label : str, default ''
-        The vertical quantity, in the same way.
-    title : str, default ''
-        Title at the left; empty: none is set.
+    A label is a quantity with its unit in brackets; an empty one stays as it is.
     """
     axes.tick_params(labelsize=TICK_PT, length=3, width=FINE_PT)
     axes.set_xlabel(x_label or axes.get_xlabel(), fontsize=TEXT_PT)
@@ -134,47 +95,18 @@ def style_axes(axes: Axes, *, x_label: str = "", z_label: str = "", title: str =
 
 
 def write_head(figure: Figure | SubFigure, text: str) -> None:
-    """Write what a figure shows above it.
-
-    Parameters
-    ----------
-    figure : Figure or SubFigure
-        The figure, or a part that has a head of its own.
-    text : str
-        One line, or a few.
-    """
+    """Write what a figure, or a part that has a head of its own, shows above it."""
     figure.suptitle(text, fontsize=HEAD_PT)
 
 
 def add_legend(holder: Axes | Figure | SubFigure, *entries: Any, **where: Any) -> None:
-    """Add a legend without a frame.
-
-    Parameters
-    ----------
-    holder : Axes, Figure or SubFigure
-        What gets it.
-    *entries : Any
-        Lines and their names, as `Axes.legend` takes them; by default all that have a label.
-    **where : Any
-        Keywords of `Axes.legend`: where it stands.
-    """
+    """Add a legend without a frame; entries and keywords as `Axes.legend` takes them."""
     holder.legend(*entries, frameon=False, fontsize=NOTE_PT, **where)
 
 
 def plain_name(name: str, longest: int = LONGEST_NAME) -> str:
-    """Write a file's name as a title may hold it: in one line, not too long, and no formula.
-
-    Parameters
-    ----------
-    name : str
-        The name.
-    longest : int, default 48
-        Letters that there is room for.
-
-    Returns
-    -------
-    str
-        The name; where it is too long, without its middle.
+    """A file's name as a title may hold it: in one line, no formula, and if long without its
+    middle.
     """
     line, half = " ".join(name.splitlines()), (longest - 1) // 2
     short = line if len(line) <= longest else f"{line[:half]}…{line[-half:]}"
@@ -194,42 +126,11 @@ def show_image(
     title: str = "",
     colour_label: str = "",
 ) -> AxesImage:
-    """Draw an image at true proportions: x to the right, z down, in mm or in pixels.
+    """Draw an image at true proportions: x to the right, z down, in mm, or px without a scale.
 
-    NaN is left out, and the hatched light grey behind shows.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    image : array_like of shape (row, col) or (row, col, 3)
-        Values, or colours: 0 or `vmin` is black and 1 or `vmax` full light.
-    pixel_mm : float, optional
-        Edge of a square pixel, mm; without it the axes count pixels.
-    left_mm : float, default 0.0
-        Outer edge of the first column, mm.
-    top_mm : float, default 0.0
-        Outer edge of the first row, mm.
-    cmap : str, default 'viridis'
-        Matplotlib's name of the colour map.
-    vmin : float, optional
-        Lower bound of the colours; by default the smallest finite value.
-    vmax : float, optional
-        Upper bound of the colours; by default the largest finite value.
-    title : str, default ''
-        Title of the axes.
-    colour_label : str, default ''
-        Label, with its unit, of a colour bar; empty: there is none.
-
-    Returns
-    -------
-    AxesImage
-        The drawn image.
-
-    Raises
-    ------
-    InputError
-        Where the image has another shape.
+    (row, col) values or (row, col, 3) colours, where 0 or `vmin` is black and 1 or `vmax` full
+    light; by default the finite values' range. NaN is left out, and the hatched light grey behind
+    shows. `left_mm`, `top_mm`: outer edges. A colour bar is drawn where it has a label.
     """
     values = np.asarray(image)
     if values.dtype != np.float32:  # as maps are, of which a picture shows many
@@ -260,21 +161,7 @@ def show_image(
 
 
 def draw_line(axes: Axes, rows: np.ndarray, cols: np.ndarray, place: Place, **look: Any) -> None:
-    """Draw a line over an image that `show_image` has drawn at the same place.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where the image was drawn.
-    rows : ndarray of shape (n,)
-        Rows of the line's points, pixels.
-    cols : ndarray of shape (n,)
-        Columns of the line's points, pixels.
-    place : Place
-        Where the image lies.
-    **look : Any
-        Keywords of `Axes.plot`.
-    """
+    """Draw a line of points in px over an image that `show_image` has drawn at the same place."""
     x, z, pixel = cols, rows, place["pixel_mm"]
     if pixel:
         x, z = place["left_mm"] + pixel * (x + 0.5), place["top_mm"] + pixel * (z + 0.5)
@@ -296,26 +183,11 @@ def add_colour_bar(
     length: float = 1.0,
     is_as_high: bool = False,
 ) -> Colorbar:
-    """Add a colour bar beside the axes of one or several images.
+    """Add a colour bar beside the axes of one image, or of several with the same colours.
 
-    Its ends are pointed where values of any of the images lie beyond the colours.
-
-    Parameters
-    ----------
-    drawn : AxesImage or list of AxesImage
-        One image, or several that have the same colours and share the bar.
-    label : str
-        Quantity and unit.
-    length : float, default 1.0
-        Share of the axes' common height.
-    is_as_high : bool, default False
-        Of one image, in a figure that lays itself out: whether the bar is as high as the picture,
-        which need not fill its place.
-
-    Returns
-    -------
-    Colorbar
-        The bar.
+    Its ends are pointed where values of any of the images lie beyond the colours. `length`: share
+    of the axes' common height; `is_as_high`: of one image, as high as the picture, which need not
+    fill its place, in a figure that lays itself out.
     """
     images = drawn if isinstance(drawn, list) else [drawn]
     low, high = images[0].get_clim()
@@ -340,19 +212,10 @@ def add_colour_bar(
 
 
 def centred_limit(*differences: ArrayLike, percentile: float = 99.0) -> float:
-    """Find a symmetric colour limit for difference images: a round number, never zero.
+    """A symmetric colour limit for difference images: 1, 1.5, 2, 3, 5 or 7 times a power of ten.
 
-    Parameters
-    ----------
-    *differences : array_like
-        Images of any shape; NaN does not count.
-    percentile : float, default 99.0
-        Percentile of |difference| over all images that is rounded up, in per cent.
-
-    Returns
-    -------
-    float
-        1, 1.5, 2, 3, 5 or 7 times a power of ten; 1.0 where nothing is finite or all is zero.
+    It is the percentile of |difference| over all, NaN apart, rounded up; 1.0 where nothing is
+    finite or all is zero.
     """
     parts = [np.abs(np.asarray(each, dtype=float)).ravel() for each in differences]
     values = np.concatenate([part[np.isfinite(part)] for part in parts] or [np.zeros(0)])

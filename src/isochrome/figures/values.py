@@ -62,19 +62,9 @@ _FEW = 40
 
 
 def frame_axis(found: FrameValues) -> tuple[Array, str]:
-    """Say where frames stand on an axis: at their distances where they have several.
+    """Where frames stand on an axis, and its label: at their distances (m) where they have several.
 
-    Parameters
-    ----------
-    found : FrameValues
-        The values of all frames.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        The distances (m), NaN for a frame that stands still among those that slide; else numbers.
-    str
-        The axis' label.
+    NaN for a frame that stands still among those that slide; else numbers.
     """
     known = found.distance_m[np.isfinite(found.distance_m)]
     if known.size and np.ptp(known) > 0.0:
@@ -86,23 +76,7 @@ def draw_band(
     axis: Axes, x: Array, values: Array, spread: Array, *, colour: Any = LINE_COLOURS[0],
     **line: Any,
 ) -> None:  # fmt: skip
-    """Draw values with a band of two standard uncertainties to either side.
-
-    Parameters
-    ----------
-    axis : Axes
-        Where to draw.
-    x : ndarray of shape (n,)
-        Places on the horizontal axis.
-    values : ndarray of shape (n,)
-        The values.
-    spread : ndarray of shape (n,)
-        Their standard uncertainties; where one is not finite, there is no band.
-    colour : Any, default LINE_COLOURS[0]
-        Colour of line and band.
-    **line : Any
-        Keywords of `Axes.plot`: how the line looks.
-    """
+    """Draw values with a band of two standard uncertainties to either side, where it is finite."""
     band = BAND * np.where(np.isfinite(spread), spread, np.nan)
     axis.fill_between(x, values - band, values + band, color=colour, alpha=0.3, lw=0)
     axis.plot(x, values, color=colour, **line)
@@ -113,15 +87,6 @@ def draw_values(axis: Axes, found: FrameValues, key: str) -> None:
 
     Frames that stand still are squares at the distance 0, key frames dots, and frames found by a
     full search circles.
-
-    Parameters
-    ----------
-    axis : Axes
-        Where to draw.
-    found : FrameValues
-        The values of all frames.
-    key : str
-        One of its keys.
     """
     j = found.keys.index(key)
     values, spread = found.values[:, j], found.standard_uncertainty[:, j]
@@ -157,15 +122,7 @@ def _mark(axis: Axes, found: FrameValues, place: Array, values: Array) -> None:
 
 
 def draw_chi(axis: Axes, found: FrameValues) -> None:
-    """Draw chi over the frames, or the distance.
-
-    Parameters
-    ----------
-    axis : Axes
-        Where to draw.
-    found : FrameValues
-        The values of all frames.
-    """
+    """Draw chi over the frames, or the distance."""
     place, across = frame_axis(found)
     thin = slice(None, None, -(-len(place) // _POINTS))
     axis.plot(place[thin], found.chi[thin], color=GREY, lw=LINE_PT)
@@ -174,15 +131,7 @@ def draw_chi(axis: Axes, found: FrameValues) -> None:
 
 
 def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
-    """Draw each key with its band, and below them chi, on an empty figure.
-
-    Parameters
-    ----------
-    figure : Figure or SubFigure
-        Where to draw.
-    found : FrameValues
-        The values of all frames.
-    """
+    """Draw each key with its band, and below them chi, on an empty figure."""
     count = len(found.keys) + 1
     axes: list[Any] = list(figure.subplots(count, 1, sharex=True, squeeze=False).flat)
     for axis, key in zip(axes, found.keys, strict=False):
@@ -196,20 +145,7 @@ def draw_frame_values(figure: Figure | SubFigure, found: FrameValues) -> None:
 
 
 def frame_values_figure(name: str, found: FrameValues) -> Figure:
-    """Draw `draw_frame_values` as a picture of its own.
-
-    Parameters
-    ----------
-    name : str
-        Name of the scene.
-    found : FrameValues
-        The values of all frames.
-
-    Returns
-    -------
-    Figure
-        A panel a key, and one for chi.
-    """
+    """Draw `draw_frame_values` as a picture of its own."""
     figure = new_figure(9.0, PANEL_IN * (len(found.keys) + 1) + 0.8)
     draw_frame_values(figure, found)
     write_head(figure, f"{plain_name(name)}: tracked {figure.get_suptitle()}")
@@ -217,22 +153,10 @@ def frame_values_figure(name: str, found: FrameValues) -> Figure:
 
 
 def budget_plot(title: str, parts: Mapping[str, float], *, unit: str) -> Plot:
-    """Make `draw_budget` a plot of a figure for a paper, high enough for its bars.
+    """`draw_budget` as a plot of a figure for a paper, high enough for its bars.
 
-    Parameters
-    ----------
-    title : str
-        Title.
-    parts : mapping of str to float
-        What each input adds.
-    unit : str
-        Unit of the contributions; small ones are drawn in a power of ten of it, for Matplotlib's
-        own would stand in the label's place.
-
-    Returns
-    -------
-    Plot
-        The plot.
+    Small contributions are drawn in a power of ten of the unit, for Matplotlib's own would stand in
+    the label's place.
     """
     shown = _shown_parts(parts)
     tall = max(30.0, 5.0 * (len(shown) + 1))
@@ -252,16 +176,7 @@ def _shown_parts(parts: Mapping[str, float]) -> dict[str, float]:
 def draw_budget(axes: Axes, parts: Mapping[str, float], *, x_label: str, title: str) -> None:
     """Draw an uncertainty budget as bars, the first on top, each with its share.
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Where to draw.
-    parts : mapping of str to float
-        What each input adds, as a standard uncertainty; none is drawn for those that add nothing.
-    x_label : str
-        Label of the contributions.
-    title : str
-        Title.
+    Each input adds a standard uncertainty; none is drawn for those that add nothing.
     """
     items = _shown_parts(parts)
     names, sizes = list(items)[::-1], list(items.values())[::-1]

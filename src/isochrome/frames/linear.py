@@ -25,18 +25,10 @@ MIN_CONTRAST = 0.05
 
 @dataclass(frozen=True)
 class Linear:
-    """Light as a fraction of full scale.
+    """Light (row, col) as a fraction of full scale."""
 
-    Parameters
-    ----------
-    image : ndarray of shape (row, col)
-        The light, float32, also where it is not valid.
-    valid : ndarray of shape (row, col)
-        True = trusted: not saturated, dead, hot or non-finite, and on the specimen.
-    """
-
-    image: np.ndarray
-    valid: Mask
+    image: np.ndarray  # float32, also where it is not valid
+    valid: Mask  # not saturated, dead, hot or non-finite, and on the specimen
 
 
 def to_linear(
@@ -48,36 +40,12 @@ def to_linear(
     allow_blank: bool = False,
     mask: Mask | None = None,
 ) -> Linear:
-    """Convert raw grey levels to light as a fraction of full scale.
+    """Raw grey levels as light, a fraction of full scale: (raw / (2^bit_depth - 1))^gamma.
 
-    linear = (raw / (2^bit_depth - 1))^gamma, for a camera that stored raw = linear^(1 / gamma):
-    gamma = 1 for a linear one, about 2.2 for one with the usual (sRGB-like) tone curve.
-
-    Parameters
-    ----------
-    image : Frame or ndarray of shape (row, col)
-        A captured frame with its name and mask, or its raw grey levels alone.
-    bit_depth : int or None
-        Bits of the sensor; None for float frames that are fractions already.
-    gamma : float, default 1.0
-        Exponent of the tone curve.
-    name : str, optional
-        Name for messages; by default the Frame's own.
-    allow_blank : bool, default False
-        Whether a constant frame is right, as an ideal no-load one is.
-    mask : ndarray of shape (row, col), optional
-        True on the specimen; a Frame's own takes its place.
-
-    Returns
-    -------
-    Linear
-        The light and the pixels that can be trusted.
-
-    Raises
-    ------
-    InputError
-        Where the frame is constant (all black, all white), has no finite pixel, is out of range, or
-        is not of the mask's size.
+    That is of a camera that stored raw = linear^(1 / gamma): 1 for a linear one, about 2.2 for the
+    usual (sRGB-like) tone curve. `bit_depth` None: fractions already; `allow_blank`: a constant
+    frame is right, as an ideal no-load one is; a Frame's own mask and name go first. InputError
+    where it is constant, without a finite pixel, out of range, or not of the mask's size.
     """
     if isinstance(image, Frame):
         name, mask, image = name or image.name, image.mask, image.image
@@ -117,22 +85,10 @@ def to_linear(
 def find_outliers(image: np.ndarray, finite: Mask | None = None) -> Mask:
     """Find dead and hot pixels: those far outside the range of the eight around them.
 
-    A pixel is an outlier when it exceeds the second largest of its neighbours (or falls below the
-    second smallest) by 8 noise sigmas and by their whole spread. A fringe, however fine, has
-    neighbours as bright as itself along its length, and is left alone; one odd pixel and a pair
-    are found; larger flaws, and those in the outermost rows and columns, are not.
-
-    Parameters
-    ----------
-    image : ndarray of shape (row, col)
-        Raw grey levels.
-    finite : ndarray of shape (row, col), optional
-        True where the image holds numbers.
-
-    Returns
-    -------
-    ndarray of shape (row, col)
-        True where a pixel is dead or hot.
+    An outlier exceeds the second largest of its neighbours (or falls below the second smallest) by
+    8 noise sigmas and by their whole spread. A fringe, however fine, has neighbours as bright as
+    itself along its length, and is left alone; one odd pixel and a pair are found; larger flaws,
+    and those in the outermost rows and columns, are not.
     """
     import cv2
 
@@ -200,50 +156,22 @@ def _middle_of_bytes(levels: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Normalised:
-    """A fringe signal and what it was made with, all (row, col) float32.
+    """A fringe signal and what it was made with, all (row, col) float32."""
 
-    Parameters
-    ----------
-    signal : ndarray of shape (row, col)
-        The signal s, nominally 0 to 1; noise may pass the ends; NaN where it is not valid.
-    valid : ndarray of shape (row, col)
-        True = trusted.
-    background : ndarray of shape (row, col)
-        Background D as a fraction of full scale.
-    contrast : ndarray of shape (row, col)
-        Contrast B - D as a fraction of full scale, so that the signal's sigma is that of the light
-        over it.
-    """
-
-    signal: np.ndarray
+    signal: np.ndarray  # nominally 0 to 1, noise may pass the ends; NaN where not valid
     valid: Mask
-    background: np.ndarray
+    background: np.ndarray  # D, a fraction of full scale
+    # B - D, a fraction of full scale: the signal's sigma is the light's over it
     contrast: np.ndarray
 
 
 def normalise(
     image: Linear | np.ndarray, dark: Linear | np.ndarray, bright: Linear | np.ndarray
 ) -> Normalised:
-    """Take background and illumination out of a frame: s = (I - D) / (B - D).
+    """Take background and illumination out of a frame: s = (I - D) / (B - D), all linear light.
 
-    Parameters
-    ----------
-    image : Linear or ndarray of shape (row, col)
-        The light I, from `to_linear`.
-    dark : Linear or ndarray of shape (row, col)
-        The unloaded specimen in the dark field, D, also linear, or what stands for it.
-    bright : Linear or ndarray of shape (row, col)
-        The same in the bright field, B.
-
-    Returns
-    -------
-    Normalised
-        The signal and what it was made with.
-
-    Raises
-    ------
-    InputError
-        Where the sizes differ or nothing has contrast.
+    D is the unloaded specimen in the dark field, or what stands for it, B the same in the bright
+    field. InputError where the sizes differ or nothing has contrast.
     """
     light, valid = _parts(image)
     low, low_valid = _parts(dark)

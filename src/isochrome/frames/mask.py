@@ -36,28 +36,10 @@ class WithFrames(Protocol):
 
 
 def load_mask(scene: WithFrames, shape: tuple[int, int], full_shape: tuple[int, int]) -> Mask:
-    """Load the specimen's pixels, by frames.mask, frames.polygon_px and closed free boundaries.
+    """The specimen's pixels, inside frames.mask, frames.polygon_px and closed free boundaries.
 
-    They lie inside all that are given.
-
-    Parameters
-    ----------
-    scene : WithFrames
-        A scene, or a calibration set.
-    shape : tuple of int
-        Size of the region of interest, (rows, cols).
-    full_shape : tuple of int
-        Size of the frame before it, (rows, cols).
-
-    Returns
-    -------
-    ndarray of shape (row, col)
-        True = specimen, of the size `shape`; all True where the scene names none.
-
-    Raises
-    ------
-    InputError
-        Where the file is missing, of neither size, a picture, or leaves no pixel.
+    True = specimen, of the roi's size `shape`; all True where the scene names none. InputError
+    where the file is missing, a picture, of neither size, or leaves no pixel.
     """
     inside = np.ones(shape, dtype=bool)
     frames = scene.frames

@@ -17,26 +17,11 @@ from isochrome.scene import ArrayFrames, Scene
 def load_no_load(
     scene: Scene, *, full_shape: tuple[int, int] | None = None
 ) -> tuple[Linear | None, Linear | None]:
-    """Read the scene's no-load frames as light, with the same roi, channel, depth and gamma.
+    """The scene's dark and bright no-load frame as light, None where it names none.
 
-    A stack is averaged.
-
-    Parameters
-    ----------
-    scene : Scene
-        What stood in front of the camera.
-    full_shape : tuple of int, optional
-        Size of the captured frames before the roi, (rows, cols), to be compared with.
-
-    Returns
-    -------
-    tuple of Linear or None
-        The dark and the bright frame, None where the scene names none.
-
-    Raises
-    ------
-    InputError
-        Where a file cannot be read, is saturated all over, or is of another size.
+    With the same roi, channel, depth and gamma, stacks averaged; `full_shape` is the captured
+    frames' before the roi. InputError where a file cannot be read, is saturated all over, or is of
+    another size.
     """
     dark = _average(scene, scene.frames.no_load_dark, "no_load_dark", full_shape)
     bright = _average(scene, scene.frames.no_load_bright, "no_load_bright", full_shape)
@@ -49,25 +34,10 @@ def load_no_load(
 
 
 def open_no_load_steps(scene: Scene, full_shape: tuple[int, int]) -> FrameReader:
-    """Open the unloaded specimen's phase-stepped set.
+    """Open the unloaded specimen's phase-stepped set; `full_shape` is the frames' before the roi.
 
-    Parameters
-    ----------
-    scene : Scene
-        A scene with frames.no_load_steps.
-    full_shape : tuple of int
-        Size of the captured frames before the roi, (rows, cols).
-
-    Returns
-    -------
-    FrameReader
-        The set.
-
-    Raises
-    ------
-    InputError
-        Where the set cannot be read, holds another number of frames than there are steps, or frames
-        of another size.
+    InputError where it cannot be read, or has another number of frames than there are steps, or of
+    another size.
     """
     name, steps = scene.frames.no_load_steps, len(scene.polariscope.step)
     assert name is not None
@@ -118,17 +88,8 @@ def _average(
 
 
 def likely_no_load(names: Sequence[str]) -> dict[str, str]:
-    """Choose the no-load frames by the names of files, where they say so.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Files beside the frames.
-
-    Returns
-    -------
-    dict of str to str
-        The scene's key to a name, only where one file alone is called so.
+    """The no-load frames by the names of files: the scene's key to a name, where one alone is
+    called so.
     """
     found = {}
     for field in ("dark", "bright"):
@@ -139,17 +100,6 @@ def likely_no_load(names: Sequence[str]) -> dict[str, str]:
 
 
 def is_unloaded(name: str) -> bool:
-    """Say whether a file's name is that of a frame without load.
-
-    Parameters
-    ----------
-    name : str
-        The file's name.
-
-    Returns
-    -------
-    bool
-        Whether it says so.
-    """
+    """Whether a file's name says that it is a frame without load."""
     plain = name.lower().replace("_", "-").replace(" ", "-")
     return any(word in plain for word in ("no-load", "noload", "unloaded"))

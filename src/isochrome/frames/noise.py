@@ -32,20 +32,11 @@ _DECILE = 1.2816
 class NoiseModel:
     """Noise of a camera against grey level: variance = offset + slope level, floor at least.
 
-    The rounding to whole levels is part of it.
-
-    Parameters
-    ----------
-    offset : float
-        Variance at black, raw grey levels squared (of float frames: fractions of full scale
-        squared).
-    slope : float
-        Growth of the variance with the level.
-    floor : float
-        The least variance.
+    In raw grey levels squared (of float frames: fractions of full scale squared), with the rounding
+    to whole levels.
     """
 
-    offset: float
+    offset: float  # at black
     slope: float
     floor: float
 
@@ -77,48 +68,18 @@ class NoiseModel:
 
 
 def full_scale(bit_depth: int | None) -> float:
-    """Give the largest raw grey level, 2^bit_depth - 1.
-
-    Parameters
-    ----------
-    bit_depth : int or None
-        Bits of the sensor; None for float frames.
-
-    Returns
-    -------
-    float
-        The level; 1 for float frames without a bit depth.
-    """
+    """The largest raw grey level, 2^bit_depth - 1; 1 for float frames without a bit depth."""
     return 1.0 if bit_depth is None else float(2**bit_depth - 1)
 
 
 def estimate_noise(
     image: np.ndarray, valid: npt.NDArray[np.bool_] | None = None, *, bit_depth: int | None = None
 ) -> NoiseModel:
-    """Estimate a camera's noise from one raw frame, insensitive to its fringes.
+    """Estimate a camera's noise from one raw frame, before any gamma, insensitive to its fringes.
 
     Noise that is correlated between pixels (JPEG, lossy video, demosaicing) is underestimated; see
-    `noise_between_pixels`.
-
-    Parameters
-    ----------
-    image : ndarray of shape (row, col)
-        Raw grey levels before any gamma correction.
-    valid : ndarray of shape (row, col), optional
-        True where pixels count.
-    bit_depth : int, optional
-        Bits of the sensor, so that levels near black and white, where clipping hides noise, are
-        left out; by default those of an integer image's type.
-
-    Returns
-    -------
-    NoiseModel
-        The noise against grey level.
-
-    Raises
-    ------
-    InputError
-        Where the image is under 8 x 8 or has too few valid pixels.
+    `noise_between_pixels`. By the bit depth levels near black and white, where clipping hides
+    noise, are left out. InputError where it is under 8 x 8 or has too few valid pixels.
     """
     image = np.asarray(image)
     if image.ndim != 2 or min(image.shape) < 8:
@@ -204,37 +165,12 @@ def _fit_levels(residual: np.ndarray, level: np.ndarray) -> tuple[float, float]:
 def noise_between_pixels(
     image: np.ndarray, valid: npt.NDArray[np.bool_], model: NoiseModel
 ) -> float:
-    r"""How much noise a frame has over what its neighbouring pixels show of it.
+    """The factor on a frame's standard deviation of noise over what neighbouring pixels show of it.
 
-    A lossy file (JPEG, video) drops the fine part of the noise and keeps the coarse one, which
-    differences of neighbours do not see. Seen it is in the residual e of polynomials of degree 4
-    in squares of 13 pixels, wherever the light is as smooth as that.
-
-    Equation: max(1, q / q_white), q the lower decile over the squares of
-    (sum e² / (n - 15))^(1/2) / sigma, and q_white = 1 - 1.28 (2 (n - 15))^(-1/2) that of white
-    noise, n = 169.
-
-    Parameters
-    ----------
-    image : ndarray of shape (row, col)
-        Raw grey levels.
-    valid : ndarray of shape (row, col)
-        True where pixels count.
-    model : NoiseModel
-        The noise that neighbouring pixels show, of `estimate_noise`.
-
-    Returns
-    -------
-    float
-        The factor on the noise's standard deviation; 1 where too little of the frame is whole.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> white = 100.0 + 2.0 * rng.standard_normal((200, 300))
-    >>> everywhere = np.ones(white.shape, dtype=bool)
-    >>> noise_between_pixels(white, everywhere, estimate_noise(white)) < 1.02
-    True
+    A lossy file drops the fine part of the noise and keeps the coarse one: it is in the residual e
+    of polynomials of degree 4 in squares of 13 pixels, n = 169, wherever the light is that smooth.
+    max(1, q / q_white), q the lower decile of (sum e² / (n - 15))^(1/2) / sigma, and q_white = 1 -
+    1.28 (2 (n - 15))^(-1/2), white noise's; 1 where too little of the frame is whole.
     """
     if min(image.shape) < _SQUARE:
         return 1.0

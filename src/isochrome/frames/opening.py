@@ -118,28 +118,9 @@ def open_scene_frames(
 ) -> FrameReader:
     """Open captured frames as a scene says: its roi, channel, wavelength, bit depth and mask.
 
-    Of a folder, files that the scene names, such as its no-load frames, are no frames.
-
-    Parameters
-    ----------
-    path : str, Path, sequence of them, array or sequence of arrays
-        The frames, as for `open_frames`.
-    scene : Scene
-        What stood in front of the camera.
-    masked : bool, default True
-        Whether frames carry the specimen's mask; False for no-load frames.
-    any_scale : bool, default False
-        Whether a file that names another pixel size than the scene is opened too.
-
-    Returns
-    -------
-    FrameReader
-        Streams frames (row, col) of raw grey levels; also a context manager.
-
-    Raises
-    ------
-    InputError
-        Where the frames cannot be read, or do not fit the scene.
+    Of a folder, files that the scene names, such as its no-load frames, are no frames. `masked` is
+    False for no-load frames; with `any_scale` a file may name another pixel size than the scene.
+    InputError where frames cannot be read, or do not fit the scene.
     """
     reader = open_frames(
         path,
@@ -160,35 +141,14 @@ def open_scene_frames(
 
 
 def input_files(reader: FrameReader, scene: Scene) -> list[Path | ArrayFrames]:
-    """List the captured files and those that the scene names, in order.
-
-    Parameters
-    ----------
-    reader : FrameReader
-        The captured frames.
-    scene : Scene
-        What stood in front of the camera.
-
-    Returns
-    -------
-    list of Path or ArrayFrames
-        The files, and arrays in place of files, that results depend on.
-    """
+    """The files, or arrays in their place, that results depend on: captured, then the scene's."""
     return [*reader.files, *scene.files(of_frames=True)]
 
 
 def named_files(scene: Scene) -> list[Path]:
-    """List the files that a scene names, which are no frames of the folder in which they lie.
+    """Files that a scene names, which are no frames of their folder: no-load frames, mask, tables.
 
-    Parameters
-    ----------
-    scene : Scene
-        What stood in front of the camera.
-
-    Returns
-    -------
-    list of Path
-        No-load frames, mask, tables; of a glob of no-load steps each file.
+    Of a glob of no-load steps it is each file.
     """
     named = [name for name in scene.files(of_frames=True) if isinstance(name, Path)]
     return [
@@ -199,20 +159,7 @@ def named_files(scene: Scene) -> list[Path]:
 
 
 def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
-    """Make frames and scene findable from any folder, as another machine stands in another.
-
-    Parameters
-    ----------
-    frames : str, Path, sequence of them, array or sequence of arrays
-        The frames, as for `open_frames`.
-    scene : Scene
-        What stood in front of the camera.
-
-    Returns
-    -------
-    tuple of FramesLike and Scene
-        The same with absolute paths.
-    """
+    """Frames and scene with absolute paths, as another machine stands in another folder."""
     found = frames_of(frames)
     if isinstance(found, str | Path):
         found = str(Path(found).absolute())
@@ -223,20 +170,7 @@ def absolute(frames: FramesLike, scene: Scene) -> tuple[FramesLike, Scene]:
 
 
 def check_scale(reader: FrameReader, camera: Camera | None) -> None:
-    """Refuse frames whose file names another pixel size than the camera that they are read for.
-
-    Parameters
-    ----------
-    reader : FrameReader
-        The frames.
-    camera : Camera or None
-        A scene's camera, or a calibration set's.
-
-    Raises
-    ------
-    InputError
-        Where the sizes differ by more than 0.5 %.
-    """
+    """Refuse frames whose file names another pixel size than their camera's, by more than 0.5 %."""
     ours, file = camera.pixel_mm if camera else None, reader.pixel_mm
     if ours and file and abs(file / ours - 1) > SCALE:
         raise InputError(
@@ -246,21 +180,9 @@ def check_scale(reader: FrameReader, camera: Camera | None) -> None:
 
 
 def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
-    """Give the scene the pixel size that the frames' file names, where it has none itself.
+    """The scene with the pixel size that the frames' file names, where it has none itself.
 
     A disc's or ring's is left open: its rim tells it better.
-
-    Parameters
-    ----------
-    scene : Scene
-        What stood in front of the camera.
-    reader : FrameReader
-        Its frames.
-
-    Returns
-    -------
-    Scene
-        With camera.pixel_mm; the same where there is nothing to take.
     """
     camera = scene.camera or Camera()
     if camera.pixel_mm is not None or reader.pixel_mm is None or scene.rim_diameter_mm:
@@ -271,18 +193,7 @@ def with_file_scale(scene: Scene, reader: FrameReader) -> Scene:
 
 
 def channel_for(wavelength_nm: float | None) -> Channel:
-    """Name the colour channel that sees a wavelength best.
-
-    Parameters
-    ----------
-    wavelength_nm : float or None
-        Wavelength of the light, nm; None where it is not known.
-
-    Returns
-    -------
-    {'red', 'green', 'blue'}
-        The channel; green where the wavelength is not known.
-    """
+    """The colour channel that sees a wavelength best; green where it is not known."""
     if wavelength_nm is None:
         return "green"
     return "blue" if wavelength_nm < 490 else "green" if wavelength_nm < 580 else "red"

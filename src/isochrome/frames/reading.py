@@ -214,11 +214,6 @@ class SequentialFrames:
 
     The file stays open as long as they come in order. It may be handed to other processes and
     shared by threads.
-
-    Parameters
-    ----------
-    reader : FrameReader
-        The frames.
     """
 
     def __init__(self, reader: FrameReader) -> None:

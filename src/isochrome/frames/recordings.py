@@ -16,29 +16,12 @@ from isochrome.frames.source import natural_key
 
 
 def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[FramesPath, ...]:
-    """List the recordings that files, folders and globs stand for, in order.
+    """The recordings that files, folders and globs stand for, in order, for `open_frames`.
 
-    A folder is a recording. Videos and TIFF stacks are a recording each; images that are one to a
-    file are one recording together. No video is decoded to tell. Globs are put in natural order
-    (part2 before part10), and so are several names in the alphabet's order, as a shell makes them
-    of a glob; others stay in their own order.
-
-    Parameters
-    ----------
-    names : sequence of str or Path
-        Files, folders and globs.
-    join : bool, default False
-        Whether all files are parts of one recording.
-
-    Returns
-    -------
-    tuple of FramesPath
-        What `open_frames` takes, for each recording; a single name of one recording as it is.
-
-    Raises
-    ------
-    InputError
-        Where a name stands for nothing, or single images stand among recordings.
+    A folder, video or TIFF stack is one each, images one to a file are one together; no video is
+    decoded to tell. Globs are in natural order (part2 before part10), and so are names in the
+    alphabet's order, as a shell makes them of a glob; others stay. `join`: all are parts of one.
+    InputError where a name stands for nothing, or images stand among recordings.
     """
     if not names:
         raise InputError("no frames are named; name at least one file or folder")
@@ -75,24 +58,8 @@ def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[F
 
 
 def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:
-    """Give the one recording that names stand for.
-
-    Parameters
-    ----------
-    names : sequence of str or Path
-        Files, folders and globs, as for `recordings_of`.
-    join : bool, default False
-        Whether all files are parts of one recording.
-
-    Returns
-    -------
-    FramesPath
-        What `open_frames` takes.
-
-    Raises
-    ------
-    InputError
-        Where they stand for several recordings.
+    """The one recording that names stand for, see `recordings_of`; InputError where they are
+    several.
     """
     found = recordings_of(names, join=join)
     if len(found) > 1:

@@ -47,22 +47,9 @@ _NOISE, _FINE = 0.5, 1e-4
 def saturation_level(
     raw: np.ndarray, *, full: float, usable: npt.NDArray[np.bool_] | None = None
 ) -> float:
-    """Find the level from which a frame is clipped.
+    """The level from which a frame is clipped, its plateau's, at full scale or below, or infinite.
 
-    Parameters
-    ----------
-    raw : ndarray of shape (row, col)
-        Grey levels as stored.
-    full : float
-        The largest level that can be, of `full_scale`.
-    usable : ndarray of shape (row, col), optional
-        False where a pixel does not count, such as a hot one.
-
-    Returns
-    -------
-    float
-        The plateau's level, at full scale or below: pixels that reach it are saturated. Infinite
-        where the frame is not clipped.
+    A pixel that is not `usable`, such as a hot one, does not count.
     """
     image = np.asarray(raw)
     usable = np.isfinite(image) if usable is None else np.isfinite(image) & usable

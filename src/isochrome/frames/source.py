@@ -90,30 +90,25 @@ def next_time(before_s: float | None, last_s: float | None) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """What the head of a file tells, and how to read its frames.
-
-    `form` of the full frames; `sensor_bits` as the file names them; `frames(start)` yields the
-    frames from number `start` to the last, in order, and opens the file anew, so that no two
-    readers share an open one; `extent()` is certain: it decodes where heads are not to be trusted;
-    `listed()`, the same by packets in place of frames, which are held against it when they are read
-    (None: they cannot be); `begins(start)`, the frame that decoding begins with to come to `start`
-    (None: a video's first, else `start` itself); `files`, all that are read; `names`, of each frame
-    where each has a file; `claimed`, what an untrustworthy head says; `start_s`, the first frame's
-    own time stamp, from which times count; `lossy`, whether a video's codec may lose noise.
-    """
+    """What the head of a file tells, and how to read its frames."""
 
     kind: Kind
-    form: StoredForm
-    sensor_bits: int | None
+    form: StoredForm  # of the full frames
+    sensor_bits: int | None  # as the file names them
+    # from a number to the last, in order; opens the file anew, so that no two readers share one
     frames: Callable[[int], Generator[RawFrame]]
-    extent: Callable[[], Extent]
-    files: tuple[Path | ArrayFrames, ...]
-    names: tuple[str, ...] = ()
+    extent: Callable[[], Extent]  # certain: decodes where heads are not to be trusted
+    files: tuple[Path | ArrayFrames, ...]  # all that are read
+    names: tuple[str, ...] = ()  # of each frame where each has a file
     pixel_mm: float | None = None
-    claimed: int | None = None
-    lossy: bool = False
-    start_s: float | None = None
+    claimed: int | None = None  # what an untrustworthy head says
+    lossy: bool = False  # a video's codec may lose noise
+    start_s: float | None = None  # the first frame's own time stamp, from which times count
+    # `extent` by packets in place of frames, which are held against it when they are read (None:
+    # they cannot be)
     listed: Callable[[], Extent] | None = None
+    # the frame that decoding begins with to come to one (None: a video's first, else that one
+    # itself)
     begins: Callable[[int], int] | None = None
 
     def first_decoded(self, start: int) -> int:
@@ -159,42 +154,14 @@ def _mirrored(image: np.ndarray, flip: str | None) -> np.ndarray:
 
 
 def as_turned(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:
-    """Turn a picture, then mirror it.
-
-    Parameters
-    ----------
-    image : ndarray of shape (row, col) or (row, col, channel)
-        The picture as the camera saw it.
-    rotate_deg : int
-        Quarter turns, counter-clockwise as the picture is seen, degrees.
-    flip : {'horizontal', 'vertical'} or None
-        How it is mirrored then.
-
-    Returns
-    -------
-    ndarray
-        A view of it that lies so.
+    """A view of a picture (row, col[, channel]) turned by quarter turns, counter-clockwise, then
+    mirrored.
     """
     return _mirrored(np.rot90(image, rotate_deg // 90), flip)
 
 
 def as_captured(image: np.ndarray, rotate_deg: int, flip: str | None) -> np.ndarray:
-    """Lay a turned picture as the camera saw it.
-
-    Parameters
-    ----------
-    image : ndarray of shape (row, col) or (row, col, channel)
-        The picture, turned and mirrored.
-    rotate_deg : int
-        Its quarter turns, counter-clockwise, degrees.
-    flip : {'horizontal', 'vertical'} or None
-        How it was mirrored then.
-
-    Returns
-    -------
-    ndarray
-        The picture before that.
-    """
+    """A turned, then mirrored picture as the camera saw it."""
     return np.ascontiguousarray(np.rot90(_mirrored(image, flip), -(rotate_deg // 90)))
 
 

@@ -80,16 +80,12 @@ def balance(
     residual: Array | None = None,
     compatible: bool = True,
 ) -> Balance | None:
-    """The whole number of a part of the field by equilibrium and compatibility.
+    """The whole number m of a part of the field by equilibrium and compatibility, if they tell.
 
-    Equation: minimise Σ |∂²_z (turns e - n₀) + m ∂²_z e|² over m, e = exp 2iθ, weighted by the
-    noise and robustly, with the noise's own share taken off the sums, which would draw m to -turns.
-    Parameters: `turns` φ/2π (rows, cols), signed fringes; `direction` e (rows, cols), complex,
-    continuous; `inside`, True on the part; `spread` (rows, cols), the noise of e as standard
-    deviation of a pixel's 2θ (rad), independent from pixel to pixel; `residual` n₀ (rows, cols),
-    complex, known all over the part; `compatible`, False where turns e is itself a residual
-    stress's. Returns a Balance, None where the part is too small or the direction does not vary
-    enough to tell. Source: the module's.
+    Least Σ |∂²_z (turns e - n₀) + m ∂²_z e|², weighted by the noise and robustly, less the noise's
+    own share of the sums, which would draw m to -turns. `turns` φ/2π, signed; `direction` e = exp
+    2iθ, continuous; `spread`, a pixel's own deviation of 2θ (rad); `residual` n₀, all over the
+    part; not `compatible`: turns e is itself a residual stress's. Source: the module's.
     """
     share = block_means(inside.astype(float), _BLOCK)
     alone = turns * direction if residual is None else turns * direction - residual

@@ -56,25 +56,13 @@ _ERF_SCALE = 0.3275911
 
 @dataclass(frozen=True)
 class OrderReading:
-    """Fringe order of a frame.
-
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order, fringes; NaN where it cannot be known.
-    uncertainty : ndarray (rows, cols)
-        Standard uncertainty of the order, fringes: from the noise, the local misfit and light that
-        is not the fringes'.
-    confidence : ndarray (rows, cols)
-        Probability that the order is right to 0.05 fringe; 0 where it is not known.
-    kept : float
-        Share of the specimen's pixels that are known.
-    """
+    """Fringe order (rows, cols) of a frame, fringes; NaN where it cannot be known."""
 
     order: Array
+    # standard: from the noise, the local misfit and light that is not the fringes'
     uncertainty: Array
-    confidence: Array
-    kept: float
+    confidence: Array  # probability that the order is right to 0.05 fringe; 0: not known
+    kept: float  # share of the specimen's pixels that are known
 
 
 def read_order(
@@ -87,34 +75,12 @@ def read_order(
     sigma: Array,
     valid: Mask,
 ) -> OrderReading:
-    """Read the fringe order of each pixel on the branch of a fitted model.
+    """Read the fringe order of each pixel on the branch of a fitted model (NaN off the specimen).
 
-    A pixel is not known where it is masked, where the neighbourhood's noise and light that is not
-    the fringes' leave more than 0.03 fringe, where light and model disagree by over a tenth of the
-    contrast and twice the noise, where the reading leaves its branch, or where fringes are finer
-    than four pixels.
-
-    Parameters
-    ----------
-    light : ndarray (rows, cols)
-        The frame's light.
-    model_order : ndarray (rows, cols)
-        Order N of the model, fringes; NaN outside the specimen.
-    response : callable
-        From order to ideal signal, such as sin²(pi N).
-    illumination : ndarray (rows, cols)
-        Illumination A, in the light's unit.
-    background : ndarray (rows, cols)
-        Background C, in the light's unit.
-    sigma : ndarray (rows, cols)
-        Noise of the light, in its unit.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-
-    Returns
-    -------
-    OrderReading
-        The order and how well it is known.
+    Not known: masked; over 0.03 fringe from the neighbourhood's noise and light that is not the
+    fringes'; light and model apart by over a tenth of the contrast and twice the noise; a reading
+    that leaves its branch; fringes finer than four pixels. `response`: from order to ideal signal,
+    such as sin²(pi N); illumination A, background C and sigma are in the light's unit.
     """
     material = np.isfinite(model_order)
     model, noise, amplitude = (
@@ -288,21 +254,9 @@ def moved_by_light(order: Array, error: Array) -> Array:
 def widened(reading: OrderReading, error: Array) -> OrderReading:
     """Widen a reading by errors of the signal that pooling does not average out.
 
-    An error e of the signal moves the order by e/(pi sin 2 pi N); pooled over a patch as the
-    reading is, by sum(w |sin| e)/(pi sum(w sin²)). On a crest, where the sine is nought, the order
-    moves by no more than sqrt(e)/pi. A pixel of more than 0.03 fringe is not known.
-
-    Parameters
-    ----------
-    reading : OrderReading
-        The reading.
-    error : ndarray (rows, cols)
-        Standard uncertainty e of the signal, such as `BackgroundModulation.signal_uncertainty`.
-
-    Returns
-    -------
-    OrderReading
-        The reading, as uncertain as the errors leave it.
+    A standard error e of it moves the order by e/(pi sin 2 pi N); pooled over a patch as the
+    reading is, by sum(w |sin| e)/(pi sum(w sin²)). On a crest, where the sine is nought, it is no
+    more than sqrt(e)/pi. A pixel of more than 0.03 fringe is not known.
     """
     known = np.isfinite(reading.order)
     order = np.where(known, reading.order, 0.0)

@@ -1,7 +1,17 @@
 """Fringe skeletons: the centre lines of dark and bright fringes, to a fraction of a pixel.
 
-Two roads: from an image signal alone, without a model (`skeletons`), and from a known map of
-the fringe order (`order_contours`). Positions are (row, col) of pixel centres, dark field.
+Two roads: from an image signal alone, without a model (`skeletons`), and from a known map of the
+fringe order (`order_contours`). Positions are (row, col) of pixel centres, dark field.
+
+From an image, the signal f is smoothed with a Gaussian G, sharpened against the shift that
+smoothing gives to curved and unevenly spaced fringes, g = G * (f - sigma²/2 ∇²f). With n the
+eigenvector of the Hessian H of g for the larger |eigenvalue|, the line passes the pixel at the
+offset t n, t = -(n·∇g) / (nᵀ H n), and is kept where it falls inside the pixel. A line must
+somewhere reach a sigma² |nᵀHn| of 10 deviations of the image's own noise; it is followed down to
+half of that. A second pass with three times the sigma, and 6 deviations, adds the wide fringes,
+away from the lines of the first. Lines under 12 px, or three times the sigma, are dropped. Dark
+lines lie below, bright ones above the middle of the signal's range. Source: Steger (1998), An
+unbiased detector of curvilinear structures, IEEE TPAMI 20(2).
 """
 
 from __future__ import annotations
@@ -34,57 +44,20 @@ _SHORTEST_PX = 12
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """One centre line of a fringe: its points in order.
+    """One centre line of a fringe, its n points in order, in px counted at pixel centres."""
 
-    Parameters
-    ----------
-    kind : {'dark', 'bright'}
-        What a dark field shows on the line.
-    rows : ndarray (n,)
-        Rows of the points (px), counted at pixel centres.
-    cols : ndarray (n,)
-        Columns of the points (px).
-    order : float, optional
-        Fringe order on the line; None where it is not known.
-    """
-
-    kind: Kind
+    kind: Kind  # what a dark field shows on the line
     rows: Floats
     cols: Floats
-    order: float | None = None
+    order: float | None = None  # None: not known
 
 
 def skeletons(signal: ArrayLike, *, sigma_px: float = 2.0) -> list[Skeleton]:
-    """Find the centre lines of dark and bright fringes in an image, without a model.
+    """Centre lines of dark and bright fringes in a normalised dark field, longest first.
 
-    The signal f is smoothed with a Gaussian G, sharpened against the shift that smoothing gives to
-    curved and unevenly spaced fringes, g = G * (f - sigma²/2 ∇²f). With n the eigenvector of the
-    Hessian H of g for the larger |eigenvalue|, the line passes the pixel at the offset t n,
-    t = -(n·∇g) / (nᵀ H n), and is kept where it falls inside the pixel. A line must somewhere reach
-    a sigma² |nᵀHn| of 10 deviations of the image's own noise; it is followed down to half of that.
-    A second pass with three times the sigma, and 6 deviations, adds the wide fringes, away from the
-    lines of the first. Lines under 12 px, or three times the sigma, are dropped. Dark lines lie
-    below, bright ones above the middle of the signal's range. Where the order turns back between n
-    and n + 1/2 the image has a crest that is no order line; it is returned too, as no image alone
-    can tell. Source: Steger (1998), An unbiased detector of curvilinear structures, IEEE TPAMI
-    20(2).
-
-    Parameters
-    ----------
-    signal : array_like (rows, cols)
-        Normalised dark field, about 0..1; NaN = not known.
-    sigma_px : float, default 2.0
-        Width of G (px); fringes closer than about 4 sigma_px are lost.
-
-    Returns
-    -------
-    list of Skeleton
-        The lines, longest first.
-
-    Raises
-    ------
-    InputError
-        Where the image is not 2-D or too small.
+    For the method see the module; fringes closer than about 4 sigma_px are lost, NaN is not known.
+    Where the order turns back between n and n + 1/2 the image has a crest that is no order line; it
+    is returned too, as no image alone can tell. InputError where it is not 2-D or too small.
     """
     image = np.asarray(signal, dtype=np.float64)
     if not sigma_px >= 0.7:
@@ -112,30 +85,12 @@ def skeletons(signal: ArrayLike, *, sigma_px: float = 2.0) -> list[Skeleton]:
 def order_contours(
     order: ArrayLike, levels: Iterable[float] | None = None, *, min_length_px: float = 0.0
 ) -> list[Skeleton]:
-    """Find the lines of a known fringe-order map at whole (dark) and half (bright) orders.
+    """Lines of a known order map (NaN: not known) at whole (dark) and half (bright) orders.
 
-    N is taken as linear between pixel centres, which puts a line within N''/(8 N') px of its place
-    (N', N'' along the row or column that it crosses); a line ends where N is not known.
-
-    Parameters
-    ----------
-    order : array_like (rows, cols)
-        Fringe order N, fringes; NaN = not known.
-    levels : iterable of float, optional
-        Multiples of 1/2; by default all from 1/2 up to the largest order (N = 0 is touched, not
-        crossed, so it has no line).
-    min_length_px : float, default 0.0
-        Length under which lines, such as noise makes where N is level, are dropped (px).
-
-    Returns
-    -------
-    list of Skeleton
-        The lines by level, with their order; `skeleton_table` numbers them.
-
-    Raises
-    ------
-    InputError
-        Where the map is not 2-D, or a level is no multiple of 1/2.
+    N is linear between pixel centres, which puts a line within N''/(8 N') px of its place (N', N''
+    along the row or column that it crosses). `levels` are multiples of 1/2 (else InputError), by
+    default all from 1/2: N = 0 is touched, not crossed, so it has no line. By level, with their
+    order.
     """
     from skimage.measure import find_contours
 
@@ -165,26 +120,10 @@ def skeleton_table(
     left_mm: float = 0.0,
     top_mm: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
-    """Lay lines out as columns for a CSV.
+    """Lines as the columns line, kind, order, row_px, col_px, x_mm, z_mm, one row a point.
 
-    Equations: x = left + (col + 1/2) pixel, z = top + (row + 1/2) pixel.
-
-    Parameters
-    ----------
-    lines : sequence of Skeleton
-        The lines.
-    pixel_mm : float, optional
-        Edge of a pixel (mm).
-    left_mm : float, default 0.0
-        Outer edge of the first column (mm).
-    top_mm : float, default 0.0
-        Outer edge of the first row (mm).
-
-    Returns
-    -------
-    dict of str to ndarray (n,)
-        Columns line, kind, order, row_px, col_px, x_mm and z_mm, one row a point; NaN where order
-        or scale is not known.
+    x = left + (col + 1/2) pixel, z = top + (row + 1/2) pixel, of the outer edges of the first
+    column and row; NaN where order or scale is not known.
     """
     counts = [line.rows.size for line in lines]
     rows = np.concatenate([line.rows for line in lines] or [np.zeros(0)])
@@ -227,23 +166,11 @@ _KNOWN = 0.5
 
 
 def number_lines(lines: Sequence[Skeleton], order: ArrayLike) -> list[Skeleton]:
-    """Give fringe lines the half order that the reading has along them.
+    """Give fringe lines the half order that the reading (NaN: not known) has along them.
 
-    Equation: k/2 nearest to the median of N along the line, where N is known on half of its points
-    or more, and within 0.15 fringe of k/2 on three quarters of these; else the line's order is not
-    known, as that of a crest where the order turns back.
-
-    Parameters
-    ----------
-    lines : sequence of Skeleton
-        The lines, see `skeletons`.
-    order : array_like (rows, cols)
-        Fringe order N, fringes; NaN = not known.
-
-    Returns
-    -------
-    list of Skeleton
-        The lines in their order, each with its own fringe order.
+    k/2 nearest to the median of N along the line, where N is known on half of its points or more,
+    and within 0.15 fringe of k/2 on three quarters of these; else the order is not known, as that
+    of a crest where the order turns back.
     """
     field = np.asarray(order, dtype=np.float64)
     return [replace(line, order=_order_of(line, field)) for line in lines]

@@ -42,14 +42,12 @@ def stray_error(
     shift: Array | None = None,
     sums: tuple[Array, Array] | None = None,
 ) -> Array:
-    """What light that was added to the fringes may do to an order that is read from them.
+    """Standard uncertainty (rows, cols), fringes, by light that was added to the fringes.
 
-    Equations: the module's. Parameters: `residual`, the light less the model's; `slope`, J, its
-    change with the order; `even`, its change with light of the size of the contrast; all over the
-    noise and nought where masked (rows, cols). `shift` of the order that was taken out before,
-    from a model that describes the specimen; without one a bump is the order's own. `sums` over
-    the reading's window, Σ w J² and Σ w J r, where they are known.
-    Returns a standard uncertainty (rows, cols), fringes, single precision.
+    Equations: the module's. `residual`, the light less the model's; `slope` J, its change with the
+    order; `even`, with light of the size of the contrast; all over the noise, nought where masked.
+    `shift` was taken out before, by a model of the specimen; without one a bump is the order's own.
+    `sums`: Σ w J² and Σ w J r over the reading's window, where known.
     """
     residual, slope, even = (
         np.ascontiguousarray(part, dtype=np.float32) for part in (residual, slope, even)

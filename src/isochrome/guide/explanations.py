@@ -17,15 +17,7 @@ _SHORTEST = 12
 
 @dataclass(frozen=True)
 class Explanation:
-    """An entry of the page of messages.
-
-    Parameters
-    ----------
-    title : str
-        What it is about.
-    meaning, cause, remedy : str
-        A sentence or some.
-    """
+    """An entry of the page of messages; a sentence or some each."""
 
     title: str
     meaning: str
@@ -34,27 +26,11 @@ class Explanation:
 
 
 def explain_message(text: str) -> Explanation | None:
-    """Find a message on the guide's page, by the words of it that are always the same.
+    """Find a message, with its values, on the guide's page, by the words that are always the same.
 
     Digits count as any other digits: thousands of a run's messages differ by nothing else. Of
-    several entries that fit the one decides of whose message most letters are recognised.
-
-    Parameters
-    ----------
-    text : str
-        A warning or refusal, with its values.
-
-    Returns
-    -------
-    Explanation or None
-        Its meaning, cause and remedy; None where the page does not have it.
-
-    Examples
-    --------
-    >>> from isochrome.guide import explain_message
-    >>> found = explain_message("frames.tif: cannot be read (Permission denied); check its name")
-    >>> found.title
-    'A file or folder is not there, or may not be read'
+    several entries that fit the one decides of whose message most letters are recognised. None
+    where the page does not have it.
     """
     return _explanation(_any_digits(" ".join(text.split())))
 

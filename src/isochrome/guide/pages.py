@@ -35,23 +35,7 @@ TOPICS = {
 
 
 def guide_page(topic: str | None = None) -> str:
-    """Read a page of the guide.
-
-    Parameters
-    ----------
-    topic : str, optional
-        Name of the page; without it, the list of all pages.
-
-    Returns
-    -------
-    str
-        Markdown.
-
-    Raises
-    ------
-    InputError
-        Where there is no such page.
-    """
+    """A page of the guide, Markdown; without a topic, the list of all; InputError for none such."""
     if topic is None:
         rows = "\n".join(f"| `{name}` | {about} |" for name, about in TOPICS.items())
         return (

@@ -18,26 +18,12 @@ _ROWS = 64
 def expose(
     signal: Array, camera: Camera, *, rng: np.random.Generator | None = None
 ) -> NDArray[np.generic]:
-    """Make the grey levels that the camera stores of a polariscope signal.
+    """The grey levels that the camera stores of a signal (rows, cols[, channels]), 1 = full light.
 
     Equation: L = background + brightness (1 - vignette r²) signal, with r the distance from the
     middle over half the diagonal; blurred; with shot noise of L full_well electrons; stored as
-    L^(1/gamma) full scale plus read noise, rounded and clipped to the bit depth.
-
-    Parameters
-    ----------
-    signal : ndarray (rows, cols) or (rows, cols, channels)
-        Light of the polariscope, 1 = full light.
-    camera : Camera
-        The scene's camera.
-    rng : numpy.random.Generator, optional
-        Source of the noise, which is independent in every pixel and channel; by default seeded with
-        camera.seed.
-
-    Returns
-    -------
-    ndarray of the signal's shape
-        Grey levels: uint8 or uint16 by the bit depth, float32 without one.
+    L^(1/gamma) full scale plus read noise, rounded and clipped to the bit depth (float32 without
+    one). Noise is independent in every pixel and channel, seeded with camera.seed without `rng`.
     """
     rng = np.random.default_rng(camera.seed) if rng is None else rng
     light = _light(signal, camera)
@@ -52,17 +38,8 @@ def expose(
 
 
 def stored_type(bit_depth: int | None) -> np.dtype[Any]:
-    """Give the type that holds a sensor's grey levels.
-
-    Parameters
-    ----------
-    bit_depth : int or None
-        Bits of the sensor; None where it has no bit depth.
-
-    Returns
-    -------
-    numpy.dtype
-        The type uint8 up to 8 bits, uint16 beyond, float32 without a bit depth.
+    """Type of a sensor's grey levels: uint8 up to 8 bits, uint16 beyond, float32 without a bit
+    depth.
     """
     if bit_depth is None:
         return np.dtype(np.float32)

@@ -33,58 +33,25 @@ _BRIGHT: _Angles = (90.0, 45.0, -45.0, 90.0)
 
 @dataclass(frozen=True)
 class Chain:
-    """The elements' three amplitudes: I = |α cos(δ/2) - i (β cos 2θ + γ sin 2θ) sin(δ/2)|².
+    """The elements' three amplitudes: I = |α cos(δ/2) - i (β cos 2θ + γ sin 2θ) sin(δ/2)|²."""
 
-    Parameters
-    ----------
-    alpha : complex
-        Amplitude α of the light that the specimen leaves as it is.
-    beta : complex
-        Amplitude β of what the specimen changes, over cos 2θ.
-    gamma : complex
-        Amplitude γ of what the specimen changes, over sin 2θ.
-    ideal : int, default 0
-        The number +1 for the ideal dark field and -1 for the ideal bright one, where θ drops out;
-        else 0.
-    band : float, default 0.0
-        Standard deviation of the light's wavelengths over their mean.
-    """
-
-    alpha: complex
-    beta: complex
-    gamma: complex
+    alpha: complex  # of light that the specimen leaves as it is
+    beta: complex  # of what it changes, over cos 2θ
+    gamma: complex  # over sin 2θ
+    # +1 for the ideal dark field, -1 for the ideal bright one, where θ drops out; else 0
     ideal: int = 0
-    band: float = 0.0
+    band: float = 0.0  # standard deviation of the wavelengths over their mean
 
 
 def make_chain(
     polariscope: Polariscope, step: int | None = None, *, wavelength_nm: float | None = None
 ) -> Chain:
-    """Compute the amplitudes of a scene's polariscope at one wavelength.
+    """The amplitudes of a scene's polariscope at one wavelength, by default the scene's one.
 
     The elements' errors are added to their angles. Plates are quarter-wave at `plate_wavelength_nm`
-    (at every wavelength when absent), so that their retardance is (π/2)
-    plate_wavelength/wavelength: the dispersion of the plate's birefringence is left out. The plane
-    field is crossed, its polariser at `axis_deg`.
-
-    Parameters
-    ----------
-    polariscope : Polariscope
-        The scene's polariscope.
-    step : int, optional
-        Which of its phase steps; None for the dark, bright or plane field.
-    wavelength_nm : float, optional
-        Wavelength (nm), by default the scene's one.
-
-    Returns
-    -------
-    Chain
-        The amplitudes of the elements.
-
-    Raises
-    ------
-    InputError
-        Where the light has several wavelengths and none is named.
+    (at every wavelength when absent), their retardance (π/2) plate_wavelength/wavelength: the
+    dispersion of the birefringence is left out. The plane field is crossed, its polariser at
+    `axis_deg`. `step`: which phase step. InputError where several wavelengths leave it open.
     """
     if wavelength_nm is None:
         if polariscope.several_wavelengths:
@@ -117,13 +84,12 @@ def make_chain(
 
 
 def band_pass(order: Array, width: float) -> tuple[Array, Array]:
-    r"""What a band of wavelengths takes from the fringes' contrast, and how it moves them.
+    """What a band of wavelengths takes from the fringes' contrast, V, and how it moves them, φ.
 
-    Equation: the mean of exp(i a/(1+x)), a = 2 pi N, over x with a Gaussian of standard deviation
-    s is, with 1/(1+x) = 1 - x + x² and q = 2 a s², exp(i a) V exp(i φ), where
-    V = (1+q²)^(-1/4) exp(-a² s²/(2 + 2q²)) and φ = atan(q)/2 - a³ s⁴/(1+q²).
-    Parameters: `order` N at the mean wavelength; `width` s, over the mean. Returns V and φ (rad),
-    of the order's shape. What is left out of 1/(1+x) moves a fringe by a s³ of a turn at most.
+    The mean of exp(i a/(1+x)), a = 2 pi N, over Gaussian x of standard deviation s = `width`, with
+    1/(1+x) = 1 - x + x², q = 2 a s², is exp(i a) V exp(i φ): V = (1+q²)^(-1/4) exp(-a² s²/(2 +
+    2q²)), φ = atan(q)/2 - a³ s⁴/(1+q²), rad. What is left out moves a fringe by a s³ of a turn at
+    most.
     """
     phase = np.asarray(2.0 * np.pi * order)
     bent = 2.0 * width**2 * phase
@@ -178,32 +144,12 @@ def _axis(angle_deg: float) -> NDArray[np.complex128]:
 def polariscope_signal(
     order: Array, chain: Chain, *, direction: Array | None = None, visibility: Array | float = 1.0
 ) -> Array:
-    """Compute the light behind the analyser, 1 for the full light of the ideal bright field.
+    """The light behind the analyser, 1 for the full light of the ideal bright field.
 
-    Equation: |α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ with δ = 2 pi N, where the pixel's
-    area scales cos δ and sin δ by its visibility. Ideal dark field: sin²(pi N).
-
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order N.
-    chain : Chain
-        The polariscope's elements.
-    direction : ndarray (rows, cols), optional
-        Direction θ of sigma_1 (rad), only needed where the chain is not ideal.
-    visibility : ndarray (rows, cols) or float, default 1.0
-        Visibility V in 0..1, see `pixel_visibility`.
-
-    Returns
-    -------
-    ndarray (rows, cols)
-        Light in the precision of `order`: 1e-14 in float64; in float32 2e-7, and what the order
-        itself carries. Whole fringes are taken off first, which loses no digit.
-
-    Raises
-    ------
-    ValueError
-        Where the chain is not ideal and the direction is missing.
+    |α|² cos²(δ/2) + |w|² sin²(δ/2) - Im(α w*) sin δ with δ = 2 pi N, where the pixel's area scales
+    cos δ and sin δ by its visibility; ideal dark field: sin²(pi N). `direction` θ of sigma_1 (rad)
+    is needed where the chain is not ideal (ValueError). Precise to 1e-14 in float64; in float32 to
+    2e-7 and what the order carries: whole fringes are taken off first, which loses no digit.
     """
     # in place: a fresh array of a frame costs more than the arithmetic on it
     turns = np.asarray(np.rint(order))

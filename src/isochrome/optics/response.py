@@ -25,24 +25,14 @@ infrared filter, and of no sensor in particular. Who wants colours to compare me
 
 @dataclass(frozen=True)
 class Response:
-    """Response of each channel of a camera over wavelength.
+    """Response of each channel of a camera over wavelength: linear in its table, zero beyond.
 
-    The table is linear between its rows and zero beyond its ends. Without one: generic Gaussians
-    for three channels, and an equal response for one.
-
-    Parameters
-    ----------
-    names : tuple of str
-        The channels.
-    wavelength_nm : ndarray (m,), optional
-        Wavelengths of the table (nm), rising.
-    value : ndarray (channels, m), optional
-        Responses in the table.
+    Without a table: generic Gaussians for three channels, and an equal response for one.
     """
 
     names: tuple[str, ...]
-    wavelength_nm: Array | None = None
-    value: Array | None = None
+    wavelength_nm: Array | None = None  # (m,), rising
+    value: Array | None = None  # (channels, m)
 
     def at(self, wavelength_nm: Array) -> Array:
         """Response (channels, n) at wavelengths (n,), nm."""
@@ -58,24 +48,9 @@ class Response:
 
 
 def camera_response(camera: Camera, path: Path | None = None) -> Response:
-    """Find the response of a scene's camera.
+    """Response of three channels where the scene's camera sees colour, of one where it does not.
 
-    Parameters
-    ----------
-    camera : Camera
-        The scene's camera.
-    path : Path, optional
-        Its response file; None for the generic response.
-
-    Returns
-    -------
-    Response
-        The response of three channels where the camera sees colour, of one where it does not.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be used; it names the file and the fix.
+    `path` is its response file, None for the generic one; InputError names the file and the fix.
     """
     names = COLOURS if camera.colour else GREY
     return Response(names) if path is None else read_response(path, names)

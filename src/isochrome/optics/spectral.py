@@ -26,21 +26,9 @@ _VISIBLE = 1e-3
 
 
 def highest_visible(order: Array, visibility: Array | float = 1.0) -> float:
-    """Find the highest order N of a picture that leaves a thousandth of its contrast or more.
+    """The highest order N of a picture that leaves a thousandth of its contrast or more, or 0.
 
     Beside a point load N has no bound, and no fringes either.
-
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order N.
-    visibility : ndarray (rows, cols) or float, default 1.0
-        Visibility V in 0..1, see `pixel_visibility`.
-
-    Returns
-    -------
-    float
-        The order N; 0 where nothing is visible.
     """
     return float(np.max(order, where=np.asarray(visibility) > _VISIBLE, initial=0.0))
 
@@ -54,32 +42,12 @@ def spectral_signal(
     direction: Array | None = None,
     visibility: Array | float = 1.0,
 ) -> Array:
-    """Compute the light behind the analyser in each channel, 1 for the channel's full light.
+    """The light behind the analyser (rows, cols, channels), 1 for the channel's full light.
 
-    Equation: I_c = Σ_s w_cs I(k_s N, θ, V^(k_s²)), with k_s = reference/wavelength: the order goes
-    as 1/wavelength, and the visibility sinc(k g) nearly as its power k². Lines are summed; a
-    spectrum's sum is a table over N, interpolated by cubics, with V^(k²) linear in k² about the
-    channel's mean.
-
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order N at the reference wavelength.
-    light : Light
-        Wavelengths of the light and their weights in each channel.
-    chains : sequence of Chain
-        The polariscope's elements, one for each of the light's wavelengths.
-    reference_nm : float
-        The wavelength that the orders are of (nm).
-    direction : ndarray (rows, cols), optional
-        Direction θ of sigma_1 (rad), needed where a chain is not ideal.
-    visibility : ndarray (rows, cols) or float, default 1.0
-        Visibility V in 0..1 at the reference wavelength.
-
-    Returns
-    -------
-    ndarray (rows, cols, channels)
-        Light in each channel.
+    I_c = Σ_s w_cs I(k_s N, θ, V^(k_s²)), k_s = reference/wavelength, as the order goes, and nearly
+    the visibility, sinc(k g), as its power k². Lines are summed; a spectrum's sum is a table over
+    N, interpolated by cubics, with V^(k²) linear in k² about the channel's mean. N and V are those
+    at the reference; θ (rad) is needed where a chain, one a wavelength, is not ideal.
     """
     ratio = reference_nm / light.wavelength_nm
     if light.continuous:

@@ -11,24 +11,10 @@ from isochrome.stress import StressDifference
 def fringe_order(
     difference_mpa: StressDifference, *, thickness_mm: float, fringe_value_n_per_mm: float
 ) -> NDArray[np.floating]:
-    """Compute the fringe order of a stress field.
+    """Fringe order N (rows, cols) of the stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa.
 
-    Equation: N = (sigma_1 - sigma_2) d / f_sigma; the retardation is 2 pi N. Source: Dally & Riley
-    (1991), Experimental Stress Analysis, section 12.2.
-
-    Parameters
-    ----------
-    difference_mpa : complex ndarray (rows, cols)
-        Stress difference (sigma_x - sigma_z) + 2i tau_xz (MPa).
-    thickness_mm : float
-        Thickness d of the specimen (mm).
-    fringe_value_n_per_mm : float
-        Material fringe value f_sigma (N/mm per fringe).
-
-    Returns
-    -------
-    ndarray (rows, cols)
-        Order N, fringes.
+    N = (sigma_1 - sigma_2) d / f_sigma, f_sigma in N/mm per fringe; the retardation is 2 pi N.
+    Source: Dally & Riley (1991), Experimental Stress Analysis, section 12.2.
     """
     order = np.asarray(np.abs(difference_mpa))
     order *= thickness_mm / fringe_value_n_per_mm

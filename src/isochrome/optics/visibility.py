@@ -17,22 +17,11 @@ _TINY = 1e-15
 
 
 def pixel_visibility(order: Array) -> tuple[Array, float]:
-    """Find how much of the fringes' contrast square pixels leave, and the share too fine to see.
+    """Contrast V, in 0..1, that square pixels leave of the fringes, and the share too fine to see.
 
-    Equation: the mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel) is
-    sinc(g_x) sinc(g_y) cos 2 pi N, with sinc(x) = sin(pi x)/(pi x), taken as 0 where negative.
-
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order N, NaN where there is no specimen.
-
-    Returns
-    -------
-    visibility : ndarray (rows, cols)
-        Visibility V, in 0..1.
-    fine : float
-        The share, of the pixels that bear fringes (N > 1/2), with one finer than two pixels.
+    The mean of cos 2 pi N over a pixel in which N has the gradient g (fringes a pixel) is sinc(g_x)
+    sinc(g_y) cos 2 pi N, sinc(x) = sin(pi x)/(pi x), taken as 0 where negative. The share: of
+    pixels with fringes (N > 1/2), those with one finer than two pixels. NaN: no specimen.
     """
     visibility, fine = np.empty_like(order), 0
     for start in range(0, len(order), _ROWS):
@@ -51,44 +40,19 @@ def pixel_visibility(order: Array) -> tuple[Array, float]:
 
 
 def slope_visibility(rows: Array, cols: Array, *, out: Array | None = None) -> Array:
-    """Find the contrast that square pixels leave where the order has given slopes.
+    """Contrast V, in 0..1, that square pixels leave where the order has slopes in fringes a pixel.
 
-    Equation: sinc(g_x) sinc(g_y), see `pixel_visibility`.
-
-    Parameters
-    ----------
-    rows : ndarray
-        Slopes down the picture (fringes a pixel).
-    cols : ndarray
-        Slopes across it (fringes a pixel), of the same shape.
-    out : ndarray, optional
-        Where to put the result.
-
-    Returns
-    -------
-    ndarray
-        Visibility V, in 0..1, of that shape.
+    Equation: sinc(g_x) sinc(g_y), see `pixel_visibility`; `rows` are the slopes down the picture.
     """
     return np.multiply(_sinc(rows), _sinc(cols), out=out)
 
 
 def mean_order(order: Array, *, stride: int = 1) -> Array:
-    """Find the order that square pixels show: the mean over their area.
+    """The order M (rows, cols) that square pixels show of N in their middles, NaN off the specimen.
 
-    Equation: over a pixel of side 1 the mean of exp(2 pi i N) is V exp(2 pi i M) with
-    M = N + (d²N/dx² + d²N/dz²)/24, to second order in the pixel's size; V, see `pixel_visibility`.
-
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order N in the pixels' middles, NaN where there is no specimen.
-    stride : int, default 1
-        Pixels from one entry of `order` to the next: every how-manieth pixel is given.
-
-    Returns
-    -------
-    ndarray (rows, cols)
-        Fringe order M; beside an edge with the bend of the next pixel, or with none.
+    Over a pixel of side 1 the mean of exp(2 pi i N) is V exp(2 pi i M), M = N + (d²N/dx² +
+    d²N/dz²)/24, to second order in the pixel's size; V, see `pixel_visibility`. Beside an edge N
+    has the bend of the next pixel, or none. `stride`: pixels from one entry to the next.
     """
     bend = _bend(order, 0)
     bend += _bend(order, 1)

@@ -29,47 +29,19 @@ _LONGEST_NM = 25.0
 
 @dataclass(frozen=True)
 class Light:
-    """Light as the channels of a camera weigh it.
+    """Light as the channels of a camera weigh it."""
 
-    Parameters
-    ----------
-    wavelength_nm : ndarray (s,)
-        Wavelengths (nm).
-    weights : ndarray (channels, s)
-        Each channel's weights on them, of sum 1.
-    continuous : bool
-        Whether the wavelengths are samples of a spectrum, not lines.
-    """
-
-    wavelength_nm: Array
-    weights: Array
-    continuous: bool
+    wavelength_nm: Array  # (s,)
+    weights: Array  # (channels, s), of sum 1 in each channel
+    continuous: bool  # samples of a spectrum, not lines
 
 
 def make_light(polariscope: Polariscope, response: Response, *, highest_order: float) -> Light:
-    """Find the wavelengths of a scene's light and their weights in each channel of the camera.
+    """The wavelengths of a scene's light and their weights in each channel of the camera.
 
-    A spectrum is integrated piece by piece between its own and the response's samples, by
-    Gauss-Legendre with six nodes for every half turn of the retardation and every 25 nm: 1e-9.
-
-    Parameters
-    ----------
-    polariscope : Polariscope
-        The scene's polariscope, with its light.
-    response : Response
-        The camera's response.
-    highest_order : float
-        Highest order N in the picture, at the reference wavelength.
-
-    Returns
-    -------
-    Light
-        The wavelengths and their weights.
-
-    Raises
-    ------
-    InputError
-        Where a channel sees nothing of the light, or the wavelength is missing.
+    A spectrum is integrated between its own and the response's samples, by Gauss-Legendre with six
+    nodes for every half turn of the retardation, at the highest order in the picture, and every 25
+    nm: 1e-9. InputError where a channel sees nothing of it, or the wavelength is missing.
     """
     if polariscope.lines is not None:
         places, power = np.array(polariscope.lines.wavelength_nm), np.array(polariscope.lines.power)

@@ -141,8 +141,8 @@ def _ring_series(ratio: float) -> _Series:
 
     With α = A_k and γ = A_-k (R/a)^k, R = 1, ρ = a/R, the tractions D of the disc at the hole and
     the rim's two equations for B_(k-2) and B_(-k-2) put in, k = 2, 4, ...:
-    (1 - k) (ρ^k - ρ^(k-2)) α + (1 - ρ^(2k-2)) γ = -D_k
-    (ρ^(2k+2) - 1) α + (1 + k) (ρ^(k+2) - ρ^k) γ = -D_-k ρ^(k+2)
+      (1 - k) (ρ^k - ρ^(k-2)) α + (1 - ρ^(2k-2)) γ = -D_k
+      (ρ^(2k+2) - 1) α + (1 + k) (ρ^(k+2) - ρ^k) γ = -D_-k ρ^(k+2)
     """
     # a term falls like (a/R)^(k-2); k² stands before it, which two more outweigh
     count = 4 + int(np.ceil(np.log(_EXACT) / (2.0 * np.log(ratio))))

@@ -13,25 +13,9 @@ from typing import Any
 def assemble_page(
     room: str, name: str, *, scripts: Sequence[str], policy: str, values: dict[str, Any]
 ) -> str:
-    """Make a page of a room's template, style and scripts, in which every value is escaped.
+    """A page of a room's NAME.html.jinja, NAME.css and scripts, in which every value is escaped.
 
-    Parameters
-    ----------
-    room : str
-        The package that holds NAME.html.jinja, NAME.css and the scripts.
-    name : str
-        What the template and the style are called.
-    scripts : sequence of str
-        Files that are one script, in this order.
-    policy : str
-        The policy of content besides style and script, see `content_policy`.
-    values : dict
-        What the template shows.
-
-    Returns
-    -------
-    str
-        HTML.
+    The scripts are one, in this order; for `policy` see `content_policy`.
     """
     from markupsafe import Markup
 
@@ -48,26 +32,9 @@ def assemble_page(
 
 
 def content_policy(room: str, name: str, *, scripts: Sequence[str], policy: str) -> str:
-    """Make the policy of a page's content: its one style and script by their hashes.
+    """The policy of a page's content: its one style and script by their hashes.
 
-    Parameters
-    ----------
-    room : str
-        The package that holds NAME.css and the scripts.
-    name : str
-        What the style is called.
-    scripts : sequence of str
-        Files that are one script, in this order.
-    policy : str
-        What else is allowed, such as "img-src data:"; all that is not named is forbidden.
-
-    Returns
-    -------
-    str
-        The policy.
-
-    Notes
-    -----
+    `policy` is what else is allowed, such as "img-src data:"; all that is not named is forbidden.
     Source: W3C (2024), Content Security Policy Level 3, section 2.3.1, for the hashes.
     """
     style, script = _part(room, f"{name}.css"), _joined(room, tuple(scripts))

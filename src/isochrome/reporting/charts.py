@@ -27,35 +27,20 @@ _TICKS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """A quantity over distance or frames.
-
-    Where there are more than MOST_POINTS values, each point is some neighbours together: `value`
-    their mean, `least` and `most` the envelope of the values, `low` and `high` that of the bands.
-
-    Parameters
-    ----------
-    label : str
-        Name and unit of the quantity.
-    across : str
-        Name and unit of the horizontal axis.
-    place, value, least, most, low, high : ndarray of shape (n,)
-        The points.
-    together : int
-        How many values are one point, at most.
-    has_band : bool
-        Whether the values have uncertainties.
+    """A quantity over distance or frames; each point (n,) is some neighbours together where there
+    are many.
     """
 
-    label: str
-    across: str
+    label: str  # name and unit of the quantity
+    across: str  # name and unit of the horizontal axis
     place: Array
-    value: Array
-    least: Array
+    value: Array  # their mean
+    least: Array  # envelope of the values
     most: Array
-    low: Array
+    low: Array  # envelope of the bands
     high: Array
-    together: int
-    has_band: bool
+    together: int  # how many values are one point, at most
+    has_band: bool  # the values have uncertainties
 
     def drawing(self) -> dict[str, Any]:
         """What the page draws: outlines, ticks and points in the drawing's own units."""
@@ -82,17 +67,9 @@ class Curve:
 
 
 def curves_of(found: FrameValues) -> list[Curve]:
-    """Make the curves of fitted values, each with its band.
+    """The curves of fitted values, each with its band, and one of chi.
 
-    Parameters
-    ----------
-    found : FrameValues
-        The values over frames, the places with a tracked video's too.
-
-    Returns
-    -------
-    list of Curve
-        One for each key that is known in two frames at least, and one of chi.
+    One for each key that is known in two frames at least; a tracked video's places too.
     """
     place, across = frame_axis(found)
     place = np.where(np.isfinite(place), place, 0.0)  # what stands still has slid by nothing
@@ -111,23 +88,9 @@ def curves_of(found: FrameValues) -> list[Curve]:
 def make_curve(
     label: str, across: str, place: Array, values: Array, spread: Array | None = None
 ) -> Curve:
-    """Make a quantity's curve: what is not known is left out, and many are put together.
+    """A quantity's curve: what is not known is left out, and many are put together.
 
-    Parameters
-    ----------
-    label, across : str
-        Name and unit of the quantity, and of the horizontal axis.
-    place : ndarray of shape (n,)
-        Where the values stand on it.
-    values : ndarray of shape (n,)
-        The values, of which one at least is known.
-    spread : ndarray of shape (n,), optional
-        Their standard uncertainties; None where they have none.
-
-    Returns
-    -------
-    Curve
-        The curve.
+    At least one value is known; `spread` is their standard uncertainties, None: they have none.
     """
     own = np.zeros(len(values)) if spread is None else spread
     known = np.flatnonzero(np.isfinite(values))

@@ -19,17 +19,9 @@ _MOST_MESSAGES = 30
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table of a report.
+    """A table of a report; its columns' names have the unit."""
 
-    Parameters
-    ----------
-    caption : str
-        What it holds, and in which file all of it is.
-    columns : mapping of str to sequence
-        Name, with the unit, to values.
-    """
-
-    caption: str
+    caption: str  # what it holds, and in which file all of it is
     columns: Mapping[str, Sequence[Any]]
 
     @property
@@ -49,85 +41,34 @@ class ReportTable:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportContent:
-    """All that a report says of a run.
+    """All that a report says of a run."""
 
-    Parameters
-    ----------
-    command : str
-        What made the run, such as 'process'.
-    title : str
-        What the run is of.
-    verdict : str
-        What was found, in a sentence.
-    frames : sequence of ReportFrame, optional
-        The frames that are shown.
-    choice : str, default ''
-        Which frames these are of how many, and why.
-    curves : sequence of Curve, optional
-        Values over distance or frames.
-    budget : ReportTable, optional
-        The shares of the uncertainty; None where the run has none.
-    no_budget : str, default ''
-        Why there is none, and what to do.
-    tables : sequence of ReportTable, optional
-        What else is shown as a table.
-    causes : sequence of str, optional
-        What the frames asked for besides the scene; None where nobody asked them.
-    causes_text : str, default ''
-        What is to be said where there is no such list.
-    taken_as_exact : sequence of str, optional
-        Keys of measured numbers that the scene states without an uncertainty.
-    warnings : sequence of str, optional
-        The run's warnings.
-    scene : str, default ''
-        The resolved scene, TOML, or a calibration's settings.
-    scene_title : str, default 'Scene'
-        What that is called.
-    paper : sequence of tuple, optional
-        Names and values of what a paper states.
-    picture : bytes, optional
-        The run's own figure, PNG.
-    """
-
-    command: str
-    title: str
-    verdict: str
+    command: str  # what made the run, such as 'process'
+    title: str  # what the run is of
+    verdict: str  # what was found, in a sentence
     frames: Sequence[ReportFrame] = ()
-    choice: str = ""
+    choice: str = ""  # which frames of how many, and why
     curves: Sequence[Curve] = ()
-    budget: ReportTable | None = None
-    no_budget: str = ""
+    budget: ReportTable | None = None  # shares of the uncertainty; None: the run has none
+    no_budget: str = ""  # why there is none, and what to do
     tables: Sequence[ReportTable] = ()
+    # what the frames asked for besides the scene; None: nobody asked
     causes: Sequence[str] | None = None
-    causes_text: str = ""
+    causes_text: str = ""  # what to say where there is no such list
+    # measured numbers that the scene states without an uncertainty
     taken_as_exact: Sequence[str] = ()
     warnings: Sequence[str] = ()
-    scene: str = ""
+    scene: str = ""  # resolved, TOML, or a calibration's settings
     scene_title: str = "Scene"
-    paper: Sequence[tuple[str, str]] = ()
-    picture: bytes | None = None
+    paper: Sequence[tuple[str, str]] = ()  # names and values of what a paper states
+    picture: bytes | None = None  # the run's own figure, PNG
 
 
 def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
     """Group warnings by what they are about, each group with its meaning, cause and remedy.
 
-    Parameters
-    ----------
-    warnings : iterable of str
-        The sentences.
-
-    Returns
-    -------
-    list of dict
-        'title', 'meaning', 'cause' and 'remedy', empty for what the guide does not explain;
-        'messages', the first ones in their order; and 'left_out', how many more there are.
-
-    Examples
-    --------
-    >>> from isochrome.reporting import warnings_with_remedies
-    >>> found = warnings_with_remedies(["a.tif: cannot be read (x); check its name", "b"])
-    >>> [(group["title"], len(group["messages"])) for group in found]
-    [('A file or folder is not there, or may not be read', 1), ('Other', 1)]
+    Dicts of 'title', 'meaning', 'cause' and 'remedy', empty for what the guide does not explain;
+    'messages', the first ones in their order; and 'left_out', how many more there are.
     """
     groups: dict[str, dict[str, Any]] = {}
     for text in warnings:

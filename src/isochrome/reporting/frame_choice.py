@@ -14,50 +14,19 @@ MOST_FRAMES = 8
 
 @dataclass(frozen=True)
 class ChosenFrame:
-    """A frame that a report shows.
+    """A frame that a report shows."""
 
-    Parameters
-    ----------
-    number : int
-        Which of the frames it was chosen from, from 0.
-    why : str
-        The reason; empty where all are shown.
-    """
-
-    number: int
-    why: str
+    number: int  # among those it was chosen from, from 0
+    why: str  # empty where all are shown
 
 
 def choose_frames(
     chi: ArrayLike, order: ArrayLike, *, most: int = MOST_FRAMES
 ) -> list[ChosenFrame]:
-    """Choose the frames that a report shows.
+    """Choose the frames that a report shows by chi and largest order, which may be NaN.
 
-    All, where they are few; else the first and the last, the one that its model describes worst,
-    the one with the largest order, and between them evenly spaced ones.
-
-    Parameters
-    ----------
-    chi : array_like of shape (n,)
-        Residual over noise of each frame, NaN = not known.
-    order : array_like of shape (n,)
-        Largest fringe order of each frame, fringes, NaN = not known.
-    most : int, default 8
-        How many at most, 4 or more.
-
-    Returns
-    -------
-    list of ChosenFrame
-        Their numbers, rising, with the reasons.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from isochrome.reporting import choose_frames
-    >>> chi = np.ones(1000)
-    >>> chi[417] = 2.0
-    >>> [(one.number, one.why) for one in choose_frames(chi, np.arange(1000.0), most=4)]
-    [(0, 'the first'), (417, 'the largest chi'), (500, 'evenly spaced'), (999, 'the last')]
+    All, where they are no more than `most`, 4 at least; else the first and the last, the one that
+    its model describes worst, the one with the largest order, and between them evenly spaced ones.
     """
     worst, largest = np.asarray(chi, float), np.asarray(order, float)
     count = len(worst)

@@ -24,25 +24,7 @@ _LARGEST_PICTURE = 6_000_000
 
 
 def write_report(path: str | Path, content: ReportContent) -> Path:
-    """Write a report, whole or not at all.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    content : ReportContent
-        What it says.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be written, or would be larger than 10 MB.
-    """
+    """Write a report, whole or not at all; InputError where it cannot be, or is over 10 MB."""
     text = report_html(content)
     size = len(text.encode())
     if size > MOST_BYTES:
@@ -55,20 +37,10 @@ def write_report(path: str | Path, content: ReportContent) -> Path:
 
 
 def report_html(content: ReportContent) -> str:
-    """Make the page of a report.
+    """The page of a report.
 
     Its policy of content allows the one style and the one script that are in it, by their hashes,
     and pictures that are in it; no address is ever asked.
-
-    Parameters
-    ----------
-    content : ReportContent
-        What it says.
-
-    Returns
-    -------
-    str
-        HTML.
     """
     frames = encode_frames(content.frames, room=ROOM_BYTES)
     strides = sorted({one["stride"] for one in frames})

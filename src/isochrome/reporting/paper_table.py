@@ -46,35 +46,14 @@ class WithCamera(Protocol):
 
 
 def camera_rows(found: WithCamera) -> list[tuple[str, str]]:
-    """Collect what a paper states of the camera and the light.
-
-    Parameters
-    ----------
-    found : Scene or CalibrationSet
-        What has them.
-
-    Returns
-    -------
-    list of tuple of str
-        Names and values, with units.
-    """
+    """Names and values, with units, of what a paper states of the camera and the light."""
     return [*_camera(found), *_light(found)]
 
 
 def paper_rows(scene: Scene | None, record: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Collect what a paper states of a run.
+    """Names and values, with units, of what a paper states of a run.
 
-    Parameters
-    ----------
-    scene : Scene or None
-        What stood in front of the camera; None where the run has none.
-    record : mapping
-        What provenance.json holds: versions and hashes.
-
-    Returns
-    -------
-    list of tuple of str
-        Names and values, with units.
+    `record` is provenance.json: versions and hashes; the scene is None where the run has none.
     """
     own = [] if scene is None else [*camera_rows(scene), *_numbers(scene)]
     return [*own, *_software(record), *_input(record)]

@@ -38,101 +38,48 @@ FRINGES, SIGNAL, GREY_LEVELS = "fringes", "of the full light", "grey levels"
 
 @dataclass(frozen=True)
 class Pane:
-    """One picture of a frame.
+    """One picture (row, col) of a frame; NaN = not known."""
 
-    Parameters
-    ----------
-    key : {'experiment', 'simulation', 'rendered', 'order', 'difference'}
-        Which it is.
-    label : str
-        What the page calls it.
-    values : ndarray of shape (row, col)
-        What is shown; NaN = not known.
-    span : tuple of two floats
-        The values that are shown black and white, or in the end colours.
-    unit : {FRINGES, SIGNAL, GREY_LEVELS}
-        The unit of the values.
-    """
-
-    key: str
-    label: str
+    key: str  # 'experiment', 'simulation', 'rendered', 'order' or 'difference'
+    label: str  # what the page calls it
     values: Array
-    span: tuple[float, float]
-    unit: str
+    span: tuple[float, float]  # what is shown black and white, or in the end colours
+    unit: str  # FRINGES, SIGNAL or GREY_LEVELS
 
 
 @dataclass(frozen=True)
 class OrderMap:
     """Fringe orders as text, rounded to a step.
 
-    Parameters
-    ----------
-    data : str
-        Base64 of zlib: N/step - first + 1 as 16-bit whole numbers, 0 = not known; each less the
-        one to its left (modulo 2^16), first all low bytes and then all high ones, row by row.
-    first : int
-        The smallest N/step.
-    step : float
-        What they are rounded to, fringes.
+    `data`: base64 of zlib: N/step - first + 1 as 16-bit whole numbers, 0 = not known; each less the
+    one to its left (modulo 2^16), first all low bytes and then all high ones, row by row.
     """
 
     data: str
-    first: int
-    step: float
+    first: int  # the smallest N/step
+    step: float  # fringes
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportFrame:
-    """A frame as a report shows it.
+    """A frame as a report shows it."""
 
-    Parameters
-    ----------
-    number : int
-        Number of the frame in the run.
-    label : str
-        What figures call it.
-    why : str
-        Why it is shown.
-    panes : tuple of Pane
-        Its pictures; the first, the experiment where there is one, lies over the others.
-    order : ndarray of shape (row, col), optional
-        Fringe order that was read, fringes, NaN = not known; None where none is read.
-    model_order : ndarray of shape (row, col), optional
-        Fringe order of the simulation.
-    pixel_mm : float, optional
-        Side of a pixel, mm; None where no scale is known.
-    left_mm, top_mm : float, default 0
-        Outer edges of the first column and row, mm.
-    notes : tuple of str, default ()
-        What to say of it, such as why it has no simulation.
-    """
-
-    number: int
-    label: str
-    why: str
-    panes: tuple[Pane, ...]
-    order: Array | None = None
-    model_order: Array | None = None
-    pixel_mm: float | None = None
-    left_mm: float = 0.0
+    number: int  # in the run
+    label: str  # what figures call it
+    why: str  # it is shown
+    panes: tuple[Pane, ...]  # the first, the experiment where there is one, lies over the others
+    order: Array | None = None  # read, fringes, NaN = not known; None: none is read
+    model_order: Array | None = None  # of the simulation
+    pixel_mm: float | None = None  # None: no scale is known
+    left_mm: float = 0.0  # outer edges of the first column and row
     top_mm: float = 0.0
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what to say of it, such as why it has no simulation
 
 
 def encode_frames(frames: Sequence[ReportFrame], *, room: int = ROOM_BYTES) -> list[dict[str, Any]]:
-    """Make text of frames, of each n-th pixel of each n-th row where all would take too much room.
+    """For each frame its pictures as PNG and its orders, as the page takes them, in `room` bytes.
 
-    Parameters
-    ----------
-    frames : sequence of ReportFrame
-        The frames.
-    room : int, default 8,000,000
-        Bytes that all of it may take.
-
-    Returns
-    -------
-    list of dict
-        For each frame its pictures as PNG and its orders, as the page takes them.
+    Of each n-th pixel of each n-th row where all would take too much.
     """
     found: list[tuple[dict[str, Any], int]] = []
     for done, frame in enumerate(frames):
@@ -209,20 +156,7 @@ def _map(order: Array | None, part: tuple[slice, ...], step: float) -> dict[str,
 
 
 def order_map(order: Array, step: float = STEP) -> OrderMap:
-    """Make text of fringe orders.
-
-    Parameters
-    ----------
-    order : ndarray of shape (row, col)
-        Fringe order N, fringes; NaN = not known.
-    step : float, default 0.01
-        What they are rounded to, fringes.
-
-    Returns
-    -------
-    OrderMap
-        The text, in which each order is within half a step of its own.
-    """
+    """Fringe orders (row, col), NaN = not known, as text, each within half a step of its own."""
     known = np.isfinite(order)
     steps = np.rint(np.where(known, order, 0.0).astype(float) / step).astype(np.int64)
     first = int(steps[known].min()) if known.any() else 0

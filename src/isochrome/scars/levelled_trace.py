@@ -18,71 +18,31 @@ Mask = NDArray[np.bool_]
 class LevelledTrace:
     """A trace whose unworn surface is level, at 0; depth is positive into the specimen.
 
-    Parameters
-    ----------
-    name : str
-        The trace's name in messages.
-    x_mm : ndarray, shape (n,)
-        Middles of equal bins along the trace, mm, in the trace's own coordinate.
-    depth_um : ndarray, shape (n,)
-        Worn depth there, with roughness: negative where the surface stands above its level, µm.
-    level_um : ndarray, shape (n,)
-        The form that was taken off, µm.
-    unworn : ndarray of bool, shape (n,)
-        The shoulders that it was fitted to.
-    edges_mm : tuple of float
-        The scar's left and right edge, mm.
-    edge_uncertainty_mm : tuple of float
-        Their standard uncertainties, mm.
-    window_mm : tuple of float
-        What the area is taken over: the edges with a guard, mm.
-    worn_area_mm2 : float
-        The worn area; it may be below zero where little is worn, mm².
-    worn_area_uncertainty_mm2 : float
-        Its standard uncertainty by roughness and levelling, with what is not known of the
-        roughness's spectrum itself (`student_factor`), mm².
-    degrees_of_freedom : float
-        Those of the spectrum's part in it.
-    levelling_uncertainty_mm2 : float
-        The part of it that is the level's, by the shoulders alone, mm².
-    depth_covariance_um2 : ndarray, shape (n, n)
-        Covariance of `depth_um` by roughness and levelling, µm².
-    roughness : Roughness
-        The roughness's spectrum, from the shoulders.
-    deepest_um : float
-        Depth of the smooth shape that its place was found with, µm.
-    clear : float
-        Depth over its standard uncertainty: below `STANDS_OUT` no scar stands out.
-    ridges_mm2 : tuple of float
-        Area that stands up beside the left and the right edge, mm².
-    ridge_uncertainty_mm2 : float
-        Standard uncertainty of either, mm².
-    spikes : int
-        Points that were left out.
-    messages : tuple of str
-        What the user should know.
+    Arrays are (n,), in equal bins; every `..._uncertainty` is a standard uncertainty.
     """
 
     name: str
-    x_mm: Array
-    depth_um: Array
-    level_um: Array
-    unworn: Mask
-    edges_mm: tuple[float, float]
+    x_mm: Array  # middles of the bins, in the trace's own coordinate
+    depth_um: Array  # with roughness: negative where it stands above its level
+    level_um: Array  # the form that was taken off
+    unworn: Mask  # the shoulders that it was fitted to
+    edges_mm: tuple[float, float]  # left and right edge of the scar
     edge_uncertainty_mm: tuple[float, float]
-    window_mm: tuple[float, float]
-    worn_area_mm2: float
+    window_mm: tuple[float, float]  # what the area is taken over: the edges with a guard
+    worn_area_mm2: float  # below zero where little is worn
+    # by roughness and levelling, with what is not known of the roughness's spectrum itself
+    # (`student_factor`)
     worn_area_uncertainty_mm2: float
-    degrees_of_freedom: float
-    levelling_uncertainty_mm2: float
-    depth_covariance_um2: Array = field(repr=False)
-    roughness: Roughness
-    deepest_um: float
-    clear: float
-    ridges_mm2: tuple[float, float] = (0.0, 0.0)
-    ridge_uncertainty_mm2: float = 0.0
-    spikes: int = 0
-    messages: tuple[str, ...] = ()
+    degrees_of_freedom: float  # those of the spectrum's part in it
+    levelling_uncertainty_mm2: float  # the part of it that is the level's, by the shoulders alone
+    depth_covariance_um2: Array = field(repr=False)  # (n, n), by roughness and levelling
+    roughness: Roughness  # from the shoulders
+    deepest_um: float  # of the smooth shape that its place was found with
+    clear: float  # depth over its ±: below `STANDS_OUT` no scar stands out
+    ridges_mm2: tuple[float, float] = (0.0, 0.0)  # area that stands up beside either edge
+    ridge_uncertainty_mm2: float = 0.0  # of either
+    spikes: int = 0  # points that were left out
+    messages: tuple[str, ...] = ()  # what the user should know
 
     @property
     def student_factor(self) -> float:
@@ -101,25 +61,10 @@ class LevelledTrace:
 
 
 def student_factor_of(degrees_of_freedom: float) -> float:
-    """Variance of Student's t over that of the normal distribution.
+    """Variance of Student's t over the normal one's, ν/(ν - 2), of ν = 3 at least; 1 at infinity.
 
-    Equation: ν/(ν - 2), of ν = 3 at least. It is also the mean of the true variance over one that
-    is estimated. Source: JCGM 101:2008, 6.4.9.3.
-
-    Parameters
-    ----------
-    degrees_of_freedom : float
-        Those with which a variance is estimated, ν.
-
-    Returns
-    -------
-    float
-        The factor; 1 for infinitely many.
-
-    Examples
-    --------
-    >>> student_factor_of(12.0)
-    1.2
+    It is also the mean of the true variance over one that is estimated with ν degrees of freedom.
+    Source: JCGM 101:2008, 6.4.9.3.
     """
     freedom = max(degrees_of_freedom, 3.0)
     return freedom / (freedom - 2.0) if np.isfinite(freedom) else 1.0

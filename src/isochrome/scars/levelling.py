@@ -72,39 +72,10 @@ class UnclearScarError(PhysicsError):
 def levelled(trace: Trace) -> LevelledTrace:
     """Level a trace on its shoulders, and take its scar's edges and worn area.
 
-    Equation: A = Δx Σ (F β - z) over the scar, F β the form by the shoulders (see the module).
-
-    Parameters
-    ----------
-    trace : Trace
-        The trace, as `read_trace` gives it.
-
-    Returns
-    -------
-    LevelledTrace
-        The levelled trace; a trace whose scar stands up is turned over, which its messages say.
-
-    Raises
-    ------
-    UnclearScarError
-        Where no scar stands out of the roughness.
-    InputError
-        Where too little of the trace is unworn to level it, or its heights are in another unit.
-
-    Notes
-    -----
-    Source: Aitken (1936), Proc. Roy. Soc. Edinburgh 55, 42.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from isochrome.scars import Trace, levelled
-    >>> x = np.linspace(0.0, 6.0, 3000)
-    >>> arc = 5.0 * np.maximum(1.0 - ((x - 3.1) / 0.6) ** 2, 0.0)
-    >>> rough = 0.05 * np.random.default_rng(1).standard_normal(x.size)
-    >>> found = levelled(Trace(x_mm=x, z_um=0.8 * x - arc + rough))
-    >>> round(1e3 * found.worn_area_mm2, 2)  # 4/3 of half-width times depth, in 1e-3 mm²
-    4.0
+    A = Δx Σ (F β - z) over the scar, F β the form by the shoulders (see the module). A trace whose
+    scar stands up is turned over, which its messages say. UnclearScarError where no scar stands
+    out; InputError where too little is unworn, or heights are in another unit. Source: Aitken
+    (1936), Proc. Roy. Soc. Edinburgh 55, 42.
     """
     bins = bin_trace(trace)
     place, roughness, unworn = _find(bins, trace.name)

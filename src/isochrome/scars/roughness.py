@@ -71,24 +71,12 @@ def make_bands(points: int, spacing_mm: float) -> Bands:
 
 @dataclass(frozen=True)
 class Roughness:
-    """The spectrum of a trace's roughness, as its unworn parts show it.
+    """The spectrum of a trace's roughness in m bands, as its unworn parts show it."""
 
-    Parameters
-    ----------
-    spacing_mm : float
-        Spacing of the grid on which it was found, mm.
-    edges_per_mm : ndarray, shape (m+1,)
-        Ends of its bands, 1/mm.
-    power_um2 : ndarray, shape (m,)
-        Power of each band: the mean square of the heights that lie in it, µm².
-    log_covariance : ndarray, shape (m, m)
-        Covariance of the logarithms of the powers.
-    """
-
-    spacing_mm: float
-    edges_per_mm: Array
-    power_um2: Array
-    log_covariance: Array
+    spacing_mm: float  # of the grid on which it was found
+    edges_per_mm: Array  # (m+1,)
+    power_um2: Array  # (m,): mean square of the heights that lie in a band
+    log_covariance: Array  # (m, m), of the logarithms of the powers
 
     @property
     def rq_um(self) -> float:
@@ -128,13 +116,11 @@ def fit_roughness(
     spacing_mm: float,
     start: Roughness | None = None,
 ) -> Roughness:
-    """The spectrum of the largest restricted likelihood of the unworn heights.
+    """The spectrum of the largest restricted likelihood of the unworn heights (n,).
 
-    With C = Σ θ_j C_j and P = C⁻¹ - C⁻¹F(FᵀC⁻¹F)⁻¹FᵀC⁻¹ of a form F, the steps are those of
-    Fisher's scoring in ln θ: gradient (θ_j/2)(zᵀP C_j P z - tr P C_j), information
-    (θ_j θ_k/2) tr(P C_j P C_k), and the prior's of a walk.
-    Parameters: `heights_um` (n,); `unworn` (n,), which of them; `form` F (n, p); `spacing_mm`;
-    `start`, a spectrum near it.
+    With C = Σ θ_j C_j and P = C⁻¹ - C⁻¹F(FᵀC⁻¹F)⁻¹FᵀC⁻¹ of a form F (n, p), the steps are those of
+    Fisher's scoring in ln θ: gradient (θ_j/2)(zᵀP C_j P z - tr P C_j), information (θ_j θ_k/2) tr(P
+    C_j P C_k), and the prior's of a walk. `start` is a spectrum near it.
     """
     bands = make_bands(len(heights_um), spacing_mm)
     waves, z, basis = bands.waves[unworn], heights_um[unworn], form[unworn]

@@ -29,34 +29,14 @@ _WIDEST_GAP = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Heights of a surface along a line.
+    """Heights of a surface along a line, their places put in rising order.
 
-    Parameters
-    ----------
-    x_mm : ndarray, shape (n,)
-        Places along the line, mm; they are put in rising order.
-    z_um : ndarray, shape (n,)
-        Heights there, up out of the specimen, µm.
-    name : str, default 'trace'
-        What messages call it.
-
-    Raises
-    ------
-    InputError
-        For what is no trace: too few points, numbers that are not finite, places that do not rise,
-        a length or heights that must be in another unit, a gap.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from isochrome.scars import Trace
-    >>> trace = Trace(x_mm=np.linspace(0.0, 6.0, 3000), z_um=np.zeros(3000))
-    >>> trace.length_mm
-    6.0
+    InputError for what is no trace: too few points, numbers that are not finite, places that do not
+    rise, a length or heights that must be in another unit, a gap. Messages have its `name`.
     """
 
     x_mm: Array
-    z_um: Array
+    z_um: Array  # up out of the specimen
     name: str = "trace"
 
     def __post_init__(self) -> None:
@@ -74,34 +54,12 @@ class Trace:
 
 
 def read_trace(path: str | Path) -> Trace:
-    """Read a trace from a text file.
+    """Read a trace from a text file, and name it after the file.
 
-    A table with a line of names, such as `x_mm,z_um`: one column for places (x, position, distance)
-    and one for heights (z, height), each with its unit in the name, in brackets or in a line of its
-    own: m, mm, µm (um) or nm. Cells are separated by commas, semicolons, tabs or blanks, decimals
-    by a point, or by a comma where cells are not; lines that begin with # are passed over. A file
-    in the ASCII form of ISO 25178-71 (SDF) with one profile is read too.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    Trace
-        The trace, named after the file.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be read or holds no trace; it names the file, the line and the fix.
-
-    Examples
-    --------
-    >>> from isochrome.samples import samples_path
-    >>> from isochrome.scars import read_trace
-    >>> trace = read_trace(samples_path() / "wear" / "31m-1.csv")  # doctest: +SKIP
+    A line of names, such as `x_mm,z_um` (x, position, distance; z, height), units m, mm, µm (um) or
+    nm in the name, in brackets or in a line of their own; cells between commas, semicolons, tabs or
+    blanks; decimals by a point, or a comma where cells are not; # begins a comment. Or one profile
+    in the ASCII form of ISO 25178-71 (SDF). InputError names the file, the line and the fix.
     """
     place = Path(path)
     x_mm, z_um = parse_trace(place)

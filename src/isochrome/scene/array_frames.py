@@ -245,22 +245,8 @@ FramesLike = str | Path | Sequence[str | Path] | FrameSequence | ArrayFrames
 
 
 def frames_of(given: FramesLike | Iterator[str | Path]) -> FramesLike:
-    """Tell files from arrays.
-
-    Parameters
-    ----------
-    given : str, Path, sequence of them, or frames as ArrayFrames takes them
-        Frames as a caller gives them.
-
-    Returns
-    -------
-    str, Path, tuple of them or ArrayFrames
-        The names of files as they are; all else as ArrayFrames.
-
-    Raises
-    ------
-    InputError
-        Where it is neither.
+    """Names of files as a caller gives them, all else as ArrayFrames; InputError where it is
+    neither.
     """
     if isinstance(given, str | Path | ArrayFrames):
         return given

@@ -1,11 +1,16 @@
-r"""Friction and load over the sliding distance from the file of a tester.
+"""Friction and load over the sliding distance from the file of a tester.
 
-A tester stores 10^5 rows, most of their digits noise, and a wear run ends a step at every point
-of a table. So a long file is followed by few straight lines: of all continuous lines with bends at
+A tester stores 10^5 rows, most of their digits noise, and a wear run ends a step at every point of
+a table. So a long file is followed by few straight lines: of all continuous lines with bends at
 some of the rows it is that of least ∫ (v - line)² ds, which keeps ∫ v ds, and stretches are halved
 until the mean of what is left, in each quarter of each of them, is below `FOLLOWED` of the largest
 value and four standard errors of the file's own noise. What is faster than that is averaged: noise,
 and whatever comes back within a few hundredths of the way, such as a roller out of round.
+
+The standard error of a mean over n rows is the larger of σ/√n, with σ the noise of the rows, and
+σ_b min(1, √(b/n)), with σ_b that of means over b of them, a quarter of one of FEW stretches: so
+noise that lasts over many rows is not followed either. Both are from second differences, median
+|v[i-1] - 2 v[i] + v[i+1]| / (0.6745 √6).
 """
 
 from __future__ import annotations
@@ -181,36 +186,11 @@ def _refuse_gap(given: GivenTable, kind: _Kind, distance: Floats, value: Floats)
 
 
 def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Floats]:
-    """Follow a measured curve by few straight lines; one of up to FEW points is left as it is.
+    """Bends (m), the ends among them, and values of few straight lines that follow a curve.
 
-    Equation: the least ∫ (v - Σ c_k hat_k(s))² ds over the c_k, with hats between bends s_k at some
-    of the places. Stretches between bends are halved where the mean of v - line over the n places
-    of one of their quarters is above FOLLOWED of max |v| and four standard errors; until none is
-    left, or FEW bends are used. The standard error is the larger of σ/√n, with σ the noise of the
-    rows, and σ_b min(1, √(b/n)), with σ_b that of means over b of them, a quarter of one of FEW
-    stretches: so noise that lasts over many rows is not followed either. Both are from second
-    differences, median |v[i-1] - 2 v[i] + v[i+1]| / (0.6745 √6).
-
-    Parameters
-    ----------
-    distance_m : ndarray, shape (n,)
-        Places, m, rising.
-    value : ndarray, shape (n,)
-        The values there.
-    label : str
-        Name of the curve in messages.
-
-    Returns
-    -------
-    bends_m : ndarray, shape (m,)
-        Places of the bends, m, the first and last place among them.
-    values : ndarray, shape (m,)
-        The lines' values there.
-
-    Raises
-    ------
-    InputError
-        Where what would be averaged away is more than a tenth of the values.
+    The least ∫ (v - Σ c_k hat_k(s))² ds over the c_k; stretches between bends are halved until none
+    asks for it (see the module), or FEW bends are used. One of up to FEW points is left as it is.
+    InputError where what would be averaged away is more than a tenth of the values.
     """
     import numpy as np
 

@@ -44,21 +44,9 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
     """Refuse a camera.pixel_mm in which the scene's specimen cannot be seen, before any work.
 
     A pixel is no wider than the contact (disc, beam), a picture no narrower than a hundredth of it,
-    and no wider than 200 contacts. A measured profile's contact is known when it is solved, and is
-    held to this then. Sizes beyond a metre (a radius, ten) are refused with it.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    shape : tuple of int or None
-        Rows and cols of its frames; None for a picture that may show as small a part as one likes,
-        whose size is the camera's.
-
-    Raises
-    ------
-    InputError
-        Where the pixel is too wide or too narrow, or a size too large.
+    and no wider than 200 contacts; sizes beyond a metre (a radius, ten) are refused too. A measured
+    profile's contact is held to this when it is solved. `shape` None: a picture that may show as
+    small a part as one likes, whose size is the camera's.
     """
     _check_sizes(scene)
     camera, seen = scene.camera, _width(scene)
@@ -80,19 +68,9 @@ def check_pixel(scene: Scene, shape: tuple[int, int] | None) -> None:
 
 
 def check_moduli(scene: Scene) -> None:
-    """Refuse a Young's modulus that no solid has, before any work.
+    """Refuse a Young's modulus that no solid has, over 1000 GPa, before any work.
 
     Where frames are at hand, a fit tells whether another unit explains them; this is for the rest.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Raises
-    ------
-    InputError
-        Where one is over 1000 GPa.
     """
     bodies = {"specimen.young_gpa": scene.specimen, "indenter.young_gpa": scene.indenter}
     for key, body in bodies.items():
@@ -119,25 +97,11 @@ def _check_sizes(scene: Scene) -> None:
 def check_width(
     name: str, pixel: float, shape: tuple[int, ...] | None, width: float, what: str
 ) -> None:
-    """Refuse a camera.pixel_mm in which what the picture shows cannot be seen.
+    """Refuse a camera.pixel_mm, side `pixel`, in which what the picture shows cannot be seen.
 
-    Parameters
-    ----------
-    name : str
-        The scene's or the set's name.
-    pixel : float
-        Side of a pixel, mm.
-    shape : tuple of int or None
-        Rows and cols of the frames; None for a picture that may show as small a part as one likes.
-    width : float
-        How wide is what the picture shows, mm.
-    what : str
-        What that is, such as 'the beam'.
-
-    Raises
-    ------
-    InputError
-        Where the pixel is wider, or the picture narrower than a hundredth of it.
+    InputError where it is wider than that, or the picture narrower than a hundredth of it. `width`,
+    mm, is that of `what`, such as 'the beam'; `shape` None: a picture may show as small a part as
+    one likes.
     """
     if pixel > max(width, UNDOUBTED_MM):
         raise InputError(

@@ -190,22 +190,9 @@ def scene_names() -> list[str]:
 
 
 def read_text(path: Path) -> str:
-    """Read the text of a settings file, without the mark that some editors begin UTF-8 with.
+    """Text of a settings file, without the mark that some editors begin UTF-8 with.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    InputError
-        Where it is missing, too large or not UTF-8.
+    InputError where it is missing, too large or not UTF-8.
     """
     try:
         with open(path, "rb") as file:
@@ -230,17 +217,8 @@ def read_text(path: Path) -> str:
 
 
 def as_tables(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Make plain dictionaries of mappings that are tables of a settings file.
-
-    Parameters
-    ----------
-    data : mapping
-        The tables.
-
-    Returns
-    -------
-    dict
-        The same, with the values as they are.
+    """Plain dictionaries of mappings that are tables of a settings file, with the values as they
+    are.
     """
     return {
         str(key): as_tables(value) if isinstance(value, Mapping) else value
@@ -249,25 +227,7 @@ def as_tables(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def parse_toml(text: str, label: str) -> dict[str, Any]:
-    """Read TOML text.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    label : str
-        Name of the file, in messages.
-
-    Returns
-    -------
-    dict
-        Its tables.
-
-    Raises
-    ------
-    InputError
-        Where it is not TOML, with the line.
-    """
+    """Tables of TOML text; InputError, with the line, where it is not TOML."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits

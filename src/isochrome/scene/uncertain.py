@@ -33,10 +33,9 @@ _FORM = "{ value = 14.6, standard_uncertainty = 0.066 }"
 def with_pairs(model: type[BaseModel], data: Any) -> Any:
     """A scene's tables with plain values, and all uncertainties as sorted pairs under PAIRS.
 
-    An uncertainty that was stated before stays where the value is still a number. The day of the
-    fringe value's calibration comes under DATE_FIELD; one that was stated before goes with a value
-    and uncertainty that are stated anew. Parameters: `model` of the scene; `data`, its tables.
-    Raises ValueError, see `split_uncertainties`.
+    An uncertainty stated before stays where the value is still a number. The day of the fringe
+    value's calibration comes under DATE_FIELD; one stated before goes with a value and uncertainty
+    that are stated anew. ValueError, see `split_uncertainties`.
     """
     if not isinstance(data, dict):
         return data
@@ -56,26 +55,10 @@ def with_pairs(model: type[BaseModel], data: Any) -> Any:
 def split_uncertainties(
     model: type[BaseModel], data: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Take the uncertainties out of a settings file's tables, which keep the plain values.
+    """A settings file's tables with plain values, and the standard uncertainties by dotted key.
 
-    Parameters
-    ----------
-    model : type
-        The model of the file.
-    data : dict
-        The tables, as dictionaries or as parts that were checked already.
-
-    Returns
-    -------
-    dict
-        The same with plain values.
-    dict of str to float
-        The standard uncertainties by dotted key, in the keys' units.
-
-    Raises
-    ------
-    ValueError
-        For a form that is not allowed, and for a key that is no measured number.
+    These are in the keys' units. ValueError for a form that is not allowed, and for a key that is
+    no measured number.
     """
     plain, found = dict(data), {}
     for part, table in data.items():
@@ -93,26 +76,9 @@ def split_uncertainties(
 
 
 def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
-    """Take a measured number and its standard uncertainty from their form in a file.
+    """A measured number, not checked yet, and its standard uncertainty from their form in a file.
 
-    Parameters
-    ----------
-    key : str
-        The dotted key, in messages.
-    value : mapping
-        What stands there.
-
-    Returns
-    -------
-    object
-        The plain value, which is not checked yet.
-    float
-        The standard uncertainty, in the unit of the key.
-
-    Raises
-    ------
-    ValueError
-        For a form that is not allowed.
+    ValueError for a form that is not allowed.
     """
     if set(value) != {VALUE, SPREAD}:
         raise ValueError(

@@ -54,30 +54,10 @@ def validate(
     reserved: tuple[str, ...] = (),
     folder: Path | None = None,
 ) -> M:
-    """Check a dictionary against a pydantic model.
+    """Check a dictionary against a pydantic model; InputError names the first mistake.
 
-    Parameters
-    ----------
-    model : type
-        The model.
-    data : dict
-        The tables of a settings file.
-    label : str
-        Name of the file, in messages.
-    reserved : tuple of str, optional
-        Names of fields that are no keys.
-    folder : Path, optional
-        Folder to which the names of tables' files are relative; by default the working one.
-
-    Returns
-    -------
-    BaseModel
-        An instance of the model.
-
-    Raises
-    ------
-    InputError
-        Where anything is wrong; it names the first mistake.
+    `reserved` are fields that are no keys; names of tables' files are relative to `folder`, by
+    default the working one.
     """
     for key in reserved:
         if key in data:
@@ -89,21 +69,8 @@ def validate(
 
 
 def check_reach(data: Any, label: str, key: str = "") -> None:
-    """Refuse numbers of a settings file whose powers would be beyond all numbers.
-
-    Parameters
-    ----------
-    data : object
-        The file's tables, lists and values.
-    label : str
-        Name of the file, in messages.
-    key : str, default ''
-        Key of `data` in the file.
-
-    Raises
-    ------
-    InputError
-        Where a number is too large or too small.
+    """Refuse numbers of a settings file whose powers would be beyond all numbers; `key` is where
+    `data` is.
     """
     if isinstance(data, dict):
         for name, value in data.items():

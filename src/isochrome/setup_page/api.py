@@ -97,26 +97,9 @@ def open_session(
     *,
     calibration: str | None = None,
 ) -> SetupSession:
-    """Open the frames, and the scene or calibration set where there is one.
+    """Open the frames, and the scene or calibration set where there is one, as for `setup`.
 
-    Parameters
-    ----------
-    frames : str, Path or sequence of them
-        The captured frames, or the file of a calibration set.
-    scene : str or Path, optional
-        As for `setup`.
-    calibration : {'beam', 'disc'}, optional
-        As for `setup`.
-
-    Returns
-    -------
-    SetupSession
-        What the page works on.
-
-    Raises
-    ------
-    InputError
-        Where the frames or the scene cannot be read.
+    The file of a calibration set is taken for frames too.
     """
     given: str | Path | tuple[str | Path, ...] = (
         frames if isinstance(frames, str | Path) else tuple(frames)

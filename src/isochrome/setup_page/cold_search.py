@@ -59,32 +59,10 @@ def find_in_frames(
 ) -> dict[str, Any]:
     """Search a frame for the scene, as `init` does, and put what is found into the scene's text.
 
-    A key whose uncertainty the scene states stays as it is, and so does a friction coefficient
-    where the frame shows none.
-
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
-    index : int
-        The frame, from 0; frame 1 in place of 0 where the scene says that 0 stands still.
-    form : tuple of str and mapping, optional
-        Kind and values of the form, from which the scene is made where there is none yet.
-    held : bool, default False
-        Whether the scene's field, gamma and quarter turns are known, and not searched for.
-
-    Returns
-    -------
-    dict
-        `frame`, `chi`; `found`: key, value with its ± as text, and note; `warnings`.
-
-    Raises
-    ------
-    InputError
-        Where something is not known without which nothing can be found, or the scene has no such
-        search; the scene stays as it was.
-    PhysicsError
-        Where no contact's or disc's fringes are in the frame.
+    A key with a stated uncertainty stays, as friction does where none is shown. Frame 1 stands for
+    0 where that stands still; `form`: what a new scene is made from; `held`: field, gamma, turns
+    are known. Gives `frame`, `chi`, `found` (key, value with ±, note), `warnings`. Else InputError,
+    the scene as it was, or PhysicsError: no contact's or disc's fringes.
     """
     started = session.text
     text, guessed = _start_text(session, form)
@@ -113,18 +91,7 @@ def find_in_frames(
 
 
 def page_words(text: str) -> str:
-    """Say a sentence of the command line in the page's words: fields in place of options.
-
-    Parameters
-    ----------
-    text : str
-        The sentence.
-
-    Returns
-    -------
-    str
-        The same with each option by the name of its field.
-    """
+    """A sentence of the command line in the page's words: fields in place of options."""
     labels = {field.key: field.label for field in FIELDS}
     keys = {name: quantity.key for name, quantity in QUANTITIES.items()}
     for key in (*_HELD, *_ON_REQUEST):

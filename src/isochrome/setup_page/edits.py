@@ -356,19 +356,9 @@ TOOLS: Mapping[str, Callable[[SetupSession, Asked], None]] = {
 
 
 def apply_tool(session: SetupSession, asked: Asked) -> None:
-    """Do what a tool of the page asks for.
+    """Do what a tool of the page asks for; InputError where it cannot be, the scene as it was.
 
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
-    asked : mapping
-        `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be done; the scene stays as it was.
+    `asked`: `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
     """
     tool = TOOLS.get(str(asked.get("tool")))
     if tool is None:

@@ -23,40 +23,17 @@ STATED_SHAPES = ("disc", "ring", "beam", "other")
 
 @dataclass(frozen=True, kw_only=True)
 class SceneField:
-    """A value that the page asks for.
+    """A value that the page asks for."""
 
-    Parameters
-    ----------
-    key : str
-        Its key of the scene.
-    label : str
-        What the page calls it.
-    group : str
-        Under which head it stands.
-    kinds : tuple of str, optional
-        For which of KINDS and SET_KINDS it is asked; by default for all.
-    unit : str, default ''
-        Its unit.
-    usual : str, default ''
-        A value that is usual, as it stands in the field at first; empty where only the user
-        knows it.
-    hint : str, default ''
-        A usual range, or where it is known from.
-    needed : bool, default False
-        Whether a scene of this kind needs it.
-    choices : tuple of str, default ()
-        What may be chosen; empty for a number or a list of them.
-    """
-
-    key: str
-    label: str
-    group: str
-    kinds: tuple[str, ...] = (*KINDS, *SET_KINDS)
+    key: str  # of the scene
+    label: str  # what the page calls it
+    group: str  # the head it stands under
+    kinds: tuple[str, ...] = (*KINDS, *SET_KINDS)  # of KINDS and SET_KINDS, for which it is asked
     unit: str = ""
-    usual: str = ""
-    hint: str = ""
-    needed: bool = False
-    choices: tuple[str, ...] = ()
+    usual: str = ""  # stands in the field at first; empty: only the user knows it
+    hint: str = ""  # a usual range, or where it is known from
+    needed: bool = False  # by a scene of this kind
+    choices: tuple[str, ...] = ()  # empty for a number or a list of them
 
 
 def _made(own: dict[str, Any]) -> SceneField:
@@ -69,11 +46,5 @@ FIELDS = tuple(map(_made, _TABLES["field"]))
 
 
 def field_rows() -> list[dict[str, Any]]:
-    """List the fields as plain dictionaries, as the page takes them.
-
-    Returns
-    -------
-    list of dict
-        One for each.
-    """
+    """The fields as plain dictionaries, as the page takes them."""
     return [asdict(field) for field in FIELDS]

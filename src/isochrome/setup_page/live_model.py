@@ -36,14 +36,9 @@ _BLACKEST, _WHITEST = 1.0, 99.0
 
 
 class LiveModel:
-    """A scene's fringes on the pixels of its region, as values move.
+    """A scene's fringes on the pixels (rows, cols) of its region, as values move.
 
-    Parameters
-    ----------
-    scene : Scene
-        One state, with its pixel size.
-    shape : tuple of two ints
-        Rows and columns of the region.
+    The scene is one state, with its pixel size.
     """
 
     def __init__(self, scene: Scene, shape: tuple[int, int]) -> None:
@@ -66,24 +61,10 @@ class LiveModel:
         self._renderers: dict[tuple[int, int], SceneRenderer] = {}
 
     def signal(self, values: Mapping[str, float]) -> NDArray[np.floating]:
-        """Give the polariscope's signal for some values.
+        """The polariscope's signal (rows, cols) for values by key, 1 for full light.
 
-        Parameters
-        ----------
-        values : mapping of str to float
-            Keys of the scene; those that a frame's own state does not have are left out.
-
-        Returns
-        -------
-        ndarray of shape (rows, cols)
-            The signal, 1 for full light; no specimen, no light.
-
-        Raises
-        ------
-        InputError
-            Where a value is not allowed.
-        PhysicsError
-            Where the contact cannot be solved.
+        No specimen, no light. Keys that a frame's own state does not have are left out. InputError
+        where a value is not allowed, PhysicsError where the contact cannot be solved.
         """
         known = {key: value for key, value in values.items() if self._has(key)}
         try:
@@ -131,18 +112,7 @@ class LiveModel:
 
 
 def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:
-    """Find the grey levels between which a picture's fringes go.
-
-    Parameters
-    ----------
-    picture : ndarray of uint8, shape (rows, cols)
-        The picture, as it is shown.
-
-    Returns
-    -------
-    tuple of two floats
-        The dark and the bright end.
-    """
+    """The dark and the bright grey level between which a picture's fringes go."""
     low, high = np.percentile(picture[::4, ::4], [_BLACKEST, _WHITEST])
     return float(low), float(max(high, low + 1.0))
 
@@ -150,21 +120,9 @@ def grey_span(picture: NDArray[np.uint8]) -> tuple[float, float]:
 def shown_grey(
     signal: NDArray[np.floating], span: tuple[float, float], gamma: float
 ) -> NDArray[np.uint8]:
-    """Make grey levels of a signal, as bright as the picture that it lies over.
+    """Grey levels of a signal, 1 for full light, as bright as the picture that it lies over.
 
-    Parameters
-    ----------
-    signal : ndarray of shape (rows, cols)
-        The signal, 1 for full light.
-    span : tuple of two floats
-        The picture's dark and bright end, see `grey_span`.
-    gamma : float
-        The camera stores light^(1/gamma).
-
-    Returns
-    -------
-    ndarray of uint8, shape (rows, cols)
-        The grey levels.
+    `span`, see `grey_span`; the camera stores light^(1/gamma).
     """
     stored = np.clip(signal, 0.0, 1.0) ** np.float32(1.0 / gamma)
     grey: NDArray[np.uint8] = np.rint(span[0] + (span[1] - span[0]) * stored).astype(np.uint8)

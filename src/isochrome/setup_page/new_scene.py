@@ -22,26 +22,10 @@ _NOUGHT = (False, 0, "")
 
 
 def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, str]) -> str:
-    """Write a scene from the page's form.
+    """A scene or set as TOML from the page's form, each line commented with its unit or meaning.
 
-    Parameters
-    ----------
-    kind : str
-        One of KINDS, or of SET_KINDS for a calibration set.
-    values : mapping of str to Any
-        What was filled in, by the scene's keys; None, or no key, for what was not.
-    no_load : mapping of str to str
-        Files of the unloaded specimen, by the scene's keys.
-
-    Returns
-    -------
-    str
-        TOML text, each line with its unit or meaning as a comment.
-
-    Raises
-    ------
-    InputError
-        Where a value is missing that such a scene needs; it names all of them.
+    Values and files without load go by the scene's keys, None where not filled in. InputError names
+    all that such a scene needs.
     """
     kinds = KINDS | SET_KINDS
     if kind not in kinds:
@@ -83,24 +67,9 @@ def _comment(key: str, field: SceneField | None) -> str:
 
 
 def without_model(scene: Scene, text: str) -> Scene:
-    """Give a scene without its model: what remains is read from the image alone.
+    """A scene without its model: what remains is read from the image alone.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene, for its name and folder.
-    text : str
-        Its text.
-
-    Returns
-    -------
-    Scene
-        A scene without a model.
-
-    Raises
-    ------
-    InputError
-        Where the text's layout cannot be edited.
+    InputError where the text's layout cannot be edited.
     """
     if scene.model is None:
         return scene

@@ -13,17 +13,9 @@ from isochrome.setup_page.set_session import SetSession
 
 
 def session_state(session: SetupSession) -> dict[str, Any]:
-    """Say how a scene stands: its text and values, and where its parts lie in the picture.
+    """How a scene stands: its text and values, and where its parts lie in the picture.
 
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
-
-    Returns
-    -------
-    dict
-        Plain values, as the page takes them; places are (row, col) of the whole picture.
+    Plain values, as the page takes them; places are (row, col) of the whole picture.
     """
     scene = session.scene_or_none()
     reader, region = session.reader(scene), session.region(scene)

@@ -26,25 +26,7 @@ _NEAREST_PX = 2.0
 
 
 def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
-    """Compute the side of a pixel from two points a known length apart.
-
-    Parameters
-    ----------
-    first, second : tuple of float
-        The points (row, col), px.
-    length_mm : float
-        Their distance on the specimen, mm.
-
-    Returns
-    -------
-    float
-        Side of a pixel, mm.
-
-    Raises
-    ------
-    InputError
-        Where the points are one, or the length is no length.
-    """
+    """Side of a pixel, mm, from two points (row, col) a known length apart; InputError for none."""
     apart = math.hypot(second[0] - first[0], second[1] - first[1])
     if not apart >= _NEAREST_PX:
         raise InputError(
@@ -57,20 +39,7 @@ def pixel_scale(first: Point, second: Point, length_mm: float) -> float:
 
 
 def place_of_point(pixels: PixelGrid, point: Point) -> tuple[float, float]:
-    """Compute the place that a point of the picture looks at.
-
-    Parameters
-    ----------
-    pixels : PixelGrid
-        The region's pixels.
-    point : tuple of float
-        Row and column in the region, px; also beyond its edges.
-
-    Returns
-    -------
-    tuple of float
-        x and z, mm.
-    """
+    """The place x, z, mm, that a point (row, col) of the region looks at, also beyond its edges."""
     row, col = point
     x = pixels.left_mm + (col + 0.5) * pixels.pixel_mm
     z = pixels.top_mm + (row + 0.5) * pixels.pixel_mm
@@ -83,20 +52,7 @@ def place_of_point(pixels: PixelGrid, point: Point) -> tuple[float, float]:
 
 
 def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
-    """Compute the point of the picture that looks at a place.
-
-    Parameters
-    ----------
-    pixels : PixelGrid
-        The region's pixels.
-    x_mm, z_mm : float
-        The place, mm.
-
-    Returns
-    -------
-    tuple of float
-        Row and column in the region, px.
-    """
+    """The point (row, col) of the region that looks at a place."""
     unit = pixels.pixel_mm
     row, col = (z_mm - pixels.top_mm) / unit - 0.5, (x_mm - pixels.left_mm) / unit - 0.5
     for _ in range(_PASSES if pixels.lens is not None else 0):
@@ -112,43 +68,19 @@ def seen_at(pixels: PixelGrid, x_mm: float, z_mm: float) -> Point:
 
 
 def placed_at(pixels: PixelGrid, point: Point) -> tuple[float, float]:
-    """Compute the edges of the picture for which a point looks at x = z = 0.
+    """The outer edges left_mm and top_mm for which a point (row, col) looks at x = z = 0.
 
-    That is the middle of the contact on the surface, or the top of a disc, ring or beam.
-
-    Parameters
-    ----------
-    pixels : PixelGrid
-        The region's pixels; how they look stays, only their edges move.
-    point : tuple of float
-        Row and column in the region, px.
-
-    Returns
-    -------
-    tuple of float
-        The outer edges left_mm and top_mm, mm.
+    That is the middle of the contact on the surface, or the top of a disc, ring or beam. How the
+    pixels look stays, only their edges move.
     """
     x, z = place_of_point(pixels, point)
     return pixels.left_mm - x, pixels.top_mm - z
 
 
 def surface_roll(first: Point, second: Point) -> float:
-    """Compute the camera's roll from two points on the specimen's surface.
+    """The camera's roll, degrees counter-clockwise, from two points (row, col) on the surface.
 
-    Parameters
-    ----------
-    first, second : tuple of float
-        The points (row, col), px, apart along the surface.
-
-    Returns
-    -------
-    float
-        The roll, degrees, counter-clockwise.
-
-    Raises
-    ------
-    InputError
-        Where the points are one above the other, or the surface is turned by over 45 degrees.
+    InputError where they are one above the other, or the surface is turned by over 45 degrees.
     """
     left, right = sorted((first, second), key=lambda point: point[1])
     across, down = right[1] - left[1], right[0] - left[0]
@@ -162,57 +94,20 @@ def surface_roll(first: Point, second: Point) -> float:
 
 
 def on_line(first: Point, second: Point, col: float) -> float:
-    """Give the row of a straight line at a column.
-
-    Parameters
-    ----------
-    first, second : tuple of float
-        Two of its points (row, col), px.
-    col : float
-        The column, px.
-
-    Returns
-    -------
-    float
-        The row, px.
-    """
+    """The row at a column of the straight line through two points (row, col), px."""
     share = (col - first[1]) / (second[1] - first[1])
     return first[0] + share * (second[0] - first[0])
 
 
 def moved(points: Sequence[Sequence[float]], down: float, right: float) -> list[list[float]]:
-    """Move points, such as from the picture to its region.
-
-    Parameters
-    ----------
-    points : sequence of (row, col)
-        The points, px.
-    down, right : float
-        What is added to rows and columns, px.
-
-    Returns
-    -------
-    list of list of float
-        The points, rounded to a hundredth of a pixel.
+    """Points (row, col) moved by px, rounded to a hundredth, such as from the picture to its
+    region.
     """
     return [[round(row + down, 2), round(col + right, 2)] for row, col in points]
 
 
 def cut_out(pixels: PixelGrid, rows: int, cols: int) -> PixelGrid:
-    """Give pixels of another size that have the same edges at the left and the top.
-
-    Parameters
-    ----------
-    pixels : PixelGrid
-        The pixels.
-    rows, cols : int
-        Their new size.
-
-    Returns
-    -------
-    PixelGrid
-        The pixels; a lens looks from their new middle.
-    """
+    """Pixels of another size with the same left and top edge; a lens looks from the new middle."""
     if pixels.lens is None:
         return replace(pixels, rows=rows, cols=cols)
     width, height = 0.5 * cols * pixels.pixel_mm, 0.5 * rows * pixels.pixel_mm

@@ -46,27 +46,11 @@ _FARTHEST = 1e9
 
 
 def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
-    """Fit the scene to one frame, as `process` does, and say what was found.
+    """Fit the scene to one frame, from 0, as `process` does, and say what was found.
 
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
-    index : int
-        The frame, from 0.
-
-    Returns
-    -------
-    dict
-        `values`: key, value, its ± as text, the TOML line that states it, and whether the frame
-        asked for it; `chi`, whether it is `wrong`, `kept_share`, and `warnings`.
-
-    Raises
-    ------
-    InputError
-        Where the scene or the frame is wrong.
-    PhysicsError
-        Where the frame does not show the scene's model.
+    `values`: key, value, its ± as text, the TOML line that states it, and whether the frame asked
+    for it; `chi`, whether it is `wrong`, `kept_share`, and `warnings`. PhysicsError where the frame
+    does not show the model.
     """
     scene = session.scene()
     if scene.model is None:
@@ -110,22 +94,10 @@ def _scale_row(scene: Scene, found: FrameResult) -> list[dict[str, Any]]:
 
 
 def check_answer(session: SetupSession) -> dict[str, Any]:
-    """Say what `isochrome check` says of the frames and the scene as it is on the page.
+    """What `isochrome check` says of the frames and the scene as it is on the page.
 
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
-
-    Returns
-    -------
-    dict
-        `ok`, `count` and `findings`, and the `revision` of the scene that was checked.
-
-    Raises
-    ------
-    InputError
-        Where there is no scene yet.
+    `ok`, `count`, `findings`, and the `revision` of the scene that was checked; InputError where
+    there is none yet.
     """
     scene, revision = session.scene(), session.revision
     try:
@@ -143,23 +115,9 @@ def check_answer(session: SetupSession) -> dict[str, Any]:
 def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.uint8], list[str]]:
     """Read the order of one frame from its known points alone, as it would be without a model.
 
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
-    index : int
-        The frame, from 0.
-
-    Returns
-    -------
-    tuple of ndarray of uint8 (rows, cols) and list of str
-        Order over 0.02 fringe plus 1, at most 255, 0 where none is known, of the region; and what
-        `process` says. The parts that hang together with a known point are those that are known.
-
-    Raises
-    ------
-    InputError
-        Where the scene or the frame is wrong, or no order is known anywhere.
+    Of the region, order over 0.02 fringe plus 1, at most 255, 0 where none is known, in the parts
+    that hang together with a known point; and what `process` says. InputError where no order is
+    known anywhere.
     """
     scene = without_model(session.scene(), session.text)
     if not scene.frames.orders_known:
@@ -176,18 +134,7 @@ def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.u
 
 
 def shown_orders(order: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Give the levels of orders as the page shows them.
-
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order, NaN = not known.
-
-    Returns
-    -------
-    ndarray of uint8 (rows, cols)
-        As in `order_map_of_points`.
-    """
+    """Orders, NaN = not known, as levels of the page, see `order_map_of_points`."""
     known = np.isfinite(order)
     level = np.rint(np.where(known, order, 0.0) / _ORDER_STEP) + 1.0
     return np.where(known, np.clip(level, 1, 255), _UNKNOWN).astype(np.uint8)
@@ -197,11 +144,6 @@ class ClickPreview:
     """What a point or line of known order would do to the map of a frame, before it is set.
 
     The frame that was asked of last stays followed, so that each place is answered at once.
-
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
     """
 
     def __init__(self, session: SetupSession) -> None:
@@ -212,29 +154,12 @@ class ClickPreview:
         self._before: tuple[Any, PatchOrders] | None = None
 
     def answer(self, index: int, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """Say what would become of the map of a frame.
+        """What would become of the map of a frame: its `kind`, 'nothing' where no order is read.
 
-        Parameters
-        ----------
-        index : int
-            The frame, from 0.
-        asked : mapping
-            `points` and `lines`, all of them as they would stand; `at`, the place (row, col) of the
-            picture that is set, and `on_line`, whether it is a line's. Without `at` the frame is
-            followed alone, so that the next answer comes at once.
-
-        Returns
-        -------
-        dict
-            `kind`: 'nothing', 'new', 'moved', 'changed', 'same' or 'lost'; `words` and what is
-            `said` besides; `share` of the frame; `rows`, `cols` and `levels` of the part's patches,
-            as in `order_map_of_points`; the `revision` of the scene.
-
-        Raises
-        ------
-        InputError
-            Where what is asked is none of its own. A scene or frame of which no order is read is
-            an answer: of that kind 'nothing'.
+        Asked: `points`, `lines` as they would stand; `at` (row, col) of the picture, `on_line`:
+        what is set; without `at` the frame is only followed, for the next answer. Kinds: 'nothing',
+        'new', 'moved', 'changed', 'same', 'lost'; also `words`, `said`, `share` of the frame, the
+        part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the `revision`.
         """
         with refused_as_asked("preview"):
             asked = _plainly(asked)

@@ -72,15 +72,7 @@ _TYPE = "application/octet-stream"
 
 
 class SetupServer(ThreadingHTTPServer):
-    """Serves one session to one browser.
-
-    Parameters
-    ----------
-    session : SetupSession
-        The scene and its frames.
-    port : int, default 0
-        Port on the loopback address; 0: a free one.
-    """
+    """Serves one session to one browser, on a port of the loopback address; 0: a free one."""
 
     daemon_threads = True
     allow_reuse_address = False

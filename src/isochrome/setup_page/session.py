@@ -45,20 +45,10 @@ _DARKEST, _BRIGHTEST = 0.1, 99.9
 
 
 class SetupSession:
-    """A scene that is being set up on its frames.
+    """A scene that is being set up on its frames, and written to `scene_file`.
 
     Everything that the page does goes through here, and all of it can be done without a browser.
-
-    Parameters
-    ----------
-    frames : str, Path or sequence of them
-        The captured frames.
-    scene_file : Path
-        Where the scene is written.
-    text : str
-        What it holds at first; empty for a scene that is still to be made.
-    saved : bool
-        Whether the file holds that text already.
+    `text` is empty for a scene that is still to be made; `saved`: the file holds it already.
     """
 
     def __init__(self, frames: FramesLike, scene_file: Path, text: str, *, saved: bool) -> None:
@@ -308,17 +298,8 @@ class SetupSession:
 
 
 def shown_frame(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Stretch a frame's grey levels to 8 bits.
-
-    Parameters
-    ----------
-    image : ndarray of shape (rows, cols)
-        Raw grey levels; NaN is shown black.
-
-    Returns
-    -------
-    ndarray of uint8
-        The darkest thousandth is black, the brightest white.
+    """Raw grey levels in 8 bits: the darkest thousandth is black, the brightest white; NaN is
+    black.
     """
     values = np.nan_to_num(image.astype(np.float32))
     step = max(1, int(np.sqrt(values.size / 250_000)))

@@ -57,23 +57,10 @@ _TURN = 73
 
 
 class SetSession(SetupSession):
-    """A calibration set that is being set up on its images.
+    """A calibration set of a bending or diametral specimen that is being set up on its images.
 
     Its text need not be a whole set until it is saved or calibrated: sizes, scale and loads come
     one after the other.
-
-    Parameters
-    ----------
-    frames : str, Path or sequence of them
-        The captured images, one a load.
-    scene_file : Path
-        Where the set is written.
-    text : str
-        What it holds at first; empty for a set that is still to be made.
-    saved : bool
-        Whether the file holds that text already.
-    subject : {'bending', 'diametral'}
-        What the images show.
     """
 
     def __init__(
@@ -227,26 +214,9 @@ def _load_in(name: str) -> float | None:
 
 
 def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -> str:
-    """Give a set's text with the loads of its images; comments stay where the images do.
+    """A set's TOML text with its images' loads, N; comments stay where the images do.
 
-    Parameters
-    ----------
-    text : str
-        TOML text.
-    names : sequence of str
-        The images' files.
-    loads : sequence of float or None
-        Their loads, N; None for an image that is not of the set.
-
-    Returns
-    -------
-    str
-        TOML text.
-
-    Raises
-    ------
-    InputError
-        Where the text's layout cannot be edited.
+    None: an image that is not of the set. InputError where the text's layout cannot be edited.
     """
     wanted = {n: load for n, load in zip(names, loads, strict=True) if load is not None}
     there = parse_toml(text, "set").get("image", [])
@@ -277,25 +247,10 @@ def _with_load(text: str, name: str, load: float) -> str:
 def calibration_answer(session: SetSession) -> dict[str, Any]:
     """Calibrate, and say what was found.
 
-    Parameters
-    ----------
-    session : SetSession
-        The set and its images.
-
-    Returns
-    -------
-    dict
-        `values`: words and text of each; `images`: file, load, order and chi; `causes`: words and
-        text of each that the images asked for, the key and value of the set that state it, None
-        where there is none, and a `note`; `warnings`, and the `revision` of the set that was
-        calibrated.
-
-    Raises
-    ------
-    InputError
-        Where the set is not whole or wrong.
-    PhysicsError
-        Where the images do not determine the value.
+    `values`: words and text; `images`: file, load, order, chi; `causes`: words and text of each
+    that the images asked for, the key and value that state it, None for none, a `note`; `warnings`,
+    and the `revision` of the set. InputError for a set, PhysicsError for images that do not tell
+    it.
     """
     revision = session.revision
     found = session.calibrate()

@@ -36,20 +36,7 @@ def picture_array(
 
 
 def picture_axes(pixels: PixelGrid, *, coloured: bool = False) -> dict[str, Column]:
-    """Give the coordinates of a picture's rows and columns, in pixels and in mm.
-
-    Parameters
-    ----------
-    pixels : PixelGrid
-        Its pixels.
-    coloured : bool, default False
-        Whether it has red, green and blue.
-
-    Returns
-    -------
-    dict of str to Column
-        The coordinates row, col, z_mm and x_mm, and with colours channel.
-    """
+    """Coordinates of a picture: row, col, z_mm, x_mm, and with red, green and blue channel."""
     units = {"units": "mm"}
     names = Column(("channel",), np.array(["red", "green", "blue"]), {})
     return {

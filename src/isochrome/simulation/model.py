@@ -56,30 +56,14 @@ class SceneState:
 
 @dataclass(frozen=True)
 class Picture:
-    """What the camera would see, before the camera.
+    """What the camera would see (rows, cols), before the camera."""
 
-    Parameters
-    ----------
-    difference : ndarray of complex, shape (rows, cols)
-        Stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa.
-    order : ndarray, shape (rows, cols)
-        Fringe order N in the pixels' middles, fringes.
-    mean_order : ndarray, shape (rows, cols)
-        Fringe order that the pixels show, the mean over their area.
-    material : ndarray of bool, shape (rows, cols)
-        False where there is no specimen.
-    visibility : ndarray, shape (rows, cols)
-        Visibility of the fringes in a pixel's area.
-    too_fine : float
-        Share of the fringed pixels with fringes finer than two pixels.
-    """
-
-    difference: StressDifference
-    order: Array
-    mean_order: Array
-    material: NDArray[np.bool_]
-    visibility: Array
-    too_fine: float
+    difference: StressDifference  # (sigma_x - sigma_z) + 2i tau_xz, MPa
+    order: Array  # in the pixels' middles, fringes
+    mean_order: Array  # that the pixels show, the mean over their area
+    material: NDArray[np.bool_]  # False: no specimen
+    visibility: Array  # of the fringes in a pixel's area
+    too_fine: float  # share of the fringed pixels with fringes finer than two pixels
 
 
 def scene_states(scene: Scene) -> list[SceneState]:
@@ -121,24 +105,9 @@ def scene_states(scene: Scene) -> list[SceneState]:
 
 
 def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
-    """Give the states of `scene_states`, each solved when it is asked for.
+    """The states of `scene_states`, each solved when it is asked for.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    iterator of SceneState
-        The states.
-
-    Raises
-    ------
-    InputError
-        At once, where the scene has no model.
-    PhysicsError
-        As the states come, where one cannot be solved.
+    InputError at once, where the scene has no model; PhysicsError as they come.
     """
     if scene.model is None:
         raise InputError(no_model_sentence(scene))
@@ -148,18 +117,7 @@ def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
 
 
 def state_count(scene: Scene) -> int:
-    """Count the states of a scene, without solving them.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    int
-        How many there are.
-    """
+    """Number of states of a scene, without solving them."""
     if scene.indenter is None:
         return 1
     static = scene.friction is not None and scene.friction.static_state_first
@@ -169,18 +127,7 @@ def state_count(scene: Scene) -> int:
 
 
 def no_model_sentence(scene: Scene) -> str:
-    """Say why a scene has no model, and what can be done with its frames all the same.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-
-    Returns
-    -------
-    str
-        The sentence.
-    """
+    """Why a scene has no model, and what can be done with its frames all the same."""
     return (
         f"{scene.name}: {scene.no_model_reason}, so it cannot be simulated; "
         "`isochrome process` still gives the normalised frames, the fringe skeleton, and the order "
@@ -197,43 +144,15 @@ def _label(state: SurfaceState) -> str:
 
 
 def state_difference(scene: Scene, state: SceneState, pixels: PixelGrid) -> StressDifference:
-    """Stress difference of one state on a pixel grid, with what the scene adds to the contact's.
+    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of one state, with what the scene adds.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    state : SceneState
-        The state.
-    pixels : PixelGrid
-        The pixels.
-
-    Returns
-    -------
-    ndarray of complex, shape (rows, cols)
-        The difference (sigma_x - sigma_z) + 2i tau_xz, MPa; NaN outside a specimen that is shown
-        whole, 0 above a contact's surface.
+    NaN outside a specimen that is shown whole, 0 above a contact's surface.
     """
     return specimen_model(scene).difference(scene, state.surface, pixels)
 
 
 def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) -> Picture:
-    """Make fringe order, mask and visibility of a stress field.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    difference : ndarray of complex, shape (rows, cols)
-        Stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa.
-    pixels : PixelGrid
-        The pixels.
-
-    Returns
-    -------
-    Picture
-        What the camera would see.
-    """
+    """Fringe order, mask and visibility of a stress field (sigma_x - sigma_z) + 2i tau_xz, MPa."""
     specimen = scene.specimen
     assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
     order = fringe_order(
@@ -250,27 +169,11 @@ def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) 
 
 
 def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> Array:
-    """Polariscope signal of a picture; no specimen, no light.
+    """Polariscope signal of a picture, 1 for full light; no specimen, no light.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    picture : Picture
-        What the camera would see.
-    step : int, optional
-        Which of the polariscope's phase steps; None: dark, bright or plane field.
-
-    Returns
-    -------
-    ndarray, shape (rows, cols) or (rows, cols, 3)
-        The signal, 1 for full light; red, green and blue for a colour camera; in float64 where the
-        camera stores more than 10 bits.
-
-    Raises
-    ------
-    InputError
-        On a response file that cannot be used, or a light that a channel does not see.
+    (rows, cols), or (rows, cols, 3) for a colour camera, in float64 where it stores more than 10
+    bits. `step`: phase step, None: dark, bright or plane field. InputError on a response file that
+    cannot be used, or a light that a channel does not see.
     """
     camera, polariscope = scene.camera, scene.polariscope
     order, whole = picture.mean_order, picture.material.all()

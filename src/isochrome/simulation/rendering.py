@@ -27,27 +27,13 @@ from isochrome.stress import PixelGrid
 
 @dataclass(frozen=True)
 class Rendered:
-    """A state with its picture and the camera's frames of it.
-
-    Parameters
-    ----------
-    state : SceneState
-        The state.
-    picture : Picture
-        What the camera would see.
-    frames : ndarray, shape (steps, rows, cols) or (steps, rows, cols, 3)
-        Grey levels, a frame for each phase step.
-    components : Components, optional
-        The components of its stress; None where nobody asked.
-    block_order : float, optional
-        The largest change of the fringe order in view by the sides of a block, fringes; None for a
-        half-plane.
-    """
+    """A state with its picture and the camera's frames of it."""
 
     state: SceneState
     picture: Picture
-    frames: NDArray[np.generic]
-    components: Components | None = None
+    frames: NDArray[np.generic]  # grey levels, (steps, rows, cols[, 3])
+    components: Components | None = None  # of its stress; None: nobody asked
+    # largest change of the order in view by the sides of a block; None: a half-plane
     block_order: float | None = None
 
 
@@ -61,31 +47,9 @@ def render(
 ) -> Iterator[Rendered]:
     """Render state after state; one is in memory at a time.
 
-    Noise of state i comes from the generator seeded with (camera.seed, i), so that a frame does not
-    depend on those before it.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene with [camera].
-    states : iterable of SceneState
-        Its states.
-    pixels : PixelGrid
-        The pixels.
-    components : bool, default False
-        Whether the principal stresses are wanted apart.
-    first : int, default 0
-        Number of the first state.
-
-    Yields
-    ------
-    Rendered
-        Each state with its picture and frames.
-
-    Raises
-    ------
-    PhysicsError
-        Where a contact is wider than the picture, or fringes are too fine for the pixels.
+    Noise of state i, counted from `first`, is seeded with (camera.seed, i), so that a frame does
+    not depend on those before it. PhysicsError where a contact is wider than the picture, or
+    fringes are too fine for the pixels.
     """
     assert scene.camera is not None
     steps: list[int | None] = list(range(len(scene.polariscope.step)))

@@ -46,26 +46,9 @@ _NO_BUDGET = (
 
 
 def simulation_report(folder: Path, scene: Scene, record: Mapping[str, Any]) -> ReportContent:
-    """Collect what the report of a simulation says; frames are read of the few that it shows.
+    """What the report of a simulation in a folder says; frames are read of the few that it shows.
 
-    Parameters
-    ----------
-    folder : Path
-        Where its files are.
-    scene : Scene
-        The scene.
-    record : mapping
-        What provenance.json holds: versions and hashes.
-
-    Returns
-    -------
-    ReportContent
-        What the report says.
-
-    Raises
-    ------
-    OSError, ValueError, KeyError
-        Where a file of the folder cannot be read.
+    `record` is provenance.json. OSError, ValueError or KeyError where a file cannot be read.
     """
     history = read_csv(folder / HISTORY)
     count = len(history["state"])

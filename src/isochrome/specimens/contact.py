@@ -105,23 +105,9 @@ MODEL = HalfPlane()
 
 @lru_cache(maxsize=1)
 def surface_field_grid(pixels: PixelGrid, grid: ContactGrid, tolerance: float) -> FieldGrid:
-    """The kernels from a contact's nodes to the pixels, as precise as the scene's tolerance asks.
+    """The kernels from a contact's nodes to the pixels, as precise as numerics.tolerance asks.
 
     The last ones are kept: the states of a scene share them. They take as much as ten pictures.
-
-    Parameters
-    ----------
-    pixels : PixelGrid
-        Where the stress is wanted.
-    grid : ContactGrid
-        The nodes on the surface.
-    tolerance : float
-        The scene's numerics.tolerance.
-
-    Returns
-    -------
-    FieldGrid
-        The kernels.
     """
     return make_field_grid(
         pixels,

@@ -12,16 +12,6 @@ def specimen_model(scene: Scene) -> SpecimenModel:
     """The model of a scene's specimen; without a shape it is the half-plane of a contact.
 
     Only that specimen's module is imported.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene whose `model` is not None.
-
-    Returns
-    -------
-    SpecimenModel
-        The model.
     """
     shape = scene.specimen.shape or "contact"
     model: SpecimenModel = import_module(f"isochrome.specimens.{shape}").MODEL

@@ -34,27 +34,13 @@ the contact."""
 
 
 class Sides(NamedTuple):
-    """A block by its sides from the contact's place, and how it is held.
+    """A block by its sides from the contact's place, mm, and how it is held."""
 
-    Parameters
-    ----------
-    left : float
-        Place of the left side (mm), negative.
-    right : float
-        Place of the right side (mm).
-    height : float
-        Depth of the support (mm).
-    poisson : float
-        Poisson's ratio of the block.
-    sliding : bool
-        Whether the support carries no shear.
-    """
-
-    left: float
+    left: float  # negative
     right: float
-    height: float
+    height: float  # depth of the support
     poisson: float
-    sliding: bool
+    sliding: bool  # the support carries no shear
 
     @property
     def clearance(self) -> float:
@@ -63,24 +49,12 @@ class Sides(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """A correction at the Gauss points of a mesh.
+    """A correction at the n Gauss points of a mesh."""
 
-    Parameters
-    ----------
-    x : ndarray (n,)
-        Places along the surface from the contact (mm).
-    z : ndarray (n,)
-        Depths (mm).
-    area : ndarray (n,)
-        Area that each point stands for (mm²).
-    stress : StressComponents
-        The correction's stress there (MPa).
-    """
-
-    x: Floats
+    x: Floats  # mm from the contact
     z: Floats
-    area: Floats
-    stress: StressComponents
+    area: Floats  # that a point stands for, mm²
+    stress: StressComponents  # MPa
 
 
 def load_skfem() -> ModuleType:
@@ -99,28 +73,10 @@ def load_skfem() -> ModuleType:
 def corrections(
     sides: Sides, forces: Iterable[PointForce], *, within_mm: float, refine: float = 1.0
 ) -> list[Sampled]:
-    """Compute what a block adds to the half-plane's stress under each force, near the contact.
+    """What a block adds to the half-plane's stress under each force, near the contact's place.
 
-    Parameters
-    ----------
-    sides : Sides
-        The block.
-    forces : iterable of PointForce
-        The forces, at the contact's place.
-    within_mm : float
-        Radius about the contact in which the correction is wanted (mm).
-    refine : float, default 1.0
-        Factor on the number of the mesh's lines.
-
-    Returns
-    -------
-    list of Sampled
-        The correction of each force.
-
-    Raises
-    ------
-    InputError
-        Where scikit-fem is not installed.
+    That is within a radius `within_mm`; `refine` multiplies the number of the mesh's lines.
+    InputError where scikit-fem is not installed.
     """
     fem = load_skfem()
     from scipy.sparse.linalg import splu

@@ -54,19 +54,9 @@ class StressComponents:
 
 
 def principal_direction(difference: StressDifference) -> Floats:
-    """Find the direction of sigma_1, counter-clockwise from the image's +x as the camera sees it.
+    """Direction θ of sigma_1, rad in (-π/2, π/2], counter-clockwise from +x as the camera sees it.
 
     Equation: tan 2φ = 2 tau_xz / (sigma_x - sigma_z) from x towards z; since z points down in the
     image, θ = -φ. Source: Timoshenko & Goodier (1970), section 9.
-
-    Parameters
-    ----------
-    difference : complex ndarray (rows, cols)
-        Stress difference (sigma_x - sigma_z) + 2i tau_xz (MPa).
-
-    Returns
-    -------
-    ndarray (rows, cols)
-        Direction θ (rad), in (-π/2, π/2].
     """
     return np.asarray(-0.5 * np.angle(difference), dtype=float)

@@ -34,28 +34,17 @@ _PASSES = 6
 
 @dataclass(frozen=True, kw_only=True)
 class Lens:
-    """A camera's roll, keystone and distortion.
+    """A camera's roll, keystone and distortion."""
 
-    Parameters
-    ----------
-    right_mm, down_mm : float
-        The picture's middle from its left and upper edge, mm.
-    half_width_mm, half_height_mm : float
-        Half its size, mm.
-    roll_deg : float, default 0.0
-        How far it is turned about its middle, counter-clockwise, degrees.
-    distortion : float, default 0.0
-        Displacement in the corners over their distance from the middle.
-    keystone_x, keystone_z : float, default 0.0
-        Displacement at the middle of the right and of the lower edge over its distance.
-    """
-
+    # the picture's middle from its left and upper edge
     right_mm: float
     down_mm: float
+    # half the picture's size
     half_width_mm: float
     half_height_mm: float
-    roll_deg: float = 0.0
-    distortion: float = 0.0
+    roll_deg: float = 0.0  # about the middle, counter-clockwise
+    distortion: float = 0.0  # displacement in the corners over their distance from the middle
+    # displacement at the middle of the right and of the lower edge over its distance
     keystone_x: float = 0.0
     keystone_z: float = 0.0
 

@@ -15,17 +15,7 @@ from isochrome.stress.pixels import PixelGrid
 
 @dataclass(frozen=True)
 class ShearPeak:
-    """The largest shear stress (sigma_1 - sigma_2)/2 in the plane, and its place.
-
-    Parameters
-    ----------
-    shear_mpa : float
-        The shear stress (MPa).
-    x_mm : float
-        Its place along the surface (mm).
-    z_mm : float
-        Its depth (mm).
-    """
+    """The largest shear stress (sigma_1 - sigma_2)/2 in the plane, and its place; z is depth."""
 
     shear_mpa: float
     x_mm: float
@@ -42,34 +32,10 @@ def largest_shear(
 ) -> ShearPeak:
     """Find the largest (sigma_1 - sigma_2)/2 in the material under a window, its surface included.
 
-    A scan on graded depths finds the hills, direct sums climb the highest ones, to 1e-7 of their
-    width. The peak lies inside the window, or on its edge. At the surface the value is that of the
-    traction as the nodes resolve it: where the friction's traction ends steeply, as beside a worn
-    edge, sigma_x there grows with the logarithm of the edge's steepness, and so with a finer grid.
-    Source: see `half_plane.pixel_sums`.
-
-    Parameters
-    ----------
-    nodes_mm : ndarray (n,)
-        Places of the surface nodes (mm), uniform.
-    pressure_mpa : ndarray (n,)
-        Pressure at the nodes (MPa).
-    shear_mpa : ndarray (n,) or None
-        Shear at the nodes (MPa); None for no shear.
-    within : PixelGrid or tuple of four floats
-        The window: a pixel grid, or (left, right, top, bottom) in mm, z from the surface.
-    regular : RegularStress, optional
-        Stress besides the contact's.
-
-    Returns
-    -------
-    ShearPeak
-        The largest shear stress and its place.
-
-    Raises
-    ------
-    InputError
-        Where the window holds no material or a traction is not finite.
+    A scan on graded depths finds the hills, direct sums climb the highest, to 1e-7 of their width.
+    The window may be (left, right, top, bottom), mm. At the surface the value is the traction's at
+    its uniform nodes: beside a worn edge, where friction ends steeply, sigma_x grows with the
+    logarithm of that steepness, so with a finer grid. InputError: no material, or not finite.
     """
     box = _material(within)
     shear = np.zeros_like(pressure_mpa) if shear_mpa is None else shear_mpa

@@ -29,28 +29,14 @@ MAX_REACH_MM = 1e6
 class PixelGrid:
     """Square pixels; their centres lie at left_mm + (col+1/2) pixel_mm, and so in z.
 
-    Parameters
-    ----------
-    rows : int
-        Count of rows.
-    cols : int
-        Count of columns.
-    left_mm : float
-        Outer edge of the first column (mm), x from the centre of the contact (or of the disc, ring
-        or beam).
-    top_mm : float
-        Outer edge of the first row (mm), z below the surface (or below the top of the disc, ring or
-        beam).
-    pixel_mm : float
-        Edge of a pixel (mm).
-    lens : Lens, optional
-        How the camera looks where it is not square; then left_mm and top_mm are places in the
-        picture, and a pixel looks elsewhere, see `places`.
+    With a lens these are places in the picture, and a pixel looks elsewhere, see `places`.
     """
 
     rows: int
     cols: int
+    # outer edge of the first column, from the centre of the contact, disc, ring or beam
     left_mm: float
+    # outer edge of the first row, z below the surface, or the top of the disc, ring or beam
     top_mm: float
     pixel_mm: float
     lens: Lens | None = None
@@ -118,27 +104,11 @@ def _looked_at(pixels: PixelGrid) -> tuple[Floats, Floats]:
 
 
 def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
-    """Make the pixel grid of a scene's camera.
+    """The pixel grid of a scene's camera; `shape` is its (rows, cols) where the camera has none.
 
     The place defaults to the contact (or disc, ring, beam) in the middle of the width, the surface
-    at the top (a disc, ring or beam in the middle of the height).
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene, with [camera].
-    shape : tuple of two ints, optional
-        Rows and columns where the camera does not give them.
-
-    Returns
-    -------
-    PixelGrid
-        The camera's pixels.
-
-    Raises
-    ------
-    InputError
-        Where a key is missing, or the picture too large.
+    at the top (a disc, ring or beam in the middle of the height). InputError where a key is
+    missing, or the picture too large.
     """
     camera = scene.camera
     if camera is None:

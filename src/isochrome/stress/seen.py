@@ -16,25 +16,11 @@ _ABOVE = 6
 
 
 def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]:
-    """Interpolate a field at the places that pixels look at, by cubic splines.
+    """Interpolate a field (rows, cols) where pixels look, by cubic splines; 0 above the surface.
 
-    The field has no values above the surface, and a jump there would ring in the spline: it is
-    continued by f(-z) = 2 f(0) - f(z), which has its value and slope.
-
-    Parameters
-    ----------
-    field : (rows, cols) array
-        Values on the grid, real or complex.
-    grid : PixelGrid
-        A plain grid whose rows lie half a pixel below the surface, and at whole pixels from there,
-        see `PixelGrid.around`.
-    pixels : PixelGrid
-        The pixels; without a lens they are the grid, and see the field as it is.
-
-    Returns
-    -------
-    (rows, cols) array
-        Values at the pixels, 0 above the surface.
+    A jump at the surface would ring in the spline: the field goes on as f(-z) = 2 f(0) - f(z), with
+    its value and slope. The grid's rows lie half a pixel below the surface and at whole pixels from
+    there, see `PixelGrid.around`. Without a lens the field is returned as it is.
     """
     from scipy.ndimage import map_coordinates
 

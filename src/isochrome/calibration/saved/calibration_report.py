@@ -35,26 +35,9 @@ _ABOUT_CHI = {
 
 
 def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> ReportContent:
-    """Collect what the report of a calibration says.
+    """What the report of a calibration says; `name`: 'calibration' or 'scale', of JSON and figure.
 
-    Parameters
-    ----------
-    folder : Path
-        Where its files are.
-    name : str
-        'calibration' or 'scale': what its JSON and its figure are called.
-    record : mapping
-        What provenance.json holds: versions, hashes, date, title and settings.
-
-    Returns
-    -------
-    ReportContent
-        What the report says.
-
-    Raises
-    ------
-    OSError, KeyError, ValueError
-        Where a file of the folder cannot be read.
+    `record` is provenance.json. OSError, KeyError or ValueError where a file of it cannot be read.
     """
     file = f"{name}.json"
     found: dict[str, Any] = json.loads((folder / file).read_text("utf-8"))

@@ -30,28 +30,10 @@ def save_calibration(
 ) -> None:
     """Write calibration.json, calibration.png, provenance.json and report.html, all or none.
 
-    Of a scale the first two are scale.json and scale.png. Beside them stand the numbers as tables:
-    images.csv of a beam or a disc, scale.csv, or distances.csv and traces.csv of wear; of each of
-    these also budget.csv.
-
-    Of colours also colour_table.csv and, where background and illumination were found,
-    background.tif and illumination.tif, to be named as a scene's no-load frames for frames of the
-    same camera, light and place.
-
-    Parameters
-    ----------
-    calibration : Calibration, ColourCalibration, ScaleCalibration or WearCalibration
-        The calibration.
-    out : str or Path
-        The folder.
-    source : str, Path or sequence of them, optional
-        The calibration set, or a scale's images, for the hashes of these and of the files that the
-        set names; the set's text is kept too.
-
-    Raises
-    ------
-    InputError
-        Where the folder cannot be written.
+    Of a scale scale.json, scale.png. Tables: images.csv (beam, disc), scale.csv, distances.csv and
+    traces.csv (wear), and budget.csv; of colours colour_table.csv and, where found, background.tif
+    and illumination.tif, no-load frames for the same camera, light and place. `source`: set or
+    images, for the hashes of all their files; the set's text is kept too.
     """
     name = "scale" if isinstance(calibration, ScaleCalibration) else "calibration"
     inputs = [source] if isinstance(source, str | Path) else list(source or ())

@@ -44,21 +44,7 @@ def calibration_day() -> str:
 def check_scene_file(path: str | Path) -> str:
     """Text of a scene file that calibrated values may be written into, line ends as they are.
 
-    Parameters
-    ----------
-    path : str or Path
-        The TOML file.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    InputError
-        For the name of a scene inside the package, a file that is missing, and one that is no
-        scene.
+    InputError for the name of a scene inside the package, a missing file, and one that is no scene.
     """
     place = Path(path)
     if not place.is_file() and str(path) in scene_names():

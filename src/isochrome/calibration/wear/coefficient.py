@@ -61,7 +61,7 @@ class WearLawFit:
     freedom : int
         Volumes less the law's parameters.
     log_evidence : float
-        ln Z less that of the preferred law.
+        Evidence ln Z, less that of the preferred law.
     first_over_last, running_in_distance_m : float, optional
         Of running_in: r and s0, m.
     """

@@ -56,15 +56,7 @@ _SAME = 1e-12
 
 @dataclass(frozen=True)
 class WornStart:
-    """Where a run goes on.
-
-    Parameters
-    ----------
-    dose_mm_per_mpa : float
-        The dose by then, mm/MPa.
-    depth_mm : ndarray, shape (n,)
-        The depth worn by then, mm.
-    """
+    """Where a run goes on: dose and worn depth (n,) by then."""
 
     dose_mm_per_mpa: float
     depth_mm: Floats
@@ -72,17 +64,7 @@ class WornStart:
 
 @dataclass(frozen=True)
 class WornState:
-    """The contact at a dose.
-
-    Parameters
-    ----------
-    dose_mm_per_mpa : float
-        The dose, mm/MPa.
-    contact : ContactState
-        The contact's solution.
-    depth_mm : ndarray, shape (n,)
-        The worn depth h, mm.
-    """
+    """The contact at a dose, and the worn depth h (n,) there."""
 
     dose_mm_per_mpa: float
     contact: ContactState
@@ -128,30 +110,9 @@ def wear_history(
 ) -> Iterator[WornState]:
     """Solve a worn contact at rising doses, hit exactly, each state yielded as soon as it is known.
 
-    Parameters
-    ----------
-    surface : Surface
-        The surface operator.
-    gap_mm : ndarray, shape (n,)
-        The unworn gap, mm.
-    course : SlidingHistory
-        Load and friction (coupling only) over the dose.
-    stops : sequence of OutputState, length m
-        The states wanted, sorted by their dose, each with its own load and friction.
-    tolerance : float, default 1e-4
-        Wanted relative error of the pressure.
-    start : WornStart, optional
-        Where the run goes on; unworn without it.
-
-    Yields
-    ------
-    WornState
-        The contact at each stop.
-
-    Raises
-    ------
-    PhysicsError
-        Where a contact does not converge.
+    `gap_mm` (n,) is the unworn gap; the friction counts in the coupling alone; `stops` are sorted
+    by dose, each with its own load and friction; `tolerance` is the wanted relative error of the
+    pressure. PhysicsError where a contact does not converge.
     """
     start = start or WornStart(0.0, np.zeros(surface.nodes))
     load, mu = course.leaving(start.dose_mm_per_mpa)

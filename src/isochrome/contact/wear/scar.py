@@ -64,19 +64,7 @@ stands still the steps must not decide. Doses that are one: rounding."""
 
 @dataclass(frozen=True)
 class Scar:
-    """A worn contact on a mesh of n intervals from edge to edge (see `wear.moving_mesh`).
-
-    Parameters
-    ----------
-    stop : OutputState
-        The state that it is at.
-    x_mm : ndarray, shape (n+1,)
-        Nodes from left to right, mm.
-    pressure_mpa : ndarray, shape (n+1,)
-        Pressure there, MPa.
-    depth_mm : ndarray, shape (n+1,)
-        Worn depth there, mm.
-    """
+    """A worn contact at n+1 nodes from its left to its right edge (see `wear.moving_mesh`)."""
 
     stop: OutputState
     x_mm: Floats
@@ -97,34 +85,9 @@ def scar_history(
     """Solve worn contacts of a cylinder at rising doses, as long as both edges advance.
 
     They end before the first stop on whose way an edge draws back, which leaves worn surface
-    behind, or jumps: neither is held in this frame.
-
-    Parameters
-    ----------
-    radius_mm : float
-        Radius R of the cylinder, mm.
-    contact_modulus_mpa : float
-        Contact modulus E*, MPa.
-    coupling_per_mpa : float
-        Coupling 1/G*, 1/MPa.
-    course : SlidingHistory
-        Load and friction over the dose.
-    stops : sequence of OutputState
-        The states wanted, their doses rising.
-    tolerance : float
-        Wanted relative error of the pressure.
-    held : bool, default False
-        Whether both edges are known to advance as far as the stops go.
-
-    Yields
-    ------
-    Scar
-        The worn contact at each stop.
-
-    Raises
-    ------
-    PhysicsError
-        Where the steps do not converge.
+    behind, or jumps: neither is held in this frame. `held`: both edges are known to advance that
+    far. E* and 1/G* (1/MPa) are the contact's, `tolerance` the wanted relative error of the
+    pressure. PhysicsError where the steps do not converge.
     """
     load, _ = course.leaving(0.0)
     bend, finest = tolerance, _FINEST
@@ -163,12 +126,11 @@ def load_rises(course: SlidingHistory) -> bool:
 
 
 def unresolved(scar: Scar) -> float:
-    """How much of a scar's pressure its mesh may miss: what every second node alone does.
+    """How much of a scar's pressure its mesh may miss, a ratio: what every second node alone does.
 
     Equation: max |w - w_2| / max w of the load per φ, w = p (3/2) sin³φ, with w_2 the spline
     through every second node. Where a bend of the depth lies between few nodes, p_max errs by 0.15
     to 1.6 of it, for errors of 1e-6 to 5e-4 and 78 to 240 intervals (measured).
-    Parameters: `scar`. Returns the ratio.
     """
     from scipy.interpolate import CubicSpline
 

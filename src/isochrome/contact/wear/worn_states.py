@@ -53,46 +53,16 @@ _SHARPEST = 1e-6
 
 @dataclass(frozen=True)
 class ContactSetup:
-    """A scene's contact on one grid.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    grid : ContactGrid
-        The nodes.
-    surface : Surface
-        The surface operator.
-    gap_mm : ndarray, shape (n,)
-        The gap before load and wear, mm.
-    """
+    """A scene's contact on one grid of n nodes."""
 
     scene: Scene
     grid: ContactGrid
     surface: Surface
-    gap_mm: Floats
+    gap_mm: Floats  # before load and wear
 
 
 def make_site(scene: Scene, grid: ContactGrid) -> ContactSetup:
-    """Make the operator and the gap of a scene on a grid.
-
-    Parameters
-    ----------
-    scene : Scene
-        A contact's scene.
-    grid : ContactGrid
-        The nodes.
-
-    Returns
-    -------
-    ContactSetup
-        The scene's contact on the grid.
-
-    Raises
-    ------
-    InputError
-        On an unusable profile.
-    """
+    """The operator and the gap of a scene on a grid; InputError on an unusable profile."""
     modulus, coupling = elastic_constants(scene)
     surface = make_surface(
         grid.nodes, grid.spacing_mm, contact_modulus_mpa=modulus, coupling_per_mpa=coupling
@@ -107,29 +77,10 @@ def worn_states(
     *,
     path: SlidingHistory | None = None,
 ) -> Iterator[SurfaceState]:
-    """Solve states at rising doses: a cylinder's on a mesh of its own as far as it goes, else here.
+    """States at rising doses: a cylinder's on a mesh of its own as far as it goes, else here.
 
-    Parameters
-    ----------
-    site : ContactSetup
-        The scene's contact on one grid.
-    course : SlidingHistory
-        Load and friction over the dose.
-    stops : list of OutputState
-        The states wanted, their doses rising.
-    path : SlidingHistory, optional
-        The course as it is sampled at PATH_TOLERANCE, where it is decided how far the mesh goes; by
-        default `course`.
-
-    Yields
-    ------
-    SurfaceState
-        What acts on the surface at each stop.
-
-    Raises
-    ------
-    PhysicsError
-        Where a contact does not converge.
+    How far is decided on `path`, the course as sampled at PATH_TOLERANCE. PhysicsError where a
+    contact does not converge.
     """
     tolerance = site.scene.numerics.tolerance
     modulus, _ = elastic_constants(site.scene)
@@ -225,28 +176,9 @@ def _sharp_depth(site: ContactSetup, course: SlidingHistory, scar: Scar) -> Floa
 def elastic_state(
     site: ContactSetup, depth_mm: Floats, stop: OutputState, *, start: Floats | None = None
 ) -> SurfaceState:
-    """Solve the contact on a surface of known depth, under a stop's own load and friction.
+    """The contact on a surface of known depth (n,), under a stop's own load and friction.
 
-    Parameters
-    ----------
-    site : ContactSetup
-        The scene's contact on one grid.
-    depth_mm : ndarray, shape (n,)
-        Worn depth at the nodes, mm.
-    stop : OutputState
-        The state wanted.
-    start : ndarray, shape (n,), optional
-        A pressure near by, MPa.
-
-    Returns
-    -------
-    SurfaceState
-        What acts on the surface.
-
-    Raises
-    ------
-    PhysicsError
-        Where a contact does not converge.
+    `start` is a pressure near by, MPa. PhysicsError where it does not converge.
     """
     contact = solve_pressure(
         site.surface,
@@ -294,26 +226,11 @@ def _state(
 
 
 def scar_on_nodes(scar: Scar, x_mm: Floats) -> tuple[Floats, Floats]:
-    """Give pressure and depth of a scar at uniform nodes.
+    """Pressure (MPa) and worn depth (mm) of a scar at uniform nodes (n,), to second order in h.
 
-    p_i = (1/h) ∫ p(t) hat((t - x_i)/h) dt, the mean over a hat, which keeps the load and its moment
-    whatever the place of the edges between the nodes. It is the difference of the mean loads
-    behind, F, in the elements to the right and left of the node, over h, and each mean is by
-    Simpson's rule. Second order in h.
-
-    Parameters
-    ----------
-    scar : Scar
-        The worn contact on its own mesh.
-    x_mm : ndarray, shape (n,)
-        Uniform nodes, mm.
-
-    Returns
-    -------
-    pressure_mpa : ndarray, shape (n,)
-        Pressure p, MPa.
-    depth_mm : ndarray, shape (n,)
-        Worn depth h, mm.
+    p_i = (1/h) ∫ p(t) hat((t - x_i)/h) dt, the mean over a hat, keeps the load and its moment
+    wherever the edges lie between the nodes. It is the difference of the mean loads behind, F, in
+    the elements to the right and left of the node, over h; each mean is by Simpson's rule.
     """
     from scipy.interpolate import CubicSpline
 

@@ -106,31 +106,8 @@ def look_through(path: FramesLike, scene: Scene) -> Check:
     """Look through captured frames once, without a model: what is wrong with them for this scene.
 
     Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
-    in one pass with one frame in memory; and whether a frame shows the unloaded specimen.
-
-    Parameters
-    ----------
-    path : str, Path, sequence of them, array or sequence of arrays
-        The frames, as for `open_frames`.
-    scene : Scene
-        What stood in front of the camera, as `load_scene` gives it.
-
-    Returns
-    -------
-    Check
-        The findings, errors first; frames that cannot be read are a finding, not an exception.
-
-    Examples
-    --------
-    >>> import isochrome
-    >>> scene = isochrome.load_scene("ring").with_values({
-    ...     "load.normal_n": 60.0, "camera.width_px": 128, "camera.height_px": 128,
-    ...     "camera.pixel_mm": 0.36, "camera.noise_grey": 1.0})
-    >>> simulated = isochrome.simulate(scene, "simulated")
-    >>> from isochrome.frames import look_through
-    >>> found = look_through("simulated/frames.tif", scene)
-    >>> found.ok, found.count
-    (True, 1)
+    in one pass with one frame in memory, and whether a frame shows the unloaded specimen. Errors
+    come first; frames that cannot be read are a finding, not an exception.
     """
     found = list(_of_scene(scene))
     try:

@@ -58,26 +58,21 @@ class Survey:
     """Raw figures of each frame, in raw grey levels, and of all together.
 
     Of the specimen's pixels, where the frames carry its mask.
-    `low`, `high`: 2nd and 98th percentile; `saturated`: share on the plateau, where clipped;
-    `smallest`, `largest`: of the finite pixels, NaN where there are none; `not_finite`: share;
-    `noise`: sigma at mid level of frames 0, 1, 3, 7, ...; `twins`: (frame, earlier equal one);
-    `bits`: all values or-ed together; `failure`: why reading ended before the end; `load`: what
-    says whether each is loaded, None where that is not asked.
     """
 
     count: int = 0
-    low: list[float] = field(default_factory=list)
-    high: list[float] = field(default_factory=list)
-    saturated: list[float] = field(default_factory=list)
-    smallest: list[float] = field(default_factory=list)
-    largest: list[float] = field(default_factory=list)
-    not_finite: list[float] = field(default_factory=list)
-    noise: list[float] = field(default_factory=list)
-    twins: list[tuple[int, int]] = field(default_factory=list)
+    low: list[float] = field(default_factory=list)  # 2nd percentile
+    high: list[float] = field(default_factory=list)  # 98th percentile
+    saturated: list[float] = field(default_factory=list)  # share on the plateau, where clipped
+    smallest: list[float] = field(default_factory=list)  # of the finite pixels; NaN: there are none
+    largest: list[float] = field(default_factory=list)  # the same
+    not_finite: list[float] = field(default_factory=list)  # share
+    noise: list[float] = field(default_factory=list)  # sigma at mid level of frames 0, 1, 3, 7, ...
+    twins: list[tuple[int, int]] = field(default_factory=list)  # (frame, earlier equal one)
     untimed: int = 0
-    bits: int = 0
-    failure: str | None = None
-    load: LoadSigns | None = None
+    bits: int = 0  # all values or-ed together
+    failure: str | None = None  # why reading ended before the end
+    load: LoadSigns | None = None  # what says whether each is loaded; None: not asked
 
 
 def survey(reader: FrameReader, scene: Scene) -> Survey:
@@ -145,21 +140,8 @@ def refusals(*looks: Callable[[], object]) -> Iterator[Finding]:
 
 
 def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tuple[str, str]]:
-    """Tell what of a set cannot be its scene's: size, number of frames, known points.
-
-    Parameters
-    ----------
-    reader : FrameReader
-        The set.
-    scene : Scene
-        What stood in front of the camera.
-    count : int or None
-        Number of frames; None where it is not known.
-
-    Yields
-    ------
-    tuple of str
-        What is wrong, the set or the scene by its name, and a sentence.
+    """What of a set cannot be its scene's (size, number of frames, known points): whose, and a
+    sentence.
     """
     rows, cols = reader.shape
     camera, wear, steps = scene.camera, scene.wear, max(1, len(scene.polariscope.step))

@@ -23,23 +23,7 @@ SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
 
 
 def open_tiff(path: Path) -> Source:
-    """Read the heads of a TIFF stack's pages.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    Source
-        What the heads tell, and how to read the frames.
-
-    Raises
-    ------
-    InputError
-        Where it is no TIFF that can be read.
-    """
+    """Read the heads of a TIFF stack's pages; InputError where it is no TIFF that can be read."""
     stamp = Stamp.of(path)
     with refusing(path, "not a readable TIFF"), _opened(path) as tif:
         layout = tiff_layout_of(tif, path)

@@ -80,18 +80,9 @@ class BandLight:
 
 
 def band_light(numbers: Array) -> BandLight:
-    """Make the light of its numbers.
+    """The light of its numbers (11,): log r of red and blue, log b of red, green and blue, and M.
 
-    Parameters
-    ----------
-    numbers : ndarray (11,)
-        Numbers of the light: log r of red and blue, log b of red, green and blue, and the six terms
-        of the mixing M off its diagonal, row by row.
-
-    Returns
-    -------
-    BandLight
-        The bands of the light and their mixing.
+    M, the mixing, is its six terms off the diagonal, row by row.
     """
     red, blue = np.exp(numbers[:2])
     mixing = np.zeros((3, 3))
@@ -130,24 +121,10 @@ def band_table(
 
 
 def band_scale(order: Array, signal: Array, *, bright: bool = False) -> float:
-    """How much light signals at known orders have over those of a light of three bands.
+    """How much light signals (n, 3) at known orders have over those of a light of three bands.
 
     Of signals that are known up to one factor: light of any bands is half full on the mean over
     many orders, so that bands and factor are found together.
-
-    Parameters
-    ----------
-    order : ndarray (n,)
-        Orders N.
-    signal : ndarray (n, 3)
-        Signals of red, green and blue at these.
-    bright : bool, default False
-        Whether the frames show the bright field.
-
-    Returns
-    -------
-    float
-        The factor.
     """
     from scipy.optimize import least_squares
 

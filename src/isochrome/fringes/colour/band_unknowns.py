@@ -34,27 +34,13 @@ _LEAST_CONTRAST = 0.01
 
 @dataclass(frozen=True)
 class ColourShots:
-    """Colour frames as files hold them.
-
-    Parameters
-    ----------
-    raw : ndarray (frames, rows, cols, 3)
-        The frames, 1 = full scale.
-    noise : ndarray (frames, rows, cols, 3)
-        Standard deviation of their noise, of full scale.
-    valid : bool ndarray (frames, rows, cols, 3)
-        Whether a value is trusted.
-    dark : ndarray (rows, cols, 3), optional
-        The no-load frame in the dark field.
-    bright : ndarray (rows, cols, 3), optional
-        The no-load frame in the bright field.
-    """
+    """Colour frames (frames, rows, cols, 3) as files hold them, 1 = full scale."""
 
     raw: Array
-    noise: Array
+    noise: Array  # standard deviation
     valid: Mask
-    dark: Array | None = None
-    bright: Array | None = None
+    dark: Array | None = None  # the no-load frame (rows, cols, 3)
+    bright: Array | None = None  # the same in the bright field
 
 
 @dataclass(frozen=True)

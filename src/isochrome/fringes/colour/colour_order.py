@@ -56,43 +56,17 @@ _SPREAD = 0.01
 class ColourReading(OrderReading):
     """An OrderReading of a colour frame, with what it was read from.
 
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order, fringes; NaN where it cannot be known.
-    uncertainty : ndarray (rows, cols)
-        Standard uncertainty of the order, fringes.
-    confidence : ndarray (rows, cols)
-        Probability that the order is right to 0.05 fringe; 0 where it is not known.
-    kept : float
-        Share of the lit pixels that are known; without a no-load bright frame all pixels count as
-        lit.
-    signal : ndarray (rows, cols, channels)
-        Light with background and illumination out, 1 = full light; NaN = not trusted.
-    chi : float
-        Residual over noise of all pixels that can be read, 1 where table and frame agree.
-    misfit : ndarray (rows, cols)
-        The same about each pixel.
-    blind : bool
-        Whether illumination or background was found from the frame itself.
-    noise : float
-        Noise of the signal, the median.
-    strange : float
-        Share of the pixels whose colours are not the table's.
-    lost : bool
-        Whether these are too many: no order is known then.
-    exposure : FrameExposure
-        The frame's exposure over that of its no-load frames, as its colours tell it.
+    Without a no-load bright frame all pixels count as lit in `kept`.
     """
 
-    signal: Array
-    chi: float
-    misfit: Array
-    blind: bool
-    noise: float
-    strange: float
-    lost: bool
-    exposure: FrameExposure
+    signal: Array  # without background and illumination, 1 = full light; NaN = not trusted
+    chi: float  # residual over noise where it can be read, 1 where table and frame agree
+    misfit: Array  # the same about each pixel
+    blind: bool  # illumination or background is from the frame itself
+    noise: float  # of the signal, the median
+    strange: float  # share of the pixels whose colours are not the table's
+    lost: bool  # these are too many: no order is known
+    exposure: FrameExposure  # over that of the no-load frames, by the colours
 
 
 def read_colour(
@@ -105,40 +79,12 @@ def read_colour(
     valid: Mask | None = None,
     specimen: Mask | None = None,
 ) -> ColourReading:
-    """Read the absolute fringe order of a colour frame.
+    """Read the absolute order of a linear colour frame (rows, cols, channels) by its table.
 
-    A pixel is not known where fewer than two channels are trusted, where its branch is in doubt by
-    over 2 %, where noise leaves more than 0.03 fringe, where light and table disagree by over twice
-    the noise and by a twentieth of the table, where fringes are finer than 4 pixels, where they
-    fade to white, beside a jump of the order, and, without `bright` and `specimen`, where wide
-    black places might be no specimen at all.
-
-    Parameters
-    ----------
-    light : ndarray (rows, cols, channels)
-        The frame, linear.
-    table : ColourTable
-        The channels' signals against order, of as many channels.
-    sigma : ndarray of the light's shape, or float
-        Noise of the light.
-    dark : ndarray of the light's shape, optional
-        The unloaded specimen in the dark field; found from the frame where missing.
-    bright : ndarray of the light's shape, optional
-        The unloaded specimen in the bright field; found from the frame where missing.
-    valid : bool ndarray of the light's shape, optional
-        Whether a value is trusted.
-    specimen : bool ndarray (rows, cols), optional
-        Where there is specimen.
-
-    Returns
-    -------
-    ColourReading
-        The order and how well it is known.
-
-    Raises
-    ------
-    InputError
-        Where shapes differ or nothing has contrast.
+    Not known: fewer than two channels trusted; a branch in doubt by over 2 %; over 0.03 fringe of
+    noise; light and table apart by over twice the noise and 0.05 of the table; fringes finer than 4
+    pixels, or fading to white; beside a jump; without `bright` and `specimen` wide black places,
+    maybe no specimen. Missing no-load frames are found from it. InputError: shapes, no contrast.
     """
     _check(light, table, valid, specimen)
     trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)

@@ -27,22 +27,16 @@ _ROWS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class ColourSignal:
-    """Signals of the channels (rows, cols, channels), 1 = full light.
+    """Signals of the channels (rows, cols, channels), 1 = full light."""
 
-    `signal`, NaN = not trusted; `variance` of it; `lit` (rows, cols), where there is light at all;
-    `order_variance` (rows, cols), fringes², from the uncertainty of the ends found;
-    `blind`, whether an end was found from the frame itself; `unlit_unknown`, whether nothing but
-    the frame says where there is light: a black place may then be no specimen at all; `exposure`,
-    the frame's over its no-load frames'.
-    """
-
-    signal: Array
+    signal: Array  # NaN = not trusted
     variance: Array
-    lit: Mask
-    order_variance: Array
-    blind: bool
+    lit: Mask  # (rows, cols): where there is light at all
+    order_variance: Array  # (rows, cols), fringes², from the uncertainty of the ends
+    blind: bool  # an end was found from the frame itself
+    # only the frame says where light is: a black place may be no specimen at all
     unlit_unknown: bool
-    exposure: FrameExposure
+    exposure: FrameExposure  # over that of the no-load frames
 
 
 def colour_signal(

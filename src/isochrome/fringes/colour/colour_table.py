@@ -33,18 +33,11 @@ _WIDTH = 0.02
 
 @dataclass(frozen=True)
 class ColourTable:
-    """Signals of the channels at N = 0, 1/256, 2/256, ..., 1 = full light.
+    """Signals of the channels at N = 0, 1/256, 2/256, ..., 1 = full light."""
 
-    Parameters
-    ----------
-    signal : ndarray (orders, channels)
-        The signals.
-    spread : ndarray (channels,)
-        Standard deviation of the signal at one order, from what is not the order (the direction of
-        sigma_1 between real plates; the scatter of a measured table).
-    """
-
-    signal: Array
+    signal: Array  # (orders, channels)
+    # (channels,): deviation at one order from what is not the order (the direction of sigma_1
+    # between real plates; the scatter of a measured table)
     spread: Array
 
     @property
@@ -90,29 +83,12 @@ class ColourTable:
 
 
 def spectral_table(polariscope: Polariscope, response: Response) -> ColourTable:
-    """Make the table from the spectrum of the light and the response of the camera.
+    """The table from the spectrum of the light, of several wavelengths, and the camera's response.
 
-    Equation: s_c(N) = Σ_s w_cs I(N l0/l_s), see `isochrome.optics.spectral_signal`. Where real
-    plates let the direction of sigma_1 show, the table is the mean over directions and `spread` its
-    deviation. It ends where the last contrast is 2 % of full light, at N = 12 at the latest.
-    Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
-
-    Parameters
-    ----------
-    polariscope : Polariscope
-        The scene's, with light of several wavelengths, in the dark or the bright field.
-    response : Response
-        The camera's response.
-
-    Returns
-    -------
-    ColourTable
-        The table and its spread.
-
-    Raises
-    ------
-    InputError
-        Where the field is plane, a channel does not see the light, or it has one wavelength alone.
+    s_c(N) = Σ_s w_cs I(N l0/l_s), see `isochrome.optics.spectral_signal`; the mean over directions
+    of sigma_1 where real plates show them, `spread` its deviation. It ends where the last contrast
+    is 2 % of full light, at N = 12 at the latest. InputError where the field is plane or a channel
+    is blind. Source: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis 30, 29.
     """
     if polariscope.field == "plane" or not polariscope.several_wavelengths:
         raise InputError(
@@ -148,27 +124,11 @@ def end_of_contrast(table: Array) -> int:
 
 
 def measured_table(signal: Array, order: Array) -> ColourTable:
-    """Make the table from an image whose fringe order is known, such as a beam in bending.
+    """The table, up to the highest order seen, from a normalised image whose order is known.
 
-    Around each order of the table a straight line is fitted to the pixels near it, weighted by a
-    Gaussian in order of 0.02 fringe, so that neither a slope nor uneven sampling shifts it.
-
-    Parameters
-    ----------
-    signal : ndarray (rows, cols, channels)
-        The image, normalised with the no-load frames; NaN = not trusted.
-    order : ndarray (rows, cols)
-        Fringe order N; NaN where not known.
-
-    Returns
-    -------
-    ColourTable
-        The table up to the highest order seen.
-
-    Raises
-    ------
-    InputError
-        Where the orders have gaps, or do not begin at 0.
+    Around each order a straight line is fitted to the pixels near it, weighted by a Gaussian in
+    order of 0.02 fringe, so that neither a slope nor uneven sampling shifts it. NaN: not trusted,
+    not known. InputError where the orders have gaps, or do not begin at 0.
     """
     known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
     n, s = order[known].astype(float), signal[known].astype(float)

@@ -46,18 +46,10 @@ _ROUGH = 20.0
 
 @dataclass(frozen=True)
 class FrameExposure:
-    """A frame's exposure over that of its no-load frames.
+    """A frame's exposure over that of its no-load frames."""
 
-    Parameters
-    ----------
-    factor : float
-        The factor e; 1 where the frame's colours do not speak against it.
-    uncertainty : float
-        Standard uncertainty of ln e.
-    """
-
-    factor: float = 1.0
-    uncertainty: float = 0.0
+    factor: float = 1.0  # e; 1 where the colours do not speak against it
+    uncertainty: float = 0.0  # standard, of ln e
 
     @property
     def told(self) -> bool:

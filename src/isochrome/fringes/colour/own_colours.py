@@ -58,51 +58,21 @@ _OF_THREE = 3.0 / 2.0  # each pixel's own order has taken one of its three signa
 
 @dataclass(frozen=True, kw_only=True)
 class OwnLight:
-    """What was found of a light from the colours of frames in it.
+    """What was found of a light from the colours of frames in it, on their own pixels."""
 
-    Parameters
-    ----------
-    table : ColourTable
-        The table, whose spread is what the colours leave of each channel.
-    gamma : float
-        Exponent of the tone curve.
-    gamma_uncertainty : float
-        Standard uncertainty of the exponent.
-    numbers : ndarray (11,)
-        Numbers of the bands, see `band_light`.
-    brightness : ndarray (frames,)
-        Brightness of each frame.
-    background : ndarray (rows, cols, 3)
-        Background of the light.
-    illumination : ndarray (rows, cols, 3)
-        Illumination of the light.
-    residual : float
-        Root mean square that the colours leave, of full light.
-    torn : float
-        Share of pixels beside a jump of the order.
-    strange : float
-        Share of pixels off the table by over 0.15.
-    bent : float
-        Root mean square of the table's bend.
-    moved : float
-        The last round's change of the table.
-    highest : float
-        The order that a hundredth of the pixels pass.
-    """
-
-    table: ColourTable
+    table: ColourTable  # its spread is what the colours leave of each channel
     gamma: float
-    gamma_uncertainty: float
-    numbers: Array
-    brightness: Array
-    background: Array
-    illumination: Array
-    residual: float
-    torn: float
-    strange: float
-    bent: float
-    moved: float
-    highest: float
+    gamma_uncertainty: float  # standard
+    numbers: Array  # (11,), see `band_light`
+    brightness: Array  # (frames,)
+    background: Array  # (rows, cols, 3)
+    illumination: Array  # (rows, cols, 3)
+    residual: float  # root mean square that the colours leave, of full light
+    torn: float  # share of pixels beside a jump of the order
+    strange: float  # share of pixels off the table by over 0.15
+    bent: float  # root mean square of the table's bend
+    moved: float  # the last round's change of the table
+    highest: float  # the order that a hundredth of the pixels pass
 
     @property
     def cost(self) -> float:
@@ -135,28 +105,10 @@ def find_light(
     bright_field: bool = False,
     highest_order: float = 3.5,
 ) -> OwnLight:
-    """Find a light from the colours of frames in it, of any specimens.
+    """Find a light from the colours of frames in it, of any specimens; `gamma` is found where None.
 
-    Parameters
-    ----------
-    shots : ColourShots
-        The frames.
-    gamma : float, optional
-        Exponent of the tone curve; found where None.
-    bright_field : bool, default False
-        Whether the frames show the bright field.
-    highest_order : float, default 3.5
-        Order N up to which colours are looked for.
-
-    Returns
-    -------
-    OwnLight
-        The light, on the frames' own pixels.
-
-    Raises
-    ------
-    InputError
-        Where no fringes are seen or no colours recognised.
+    Colours are looked for up to `highest_order`. InputError where no fringes are seen or no colours
+    recognised.
     """
     small = in_blocks(shots, BLOCKS)
     found = []

@@ -25,18 +25,7 @@ _MOST_SPREAD = 0.3
 
 
 def table_columns(table: ColourTable) -> dict[str, Any]:
-    """Lay a table out as the columns of its file, the spread repeated in every row.
-
-    Parameters
-    ----------
-    table : ColourTable
-        The table.
-
-    Returns
-    -------
-    dict of str to ndarray (orders,)
-        Columns fringe_order (fringes), the channels' (1 = full light) and their spread.
-    """
+    """A table as the columns of its file, the spread repeated in every row; 1 = full light."""
     columns: dict[str, Any] = {"fringe_order": table.order}
     columns |= {name: table.signal[:, c] for c, name in enumerate(CHANNELS)}
     return columns | {
@@ -45,26 +34,11 @@ def table_columns(table: ColourTable) -> dict[str, Any]:
 
 
 def read_table(path: Path) -> ColourTable:
-    """Read a colour table, on the steps that it is used with.
+    """Read a colour table, on the steps that it is used with; straight lines lie between its rows.
 
-    The file has the columns fringe_order (rising from 0, in fringes), red, green and blue (1 = full
-    light); and, if it has them, red_spread, green_spread and blue_spread, the standard deviation of
-    frames about the table. Between its rows lie straight lines.
-
-    Parameters
-    ----------
-    path : Path
-        A CSV file.
-
-    Returns
-    -------
-    ColourTable
-        The table.
-
-    Raises
-    ------
-    InputError
-        Where the file cannot be used; it names the file, what is wrong and the fix.
+    Columns fringe_order (rising from 0, fringes), red, green, blue (1 = full light), and if there
+    are any red_spread, green_spread, blue_spread, the standard deviation of frames about the table.
+    InputError names the file, what is wrong and the fix.
     """
     fix = "make it with 'isochrome calibrate colour'"
     if path.exists():

@@ -95,13 +95,11 @@ def find_ends(
     bright: Array | None,
     valid: Mask,
 ) -> tuple[Array, Array, Array]:
-    """Find the background D and the contrast A of every pixel and channel from a loaded frame.
+    """Background D and contrast A of every pixel and channel from a loaded frame.
 
-    Parameters: `light` (rows, cols, channels); `table`; `sigma`, noise of the light, `valid`,
-    True = trusted, of its shape; `dark`, `bright`, the no-load frames that there are.
-    Returns D and A of the light's shape, and the variance (rows, cols) that their uncertainty gives
-    to the order, fringes². Raises InputError where nothing has contrast, or no colour is the
-    table's.
+    It is (rows, cols, channels); the third is the variance (rows, cols), fringes², that their
+    uncertainty gives to the order. `sigma` is the light's noise; `dark`, `bright` the no-load
+    frames that there are. InputError where nothing has contrast, or no colour is the table's.
     """
     small = _small(light, sigma, dark, bright, valid)
     first = _first_guess(small, table)

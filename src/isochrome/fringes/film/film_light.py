@@ -43,27 +43,13 @@ NO_CREST = (
 
 @dataclass(frozen=True, kw_only=True)
 class FilmLight:
-    """The light of a film.
+    """The light (rows, cols) of a film."""
 
-    Parameters
-    ----------
-    zero : ndarray (rows, cols)
-        Light of the unloaded specimen, Z.
-    illumination : ndarray (rows, cols)
-        Illumination A.
-    error : ndarray (rows, cols)
-        Standard uncertainty of the illumination, over it.
-    zero_error : ndarray (rows, cols)
-        Standard uncertainty of the unloaded light, over the illumination.
-    sign : float
-        1 in the dark field, -1 in the bright one.
-    """
-
-    zero: Array = field(repr=False)
-    illumination: Array = field(repr=False)
-    error: Array = field(repr=False)
-    zero_error: Array = field(repr=False)
-    sign: float = 1.0
+    zero: Array = field(repr=False)  # of the unloaded specimen, Z
+    illumination: Array = field(repr=False)  # A
+    error: Array = field(repr=False)  # standard uncertainty of A, over A
+    zero_error: Array = field(repr=False)  # standard uncertainty of Z, over A
+    sign: float = 1.0  # 1 in the dark field, -1 in the bright one
 
     def rise(self, light: Array) -> Array:
         """What fringes add to or take off the unloaded light, A sin² pi N (rows, cols)."""
@@ -76,21 +62,9 @@ class FilmLight:
 
 
 def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
-    """Take the noise out of the unloaded light, where it is as smooth as a polynomial.
+    """The unloaded light, float32, without noise where it is as smooth as a polynomial.
 
-    Parameters
-    ----------
-    light : ndarray (rows, cols)
-        Light of the unloaded first frame.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-
-    Returns
-    -------
-    zero : ndarray (rows, cols)
-        The unloaded light, float32.
-    rough : bool
-        Whether it is the frame itself, with its noise.
+    The second is whether it is the frame itself, with its noise.
     """
     basis = light_basis(light.shape, total_degree(_DEGREES[1]))
     thin = slice(None, None, _STRIDE)

@@ -32,30 +32,15 @@ _STEPS = 1e-3
 
 @dataclass(frozen=True)
 class KeptState:
-    """A state that can be taken up again, packed.
+    """A state that can be taken up again, packed."""
 
-    Parameters
-    ----------
-    packed : bytes
-        Orders, rates, drifts, and how far these went untold.
-    known : bytes
-        Where the orders are known.
-    doubtful : bytes
-        Where both ways through the chunk that begins here do not agree.
-    shape : tuple of int
-        Rows and columns.
-    time : float
-        Time of its frame.
-    doubts : int
-        Blocks of pixels that are doubtful.
-    """
-
-    packed: bytes = field(repr=False)
-    known: bytes = field(repr=False)
+    packed: bytes = field(repr=False)  # orders, rates, drifts, and how far these went untold
+    known: bytes = field(repr=False)  # where the orders are known
+    # where both ways through the chunk that begins here disagree
     doubtful: bytes = field(repr=False)
     shape: tuple[int, int]
-    time: float
-    doubts: int = 0
+    time: float  # of its frame
+    doubts: int = 0  # blocks of pixels that are doubtful
 
     def doubting(self, where: Mask) -> KeptState:
         """The same with more doubt (rows, cols)."""
@@ -106,36 +91,12 @@ class _Passed:
 
 
 class FilmPath:
-    """A film that is followed from its first frame on.
+    """A film that is followed from its first frame on, in chunks of frames, on blocks of pixels.
 
-    Parameters
-    ----------
-    start : FilmState
-        Of the frame where it begins.
-    light : FilmLight
-        The film's light, on blocks of pixels.
-    noise : float
-        Standard deviation of the wave's noise, on blocks.
-    chunk : int
-        Frames from one kept state to the next.
-    key : callable, optional
-        Reads the frame that was given last from nothing: its FilmState, None where it cannot.
-    every : int, optional
-        Frames from one key frame to the next.
-    begin : int, default 0
-        Number of the frame where it begins; of those before nothing is known.
-
-    Attributes
-    ----------
-    kept : dict of int to KeptState
-        The state of each chunk's first frame, and of each key frame.
-    crests : CrestLight
-        What the followed crests say of the illumination.
-    highest : float
-        The highest order that was followed, but for a few pixels.
-    lost : list of list of int
-        From which frame to which nothing is known, the latter not included; the last may go on to
-        the film's end, and has no second number.
+    `key` reads the frame that was given last from nothing, None where it cannot, each `every`
+    frames; `noise`, the wave's deviation; of frames before `begin` nothing is known. `kept`: states
+    of each chunk's first frame, and each key frame; `highest` order, but for a few pixels; `lost`:
+    [from, to) of which nothing is known; the last may go to the end, without a second number.
     """
 
     def __init__(
@@ -157,11 +118,8 @@ class FilmPath:
     def follow(self, frames: Iterable[tuple[Array, Mask, float]]) -> None:
         """Follow the film through all of its frames.
 
-        Parameters
-        ----------
-        frames : iterable of (ndarray, ndarray, float)
-            The light (rows, cols) of each frame on blocks of pixels, from the first on, where it is
-            trusted, and its time.
+        Each is the light (rows, cols) on blocks of pixels, from the first on, where it is trusted,
+        and its time.
         """
         for index, (light, valid, time) in enumerate(frames):
             rise = self.light.rise(light)
@@ -256,18 +214,7 @@ def _followed_back(passed: list[_Passed], state: FilmState, noise: float) -> tup
 
 
 def light_wave(rise: Array, illumination: Array) -> Array:
-    """Give the wave cos 2 pi N of a rise A sin² pi N over the unloaded light.
-
-    Parameters
-    ----------
-    rise : ndarray (rows, cols)
-        The rise.
-    illumination : ndarray (rows, cols)
-        The illumination A.
-
-    Returns
-    -------
-    ndarray (rows, cols)
-        The wave, float32; noise may pass its ends.
+    """The wave cos 2 pi N, float32, of a rise A sin² pi N over the unloaded light; noise may pass
+    its ends.
     """
     return np.asarray(np.float32(1.0) - np.float32(2.0) * rise / illumination, dtype=np.float32)

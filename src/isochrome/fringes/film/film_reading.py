@@ -15,36 +15,12 @@ _GUIDE_ROWS = 247
 
 
 def pixels_together(shape: tuple[int, int]) -> int:
-    """Choose how many pixels of a frame, along each side, are followed as one.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        The frame's rows and columns.
-
-    Returns
-    -------
-    int
-        Pixels, 1 at least.
-    """
+    """How many pixels of a frame, along each side, are followed as one."""
     return max(1, round(min(shape) / _GUIDE_ROWS))
 
 
 def joined_pixels(values: Array, by: int) -> Array:
-    """Give the means over blocks of pixels; a rim narrower than a block is left out.
-
-    Parameters
-    ----------
-    values : ndarray (rows, cols)
-        The pixels.
-    by : int
-        Pixels a side.
-
-    Returns
-    -------
-    ndarray (rows // by, cols // by)
-        The means, float32.
-    """
+    """Means over blocks of pixels, float32; a rim narrower than a block is left out."""
     import cv2
 
     rows, cols = (n // by for n in values.shape)
@@ -55,18 +31,7 @@ def joined_pixels(values: Array, by: int) -> Array:
 
 
 def fringe_response(order: Array) -> Array:
-    """Give the ideal signal of an order, sin² pi N.
-
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order N, fringes.
-
-    Returns
-    -------
-    ndarray (rows, cols)
-        The signal.
-    """
+    """The ideal signal of an order, sin² pi N."""
     half = np.float32(0.5)
     return np.asarray(half - half * np.cos(np.float32(2.0 * np.pi) * order))
 
@@ -74,27 +39,10 @@ def fringe_response(order: Array) -> Array:
 def read_followed(
     light: Array, state: FilmState, film_light: FilmLight, *, sigma: Array, valid: Mask, by: int
 ) -> OrderReading:
-    """Read the orders of a frame where they were followed to.
+    """Read the orders of a frame where they were followed to; `kept` is of the valid pixels.
 
-    Parameters
-    ----------
-    light : ndarray (rows, cols)
-        The frame's light.
-    state : FilmState
-        What was followed, on blocks of pixels.
-    film_light : FilmLight
-        The film's light, of the frame's size.
-    sigma : ndarray (rows, cols)
-        Noise of the light.
-    valid : bool ndarray (rows, cols)
-        Whether a pixel is trusted.
-    by : int
-        Pixels a side of a block.
-
-    Returns
-    -------
-    OrderReading
-        The orders; its `kept` is the share of the valid pixels.
+    `state` is on blocks of `by` pixels a side, `film_light` of the frame's size; `sigma` is the
+    noise.
     """
     import cv2
 
@@ -130,21 +78,9 @@ def _whole_blocks(which: Mask, by: int) -> Mask:
 
 
 def joined_reading(reading: OrderReading, by: int, time: float) -> FilmState:
-    """Make a frame's reading a state that a film can be followed from.
+    """A frame's reading as a state that a film can be followed from, on blocks of pixels.
 
-    Parameters
-    ----------
-    reading : OrderReading
-        What was read of the frame.
-    by : int
-        Pixels a side of a block.
-    time : float
-        The frame's time.
-
-    Returns
-    -------
-    FilmState
-        Orders of the blocks of which each pixel was read; its rate is not known, and taken as 0.
+    Orders are of blocks of which each pixel was read; the rate is not known, and taken as 0.
     """
     read = np.isfinite(reading.order)
     known = _whole_blocks(read, by)

@@ -65,51 +65,22 @@ _ALL_BUT = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class FilmState:
-    """Where a film stands: (rows, cols) of the pixels on which it is followed.
+    """Where a film stands: (rows, cols) of the pixels on which it is followed."""
 
-    Parameters
-    ----------
-    order : ndarray (rows, cols)
-        Fringe order N, fringes.
-    rate : ndarray (rows, cols)
-        Its change from the frame before, over the time between them, fringes a second; without
-        times a frame.
-    drift : ndarray (rows, cols)
-        What of it, over the latest frames, is not in proportion to the order.
-    untold : ndarray (rows, cols)
-        How far the order has drifted since nothing about it but a crest is seen, fringes.
-    known : bool ndarray (rows, cols)
-        Where the order is known.
-    time : float
-        Time of the frame, s, or its number.
-    broken : bool, default False
-        Whether the whole picture could not be followed into this frame.
-    """
-
-    order: Array = field(repr=False)
+    order: Array = field(repr=False)  # N, fringes
+    # its change from the frame before, fringes a second; without times a frame
     rate: Array = field(repr=False)
+    # what of it, over the latest frames, is not in proportion to the order
     drift: Array = field(repr=False)
+    # how far the order has drifted since only a crest is seen of it, fringes
     untold: Array = field(repr=False)
     known: Mask = field(repr=False)
-    time: float
-    broken: bool = False
+    time: float  # of the frame, s, or its number
+    broken: bool = False  # the whole picture could not be followed into this frame
 
 
 def unloaded_state(material: Mask, time: float) -> FilmState:
-    """Start a film at zero load.
-
-    Parameters
-    ----------
-    material : bool ndarray (rows, cols)
-        True on the specimen.
-    time : float
-        Time of the first frame, s, or its number.
-
-    Returns
-    -------
-    FilmState
-        Order 0 all over the specimen.
-    """
+    """Start a film at zero load, order 0 all over the specimen, at a time, s, or frame number."""
     nothing = np.zeros(material.shape, dtype=np.float32)
     return FilmState(
         order=nothing, rate=nothing, drift=nothing, untold=nothing, known=material.copy(), time=time
@@ -121,23 +92,7 @@ def follow_frame(
 ) -> FilmState:
     """Follow the orders into the next frame, or, with times that fall, into the one before.
 
-    Parameters
-    ----------
-    state : FilmState
-        Where the film stands.
-    wave : ndarray (rows, cols)
-        The next frame's cos 2 pi N, float32.
-    valid : bool ndarray (rows, cols)
-        Whether its pixels are trusted.
-    time : float
-        Its time.
-    noise : float
-        Standard deviation of the wave's noise.
-
-    Returns
-    -------
-    FilmState
-        Where the film stands then.
+    `wave` is its cos 2 pi N, float32, `noise` the wave's standard deviation.
     """
     import cv2
 

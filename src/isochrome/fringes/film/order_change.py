@@ -50,21 +50,11 @@ _FEWEST = 50
 
 @dataclass(frozen=True)
 class OrderChange:
-    """A change of the order.
+    """A change of the order."""
 
-    Parameters
-    ----------
-    change : ndarray (rows, cols)
-        The change, fringes.
-    misfit : float
-        Mean square of what it leaves of the wave.
-    largest : float
-        The largest change of any field in it, and of all together, fringes.
-    """
-
-    change: Array
-    misfit: float
-    largest: float
+    change: Array  # fringes
+    misfit: float  # mean square of what it leaves of the wave
+    largest: float  # of any field in it, and of all together, fringes
 
 
 def fit_order_change(

@@ -54,14 +54,11 @@ def settle(
     residual: Array | None = None,
     compatible: bool = True,
 ) -> tuple[Array, tuple[FieldPart, ...], tuple[str, ...]]:
-    """Find the whole number m of each part, so that N = |turns + m|.
+    """The whole number m of each part, so that N = |turns + m|; NaN where it is open.
 
-    Parameters: `turns` φ/2π (rows, cols), unwrapped; `direction`, continuous;
-    `known`, True where both are; `known_order`, (row, col, N) each; `model`, called for a model's
-    order (rows, cols) where nothing else tells; `residual`, n of a residual stress that is part of
-    all this (rows, cols), complex, and `compatible`, False where all this is one: see `balance`.
-    Returns m (rows, cols), NaN where it is open, the parts that are not too small, the largest
-    first, and warnings.
+    `turns` φ/2π, unwrapped; `known`, where it and the continuous direction are; `known_order`,
+    (row, col, N) each; `model` gives a model's order where nothing else tells; for `residual` n and
+    `compatible` see `balance`. Then the parts that are not too small, largest first, and warnings.
     """
     labels, count = label(known)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)

@@ -52,19 +52,14 @@ _OF_NOISE = 1.0 / 6.0
 
 @dataclass(frozen=True)
 class Direction:
-    """The direction of sigma_1, up to 90°, as `twice` = exp 2iθ (rows, cols), continuous.
+    """The direction of sigma_1, up to 90°, as maps (rows, cols)."""
 
-    `scatter` of θ (rad, standard) from the noise, `uncertainty` with what is added where the
-    direction bends or turns within the window; `coherence` 0..1, low at an isotropic point;
-    `bridge`, the scatter (rad) in a wide window, which spans a thin line of no information, from
-    noise and from elements a little off: where that is large too, the sign of exp 2iθ may differ
-    on its two sides.
-    """
-
-    twice: Array
-    scatter: Array
-    uncertainty: Array
-    coherence: Array
+    twice: Array  # exp 2iθ, continuous
+    scatter: Array  # standard, of θ (rad), from the noise
+    uncertainty: Array  # with what is added where the direction bends or turns within the window
+    coherence: Array  # 0..1, low at an isotropic point
+    # scatter (rad) in a wide window, which spans a thin line of no information, from noise and
+    # from elements a little off: where it is large, exp 2iθ may change sign across the line
     bridge: Array
 
     @property

@@ -48,26 +48,13 @@ _SURELY = 5.5
 
 @dataclass(frozen=True)
 class ResidualStress:
-    """The field n₀ of a residual stress.
-
-    Parameters
-    ----------
-    field : complex ndarray (rows, cols)
-        Field N exp 2iθ, fringes; NaN = not known.
-    uncertainty : ndarray (rows, cols)
-        Standard uncertainty of N, and of N times twice the angle, fringes.
-    kept : float
-        Share of the specimen that is known.
-    warnings : tuple of str
-        What the user should know, in plain words.
-    agrees : bool ndarray (rows, cols) or bool, default True
-        Where the no-load light fits the steps, so that its direction may be believed.
-    """
+    """The field n₀ = N exp 2iθ (rows, cols) of a residual stress, fringes; NaN = not known."""
 
     field: Array
-    uncertainty: Array
-    kept: float
-    warnings: tuple[str, ...]
+    uncertainty: Array  # standard, of N, and of N times twice the angle
+    kept: float  # share of the specimen that is known
+    warnings: tuple[str, ...]  # in plain words
+    # where the no-load light fits the steps: its direction may be believed
     agrees: Mask | bool = True
 
     @property
@@ -94,30 +81,10 @@ class ResidualStress:
 def read_residual(
     stack: Array, chains: Sequence[Chain], *, sigma: Array | float, valid: Mask | None = None
 ) -> ResidualStress:
-    """Read the field of the residual stress from the images of an unloaded specimen's steps.
+    """Read the residual stress from the images (steps, rows, cols) of an unloaded specimen's steps.
 
-    Equations: the module's.
-
-    Parameters
-    ----------
-    stack : ndarray (steps, rows, cols)
-        Light in any unit.
-    chains : sequence of Chain
-        The elements of each step, see `isochrome.optics.make_chain`.
-    sigma : ndarray (rows, cols) or float
-        Standard deviation of the light's noise, in its unit.
-    valid : bool ndarray (rows, cols) or (steps, rows, cols), optional
-        Whether a pixel is trusted, in all frames or in each of them.
-
-    Returns
-    -------
-    ResidualStress
-        The field and how well it is known.
-
-    Raises
-    ------
-    InputError
-        Where the steps cannot tell the order.
+    Equations: the module's. One chain a step; `sigma` in the light's unit; `valid` for all frames
+    or each. InputError where the steps cannot tell the order.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
     field, along = least_field(light.terms), light.uncertainty

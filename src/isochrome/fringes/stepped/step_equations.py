@@ -122,25 +122,10 @@ def step_row(chain: Chain) -> list[float]:
 
 
 def make_design(chains: Sequence[Chain]) -> StepDesign:
-    """Make the equations of a set of steps, of the unknowns that they tell apart.
+    """The equations of a set of steps, of the unknowns that they tell apart, and their solution.
 
     Background and amplitude, and 4θ, are left out where the steps do not give them: six circular
-    steps need neither.
-
-    Parameters
-    ----------
-    chains : sequence of Chain
-        The elements of each step.
-
-    Returns
-    -------
-    StepDesign
-        The equations and their least-squares solution.
-
-    Raises
-    ------
-    InputError
-        Where cos δ or sin δ cannot be told; it says which steps to add.
+    steps need neither. InputError, with the steps to add, where cos δ or sin δ cannot be told.
     """
     matrix = np.array([step_row(chain) for chain in chains]).reshape(-1, 7)
     for solved, weakest in (*((columns, _WEAKEST) for columns in _SETS), (_SETS[0], _NOISIEST)):

@@ -57,24 +57,18 @@ _WINDOW_PX = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class StepLight:
-    """What a set's light says; maps (rows, cols).
-
-    `terms` and `direction`, see `step_equations` and `isoclinic`; `seen`, True where the fringes
-    can be read; `specimen`, True where light comes through at all; `contrast` A V, in the light's
-    unit; `uncertainty` of φ/2π, fringes; `chi`, residual of the light over its noise; `bridges`,
-    whether the steps tell no direction about half orders, or leave out what changes it there;
-    `agrees`, True where the light fits the steps, whose angles the direction follows.
-    """
+    """What a set's light says; maps (rows, cols)."""
 
     terms: StepTerms
     direction: Direction
-    seen: Mask
-    specimen: Mask
-    contrast: Array
-    uncertainty: Array
-    chi: float
+    seen: Mask  # the fringes can be read
+    specimen: Mask  # light comes through at all
+    contrast: Array  # A V, in the light's unit
+    uncertainty: Array  # of φ/2π, fringes
+    chi: float  # residual of the light over its noise
+    # the steps tell no direction about half orders, or leave out what changes it there
     bridges: bool
-    agrees: Mask
+    agrees: Mask  # the light fits the steps, whose angles the direction follows
 
 
 def measure_steps(
@@ -123,15 +117,12 @@ def measure_steps(
 
 
 def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Array, Array]:
-    """Give the frames that cannot be trusted in a pixel the light that its other frames ask for.
+    """Give frames that cannot be trusted in a pixel (nought there) the light that the others ask.
 
-    Equation: I_missing = M_missing x, x the least squares of the frames that are there; all frames
-    together then have the very solution x. Parameters: `light` (steps, rows, cols), nought where
-    not `good`; `good` of that shape, True = trusted; `design`. Returns the light, and how many
-    times the noise is that of a whole pixel, at most of any unknown, and on the whole of those that
-    tell the direction (rows, cols): 1 where every frame is there, NaN where the rest cannot tell
-    the order. Source: Yates (1933), Empire Journal of Experimental Agriculture 1, 129 (missing
-    observations in least squares).
+    I = M x there, x the least squares of the others, which is that of all together then. Also how
+    many times the noise is a whole pixel's, at most of any unknown, and of those that tell the
+    direction (rows, cols): 1 where all are there, NaN where the rest cannot tell the order. Source:
+    Yates (1933), Empire J. Exp. Agric. 1, 129 (missing observations in least squares).
     """
     gains = np.where(good.all(axis=0), 1.0, np.nan)[None].repeat(2, axis=0).astype(np.float32)
     wanting = np.isnan(gains[0]) & good.any(axis=0)

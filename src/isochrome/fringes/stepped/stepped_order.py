@@ -47,39 +47,21 @@ _BRIDGED = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class SteppedReading:
-    """What a phase-stepped set tells; maps float32, NaN = not known.
+    """What a phase-stepped set tells; maps (rows, cols) float32, NaN = not known.
 
     All maps are of the load alone where a residual stress was taken out.
-
-    Parameters
-    ----------
-    reading : OrderReading
-        The fringe order with its uncertainty and confidence.
-    isoclinic : ndarray (rows, cols)
-        Direction of sigma_1, degrees counter-clockwise from the image's +x, -90 to 90; NaN too
-        where the light does not fit the steps, whose angles it follows.
-    isoclinic_uncertainty : ndarray (rows, cols)
-        Its standard uncertainty, degrees.
-    dark_field : ndarray (rows, cols)
-        Ideal dark field (1 - cos δ)/2.
-    contrast : ndarray (rows, cols)
-        Contrast A V, in the light's unit.
-    chi : float
-        Residual of the light over its noise; NaN where the steps leave none.
-    parts : tuple of FieldPart
-        The connected parts and what settled their whole numbers.
-    warnings : tuple of str
-        What the user should know, in plain words.
     """
 
     reading: OrderReading
+    # direction of sigma_1, degrees counter-clockwise from the image's +x, -90 to 90; NaN too
+    # where the light does not fit the steps, whose angles it follows
     isoclinic: Array
-    isoclinic_uncertainty: Array
-    dark_field: Array
-    contrast: Array
-    chi: float
-    parts: tuple[FieldPart, ...]
-    warnings: tuple[str, ...]
+    isoclinic_uncertainty: Array  # standard, degrees
+    dark_field: Array  # ideal, (1 - cos δ)/2
+    contrast: Array  # A V, in the light's unit
+    chi: float  # residual of the light over its noise; NaN: the steps leave none
+    parts: tuple[FieldPart, ...]  # connected, and what settled their whole numbers
+    warnings: tuple[str, ...]  # in plain words
 
     @property
     def order(self) -> Array:
@@ -107,41 +89,12 @@ def read_steps(
     model: Callable[[], Array] | None = None,
     residual: ResidualStress | None = None,
 ) -> SteppedReading:
-    """Read fringe order and isoclinic angle of one state from the images of its steps.
+    """Read order and isoclinic angle of one state from the images (steps, rows, cols) of its steps.
 
-    Equations: the module's. A pixel is not known where it is masked, its contrast low, its noise
-    over 0.03 fringe, its fringes finer than 2.5 pixels, its part's whole number open, or the
-    residual not known.
-
-    Parameters
-    ----------
-    stack : ndarray (steps, rows, cols)
-        Light in any unit.
-    chains : sequence of Chain
-        The elements of each step, see `isochrome.optics.make_chain`.
-    sigma : ndarray (rows, cols) or float
-        Standard deviation of the light's noise, in its unit.
-    valid : bool ndarray (rows, cols) or (steps, rows, cols), optional
-        Whether a pixel is trusted, in all frames or in each of them: a frame that is not is left
-        out of that pixel.
-    known_order : sequence of (row, col, order), optional
-        Points where the user knows the order (pixels, fringes) that the frames show, residual
-        stress and all.
-    model : callable, optional
-        Called for a model's order (rows, cols) that the frames show, NaN outside it, where neither
-        the known orders nor the field itself tells the whole number.
-    residual : ResidualStress, optional
-        Residual stress that is to be taken out.
-
-    Returns
-    -------
-    SteppedReading
-        The order, the isoclinic angle, and how well they are known.
-
-    Raises
-    ------
-    InputError
-        Where the steps cannot tell the order.
+    Equations: the module's. Not known: masked, low contrast, noise over 0.03 fringe, fringes finer
+    than 2.5 pixels, a part's whole number open, or the residual not known. A frame not `valid` is
+    left out there. `known_order` (row, col, N) and `model`, called where nothing else tells, are
+    orders that the frames show, residual stress and all. InputError as `read_residual`.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
     found = settle_field(

@@ -23,38 +23,10 @@ _QUOTES = ('"""', "'''", '"', "'")
 def with_value(
     text: str, key: str, written: str, *, comment: str = "", mark: str = "", name: str = "scene"
 ) -> str:
-    r"""Set a key in TOML text.
+    """TOML text with a key, such as 'load.normal_n', set to a value `written` as TOML.
 
-    Parameters
-    ----------
-    text : str
-        TOML text.
-    key : str
-        Table and name, such as 'load.normal_n'.
-    written : str
-        The value as TOML.
-    comment : str, optional
-        A comment for its line, without #.
-    mark : str, optional
-        What comments of this kind begin with: an earlier one is replaced.
-    name : str, default 'scene'
-        Name of the text, in messages.
-
-    Returns
-    -------
-    str
-        The text with the value.
-
-    Raises
-    ------
-    InputError
-        Where no edit does only that.
-
-    Examples
-    --------
-    >>> from isochrome.scene import with_value
-    >>> with_value("[load]\nnormal_n = 44.0  # cell\n", "load.normal_n", "50.0")
-    '[load]\nnormal_n = 50.0  # cell\n'
+    `comment`, without #, goes on its line; where it begins with `mark`, an earlier one is replaced.
+    `name` is the text's in messages. InputError where no edit does only that.
     """
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
@@ -69,33 +41,10 @@ def with_value(
 
 
 def without_value(text: str, key: str, *, name: str = "scene") -> str:
-    r"""Take a key out of TOML text, with the comment on its line.
+    """TOML text without a key, such as 'load.bulk_mpa', and the comment on its line.
 
-    Parameters
-    ----------
-    text : str
-        TOML text.
-    key : str
-        Table and name; a key that is not there leaves the text as it is. A name alone is a whole
-        table.
-    name : str, default 'scene'
-        Name of the text, in messages.
-
-    Returns
-    -------
-    str
-        The text without it.
-
-    Raises
-    ------
-    InputError
-        Where no edit does only that.
-
-    Examples
-    --------
-    >>> from isochrome.scene import without_value
-    >>> without_value("[load]\nnormal_n = 44.0\nbulk_mpa = 1.0  # clamp\n", "load.bulk_mpa")
-    '[load]\nnormal_n = 44.0\n'
+    A name alone is a whole table; a key that is not there leaves the text as it is. InputError
+    where no edit does only that.
     """
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
@@ -116,38 +65,10 @@ def without_value(text: str, key: str, *, name: str = "scene") -> str:
 def with_table_list(
     text: str, key: str, entries: Sequence[Mapping[str, Any]], *, name: str = "scene"
 ) -> str:
-    r"""Set a list of tables in TOML text, such as [[frames.known_order]].
+    """TOML text with a list of tables, such as [[frames.known_order]]; a name alone is [[image]].
 
-    Parameters
-    ----------
-    text : str
-        TOML text.
-    key : str
-        Table and name of the list; a name alone is a list by itself, such as [[image]].
-    entries : sequence of mapping
-        Its tables: numbers, texts, and lists of them. An empty one takes the list out.
-    name : str, default 'scene'
-        Name of the text, in messages.
-
-    Returns
-    -------
-    str
-        The text with the list: its tables that stay keep their place and comments, new ones come
-        behind them.
-
-    Raises
-    ------
-    InputError
-        Where no edit does only that.
-
-    Examples
-    --------
-    >>> from isochrome.scene import with_table_list
-    >>> print(with_table_list("", "frames.known_order", [{"row_px": 4, "order": 0.5}]))
-    [[frames.known_order]]
-    row_px = 4
-    order = 0.5
-    <BLANKLINE>
+    Tables that stay keep their place and comments, new ones come behind them; no entries take the
+    list out. InputError where no edit does only that.
     """
     wanted = parse_toml(text, name)
     table, _, entry_name = key.partition(".")
@@ -215,24 +136,7 @@ def _blocks(lines: Sequence[str], path: str) -> Iterator[tuple[int, int]]:
 
 
 def toml_text(value: Any) -> str:
-    """Write a plain value as TOML.
-
-    Parameters
-    ----------
-    value : bool, int, float, str, sequence or mapping
-        The value.
-
-    Returns
-    -------
-    str
-        Its text, in one line.
-
-    Examples
-    --------
-    >>> from isochrome.scene import toml_text
-    >>> toml_text([44.0, True, "a"])
-    '[44.0, true, "a"]'
-    """
+    """A plain value as TOML, in one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):

@@ -25,28 +25,12 @@ _FAR = 40.0
 def cauchy_of_hat(
     x_mm: Floats, z_mm: Floats | float, spacing_mm: float
 ) -> tuple[Complexes, Complexes]:
-    """Compute the integrals ∫ hat/(ζ-t) dt and ∫ hat/(ζ-t)² dt at ζ = x - i z.
+    """∫ hat/(ζ-t) dt and ∫ hat/(ζ-t)² dt (1/mm) at ζ = x - i z, z >= 0, from the hat's node.
 
     Near by, second differences of ζ ln ζ and -ln ζ; far off, the hat's moments, where those would
-    cancel. On the surface, ln ζ is the limit from below. The second integral is infinite at a node
-    on the surface, where it is only ever multiplied by z = 0, and is given as zero there. Source:
-    see the module.
-
-    Parameters
-    ----------
-    x_mm : ndarray
-        Places from the hat's node (mm).
-    z_mm : ndarray or float
-        Depths (mm), not negative; of a shape that broadcasts with that of `x_mm`.
-    spacing_mm : float
-        Half-width h of the hat (mm).
-
-    Returns
-    -------
-    first : complex ndarray
-        The first integral, of the places' shape.
-    second : complex ndarray
-        The second integral (1/mm), of that shape.
+    cancel. On the surface ln ζ is the limit from below; the second integral, infinite at a node
+    there but only ever multiplied by z = 0, is given as zero. `spacing_mm` is h. Source: see the
+    module.
     """
     x, z = np.broadcast_arrays(x_mm, z_mm)
     zeta: Complexes = np.empty(x.shape, complex)

@@ -31,27 +31,13 @@ SINGLE_ERROR, DOUBLE_ERROR = 1e-6, 5e-13
 
 @dataclass(frozen=True)
 class FieldGrid:
-    """Kernel spectra for one surface grid and one pixel grid, made once.
-
-    Parameters
-    ----------
-    pixels : PixelGrid
-        The pixels.
-    nodes : int
-        Count of surface nodes.
-    fold : int
-        Nodes a pixel.
-    dtype : numpy.dtype
-        Type of the field, complex64 or complex128.
-    bands : tuple of RowBand
-        The rows in the material; rows above the surface have none.
-    """
+    """Kernel spectra for one grid of surface nodes and one of pixels, made once."""
 
     pixels: PixelGrid
     nodes: int
-    fold: int
-    dtype: np.dtype[np.complexfloating]
-    bands: tuple[RowBand, ...]
+    fold: int  # nodes a pixel
+    dtype: np.dtype[np.complexfloating]  # complex64 or complex128
+    bands: tuple[RowBand, ...]  # of the material; rows above the surface have none
 
     @property
     def nbytes(self) -> int:
@@ -60,27 +46,11 @@ class FieldGrid:
 
 
 def field_dtype(tolerance: float) -> type[np.complexfloating]:
-    """Choose the cheapest precision whose error stays below a tolerance.
+    """The cheapest precision whose error is below a share of the largest pressure and shear.
 
-    complex64 errs by at most 1e-6 of the largest pressure and shear together (2e-7 under a smooth
-    contact): the rounding of the transforms, 6e-8, times a row's kernel and traction, which even
-    for tractions of random signs on 65536 nodes amount to some ten. complex128 errs by 5e-13 at
-    most, from the hats' second differences 40 spacings away.
-
-    Parameters
-    ----------
-    tolerance : float
-        Largest error of the field over the largest pressure and shear.
-
-    Returns
-    -------
-    type
-        The type numpy.complex64 or numpy.complex128.
-
-    Raises
-    ------
-    InputError
-        Where the tolerance is below 5e-13.
+    complex64: 1e-6 (2e-7 under a smooth contact), the rounding of the transforms, 6e-8, times a
+    row's kernel and traction, some ten even for random signs on 65536 nodes. complex128: 5e-13,
+    from the hats' second differences 40 spacings away; InputError below that.
     """
     if not tolerance >= DOUBLE_ERROR:
         raise InputError(
@@ -98,30 +68,9 @@ def make_field_grid(
     nodes: int,
     dtype: type[np.complexfloating] = np.complex64,
 ) -> FieldGrid:
-    """Precompute the kernels from surface nodes to pixels.
+    """The kernels from surface nodes to pixels; for `dtype` see `field_dtype`.
 
-    Parameters
-    ----------
-    pixels : PixelGrid
-        The pixels.
-    left_mm : float
-        Place of the first surface node (mm).
-    spacing_mm : float
-        Distance of the nodes (mm).
-    nodes : int
-        Count of the nodes.
-    dtype : type, default numpy.complex64
-        Type of the field, complex64 or complex128 (see `field_dtype`).
-
-    Returns
-    -------
-    FieldGrid
-        The kernels' spectra.
-
-    Raises
-    ------
-    InputError
-        Where the pixel is no whole number of spacings.
+    `left_mm` is the first node's place. InputError where the pixel is no whole number of spacings.
     """
     fold = round(pixels.pixel_mm / spacing_mm)
     if fold < 1 or abs(fold * spacing_mm / pixels.pixel_mm - 1.0) > 1e-9:
@@ -155,28 +104,10 @@ def make_field_grid(
 def stress_difference(
     grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None
 ) -> StressDifference:
-    """Compute (sigma_x - sigma_z) + 2i tau_xz on the pixels, from tractions at the surface nodes.
+    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of tractions p and q (n,) at the nodes.
 
-    Source: see the module.
-
-    Parameters
-    ----------
-    grid : FieldGrid
-        Kernels from the surface nodes to the pixels.
-    pressure_mpa : ndarray (n,)
-        Pressure p at the nodes (MPa).
-    shear_mpa : ndarray (n,), optional
-        Shear q at the nodes (MPa); None for none.
-
-    Returns
-    -------
-    complex ndarray (rows, cols)
-        Stress difference (MPa); zero above the surface.
-
-    Raises
-    ------
-    InputError
-        Where the tractions are not as many as the grid's nodes.
+    Zero above the surface; InputError where they are not as many as the nodes. Source: see the
+    module.
     """
     _check_nodes(grid, pressure_mpa, shear_mpa)
     field = _empty_field(grid)
@@ -190,28 +121,10 @@ def stress_difference(
 
 
 def stress_trace(grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None) -> Floats:
-    """Compute sigma_x + sigma_z on the pixels, from tractions at the surface nodes.
+    """sigma_x + sigma_z (rows, cols), MPa, of tractions p and q (n,) at the nodes.
 
-    Equation: -(2/π) Re ∫ (q - ip)/(ζ-t) dt. Source: see the module.
-
-    Parameters
-    ----------
-    grid : FieldGrid
-        Kernels from the surface nodes to the pixels.
-    pressure_mpa : ndarray (n,)
-        Pressure p at the nodes (MPa).
-    shear_mpa : ndarray (n,), optional
-        Shear q at the nodes (MPa); None for none.
-
-    Returns
-    -------
-    ndarray (rows, cols)
-        Sum of the normal stresses (MPa), real; zero above the surface.
-
-    Raises
-    ------
-    InputError
-        Where the tractions are not as many as the grid's nodes.
+    Equation: -(2/π) Re ∫ (q - ip)/(ζ-t) dt, zero above the surface; InputError where they are not
+    as many as the nodes. Source: see the module.
     """
     _check_nodes(grid, pressure_mpa, shear_mpa)
     traction = -1j * pressure_mpa if shear_mpa is None else shear_mpa - 1j * pressure_mpa
@@ -228,23 +141,10 @@ def components_on_grid(
     *,
     regular: RegularStress = NO_STRESS,
 ) -> StressComponents:
-    """Compute all three stress components on the pixels: the principal stresses apart.
+    """All three stress components on the pixels: the principal stresses apart.
 
-    Parameters
-    ----------
-    grid : FieldGrid
-        Kernels from the surface nodes to the pixels.
-    pressure_mpa : ndarray (n,)
-        Pressure p at the nodes (MPa).
-    shear_mpa : ndarray (n,), optional
-        Shear q at the nodes (MPa); None for none.
-    regular : RegularStress, optional
-        Stress besides the contact's.
-
-    Returns
-    -------
-    StressComponents
-        Stress (rows, cols) (MPa), in the grid's precision; zero above the surface.
+    Of tractions (n,) at the nodes, and a stress besides the contact's; (rows, cols) in the grid's
+    precision, zero above the surface.
     """
     difference = stress_difference(grid, pressure_mpa, shear_mpa)
     trace = stress_trace(grid, pressure_mpa, shear_mpa)

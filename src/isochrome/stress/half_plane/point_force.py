@@ -22,20 +22,10 @@ from isochrome.stress.half_plane.hats import Floats
 
 
 class PointForce(NamedTuple):
-    """A point force on the edge of a half-plane, per thickness, or its dipole.
+    """A point force on a half-plane's edge, per thickness (N/mm), or a dipole's moment (N)."""
 
-    Parameters
-    ----------
-    normal : float
-        Normal force P (N/mm), or as a dipole its first moment (N).
-    tangential : float
-        Tangential force Q (N/mm), or as a dipole its first moment (N).
-    dipole : bool, default False
-        Whether it is a dipole.
-    """
-
-    normal: float
-    tangential: float
+    normal: float  # P
+    tangential: float  # Q
     dipole: bool = False
 
 

@@ -26,15 +26,9 @@ from isochrome.stress.half_plane.hats import Complexes, Floats
 
 @dataclass(frozen=True)
 class RegularStress:
-    """A regular stress by its power series, free of tractions on the surface.
+    """A regular stress by its power series, free of tractions on the surface."""
 
-    Parameters
-    ----------
-    series : tuple of complex, optional
-        The terms s_n (MPa/mm^n); empty for no stress.
-    """
-
-    series: tuple[complex, ...] = ()
+    series: tuple[complex, ...] = ()  # the terms s_n, MPa/mm^n; empty for no stress
 
     def __add__(self, other: RegularStress) -> RegularStress:
         pairs = zip_longest(self.series, other.series, fillvalue=0j)
@@ -77,33 +71,14 @@ NO_STRESS = RegularStress()
 
 
 def uniform_stress(sigma_x_mpa: float) -> RegularStress:
-    """Make the same stress along x everywhere.
-
-    Parameters
-    ----------
-    sigma_x_mpa : float
-        The stress (MPa), tension positive.
-
-    Returns
-    -------
-    RegularStress
-        The stress.
-    """
+    """The same stress along x everywhere, tension positive."""
     return RegularStress((complex(sigma_x_mpa),))
 
 
 def regular_modes(degree: int) -> tuple[RegularStress, ...]:
-    """List the 2 degree + 1 real modes up to a degree n: sigma_x = x^n along the surface, bending.
+    """The 2 degree + 1 real modes up to a degree n: sigma_x = x^n along the surface, and bending.
 
-    Parameters
-    ----------
-    degree : int
-        The highest degree, not negative.
-
-    Returns
-    -------
-    tuple of RegularStress
-        The modes s_0 = 1, s_1 = 1, s_1 = i, s_2 = 1, s_2 = i, ..., each 1 MPa/mm^n.
+    They are s_0 = 1, s_1 = 1, s_1 = i, s_2 = 1, s_2 = i, ..., each 1 MPa/mm^n.
     """
     modes = [RegularStress((1 + 0j,))]
     for n in range(1, degree + 1):

@@ -66,12 +66,10 @@ def make_band(
     deep: bool,
     dtype: np.dtype[np.complexfloating],
 ) -> RowBand:
-    """Kernel spectra of one band of rows.
+    """Kernel spectra of one band of rows at depths `z_mm`. Source: see the module.
 
-    Parameters: `rows`, their place; `z_mm` (rows,), depths; `cols`, count of pixels in a row;
-    `first_mm`, x of the first pixel from the first node; `spacing_mm`, `nodes`, the surface nodes;
-    `fold`, nodes a pixel; `deep`, whether sources move to pixel spacing; `dtype`, of the spectra.
-    Returns a RowBand. Source: see the module.
+    `first_mm` is the first pixel's x from the first node; `fold`, nodes a pixel; `deep`, whether
+    sources move to pixel spacing.
     """
     step, sources, moved = spacing_mm, nodes, 1
     if deep and fold > 1:

@@ -46,48 +46,22 @@ _BLOCK = 64
 
 @dataclass(frozen=True, kw_only=True)
 class SeriesGrid:
-    """A lattice of pixels, and of surface nodes, whose places are free.
-
-    Parameters
-    ----------
-    rows : int
-        Rows of pixels.
-    cols : int
-        Columns of pixels.
-    pitch_mm : float
-        Distance of the pixels (mm).
-    nodes : int
-        Count of surface nodes.
-    spacing_mm : float
-        Distance of the nodes (mm).
-    length : int
-        Period in pixels.
-    down : ndarray (rows, m)
-        Interpolation down the picture from m x m places.
-    across : ndarray (m, cols)
-        Interpolation across it.
-    cosines : ndarray (m,)
-        The places on -1..1.
-    powers : ndarray (24, nodes)
-        Powers of the nodes' places over the period, for the tractions' moments.
-    pairs : ndarray (24, 24)
-        From moments to the power series of the repetitions' simple poles.
-    poles : ndarray (24, 24)
-        From moments to that of their double poles.
-    """
+    """A lattice of pixels, and one of surface nodes, whose places are free."""
 
     rows: int
     cols: int
     pitch_mm: float
     nodes: int
     spacing_mm: float
-    length: int
-    down: Floats = field(repr=False)
-    across: Floats = field(repr=False)
-    cosines: Floats = field(repr=False)
+    length: int  # period in pixels
+    down: Floats = field(repr=False)  # (rows, m): interpolation from m x m places
+    across: Floats = field(repr=False)  # (m, cols)
+    cosines: Floats = field(repr=False)  # (m,): the places on -1..1
+    # (24, nodes): powers of the nodes' places over the period, for the tractions' moments
     powers: Floats = field(repr=False)
+    # (24, 24): from moments to the power series of the repetitions' simple poles
     pairs: Floats = field(repr=False)
-    poles: Floats = field(repr=False)
+    poles: Floats = field(repr=False)  # (24, 24): the same, of their double poles
 
     @property
     def period_mm(self) -> float:
@@ -104,27 +78,10 @@ def make_series_grid(
     spacing_mm: float,
     reach_mm: float,
 ) -> SeriesGrid:
-    """Make a lattice of pixels over a lattice of surface nodes.
+    """A lattice of pixels, or of every few of them, over one of surface nodes, with its matrices.
 
-    Parameters
-    ----------
-    rows : int
-        Rows of pixels, or of every few of them.
-    cols : int
-        Columns of them.
-    pitch_mm : float
-        Their distance (mm).
-    nodes : int
-        Count of surface nodes.
-    spacing_mm : float
-        Distance of the nodes (mm); quickest where it divides the pitch.
-    reach_mm : float
-        The largest distance of a loaded node from a pixel (mm).
-
-    Returns
-    -------
-    SeriesGrid
-        The lattice, with the matrices that are made once.
+    It is quickest where `spacing_mm` divides the pitch. `reach_mm` is the largest distance of a
+    loaded node from a pixel.
     """
     wanted = max(_REACH * reach_mm / pitch_mm, cols, nodes * spacing_mm / pitch_mm)
     length = int(scipy.fft.next_fast_len(math.ceil(wanted)))
@@ -149,21 +106,11 @@ def make_series_grid(
 
 @dataclass(frozen=True)
 class SeriesField:
-    """A field on a lattice of pixels; zero above the surface.
+    """A field (rows, cols), complex64, on a lattice of pixels; zero above the surface."""
 
-    Parameters
-    ----------
-    difference : complex64 ndarray (rows, cols)
-        Stress difference (sigma_x - sigma_z) + 2i tau_xz (MPa).
-    along : complex64 ndarray (rows, cols) or None
-        Its derivative along x (MPa/mm); None where nobody asked.
-    down : complex64 ndarray (rows, cols) or None
-        Its derivative along z (MPa/mm); None where nobody asked.
-    """
-
-    difference: StressDifference
-    along: StressDifference | None
-    down: StressDifference | None
+    difference: StressDifference  # (sigma_x - sigma_z) + 2i tau_xz, MPa
+    along: StressDifference | None  # its derivative along x, MPa/mm; None: not asked for
+    down: StressDifference | None  # along z
 
     @property
     def slopes(self) -> tuple[StressDifference | None, StressDifference | None]:
@@ -182,38 +129,12 @@ def series_difference(
     slopes: bool = False,
     least_mm: float = 0.0,
 ) -> SeriesField:
-    """Compute (sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, from surface tractions.
+    """(sigma_x - sigma_z) + 2i tau_xz on a lattice of pixels, and with `slopes` its derivatives.
 
-    Errs by 2e-7 of the largest traction. The slopes lack those of the repetitions, 1e-3 of them.
-
-    Parameters
-    ----------
-    grid : SeriesGrid
-        The lattice.
-    x_mm : float
-        Centre of the first pixel along the surface (mm).
-    z_mm : float
-        Its depth (mm).
-    left_mm : float
-        Place of the first node (mm).
-    pressure_mpa : ndarray (n,)
-        Pressure p at the nodes (MPa), linear between them and zero beyond.
-    shear_mpa : ndarray (n,), optional
-        Shear q at the nodes (MPa); None for no shear.
-    slopes : bool, default False
-        Whether the derivatives are wanted.
-    least_mm : float, default 0.0
-        Depth above which nothing is computed (mm): the rows near the surface cost most.
-
-    Returns
-    -------
-    SeriesField
-        The field, and its derivatives where they are wanted.
-
-    Raises
-    ------
-    ValueError
-        Where a pixel is beyond the reach of the series.
+    Errs by 2e-7 of the largest traction; the slopes lack those of the repetitions, 1e-3 of them.
+    `x_mm`, `z_mm`: the first pixel's centre; `left_mm`: the first node. Tractions (n,), MPa, are
+    linear between nodes and zero beyond. Nothing is computed above `least_mm`: rows near the
+    surface cost most. ValueError where a pixel is beyond the series' reach.
     """
     depth = z_mm + grid.pitch_mm * np.arange(grid.rows)
     first = int(np.searchsorted(depth, max(least_mm, SHALLOWEST * grid.spacing_mm)))
