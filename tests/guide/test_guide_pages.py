@@ -81,7 +81,7 @@ def test_every_file_that_the_code_names_has_words():
 
 
 def test_no_file_has_words_that_no_code_leaves():
-    made = {"imagej"} | {
+    made = {"imagej", "records"} | {
         f"{name}.{end}" for name in ("calibration", "scale") for end in ("json", "png")
     }
     made |= {"background.tif", "illumination.tif", "residual_order.tif", "residual_isoclinic.tif"}
