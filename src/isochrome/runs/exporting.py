@@ -109,12 +109,20 @@ def _is_picture(variable: xarray.DataArray) -> bool:
 
 
 def _blocks(variable: xarray.DataArray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
-    """A variable's parts, each with its place: single pictures, or else all at once."""
+    """A variable's parts, each with its place: single pictures, or else all at once.
+
+    What the store keeps together is read together, else it would be read for each picture.
+    """
     if not _is_picture(variable):
         yield (), np.asarray(variable.values)
         return
-    for place in product(*(range(size) for size in variable.shape[:-2])):
-        yield place, np.asarray(variable[place].values)
+    count, *others = variable.shape[:-2]
+    together = (variable.encoding.get("chunks") or (1,))[0]
+    for start in range(0, count, together):
+        values = np.asarray(variable[start : start + together].values)
+        for k in range(len(values)):
+            for place in product(*(range(size) for size in others)):
+                yield (start + k, *place), values[(k, *place)]
 
 
 def _to_netcdf(dataset: xarray.Dataset, path: Path) -> Path:
