@@ -39,7 +39,6 @@ from .tables import (
 from .tiff_stack import (
     Photometric,
     add_imagej_view,
-    common_edge,
     imagej_view,
     write_frames,
     write_tiff,
@@ -60,7 +59,6 @@ __all__ = [
     "check_given_table",
     "check_link",
     "columns_of",
-    "common_edge",
     "counted",
     "counted_frames",
     "csv_text",

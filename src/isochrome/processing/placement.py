@@ -1,13 +1,23 @@
-"""Where a disc stands in a frame, found from its rim."""
+"""Where frames stand: a disc's place, found from its rim, and the axes of a set's maps."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from isochrome.calibration import Circle, find_rim, fit_circle
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import FrameData
+from isochrome.output import numbers
+from isochrome.runs import Column
 from isochrome.scene import Scene
+from isochrome.simulation import picture_axes
+from isochrome.stress import PixelGrid, pixel_grid
+
+_AXES = (("x", "left", "along the surface"), ("z", "top", "depth below the surface"))
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
@@ -86,3 +96,72 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
     )
     found = fit_circle(points[kept])
     return found if found.scatter < 0.01 * found.radius else rim
+
+
+def set_grid(
+    scene: Scene, fitted: Scene | None, table: Mapping[str, Sequence[Any]], shape: tuple[int, int]
+) -> PixelGrid | None:
+    """The grid of a set's maps: that of what was found, so that its simulation has the same.
+
+    Parameters: `scene` as given; `fitted`, with the frames' mean place; `table`, the columns of
+    frames.csv; `shape` (rows, cols). Returns None where no scale is known.
+    """
+    pixels, place, camera = numbers(table["pixel_mm"]), fitted or scene, scene.camera
+    if not np.isfinite(pixels).any():
+        return None
+    if place.model is not None and place.camera is not None and place.camera.pixel_mm is not None:
+        return pixel_grid(place, shape)
+    left, top = ((camera.left_mm or 0.0), (camera.top_mm or 0.0)) if camera else (0.0, 0.0)
+    return PixelGrid(*shape, left, top, float(pixels[np.isfinite(pixels)][0]))
+
+
+def set_axes(
+    scene: Scene,
+    grid: PixelGrid | None,
+    table: Mapping[str, Sequence[Any]],
+    shape: tuple[int, int],
+) -> dict[str, Column]:
+    """Coordinates of a set's maps: of rows and columns, in mm where a scale is known, and shifts.
+
+    Parameters: `scene` as given; `grid`, of `set_grid`; the rest as there.
+    """
+    if grid is None:
+        return {
+            name: Column((name,), np.arange(count), {"units": "pixel"})
+            for name, count in zip(("row", "col"), shape, strict=True)
+        }
+    axes = picture_axes(grid)
+    for (name, edge), what in zip(
+        _AXES, ("along the surface", "depth below the surface"), strict=True
+    ):
+        if scene.model is None:
+            stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
+            said = {"units": "mm", "long_name": what if stated else "from the picture's outer edge"}
+            axes[f"{name}_mm"] = replace(axes[f"{name}_mm"], attributes=said)
+        said = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
+        axes[f"shift_{name}_mm"] = Column(("frame",), _shift(edge, grid, table), said)
+    return axes
+
+
+def _shift(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> np.ndarray:
+    """How far (mm) each frame's own left or top edge was found from the grid's; NaN = not known."""
+    if (found := table.get(f"camera.{edge}_mm")) is None:
+        return np.zeros(len(table["frame"]))  # nobody looked for it: all are where the scene says
+    return np.asarray(numbers(found) - getattr(grid, f"{edge}_mm"))
+
+
+def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -> list[str]:
+    """What to say where frames lie over half a pixel from the axes that all maps have."""
+    far = {name: np.abs(_shift(edge, grid, table)) for name, edge, _ in _AXES} if grid else {}
+    beyond = {
+        name: np.nanmax(own)
+        for name, own in far.items()
+        if grid and (own > 0.5 * grid.pixel_mm).any()
+    }
+    if not beyond:
+        return []
+    reach = " and ".join(f"{own:.3g} mm along {name}" for name, own in beyond.items())
+    return [
+        f"the frames' own places lie up to {reach} from the maps' axes, which are of the mean "
+        "place: a frame's places are x_mm + shift_x_mm and z_mm + shift_z_mm"
+    ]
