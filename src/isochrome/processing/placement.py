@@ -131,9 +131,7 @@ def set_axes(
             for name, count in zip(("row", "col"), shape, strict=True)
         }
     axes = picture_axes(grid)
-    for (name, edge), what in zip(
-        _AXES, ("along the surface", "depth below the surface"), strict=True
-    ):
+    for name, edge, what in _AXES:
         if scene.model is None:
             stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
             said = {"units": "mm", "long_name": what if stated else "from the picture's outer edge"}
