@@ -22,7 +22,7 @@ from isochrome.runs import export, open_run
 from isochrome.scene import load_scene
 
 matplotlib.use("Agg")
-ROWS, COLS, THICK, FRINGE = 144, 160, 4.0, 14.6
+ROWS, COLS, THICK, FRINGE = 152, 160, 4.0, 14.6
 LAMP = Defects(noise=2.0)
 KINDS = ("stated", "left out", "wrong", "turned", "cropped")
 SPECIMENS = ("contact", "disc")
@@ -105,7 +105,7 @@ class Drawn:
         }  # fmt: skip
 
     def _disc(self, seed):
-        order, across = self.rng.uniform(0.7, 1.0), 120.0
+        order, across = self.rng.uniform(0.7, 1.0), 128.0
         down, right = self.rng.uniform(-4.0, 4.0), self.rng.uniform(-12.0, 12.0)
         bench = Bench(
             defects=LAMP, shape=self.shape, size_px=across, angle_deg=0.0, down_px=down,

@@ -38,7 +38,7 @@ from isochrome.processing.chunk import (
 )
 from isochrome.processing.frame_task import FrameTask
 from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
-from isochrome.processing.placement import set_axes, set_grid
+from isochrome.processing.placement import set_grid, shift_of
 from isochrome.processing.processed import (
     FIGURE,
     Processed,
@@ -67,7 +67,9 @@ from isochrome.runs import (
     rows,
     trim_heap,
 )
-from isochrome.scene import dump_scene
+from isochrome.scene import Scene, dump_scene
+from isochrome.simulation import picture_axes
+from isochrome.stress import PixelGrid
 
 _TRACKED_DPI = 110.0
 """Of a picture as wide as a screen."""
@@ -273,7 +275,7 @@ def _set_columns(
     # all are there, whatever is known of them: a dataset's axes do not come and go
     columns = {name: column(values, "frame", name) for name, values in found.items()}
     axes = {name: columns.pop(name) for name in _COORDINATES}
-    axes |= set_axes(scene, grid, table, shape)
+    axes |= _set_axes(scene, grid, table, shape)
     if PICTURE in table and any(at is not None for at in table[PICTURE]):
         whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
         axes["key_frame"] = Column(("key_frame",), np.array(whole), {})
@@ -281,3 +283,32 @@ def _set_columns(
             own = axes[name]
             axes[f"key_{name}"] = Column(("key_frame",), own.values[whole], own.attributes)
     return columns, axes
+
+
+def _set_axes(
+    scene: Scene,
+    grid: PixelGrid | None,
+    table: Mapping[str, Sequence[Any]],
+    shape: tuple[int, int],
+) -> dict[str, Column]:
+    """Coordinates of a set's maps: of rows and columns, in mm where a scale is known, and shifts.
+
+    Parameters: `scene` as given; `grid`, of `set_grid`; the rest as there.
+    """
+    if grid is None:
+        return {
+            name: Column((name,), np.arange(count), {"units": "pixel"})
+            for name, count in zip(("row", "col"), shape, strict=True)
+        }
+    axes = picture_axes(grid)
+    for name, edge, what in (
+        ("x", "left", "along the surface"),
+        ("z", "top", "depth below the surface"),
+    ):
+        if scene.model is None:
+            stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
+            said = {"units": "mm", "long_name": what if stated else "from the picture's outer edge"}
+            axes[f"{name}_mm"] = replace(axes[f"{name}_mm"], attributes=said)
+        said = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
+        axes[f"shift_{name}_mm"] = Column(("frame",), shift_of(edge, grid, table), said)
+    return axes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,10 @@ from isochrome.calibration import Circle, find_rim, fit_circle
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import FrameData
 from isochrome.output import numbers
-from isochrome.runs import Column
 from isochrome.scene import Scene
-from isochrome.simulation import picture_axes
 from isochrome.stress import PixelGrid, pixel_grid
 
-_AXES = (("x", "left", "along the surface"), ("z", "top", "depth below the surface"))
+_AXES = (("x", "left"), ("z", "top"))
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
@@ -115,33 +112,7 @@ def set_grid(
     return PixelGrid(*shape, left, top, float(pixels[np.isfinite(pixels)][0]))
 
 
-def set_axes(
-    scene: Scene,
-    grid: PixelGrid | None,
-    table: Mapping[str, Sequence[Any]],
-    shape: tuple[int, int],
-) -> dict[str, Column]:
-    """Coordinates of a set's maps: of rows and columns, in mm where a scale is known, and shifts.
-
-    Parameters: `scene` as given; `grid`, of `set_grid`; the rest as there.
-    """
-    if grid is None:
-        return {
-            name: Column((name,), np.arange(count), {"units": "pixel"})
-            for name, count in zip(("row", "col"), shape, strict=True)
-        }
-    axes = picture_axes(grid)
-    for name, edge, what in _AXES:
-        if scene.model is None:
-            stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
-            said = {"units": "mm", "long_name": what if stated else "from the picture's outer edge"}
-            axes[f"{name}_mm"] = replace(axes[f"{name}_mm"], attributes=said)
-        said = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
-        axes[f"shift_{name}_mm"] = Column(("frame",), _shift(edge, grid, table), said)
-    return axes
-
-
-def _shift(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> np.ndarray:
+def shift_of(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> np.ndarray:
     """How far (mm) each frame's own left or top edge was found from the grid's; NaN = not known."""
     if (found := table.get(f"camera.{edge}_mm")) is None:
         return np.zeros(len(table["frame"]))  # nobody looked for it: all are where the scene says
@@ -150,7 +121,7 @@ def _shift(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> np
 
 def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -> list[str]:
     """What to say where frames lie over half a pixel from the axes that all maps have."""
-    far = {name: np.abs(_shift(edge, grid, table)) for name, edge, _ in _AXES} if grid else {}
+    far = {name: np.abs(shift_of(edge, grid, table)) for name, edge in _AXES} if grid else {}
     beyond = {
         name: np.nanmax(own)
         for name, own in far.items()
