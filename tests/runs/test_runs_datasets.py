@@ -182,6 +182,8 @@ def test_datasets_of_other_places_are_refused(memory):
     maps, other = memory[["fringe_order"]], elsewhere(memory, 0.4)[["fringe_order"]]
     with pytest.raises(InputError, match="show other places"):
         maps - other
+    with pytest.raises(InputError, match="show other places"):  # two columns would be left of these
+        maps.isel(x_mm=slice(0, 3)) - maps.isel(x_mm=slice(1, 4))
     same = maps - maps.copy()
     assert type(same) is type(memory) and not same.fringe_order.values.any()
 
