@@ -14,7 +14,6 @@ from imagej_heads import has_whole_head, heads_of
 from imagej_program import read_by_imagej
 from isochrome.output import (
     add_imagej_view,
-    common_edge,
     imagej_view,
     make_canvas,
     read_csv,
@@ -71,18 +70,6 @@ def test_what_imagej_is_told_leaves_the_frames_as_they_are(processed):
     np.testing.assert_array_equal(tifffile.memmap(folder / "fringe_order.tif", mode="r"), order)
     with isochrome.frames.open_frames(folder / "normalised.tif") as reader:
         assert reader.count() == 2 and reader.pixel_mm == pytest.approx(PIXEL, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("found", "edge"),
-    [
-        ([-2.01, np.nan, -2.03], -2.02),  # those that are known lie within a pixel
-        ([-2.0, -2.06], -1.9),  # frames that moved have no origin of their own: the scene's
-        ([np.nan, np.nan], -1.9),
-    ],
-)
-def test_the_frames_of_a_stack_share_an_edge_where_they_lie_within_a_pixel(found, edge):
-    assert common_edge(found, -1.9, 0.05) == pytest.approx(edge)
 
 
 def test_a_map_has_the_display_range_of_what_it_shows():

@@ -72,7 +72,7 @@ def job(work, count=10, chunk=3, identity=IDENTITY):
     layers = (Layer("order", "1", "fringe order"),)
     shape = {"row": ROWS, "col": COLS}
     layout = RunLayout(
-        axes={"frame": count}, shape=shape, layers=layers, chunk=chunk, pixel_mm=0.01,
+        axes={"frame": count}, shape=shape, layers=layers, chunk=chunk,
         every=work.every,
     )  # fmt: skip
     return Job(work, layout, identity)
@@ -83,7 +83,7 @@ def finish(bench):
     found = [row for row, _ in rows(bench)]
     (bench.results / "rows.json").write_text(json.dumps(found), "utf-8")
     (bench.results / "lines.txt").write_bytes(b"".join(parts(bench, "lines.txt")))
-    write_stack(bench, bench.layout.layer("order"), {})
+    write_stack(bench, bench.layout.layer("order"), {}, pixel_mm=0.01)
     return found
 
 

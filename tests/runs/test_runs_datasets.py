@@ -10,6 +10,7 @@ import pytest
 import xarray
 import zarr
 
+from isochrome.errors import InputError
 from isochrome.runs import (
     Column,
     Layer,
@@ -157,3 +158,53 @@ def test_without_a_scale_the_axes_are_rows_and_columns():
     assert run.fringe_order.dims == ("frame", "row", "col")
     assert run.fringe_order[0].plot().axes.get_ylim() == pytest.approx((2.5, -0.5))
     matplotlib.pyplot.close("all")
+
+
+def elsewhere(memory, aside):
+    return memory.assign_coords(x_mm=memory.x_mm.values + aside)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda one, other: one - other,
+        lambda one, other: one > other,
+        lambda one, other: np.hypot(one, other),
+        lambda one, other: xarray.DataArray(one) - other,
+        lambda one, other: one.copy().__isub__(other),
+        lambda one, other: abs(np.sqrt(one)) * other[0],
+        lambda one, other: one - other.to_dataset(),
+    ],
+)
+def test_maps_of_other_places_are_refused_in_any_arithmetic(memory, made):
+    other = elsewhere(memory, 0.03)
+    wanted = r"x_mm from -0\.1\d to 0\.\d+ mm \(3 x 4 pixels\).*simulate\(found\.fitted\).*compare"
+    with pytest.raises(InputError, match=wanted):
+        made(memory.fringe_order, other.fringe_order)
+    assert made(memory.fringe_order, memory.fringe_order.copy()) is not None
+
+
+def test_datasets_of_other_places_are_refused(memory):
+    maps, other = memory[["fringe_order"]], elsewhere(memory, 0.4)[["fringe_order"]]
+    with pytest.raises(InputError, match="show other places"):
+        maps - other
+    with pytest.raises(InputError, match="show other places"):  # two columns would be left of these
+        maps.isel(x_mm=slice(0, 3)) - maps.isel(x_mm=slice(1, 4))
+    same = maps - maps.copy()
+    assert type(same) is type(memory) and not same.fringe_order.values.any()
+
+
+def test_arithmetic_of_one_place_is_xarrays(memory):
+    order = memory.fringe_order
+    np.testing.assert_array_equal((order - order[0]).values, MAP - MAP[0])
+    np.testing.assert_array_equal((2.0 * order - MAP).values, MAP)
+    np.testing.assert_array_equal((MAP - order).values, 0.0 * MAP)
+    part = order.sel(x_mm=slice(-0.1, 0.1))  # of the same pixels
+    np.testing.assert_array_equal((order - part).values, 0.0 * MAP[:, :, 1:3])
+    assert all(type(made) is RunArray for made in (order - order[0], np.abs(order), 1.0 / order))
+
+
+def test_a_map_without_a_scale_is_not_spread_over_one_that_has_it(memory):
+    bare = xarray.DataArray(MAP[0], dims=("row", "col"))
+    with pytest.raises(InputError, match=r"camera\.pixel_mm"):
+        memory.fringe_order - bare

@@ -18,8 +18,9 @@ from isochrome.frames import CHANNELS, channel_for, open_frames, open_tiff
 from isochrome.output import read_csv, read_pixel_mm
 from isochrome.processing import PICTURE, Processed
 from isochrome.runs import opened_record
-from isochrome.scene import FramesLike, dump_scene
+from isochrome.scene import FramesLike, Scene, dump_scene, load_scene
 from isochrome.simulation import Simulation
+from isochrome.stress import pixel_grid
 
 _SIGNALS = (("normalised.tif", "frames.csv"), ("frames.tif", "history.csv"))
 _ORDER = "fringe_order.tif"
@@ -65,10 +66,15 @@ def _of_result(found: Processed | Simulation, bit_depth: int | None) -> Compared
     if PICTURE in table:
         table = _of_pictures(table, [at is not None for at in table[PICTURE]])
     parts = _Parts(
-        name=found.title, stack=stack, order=order, scene=tomllib.loads(dump_scene(found.scene)),
+        name=found.title, stack=stack, order=order, scene=tomllib.loads(dump_scene(_placed(found))),
         table=table, simulated=isinstance(found, Simulation),
     )  # fmt: skip
     return _compared(parts, bit_depth)
+
+
+def _placed(found: Processed | Simulation) -> Scene:
+    """The scene of a result with the place that was found."""
+    return found.scene if isinstance(found, Simulation) else found.fitted or found.scene
 
 
 def _maps_of(found: Processed) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
@@ -95,9 +101,10 @@ def _load_result(
         table = _of_pictures(table, shown)
         if order is not None and len(order) == len(shown):  # a page for every frame
             order = order[shown]
+    fitted = folder / "fitted_scene.toml"  # with the place that was found
     parts = _Parts(
         name=str(folder / signal_name), stack=stack, order=order,
-        scene=_scene(folder / "scene.toml"), table=table,
+        scene=_scene(fitted if fitted.is_file() else folder / "scene.toml"), table=table,
         simulated=signal_name == "frames.tif", pixel_mm=read_pixel_mm(folder / signal_name),
     )  # fmt: skip
     return _compared(parts, bit_depth)
@@ -146,15 +153,25 @@ def _compared(parts: _Parts, bit_depth: int | None) -> ComparedFrames:
         )
     if order is not None and parts.simulated:
         signal = np.where(np.isfinite(order), signal, np.float32(np.nan))  # no specimen there
+    left, top = _corner(scene, (signal.shape[1], signal.shape[2]))
     return ComparedFrames(
         signal=signal,
         order=None if order is None else order.astype(np.float32, copy=False),
         pixel_mm=parts.pixel_mm or camera.get("pixel_mm"),
-        left_mm=float(camera.get("left_mm", 0.0)),
-        top_mm=float(camera.get("top_mm", 0.0)),
+        left_mm=left,
+        top_mm=top,
         labels=_labels(table, len(signal)),
         noise=_noise(table),
     )
+
+
+def _corner(scene: dict[str, Any], shape: tuple[int, int]) -> tuple[float, float]:
+    """Outer edges (mm) of the first column and row; a model's are known without being stated."""
+    camera = scene.get("camera", {})
+    if camera.get("pixel_mm") and (whole := load_scene(scene)).model is not None:
+        grid = pixel_grid(whole, shape)
+        return grid.left_mm, grid.top_mm
+    return float(camera.get("left_mm", 0.0)), float(camera.get("top_mm", 0.0))
 
 
 def _load_bare(given: FramesLike, bit_depth: int | None) -> ComparedFrames:

@@ -33,9 +33,17 @@ def place_of_image(image: Any, pixel_mm: float | None, left_mm: float, top_mm: f
         x, z = (np.asarray(coords[name], dtype=float) for name in ("x_mm", "z_mm"))
         if x.ndim == z.ndim == 1 and min(x.size, z.size) > 1:
             pixel = float(x[-1] - x[0]) / (x.size - 1)
-            left, top = float(x[0]) - 0.5 * pixel, float(z[0]) - 0.5 * pixel
+            left = float(x[0]) - 0.5 * pixel + _own_shift(coords, "x")
+            top = float(z[0]) - 0.5 * pixel + _own_shift(coords, "z")
             return {"pixel_mm": pixel, "left_mm": left, "top_mm": top}
     return {"pixel_mm": pixel_mm, "left_mm": left_mm, "top_mm": top_mm}
+
+
+def _own_shift(coords: Any, name: str) -> float:
+    """How far (mm) the one frame that an image is lies from its axis, where that is known."""
+    own = (coords.get(f"{start}shift_{name}_mm") for start in ("", "key_"))
+    found = next((float(at) for at in own if at is not None and np.ndim(at) == 0), 0.0)
+    return found if np.isfinite(found) else 0.0
 
 
 def plot_frame(

@@ -37,7 +37,6 @@ from .tables import (
 )
 from .tiff_stack import (
     Photometric,
-    common_edge,
     imagej_view,
     write_frames,
     write_tiff,
@@ -56,7 +55,6 @@ __all__ = [
     "check_given_table",
     "check_link",
     "columns_of",
-    "common_edge",
     "counted",
     "counted_frames",
     "csv_text",

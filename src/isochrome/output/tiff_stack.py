@@ -198,29 +198,6 @@ def imagej_view(
     return view
 
 
-def common_edge(found_mm: npt.ArrayLike, stated_mm: float, pixel_mm: float) -> float:
-    """The outer edge that a stack's frames share: a TIFF has one origin for all of them.
-
-    Parameters
-    ----------
-    found_mm : array_like of shape (frames,)
-        Where each frame was found to begin, mm, NaN where that is not known.
-    stated_mm : float
-        Where the scene says that they begin, mm.
-    pixel_mm : float
-        The pixel's side, mm.
-
-    Returns
-    -------
-    float
-        The mean of those found, where all lie within a pixel; else what is stated, mm.
-    """
-    known = np.asarray(found_mm, dtype=float)
-    known = known[np.isfinite(known)]
-    alike = known.size > 0 and np.ptp(known) < pixel_mm
-    return float(known.mean()) if alike else stated_mm
-
-
 def _stack_layout(
     shape: tuple[int, ...],
     dtype: np.dtype,

@@ -337,7 +337,7 @@ def _in_memory(source: FrameSource, count: int, progress: RunProgress | None) ->
     shape, status = source.reader.shape, more["status"]
     result = collect(recipe.scene, table, status, kept, shape, source.residual)
     draw = partial(figure_in_memory, recipe.scene, table, status, kept)
-    load = partial(set_dataset, recipe.scene, result.columns, more, kept, film, shape)
+    load = partial(set_dataset, result, more, kept, film, shape)
     return replace(result, draw=draw, load=load)
 
 

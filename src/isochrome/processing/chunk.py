@@ -19,7 +19,7 @@ from isochrome.fitting import Apparatus, find_apparatus, free_keys, sliding_scen
 from isochrome.frames import Frame
 from isochrome.fringes import Skeleton, skeleton_table
 from isochrome.output import add_rois, csv_text, roi_entries
-from isochrome.processing.frame_task import FrameSource, FrameTask, open_set, set_pixel
+from isochrome.processing.frame_task import FrameSource, FrameTask, open_set
 from isochrome.processing.kinds.film_keys import prepare_keyed
 from isochrome.processing.kinds.film_unloaded import prepare_unloaded
 from isochrome.processing.kinds.tracked import tracked_states
@@ -91,7 +91,6 @@ def set_layout(source: FrameSource, count: int) -> RunLayout:
         shape={"row": rows, "col": cols},
         layers=task_layers(source.recipe),
         chunk=every or chunk_size(count, 4 * rows * cols),
-        pixel_mm=set_pixel(source),
         every=every or 1,
     )
 

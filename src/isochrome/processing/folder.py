@@ -17,7 +17,6 @@ from isochrome.fringes import ResidualStress
 from isochrome.output import (
     FIGURE_DPI,
     add_rois,
-    common_edge,
     imagej_view,
     numbers,
     replacing,
@@ -38,6 +37,7 @@ from isochrome.processing.chunk import (
 )
 from isochrome.processing.frame_task import FrameTask
 from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
+from isochrome.processing.placement import set_grid, shift_of
 from isochrome.processing.processed import (
     FIGURE,
     Processed,
@@ -69,7 +69,7 @@ from isochrome.runs import (
 )
 from isochrome.scene import Scene, dump_scene
 from isochrome.simulation import picture_axes
-from isochrome.stress import pixel_grid
+from isochrome.stress import PixelGrid
 
 _TRACKED_DPI = 110.0
 """Of a picture as wide as a screen."""
@@ -108,7 +108,7 @@ def finish_set_folder(
     if result.fitted is not None:
         write_text(folder / "fitted_scene.toml", dump_scene(result.fitted))
     write_text(folder / "scene.toml", dump_scene(scene))
-    _add_to_store(bench, job, recipe, table, more, shape, residual)
+    _add_to_store(bench, job, result, more, shape)
     draw = partial(set_figure, scene, table, _shown(bench, table, more))
     more.clear()  # a picture needs room: of a long run no more than the table is left then
     trim_heap()
@@ -123,23 +123,25 @@ def finish_set_folder(
 def _add_to_store(
     bench: RunFolder,
     job: Job,
-    recipe: FrameTask,
-    table: dict[str, list[Any]],
+    result: Processed,
     more: dict[str, Any],
     shape: tuple[int, int],
-    residual: ResidualStress | None,
 ) -> None:
     """Add the table to run.zarr, and what ImageJ shows to the stacks.
 
     The columns as arrays live no longer than this: a long run's are as large as its table.
-    Parameters: as of `finish_set_folder`; `table`; `more`, besides it. Raises InputError, OSError.
+    Parameters: as of `finish_set_folder`; `result`; `more`, besides its columns. Raises InputError,
+    OSError.
     """
-    columns, axes = _set_columns(recipe.scene, table, more, shape)
+    columns, axes = _set_columns(result, more, shape)
     add_columns(bench.results / STORE, columns, axes, attributes(job.identity))
-    edges = _edges(bench, columns, axes)
-    _write_stacks(bench, table, axes, edges)
-    if residual is not None:
-        _write_residual(bench, residual, edges)
+    grid = set_grid(result.scene, result.fitted, result.columns, shape)
+    place: dict[str, Any] = {"pixel_mm": None}
+    if grid is not None:
+        place = {"pixel_mm": grid.pixel_mm, "left_mm": grid.left_mm, "top_mm": grid.top_mm}
+    _write_stacks(bench, result.columns, axes, place)
+    if result.residual is not None:
+        _write_residual(bench, result.residual, place)
 
 
 def _join_lines(bench: RunFolder, recipe: FrameTask) -> None:
@@ -197,8 +199,7 @@ def _shown(
 
 
 def set_dataset(
-    scene: Scene,
-    table: Mapping[str, list[Any]],
+    result: Processed,
     more: Mapping[str, list[Any]],
     frames: Sequence[ProcessedFrame],
     film: Mapping[str, list[np.ndarray]],
@@ -209,7 +210,8 @@ def set_dataset(
     Parameters: as `_set_columns`; `frames` with pictures; `film`, maps of all frames by their name.
     Returns a RunDataset.
     """
-    columns, axes = _set_columns(scene, table, more, shape)
+    scene, table = result.scene, result.columns
+    columns, axes = _set_columns(result, more, shape)
     few = "key_frame" if PICTURE in table else "frame"
     maps = {
         layer.name: Column(
@@ -227,87 +229,85 @@ def _write_stacks(
     bench: RunFolder,
     table: Mapping[str, list[Any]],
     axes: Mapping[str, Column],
-    edges: Mapping[str, float],
+    place: Mapping[str, float | None],
 ) -> None:
-    """The maps as TIFF stacks, with labels, range, colours, origin and interval. Raises OSError."""
+    """The maps as stacks with scale, origin, labels, range, colours, interval. Raises OSError."""
     names = [str(label or name) for label, name in zip(table["label"], table["name"], strict=True)]
-    times, pixel = axes["time_s"].values, bench.layout.pixel_mm
+    times = axes["time_s"].values
     highest = numbers(table["n_max"]) if "n_max" in table else np.zeros(0)
     largest = float(np.nanmax(highest)) if np.isfinite(highest).any() else 1.0
     for layer in bench.layout.layers:
         pages = bench.layout.paged_items(layer)
         view = imagej_view(
-            layer.name, (0.0, largest), labels=[names[k] for k in pages], pixel_mm=pixel,
-            times_s=[times[k] for k in pages], **edges,
+            layer.name, (0.0, largest), labels=[names[k] for k in pages],
+            times_s=[times[k] for k in pages], **place,
         )  # fmt: skip
-        write_stack(bench, layer, view)
+        write_stack(bench, layer, view, pixel_mm=place["pixel_mm"])
 
 
-def _edges(
-    bench: RunFolder, columns: Mapping[str, Column], axes: Mapping[str, Column]
-) -> dict[str, float]:
-    """The maps' outer edges, left_mm and top_mm, where their scale is known."""
-    pixel = bench.layout.pixel_mm
-    return {
-        key: common_edge(columns[key].values, float(axes[axis].values[0]) - 0.5 * pixel, pixel)
-        for key, axis in (("left_mm", "x_mm"), ("top_mm", "z_mm"))
-        if pixel is not None and axis in axes
-    }
-
-
-def _write_residual(bench: RunFolder, residual: ResidualStress, edges: Mapping[str, float]) -> None:
+def _write_residual(
+    bench: RunFolder, residual: ResidualStress, place: Mapping[str, float | None]
+) -> None:
     """The residual stress that was taken out, as order and direction. Raises InputError."""
-    pixel, span = bench.layout.pixel_mm, (0.0, residual.largest)
+    span = 0.0, residual.largest
     for name in ("order", "isoclinic"):
         values = getattr(residual, name)[None]
         map_name = "fringe_order" if name == "order" else name
-        view = imagej_view(map_name, span, labels=["without load"], pixel_mm=pixel, **edges)
+        view = imagej_view(map_name, span, labels=["without load"], **place)
         path = bench.results / f"residual_{name}.tif"
-        write_tiff(path, values, pixel_mm=pixel, metadata=view)
+        write_tiff(path, values, pixel_mm=place["pixel_mm"], metadata=view)
 
 
 def _set_columns(
-    scene: Scene,
-    table: Mapping[str, list[Any]],
-    more: Mapping[str, list[Any]],
-    shape: tuple[int, int],
+    result: Processed, more: Mapping[str, list[Any]], shape: tuple[int, int]
 ) -> tuple[dict[str, Column], dict[str, Column]]:
     """The columns of frames.csv over frame, and the axes' coordinates.
 
-    x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel, of the scene's own place; left_mm
-    and top_mm over frame say where each frame was found to stand.
-    Parameters: `scene`; `table`, the columns of frames.csv; `more`, besides them status, time_s,
-    left_mm and top_mm; `shape` (rows, cols).
+    x = left + (col + 1/2) pixel,  z = top + (row + 1/2) pixel, of the place that was found, the
+    mean of the frames'; shift_x_mm and shift_z_mm over frame say how far each lies from there.
+    Parameters: `result`; `more`, besides its columns status, time_s, left_mm and top_mm; `shape`
+    (rows, cols).
     """
+    scene, table = result.scene, result.columns
+    grid = set_grid(scene, result.fitted, table, shape)
     found = dict(table) | {name: more[name] for name in _MORE}
     # all are there, whatever is known of them: a dataset's axes do not come and go
     columns = {name: column(values, "frame", name) for name, values in found.items()}
-    axes = {name: columns.pop(name) for name in _COORDINATES} | _places(scene, table, shape)
+    axes = {name: columns.pop(name) for name in _COORDINATES}
+    axes |= _set_axes(scene, grid, table, shape)
     if PICTURE in table and any(at is not None for at in table[PICTURE]):
         whole = [k for k, at in enumerate(table[PICTURE]) if at is not None]
         axes["key_frame"] = Column(("key_frame",), np.array(whole), {})
+        for name in ("shift_x_mm", "shift_z_mm") if grid is not None else ():
+            own = axes[name]
+            axes[f"key_{name}"] = Column(("key_frame",), own.values[whole], own.attributes)
     return columns, axes
 
 
-def _places(
-    scene: Scene, table: Mapping[str, list[Any]], shape: tuple[int, int]
+def _set_axes(
+    scene: Scene,
+    grid: PixelGrid | None,
+    table: Mapping[str, Sequence[Any]],
+    shape: tuple[int, int],
 ) -> dict[str, Column]:
-    """Coordinates of rows and columns: numbers, and places in mm where the scale is known."""
-    axes = {
-        "row": Column(("row",), np.arange(shape[0]), {"units": "pixel"}),
-        "col": Column(("col",), np.arange(shape[1]), {"units": "pixel"}),
-    }
-    pixel = next((p for p in table["pixel_mm"] if p is not None), None)
-    if pixel is None:
-        return axes
-    camera = scene.camera
-    if scene.model is not None and camera is not None and camera.pixel_mm is not None:
-        return picture_axes(pixel_grid(scene, shape))  # the very places of the scene's simulation
-    for name, axis, count, edge, what in (
-        ("z_mm", "row", shape[0], camera.top_mm if camera else None, "depth below the surface"),
-        ("x_mm", "col", shape[1], camera.left_mm if camera else None, "along the surface"),
+    """Coordinates of a set's maps: of rows and columns, in mm where a scale is known, and shifts.
+
+    Parameters: `scene` as given; `grid`, of `set_grid`; the rest as there.
+    """
+    if grid is None:
+        return {
+            name: Column((name,), np.arange(count), {"units": "pixel"})
+            for name, count in zip(("row", "col"), shape, strict=True)
+        }
+    axes = picture_axes(grid)
+    for name, edge, what in (
+        ("x", "left", "along the surface"),
+        ("z", "top", "depth below the surface"),
     ):
-        place = (edge or 0.0) + (np.arange(count) + 0.5) * pixel
-        origin = what if edge is not None else "from the picture's outer edge"
-        axes[name] = Column((axis,), place, {"units": "mm", "long_name": origin})
+        if scene.model is None:
+            stated = scene.camera and getattr(scene.camera, f"{edge}_mm") is not None
+            said = {"units": "mm", "long_name": what if stated else "from the picture's outer edge"}
+            axes[f"{name}_mm"] = replace(axes[f"{name}_mm"], attributes=said)
+        said = {"units": "mm", "long_name": f"of the frame's own place from {name}_mm"}
+        axes[f"shift_{name}_mm"] = Column(("frame",), shift_of(edge, grid, table), said)
     return axes

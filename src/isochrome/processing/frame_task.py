@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.errors import InputError, IsochromeError
-from isochrome.estimation import light_basis, prepare_frame
+from isochrome.estimation import light_basis
 from isochrome.fitting import Apparatus, frame_distance, frame_scene, scene_at, timed_distance
 from isochrome.frames import Frame, FrameReader, load_no_load
 from isochrome.fringes import ResidualStress
@@ -25,7 +25,6 @@ from isochrome.processing.kinds.image_only import process_image_only
 from isochrome.processing.kinds.known_loads import known_series, process_known_loads
 from isochrome.processing.kinds.phase_stepped import load_residual, process_stepped
 from isochrome.processing.kinds.with_model import process_with_model
-from isochrome.processing.placement import placed_disc
 from isochrome.processing.result import Capture, ProcessedFrame, failed_frame
 from isochrome.runs import run_identity, trim_heap
 from isochrome.scene import ArrayFrames, FramesLike, Scene, dump_scene
@@ -264,25 +263,3 @@ def identity_of(
     tracked |= {} if recipe.key_every is None else {"key_every": recipe.key_every}
     stated = {"as_stated": True} if recipe.as_stated else {}
     return run_identity(dump_scene(scene), files, {"rois": recipe.rois} | tracked | stated, seed)
-
-
-def set_pixel(source: FrameSource) -> float | None:
-    """The side of a pixel (mm) for the scale of the stacks; None where it is not known.
-
-    A disc without camera.pixel_mm gives it by its rim, that of the first frame here.
-    """
-    scene, capture = source.recipe.scene, source.capture
-    if scene.camera is not None and scene.camera.pixel_mm is not None:
-        return scene.camera.pixel_mm
-    fitted = scene.rim_diameter_mm is not None and not scene.polariscope.step
-    if not fitted or source.recipe.coloured:
-        return None
-    first = next(iter(source.reader))
-    try:
-        data = prepare_frame(
-            first, scene, bit_depth=capture.bit_depth, no_load=(capture.dark, capture.bright)
-        )
-        placed, _ = placed_disc(scene, data)
-    except IsochromeError:  # said where the frame itself is processed
-        return None
-    return placed.camera.pixel_mm if placed.camera else None

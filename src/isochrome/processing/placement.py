@@ -1,13 +1,20 @@
-"""Where a disc stands in a frame, found from its rim."""
+"""Where frames stand: a disc's place, found from its rim, and the axes of a set's maps."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from isochrome.calibration import Circle, find_rim, fit_circle
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import FrameData
+from isochrome.output import numbers
 from isochrome.scene import Scene
+from isochrome.stress import PixelGrid, pixel_grid
+
+_AXES = (("x", "left"), ("z", "top"))
 
 
 def placed_disc(scene: Scene, data: FrameData) -> tuple[Scene, list[str]]:
@@ -86,3 +93,44 @@ def sharp_rim(data: FrameData, rim: Circle) -> Circle:
     )
     found = fit_circle(points[kept])
     return found if found.scatter < 0.01 * found.radius else rim
+
+
+def set_grid(
+    scene: Scene, fitted: Scene | None, table: Mapping[str, Sequence[Any]], shape: tuple[int, int]
+) -> PixelGrid | None:
+    """The grid of a set's maps: that of what was found, so that its simulation has the same.
+
+    Parameters: `scene` as given; `fitted`, with the frames' mean place; `table`, the columns of
+    frames.csv; `shape` (rows, cols). Returns None where no scale is known.
+    """
+    pixels, place, camera = numbers(table["pixel_mm"]), fitted or scene, scene.camera
+    if not np.isfinite(pixels).any():
+        return None
+    if place.model is not None and place.camera is not None and place.camera.pixel_mm is not None:
+        return pixel_grid(place, shape)
+    left, top = ((camera.left_mm or 0.0), (camera.top_mm or 0.0)) if camera else (0.0, 0.0)
+    return PixelGrid(*shape, left, top, float(pixels[np.isfinite(pixels)][0]))
+
+
+def shift_of(edge: str, grid: PixelGrid, table: Mapping[str, Sequence[Any]]) -> np.ndarray:
+    """How far (mm) each frame's own left or top edge was found from the grid's; NaN = not known."""
+    if (found := table.get(f"camera.{edge}_mm")) is None:
+        return np.zeros(len(table["frame"]))  # nobody looked for it: all are where the scene says
+    return np.asarray(numbers(found) - getattr(grid, f"{edge}_mm"))
+
+
+def shift_messages(grid: PixelGrid | None, table: Mapping[str, Sequence[Any]]) -> list[str]:
+    """What to say where frames lie over half a pixel from the axes that all maps have."""
+    far = {name: np.abs(shift_of(edge, grid, table)) for name, edge in _AXES} if grid else {}
+    beyond = {
+        name: np.nanmax(own)
+        for name, own in far.items()
+        if grid and (own > 0.5 * grid.pixel_mm).any()
+    }
+    if not beyond:
+        return []
+    reach = " and ".join(f"{own:.3g} mm along {name}" for name, own in beyond.items())
+    return [
+        f"the frames' own places lie up to {reach} from the maps' axes, which are of the mean "
+        "place: a frame's places are x_mm + shift_x_mm and z_mm + shift_z_mm"
+    ]

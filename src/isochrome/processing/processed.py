@@ -39,6 +39,7 @@ from isochrome.processing.in_common import (
     with_past_loads,
     with_scatter_of_gamma,
 )
+from isochrome.processing.placement import set_grid, shift_messages
 from isochrome.processing.result import (
     CAUSES,
     FOUND_BY,
@@ -265,6 +266,7 @@ def collect(
         (number, text) for number, all_ in of_frames for text in all_.split(SEPARATOR) if text
     )
     fitted = _fitted(scene, table, shape) if scene.model and not alone else None
+    warnings += shift_messages(set_grid(scene, fitted, table, shape), table)
     return Processed(
         scene=scene, model=scene.model, columns=table, frames=frames, fitted=fitted,
         warnings=tuple(warnings), residual=residual, failed=status.count("failed"),
@@ -364,8 +366,8 @@ def _of_residual(scene: Scene, residual: ResidualStress) -> list[str]:
 
 def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -> Scene | None:
     """The scene with the means of the frames' fitted values; None where no frame has any."""
-    pixels = [pixel for pixel in table["pixel_mm"] if pixel is not None]
-    if not pixels:
+    pixels = numbers(table["pixel_mm"])
+    if not np.isfinite(pixels).any():
         return None
     keys = fitted_keys(table)
     # of a tracked video the key frames count, whose every pixel was fitted
@@ -375,7 +377,8 @@ def _fitted(scene: Scene, table: dict[str, list[Any]], shape: tuple[int, int]) -
         for k, at in enumerate(whole)
     ]
     grid = {
-        "camera.pixel_mm": pixels[0],  # a disc's may come from its rim
+        # a disc's may come from its rim
+        "camera.pixel_mm": float(pixels[np.isfinite(pixels)][0]),
         "camera.height_px": shape[0],
         "camera.width_px": shape[1],
     }

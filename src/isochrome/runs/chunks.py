@@ -251,18 +251,20 @@ def picture(run: RunFolder, layer: str, item: int) -> np.ndarray:
     return np.array(stored[each])
 
 
-def write_stack(run: RunFolder, layer: Layer, view: Mapping[str, Any]) -> None:
+def write_stack(
+    run: RunFolder, layer: Layer, view: Mapping[str, Any], *, pixel_mm: float | None
+) -> None:
     """Write a layer's TIFF stack, of its pictures as the store has them.
 
     Parameters: `run`, all of whose chunks are there; `layer`; `view`, what ImageJ is to know of it,
-    see `imagej_view`. Raises OSError, InputError.
+    see `imagej_view`; `pixel_mm`, None = not known. Raises OSError, InputError.
     """
     items = run.layout.paged_items(layer)
     pictures = (picture(run, layer.name, item) for item in items)
     write_frames(
         run.results / f"{layer.name}.tif", pictures,
         (len(items), *list(run.layout.shape.values())[-2:]), np.dtype("<f4"),
-        pixel_mm=run.layout.pixel_mm, metadata=view,
+        pixel_mm=pixel_mm, metadata=view,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -46,8 +47,49 @@ class MapPlot(DataArrayPlotAccessor):
         return drawn
 
 
-class RunArray(xarray.DataArray):
+class _OnePlace:
+    """Arithmetic of maps that show one place: others are refused, where xarray gives no pixel."""
+
+    __slots__ = ()
+
+    def _binary_op(self, other: Any, f: Any, *more: Any, **named: Any) -> Any:
+        _refuse_other_places(self, other)
+        return _of_run(super()._binary_op(other, f, *more, **named))  # type: ignore[misc]
+
+    def _inplace_binary_op(self, other: Any, f: Any) -> Any:
+        _refuse_other_places(self, other)
+        return super()._inplace_binary_op(other, f)  # type: ignore[misc]
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **named: Any) -> Any:
+        """As xarray has it."""
+        for other in inputs:
+            _refuse_other_places(self, other)
+        found = super().__array_ufunc__(ufunc, method, *inputs, **named)  # type: ignore[misc]
+        return _of_run(found)
+
+    # on the right of an array that is no run's, Python asks these first, for they are not xarray's
+    def __radd__(self, other: Any) -> Any:
+        """As xarray has it."""
+        return self._binary_op(other, operator.add, reflexive=True)
+
+    def __rsub__(self, other: Any) -> Any:
+        """As xarray has it."""
+        return self._binary_op(other, operator.sub, reflexive=True)
+
+    def __rmul__(self, other: Any) -> Any:
+        """As xarray has it."""
+        return self._binary_op(other, operator.mul, reflexive=True)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        """As xarray has it."""
+        return self._binary_op(other, operator.truediv, reflexive=True)
+
+
+class RunArray(_OnePlace, xarray.DataArray):
     """A map or column of a run: an xarray.DataArray whose `.plot()` has z down, in mm.
+
+    Of two maps pixels of one place are added, subtracted, compared; maps of other places are
+    refused (InputError).
 
     Parameters
     ----------
@@ -63,8 +105,8 @@ class RunArray(xarray.DataArray):
         return MapPlot(self)
 
 
-class RunDataset(xarray.Dataset):
-    """What a run found: an xarray.Dataset of RunArrays.
+class RunDataset(_OnePlace, xarray.Dataset):
+    """What a run found: an xarray.Dataset of RunArrays, and as these of one place.
 
     Parameters
     ----------
@@ -76,8 +118,64 @@ class RunDataset(xarray.Dataset):
 
     def __getitem__(self, key: Any) -> Any:
         """A variable, or a part of the dataset."""
-        found = super().__getitem__(key)
-        return RunArray(found) if type(found) is xarray.DataArray else found
+        return _of_run(super().__getitem__(key))
+
+
+def _of_run(found: Any) -> Any:
+    """What xarray made of a run's arrays, as a run's."""
+    if type(found) is xarray.Dataset:
+        return RunDataset(dict(found.data_vars), dict(found.coords), found.attrs)
+    return RunArray(found) if type(found) is xarray.DataArray else found
+
+
+def _refuse_other_places(one: Any, other: Any) -> None:
+    """Refuse two maps whose pixels show other places. Raises InputError.
+
+    A part of a map may be held against the whole: its pixels are found there, by their places.
+    """
+    if one is other or not isinstance(other, xarray.DataArray | xarray.Dataset):
+        return
+    wide = [set(each.sizes) for each in (one, other)]
+    if any(a & set(_PICTURE[0]) and b & set(_PICTURE[1]) for a, b in (wide, wide[::-1])):
+        raise InputError(
+            f"{_called(one)} is over {', '.join(map(str, one.dims))} and {_called(other)} over "
+            f"{', '.join(map(str, other.dims))}: one has no scale; state its camera.pixel_mm"
+        )
+    for axis in set(one.indexes) & set(other.indexes) & set(_PICTURE[0]):
+        here, there = one.indexes[axis], other.indexes[axis]
+        few, many = sorted((here, there), key=len)
+        if not few.isin(many).all():
+            raise InputError(
+                f"{_called(one)} has {axis} from {_span(one, axis)} and {_called(other)} from "
+                f"{_span(other, axis)}: their pixels show other places; simulate the place that "
+                "was found, isochrome.simulate(found.fitted), or hold frames against each other "
+                "pixel by pixel with isochrome.compare"
+            )
+        apart = np.abs(_shift(one, axis) - _shift(other, axis))
+        if len(many) > 1 and bool((apart > 0.5 * (many[-1] - many[0]) / (len(many) - 1)).any()):
+            raise InputError(
+                f"{_called(one)} and {_called(other)} are of frames whose places lie up to "
+                f"{float(apart.max()):.4g} mm apart (shift_{axis}), over half a pixel: process "
+                "such a frame by itself, or drop the coordinate shift_"
+                f"{axis} to hold them against each other pixel by pixel"
+            )
+
+
+def _called(one: Any) -> str:
+    return str(getattr(one, "name", None) or "a map")
+
+
+def _span(one: Any, axis: str) -> str:
+    """The places along an axis, and how many pixels the map has."""
+    places, size = one.indexes[axis], (one.sizes.get(name, 1) for name in _PICTURE[0])
+    return f"{places[0]:.6g} to {places[-1]:.6g} mm ({' x '.join(map(str, size))} pixels)"
+
+
+def _shift(one: Any, axis: str) -> Any:
+    """How far (mm) the frames of a map lie from its axis; 0 where there is one place."""
+    names = (f"shift_{axis}", f"key_shift_{axis}")
+    found = next((one.coords[name] for name in names if name in one.coords), None)
+    return xarray.DataArray(0.0) if found is None else found.drop_vars(names, errors="ignore")
 
 
 def make_dataset(

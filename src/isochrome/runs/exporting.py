@@ -11,7 +11,6 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.output import (
-    common_edge,
     imagej_view,
     replacing,
     staged,
@@ -188,8 +187,8 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
     pixel = _scale(dataset)
     view = imagej_view(
         name, _span(array), labels=_labels(dataset, array), pixel_mm=pixel,
-        left_mm=_edge(dataset, "x_mm", "left_mm", pixel),
-        top_mm=_edge(dataset, "z_mm", "top_mm", pixel),
+        left_mm=_edge(dataset, "x_mm", pixel),
+        top_mm=_edge(dataset, "z_mm", pixel),
         times_s=_of_pictures(dataset, "time_s", array),
     )  # fmt: skip
     pictures = (values for _, values in _blocks(array))
@@ -210,12 +209,11 @@ def _span(array: xarray.DataArray) -> tuple[float, float]:
     return (min(ends), max(ends)) if ends else (0.0, 1.0)
 
 
-def _edge(dataset: xarray.Dataset, axis: str, found: str, pixel_mm: float | None) -> float | None:
+def _edge(dataset: xarray.Dataset, axis: str, pixel_mm: float | None) -> float | None:
     """Outer edge of the first column or row, mm; None where no place is known."""
     if pixel_mm is None or axis not in dataset.coords:
         return None
-    places = dataset[found].values if found in dataset else np.zeros(0)
-    return common_edge(places, float(dataset[axis].values[0]) - 0.5 * pixel_mm, pixel_mm)
+    return float(dataset[axis].values[0]) - 0.5 * pixel_mm
 
 
 def _scale(dataset: xarray.Dataset) -> float | None:

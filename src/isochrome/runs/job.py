@@ -136,8 +136,6 @@ class RunLayout:
         The pictures.
     chunk : int
         Items that are computed and kept together; 1 where there are several axes.
-    pixel_mm : float, optional
-        Scale of the TIFF stacks, mm; None where it is not known.
     store : bool, default True
         Whether run.zarr is left; it is where there are layers.
     part_bytes : int, default 0
@@ -151,7 +149,6 @@ class RunLayout:
     shape: Mapping[str, int] = field(default_factory=dict)
     layers: tuple[Layer, ...] = ()
     chunk: int
-    pixel_mm: float | None = None
     store: bool = True
     part_bytes: int = 0
     every: int = 1

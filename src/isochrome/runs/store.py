@@ -308,11 +308,11 @@ def attributes(identity: Mapping[str, Any]) -> dict[str, Any]:
 def open_run(path: str | Path) -> RunDataset:
     """Open the dataset that a run left, read from the disk as it is used.
 
-    Pictures are over (frame, z_mm, x_mm), those of a tracked video over (key_frame, z_mm, x_mm),
-    the frame numbers of its key frames; the columns of the table are over frame, their names made
-    identifiers: load_normal_n, and load_normal_n_u for its standard uncertainty. Coordinates are
-    the pictures' row and col too, distance_m and time_s. Where no scale is known, row and col are
-    the axes. `.plot()` of a picture has z down, in mm.
+    Pictures are over (frame, z_mm, x_mm), row and col where no scale is known, those of a tracked
+    video over key_frame, its key frames' numbers; the table's columns over frame, as identifiers:
+    load_normal_n, its standard uncertainty load_normal_n_u. z_mm and x_mm are of the place that was
+    found, of several frames the mean; a frame's own are x_mm + shift_x_mm, z_mm + shift_z_mm
+    (key_shift_x_mm over key_frame). `.plot()` of a picture has z down, in mm.
 
     Parameters
     ----------
