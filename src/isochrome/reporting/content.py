@@ -75,8 +75,10 @@ class ReportContent:
         What the frames asked for besides the scene; None where nobody asked them.
     causes_text : str, default ''
         What is to be said where there is no such list.
+    refined : sequence of str, optional
+        What the frames know better than the scene states it, and agree with.
     taken_as_exact : sequence of str, optional
-        Keys of measured numbers that the scene states without an uncertainty.
+        Keys of measured numbers whose uncertainty is not in the ±.
     warnings : sequence of str, optional
         The run's warnings.
     scene : str, default ''
@@ -100,6 +102,7 @@ class ReportContent:
     tables: Sequence[ReportTable] = ()
     causes: Sequence[str] | None = None
     causes_text: str = ""
+    refined: Sequence[str] = ()
     taken_as_exact: Sequence[str] = ()
     warnings: Sequence[str] = ()
     scene: str = ""
