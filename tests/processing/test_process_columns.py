@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from isochrome.guide import guide_page
 from isochrome.output import Floats, csv_text, json_pieces
 from isochrome.processing.in_common import tabulate_set
-from isochrome.processing.result import frame_columns, row_of_set, values_of
+from isochrome.processing.result import cell_values, frame_columns, row_of_set
 from isochrome.scene import load_scene, parse_scene
 
 CELLS = st.one_of(st.none(), st.integers(), st.floats(), st.booleans(), st.sampled_from("ab"))
@@ -90,10 +90,10 @@ def test_what_a_frame_asked_for_is_in_its_causes_to_the_last_digit():
     row |= {f"camera.distortion{end}": -1e-5 for end in ("", " standard_uncertainty")}
     found = row_of_set(row | {"load.normal_n": 44.0}, columns, CONTACT)
     assert found["load.normal_n"] == 44.0 and "camera.roll_deg" not in found
-    assert values_of(found["causes"]) == {
+    assert cell_values(found["causes"]) == {
         "camera.roll_deg": (value, spread), "camera.distortion": (-1e-5, -1e-5)
     }  # fmt: skip
-    assert values_of("") == {}
+    assert cell_values("") == {}
 
 
 @pytest.mark.parametrize("tracked", [False, True], ids=["whole", "tracked"])

@@ -19,7 +19,7 @@ from isochrome.processing.result import (
     SEARCHED,
     SEPARATOR,
     SPREAD,
-    values_of,
+    cell_values,
     whole_frames,
 )
 from isochrome.scene import Scene
@@ -157,7 +157,7 @@ def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, l
     away = slid - slid[0]
     past = np.divide(_integral(slid, own), away, out=own.copy(), where=away > 0.0)
     causes = table.get(CAUSES) or [""] * len(table[name])
-    shown = [EARLIER in values_of(causes[k] or "") for k in order]
+    shown = [EARLIER in cell_values(causes[k] or "") for k in order]
     return _widened(table, name, order, np.where(shown, 0.0, _OF_THE_PAST * np.abs(own - past)))
 
 

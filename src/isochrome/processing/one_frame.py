@@ -36,7 +36,7 @@ from isochrome.processing.result import (
     SPREAD,
     Capture,
     ProcessedFrame,
-    values_of,
+    cell_values,
 )
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, check_pixel
@@ -105,7 +105,7 @@ class FrameResult:
             return self._read_values
         if not self.frame.has_values:
             return ()
-        asked, refined = (values_of(self.row.get(name) or "") for name in (CAUSES, REFINED))
+        asked, refined = (cell_values(self.row.get(name) or "") for name in (CAUSES, REFINED))
         return tuple(
             FrameValue(key, float(value), float(spread), key in asked, key in refined)
             for key, value, spread in zip(

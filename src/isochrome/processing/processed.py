@@ -20,6 +20,7 @@ from isochrome.fitting import (
     LOAD,
     fitted_scene,
     over_distance,
+    stated_pairs,
     taken_as_exact,
     untracked_inputs,
 )
@@ -56,9 +57,8 @@ from isochrome.processing.result import (
     SEPARATOR,
     SPREAD,
     ProcessedFrame,
+    cell_values,
     own_values,
-    stated_values,
-    values_of,
     whole_frames,
 )
 from isochrome.runs import RunDataset, column_values, identifier, open_run
@@ -169,18 +169,18 @@ class Processed(Result):
     @property
     def causes(self) -> list[str]:
         """What frames asked for besides the scene: keys, and how many frames did."""
-        cells = [values_of(cell or "") for cell in self.columns.get(CAUSES, ())]
+        cells = [cell_values(cell or "") for cell in self.columns.get(CAUSES, ())]
         asked = Counter(key for cell in cells for key in cell)
         return [f"{key} ({n} of {counted(len(cells), 'frame')})" for key, n in asked.items()]
 
     @property
     def refined(self) -> list[str]:
         """What frames know better than the scene states it, and agree with."""
-        cells = (values_of(cell or "") for cell in self.columns.get(REFINED, ()))
+        cells = (cell_values(cell or "") for cell in self.columns.get(REFINED, ()))
         found = [(key, *pair) for cell in cells for key, pair in cell.items()]
         names = ("key", "value", SPREAD)
         rows = rows_by_key({name: [row[k] for row in found] for k, name in enumerate(names)})
-        return refined_texts(rows.values(), stated_values(self.scene))
+        return refined_texts(rows.values(), stated_pairs(self.scene))
 
     @property
     def taken_as_exact(self) -> tuple[str, ...]:
@@ -192,7 +192,7 @@ class Processed(Result):
     @property
     def uncertainty_basis(self) -> str:
         """What the ± are of, and what was taken as exact."""
-        known = not self.tracked and bool(stated_values(self.scene))
+        known = not self.tracked and bool(stated_pairs(self.scene))
         besides = ["the stated uncertainties"] * known
         return basis_of_uncertainty(
             self.taken_as_exact, frames=len(self.columns["frame"]), besides=besides

@@ -18,7 +18,7 @@ from isochrome.fitting import (
     Tracked,
     free_keys,
     sliding_scene,
-    stated_inputs,
+    stated_pairs,
 )
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
@@ -77,7 +77,7 @@ def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
         keys = _set_keys(scene)
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
         own = ("kept_share", "n_max", "n_max_x_mm", "n_max_z_mm", *values)
-        own += (CAUSES, REFINED) if stated_values(scene) and not tracked else (CAUSES,)
+        own += (CAUSES, REFINED) if stated_pairs(scene) and not tracked else (CAUSES,)
     else:
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
         loads = bool(scene.frames.known_loads_n)
@@ -94,11 +94,6 @@ def _set_keys(scene: Scene) -> tuple[str, ...]:
     return (*keys, GAMMA) if scene.frames.gamma == "unknown" else keys
 
 
-def stated_values(scene: Scene) -> dict[str, tuple[float, float]]:
-    """Value and standard uncertainty by key, of what a scene states with it and fringes follow."""
-    return {key: (value, spread) for key, value, spread in stated_inputs(scene).rows}
-
-
 def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dict[str, Any]:
     """A frame's row as the set's columns have it: values of no column of theirs are its causes.
 
@@ -112,7 +107,7 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dic
         for key in row
         if CAUSES in found and key not in found and f"{key} {SPREAD}" in row
     }
-    stated = stated_values(scene) if REFINED in found else {}
+    stated = stated_pairs(scene) if REFINED in found else {}
     near = [key for key, pair in asked.items() if key in stated and agree(pair, stated[key])]
     for name, keys in ((CAUSES, [key for key in asked if key not in near]), (REFINED, near)):
         if name in found:
@@ -120,7 +115,7 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dic
     return found
 
 
-def values_of(text: str) -> dict[str, tuple[float, float]]:
+def cell_values(text: str) -> dict[str, tuple[float, float]]:
     """What a cell of the column of causes, or of refined values, holds.
 
     Parameters: `text` of the cell. Returns key to value and standard uncertainty.
@@ -373,7 +368,7 @@ def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> d
     """What was fitted to a frame: the values of keys, and those that it asked for."""
     values = {key: table[key][k] for key in keys if table[key][k] is not None}
     cells = (table[name][k] or "" for name in (CAUSES, REFINED) if name in table)
-    return values | {key: pair[0] for cell in cells for key, pair in values_of(cell).items()}
+    return values | {key: pair[0] for cell in cells for key, pair in cell_values(cell).items()}
 
 
 def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:

@@ -26,8 +26,8 @@ from isochrome.processing.result import (
     EXPLAINED,
     PICTURE,
     REFINED,
+    cell_values,
     own_values,
-    values_of,
 )
 from isochrome.reporting import (
     FRINGES,
@@ -142,7 +142,7 @@ def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
     """What each frame asked for, with its value."""
     found = []
     for name, caption in _CAPTIONS.items():
-        cells = [values_of(text or "") for text in table.get(name, [])]
+        cells = [cell_values(text or "") for text in table.get(name, [])]
         asking = [k for k, values in enumerate(cells) if values]
         texts = [
             "; ".join(f"{key} = {with_uncertainty(*pair)}" for key, pair in cells[k].items())

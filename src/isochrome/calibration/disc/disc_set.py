@@ -157,6 +157,6 @@ def check_diameter(
         raise InputError(
             f"the disc is {with_uncertainty(seen, own)} px wide, and disc.diameter_mm / "
             f"camera.pixel_mm = {disc.diameter_mm:g} / {pixel_mm:g} makes {stated:.1f}: "
-            f"{off:.1%} off; correct the one that is wrong, leave camera.pixel_mm out (the rim gives "
-            "it), or state the uncertainty of both"
+            f"{off:.1%} off; correct the one that is wrong, leave camera.pixel_mm out (the rim "
+            "gives it), or state the uncertainty of both"
         )

@@ -82,6 +82,22 @@ def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
     return inputs_of_rows(found)
 
 
+def stated_pairs(scene: Scene) -> dict[str, tuple[float, float]]:
+    """Give what a scene states with an uncertainty and its fringes follow.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    dict of str to tuple of two floats
+        Key to value and standard uncertainty.
+    """
+    return {key: (value, spread) for key, value, spread in stated_inputs(scene).rows}
+
+
 def inputs_of_rows(rows: Iterable[tuple[str, float, float]]) -> StatedInputs:
     """Stated inputs from their keys, values and standard uncertainties."""
     columns = tuple(zip(*rows, strict=True))
