@@ -147,4 +147,6 @@ def _is_used(scene: Scene, key: str) -> bool:
         return contact
     if key in _OF_BLOCK:
         return not contact or scene.specimen.shape is not None
+    if key == WEAR and scene.wear is not None and scene.frames.sliding_speed_mm_per_s is None:
+        return max(scene.wear.distances_m) > 0.0
     return True
