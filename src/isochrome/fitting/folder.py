@@ -108,7 +108,7 @@ def kept_values(out: Path, scene: Scene) -> tuple[dict[str, Any], Scene]:
     return json.loads((out / "fit.json").read_text("utf-8")), fitted
 
 
-def restore_fit(out: Path, scene: Scene, asked: tuple[str, ...] | None) -> Fit:
+def restore_fit(out: Path, scene: Scene, asked: tuple[str, ...] | None = None) -> Fit:
     """A fit without tractions, from the folder that an earlier run left complete.
 
     Parameters: `out`; `scene`, as given; `asked`, as of a Fit. Returns a Fit.
