@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 
 from isochrome.console import print_fit, print_json, print_warnings, run_bar
-from isochrome.output import sentence_of, sentence_of_orders
+from isochrome.estimation import BudgetInput
+from isochrome.fitting.result import PARTS, Fit, KeyBudget
+from isochrome.output import (
+    basis_of_uncertainty,
+    refined_texts,
+    sentence_of,
+    sentence_of_orders,
+)
 from isochrome.progress import Tally
+from isochrome.scene import load_scene
 
+LOAD, PIXEL = "load.normal_n", "camera.pixel_mm"
 BEFORE, DONE, SLEPT_S = 900, 1000, 0.05
 
 
@@ -34,7 +43,8 @@ def shown(capfd, *rows):
     names = ("frame", "key", "value", "standard_uncertainty", "cramer_rao_bound")
     columns = zip(*((0, f"key{k}", *row, 1.0) for k, row in enumerate(rows)), strict=True)
     table = dict(zip(names, map(list, columns), strict=True))
-    print_fit(SimpleNamespace(columns=table, chi=1.0, wear_laws=None, tractions=[]))
+    made = SimpleNamespace(columns=table, chi=1.0, wear_laws=None, tractions=[], summary_text="")
+    print_fit(made)
     return capfd.readouterr().out.splitlines()
 
 
@@ -73,26 +83,78 @@ def test_a_result_is_a_sentence():
     told = sentence_of(rows, 1, ["blur"])
     assert told == "load 62.00 ± 0.28 N, friction 0.1800 ± 0.0010; causes found: blur"
     assert sentence_of(rows[:1], 1, []).endswith("0.28 N; causes found: none")
-    assert sentence_of(rows[:1], 1, [], looked=False) == "load 62.00 ± 0.28 N"
+    assert sentence_of(rows[:1], 1, None) == "load 62.00 ± 0.28 N"
 
 
 def test_the_sentence_of_several_frames_says_mean_and_span():
     rows = [("load.normal_n", 44.0, 43.0, 45.0, 0.1), ("camera.roll_deg", None, None, None, None)]
     told = sentence_of(rows, 6, [])
-    assert told.startswith("mean of 6 frames, ± of each: load 44.00 ± 0.10 N (43 to 45), ")
+    assert told.startswith("mean of 6 frames, ± of each: load 44.00 ± 0.10 N (43.00 to 45.00), ")
     assert "camera.roll_deg not known" in told
 
 
+def fit_with(rows, asked, budget=(), exact=(PIXEL,)):
+    """A Fit of two frames with some rows of key, frame (None for both), value and its ±."""
+    shared, frames = {}, [{}, {}]
+    for key, frame, value, spread in rows:
+        place = shared if frame is None else frames[frame]
+        place[key] = dict.fromkeys(PARTS, spread) | {"value": value}
+    return Fit(
+        shared=shared, frames=frames, distance_m=[None, None], frame_chi=[1.0, 1.0], chi=1.0,
+        scene=load_scene("line-contact-wear"), other_minima=[[], []], wear_laws=None, warnings=(),
+        asked=asked, budget=tuple(budget), taken_as_exact=exact,
+    )  # fmt: skip
+
+
 def test_the_sentence_of_a_fit_tells_what_was_asked_from_what_frames_asked_for(capfd):
-    names = ("frame", "key", "value", "standard_uncertainty", "cramer_rao_bound")
-    rows = [("all", "load.normal_n", 62.0, 0.28, 0.1), ("0", "camera.roll_deg", 0.3, 0.01, 0.01),
-            ("1", "camera.roll_deg", 0.5, 0.01, 0.01)]  # fmt: skip
-    table = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
-    result = SimpleNamespace(columns=table, chi=1.0, wear_laws=None, tractions=[])
-    print_fit(result, ["load.normal_n"])
+    rows = [(LOAD, None, 62.0, 0.28), ("camera.roll_deg", 0, 0.3, 0.01),
+            ("camera.roll_deg", 1, 0.5, 0.01)]  # fmt: skip
+    print_fit(fit_with(rows, (LOAD,)))
     assert capfd.readouterr().out.splitlines()[-1] == (
-        "mean of 2 frames, ± of each: load 62.00 ± 0.28 N; causes found: "
-        "camera.roll_deg 0.400 ± 0.010 (0.3 to 0.5)"
+        "mean of 2 frames, ± of each: load 62.00 ± 0.28 N; ± from the pictures alone: "
+        "camera.pixel_mm was taken as exact; causes found: "
+        "camera.roll_deg 0.400 ± 0.010 (0.300 to 0.500)"
+    )
+    assert "causes" not in fit_with(rows, None).summary_text
+
+
+@pytest.mark.parametrize(
+    ("stated", "refined", "causes"),
+    [
+        # two of their combined uncertainties are 4.02e-5 mm
+        (0.00611, "camera.pixel_mm 0.0060700 ± 0.0000020 (stated 0.006110 ± 0.000020)", []),
+        (0.006029, None, ["camera.pixel_mm 0.0060700 ± 0.0000020"]),
+    ],
+)
+def test_what_was_stated_and_agrees_is_refined_and_else_a_cause(stated, refined, causes):
+    entry = BudgetInput(
+        input=PIXEL, value=stated, standard_uncertainty=2e-5, sensitivity=1.0, share=0.5
+    )
+    budget = [KeyBudget(None, key, (entry,)) for key in (LOAD, PIXEL)]
+    rows = [(LOAD, None, 62.0, 0.28), (PIXEL, None, 0.00607, 2e-6)]
+    found = fit_with(rows, (LOAD,), budget, exact=())
+    assert found.causes == causes and found.refined == [refined] * (refined is not None)
+    said = found.summary_text
+    assert "taken as exact" not in said and ("refined: camera.pixel_mm" in said) == bool(refined)
+    assert said.endswith(f"causes found: {', '.join(causes) or 'none'}")
+    assert found.to_json()["summary_text"] == said
+
+
+def test_what_a_frame_knows_no_better_than_it_was_stated_is_not_refined():
+    rows = [(PIXEL, 0.00607, None, None, 2.004e-5), ("specimen.poisson", 0.4, None, None, 0.01)]
+    stated = {PIXEL: (0.00607, 2e-5), "specimen.poisson": (0.4, 0.02)}
+    assert refined_texts(rows, stated) == ["specimen.poisson 0.400 ± 0.010 (stated 0.400 ± 0.020)"]
+
+
+def test_the_keys_that_were_taken_as_exact_are_some_and_a_number():
+    words = "± from the picture alone: a, b, c and 2 more were taken as exact"
+    assert basis_of_uncertainty("abcde") == words
+    assert ": a, b, c, d were" in basis_of_uncertainty("abcd")
+    some = basis_of_uncertainty(["a"], frames=2, besides=["the stated uncertainties"])
+    assert some == "± from the pictures and the stated uncertainties: a was taken as exact"
+    assert basis_of_uncertainty(()) == ""
+    assert sentence_of([(LOAD, None, None, None, None)], 1, [], basis=words).startswith(
+        "load not known; causes"
     )
 
 

@@ -464,7 +464,7 @@ def test_names_are_text_on_a_page(name, results):
     [
         ([1.23456], [0.012], "1.235 ± 0.012"),
         ([1.0, None, 3.0], [0.1, float("nan"), 0.3],
-         "2.00 ± 0.20 each (mean of 2 frames, 1 to 3)"),
+         "2.00 ± 0.20 each (mean of 2 frames, 1.00 to 3.00)"),
         ([1.0, 2.0], [], "1.5 (mean of 2 frames, 1 to 2)"),
         ([None], [None], "not known"),
     ],

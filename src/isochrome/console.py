@@ -166,8 +166,17 @@ def print_figures(files: Sequence[str]) -> None:
 
 
 def print_summary(result: Any) -> None:
-    """What thousands of frames come to, as a table."""
-    print_columns(result.summary())
+    """What thousands of frames come to, as a table and as a sentence."""
+    from isochrome.output import to_last_digit, with_uncertainty
+
+    unknown = float("nan")
+    rows = []
+    for key, *values, spread in zip(*result.summary().values(), strict=True):
+        mean, *ends = (unknown if v is None else v for v in values)
+        ends = [to_last_digit(end, spread) for end in ends]
+        rows.append((key, with_uncertainty(mean, unknown if spread is None else spread), *ends))
+    print_rows(("key", "mean ± standard uncertainty", "least", "most"), rows)
+    typer.echo(result.summary_text)
 
 
 def print_markdown(text: str) -> None:
@@ -204,13 +213,9 @@ def print_calibration(result: Any) -> None:
     print_warnings(list(result.warnings))
 
 
-def print_fit(result: Any, asked: Sequence[str] | None = None) -> None:
-    """Fitted values with their uncertainties and bounds, chi, and which wear law is preferred.
-
-    Parameters: `result`, a Fit; `asked`, the keys that were to be fitted, None for all: others were
-    freed because the frames asked for them.
-    """
-    from isochrome.output import sentence_of_values, with_uncertainty
+def print_fit(result: Any) -> None:
+    """Fitted values with their uncertainties and bounds, chi, and which wear law is preferred."""
+    from isochrome.output import with_uncertainty
 
     table = result.columns
     names = ("frame", "key", "value", "standard_uncertainty", "cramer_rao_bound")
@@ -226,20 +231,21 @@ def print_fit(result: Any, asked: Sequence[str] | None = None) -> None:
         typer.echo(f"wear law: {result.wear_laws.sentence()}")
     for i, one in enumerate(result.tractions):
         typer.echo(f"frame {i}, without a contact model: {one.sentence()}")
-    typer.echo(sentence_of_values(table, asked)[0])
+    typer.echo(result.summary_text)
 
 
 def print_columns(table: dict[str, list[Any]], names: Any = None) -> None:
     """Some columns of a table, a row a frame; all of them where none are named."""
     names = list(table) if names is None else names
-    rows = list(zip(*(table[name] for name in names), strict=True))
-    print_rows(tuple(names), [tuple(_cell(value) for value in row) for row in rows])
+    columns = ([_cell(value, name) for value in table[name]] for name in names)
+    print_rows(tuple(names), list(zip(*columns, strict=True)))
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, name: str) -> str:
     if value is None or value != value:
         return "-"
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+    digits = 2 if name.endswith("uncertainty") else 5
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
 def print_rows(names: tuple[str, ...], rows: list[Any]) -> None:

@@ -19,7 +19,7 @@ from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
 from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.frames import Frame
-from isochrome.processing.result import causes_of
+from isochrome.processing.result import cell_values
 from isochrome.reference import (
     contact_modulus,
     hertz_half_width,
@@ -319,8 +319,9 @@ def test_a_simulated_roll_is_found_by_process(tmp_path):
     (item,) = found.frames
     assert "the camera's roll (camera.roll_deg = -0." in item.warnings[0]
     (causes,) = found.columns["causes"]
-    assert causes_of(causes)["camera.roll_deg"] == pytest.approx(-0.5, abs=0.02)
-    assert found.fitted.camera.roll_deg == causes_of(causes)["camera.roll_deg"]
+    roll, _ = cell_values(causes)["camera.roll_deg"]
+    assert roll == pytest.approx(-0.5, abs=0.02)
+    assert found.fitted.camera.roll_deg == roll
     assert found.columns["load.normal_n"][0] == pytest.approx(LOAD, rel=1e-4)
     stated = process(tmp_path / "seen" / "frames.tif", scene, as_stated=True)
     assert stated.columns["causes"] == [""]

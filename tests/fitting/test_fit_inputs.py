@@ -197,8 +197,8 @@ def test_all_that_is_left_names_the_inputs_and_their_shares(tmp_path):
     assert (tmp_path / "out" / "budget.png").stat().st_size > 1000
     table = rows_of(tmp_path / "out" / "fit.csv")
     assert float(table[0]["noise_uncertainty"]) == pytest.approx(own["noise_uncertainty"])
-    exact = ["specimen.young_gpa", "specimen.poisson", "specimen.thickness_mm",
-             "indenter.radius_mm", "indenter.young_gpa", "indenter.poisson", PIXEL]  # fmt: skip
+    exact = [PIXEL, "specimen.thickness_mm", "indenter.radius_mm", "specimen.young_gpa",
+             "indenter.young_gpa", "specimen.poisson", "indenter.poisson"]  # fmt: skip
     assert list(found.taken_as_exact) == exact
     assert "taken as exact" in repr(found)
     # what was stated of the load is known better now, and the scene says so

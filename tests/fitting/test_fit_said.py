@@ -31,7 +31,7 @@ from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
-LOAD, LEFT = "load.normal_n", "camera.left_mm"
+LOAD, LEFT, PIXEL = "load.normal_n", "camera.left_mm", "camera.pixel_mm"
 STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 3.0\n"
 
 
@@ -132,11 +132,23 @@ def test_an_uncertainty_that_a_file_does_not_hold_is_infinite(tmp_path, alone):
 def test_keys_are_refused_as_alike_from_a_correlation_of_0_9995(correlation, refused):
     spread = np.array([2.0, 1e-9])
     covariance = np.outer(spread, spread) * [[1.0, correlation], [correlation, 1.0]]
+    information = np.linalg.inv(covariance)
     if not refused:
-        return refuse_alike((LOAD, LEFT), covariance)
+        return refuse_alike((LOAD, LEFT), information)
     with pytest.raises(PhysicsError, match=rf"{LOAD} and {LEFT} .*correlation -0.9996"):
-        refuse_alike((LOAD, LEFT), covariance)
+        refuse_alike((LOAD, LEFT), information)
     return None
+
+
+def test_what_is_stated_in_common_makes_no_two_values_alike():
+    """Two frames' loads, each sure to 1e-3 but for a pixel that no frame knows so well: 0.9999."""
+    information = np.diag([1e6, 1e6, 2e6 + 1.0])
+    information[:2, 2] = information[2, :2] = -1e6
+    spread = np.linalg.inv(information)
+    assert spread[0, 1] / spread[0, 0] > 0.9999
+    with pytest.raises(PhysicsError, match="cannot be told apart"):
+        refuse_alike((LOAD, LOAD, PIXEL), information)
+    refuse_alike((LOAD, LOAD, PIXEL), information, (PIXEL,))
 
 
 def test_a_key_is_refused_where_no_frame_tells_it_and_not_where_one_does(alone):

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from isochrome.guide import guide_page
 from isochrome.output import Floats, csv_text, json_pieces
-from isochrome.processing.processed import tabulate_set
-from isochrome.processing.result import causes_of, frame_columns, row_of_set
+from isochrome.processing.in_common import tabulate_set
+from isochrome.processing.result import cell_values, frame_columns, row_of_set
 from isochrome.scene import load_scene, parse_scene
 
 CELLS = st.one_of(st.none(), st.integers(), st.floats(), st.booleans(), st.sampled_from("ab"))
@@ -78,7 +78,7 @@ def test_columns_are_the_scenes_whatever_is_found(tracked):
     assert columns.count("causes") == 1
     rows = [{"frame": 0}, {"frame": 1, "fringe_lines": 3}, dict.fromkeys(columns, 1.0)]
     for row in rows:
-        assert tuple(row_of_set(row, columns)) == columns
+        assert tuple(row_of_set(row, columns, CONTACT)) == columns
 
 
 def test_what_a_frame_asked_for_is_in_its_causes_to_the_last_digit():
@@ -88,10 +88,12 @@ def test_what_a_frame_asked_for_is_in_its_causes_to_the_last_digit():
         f"camera.roll_deg{end}": v for end, v in (("", value), (" standard_uncertainty", spread))
     }
     row |= {f"camera.distortion{end}": -1e-5 for end in ("", " standard_uncertainty")}
-    found = row_of_set(row | {"load.normal_n": 44.0}, columns)
+    found = row_of_set(row | {"load.normal_n": 44.0}, columns, CONTACT)
     assert found["load.normal_n"] == 44.0 and "camera.roll_deg" not in found
-    assert causes_of(found["causes"]) == {"camera.roll_deg": value, "camera.distortion": -1e-5}
-    assert causes_of("") == {}
+    assert cell_values(found["causes"]) == {
+        "camera.roll_deg": (value, spread), "camera.distortion": (-1e-5, -1e-5)
+    }  # fmt: skip
+    assert cell_values("") == {}
 
 
 @pytest.mark.parametrize("tracked", [False, True], ids=["whole", "tracked"])

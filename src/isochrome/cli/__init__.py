@@ -237,8 +237,7 @@ def fit_command(
             out=out, progress=progress, **options,
         )  # fmt: skip
     write_excel_tables(out, excel)
-    asked = None if options["as_stated"] else [*(free or []), *keys]
-    print_result(result, out, as_json, lambda found: print_fit(found, asked))
+    print_result(result, out, as_json, print_fit)
 
 
 @app.command("check", epilog=examples_of("check"))

@@ -70,10 +70,9 @@ def process_command(
 
     with run_bar("processing") as progress:
         result = run(recordings[0], scene, out, progress=progress, **options)
-    looked = not options["as_stated"] and result.asks_causes
     files = save_paper_figure(result, out, style)
     write_excel_tables(out, excel)
-    print_result(result, out, as_json, lambda found: _print_processed(found, looked), files)
+    print_result(result, out, as_json, _print_processed, files)
     if result.failed:
         typer.echo(
             f"isochrome: {frames[0]}: {result.failed} of {len(result.columns['frame'])} frames "
@@ -83,23 +82,18 @@ def process_command(
         raise typer.Exit(2)
 
 
-def _print_processed(result: Processed, looked: bool) -> None:
+def _print_processed(result: Processed) -> None:
     """What was found in each frame, or what the thousands of a tracked video come to."""
-    from isochrome.output import counted, sentence_of, sentence_of_orders
+    from isochrome.output import counted
 
     table = result.columns
-    count = len(table["frame"])
     if result.tracked:
         pictures = sum(at is not None for at in table["picture"])
-        typer.echo(f"{counted(count, 'frame')}, {counted(pictures, 'key frame')}")
+        typer.echo(f"{counted(len(table['frame']), 'frame')}, {counted(pictures, 'key frame')}")
         print_summary(result)
     else:
         print_columns(table, [name for name in _SHOWN if name in table])
-    rows = list(zip(*result.summary().values(), strict=True))
-    if rows:
-        typer.echo(sentence_of(rows, count, result.causes, looked))
-    else:
-        typer.echo(sentence_of_orders(table))
+        typer.echo(result.summary_text)
 
 
 def _process_campaign(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import tomli_w
 
 from isochrome.drafting.scene_draft import DraftValue, OpenKey, SceneDraft
-from isochrome.output import rounded_texts
+from isochrome.output import rounded_texts, with_uncertainty
 from isochrome.scene import parse_scene
 
 if TYPE_CHECKING:
@@ -90,7 +90,9 @@ def _open(key: OpenKey) -> list[str]:
 def _toml(value: DraftValue) -> tuple[str, str]:
     """A value as TOML, and its uncertainty; as many digits as that allows."""
     if value.standard_uncertainty and not isinstance(value.value, str):
-        return rounded_texts(float(value.value), value.standard_uncertainty)
+        number, spread = float(value.value), value.standard_uncertainty
+        shown = with_uncertainty(number, spread).partition(" ± ")[2]
+        return rounded_texts(number, spread)[0], shown
     return tomli_w.dumps({"v": value.value}).removeprefix("v = ").strip(), ""
 
 

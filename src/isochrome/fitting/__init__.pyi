@@ -6,7 +6,7 @@ from .fit_report import fit_report
 from .folder import restore_values
 from .frame.frame_estimate import FrameFit
 from .frame.frame_fit import fit_frame, placed
-from .frame.inputs import taken_as_exact
+from .frame.inputs import stated_pairs, taken_as_exact
 from .frame.model_frame import ModelFrame, evaluate_model
 from .frame.renderer import SceneRenderer
 from .frame.single_state import (
@@ -71,6 +71,7 @@ __all__ = [
     "search_picture",
     "slid_until",
     "sliding_scene",
+    "stated_pairs",
     "taken_as_exact",
     "timed_distance",
     "track",

@@ -185,6 +185,7 @@ class _Task:
         self.data, self.tractions = data, tractions
         self.free_top = "camera.top_mm" in shared + own
         self.work = FrameWork(data, sequence, follow, as_stated)
+        self.asked = None if as_stated else shared + own
         self.layout = RunLayout(
             axes={"frame": len(data)}, chunk=chunk_size(len(data), 4 * rows * cols)
         )
@@ -214,7 +215,7 @@ class _Task:
         found = run(means=means)
         if found is None and self.tractions:  # a folder does not hold all of them
             found = run(means=replace(means, restart=True))
-        return found or restore_fit(out, self.data.given)
+        return found or restore_fit(out, self.data.given, self.asked)
 
     def _concluded(self, found: list[Row]) -> tuple[Fit, JointFit]:
         data, sequence = self.data, self.work.sequence
@@ -224,6 +225,7 @@ class _Task:
         result, joint = joint_stage(
             data, sequence, alone, messages, self.steps.one, as_stated=self.work.as_stated
         )
+        result = replace(result, asked=self.asked)
         if self.tractions:
             given = [placed(alone_scene(data.scene, i), data.shape) for i in range(len(data))]
             result = with_tractions(

@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.fitting.frame.inputs import taken_as_exact
 from isochrome.fitting.result import Fit
 from isochrome.fitting.tracking.result import Track
-from isochrome.output import sentence_of, sentence_of_values
 from isochrome.reporting import ReportContent, ReportTable, curves_of, paper_rows
 from isochrome.scene import dump_scene
 
@@ -48,7 +46,7 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
     """
     options = record.get("options") or {}
     looked = not options.get("as_stated", False)
-    of_kind = _of_track(result, looked) if isinstance(result, Track) else _of_fit(result, options)
+    of_kind = _of_track(result, looked) if isinstance(result, Track) else _of_fit(result)
     found = result.over_frames
     chi = found.chi[np.isfinite(found.chi)]
     goodness = f"{chi.max():.2f} at most" if chi.size else "not known"
@@ -67,20 +65,17 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
 
 
 def _of_track(result: Track, looked: bool) -> dict[str, Any]:
-    rows = zip(*result.summary().values(), strict=True)
     return {
         "command": "fit --track",
-        "verdict": sentence_of(rows, len(result.chi), (), looked=False),
+        "verdict": result.summary_text,
         "no_budget": _TRACK_BUDGET,
         "causes_text": _TRACK_CAUSES if looked else "",
-        "taken_as_exact": taken_as_exact(result.scene, result.keys),
+        "taken_as_exact": result.taken_as_exact,
     }
 
 
-def _of_fit(result: Fit, options: Mapping[str, Any]) -> dict[str, Any]:
-    looked = not options.get("as_stated", False)
-    asked = [*options.get("free", ()), *options.get("per_frame", ())]
-    verdict, causes = sentence_of_values(result.columns, asked if looked else None)
+def _of_fit(result: Fit) -> dict[str, Any]:
+    verdict = result.summary_text
     tables = [ReportTable("The fitted values (fit.csv)", result.columns)]
     if result.wear_laws is not None:
         tables.append(ReportTable("The wear laws (wear_laws.csv)", result.wear_laws.table()))
@@ -92,6 +87,7 @@ def _of_fit(result: Fit, options: Mapping[str, Any]) -> dict[str, Any]:
         "budget": budget if result.budget else None,
         "no_budget": _NO_BUDGET,
         "tables": tables,
-        "causes": causes if looked else None,
+        "causes": result.causes,
+        "refined": result.refined,
         "taken_as_exact": result.taken_as_exact,
     }

@@ -108,10 +108,10 @@ def kept_values(out: Path, scene: Scene) -> tuple[dict[str, Any], Scene]:
     return json.loads((out / "fit.json").read_text("utf-8")), fitted
 
 
-def restore_fit(out: Path, scene: Scene) -> Fit:
+def restore_fit(out: Path, scene: Scene, asked: tuple[str, ...] | None = None) -> Fit:
     """A fit without tractions, from the folder that an earlier run left complete.
 
-    Parameters: `out`; `scene`, as given. Returns a Fit.
+    Parameters: `out`; `scene`, as given; `asked`, as of a Fit. Returns a Fit.
     """
     found, fitted = kept_values(out, scene)
     rows = found["frames"]
@@ -133,6 +133,7 @@ def restore_fit(out: Path, scene: Scene) -> Fit:
         warnings=tuple(found["warnings"]),
         budget=tuple(budget),
         taken_as_exact=tuple(found["taken_as_exact"]),
+        asked=asked,
         already=True,
         draw=partial(saved_picture, out.absolute() / PICTURE),
     )
@@ -156,7 +157,8 @@ def restore_values(out: Path, scene: Scene, options: Mapping[str, Any]) -> Fit |
         What was found; a fit without its tractions.
     """
     if "track" not in options:
-        return restore_fit(out, scene)
+        keys = (*options.get("free", ()), *options.get("per_frame", ()))
+        return restore_fit(out, scene, None if options.get("as_stated") else keys)
     found, fitted = kept_values(out, scene)
     return restored(found, tuple(options["track"]), fitted)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import scaled_inverse
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.unknowns import LENS
 from isochrome.output import counted
@@ -96,20 +97,22 @@ def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
         )
 
 
-def refuse_alike(keys: tuple[str, ...], covariance: Array, known: tuple[str, ...] = ()) -> None:
+def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ...] = ()) -> None:
     """Refuse unknowns that the frames cannot tell apart, by their correlation.
 
-    Parameters: `keys` of the unknowns (p,) and their `covariance` (p, p); `known`, keys with an
-    uncertainty that the scene states: these may be alike, and their statements tell them apart.
+    Parameters: `keys` of the unknowns (p,); `information` (p, p) of the frames alone; `known`, keys
+    with an uncertainty that the scene states: they are held, for what it leaves uncertain in all
+    others together makes no two of them alike.
     Raises PhysicsError that names the pair.
     """
-    spread = np.sqrt(np.diag(covariance))
-    if not np.all(spread > 0.0):
+    own = [k for k, key in enumerate(keys) if key not in known]
+    keys, information = tuple(keys[k] for k in own), information[np.ix_(own, own)]
+    if not own or not np.all(np.diag(information) > 0.0):
         return
+    covariance = scaled_inverse(information)
+    spread = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(spread, spread)
     np.fill_diagonal(correlation, 0.0)
-    stated = [key in known for key in keys]
-    correlation[stated] = correlation[:, stated] = 0.0
     i, j = np.unravel_index(int(np.abs(correlation).argmax()), correlation.shape)
     if abs(correlation[i, j]) > _ALIKE:
         raise PhysicsError(

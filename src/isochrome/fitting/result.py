@@ -21,11 +21,18 @@ from isochrome.fitting.wear_laws.law_report import WearLaws
 from isochrome.output import (
     FrameValues,
     Result,
+    Row,
+    agree,
+    basis_of_uncertainty,
     counted,
     messages_of_frames,
     named_frames,
     numbers,
     over_items,
+    refined_texts,
+    rows_by_key,
+    sentence_of,
+    spoken,
     with_uncertainty,
 )
 from isochrome.scene import Scene
@@ -62,7 +69,8 @@ class Fit(Result):
     residual over noise over all frames; `scene`, with the fitted values; `other_minima`, of each
     frame on its own: other values that fit nearly as well; `wear_laws`, compared, where several
     frames tell what was worn between them; `warnings` in plain words; `tractions` of each frame,
-    where they were asked for; `already`, whether an earlier run had left it all.
+    where they were asked for; `asked`, the keys that were to be fitted, None where the frames were
+    asked for no others; `already`, whether an earlier run had left it all.
     """
 
     shared: Found
@@ -77,6 +85,7 @@ class Fit(Result):
     tractions: tuple[Tractions, ...] = ()
     budget: tuple[KeyBudget, ...] = ()
     taken_as_exact: tuple[str, ...] = ()
+    asked: tuple[str, ...] | None = None
     already: bool = False
 
     def to_json(self) -> dict[str, Any]:
@@ -93,6 +102,7 @@ class Fit(Result):
         ]
         top |= {"chi": self.chi, "warnings": list(self.warnings), "frames": frames}
         top["taken_as_exact"] = list(self.taken_as_exact)
+        top |= {"summary_text": self.summary_text, "causes": self.causes, "refined": self.refined}
         if self.wear_laws is not None:
             top |= {
                 "wear_law": self.wear_laws.sentence(),
@@ -126,8 +136,44 @@ class Fit(Result):
             yield key, over_items((found["value"] for found in having), spreads)
         if self.wear_laws is not None:
             yield "wear law", self.wear_laws.sentence()
-        if self.taken_as_exact:
-            yield "taken as exact", ", ".join(self.taken_as_exact)
+
+    @property
+    def uncertainty_basis(self) -> str:
+        """What the ± are of, and what was taken as exact."""
+        besides = ["the stated uncertainties"] if self.budget else []
+        besides += ["the measured scars"] if self.scene.scar else []
+        return basis_of_uncertainty(self.taken_as_exact, frames=len(self.frames), besides=besides)
+
+    @property
+    def summary_text(self) -> str:
+        """What was found as a sentence, the same on the terminal and in a report."""
+        wanted, causes, refined = self._parts
+        basis = self.uncertainty_basis
+        return sentence_of(wanted, len(self.frames), causes, refined=refined, basis=basis)
+
+    @property
+    def causes(self) -> list[str] | None:
+        """What the frames asked for besides, with its value; None where nobody asked them."""
+        return self._parts[1]
+
+    @property
+    def refined(self) -> list[str]:
+        """What the frames know better than the scene states it, and agree with."""
+        return self._parts[2]
+
+    @property
+    def _parts(self) -> tuple[list[Row], list[str] | None, list[str]]:
+        """The rows of what was to be fitted, and `causes` and `refined`."""
+        inputs = (one for budget in self.budget for one in budget.inputs)
+        stated = {i.input: (i.value, i.standard_uncertainty) for i in inputs if i.value is not None}
+        rows = rows_by_key(self.columns)
+        if self.asked is None:
+            return list(rows.values()), None, []
+        others = [row for key, row in rows.items() if key not in self.asked]
+        near = [r for r in others if r[0] in stated and agree((r[1], r[4]), stated[r[0]])]
+        causes = [spoken(*row) for row in others if row not in near]
+        wanted = [row for row in rows.values() if row not in others]
+        return wanted, causes, refined_texts(near, stated)
 
     @property
     def over_frames(self) -> FrameValues:

@@ -120,10 +120,10 @@ class FrameWork:
         stated = freed.stated.fit
         # what a frame does not tell, a measured scar may
         if not self.sequence.areas and (stated.positive or self.sequence.count == 1):
-            refuse_alike(stated.keys, stated.covariance, stated.inputs.keys)
+            refuse_alike(stated.keys, stated.information, stated.inputs.keys)
         try:
             now = freed.now.fit
-            refuse_alike(now.keys, now.covariance, now.inputs.keys)
+            refuse_alike(now.keys, now.information, now.inputs.keys)
         except PhysicsError:
             return freed.undone()  # chi stays, and is told
         return freed
@@ -177,8 +177,8 @@ def joint_stage(
             apart = None if apart is None else freed.now
             data.lights, data.outside = now.data.lights, now.data.outside
         joint = freed.fit if apart is None else now.fit
-    assert now.fit.covariance is not None
-    refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.covariance, joint.known)
+    assert now.fit.information is not None
+    refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.information, joint.known)
     laws = None if apart is None else _laws(apart.fit)
     notes += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
     return make_result(joint, alone, laws, notes), joint
@@ -190,7 +190,7 @@ def _frame_tells_all(sequence: Sequence, alone: list[FrameFit]) -> bool:
         return True
     (fit,) = alone
     try:
-        refuse_alike(fit.keys, fit.covariance, fit.inputs.keys)
+        refuse_alike(fit.keys, fit.information, fit.inputs.keys)
     except PhysicsError:
         return False
     return fit.positive and bool(np.isfinite(fit.standard_uncertainty).all())

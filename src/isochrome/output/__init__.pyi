@@ -15,16 +15,26 @@ from .record import InputContent, provenance, sha256, write_figure
 from .result import (
     FIGURE_DPI,
     Result,
+    agree,
     counted,
     over_items,
     per_cent,
     rounded_texts,
     saved_picture,
+    to_last_digit,
     with_uncertainty,
 )
 from .roi import SUFFIXES, add_rois, load_roifile, read_roi_mask, roi_entries
 from .scale import pixel_mm_of, read_pixel_mm
-from .sentence import sentence_of, sentence_of_orders, sentence_of_values
+from .sentence import (
+    Row,
+    basis_of_uncertainty,
+    refined_texts,
+    rows_by_key,
+    sentence_of,
+    sentence_of_orders,
+    spoken,
+)
 from .tables import (
     Floats,
     check_given_table,
@@ -51,7 +61,10 @@ __all__ = [
     "InputContent",
     "Photometric",
     "Result",
+    "Row",
     "add_rois",
+    "agree",
+    "basis_of_uncertainty",
     "check_given_table",
     "check_link",
     "columns_of",
@@ -76,15 +89,18 @@ __all__ = [
     "read_given_text",
     "read_pixel_mm",
     "read_roi_mask",
+    "refined_texts",
     "replacing",
     "roi_entries",
     "rounded_texts",
+    "rows_by_key",
     "saved_picture",
     "sentence_of",
     "sentence_of_orders",
-    "sentence_of_values",
     "sha256",
+    "spoken",
     "staged",
+    "to_last_digit",
     "with_uncertainty",
     "write_csv",
     "write_excel_copies",

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,6 +72,11 @@ class Result:
         raise NotImplementedError
 
     @property
+    def uncertainty_basis(self) -> str:
+        """What the ± of the main values are of, where they take an input as exact."""
+        return ""
+
+    @property
     def table(self) -> pd.DataFrame:
         """The columns of the table that the command writes, as a pandas DataFrame."""
         import pandas
@@ -89,14 +95,17 @@ class Result:
     def _report(self) -> list[tuple[str, str]]:
         """The main values, of many the first ones."""
         found = list(self.main_values())
-        more = len(found) - _MOST_VALUES
-        return found if more <= 0 else [*found[:_MOST_VALUES], (f"and {more} more", "")]
+        most = _MOST_VALUES - bool(self.uncertainty_basis)
+        more = len(found) - most
+        return found if more <= 0 else [*found[:most], (f"and {more} more", "")]
 
     def __repr__(self) -> str:
         """A few lines: what it is, the main values, and how many warnings there are."""
         rows = self._report()
         width = max((len(name) for name, _ in rows), default=0)
         lines = [self.title, *(f"  {name.ljust(width)}  {value}" for name, value in rows)]
+        lines += wrap(self.uncertainty_basis, initial_indent="  ", subsequent_indent="    ",
+                      width=_LONGEST_LINE)  # fmt: skip
         count = len(self.warnings)
         if count:
             lines.append(f"  {counted(count, 'warning')}: see .warnings")
@@ -117,6 +126,7 @@ class Result:
         more = f"<p>{count} rows, see .table</p>" if count > _HEAD else ""
         return (
             f"<div><p><b>{html.escape(self.title)}</b></p><table>{rows}</table>"
+            f"{f'<p>{html.escape(self.uncertainty_basis)}</p>' if self.uncertainty_basis else ''}"
             f"{head.to_html(index=False, max_cols=12, border=0)}{more}"
             f"{f'<ul>{messages}</ul>' if messages else ''}</div>"
         )
@@ -222,6 +232,42 @@ def with_uncertainty(value: float, spread: float) -> str:
     return f"{value:.{max(_exponent(value) - last, 0) if value else 0}e} ± {spread:.1e}"
 
 
+def to_last_digit(value: float, spread: float | None) -> str:
+    """Give a value to the last decimal that its standard uncertainty has with two digits.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    spread : float or None
+        The standard uncertainty, in the same unit; None or NaN = not known.
+
+    Returns
+    -------
+    str
+        The value alone, with five digits where its uncertainty is not known.
+    """
+    if not (spread and math.isfinite(spread) and math.isfinite(value)):
+        return f"{value:.5g}"
+    return with_uncertainty(value, spread).partition(" ± ")[0]
+
+
+def agree(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Tell whether two values agree within two of their combined standard uncertainties.
+
+    Parameters
+    ----------
+    one, other : tuple of two floats
+        Value and standard uncertainty, in the same unit.
+
+    Returns
+    -------
+    bool
+        False where they contradict each other: of true values and uncertainties 1 in 20 does.
+    """
+    return abs(one[0] - other[0]) <= 2.0 * math.hypot(one[1], other[1])
+
+
 def rounded_texts(value: float, spread: float) -> tuple[str, str]:
     """Give a value and its uncertainty as a scene holds them, two digits beyond the latter's first.
 
@@ -251,7 +297,11 @@ def _exponent(value: float) -> int:
 
 
 def over_items(
-    values: Iterable[float | None], spreads: Iterable[float | None] = (), *, items: str = "frames"
+    values: Iterable[float | None],
+    spreads: Iterable[float | None] = (),
+    *,
+    items: str = "frames",
+    digits: int = 5,
 ) -> str:
     """Give a column as a report shows it: mean and span, with the median standard uncertainty.
 
@@ -263,6 +313,8 @@ def over_items(
         The standard uncertainties, in the same unit.
     items : str, default 'frames'
         What the values are of.
+    digits : int, default 5
+        Of values without an uncertainty.
 
     Returns
     -------
@@ -273,8 +325,13 @@ def over_items(
     if not known.size:
         return "not known"
     mean = float(known.mean())
-    text = with_uncertainty(mean, float(np.median(each))) if each.size else f"{mean:.5g}"
+    spread = float(np.median(each)) if each.size else 0.0
+    text = with_uncertainty(mean, spread) if each.size else f"{mean:.{digits}g}"
     if known.size == 1:
         return text
-    many = f"mean of {known.size} {items}, {known.min():.5g} to {known.max():.5g}"
+    ends = (
+        to_last_digit(end, spread) if spread else f"{end:.{digits}g}"
+        for end in (float(known.min()), float(known.max()))
+    )
+    many = f"mean of {known.size} {items}, {' to '.join(ends)}"
     return f"{text}{' each' if each.size else ''} ({many})"

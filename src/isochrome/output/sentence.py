@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean, median
 from typing import Any
 
-from isochrome.output.result import with_uncertainty
+from isochrome.output.result import to_last_digit, with_uncertainty
 from isochrome.output.tables import numbers
 
 WORDS = {
@@ -20,8 +20,17 @@ WORDS = {
 """What a sentence calls a value, and its unit; others go by their keys, which hold theirs."""
 
 
+Row = tuple[str, float, float, float, float]
+"""Key, mean, least, most and standard uncertainty of a value."""
+
+
 def sentence_of(
-    rows: Iterable[Sequence[Any]], frames: int, causes: Sequence[str], looked: bool = True
+    rows: Iterable[Sequence[Any]],
+    frames: int,
+    causes: Sequence[str] | None,
+    *,
+    refined: Sequence[str] = (),
+    basis: str = "",
 ) -> str:
     """Say a result as a sentence: load 62.00 ± 0.28 N, friction 0.180 ± 0.001; causes found: none.
 
@@ -33,55 +42,128 @@ def sentence_of(
         Key, mean, least, most and standard uncertainty of each value.
     frames : int
         How many there are.
-    causes : sequence of str
-        What the frames asked for.
-    looked : bool, default True
-        Whether anybody asked them.
+    causes : sequence of str or None
+        What the frames asked for; None where nobody asked them.
+    refined : sequence of str, optional
+        What is known better than it was stated, see `refined_texts`.
+    basis : str, default ''
+        What the ± are of, see `basis_of_uncertainty`.
 
     Returns
     -------
     str
         The sentence, without a full stop.
     """
-    parts = [_spoken(*row) for row in rows]
+    rows = list(rows)
+    parts = [spoken(*row) for row in rows]
     head = f"mean of {frames} frames, ± of each: " if frames > 1 and parts else ""
-    found = f"; causes found: {', '.join(causes) or 'none'}" if looked else ""
-    return f"{head}{', '.join(parts) or 'nothing fitted'}{found}"
+    said = [f"{head}{', '.join(parts) or 'nothing fitted'}"]
+    known = any(mean is not None and mean == mean for _, mean, *_ in rows)
+    said += [basis] if basis and known else []
+    said += [f"refined: {_listed(refined)}"] if refined else []
+    said += [] if causes is None else [f"causes found: {', '.join(causes) or 'none'}"]
+    return "; ".join(said)
 
 
-def sentence_of_values(
-    table: Mapping[str, Sequence[Any]], asked: Sequence[str] | None
-) -> tuple[str, list[str]]:
-    """Say the table of a fit as a sentence.
+def spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
+    """Say a value with its name, its unit and, where it has one, its span.
+
+    Parameters
+    ----------
+    key : str
+        Its key in the scene.
+    mean, least, most, spread : float or None
+        The mean, the least, the most and the standard uncertainty; None or NaN = not known.
+
+    Returns
+    -------
+    str
+        Such as 'load 62.00 ± 0.28 N'.
+    """
+    word, unit = WORDS.get(key, (key, ""))
+    if mean is None or mean != mean:
+        return f"{word} not known"
+    text = with_uncertainty(mean, float("nan") if spread is None else spread)
+    ends = dict.fromkeys(to_last_digit(end, spread) for end in (least, most))
+    span = f" ({' to '.join(ends)})" if len(ends) > 1 else ""
+    return f"{word} {text}{unit}{span}"
+
+
+def basis_of_uncertainty(
+    exact: Sequence[str], *, frames: int = 1, besides: Sequence[str] = ()
+) -> str:
+    """Say what a ± is of, and which inputs were taken as exact.
+
+    Parameters
+    ----------
+    exact : sequence of str
+        The keys whose uncertainty is not in the ±, those that move the answer first before others.
+    frames : int, default 1
+        How many pictures there are.
+    besides : sequence of str, optional
+        What else than the pictures the ± is of.
+
+    Returns
+    -------
+    str
+        Words for `sentence_of`; none where nothing was taken as exact.
+    """
+    if not exact:
+        return ""
+    pictures = "the picture" if frames == 1 else "the pictures"
+    source = " and ".join((pictures, *besides)) if besides else f"{pictures} alone"
+    verb = "was" if len(exact) == 1 else "were"
+    return f"± from {source}: {_listed(exact)} {verb} taken as exact"
+
+
+def refined_texts(
+    rows: Iterable[Sequence[Any]], stated: Mapping[str, tuple[float, float]]
+) -> list[str]:
+    """Say which values are known better than they were stated, as far as two digits of a ± tell.
+
+    Parameters
+    ----------
+    rows : iterable of sequences
+        As of `sentence_of`, of values that were stated and agree with that.
+    stated : mapping of str to tuple of two floats
+        Key to value and standard uncertainty as the scene states them.
+
+    Returns
+    -------
+    list of str
+        Name, value and stated value of each, the one that became surest first.
+    """
+    better = []
+    for key, mean, _, _, spread in rows:
+        value, before = stated[key]
+        if float(f"{spread:.1e}") < float(f"{before:.1e}"):
+            text = f"{spoken(key, mean, mean, mean, spread)} (stated "
+            better.append((spread / before, f"{text}{with_uncertainty(value, before)})"))
+    return [text for _, text in sorted(better)]
+
+
+def rows_by_key(table: Mapping[str, Sequence[Any]]) -> dict[str, Row]:
+    """Give the table of a fit as the rows of `sentence_of`.
 
     Parameters
     ----------
     table : mapping of str to sequence
         The columns of fit.csv.
-    asked : sequence of str or None
-        The keys that were to be fitted: others are causes, which the frames asked for. None for
-        all, where nobody asked the frames.
 
     Returns
     -------
-    str
-        The sentence, without a full stop.
-    list of str
-        The causes, each with its value.
+    dict of str to tuple
+        Key to its row: over the frames where each has its own.
     """
     by_key: dict[str, list[tuple[float, float]]] = {}
     columns = (table[n] for n in ("key", "value", "standard_uncertainty"))
     for key, *found in zip(*columns, strict=True):
         by_key.setdefault(key, []).append((found[0], found[1]))
-    rows = {
+    return {
         key: (key, fmean(values), min(values), max(values), median(spreads))
         for key, found in by_key.items()
         for values, spreads in [tuple(zip(*found, strict=True))]
     }
-    wanted = [row for key, row in rows.items() if asked is None or key in asked]
-    causes = [_spoken(*row) for row in rows.values() if row not in wanted]
-    frames = len({frame for frame in table["frame"] if frame != "all"})
-    return sentence_of(wanted, frames, causes, looked=asked is not None), causes
 
 
 def sentence_of_orders(table: Mapping[str, Sequence[Any]]) -> str:
@@ -120,11 +202,7 @@ def sentence_of_orders(table: Mapping[str, Sequence[Any]]) -> str:
     return f"{head}order read in {100 * fmean(shares):.0f} % of the pixels, {most}{typical}"
 
 
-def _spoken(key: str, mean: Any, least: Any, most: Any, spread: Any) -> str:
-    """A value with its name and unit."""
-    word, unit = WORDS.get(key, (key, ""))
-    if mean is None or mean != mean:
-        return f"{word} not known"
-    text = with_uncertainty(mean, float("nan") if spread is None else spread)
-    span = f" ({least:.5g} to {most:.5g})" if least != most else ""
-    return f"{word} {text}{unit}{span}"
+def _listed(items: Sequence[str]) -> str:
+    """Some names, of many the first three, so that a sentence can be read."""
+    more = len(items) - 3
+    return ", ".join(items) if more < 2 else f"{', '.join(items[:3])} and {more} more"

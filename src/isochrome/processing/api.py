@@ -47,6 +47,7 @@ from isochrome.processing.frame_task import (
     open_set,
     release_caches,
 )
+from isochrome.processing.in_common import add_frame_row, tabulate_set
 from isochrome.processing.kinds.colour_light import check_colour
 from isochrome.processing.kinds.film_keys import KEY_EVERY, is_keyed
 from isochrome.processing.kinds.film_maps import check_options, refuse_unfollowed, with_maps
@@ -59,14 +60,7 @@ from isochrome.processing.kinds.tracked import (
 )
 from isochrome.processing.pictures.figure import figure_in_memory
 from isochrome.processing.pictures.preview import PREVIEW
-from isochrome.processing.processed import (
-    Processed,
-    add_frame_row,
-    collect,
-    refuse_unread,
-    restore,
-    tabulate_set,
-)
+from isochrome.processing.processed import Processed, collect, refuse_unread, restore
 from isochrome.processing.result import ProcessedFrame
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
@@ -248,11 +242,13 @@ def process(
         )  # fmt: skip
         identity = partial(identity_of, recipe, files, maps)
         if out is not None and not restart and _is_done(Path(out), identity):
-            return restore(scene, Path(out), reader.shape, open_set(recipe).residual)
+            found = restore(scene, Path(out), reader.shape, open_set(recipe).residual)
+            return replace(found, as_stated=as_stated)
         several = (workers or 1) > 1 and cluster is None
         early = waiting_workers(workers or 1, process_chunk) if several else nullcontext()
         means = RunOptions(workers, cluster, restart, keep_going, opened.enter_context(early))
-        return _processed(recipe, identity, maps, out, means, progress)
+        found = _processed(recipe, identity, maps, out, means, progress)
+        return replace(found, as_stated=as_stated)
 
 
 def _processed(

@@ -223,7 +223,7 @@ def frame_row(item: ProcessedFrame | FollowedFrame, recipe: FrameTask) -> dict[s
         held = {} if recipe.apparatus is None else recipe.apparatus.values
         for key, (value, spread) in held.items():
             row |= {key: value, f"{key} {SPREAD}": spread}
-    return row_of_set(row, columns)
+    return row_of_set(row, columns, recipe.scene)
 
 
 def picture_of(item: ProcessedFrame, name: str) -> np.ndarray:

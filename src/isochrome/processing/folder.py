@@ -36,15 +36,14 @@ from isochrome.processing.chunk import (
     picture_of,
 )
 from isochrome.processing.frame_task import FrameTask
+from isochrome.processing.in_common import add_frame_row, warnings_last
 from isochrome.processing.pictures.figure import Shown, set_figure, shown_frames, shown_label
 from isochrome.processing.placement import set_grid, shift_of
 from isochrome.processing.processed import (
     FIGURE,
     Processed,
-    add_frame_row,
     collect,
     refuse_unread,
-    warnings_last,
 )
 from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.processing.run_report import process_report

@@ -1,7 +1,8 @@
-"""What the frames of a set say together of each one's uncertainties: one camera, one worn block."""
+"""The table of a set, and what its frames say together of each one's uncertainties."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,18 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.special import chdtri
 
 from isochrome.fitting import EARLIER, FRICTION, LOAD, WEAR
-from isochrome.output import numbers
-from isochrome.processing.result import CAUSES, FOLLOWED, FOUND_BY, SEPARATOR, SPREAD, causes_of
+from isochrome.output import Floats, FrameValues, numbers
+from isochrome.processing.result import (
+    CAUSES,
+    FOLLOWED,
+    FOUND_BY,
+    PICTURE,
+    SEARCHED,
+    SEPARATOR,
+    SPREAD,
+    cell_values,
+    whole_frames,
+)
 from isochrome.scene import Scene
 
 _GAMMA = "gamma"
@@ -27,6 +38,67 @@ _OF_PAST_LOADS = 0.3
 """Shift of a wear coefficient, over it, for each unit by which the loads before scattered, over
 their mean, where one steady load stands for them. Of the paper's contact it is 0.05 to 0.28 at 10
 to 180 m, with loads that swing by 5 and 10 %."""
+
+
+def fitted_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
+    """The columns of frames.csv that have a standard uncertainty beside them."""
+    return tuple(name for name in table if f"{name} {SPREAD}" in table)
+
+
+def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
+    """The fitted values of frames.csv.
+
+    Parameters: `table`, its columns. Returns FrameValues.
+    """
+    keys, count = fitted_keys(table), len(table["frame"])
+    values, spreads = (
+        np.array([numbers(table[f"{key}{ending}"]) for key in keys]).reshape(len(keys), count).T
+        for ending in ("", f" {SPREAD}")
+    )
+    none = [None] * count
+    return FrameValues(
+        keys=keys,
+        values=values,
+        standard_uncertainty=spreads,
+        chi=numbers(table["chi"]),
+        distance_m=numbers(table["distance_m"]),
+        searched=np.array([found == SEARCHED for found in table.get(FOUND_BY, none)]),
+        whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
+    )
+
+
+def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """Rows as columns, in order of first appearance, the warnings last; None where a row has none.
+
+    Parameters: `rows`, of frames.csv, one a frame. Returns column name to values.
+    """
+    table: dict[str, Any] = {}
+    for number, row in enumerate(rows):
+        add_frame_row(table, number, row)
+    return warnings_last(table)
+
+
+def add_frame_row(table: dict[str, Any], number: int, row: Mapping[str, Any]) -> None:
+    """Add a row to columns, None where it has no value of one.
+
+    An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
+    the one before it takes no room of its own.
+    Parameters: `table`, column name to values, which grow; `number` of rows in it; `row`.
+    """
+    for name, value in row.items():
+        if name not in table:
+            table[name] = Floats("d") if not number and type(value) is float else [None] * number
+    for name, values in table.items():
+        value = row.get(name)
+        if isinstance(values, Floats) and type(value) is not float:
+            values = table[name] = values.tolist()
+        again = number and isinstance(value, str) and values[-1] == value
+        values.append(values[-1] if again else value)
+
+
+def warnings_last(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns in their order, the one of the longest texts last."""
+    return dict(sorted(table.items(), key=lambda item: item[0] == "warnings"))
 
 
 def with_scatter_of_gamma(table: dict[str, list[Any]]) -> dict[str, list[Any]]:
@@ -85,7 +157,7 @@ def with_past_friction(table: dict[str, list[Any]], scene: Scene) -> dict[str, l
     away = slid - slid[0]
     past = np.divide(_integral(slid, own), away, out=own.copy(), where=away > 0.0)
     causes = table.get(CAUSES) or [""] * len(table[name])
-    shown = [EARLIER in causes_of(causes[k] or "") for k in order]
+    shown = [EARLIER in cell_values(causes[k] or "") for k in order]
     return _widened(table, name, order, np.where(shown, 0.0, _OF_THE_PAST * np.abs(own - past)))
 
 

@@ -21,6 +21,7 @@ from isochrome.output import numbers
 from isochrome.processing.api import check_scene
 from isochrome.processing.chunk import frame_row
 from isochrome.processing.frame_task import FrameSource, FrameTask, own_scene
+from isochrome.processing.in_common import fitted_keys, tabulate_set
 from isochrome.processing.kinds.image_only import (
     frame_signal,
     orders_of,
@@ -28,8 +29,15 @@ from isochrome.processing.kinds.image_only import (
     refused_low,
     wave_of,
 )
-from isochrome.processing.processed import fitted_keys
-from isochrome.processing.result import CAUSES, SPREAD, Capture, ProcessedFrame, causes_of
+from isochrome.processing.processed import Processed
+from isochrome.processing.result import (
+    CAUSES,
+    REFINED,
+    SPREAD,
+    Capture,
+    ProcessedFrame,
+    cell_values,
+)
 from isochrome.runs import single_threaded
 from isochrome.scene import FramesLike, Scene, check_pixel
 
@@ -60,12 +68,15 @@ class FrameValue:
         Its standard uncertainty.
     asked : bool
         Whether the frame asked for it, besides the scene's own unknowns.
+    refined : bool, default False
+        Whether the scene states it, the frame knows more of it, and both agree.
     """
 
     key: str
     value: float
     standard_uncertainty: float
     asked: bool
+    refined: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,10 +89,13 @@ class FrameResult:
         Its maps and warnings.
     row : dict of str to Any
         Its row of frames.csv.
+    summary_text : str
+        What was found as a sentence.
     """
 
     frame: ProcessedFrame
     row: dict[str, Any]
+    summary_text: str
 
     @property
     def values(self) -> tuple[FrameValue, ...]:
@@ -91,9 +105,9 @@ class FrameResult:
             return self._read_values
         if not self.frame.has_values:
             return ()
-        asked = causes_of(self.row.get(CAUSES) or "")
+        asked, refined = (cell_values(self.row.get(name) or "") for name in (CAUSES, REFINED))
         return tuple(
-            FrameValue(key, float(value), float(spread), key in asked)
+            FrameValue(key, float(value), float(spread), key in asked, key in refined)
             for key, value, spread in zip(
                 fit.keys, fit.values, fit.standard_uncertainty, strict=True
             )
@@ -133,7 +147,12 @@ def process_frame(frames: FramesLike, scene: Scene, index: int) -> FrameResult:
     """
     with _captured(frames, scene, index) as (source, number, states):
         found = source.processed(number, states)
-    return FrameResult(found, frame_row(found, source.recipe))
+        row = frame_row(found, source.recipe)
+    whole = Processed(
+        scene=scene, model=scene.model, columns=tabulate_set([row]), frames=[found], fitted=None,
+        warnings=found.warnings,
+    )  # fmt: skip
+    return FrameResult(found, row, whole.summary_text)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,21 +20,29 @@ from isochrome.fitting import (
     LOAD,
     fitted_scene,
     over_distance,
+    stated_pairs,
+    taken_as_exact,
     untracked_inputs,
 )
 from isochrome.fringes import ResidualStress
 from isochrome.output import (
-    Floats,
     FrameValues,
     Result,
+    basis_of_uncertainty,
     counted,
     messages_of_frames,
     numbers,
     over_items,
     read_csv,
+    refined_texts,
+    rows_by_key,
     saved_picture,
+    sentence_of,
+    sentence_of_orders,
 )
 from isochrome.processing.in_common import (
+    fitted_keys,
+    frame_values,
     with_past_friction,
     with_past_loads,
     with_scatter_of_gamma,
@@ -46,11 +54,11 @@ from isochrome.processing.result import (
     NOTHING,
     ORDER_SPREAD,
     PICTURE,
-    SEARCHED,
+    REFINED,
     SEPARATOR,
     SPREAD,
     ProcessedFrame,
-    causes_of,
+    cell_values,
     own_values,
     whole_frames,
 )
@@ -95,6 +103,8 @@ class Processed(Result):
         Whether an earlier run had left it all.
     failed : int, default 0
         How many frames were left out.
+    as_stated : bool, default False
+        Whether the frames were asked for nothing but the scene's unknowns.
     load : callable, optional
         Makes the dataset.
     """
@@ -108,6 +118,7 @@ class Processed(Result):
     residual: ResidualStress | None = None
     already: bool = False
     failed: int = 0
+    as_stated: bool = False
     load: Callable[[], RunDataset] | None = field(default=None, compare=False)
 
     @property
@@ -148,7 +159,8 @@ class Processed(Result):
             yield key, over_items(self.columns[key], self.columns[f"{key} {SPREAD}"])
         for name in ("n_max", ORDER_SPREAD, "chi", "kept_share", "fringe_lines"):
             if any(value is not None for value in self.columns.get(name, ())):
-                yield name, over_items(self.columns[name])
+                digits = 2 if name == ORDER_SPREAD else 5
+                yield name, over_items(self.columns[name], digits=digits)
 
     @property
     def asks_causes(self) -> bool:
@@ -158,14 +170,50 @@ class Processed(Result):
     @property
     def causes(self) -> list[str]:
         """What frames asked for besides the scene: keys, and how many frames did."""
-        cells = [causes_of(cell or "") for cell in self.columns.get(CAUSES, ())]
+        cells = [cell_values(cell or "") for cell in self.columns.get(CAUSES, ())]
         asked = Counter(key for cell in cells for key in cell)
         return [f"{key} ({n} of {counted(len(cells), 'frame')})" for key, n in asked.items()]
+
+    @property
+    def refined(self) -> list[str]:
+        """What frames know better than the scene states it, and agree with."""
+        cells = (cell_values(cell or "") for cell in self.columns.get(REFINED, ()))
+        found = [(key, *pair) for cell in cells for key, pair in cell.items()]
+        names = ("key", "value", SPREAD)
+        rows = rows_by_key({name: [row[k] for row in found] for k, name in enumerate(names)})
+        return refined_texts(rows.values(), stated_pairs(self.scene))
+
+    @property
+    def taken_as_exact(self) -> tuple[str, ...]:
+        """Keys of the measured numbers whose uncertainty is in no ±."""
+        keys = fitted_keys(self.columns)
+        by_model = keys and self.model is not None and self.asks_causes
+        return taken_as_exact(self.scene, keys, tracked=self.tracked) if by_model else ()
+
+    @property
+    def uncertainty_basis(self) -> str:
+        """What the ± are of, and what was taken as exact."""
+        known = not self.tracked and bool(stated_pairs(self.scene))
+        besides = ["the stated uncertainties"] * known
+        return basis_of_uncertainty(
+            self.taken_as_exact, frames=len(self.columns["frame"]), besides=besides
+        )
+
+    @property
+    def summary_text(self) -> str:
+        """What was found as a sentence, the same on the terminal and in a report."""
+        rows = list(zip(*self.summary().values(), strict=True))
+        if not rows:
+            return sentence_of_orders(self.columns)
+        causes = self.causes if self.asks_causes and not self.as_stated else None
+        count, basis = len(self.columns["frame"]), self.uncertainty_basis
+        return sentence_of(rows, count, causes, refined=self.refined, basis=basis)
 
     def to_json(self) -> dict[str, Any]:
         """The table of all frames, of a tracked video with what they come to."""
         found: dict[str, Any] = {"model": self.model, "frames": self.columns}
         found |= {"summary": self.summary()} if self.tracked else {}
+        found |= {"summary_text": self.summary_text, "taken_as_exact": list(self.taken_as_exact)}
         return found | {"warnings": list(self.warnings)}
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
@@ -176,67 +224,6 @@ class Processed(Result):
         from isochrome.processing.pictures.paper_panels import processed_panels
 
         return processed_panels(self, frames)
-
-
-def fitted_keys(table: Mapping[str, Any]) -> tuple[str, ...]:
-    """The columns of frames.csv that have a standard uncertainty beside them."""
-    return tuple(name for name in table if f"{name} {SPREAD}" in table)
-
-
-def frame_values(table: Mapping[str, Sequence[Any]]) -> FrameValues:
-    """The fitted values of frames.csv.
-
-    Parameters: `table`, its columns. Returns FrameValues.
-    """
-    keys, count = fitted_keys(table), len(table["frame"])
-    values, spreads = (
-        np.array([numbers(table[f"{key}{ending}"]) for key in keys]).reshape(len(keys), count).T
-        for ending in ("", f" {SPREAD}")
-    )
-    none = [None] * count
-    return FrameValues(
-        keys=keys,
-        values=values,
-        standard_uncertainty=spreads,
-        chi=numbers(table["chi"]),
-        distance_m=numbers(table["distance_m"]),
-        searched=np.array([found == SEARCHED for found in table.get(FOUND_BY, none)]),
-        whole=np.array(whole_frames(table) if PICTURE in table else none, dtype=bool),
-    )
-
-
-def tabulate_set(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
-    """Rows as columns, in order of first appearance, the warnings last; None where a row has none.
-
-    Parameters: `rows`, of frames.csv, one a frame. Returns column name to values.
-    """
-    table: dict[str, Any] = {}
-    for number, row in enumerate(rows):
-        add_frame_row(table, number, row)
-    return warnings_last(table)
-
-
-def add_frame_row(table: dict[str, Any], number: int, row: Mapping[str, Any]) -> None:
-    """Add a row to columns, None where it has no value of one.
-
-    An hour of video has a hundred thousand rows: columns of numbers are Floats, and a text that is
-    the one before it takes no room of its own.
-    Parameters: `table`, column name to values, which grow; `number` of rows in it; `row`.
-    """
-    for name, value in row.items():
-        if name not in table:
-            table[name] = Floats("d") if not number and type(value) is float else [None] * number
-    for name, values in table.items():
-        value = row.get(name)
-        if isinstance(values, Floats) and type(value) is not float:
-            values = table[name] = values.tolist()
-        again = number and isinstance(value, str) and values[-1] == value
-        values.append(values[-1] if again else value)
-
-
-def warnings_last(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns in their order, the one of the longest texts last."""
-    return dict(sorted(table.items(), key=lambda item: item[0] == "warnings"))
 
 
 def collect(
@@ -344,7 +331,7 @@ def restore(
     with open_run(out) as dataset:
         table = {name: column_values(dataset[identifier(name)]) for name in names}
         status = column_values(dataset["status"])
-    for name in ("warnings", CAUSES):
+    for name in ("warnings", CAUSES, REFINED):
         if name in table:
             table[name] = ["" if text is None else text for text in table[name]]
     draw = partial(saved_picture, out.absolute() / FIGURE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,9 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.calibration import LoadSeries
-from isochrome.fitting import GAMMA, LOAD, FrameFit, Tracked, free_keys, sliding_scene
+from isochrome.fitting import (
+    GAMMA,
+    LOAD,
+    FrameFit,
+    Tracked,
+    free_keys,
+    sliding_scene,
+    stated_pairs,
+)
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
+from isochrome.output import agree
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
@@ -37,6 +47,9 @@ SEPARATOR = " | "
 
 CAUSES = "causes"
 """Column of what frames asked for besides the scene's unknowns."""
+
+REFINED = "refined"
+"""Column of what frames know better than their scene states it, and agree with."""
 
 EXPLAINED = "explained_share"
 """Column of the share of a frame's light that the frames of known loads explain."""
@@ -64,7 +77,7 @@ def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
         keys = _set_keys(scene)
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
         own = ("kept_share", "n_max", "n_max_x_mm", "n_max_z_mm", *values)
-        own += (CAUSES,)
+        own += (CAUSES, REFINED) if stated_pairs(scene) and not tracked else (CAUSES,)
     else:
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
         loads = bool(scene.frames.known_loads_n)
@@ -81,27 +94,34 @@ def _set_keys(scene: Scene) -> tuple[str, ...]:
     return (*keys, GAMMA) if scene.frames.gamma == "unknown" else keys
 
 
-def row_of_set(row: dict[str, Any], columns: Iterable[str]) -> dict[str, Any]:
+def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dict[str, Any]:
     """A frame's row as the set's columns have it: values of no column of theirs are its causes.
 
-    Parameters: `row`; `columns`, of `frame_columns`. Returns a value, or None, for each column.
+    Those that agree with what the scene states of them are refined instead.
+    Parameters: `row`; `columns`, of `frame_columns`; `scene`, of the set. Returns a value, or None,
+    for each column.
     """
     found = {name: row.get(name) for name in columns}
-    if CAUSES in found:
-        asked = (key for key in row if key not in found and f"{key} {SPREAD}" in row)
-        found[CAUSES] = "; ".join(
-            f"{key} = {row[key]!r} ± {row[f'{key} {SPREAD}']!r}" for key in asked
-        )
+    asked = {
+        key: (row[key], row[f"{key} {SPREAD}"])
+        for key in row
+        if CAUSES in found and key not in found and f"{key} {SPREAD}" in row
+    }
+    stated = stated_pairs(scene) if REFINED in found else {}
+    near = [key for key, pair in asked.items() if key in stated and agree(pair, stated[key])]
+    for name, keys in ((CAUSES, [key for key in asked if key not in near]), (REFINED, near)):
+        if name in found:
+            found[name] = "; ".join(f"{k} = {asked[k][0]!r} ± {asked[k][1]!r}" for k in keys)
     return found
 
 
-def causes_of(text: str) -> dict[str, float]:
-    """The values that a cell of the column of causes holds.
+def cell_values(text: str) -> dict[str, tuple[float, float]]:
+    """What a cell of the column of causes, or of refined values, holds.
 
-    Parameters: `text` of the cell. Returns key to value.
+    Parameters: `text` of the cell. Returns key to value and standard uncertainty.
     """
-    parts = (part.partition(" = ") for part in text.split("; ") if part)
-    return {key: float(value.partition(" ± ")[0]) for key, _, value in parts}
+    parts = (re.split(" = | ± ", part) for part in text.split("; ") if part)
+    return {key: (float(value), float(spread)) for key, value, spread in parts}
 
 
 @dataclass(frozen=True)
@@ -347,7 +367,8 @@ def value_columns(
 def own_values(table: Mapping[str, list[Any]], keys: Iterable[str], k: int) -> dict[str, float]:
     """What was fitted to a frame: the values of keys, and those that it asked for."""
     values = {key: table[key][k] for key in keys if table[key][k] is not None}
-    return values | causes_of(table[CAUSES][k] or "" if CAUSES in table else "")
+    cells = (table[name][k] or "" for name in (CAUSES, REFINED) if name in table)
+    return values | {key: pair[0] for cell in cells for key, pair in cell_values(cell).items()}
 
 
 def whole_frames(table: Mapping[str, Sequence[Any]]) -> list[bool]:

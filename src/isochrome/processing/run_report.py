@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,15 +15,19 @@ from isochrome.fitting import (
     frame_scene,
     scene_at,
     sliding_scene,
-    taken_as_exact,
 )
-from isochrome.output import counted, numbers, sentence_of, sentence_of_orders
+from isochrome.output import counted, numbers, with_uncertainty
 from isochrome.processing.chunk import NORMALISED, ORDER
-from isochrome.processing.processed import (
-    Processed,
-    fitted_keys,
+from isochrome.processing.in_common import fitted_keys
+from isochrome.processing.processed import Processed
+from isochrome.processing.result import (
+    CAUSES,
+    EXPLAINED,
+    PICTURE,
+    REFINED,
+    cell_values,
+    own_values,
 )
-from isochrome.processing.result import CAUSES, EXPLAINED, PICTURE, own_values
 from isochrome.reporting import (
     FRINGES,
     SIGNAL,
@@ -48,9 +52,14 @@ from isochrome.stress import pixel_grid
 Array = NDArray[Any]
 
 _NO_BUDGET = (
-    "Processing states the ± of the images' noise, without the shares of what the scene states; "
-    "isochrome fit with the same frames gives them."
+    "Processing states each ± without the shares of what it is of; isochrome fit with the same "
+    "frames gives them."
 )
+
+_CAPTIONS = {
+    CAUSES: "What the frames asked for besides the scene",
+    REFINED: "What the frames know better than the scene states it",
+}
 
 _OF_KNOWN_LOADS = (
     "The ± of a load holds what the frames leave open, and how well the known loads agree among "
@@ -81,13 +90,10 @@ def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> 
         Where the store cannot be read.
     """
     table, scene = result.columns, result.scene
-    rows = list(zip(*result.summary().values(), strict=True))
-    count = len(table["frame"])
-    fitted = scene.model is not None and bool(rows)
-    by_model = fitted and result.asks_causes
-    looked = not (record.get("options") or {}).get("as_stated", False)
-    looked &= result.asks_causes
-    verdict = sentence_of(rows, count, result.causes, looked) if rows else sentence_of_orders(table)
+    as_stated = (record.get("options") or {}).get("as_stated", False)
+    fitted = scene.model is not None and bool(fitted_keys(table))
+    looked = result.asks_causes and not as_stated
+    verdict = replace(result, as_stated=as_stated).summary_text
     frames, choice = _frames(store, scene, table)
     return ReportContent(
         command="process",
@@ -98,8 +104,9 @@ def process_report(store: Any, result: Processed, record: Mapping[str, Any]) -> 
         curves=curves_of(result.over_frames),
         no_budget=_no_budget(fitted, result.asks_causes),
         causes=result.causes if looked and fitted else None,
+        refined=result.refined,
         tables=_causes(table),
-        taken_as_exact=taken_as_exact(scene, fitted_keys(table)) if by_model else (),
+        taken_as_exact=result.taken_as_exact,
         warnings=result.warnings,
         scene=dump_scene(scene),
         paper=paper_rows(scene, record),
@@ -132,15 +139,17 @@ def _goodness(table: Mapping[str, list[Any]]) -> str:
 
 def _causes(table: Mapping[str, list[Any]]) -> list[ReportTable]:
     """What each frame asked for, with its value."""
-    cells = table.get(CAUSES, [])
-    asking = [k for k, text in enumerate(cells) if text]
-    if not asking:
-        return []
-    columns = {
-        "frame": [table["frame"][k] for k in asking],
-        "asked for": [cells[k] for k in asking],
-    }
-    return [ReportTable("What the frames asked for besides the scene (frames.csv)", columns)]
+    found = []
+    for name, caption in _CAPTIONS.items():
+        cells = [cell_values(text or "") for text in table.get(name, [])]
+        asking = [k for k, values in enumerate(cells) if values]
+        texts = [
+            "; ".join(f"{key} = {with_uncertainty(*pair)}" for key, pair in cells[k].items())
+            for k in asking
+        ]
+        columns = {"frame": [table["frame"][k] for k in asking], name: texts}
+        found += [ReportTable(f"{caption} (frames.csv)", columns)] if asking else []
+    return found
 
 
 def _frames(

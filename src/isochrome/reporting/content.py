@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from isochrome.guide import explain_message
+from isochrome.output import to_last_digit
 from isochrome.reporting.charts import Curve
 from isochrome.reporting.pictures import ReportFrame
 
 _MOST_ROWS = 60
 """Rows of a table in a report: the run's own file has all of them."""
+
+_SPREAD = "standard_uncertainty"
 
 _MOST_MESSAGES = 30
 """Of a group of warnings: each frame of a long run may have one of its own."""
@@ -28,10 +31,19 @@ class ReportTable:
     def rows(self) -> list[tuple[tuple[str, bool], ...]]:
         """The first rows: each value as text, and whether it is a number, which is not broken."""
         cells = (
-            [(_text(v), isinstance(v, int | float)) for v in values[:_MOST_ROWS]]
-            for values in self.columns.values()
+            [(text, isinstance(v, int | float)) for text, v in zip(texts, values, strict=False)]
+            for name, values in self.columns.items()
+            for texts in [self._texts(name)]
         )
         return list(zip(*cells, strict=True))
+
+    def _texts(self, name: str) -> list[str]:
+        """The first cells of a column: a ± with two digits, a value to the last of its own."""
+        values = self.columns[name][:_MOST_ROWS]
+        own = _SPREAD if name == "value" else f"{name} {_SPREAD}"
+        spreads = self.columns.get(own, [None] * len(values))
+        digits = 2 if name.endswith(("uncertainty", "bound")) else 5
+        return [_text(*pair, digits) for pair in zip(values, spreads, strict=False)]
 
     @property
     def left_out(self) -> int:
@@ -55,7 +67,8 @@ class ReportContent:
     # what the frames asked for besides the scene; None: nobody asked
     causes: Sequence[str] | None = None
     causes_text: str = ""  # what to say where there is no such list
-    # measured numbers that the scene states without an uncertainty
+    refined: Sequence[str] = ()  # what the frames know better than the scene states it
+    # keys of measured numbers whose uncertainty is not in the ±
     taken_as_exact: Sequence[str] = ()
     warnings: Sequence[str] = ()
     scene: str = ""  # resolved, TOML, or a calibration's settings
@@ -85,7 +98,9 @@ def warnings_with_remedies(warnings: Iterable[str]) -> list[dict[str, Any]]:
     return list(groups.values())
 
 
-def _text(value: Any) -> str:
+def _text(value: Any, spread: Any, digits: int) -> str:
     if value is None or value != value:
         return "not known"
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    return to_last_digit(value, spread) if spread else f"{value:.{digits}g}"

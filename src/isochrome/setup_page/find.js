@@ -40,7 +40,8 @@ get("find").addEventListener("click", () => {
 function showFound({ frame, chi, found, warnings }) {
   const holder = get("find-result"), head = document.createElement("p");
   head.textContent = "Found in frame " + frame + "; the fringes leave " +
-    (chi === null ? "what is not known" : chi.toFixed(2) + " times the frame's noise") + ":";
+    (chi === null ? "what is not known" : chi.toFixed(2) + " times the frame's noise") +
+    "; ± from the picture alone: what was given was taken as exact.";
   const table = tableUnder(["Value", "Found ± (standard)"]), body = table.createTBody();
   for (const one of found) {
     const row = body.insertRow(), what = row.insertCell();

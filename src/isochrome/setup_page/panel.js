@@ -302,13 +302,15 @@ get("fit").addEventListener("click", async () => {
   } catch (error) { refused(error); } finally { get("fit").disabled = !page.state.model; }
 });
 function showFit() {
-  const { values, warnings, chi, wrong, kept_share: kept, frame } = page.fit, holder = get("fit-result");
+  const { values, warnings, chi, wrong, kept_share: kept, frame, summary_text: summary } = page.fit, holder = get("fit-result");
   holder.replaceChildren();
   get("take-all").hidden = wrong || !values.length;
   const head = document.createElement("p");
   head.textContent = "Frame " + frame + ": chi = " + (chi === null ? "not known" : chi.toFixed(2)) +
     " (1 = within the noise)" + (kept ? "; order read in " + Math.round(100 * kept) + " % of the specimen." : ".");
-  holder.append(head);
+  const sentence = document.createElement("p");
+  sentence.textContent = summary + ".";
+  holder.append(head, ...(values.length ? [sentence] : []));
   if (wrong && values.length) {
     const why = document.createElement("p");
     why.textContent = "chi is over 3: the model leaves far more than the noise, so its values are not offered together. See the warnings, and set right what is wrong first.";
@@ -322,6 +324,7 @@ function showFit() {
       const what = row.insertCell();
       what.textContent = nameOf(one.key);
       if (one.asked) what.append(": the frame asks for it");
+      if (one.refined) what.append(": refined, and in agreement with what is stated");
       valueCell(row, one.text);
       button.type = "button";
       button.textContent = "Take";

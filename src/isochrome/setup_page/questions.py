@@ -49,8 +49,8 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
     """Fit the scene to one frame, from 0, as `process` does, and say what was found.
 
     `values`: key, value, its ± as text, the TOML line that states it, and whether the frame asked
-    for it; `chi`, whether it is `wrong`, `kept_share`, and `warnings`. PhysicsError where the frame
-    does not show the model.
+    for it, or refines it; `summary_text`, all of it as a sentence; `chi`, whether it is `wrong`,
+    `kept_share`, and `warnings`. PhysicsError where the frame does not show the model.
     """
     scene = session.scene()
     if scene.model is None:
@@ -65,6 +65,7 @@ def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
         "chi": found.frame.chi,
         # not where it is not known; a load that is read against others has the misfit in its ±
         "wrong": found.frame.fit is not None and found.frame.chi > _WRONG_CHI,
+        "summary_text": found.summary_text,
         "kept_share": found.row.get("kept_share"),
         "values": [*_scale_row(scene, found), *map(_value_row, found.values)],
         "warnings": list(found.frame.warnings),
@@ -79,6 +80,7 @@ def _value_row(one: FrameValue) -> dict[str, Any]:
         "text": with_uncertainty(one.value, one.standard_uncertainty),
         "line": f"{one.key.partition('.')[2]} = {toml_text(value)}",
         "asked": one.asked,
+        "refined": one.refined,
     }
 
 
@@ -90,7 +92,7 @@ def _scale_row(scene: Scene, found: FrameResult) -> list[dict[str, Any]]:
         return []
     value = float(f"{pixel:.6g}")
     row = {"key": "camera.pixel_mm", "value": value, "text": f"{value:.6g} (by the rim)"}
-    return [row | {"line": f"pixel_mm = {toml_text(value)}", "asked": False}]
+    return [row | {"line": f"pixel_mm = {toml_text(value)}", "asked": False, "refined": False}]
 
 
 def check_answer(session: SetupSession) -> dict[str, Any]:

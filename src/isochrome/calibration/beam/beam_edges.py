@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from isochrome.calibration.beam.beam_fit import BeamFit
 from isochrome.calibration.settings import Beam, Uncertainty
 from isochrome.errors import InputError
+from isochrome.output import with_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -121,10 +122,11 @@ def check_beam_scale(
         return
     own, share = beam.height_mm / found.height_px, found.standard_uncertainty / found.height_px
     raise InputError(
-        f"the beam's edges are {found.height_px:.1f} ± {found.standard_uncertainty:.1f} px apart, "
+        f"the beam's edges are {with_uncertainty(found.height_px, found.standard_uncertainty)} px "
+        "apart, "
         f"and beam.height_mm / camera.pixel_mm = {beam.height_mm:g} / {pixel_mm:g} makes "
         f"{stated:.1f}: f_sigma would be {off:.1%} off; correct the one that is wrong "
-        f"(pixel_mm = {own:.5g} ± {own * share:.2g} would agree), or state its uncertainty"
+        f"(pixel_mm = {with_uncertainty(own, own * share)} would agree), or state its uncertainty"
     )
 
 

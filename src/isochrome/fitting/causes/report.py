@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from isochrome.fitting.causes.cause import Cause
@@ -11,8 +12,9 @@ from isochrome.fitting.causes.score import Asked
 from isochrome.fitting.causes.solution import Askable
 from isochrome.fitting.causes.trials import lying_otherwise
 from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.frame.inputs import PIXEL, taken_as_exact
 from isochrome.fitting.frame.unknowns import FRICTION, LOAD, TANGENTIAL
-from isochrome.output import per_cent, with_uncertainty
+from isochrome.output import agree, per_cent, with_uncertainty
 from isochrome.scene import Scene
 
 _FAR = 4.0
@@ -57,7 +59,7 @@ def cause_messages(
         return (freed.slip.sentence(),)
     own = tuple(cause for cause in freed.causes if not cause.weight)
     messages = [_freed_sentence(freed, own, rivals or {})] if own else []
-    messages += [_stated_sentence(freed, cause) for cause in freed.causes if cause.weight]
+    messages += [text for text in map(partial(_contradicted, freed), freed.causes) if text]
     if freed.light and light:
         messages.append(
             f"{freed.now.light_words}; no-load frames (frames.no_load_bright, no_load_dark) show "
@@ -160,25 +162,21 @@ def _said(solution: Askable, key: str) -> str:
     )
 
 
-def _stated_sentence(freed: Freed[Any], cause: Cause) -> str:
-    """What the frame says of the values that are stated with their uncertainties."""
-    now = freed.now
-    values = ", ".join(_told(freed, key) for key in cause.keys)
-    text = (
-        f"{_verb(now, 'tell')} more of {len(cause.keys)} stated value(s) than their uncertainties: "
-        f"fitted too, with these as priors ({values})"
-    )
-    away = {
-        key: (now.values_of_key(key)[0][0] - stated) * weight**0.5
-        for key, stated, weight in zip(cause.keys, cause.starts, cause.weight, strict=True)
-    }
-    far = [f"{key} by {pull:+.1f}" for key, pull in away.items() if abs(pull) > _FAR]
-    if far:
-        text += (
-            f"; {', '.join(far)} of its stated standard uncertainties off, which no measurement "
-            "is: measure again, or look for what else is wrong"
-        )
-    return text
+def _contradicted(freed: Freed[Any], cause: Cause) -> str:
+    """What the frame says against values that are stated with their uncertainties; '' if nothing.
+
+    Those that agree with it are refined, which is no cause.
+    """
+    far = [
+        f"{_told(freed, key)}, stated as {with_uncertainty(value, weight**-0.5)}"
+        for key, value, weight in zip(cause.keys, cause.starts, cause.weight, strict=False)
+        if not agree(_pair(freed, key), (value, weight**-0.5))
+    ]
+    return (
+        f"{_verb(freed.now, 'contradict')} what is stated of {len(far)} value(s), by more than two "
+        f"of the uncertainties of both ({'; '.join(far)}): fitted too; measure again, or look for "
+        "what else is wrong"
+    ) * bool(far)
 
 
 def _freed_sentence(
@@ -202,12 +200,19 @@ def _told(freed: Freed[Any], key: str) -> str:
     """A key with its value and the uncertainty that the results have, which is not the fit's alone:
     causes that the frame neither asks for nor excludes are counted.
     """
-    fit = freed.fit
-    if not isinstance(fit, FrameFit):  # of several frames, or of the only one of a film
+    if not isinstance(freed.fit, FrameFit):  # of several frames, or of the only one of a film
         return _said(freed.now, key)
+    return f"{key} = {with_uncertainty(*_pair(freed, key))}"
+
+
+def _pair(freed: Freed[Any], key: str) -> tuple[float, float]:
+    """Value and standard uncertainty of a key; the first of several frames' own."""
+    fit, now = freed.fit, freed.now
+    if not isinstance(fit, FrameFit):
+        first: tuple[float, float] = now.values_of_key(key)[0]
+        return first
     place = fit.keys.index(key)
-    pair = float(fit.values[place]), float(fit.standard_uncertainty[place])
-    return f"{key} = {with_uncertainty(*pair)}"
+    return float(fit.values[place]), float(fit.standard_uncertainty[place])
 
 
 def _shift(freed: Freed[Any]) -> str:
@@ -232,9 +237,12 @@ def _suspect_sentence(solution: Askable, suspects: list[Asked]) -> str:
         assert asked.cause is not None
         (key,), (value,) = asked.cause.keys, asked.values
         parts.append(f"{key} {100.0 * value / float(scene.get(key)):+.2g} %")
-    wrong = "camera.pixel_mm, specimen.fringe_value_n_per_mm or a size of the specimen"
-    if scene.indenter is not None:
-        wrong += ", the moduli or indenter.radius_mm"
+    open_ = [
+        key
+        for key in taken_as_exact(scene, solution.keys, tracked=True)
+        if key.startswith((PIXEL, "specimen.", "indenter.")) and not scene.uncertainties.get(key)
+    ]
+    wrong = " or ".join(filter(None, (", ".join(open_[:-1]), open_[-1])))
     return (
         f"{_verb(solution, 'contradict')} the scale ({' or '.join(parts)} would mend it): {wrong} "
         f"is wrong, and {_who(solution)} cannot tell which; measure them again, the load depends "

@@ -18,14 +18,13 @@ _FOLLOWED = (LEFT, TOP, PIXEL, BLUR, GAMMA, *LENS)
 """What fringes follow of the camera and the frames; all measured numbers of other tables."""
 
 _MATTER = (
-    "specimen.young_gpa", "specimen.poisson", "specimen.thickness_mm",
-    "specimen.fringe_value_n_per_mm", "specimen.diameter_mm", "specimen.hole_mm",
-    "specimen.height_mm", "specimen.width_mm", "indenter.radius_mm", "indenter.half_width_mm",
-    "indenter.young_gpa", "indenter.poisson", "load.normal_n", "load.tangential_n",
-    "load.bulk_mpa", "load.inner_span_mm", "load.outer_span_mm", "friction.coefficient",
-    "wear.coefficient_mm2_per_n", LEFT, TOP, PIXEL,
+    PIXEL, "specimen.thickness_mm", "specimen.fringe_value_n_per_mm", "load.normal_n",
+    "specimen.diameter_mm", "specimen.hole_mm", "specimen.height_mm", "specimen.width_mm",
+    "load.inner_span_mm", "load.outer_span_mm", "indenter.radius_mm", "indenter.half_width_mm",
+    "specimen.young_gpa", "indenter.young_gpa", "specimen.poisson", "indenter.poisson",
+    "load.tangential_n", "load.bulk_mpa", "friction.coefficient", WEAR, LEFT, TOP,
 )  # fmt: skip
-"""Measured numbers that the fringes of some scene follow."""
+"""Measured numbers that the fringes of some scene follow, those that move a load most first."""
 
 _OF_CONTACT = ("specimen.young_gpa", "specimen.poisson")
 _OF_BLOCK = ("specimen.height_mm", "specimen.width_mm")
@@ -83,6 +82,22 @@ def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
     return inputs_of_rows(found)
 
 
+def stated_pairs(scene: Scene) -> dict[str, tuple[float, float]]:
+    """Give what a scene states with an uncertainty and its fringes follow.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    dict of str to tuple of two floats
+        Key to value and standard uncertainty.
+    """
+    return {key: (value, spread) for key, value, spread in stated_inputs(scene).rows}
+
+
 def inputs_of_rows(rows: Iterable[tuple[str, float, float]]) -> StatedInputs:
     """Stated inputs from their keys, values and standard uncertainties."""
     columns = tuple(zip(*rows, strict=True))
@@ -90,10 +105,12 @@ def inputs_of_rows(rows: Iterable[tuple[str, float, float]]) -> StatedInputs:
     return StatedInputs(tuple(keys), np.array(values, float), np.array(spread, float))
 
 
-def taken_as_exact(scene: Scene, keys: tuple[str, ...]) -> tuple[str, ...]:
+def taken_as_exact(
+    scene: Scene, keys: tuple[str, ...], *, tracked: bool = False
+) -> tuple[str, ...]:
     """Name the measured numbers that move a scene's fringes, and that a fit takes as exact.
 
-    Numbers with a stated uncertainty, 0 too, are none of them.
+    Numbers with a stated uncertainty, 0 too, are none of them, but for a track.
 
     Parameters
     ----------
@@ -101,15 +118,18 @@ def taken_as_exact(scene: Scene, keys: tuple[str, ...]) -> tuple[str, ...]:
         The scene.
     keys : tuple of str
         The fit's unknowns.
+    tracked : bool, default False
+        Whether its ± leave out what the scene states of others.
 
     Returns
     -------
     tuple of str
-        Their keys.
+        Their keys, those that move a load most first.
     """
     exact = []
+    counted = () if tracked else scene.uncertainties
     for key in _MATTER:
-        if key in keys or key in scene.uncertainties or not _is_used(scene, key):
+        if key in keys or key in counted or not _is_used(scene, key):
             continue
         try:
             value = scene.get(key)
@@ -127,4 +147,6 @@ def _is_used(scene: Scene, key: str) -> bool:
         return contact
     if key in _OF_BLOCK:
         return not contact or scene.specimen.shape is not None
+    if key == WEAR and scene.wear is not None and scene.frames.sliding_speed_mm_per_s is None:
+        return max(scene.wear.distances_m) > 0.0
     return True

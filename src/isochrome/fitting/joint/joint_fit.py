@@ -312,7 +312,7 @@ class JointProblem:
         renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
         for i, data in enumerate(self.frames):
             here = placed(sequence.frame(maps.whole, values, i), self.shape)
-            moved = [maps.scene(key, i) for key in maps.keys(i)]
+            moved = maps.beside(i, both=self.prior.any)
             region = self._region(i, 1)
             solved = solved_along(data, here, moved, renderer=renderer, region=region)
             if solved is None:

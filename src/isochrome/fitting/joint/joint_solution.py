@@ -104,8 +104,8 @@ class JointSolution:
         """The same, and whether each value is determined, and told from the others."""
         fit = self.fit
         try:
-            assert fit.covariance is not None
-            refuse_alike(tuple(u.key for u in fit.unknowns), fit.covariance, fit.known)
+            assert fit.information is not None
+            refuse_alike(tuple(u.key for u in fit.unknowns), fit.information, fit.known)
         except PhysicsError:
             return False
         return self.is_bright and bool(np.isfinite(fit.standard_uncertainty).all())

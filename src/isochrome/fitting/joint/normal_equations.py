@@ -9,10 +9,12 @@ carries them to whatever unknowns the course is made of.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from isochrome.errors import InputError
 from isochrome.estimation import STEP, FrameData, Prior, gradient_covariance
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_model import project
@@ -95,13 +97,13 @@ def add_up(
 
     Parameters: `frames`, as thin as the renderer; `sequence`; `renderer`, with the stride and the
     shared run; `regions`, the pixels to use of a frame; `progress`, called with each frame done;
-    `exact`, whether products are in double precision.
+    `exact`, whether derivatives are by both sides, and products in double precision.
     """
     maps = DirectionMaps(sequence, values)
     total: NormalEquations | None = None
     for i, data in enumerate(frames):
         here = sequence.frame(maps.whole, values, i)
-        moved = [maps.scene(key, i) for key in maps.keys(i)]
+        moved = maps.beside(i, both=exact)
         region = regions(i)
         part = linearise_frame(data, here, moved, renderer=renderer, region=region, exact=exact)
         if part is None:
@@ -115,13 +117,13 @@ def add_up(
 def linearise_frame(
     data: FrameData,
     here: Scene,
-    moved: list[Scene],
+    moved: list[tuple[Scene, ...]],
     *,
     renderer: SceneRenderer,
     region: Array,
     exact: bool = False,
 ) -> NormalEquations | None:
-    """One frame's normal equations along its directions: `moved` scenes less the one `here`.
+    """One frame's normal equations along its directions: scenes `moved` beside the one `here`.
 
     Its `squares` are a matrix, of each two directions. Returns None where a scene cannot be solved.
     Source: see `isochrome.estimation.intensity`.
@@ -147,26 +149,33 @@ def linearise_frame(
 
 
 def solved_along(
-    data: FrameData, here: Scene, moved: list[Scene], *, renderer: SceneRenderer, region: Array
+    data: FrameData,
+    here: Scene,
+    moved: list[tuple[Scene, ...]],
+    *,
+    renderer: SceneRenderer,
+    region: Array,
 ) -> tuple[Pixels, GammaFit, Array] | None:
     """A frame's pixels, their light, and the weighted derivatives along its directions (d, n).
 
     Parameters and None: as of `linearise_frame`.
     """
     gamma = here.frames.stated_gamma
-    free = [scene.frames.stated_gamma - gamma for scene in moved]
+    free = [ahead.frames.stated_gamma - gamma for ahead, *_ in moved]
     pixels = trusted_pixels(data.toned(gamma) if any(free) else data, region)
     signal = safe_signal(renderer, here)[pixels.keep].astype(np.float32)
     toned = solve_with_gamma(pixels, signal, gamma)
     if toned is None:
         return None
     rows = np.empty((len(moved), pixels.size), np.float32)
-    for row, scene, change in zip(rows, moved, free, strict=True):
+    for row, scenes, change in zip(rows, moved, free, strict=True):
         if change:
             row[:] = gamma_slope(toned, gamma) * np.float32(change)
-        else:
-            np.subtract(safe_signal(renderer, scene)[pixels.keep], signal, out=row)
-            row *= toned.part.amplitude
+            continue
+        ahead, *behind = (safe_signal(renderer, scene)[pixels.keep] for scene in scenes)
+        both = bool(behind) and bool(np.isfinite(behind[0].sum()))
+        np.subtract(ahead, behind[0] if both else signal, out=row)
+        row *= toned.part.amplitude / np.float32(1 + both)
     return (pixels, toned, rows) if np.isfinite(rows.sum()) else None
 
 
@@ -204,10 +213,12 @@ class DirectionMaps:
         ]
         self._steps = {u.key: difference_step(self.whole, u.key) for u in sequence.unknowns}
         self._moved: dict[str, Scene] = {}
+        self._courses: dict[tuple[str, float], Scene] = {}
         if self.course:
             for key in (*self.course, WEAR):
                 step = self._steps.setdefault(key, difference_step(self.whole, key))
-                self._moved[key] = moved_values(self.whole, key, step)
+                moved = self._moved[key] = moved_values(self.whole, key, step)
+                self._courses[key, step] = moved
             self._local = local_values(self.whole, sequence.distances_m)
             self._along = {
                 key: local_values(there, sequence.distances_m) - self._local
@@ -227,12 +238,29 @@ class DirectionMaps:
         shown = {LOAD: True, FRICTION: sliding or friction, WEAR: worn}
         return plain + [k for k in COURSE if shown[k] and k in self._moved]
 
-    def scene(self, key: str, index: int) -> Scene:
-        """A frame's scene moved by one step along a key."""
-        if key in self._moved:
-            return self.sequence.frame(self._moved[key], self.values, index)
+    def beside(self, index: int, *, both: bool = False) -> list[tuple[Scene, ...]]:
+        """A frame's scenes moved by one step along each of its keys; by one back too, for `both`.
+
+        What only priors tell apart needs both sides of a value: the curvature of a fringe is a per
+        cent of a one-sided difference, and would pass for a difference of the two.
+        """
         here = self.sequence.frame(self.whole, self.values, index)
-        return moved_values(here, key, self._steps[key])
+        found = []
+        for key in self.keys(index):
+            scenes = [self._beside(here, key, index, self._steps[key])]
+            if both:
+                with suppress(InputError):  # at the end of where it may be
+                    scenes.append(self._beside(here, key, index, -self._steps[key]))
+            found.append(tuple(scenes))
+        return found
+
+    def _beside(self, here: Scene, key: str, index: int, step: float) -> Scene:
+        """A frame's scene moved by a step along a key."""
+        if key not in self._moved:
+            return moved_values(here, key, step)
+        if (key, step) not in self._courses:  # one for all frames, whose run is solved once
+            self._courses[key, step] = moved_values(self.whole, key, step)
+        return self.sequence.frame(self._courses[key, step], self.values, index)
 
     def columns(self, index: int) -> Array:
         """Steps along each direction that one unit of each unknown makes, (directions, p)."""

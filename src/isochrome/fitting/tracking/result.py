@@ -13,10 +13,20 @@ from isochrome.errors import PhysicsError
 from isochrome.estimation import POOR_CHI
 from isochrome.figures import frame_values_figure
 from isochrome.fitting.arrays import Array
+from isochrome.fitting.frame.inputs import taken_as_exact
 from isochrome.fitting.refusals import CORRECT
 from isochrome.fitting.result import PARTS
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES, POOR, Tracked
-from isochrome.output import FrameValues, Result, counted, counted_frames, numbers, over_items
+from isochrome.output import (
+    FrameValues,
+    Result,
+    basis_of_uncertainty,
+    counted,
+    counted_frames,
+    numbers,
+    over_items,
+    sentence_of,
+)
 from isochrome.scene import Scene
 
 if TYPE_CHECKING:
@@ -59,6 +69,8 @@ class Track(Result):
             "distance_m": _plain(self.distance_m),
             "searched": list(self.searched),
             "warnings": list(self.warnings),
+            "taken_as_exact": list(self.taken_as_exact),
+            "summary_text": self.summary_text,
         }
 
     @property
@@ -98,6 +110,22 @@ class Track(Result):
             searched=np.isin(np.arange(len(self.chi)), self.searched),
             whole=np.zeros(len(self.chi), dtype=bool),
         )
+
+    @property
+    def taken_as_exact(self) -> tuple[str, ...]:
+        """Keys of the measured numbers whose uncertainty is not in the ±, stated or not."""
+        return taken_as_exact(self.scene, self.keys, tracked=True)
+
+    @property
+    def uncertainty_basis(self) -> str:
+        """What the ± are of, and what was taken as exact."""
+        return basis_of_uncertainty(self.taken_as_exact, frames=len(self.chi))
+
+    @property
+    def summary_text(self) -> str:
+        """What was found as a sentence, the same on the terminal and in a report."""
+        rows = zip(*self.summary().values(), strict=True)
+        return sentence_of(rows, len(self.chi), None, basis=self.uncertainty_basis)
 
     def figure(self) -> Figure:
         """Each key with its band, and chi."""

@@ -300,7 +300,7 @@ def _found_by_fringes(ends: BackgroundModulation, *, blind: bool, tone: bool) ->
         notes.append("normalised by its own fringes, without both no-load frames")
     if tone:
         notes.append(
-            f"gamma = {ends.tone:.3f} with a standard uncertainty of {ends.tone_uncertainty:.3f}, "
+            f"gamma = {with_uncertainty(ends.tone, ends.tone_uncertainty)}, "
             "found from the fringes of this frame alone"
         )
     return notes

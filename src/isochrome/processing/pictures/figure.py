@@ -35,7 +35,7 @@ from isochrome.figures import (
 )
 from isochrome.fringes import Skeleton, order_contours
 from isochrome.output import counted
-from isochrome.processing.processed import frame_values
+from isochrome.processing.in_common import frame_values
 from isochrome.processing.result import PICTURE, ProcessedFrame
 from isochrome.scene import Scene
 
