@@ -39,7 +39,7 @@ from isochrome.processing.in_common import (
     with_past_loads,
     with_scatter_of_gamma,
 )
-from isochrome.processing.largest_order import AT_LEAST, MODEL, ORDER_FROM, ORDER_SPREAD
+from isochrome.processing.kinds.largest_order import ORDER_SPREAD, largest_from
 from isochrome.processing.result import (
     CAUSES,
     FOUND_BY,
@@ -65,8 +65,6 @@ _AGAINST_OTHERS = (
 _LOOK = "`isochrome check` looks at the frames and their light"
 
 _NOTABLE = 0.02
-
-_FROM = {MODEL: "from the model, as its pixels are missing", AT_LEAST: "at least so much"}
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -149,14 +147,8 @@ class Processed(Result):
             yield key, over_items(self.columns[key], self.columns[f"{key} {SPREAD}"])
         for name in ("n_max", ORDER_SPREAD, "chi", "kept_share", "fringe_lines"):
             if any(value is not None for value in self.columns.get(name, ())):
-                found = over_items(self.columns[name])
-                yield name, found + (self._largest_from if name == "n_max" else "")
-
-    @property
-    def _largest_from(self) -> str:
-        """Where the largest orders are from, of those that the frames themselves do not show."""
-        found = Counter(self.columns.get(ORDER_FROM, ()))
-        return "".join(f"; {found[word]} {text}" for word, text in _FROM.items() if found[word])
+                source = largest_from(self.columns) if name == "n_max" else ""
+                yield name, over_items(self.columns[name]) + source
 
     @property
     def asks_causes(self) -> bool:

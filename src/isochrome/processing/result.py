@@ -13,7 +13,7 @@ from isochrome.calibration import LoadSeries
 from isochrome.fitting import GAMMA, LOAD, FrameFit, Tracked, free_keys, sliding_scene
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
-from isochrome.processing.largest_order import LARGEST, LARGEST_BY_MODEL, PRESSURE
+from isochrome.processing.kinds.largest_order import LARGEST, LARGEST_BY_MODEL, PRESSURE
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 

@@ -15,7 +15,7 @@ from isochrome.scene import Scene
 
 
 def propagated(fit: FrameFit, numbers: Callable[[Scene], Array]) -> tuple[Array, Array]:
-    """Numbers of a fitted scene, and their standard uncertainties.
+    """Give numbers of a fitted scene, and their standard uncertainties.
 
     Equation: u² = g C gᵀ + Σ (g c + h)² u_i² with g, h the derivatives by the unknowns and by the
     inputs that the fit holds, C the covariance by noise, c the values' sensitivity to the inputs: a

@@ -26,8 +26,8 @@ from isochrome.fitting import (
 )
 from isochrome.frames import Frame, FrameReader
 from isochrome.processing.frame_task import FrameSource, FrameTask, place_of
+from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.kinds.with_model import of_share, read_frame
-from isochrome.processing.largest_order import largest_with_model
 from isochrome.processing.result import (
     FollowedFrame,
     ProcessedFrame,
@@ -181,7 +181,7 @@ class KeyFrames:
         )
         if lost:
             return found
-        largest, of_largest = largest_with_model(reading, seen, None)
+        largest, of_largest = largest_with_model(reading, seen, scene)
         said = (*found.warnings, *of_share(reading), *of_largest)
         return replace(
             found, reading=reading, noise=noise, scene=scene, largest=largest, warnings=said

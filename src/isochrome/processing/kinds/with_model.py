@@ -25,7 +25,7 @@ from isochrome.frames import Frame
 from isochrome.fringes import OrderReading, read_order
 from isochrome.output import counted
 from isochrome.processing.kinds.image_only import process_image_only
-from isochrome.processing.largest_order import largest_with_model
+from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.placement import placed_disc
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Scene
@@ -72,7 +72,7 @@ def process_with_model(
     inside = data.valid & seen.picture.material & (not lost)
     gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
     signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
-    largest, of_largest = largest_with_model(reading, seen, None if slip else fit)
+    largest, of_largest = largest_with_model(reading, seen, fit.scene, fit)
     found = ProcessedFrame(
         **frame_fields(frame) | {"pixel_mm": seen.pixels.pixel_mm},
         normalised=signal.astype(np.float32),

@@ -9,7 +9,7 @@ import numpy as np
 
 from isochrome.figures import VALUE_MAP
 from isochrome.output import replacing
-from isochrome.processing.largest_order import AT_LEAST, ORDER_FROM
+from isochrome.processing.kinds.largest_order import AT_LEAST, ORDER_FROM
 from isochrome.processing.result import FollowedFrame, ProcessedFrame
 
 PREVIEW = "preview.png"

@@ -8,6 +8,8 @@ uncertainties: by less than one, as neighbours share their noise.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from isochrome.fitting import FrameFit, ModelFrame, SceneRenderer, propagated
 from isochrome.fringes import BRANCH, OrderReading
 from isochrome.scene import Scene
 from isochrome.simulation import make_picture, state_difference
+from isochrome.specimens import specimen_model
 from isochrome.stress import PixelGrid
 
 Array = NDArray[Any]
@@ -41,6 +44,16 @@ BY_NONE = (
     "the pixels of the largest order could not be read, and the model does not describe those "
     "beside them: n_max is the largest order that was read, and the specimen's is at least that"
 )
+
+
+def largest_from(table: Mapping[str, Sequence[Any]]) -> str:
+    """How many largest orders are from elsewhere than their frames; empty where none is.
+
+    Parameters: `table`, the columns of frames.csv; of an older run nobody knows it.
+    """
+    found = Counter(table.get(ORDER_FROM, ()))
+    words = {MODEL: "of the model", AT_LEAST: AT_LEAST}
+    return "".join(f"; {found[word]} {text}" for word, text in words.items() if found[word])
 
 
 def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
@@ -80,47 +93,48 @@ def _beside_unread(order: Array, row: int, col: int) -> bool:
 
 
 def largest_with_model(
-    reading: OrderReading, seen: ModelFrame, fit: FrameFit | None
+    reading: OrderReading, seen: ModelFrame, scene: Scene, fit: FrameFit | None = None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Columns of the largest order and its place, and what is said of it.
 
     It is the model's where that has pixels whose order exceeds what it has at any pixel that was
-    read, by more than the reading's uncertainty. What the pixels within half a fringe of them say
-    of the model is in its uncertainty; where they contradict it, or none is read, it says nothing:
-    a load that varies through the thickness has its peak left out as if dust were there.
-    Parameters: `reading`; `seen`, the model at every pixel; `fit`, None where nobody asks how sure
-    the model is. Returns columns and sentences.
+    read, by more than the reading's uncertainty; close to point loads and edges it is not asked.
+    What the pixels within half a fringe of them say of the model is in its uncertainty; where they
+    contradict it, or none is read, it says nothing: a load that varies through the thickness has
+    its peak left out as if dust were there.
+    Parameters: `reading`; `seen`, the model at every pixel; `scene`, its own; `fit`, None where
+    nobody asks how sure the model is. Returns columns and sentences.
     """
-    order, material = reading.order, seen.picture.material
-    read = np.isfinite(order) & material
-    nothing = float("nan")
+    order, nothing = reading.order, float("nan")
     found: dict[str, Any] = dict.fromkeys(LARGEST_BY_MODEL, nothing) | {ORDER_FROM: None}
-    if not read.any():
+    if not np.isfinite(order).any():
         return found, ()
-    model = np.where(material, seen.picture.order, -np.inf)
+    trusted = seen.picture.material & specimen_model(scene).trusted(scene, seen.pixels, 0.0)
+    model = np.where(trusted, seen.picture.order, -np.inf)
+    read = np.isfinite(order) & trusted
     peak, pixel = largest_pixel(model), largest_pixel(order)
-    spread, top = float(reading.uncertainty[pixel]), float(model[peak])
+    value, spread, top = order[pixel], reading.uncertainty[pixel], model[peak]
     near = read & (model > top - 2.0 * BRANCH)
     off, each = order[near] - model[near], reading.uncertainty[near]
-    excess = float(max(np.mean(off**2 - each**2), 0.0)) ** 0.5 if off.size else np.inf
-    source, said = FRAME, tuple[str, ...]()
-    missing = top - float(np.max(model, where=read, initial=-np.inf)) > spread
-    value, values = float(order[pixel]), None
-    if fit is not None:
-        values, spreads = _of_scene(fit, seen.pixels, peak)
-    if missing or _beside_unread(np.where(material, order, 0.0), *pixel):
-        agrees = off.size and float(np.mean((off / each) ** 2)) <= POOR_CHI**2
+    excess = max(np.mean(off**2 - each**2), 0.0) ** 0.5 if off.size else np.inf
+    source = AT_LEAST if _beside_unread(order, *pixel) else FRAME
+    said = tuple[str, ...]()
+    if top - np.max(model, where=read, initial=-np.inf) > spread:
+        agrees = off.size and np.mean((off / each) ** 2) <= POOR_CHI**2
         source, said = (MODEL, (BY_MODEL,)) if agrees else (AT_LEAST, (BY_NONE,))
+    values, spreads = np.full((2, 2), nothing)
+    if fit is not None and (source == MODEL or scene.indenter is not None):
+        values, spreads = _of_scene(fit, seen.pixels, peak)
     if source == MODEL:
-        value, pixel = top, peak
-        spread = nothing if values is None else float(np.hypot(spreads[0], excess))
-    spread = float(np.hypot(spread, _between(seen.picture.order, *peak)))
+        value, pixel, spread = top, peak, np.hypot(spreads[0], excess)
+    if source != AT_LEAST:
+        spread = np.hypot(spread, _between(seen.picture.order, *pixel))
     x, z = seen.pixels.place(*pixel)
-    found |= {"n_max": value, "n_max_x_mm": x, "n_max_z_mm": z}
-    found |= {"n_max_uncertainty": spread, ORDER_FROM: source}
-    if values is not None and len(values) > 1:
-        also = float(np.hypot(spreads[1], values[1] * excess / top))
-        found |= dict(zip(PRESSURE, (float(values[1]), also), strict=True))
+    found |= {"n_max": float(value), "n_max_x_mm": x, "n_max_z_mm": z}
+    found |= {"n_max_uncertainty": float(spread), ORDER_FROM: source}
+    if len(values) > 1:
+        also = np.hypot(spreads[1], values[1] * excess / top)
+        found |= dict(zip(PRESSURE, (float(values[1]), float(also)), strict=True))
     return found, said
 
 
