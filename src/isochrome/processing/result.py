@@ -13,7 +13,7 @@ from isochrome.calibration import LoadSeries
 from isochrome.fitting import GAMMA, LOAD, FrameFit, Tracked, free_keys, sliding_scene
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
-from isochrome.processing.kinds.largest_order import LARGEST, LARGEST_BY_MODEL, PRESSURE
+from isochrome.processing.kinds.largest_order import LARGEST, LARGEST_BY_MODEL, ORDER_FROM, PRESSURE
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
@@ -83,6 +83,8 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str]) -> dict[str, Any]:
     Parameters: `row`; `columns`, of `frame_columns`. Returns a value, or None, for each column.
     """
     found = {name: row.get(name) for name in columns}
+    if ORDER_FROM in found:
+        found[ORDER_FROM] = found[ORDER_FROM] or ""  # texts that are not known are empty
     if CAUSES in found:
         asked = (key for key in row if key not in found and f"{key} {SPREAD}" in row)
         found[CAUSES] = "; ".join(
