@@ -63,14 +63,17 @@ def right_to_a_hundredth(item, true):
     assert np.abs(error[known]).max() < 0.25
     assert 0.9 < item.chi < 1.1
     assert item.reading.kept >= 0.95
-    assert item.warnings == ()
+    # a worn contact's largest order lies at its edge, on the surface, where none is read
+    assert all("n_max and its place are those of the fitted model" in w for w in item.warnings)
+    assert abs(item.largest["n_max"] - np.nanmax(true)) <= 2.0 * item.largest["n_max_uncertainty"]
 
 
 def test_two_sample_frames_are_read_to_a_hundredth_of_a_fringe(first_and_last, true_order):
     for item, state in zip(first_and_last.frames, (0, 5), strict=True):
         right_to_a_hundredth(item, true_order[state])
     assert first_and_last.columns["label"] == ["static", "233 m"]
-    assert first_and_last.warnings == ()
+    assert first_and_last.columns["n_max_from"] == ["frame", "model"]
+    assert len(first_and_last.warnings) == 1
 
 
 @pytest.mark.long

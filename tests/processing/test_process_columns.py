@@ -63,7 +63,7 @@ def test_floats_are_like_a_list_of_them():
     assert "".join(json_pieces(long)) == "[" + ", ".join(["null"] * 5000) + "]"
 
 
-ENDS = ("", "_row_px", "_col_px")
+ENDS = ("", "_row_px", "_col_px", "_uncertainty", "_from")
 CONTACT = load_scene("line-contact-wear")
 KNOWN = "[[frames.known_order]]\nrow_px = 2\ncol_px = 2\norder = 0.0\n"
 UNLOADED = parse_scene("[specimen]\nthickness_mm = 4.0\n")

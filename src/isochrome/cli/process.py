@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from isochrome.frames import FramesPath
     from isochrome.processing import Processed
 
-_SHOWN = ("frame", "label", "chi", "kept_share", "n_max", "order_uncertainty",
+_SHOWN = ("frame", "label", "chi", "kept_share", "n_max", "n_max_from", "order_uncertainty",
           "load.normal_n", "friction.coefficient", "fringe_lines")  # fmt: skip
 _SHOWN_OF_CAMPAIGN = ("recording", "status", "frames", "failed_frames", "flagged_frames",
                       "chi_median", "load.normal_n mean", "friction.coefficient mean",

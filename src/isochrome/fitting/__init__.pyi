@@ -8,6 +8,7 @@ from .frame.frame_estimate import FrameFit
 from .frame.frame_fit import fit_frame, placed
 from .frame.inputs import stated_pairs, taken_as_exact
 from .frame.model_frame import ModelFrame, evaluate_model
+from .frame.propagation import propagated
 from .frame.renderer import SceneRenderer
 from .frame.single_state import (
     frame_distance,
@@ -64,6 +65,7 @@ __all__ = [
     "opposite_shear",
     "over_distance",
     "placed",
+    "propagated",
     "refuse_shared",
     "restore_values",
     "rival_causes",

@@ -15,7 +15,7 @@ from .film.film_reading import (
 )
 from .film.follower import FilmState, follow_frame, unloaded_state
 from .film.order_change import LARGEST_CHANGE
-from .on_branch import LARGEST_UNCERTAINTY, OrderReading, read_order, widened
+from .on_branch import BRANCH, LARGEST_UNCERTAINTY, OrderReading, read_order, widened
 from .single_frame.background_modulation import (
     BackgroundModulation,
     exact_ends,
@@ -44,6 +44,7 @@ from .stepped.step_equations import make_design
 from .stepped.stepped_order import SteppedReading, read_steps
 
 __all__ = [
+    "BRANCH",
     "CLEAR",
     "LARGEST_CHANGE",
     "LARGEST_UNCERTAINTY",

@@ -197,7 +197,10 @@ def sentence_of_orders(table: Mapping[str, Sequence[Any]]) -> str:
     )
     if not highest:
         return f"{head}no order could be read"
-    most = f"up to {max(highest):.2f} fringes"
+    largest = max(highest)
+    sources = zip(table["n_max"], table.get("n_max_from", ()), strict=False)  # older runs say none
+    least = (largest, "at least") in sources
+    most = f"up to {'at least ' * least}{largest:.2f} fringes"
     typical = f", ± {median(spreads):.2g} typically" if spreads else ""
     return f"{head}order read in {100 * fmean(shares):.0f} % of the pixels, {most}{typical}"
 

@@ -47,12 +47,12 @@ from isochrome.processing.in_common import (
     with_past_loads,
     with_scatter_of_gamma,
 )
+from isochrome.processing.kinds.largest_order import ORDER_SPREAD, largest_from
 from isochrome.processing.placement import set_grid, shift_messages
 from isochrome.processing.result import (
     CAUSES,
     FOUND_BY,
     NOTHING,
-    ORDER_SPREAD,
     PICTURE,
     REFINED,
     SEPARATOR,
@@ -160,7 +160,8 @@ class Processed(Result):
         for name in ("n_max", ORDER_SPREAD, "chi", "kept_share", "fringe_lines"):
             if any(value is not None for value in self.columns.get(name, ())):
                 digits = 2 if name == ORDER_SPREAD else 5
-                yield name, over_items(self.columns[name], digits=digits)
+                source = largest_from(self.columns) if name == "n_max" else ""
+                yield name, over_items(self.columns[name], digits=digits) + source
 
     @property
     def asks_causes(self) -> bool:

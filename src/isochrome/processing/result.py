@@ -23,6 +23,7 @@ from isochrome.fitting import (
 from isochrome.frames import Frame, Linear
 from isochrome.fringes import ColourTable, OrderReading, Skeleton, number_lines, order_contours
 from isochrome.output import agree
+from isochrome.processing.kinds.largest_order import LARGEST, LARGEST_BY_MODEL, ORDER_FROM, PRESSURE
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
 
@@ -54,11 +55,6 @@ REFINED = "refined"
 EXPLAINED = "explained_share"
 """Column of the share of a frame's light that the frames of known loads explain."""
 
-ORDER_SPREAD = "order_uncertainty"
-"""Column of the typical standard uncertainty of an order, of frames without a model."""
-
-_LARGEST = ("n_max", "n_max_row_px", "n_max_col_px", ORDER_SPREAD)
-
 
 def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
     """The columns of frames.csv, which depend on the scene alone and not on what is found.
@@ -69,20 +65,21 @@ def frame_columns(scene: Scene, *, tracked: bool = False) -> tuple[str, ...]:
     light, known = scene.polariscope, scene.frames.orders_known
     own: tuple[str, ...]
     if light.several_wavelengths:
-        own = ("kept_share", "strange_share", *_LARGEST)
+        own = ("kept_share", "strange_share", *LARGEST)
     elif light.step:
-        own = ("kept_share", "isoclinic_share", "whole_order_from", *_LARGEST)
+        own = ("kept_share", "isoclinic_share", "whole_order_from", *LARGEST)
         own += ("residual_order_max",) if scene.frames.no_load_steps is not None else ()
     elif scene.model is not None and not scene.frames.known_loads_n:
         keys = _set_keys(scene)
         values = (name for key in keys for name in (key, f"{key} {SPREAD}"))
-        own = ("kept_share", "n_max", "n_max_x_mm", "n_max_z_mm", *values)
-        own += (CAUSES, REFINED) if stated_pairs(scene) and not tracked else (CAUSES,)
+        pressure = PRESSURE * (scene.indenter is not None)
+        refined = (REFINED,) if stated_pairs(scene) and not tracked else ()
+        own = ("kept_share", *LARGEST_BY_MODEL, *pressure, *values, CAUSES, *refined)
     else:
         gamma = ("gamma", f"gamma {SPREAD}") if scene.frames.gamma == "unknown" else ()
         loads = bool(scene.frames.known_loads_n)
         load = (LOAD, f"{LOAD} {SPREAD}", EXPLAINED) * loads
-        own = (*(("kept_share",) * known), "fringe_lines", *gamma, *load, *(_LARGEST * known))
+        own = (*(("kept_share",) * known), "fringe_lines", *gamma, *load, *(LARGEST * known))
     followed = (PICTURE, FOUND_BY) if tracked else ()
     place = ("distance_m", "chi", "noise", "pixel_mm")
     return ("frame", "name", "label", *followed, *place, *own, "warnings")
@@ -102,6 +99,8 @@ def row_of_set(row: dict[str, Any], columns: Iterable[str], scene: Scene) -> dic
     for each column.
     """
     found = {name: row.get(name) for name in columns}
+    if ORDER_FROM in found:
+        found[ORDER_FROM] = found[ORDER_FROM] or ""  # texts that are not known are empty
     asked = {
         key: (row[key], row[f"{key} {SPREAD}"])
         for key in row
@@ -138,38 +137,6 @@ class Capture:
     bright: Linear | None = None
     table: ColourTable | None = None
     series: LoadSeries | None = None
-
-
-def largest_pixel(order: Array) -> dict[str, Any]:
-    """Columns of the largest fringe order that is known and its pixel; NaN and None where none is.
-
-    Parameters: `order` (rows, cols), fringes, NaN = not known. Returns column name to value.
-    """
-    if not np.isfinite(order).any():
-        return {"n_max": float("nan"), "n_max_row_px": None, "n_max_col_px": None}
-    row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
-    return {"n_max": float(order[row, col]), "n_max_row_px": int(row), "n_max_col_px": int(col)}
-
-
-def largest_place(order: Array, scene: Scene) -> dict[str, float]:
-    """Columns of the largest fringe order that is known, and its place (mm) in a frame's scene."""
-    found, grid = largest_pixel(order), pixel_grid(scene, (order.shape[0], order.shape[1]))
-    row, col = found["n_max_row_px"], found["n_max_col_px"]
-    return {
-        "n_max": found["n_max"],
-        "n_max_x_mm": float("nan") if col is None else float(grid.x_mm[col]),
-        "n_max_z_mm": float("nan") if row is None else float(grid.z_mm[row]),
-    }
-
-
-def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
-    """Columns of the orders that are known: the largest with its pixel, and the median of their u.
-
-    Parameters: `order`, `uncertainty` (rows, cols), fringes; NaN where an order is not known.
-    """
-    known = uncertainty[np.isfinite(order) & np.isfinite(uncertainty)]
-    typical = float(np.median(known)) if known.size else float("nan")
-    return largest_pixel(order) | {ORDER_SPREAD: typical}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,6 +208,8 @@ class ProcessedFrame(SetFrame):
         Residual over noise of the whole frame.
     isoclinic : ndarray of shape (row, col), optional
         Direction of sigma_1, degrees; of phase-stepped sets alone.
+    largest : dict of str to Any, optional
+        The columns of its largest order; empty without a model.
     columns : dict of str to Any, optional
         What a frame without a fit has in frames.csv besides.
     """
@@ -252,6 +221,7 @@ class ProcessedFrame(SetFrame):
     noise: float = float("nan")
     chi: float = float("nan")
     isoclinic: Array | None = None
+    largest: dict[str, Any] = field(default_factory=dict)
     columns: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -297,8 +267,8 @@ class ProcessedFrame(SetFrame):
         place = {"distance_m": self.distance_m, "chi": self.chi, "noise": self.noise}
         row = self.names | place | {"pixel_mm": self.pixel_mm} | self.columns
         if self.fit is not None and self.reading is not None and not self.columns:
-            fit, order = self.fit, self.reading.order
-            row |= {"kept_share": self.reading.kept} | largest_place(order, fit.scene)
+            fit = self.fit
+            row |= {"kept_share": self.reading.kept} | self.largest
             if self.has_values:  # of a lost fit, only the place that it began with is left
                 row |= value_columns(fit.keys, fit.values, fit.standard_uncertainty)
         elif not (self.failed or self.columns):
@@ -311,7 +281,8 @@ class FollowedFrame(SetFrame):
     """A frame between two key frames of a tracked video.
 
     `keys` and `tracked`, what was found, None in a frame that failed; its orders, `reading`, where
-    maps of all frames are wanted, with the `noise` of its signal and the `scene` that it shows.
+    maps of all frames are wanted, with the `noise` of its signal, the `scene` that it shows and
+    the columns of its `largest` order.
     """
 
     keys: tuple[str, ...]
@@ -319,6 +290,7 @@ class FollowedFrame(SetFrame):
     reading: OrderReading | None = None
     noise: float = float("nan")
     scene: Scene | None = None
+    largest: dict[str, Any] = field(default_factory=dict)
 
     def corner_mm(self, _: Scene) -> tuple[float, float]:
         """Outer edges (mm) of the first column and row where they were tracked, else NaN."""
@@ -337,8 +309,7 @@ class FollowedFrame(SetFrame):
                 row[FOUND_BY] = SEARCHED if tracked.searched else FOLLOWED
             row |= value_columns(self.keys, tracked.values, tracked.standard_uncertainty)
         if self.reading is not None and self.scene is not None:
-            row |= {"noise": self.noise, "kept_share": self.reading.kept}
-            row |= largest_place(self.reading.order, self.scene)
+            row |= {"noise": self.noise, "kept_share": self.reading.kept} | self.largest
         return row | self.messages
 
 

@@ -99,7 +99,7 @@ class SceneRenderer:
         """
         camera = scene.camera
         assert camera is not None
-        state = self._state(scene)
+        state = self.state(scene)
         blur = camera.blur_px if self.stride > 1 else 0.0
         key = (*_standing(scene), blur)
         last = self._last
@@ -139,7 +139,7 @@ class SceneRenderer:
         self._states.clear()
         self._last = None
 
-    def _state(self, scene: Scene) -> SceneState:
+    def state(self, scene: Scene) -> SceneState:
         """The solved mechanics: place, optics and bulk stress do not change them."""
         load = scene.load
         key = (
@@ -162,7 +162,7 @@ class SceneRenderer:
 
         Raises PhysicsError where the scene's values cannot be solved.
         """
-        state, last = self._state(scene), self._last
+        state, last = self.state(scene), self._last
         if last is not None and last.state is state and last.key[:-1] == _standing(scene):
             return last.field
         pixels = self._pixels(scene)

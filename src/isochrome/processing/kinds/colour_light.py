@@ -23,7 +23,8 @@ from isochrome.frames import (
 )
 from isochrome.fringes import ColourReading, ColourTable, read_colour, read_table, spectral_table
 from isochrome.optics import camera_response
-from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, order_columns
+from isochrome.processing.kinds.largest_order import order_columns
+from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import FramesLike, Scene
 from isochrome.specimens import specimen_model
 from isochrome.stress import pixel_grid

@@ -34,7 +34,8 @@ from isochrome.fringes import (
     read_followed,
 )
 from isochrome.processing.kinds.image_only import FLAWS
-from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, order_columns
+from isochrome.processing.kinds.largest_order import order_columns
+from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Scene
 
 Array = NDArray[Any]

@@ -36,8 +36,9 @@ from isochrome.fringes import (
     widened,
 )
 from isochrome.output import with_uncertainty
+from isochrome.processing.kinds.largest_order import order_columns
 from isochrome.processing.kinds.no_load_light import SAME_EXPOSURE, above_background, no_load_light
-from isochrome.processing.result import SPREAD, Capture, ProcessedFrame, frame_fields, order_columns
+from isochrome.processing.result import SPREAD, Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Scene
 
 Array = NDArray[Any]

@@ -19,7 +19,8 @@ from isochrome.frames import (
 )
 from isochrome.fringes import ResidualStress, SteppedReading, read_residual, read_steps
 from isochrome.optics import Chain, make_chain
-from isochrome.processing.result import Capture, ProcessedFrame, frame_fields, order_columns
+from isochrome.processing.kinds.largest_order import order_columns
+from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Scene
 from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.stress import pixel_grid, principal_direction

@@ -26,6 +26,7 @@ from isochrome.fitting import (
 )
 from isochrome.frames import Frame, FrameReader
 from isochrome.processing.frame_task import FrameSource, FrameTask, place_of
+from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.kinds.with_model import of_share, read_frame
 from isochrome.processing.result import (
     FollowedFrame,
@@ -170,7 +171,8 @@ class KeyFrames:
         """
         tracked = found.tracked
         if whole is not None and whole.fit is not None:
-            return replace(found, reading=whole.reading, noise=whole.noise, scene=whole.fit.scene)
+            own = {name: getattr(whole, name) for name in ("reading", "noise", "largest")}
+            return replace(found, scene=whole.fit.scene, **own)
         if self._tracker is None or tracked is None or not tracked.positive:
             return found
         data, seen, scene = self._tracker.model_frame(frame)
@@ -179,8 +181,11 @@ class KeyFrames:
         )
         if lost:
             return found
-        text = (*found.warnings, *of_share(reading))
-        return replace(found, reading=reading, noise=noise, scene=scene, warnings=text)
+        largest, of_largest = largest_with_model(reading, seen, scene)
+        said = (*found.warnings, *of_share(reading), *of_largest)
+        return replace(
+            found, reading=reading, noise=noise, scene=scene, largest=largest, warnings=said
+        )
 
     def _whole(self, frame: Frame) -> ProcessedFrame:
         """A frame as if it were a key frame; nothing where the physics is refused."""

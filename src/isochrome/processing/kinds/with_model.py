@@ -25,6 +25,7 @@ from isochrome.frames import Frame
 from isochrome.fringes import OrderReading, read_order
 from isochrome.output import counted
 from isochrome.processing.kinds.image_only import process_image_only
+from isochrome.processing.kinds.largest_order import largest_with_model
 from isochrome.processing.placement import placed_disc
 from isochrome.processing.result import Capture, ProcessedFrame, frame_fields
 from isochrome.scene import Scene
@@ -71,6 +72,7 @@ def process_with_model(
     inside = data.valid & seen.picture.material & (not lost)
     gain = np.where(seen.illumination > 0.0, seen.illumination, np.nan)
     signal = np.where(inside, (data.light - seen.background) / gain, np.nan)
+    largest, of_largest = largest_with_model(reading, seen, fit.scene, fit)
     found = ProcessedFrame(
         **frame_fields(frame) | {"pixel_mm": seen.pixels.pixel_mm},
         normalised=signal.astype(np.float32),
@@ -78,7 +80,8 @@ def process_with_model(
         fit=fit,
         noise=noise,
         chi=fit.chi,
-        warnings=(*said, *notes, *(() if slip else _warnings(fit, reading, lost))),
+        largest=largest,
+        warnings=(*said, *notes, *(() if slip else _warnings(fit, reading, lost)), *of_largest),
     )
     return _without_model(found, frame, scene, capture, data, slip) if lost else found
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from isochrome.figures import VALUE_MAP
 from isochrome.output import replacing
+from isochrome.processing.kinds.largest_order import AT_LEAST, ORDER_FROM
 from isochrome.processing.result import FollowedFrame, ProcessedFrame
 
 PREVIEW = "preview.png"
@@ -69,7 +70,8 @@ def _words(item: ProcessedFrame | FollowedFrame) -> str:
     """The frame's number and label, its load and largest order where they are known."""
     row = item.row()
     parts = [f"frame {item.index}", item.label]
-    for key, unit in (("load.normal_n", " N"), ("n_max", " fringes at most")):
+    most = "least" if row.get(ORDER_FROM) == AT_LEAST else "most"
+    for key, unit in (("load.normal_n", " N"), ("n_max", f" fringes at {most}")):
         value = row.get(key)
         if value is not None and np.isfinite(value):
             parts.append(f"{value:.4g}{unit}")

@@ -1,0 +1,178 @@
+"""The largest fringe order of a frame: as it was read, or where its pixels are missing, by a model.
+
+What is largest among the pixels that were read is the specimen's largest order only where those
+about the peak are among them: dust, glare or a mask takes them out, and so does a model that does
+not describe them. The largest of many noisy orders lies above the truth by some of their
+uncertainties: by less than one, as neighbours share their noise.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.estimation import POOR_CHI
+from isochrome.fitting import FrameFit, ModelFrame, SceneRenderer, propagated
+from isochrome.fringes import BRANCH, OrderReading
+from isochrome.scene import Scene
+from isochrome.simulation import make_picture, state_difference
+from isochrome.specimens import specimen_model
+from isochrome.stress import PixelGrid
+
+Array = NDArray[Any]
+
+ORDER_SPREAD = "order_uncertainty"
+"""Column of the typical standard uncertainty of an order, of frames without a model."""
+
+ORDER_FROM = "n_max_from"
+FRAME, MODEL, AT_LEAST = "frame", "model", "at least"
+"""Where the largest order is from, and its column: the last, where a larger one may be unread."""
+
+LARGEST = ("n_max", "n_max_row_px", "n_max_col_px", "n_max_uncertainty", ORDER_FROM, ORDER_SPREAD)
+LARGEST_BY_MODEL = ("n_max", "n_max_x_mm", "n_max_z_mm", "n_max_uncertainty", ORDER_FROM)
+PRESSURE = ("p_max_mpa", "p_max_uncertainty_mpa")
+
+BY_MODEL = (
+    "the pixels of the largest order could not be read (masked, saturated, too close to the "
+    "surface, or unlike the model): n_max and its place are those of the fitted model"
+)
+BY_NONE = (
+    "the pixels of the largest order could not be read, and the model does not describe those "
+    "beside them: n_max is the largest order that was read, and the specimen's is at least that"
+)
+
+
+def largest_from(table: Mapping[str, Sequence[Any]]) -> str:
+    """How many largest orders are from elsewhere than their frames; empty where none is.
+
+    Parameters: `table`, the columns of frames.csv; of an older run nobody knows it.
+    """
+    found = Counter(table.get(ORDER_FROM, ()))
+    words = {MODEL: "of the model", AT_LEAST: AT_LEAST}
+    return "".join(f"; {found[word]} {text}" for word, text in words.items() if found[word])
+
+
+def order_columns(order: Array, uncertainty: Array) -> dict[str, Any]:
+    """Columns of the orders that are known: the largest with its pixel, and the median of their u.
+
+    Parameters: `order`, `uncertainty` (rows, cols), fringes; NaN where an order is not known.
+    """
+    known = uncertainty[np.isfinite(order) & np.isfinite(uncertainty)]
+    typical = float(np.median(known)) if known.size else float("nan")
+    found = dict.fromkeys(LARGEST) | {"n_max": float("nan"), ORDER_SPREAD: typical}
+    if not np.isfinite(order).any():
+        return found
+    row, col = largest_pixel(order)
+    beside = _beside_unread(order, row, col)
+    found |= {"n_max": float(order[row, col]), "n_max_row_px": row, "n_max_col_px": col}
+    found |= {"n_max_uncertainty": float(uncertainty[row, col])}
+    return found | {ORDER_FROM: AT_LEAST if beside else FRAME}
+
+
+def largest_pixel(order: Array) -> tuple[int, int]:
+    """Row and column of the largest order (rows, cols) that is known."""
+    row, col = np.unravel_index(int(np.nanargmax(order)), order.shape)
+    return int(row), int(col)
+
+
+def _beside_unread(order: Array, row: int, col: int) -> bool:
+    """Whether a pixel touches one that is not known, nor are most of its neighbours.
+
+    A pixel alone amid known ones hides no peak; beyond the picture nothing is wanted.
+    """
+    top, left = max(row - 2, 0), max(col - 2, 0)
+    unread = np.pad(~np.isfinite(order[top : row + 3, left : col + 3]), 1)
+    nine = np.lib.stride_tricks.sliding_window_view(unread, (3, 3))
+    hidden = unread[1:-1, 1:-1] & (2 * nine.sum(axis=(2, 3)) > 9)
+    down, right = row - top, col - left
+    return bool(hidden[max(down - 1, 0) : down + 2, max(right - 1, 0) : right + 2].any())
+
+
+def largest_with_model(
+    reading: OrderReading, seen: ModelFrame, scene: Scene, fit: FrameFit | None = None
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Columns of the largest order and its place, and what is said of it.
+
+    It is the model's where that has pixels whose order exceeds what it has at any pixel that was
+    read, by more than the reading's uncertainty; close to point loads and edges it is not asked.
+    What the pixels within half a fringe of them say of the model is in its uncertainty; where they
+    contradict it, or none is read, it says nothing: a load that varies through the thickness has
+    its peak left out as if dust were there.
+    Parameters: `reading`; `seen`, the model at every pixel; `scene`, its own; `fit`, None where
+    nobody asks how sure the model is. Returns columns and sentences.
+    """
+    order, nothing = reading.order, float("nan")
+    found: dict[str, Any] = dict.fromkeys(LARGEST_BY_MODEL, nothing) | {ORDER_FROM: None}
+    if not np.isfinite(order).any():
+        return found, ()
+    trusted = seen.picture.material & specimen_model(scene).trusted(scene, seen.pixels, 0.0)
+    model = np.where(trusted, seen.picture.order, -np.inf)
+    read = np.isfinite(order) & trusted
+    peak, pixel = largest_pixel(model), largest_pixel(order)
+    value, spread, top = order[pixel], reading.uncertainty[pixel], model[peak]
+    near = read & (model > top - 2.0 * BRANCH)
+    off, each = order[near] - model[near], reading.uncertainty[near]
+    excess = max(np.mean(off**2 - each**2), 0.0) ** 0.5 if off.size else np.inf
+    source = AT_LEAST if _beside_unread(order, *pixel) else FRAME
+    said = tuple[str, ...]()
+    if top - np.max(model, where=read, initial=-np.inf) > spread:
+        agrees = off.size and np.mean((off / each) ** 2) <= POOR_CHI**2
+        source, said = (MODEL, (BY_MODEL,)) if agrees else (AT_LEAST, (BY_NONE,))
+    values, spreads = np.full((2, 2), nothing)
+    if fit is not None and (source == MODEL or scene.indenter is not None):
+        values, spreads = _of_scene(fit, seen.pixels, peak)
+    if source == MODEL:
+        value, pixel, spread = top, peak, np.hypot(spreads[0], excess)
+    if source != AT_LEAST:
+        spread = np.hypot(spread, _between(seen.picture.order, *pixel))
+    x, z = seen.pixels.place(*pixel)
+    found |= {"n_max": float(value), "n_max_x_mm": x, "n_max_z_mm": z}
+    found |= {"n_max_uncertainty": float(spread), ORDER_FROM: source}
+    if len(values) > 1:
+        also = np.hypot(spreads[1], values[1] * excess / top)
+        found |= dict(zip(PRESSURE, (float(values[1]), float(also)), strict=True))
+    return found, said
+
+
+def _between(order: Array, row: int, col: int) -> float:
+    """How far an order may rise beside its largest pixel's middle, fringes.
+
+    Equation: -gᵀ H⁻¹ g/2 with the slopes g and curvatures H of the parabola through the pixel and
+    its eight neighbours; beside an edge, half of how far it falls from there.
+    Parameters: `order` (rows, cols), NaN where there is no specimen; `row`, `col` of the largest.
+    """
+    a = np.pad(order, 1, constant_values=np.nan)[row : row + 3, col : col + 3].astype(float)
+    slope = 0.5 * np.array([a[2, 1] - a[0, 1], a[1, 2] - a[1, 0]])
+    across = 0.25 * (a[2, 2] - a[2, 0] - a[0, 2] + a[0, 0])
+    bend = np.array([
+        [a[2, 1] - 2.0 * a[1, 1] + a[0, 1], across], [across, a[1, 2] - 2.0 * a[1, 1] + a[1, 0]],
+    ])  # fmt: skip
+    if np.isfinite(a).all() and np.linalg.det(bend) > 0.0:
+        return float(-0.5 * slope @ np.linalg.solve(bend, slope))
+    return 0.5 * float(a[1, 1] - np.nanmin(a[[0, 1, 1, 2], [1, 0, 2, 1]]))
+
+
+def _of_scene(fit: FrameFit, pixels: PixelGrid, peak: tuple[int, int]) -> tuple[Array, Array]:
+    """The model's order at its peak's pixel, of a contact its largest pressure; and their u."""
+    solved = SceneRenderer(fit.scene, (pixels.rows, pixels.cols))
+    x, z = pixels.place(*peak)
+    left, top, pixel = pixels.left_mm, pixels.top_mm, pixels.pixel_mm
+
+    def numbers(scene: Scene) -> Array:
+        state, camera = solved.state(scene), scene.camera
+        assert camera is not None and camera.pixel_mm is not None
+        # the same pixel of a picture that stands elsewhere, or has another scale
+        size = camera.pixel_mm
+        at_x, at_z = (x - left) * size / pixel, (z - top) * size / pixel
+        at_x += left if camera.left_mm is None else camera.left_mm
+        at_z += top if camera.top_mm is None else camera.top_mm
+        one = PixelGrid(1, 1, at_x - 0.5 * size, at_z - 0.5 * size, size)
+        picture = make_picture(scene, state_difference(scene, state, one), one)
+        more = [] if state.surface is None else [state.surface.p_max_mpa]
+        return np.array([picture.order[0, 0], *more], dtype=float)
+
+    return propagated(fit, numbers)
