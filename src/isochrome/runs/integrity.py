@@ -37,6 +37,7 @@ OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
 """As they stand in a record, whatever else of it is damaged."""
 SUM_BYTES = 4
 """Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
+MISSING = "is missing"
 _CHUNK = re.compile(r"[^/]+\.zarr/[^/]+/c(/|$)")
 _BLOCK = 1 << 22
 """Bytes of a file that are in memory at a time."""
@@ -121,7 +122,7 @@ class ResultsRecord:
                     return "lies behind a link, or what is no folder"
             found = (at / file).lstat()
         except (FileNotFoundError, NotADirectoryError):
-            return "is missing"
+            return MISSING
         except OSError as error:
             return f"cannot be looked at ({error.strerror})"
         if stat.S_ISLNK(found.st_mode):
@@ -372,7 +373,7 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
             damaged[name] = str(error)
             continue
         if record is None:
-            damaged[name] = "is missing"
+            damaged[name] = MISSING
         else:
             known[own / PROVENANCE] = record
     todo = [(record, name) for record in known.values() for name in record.sizes]

@@ -10,7 +10,7 @@ from zarr.abc.store import ByteRequest
 from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore
 
-from isochrome.runs.integrity import ResultsRecord
+from isochrome.runs.integrity import MISSING, ResultsRecord
 
 
 class VerifiedStore(LocalStore):
@@ -65,7 +65,7 @@ class VerifiedStore(LocalStore):
         """What was read, once it was held against the record: a whole file the first time alone."""
         name, whole = f"{self.root.name}/{key}", byte_range is None
         if found is None:
-            raise self._record.refusal(name, "is missing")
+            raise self._record.refusal(name, MISSING)
         if not (whole and key in self._seen):
             self._record.check_read(name, found.as_numpy_array(), whole=whole)
         if whole:
