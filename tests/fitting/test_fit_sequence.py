@@ -151,7 +151,7 @@ def test_uncertainties_are_those_of_differences_through_the_whole_run():
     wanted = np.zeros_like(normal.normal)
     for i, data in enumerate(frames):
         moved = [
-            sequence.frame(sequence.whole(ahead), ahead, i) for ahead in values + np.diag(steps)
+            (sequence.frame(sequence.whole(ahead), ahead, i),) for ahead in values + np.diag(steps)
         ]
         here = sequence.frame(whole, values, i)
         part = linearise_frame(data, here, moved, renderer=renderer, region=region)
