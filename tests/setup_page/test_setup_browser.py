@@ -581,3 +581,12 @@ def test_the_server_ends_with_the_page(chromium, made):
                 break
             time.sleep(0.1)
         assert server.is_ended
+
+
+def test_the_page_says_what_the_uncertainties_of_a_fit_are_of(chromium, made):
+    with tab(chromium, made) as own:
+        own.page.click("#fit")
+        own.page.wait_for_selector("#fit-result td.value", timeout=120_000)
+        said = own.page.text_content("#fit-result") or ""
+        assert "± from the picture alone: camera.pixel_mm" in said
+        assert "were taken as exact" in said
