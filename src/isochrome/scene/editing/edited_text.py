@@ -103,8 +103,7 @@ def with_list_value(
     found = _edited(text, edit, wanted)
     if found is None:
         raise InputError(
-            f"{name}: its layout cannot be edited; set {entry} = {value} of {key} {place + 1} in it "
-            "by hand"
+            f"{name}: its layout cannot be edited; set {entry} = {value} of {key} {place + 1} by hand"
         )
     return found
 
