@@ -102,9 +102,8 @@ def with_list_value(
 
     found = _edited(text, edit, wanted)
     if found is None:
-        raise InputError(
-            f"{name}: its layout cannot be edited; set {entry} = {value} of {key} {place + 1} by hand"
-        )
+        what = f"{entry} = {value} of {key} {place + 1}"
+        raise InputError(f"{name}: its layout cannot be edited; set {what} by hand")
     return found
 
 
