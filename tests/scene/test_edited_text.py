@@ -138,6 +138,11 @@ def test_a_layout_that_cannot_be_edited_is_said_with_the_line_to_write():
         with_value("load = [1]", "load.normal_n", "3", name="my")
 
 
+def test_an_edit_that_would_say_more_is_refused():
+    with pytest.raises(InputError, match="its layout cannot be edited"):
+        with_value(TEXT, "camera.bit_depth", "8", comment="new\nseed = 3")
+
+
 PLAIN = st.recursive(
     st.booleans() | st.integers(-(2**60), 2**60) | st.text()
     | st.floats(allow_nan=False, allow_infinity=False),
