@@ -141,7 +141,7 @@ def _edited(
             return None
         behind = edit(document) or ""
         found = document.as_string()
-    except TOMLKitError:
+    except (TOMLKitError, RecursionError):
         return None
     found = found if behind else found.removesuffix(added)
     found += "\n" + behind if behind and found.strip() else behind
