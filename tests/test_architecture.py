@@ -160,7 +160,6 @@ FRONT = ("api", "result", "figure", "folder", "settings")
 
 SHORT_WITH_A_REASON = {
     "figures/scale_bar.py": "the length of a scale bar, which figures for a paper alone have",
-    "frames/readers/video.py": "which library reads a video: the one place that knows both",
 }
 
 AN_INTERFACE = "specimens"

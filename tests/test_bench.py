@@ -331,7 +331,6 @@ def test_track_suite_counts_frames_and_what_reading_takes(monkeypatch, tmp_path)
 
 @pytest.mark.long
 def test_track_suite_reads_a_film_of_a_codec_whose_columns_are_even():
-    pytest.importorskip("av")
     (row,) = load_benchmarks("case_track").run_case("MJPEG in AVI", quick=True)
     assert row.frames == 9 and row.load_error < 3.5e-4  # 1.1e-4: a codec adds a little
 

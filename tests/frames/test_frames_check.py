@@ -213,7 +213,6 @@ def test_a_full_scale_of_fewer_bits_is_suspected_to_the_last_level(tmp_path):
 )
 def test_a_video_that_keeps_its_noise_is_not_said_to_lose_it(tmp_path, codec, pixels, lossy):
     """FFV1, which the guide recommends, was said to be compressed with loss."""
-    pytest.importorskip("av")
     path = written("v.mkv" if codec == "ffv1" else "v.avi", codec, pixels)(tmp_path)
     notes = texts(look_through(path, parse_scene(PLAIN)), "note")
     assert ("compressed with loss" in notes) == lossy

@@ -2,7 +2,6 @@
 
 import importlib
 import pickle
-import sys
 from fractions import Fraction
 
 import numpy as np
@@ -81,10 +80,8 @@ def test_stills_keep_the_contract(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", VIDEOS)
-def test_videos_keep_the_contract_by_pyav(name, tmp_path):
-    path = MOVING[name].write(tmp_path)
-    pytest.importorskip("av")
-    check_contract(MOVING[name], path)
+def test_videos_keep_the_contract(name, tmp_path):
+    check_contract(MOVING[name], MOVING[name].write(tmp_path))
 
 
 LISTED = {
@@ -97,9 +94,8 @@ PIXELS = {"rawvideo": "gray", "ffv1": "gray16le", "mjpeg": "yuvj420p", "huffyuv"
 
 @pytest.mark.parametrize("codec", LISTED)
 def test_packets_that_are_frames_are_counted_without_decoding(codec, tmp_path, monkeypatch):
-    pytest.importorskip("av")
     path = video(tmp_path / f"v.{LISTED[codec]}", codec, PIXELS.get(codec, "rgb24"))
-    module = importlib.import_module("isochrome.frames.readers.video_pyav")
+    module = importlib.import_module("isochrome.frames.readers.video")
     with open_frames(path) as reader, monkeypatch.context() as patch:
         patch.setattr(module, "decoded", None)
         assert reader.count(decode=False) == COUNT
@@ -122,7 +118,6 @@ def test_what_is_done_to_a_frame_does_not_come_back_in_another(name, codec, tmp_
 @pytest.mark.parametrize(("pixels", "bits"), [("yuv420p", 8), ("yuv422p10le", 10)])
 def test_levels_between_black_and_white_are_spread_over_all(pixels, bits, tmp_path):
     """Black at 16 and white at 235 of 255: ITU-R BT.601-7."""
-    pytest.importorskip("av")
     stored = np.arange(COLS * ROWS) * 7919 % 2**bits
     spread = [Fraction(int(y) - (16 << bits - 8), 219 << bits - 8) for y in range(2**bits)]
     wanted = np.array([round(min(max(s, 0), 1) * (2**bits - 1)) for s in spread])
@@ -152,7 +147,6 @@ def write_luminance(path, luminance, pixels, bits):
 
 
 def test_a_packet_that_is_no_frame_shows_when_it_is_read(tmp_path):
-    pytest.importorskip("av")
     path = video(tmp_path / "v.avi", "mjpeg", "yuvj420p")
     data, at = bytearray(path.read_bytes()), -1
     for _ in range(6):
@@ -167,29 +161,6 @@ def test_a_packet_that_is_no_frame_shows_when_it_is_read(tmp_path):
             list(reader.iterate(5, 7))
 
 
-def refusal(path):
-    """Why a recording is refused, None where it is read to its end."""
-    try:
-        with open_frames(path) as reader:
-            list(reader)
-            reader.count()
-    except InputError as error:
-        return str(error)
-    return None
-
-
-@pytest.mark.parametrize("name", VIDEOS)
-def test_videos_keep_the_contract_by_opencv_or_are_refused(name, tmp_path, monkeypatch, capfd):
-    path = MOVING[name].write(tmp_path)
-    monkeypatch.setitem(sys.modules, "av", None)
-    reason = refusal(path)
-    if reason is None:
-        check_contract(MOVING[name], path)
-    else:
-        assert "pip install isochrome[video]" in reason and "\n" not in reason
-    assert capfd.readouterr().err == ""
-
-
 # 100 % colour bars, (Y, Cb, Cr) of red, green and blue: ITU-R BT.601-7 and BT.709-6, 8 bits
 BARS = {
     "601": ((81, 90, 240), (145, 54, 34), (41, 240, 110)),
@@ -200,7 +171,8 @@ BARS = {
 @pytest.mark.parametrize("pixels", ["yuv444p", "yuv420p", "yuv422p10le"])
 @pytest.mark.parametrize("space", BARS)
 def test_colours_of_a_video_are_those_of_the_standard(tmp_path, space, pixels):
-    av = pytest.importorskip("av")
+    import av
+
     deep = 2 if "10" in pixels else 0
     with av.open(str(tmp_path / "v.mkv"), "w") as out:
         stream = out.add_stream("ffv1", rate=10)

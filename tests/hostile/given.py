@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import sys
 import zlib
 from collections.abc import Iterable
 from fractions import Fraction
@@ -169,11 +168,6 @@ def stack(path: Path, frames: np.ndarray | None = None) -> None:
 def image(path: Path, frame: np.ndarray | None = None) -> None:
     """An image file of the kind that its name says."""
     Image.fromarray(picture() if frame is None else frame).save(path)
-
-
-def without_pyav() -> None:
-    """Make the process one where PyAV is not installed."""
-    sys.modules["av"] = None  # type: ignore[assignment]
 
 
 def roi() -> bytes:

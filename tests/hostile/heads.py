@@ -19,7 +19,6 @@ from hostile.given import (
     process,
     tiff,
     video,
-    without_pyav,
 )
 
 HEADS: list[Case] = []
@@ -181,14 +180,6 @@ def bmp_whose_head_claims_more_rows_than_follow(place: Path) -> list[str]:
     image(place / "f.bmp")
     changed(place / "f.bmp", b"BM", 22, "<i", 4800)
     return process("f.bmp")
-
-
-@hostile(HEADS, "f.avi", "PyAV", "isochrome[video]", inside=without_pyav)
-def avi_that_claims_two_thousand_million_frames_without_pyav(place: Path) -> list[str]:
-    path = video(place / "f.avi", "mjpeg", "yuvj420p")
-    changed(path, b"avih", 8 + 16, "<I", 2**31)
-    changed(path, b"strh", 8 + 32, "<I", 2**31)
-    return process("f.avi")
 
 
 @hostile(HEADS, "f.mp4", "breaks off", "copy it again")

@@ -16,7 +16,6 @@ from hostile.given import (
     process,
     stack,
     video,
-    without_pyav,
     write_scene,
 )
 
@@ -176,11 +175,6 @@ def mjpeg_whose_frames_change_size(place: Path) -> list[str]:
 @hostile(PIXELS, "v.mkv", "frame 1", "remove or crop", slow=True)
 def mkv_of_two_joined_recordings(place: Path) -> list[str]:
     return two_sizes(place, "v.mkv", "mjpeg", "yuvj420p")
-
-
-@hostile(PIXELS, "v.avi", "isochrome[video]", inside=without_pyav)
-def mjpeg_whose_frames_change_size_without_pyav(place: Path) -> list[str]:
-    return two_sizes(place, "v.avi", "mjpeg", "yuvj420p")
 
 
 @hostile(PIXELS, "2.mkv", "must be alike")

@@ -252,7 +252,6 @@ def test_a_map_is_packed_to_the_same_bytes_in_any_thread():
 
 
 def test_a_video_is_followed_unless_each_frame_is_wanted(tmp_path):
-    pytest.importorskip("av")
     scene = contact(sliding=True)
     (tmp_path / "scene.toml").write_text(save(tmp_path / "s", np.zeros((1, 9, 9)), scene).joinpath(
         "scene.toml").read_text("utf-8"), "utf-8")  # fmt: skip

@@ -55,7 +55,6 @@ def test_a_set_whose_loads_are_far_apart_is_no_film():
 
 def test_a_video_is_followed_by_default_and_each_reads_its_frames_alone(tmp_path):
     """Its frames' own times are those of a camera that left out some."""
-    pytest.importorskip("av")
     film = LoadedFilm(4)
     numbers = [20, 21, 23, 24, 26, 27]
     write_video(tmp_path / "film.mkv", film.frames(numbers), "ffv1", "gray", numbers=numbers)
@@ -72,7 +71,6 @@ def test_a_video_is_followed_by_default_and_each_reads_its_frames_alone(tmp_path
 
 def test_a_video_whose_loads_are_far_apart_has_its_frames_read_alone_and_says_so(tmp_path):
     """What `--each` finds, and a word about it; asked for, following is refused."""
-    pytest.importorskip("av")
     film = LoadedFilm(4)
     write_video(tmp_path / "film.mkv", film.frames([22, 32, 40]), "ffv1", "gray")
     arguments = tmp_path / "film.mkv", film.scene(**AXIS)

@@ -344,7 +344,6 @@ def test_every_is_for_tracking(tmp_path):
 @pytest.mark.long
 def test_a_worn_contact_is_followed_by_its_frames_times(tmp_path):
     """A sliding speed of 100 m/s in jest: 2 m from frame to frame, and the scar grows as by law."""
-    pytest.importorskip("av")
     distances = 2.0 * np.arange(12)
     scene = contact(wearing=True)
     whole = scene.with_values({"wear.distances_m": distances.tolist()})

@@ -100,7 +100,6 @@ def test_frames_may_be_missing_where_the_order_changes_little():
 @pytest.mark.long
 def test_times_are_those_of_the_file(tmp_path):
     """A camera that drops frames: rates are those of time, and no order is lost for it."""
-    pytest.importorskip("av")
     film = LoadedFilm(3)
     numbers = [k for k in range(film.count) if k % 5 or k < 10]
     assert np.abs(np.diff(film.course[numbers])).max() > 0.3

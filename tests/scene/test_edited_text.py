@@ -9,7 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isochrome.errors import InputError
-from isochrome.scene import parse_toml, toml_text, with_table_list, with_value, without_value
+from isochrome.scene import (
+    parse_toml,
+    toml_text,
+    with_list_value,
+    with_table_list,
+    with_value,
+    without_value,
+)
 
 TEXT = """\
 # my bench
@@ -131,6 +138,11 @@ def test_a_layout_that_cannot_be_edited_is_said_with_the_line_to_write():
         with_value("load = [1]", "load.normal_n", "3", name="my")
 
 
+def test_an_edit_that_would_say_more_is_refused():
+    with pytest.raises(InputError, match="its layout cannot be edited"):
+        with_value(TEXT, "camera.bit_depth", "8", comment="new\nseed = 3")
+
+
 PLAIN = st.recursive(
     st.booleans() | st.integers(-(2**60), 2**60) | st.text()
     | st.floats(allow_nan=False, allow_infinity=False),
@@ -181,3 +193,27 @@ def test_a_lists_tables_in_another_order_are_written_anew():
     second, first = ({"row_px": r, "col_px": r + 1, "order": r / 2 - 0.5} for r in (3, 1))
     found = with_table_list(COMMENTED, "frames.known_order", [second, first])
     assert parse_toml(found, "scene")["frames"]["known_order"] == [second, first]
+
+
+def test_a_list_is_added_to_a_text_without_table_heads():
+    text = "frames.gamma = 1.4 # mine\n"
+    found = with_table_list(text, "image", [{"file": "a.png", "load_n": 1.0}])
+    assert found == text + '\n[[image]]\nfile = "a.png"\nload_n = 1.0\n'
+
+
+IMAGES = "[[image]]\nfile = 'a'  # first\nload_n = 1  # cell\n[[image]]\nfile = 'b'\n# blurred\n"
+
+
+def test_one_entry_of_a_lists_table_changes_or_is_added():
+    found = with_list_value(IMAGES, "image", 0, "load_n", 2.5)
+    assert found == IMAGES.replace("load_n = 1 ", "load_n = 2.5 ")
+    added = with_list_value(IMAGES, "image", 1, "load_n", 2.5)
+    assert tomllib.loads(added)["image"][1] == {"file": "b", "load_n": 2.5}
+    assert comments_of(added) == comments_of(IMAGES)
+
+
+def test_a_list_whose_tables_stand_apart_is_left_as_it_is():
+    """The library would move its second table to the first."""
+    text = IMAGES.replace("[[image]]\nfile = 'b'", "[camera]\npixel_mm = 1\n[[image]]\nfile = 'b'")
+    with pytest.raises(InputError, match="its layout cannot be edited"):
+        with_value(text, "camera.pixel_mm", "2.0")

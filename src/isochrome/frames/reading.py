@@ -139,7 +139,7 @@ class FrameReader:
 
         What it costs to come to `start`: nothing for TIFF stacks and images, one page being found
         as fast as another. In a video, all frames before it are decoded (not converted); after
-        `count`, with PyAV, those since the last key frame only. Of several files, after `count`,
+        `count`, those since the last key frame only. Of several files, after `count`,
         only the one that holds `start` is opened. Memory: one frame, and what the codec keeps.
 
         Parameters: `start`, `stop` (None: to the end), frame numbers from 0. Returns an iterator,

@@ -1,5 +1,11 @@
 from .array_frames import ArrayFrames, FramesLike, ImageFile, frames_of
-from .editing.edited_text import toml_text, with_table_list, with_value, without_value
+from .editing.edited_text import (
+    toml_text,
+    with_list_value,
+    with_table_list,
+    with_value,
+    without_value,
+)
 from .imaging import Camera, FileName, Frames, Roi
 from .known_orders import FreeBoundary, FreeCorner, KnownLine, KnownOrder
 from .parts import (
@@ -78,6 +84,7 @@ __all__ = [
     "split_uncertainties",
     "toml_text",
     "validate",
+    "with_list_value",
     "with_table_list",
     "with_value",
     "without_value",

@@ -34,6 +34,7 @@ from isochrome.scene import (
     parse_toml,
     toml_text,
     validate,
+    with_list_value,
     with_table_list,
 )
 from isochrome.setup_page.places import moved, round_by_spread
@@ -48,7 +49,6 @@ _PICTURED = ("camera", "polariscope", "frames")
 """Tables that a set and a scene have in common: how the picture is taken and read."""
 
 _LOAD_IN_NAME = re.compile(r"(?<![0-9A-Za-z.,])([0-9]+(?:[.,][0-9]+)?)[ _-]?N(?![A-Za-z])")
-_LOAD_LINE = re.compile(r"(?m)^([ \t]*load_n[ \t]*=[ \t]*)([^#\r\n]*?)([ \t]*(?:#.*)?)\r?$")
 
 _GAMMA = "frames.gamma"
 
@@ -221,27 +221,14 @@ def with_loads(text: str, names: Sequence[str], loads: Sequence[float | None]) -
     wanted = {n: load for n, load in zip(names, loads, strict=True) if load is not None}
     there = parse_toml(text, "set").get("image", [])
     own = _plain({one.get("file"): one.get("load_n") for one in there})
-    for name, load in wanted.items():
-        if name in own and own[name] != load:
-            text = _with_load(text, name, load)
+    for place, one in enumerate(there):
+        load = wanted.get(one.get("file"))
+        if load is not None and load != own[one["file"]]:
+            text = with_list_value(text, "image", place, "load_n", float(load), name="set")
     there = parse_toml(text, "set").get("image", [])
     images = [one for one in there if one.get("file") in wanted or one.get("file") not in names]
     images += [{"file": n, "load_n": float(v)} for n, v in wanted.items() if n not in own]
     return text if images == there else with_table_list(text, "image", images, name="set")
-
-
-def _with_load(text: str, name: str, load: float) -> str:
-    """The text with one image's load. Raises InputError."""
-    tables = parse_toml(text, "set")
-    for one in tables["image"]:
-        if one.get("file") == name:
-            one["load_n"] = float(load)
-    for line in _LOAD_LINE.finditer(text):
-        start, end = line.span(2)
-        tried = text[:start] + toml_text(float(load)) + text[end:]
-        if parse_toml(tried, "set") == tables:
-            return tried
-    raise InputError(f"set: its layout cannot be edited; set load_n of {name} in it by hand")
 
 
 def calibration_answer(session: SetSession) -> dict[str, Any]:

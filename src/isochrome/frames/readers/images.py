@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Generator
 from functools import partial
 from pathlib import Path
@@ -117,11 +118,15 @@ def _by_pillow(path: Path, file: Any) -> np.ndarray:
 
 
 def _by_opencv(path: Path, data: bytes) -> np.ndarray:
-    from isochrome.frames.readers.video_opencv import quiet_cv2
-
     if data.startswith(b"\x89PNG") and PNG_END not in data:
         raise InputError(f"{path}: the image breaks off; copy it again from its source")
-    cv2 = quiet_cv2()
+    import cv2
+
+    if "OPENCV_LOG_LEVEL" not in os.environ:  # else it tells standard error of damaged images
+        if hasattr(cv2, "setLogLevel"):  # until version 5
+            cv2.setLogLevel(0)
+        else:
+            cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise InputError(f"{path}: the image breaks off or is damaged; copy it again")

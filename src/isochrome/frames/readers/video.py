@@ -1,32 +1,216 @@
-"""Frames from a video: which library reads it, and what none may be asked."""
+"""Frames from a video by PyAV, and where each of them is, once all have been decoded."""
 
 from __future__ import annotations
 
-import importlib.util
+from collections.abc import Generator, Iterator
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
-from isochrome.frames.integrity.containers import check_whole
-from isochrome.frames.readers import video_opencv, video_pyav
-from isochrome.frames.source import Source, Stamp
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.frames.integrity.containers import Container, check_whole
+from isochrome.frames.integrity.decoding import (
+    Decoded,
+    Places,
+    by_packets,
+    checksum,
+    decoded,
+    open_container,
+)
+from isochrome.frames.readers.pixel_formats import to_image
+from isochrome.frames.source import Extent, RawFrame, Source, Stamp, StoredForm, next_time, refusing
 
 SUFFIXES = (
     ".avi", ".mp4", ".mkv", ".mov", ".m4v", ".wmv", ".mpg", ".mpeg", ".webm", ".ts", ".mts",
 )  # fmt: skip
 
 
+class Video:
+    """One video file; decoded from its start, or from a key frame once its frames are known."""
+
+    def __init__(self, path: Path, stamp: Stamp, container: Container) -> None:
+        """Parameters: `path`; `stamp`, the file's when it was opened; `container`."""
+        self.path, self.stamp, self.container = path, stamp, container
+        self.places: Places | None = None
+        self.form: StoredForm  # of the first frame, which is decoded before any is asked for
+
+    def extent(self) -> Extent:
+        """Decode all frames once, remember their places, and count them."""
+        if self.places is None:
+            self.places = self._survey()
+        return Extent(len(self.places.times_s), self.places.end_s)
+
+    def listed(self) -> Extent:
+        """The same by the packets, without decoding, where each of them is a frame by itself."""
+        if self.places is None:
+            self.places = by_packets(self.path, self.container)
+            self.stamp.check(self.path)
+        return self.extent()
+
+    def begins(self, start: int) -> int:
+        """The frame that decoding begins with to come to frame `start`."""
+        if self.places is None:
+            return 0
+        keys = self.places.keys[:, 0]
+        return int(keys[keys <= start].max(initial=0))
+
+    def frames(self, start: int) -> Generator[RawFrame]:
+        """The frames from number `start` on; those before are decoded, but not converted."""
+        first, running = 0, None
+        if self.places is not None and start > 0:
+            first, running = self._from_key(start)
+        if running is None:
+            first, running = 0, self.decoded()
+        if self.places is not None and self.places.sums is None:
+            running = self._as_listed(self.places.stamps, first, running)
+        for index, item in enumerate(running, first):
+            if index < start:
+                continue
+            with refusing(self.path, f"frame {index} cannot be decoded"):
+                image = to_image(item.frame, self.path)[0]
+                self.form.check(self.path, image, f"frame {index}")
+            time = item.time_s if self.places is None else self._time(index)
+            yield RawFrame(image, time, f"{self.path.name}[{index}]")
+        self.stamp.check(self.path)
+
+    def decoded(self, key: tuple[int, int] | None = None) -> Generator[Decoded]:
+        """Every frame in the order of display, from the first or from a key frame's tick on."""
+        self.stamp.check(self.path)
+        return decoded(self.path, self.container, key)
+
+    def _survey(self) -> Places:
+        times, ticks, sums, keys = [], [], [], []
+        running: Iterator[Decoded] = self.decoded()
+        listed = by_packets(self.path, self.container)
+        if listed is not None:  # FFmpeg passes over damaged frames of H.264 in silence
+            running = self._as_listed(listed.stamps, 0, running)
+        for index, item in enumerate(running):
+            if item.frame.key_frame and item.tick is not None:
+                keys.append((index, item.tick))
+            times.append(np.nan if item.time_s is None else item.time_s)
+            ticks.append(-1 if item.tick is None else item.tick)
+            sums.append(checksum(item.frame))
+            last = item.frame
+        if not times:
+            raise InputError(f"{self.path}: no frame of this video can be decoded; is it whole?")
+        self.stamp.check(self.path)
+        end = next_time(*times[-2:]) if len(times) > 1 else _duration(last)
+        end = None if end is None or np.isnan(end) else end
+        return Places(
+            np.array(times), np.array(ticks, np.int64), np.array(sums, np.uint32),
+            np.array(keys, np.int64).reshape(-1, 2), end,
+        )  # fmt: skip
+
+    def _as_listed(
+        self, stamps: np.ndarray, first: int, running: Iterator[Decoded]
+    ) -> Iterator[Decoded]:
+        """The frames from `first` on, each of which has to be the one that its packet said."""
+        index = first - 1
+        for index, item in enumerate(running, first):
+            if index >= len(stamps) or item.tick != stamps[index]:
+                raise InputError(
+                    f"{self.path}: frame {index} is not the one that its packet announces; save it "
+                    "again ('ffmpeg -i FILE -c:v ffv1 NEW.mkv')"
+                )
+            yield item
+        if index + 1 != len(stamps):
+            raise InputError(
+                f"{self.path}: gives {index + 1} frames of {len(stamps)} packets; copy it again "
+                "from its source"
+            )
+
+    def _time(self, index: int) -> float | None:
+        assert self.places is not None
+        time = float(self.places.times_s[index]) if index < len(self.places.times_s) else np.nan
+        return time if np.isfinite(time) else None
+
+    def _from_key(self, start: int) -> tuple[int, Iterator[Decoded] | None]:
+        """Frames from the last key frame before `start`; None where they are not the known ones.
+
+        A key frame that is none, or a time stamp that two frames share, shows in the checksums.
+        """
+        assert self.places is not None
+        keys = self.places.keys[self.places.keys[:, 0] <= start]
+        if len(keys) == 0 or keys[-1][0] == 0 or start >= len(self.places.times_s):
+            return 0, None
+        first, tick = int(keys[-1][0]), int(keys[-1][1])
+        if np.count_nonzero(self.places.stamps == tick) != 1:
+            return 0, None
+        running = self.decoded((first, tick))
+        try:
+            item = next((d for d in running if d.tick is not None and d.tick >= tick), None)
+        except InputError:
+            return 0, None
+        if item is None or item.tick != tick:
+            return 0, None
+        if self.places.sums is None:
+            return first, chain((item,), running)
+        if checksum(item.frame) != self.places.sums[first]:
+            return 0, None
+        return first, self._checked(first, item, running)
+
+    def _checked(self, first: int, item: Decoded, rest: Iterator[Decoded]) -> Iterator[Decoded]:
+        """The frames from a key frame on, each held against what it was when it was counted.
+
+        Where one is not, as after a key frame that is none, all are decoded from the first.
+        """
+        assert self.places is not None and self.places.sums is not None
+        index, sums = first, self.places.sums
+        yield item
+        with suppress(InputError):
+            for each in rest:
+                if index + 1 >= len(sums) or checksum(each.frame) != sums[index + 1]:
+                    break
+                index += 1
+                yield each
+        if index + 1 == len(sums):
+            return
+        for number, each in enumerate(self.decoded()):
+            if number >= len(sums) or checksum(each.frame) != sums[number]:
+                raise InputError(
+                    f"{self.path}: frame {number} is not what it was when the frames were counted; "
+                    "was the file changed? start again"
+                )
+            if number > index:
+                yield each
+
+
 def open_video(path: Path) -> Source:
-    """Decode the first frame of a video. Returns its Source. Raises InputError.
-
-    PyAV reads every kind of video that the tests know. Without it OpenCV reads those that it reads
-    right, and the others are refused.
-    """
+    """Decode the first frame of a video. Returns its Source. Raises InputError."""
     stamp = Stamp.of(path)
-    container = check_whole(path)
-    if has_pyav():
-        return video_pyav.open_with_pyav(path, stamp, container)
-    return video_opencv.open_with_opencv(path, stamp)
+    video = Video(path, stamp, check_whole(path))
+    running = video.decoded()
+    try:
+        item = next(running, None)
+        if item is None:
+            raise InputError(f"{path}: no frame of this video can be decoded; is it whole?")
+        with refusing(path, "frame 0 cannot be decoded"):
+            image, bits = to_image(item.frame, path)
+            base = item.frame.time_base
+    finally:
+        running.close()
+    with open_container(path) as (_, stream):
+        claimed, lossy = stream.frames, bool(stream.codec_context.codec.lossy)
+    video.form = StoredForm.of(image)
+    return Source(
+        kind="video",
+        form=video.form,
+        sensor_bits=bits,
+        frames=video.frames,
+        extent=video.extent,
+        listed=video.listed,
+        begins=video.begins,
+        files=(path,),
+        claimed=claimed or None,
+        lossy=lossy,
+        start_s=None if item.tick is None else float(item.tick * base),
+    )
 
 
-def has_pyav() -> bool:
-    """Whether PyAV is installed."""
-    return importlib.util.find_spec("av") is not None
+def _duration(frame: Any) -> float | None:
+    """How long a frame stands (s), where its file says so."""
+    ticks = getattr(frame, "duration", None)
+    return float(ticks * frame.time_base) if ticks and frame.time_base else None

@@ -1,7 +1,7 @@
-"""One value or list of tables set in TOML text: all else in it stays, to the byte.
+"""One value or list of tables set in TOML text by tomlkit: all else in it stays, to the byte.
 
-TOML allows one key in many layouts. Every plausible place in the text is tried, and the first
-edit is taken after which the text says what it said before, but for the one key.
+After an edit the text is read anew: it has to say what it said before, but for the one key. tomlkit
+is imported where a text is edited, which few commands do.
 """
 
 from __future__ import annotations
@@ -10,14 +10,18 @@ import copy
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 from isochrome.errors import InputError
 from isochrome.scene.toml import parse_toml
 
-_CLOSED_BY = {"[": "]", "{": "}"}
-_QUOTES = ('"""', "'''", '"', "'")
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
+    from tomlkit.items import Item, Key
+
+    Body = list[tuple[Key | None, Item]]
+    """What stands in a table, in its order: values by key, comments and blank lines without."""
 
 
 def with_value(
@@ -33,10 +37,9 @@ def with_value(
     own = wanted.setdefault(table, {})
     if isinstance(own, dict):
         own[entry] = tomllib.loads(f"value = {written}")["value"]
-        note = _Note(comment, mark)
-        for candidate in _settings(text, (table, entry), written, note):
-            if _says(candidate, wanted):
-                return candidate
+        found = _edited(text, lambda doc: _set(doc, (table, entry), written, comment, mark), wanted)
+        if found is not None:
+            return found
     raise InputError(f"{name}: its layout cannot be edited; set {key} = {written} in it by hand")
 
 
@@ -52,14 +55,13 @@ def without_value(text: str, key: str, *, name: str = "scene") -> str:
     if (entry or table) not in holder:
         return text
     del holder[entry or table]
-    tries = _removals(text, table, entry) if entry else iter([_without_tables(text, _path(key))])
     emptied = copy.deepcopy(wanted)
     if entry and not holder:
         del emptied[table]  # a table that held nothing else may go with it
-    for candidate in tries:
-        if _says(candidate, wanted) or _says(candidate, emptied):
-            return candidate
-    raise InputError(f"{name}: its layout cannot be edited; take {key} out of it by hand")
+    found = _edited(text, lambda doc: _take_out(doc, key.split(".")), wanted, emptied)
+    if found is None:
+        raise InputError(f"{name}: its layout cannot be edited; take {key} out of it by hand")
+    return found
 
 
 def with_table_list(
@@ -70,69 +72,39 @@ def with_table_list(
     Tables that stay keep their place and comments, new ones come behind them; no entries take the
     list out. InputError where no edit does only that.
     """
+    if not entries:
+        return without_value(text, key, name=name)
     wanted = parse_toml(text, name)
     table, _, entry_name = key.partition(".")
     holder = wanted.setdefault(table, {}) if entry_name else wanted
     there = holder.get(entry_name or table, [])
-    if not entries:
-        return without_value(text, key, name=name)
-    holder[entry_name or table] = [dict(entry) for entry in entries]
-    changed = _changed_list(text, key, there, entries)
-    if changed is not None and _says(changed, wanted):
-        return changed
-    found = _with_tables(without_value(text, key, name=name), key, entries)
-    if not _says(found, wanted):
-        raise InputError(f"{name}: its layout cannot be edited; write [[{key}]] in it by hand")
-    return found
+    holder[entry_name or table] = tables = [dict(entry) for entry in entries]
+    stay = [entry for entry in there if entry in tables]
+    stay = stay if tables[: len(stay)] == stay else []
+    found = _edited(text, lambda doc: _set_list(doc, key.split("."), stay, tables), wanted)
+    if found is not None:
+        return found
+    raise InputError(f"{name}: its layout cannot be edited; write [[{key}]] in it by hand")
 
 
-def _with_tables(text: str, key: str, entries: Sequence[Mapping[str, Any]]) -> str:
-    """Text with a list's tables behind it."""
-    end = _line_end(text)
-    blocks = (
-        f"[[{key}]]{end}" + "".join(f"{k} = {toml_text(v)}{end}" for k, v in entry.items())
-        for entry in entries
-    )
-    gap = end if text.strip() else ""
-    start = text if not text or text.endswith("\n") else text + end
-    return start + gap + end.join(blocks)
+def with_list_value(
+    text: str, key: str, place: int, entry: str, value: Any, *, name: str = "scene"
+) -> str:
+    """TOML text with an entry of one of a list's tables, such as load_n of the first [[image]].
 
-
-def _changed_list(
-    text: str, key: str, there: Sequence[Any], entries: Sequence[Mapping[str, Any]]
-) -> str | None:
-    """Text whose list's tables stay as they are written where they are still wanted.
-
-    Those that are not go with what stands in them, and new ones come behind the last; None where
-    none stays, or the list is written otherwise.
+    InputError where no edit does only that.
     """
-    lines = text.splitlines(keepends=True)
-    blocks = list(_blocks(lines, _path(key)))
-    stay = [dict(entry) in map(dict, entries) for entry in there]
-    if len(blocks) != len(there) or not any(stay):
-        return None
-    new = [entry for entry in entries if dict(entry) not in there]
-    at = max(end for (_, end), kept in zip(blocks, stay, strict=True) if kept)
-    if not any(re.match(r"[ \t]*\[", line) for line in lines[at:]):
-        at = len(lines)  # what stands behind the last one is of the list too
-    gone = {i for span, kept in zip(blocks, stay, strict=True) if not kept for i in range(*span)}
-    before, after = (
-        "".join(lines[i] for i in places if i not in gone)
-        for places in (range(at), range(at, len(lines)))
-    )
-    return _with_tables(before, key, new) + after if new else before + after
+    wanted = parse_toml(text, name)
+    wanted[key][place][entry] = value
 
+    def edit(document: TOMLDocument) -> None:
+        document[key][place][entry] = value
 
-def _blocks(lines: Sequence[str], path: str) -> Iterator[tuple[int, int]]:
-    """First line of each of a list's tables, and the one behind the last that is no comment."""
-    heads = [i for i, line in enumerate(lines) if re.match(r"[ \t]*\[", line)]
-    own = re.compile(rf"[ \t]*\[\[[ \t]*{path}[ \t]*\]\]")
-    for start, end in zip(heads, [*heads[1:], len(lines)], strict=True):
-        if own.match(lines[start]):
-            filled = [
-                i for i in range(start, end) if lines[i].strip() and lines[i].strip()[0] != "#"
-            ]
-            yield start, filled[-1] + 1
+    found = _edited(text, edit, wanted)
+    if found is None:
+        what = f"{entry} = {value} of {key} {place + 1}"
+        raise InputError(f"{name}: its layout cannot be edited; set {what} by hand")
+    return found
 
 
 def toml_text(value: Any) -> str:
@@ -149,154 +121,169 @@ def toml_text(value: Any) -> str:
     return "[" + ", ".join(map(toml_text, value)) + "]"
 
 
-class _Note:
-    """A comment for a line, and what an earlier one of its kind begins with."""
+def _edited(
+    text: str, edit: Callable[[TOMLDocument], str | None], *wanted: Mapping[str, Any]
+) -> str | None:
+    """Text whose document was edited, with what `edit` returns behind it.
 
-    def __init__(self, comment: str, mark: str) -> None:
-        self.comment, self.mark = comment, mark
+    None where it then says none of `wanted`, or tomlkit, which joins a list's tables that stand
+    apart, moves something. A blank within a line may go (behind a date in braces, as of 0.15).
+    """
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
 
-    @property
-    def ending(self) -> str:
-        """What stands behind a new line's value."""
-        return f"  # {self.comment}" if self.comment else ""
-
-    def placed(self, before: str, after: str) -> Iterator[str]:
-        """The text with the comment on this line, beside one that is there, and without it."""
-        rest = re.match(r"""(?P<code>[^\r\n#"']*)(?P<comment>#[^\r\n]*)?""", after)
-        if self.comment and rest is not None:
-            code, kept = rest["code"].rstrip(" \t"), rest["comment"] or ""
-            gap = rest["code"][len(code) :] or "  "
-            own = re.sub(rf";?[ \t]*{self.mark}[^;]*", "", kept) if self.mark else kept
-            own = own.replace("#;", "#").rstrip()
-            joint = "# " if own in ("", "#") else f"{own}; "
-            yield f"{before}{code}{gap}{joint}{self.comment}{after[rest.end() :]}"
-        yield before + after
-
-
-def _settings(text: str, key: tuple[str, str], value: str, note: _Note) -> Iterator[str]:
-    """Edits that may be the right one: the value where the key stands, else the key put in."""
-    table, entry = map(_quoted, key)
-    for start, end in _values(text, entry):
-        yield from note.placed(text[:start] + value, text[end:])
-    line_end = _line_end(text)
-    line = f"{key[1]} = {value}"
-    head = rf"^[ \t]*\[[ \t]*{table}[ \t]*\][^\r\n]*\r?\n?"
-    for found in re.finditer(head, text, re.M):
-        before = text[: found.end()]
-        before += "" if before.endswith("\n") else line_end
-        yield f"{before}{line}{note.ending}{line_end}{text[found.end() :]}"
-    inline = rf"{table}[ \t]*=[ \t]*\{{[ \t]*(?P<rest>\}}?)"
-    for found in re.finditer(inline, text):
-        start = found.start("rest")
-        comma = " " if found["rest"] else ", "
-        yield from note.placed(text[:start] + line + comma, text[start:])
-    for found in re.finditer(rf"^[ \t]*{table}[ \t]*\.", text, re.M):
-        before, after = text[: found.start()], text[found.start() :]
-        yield f"{before}{key[0]}.{line}{note.ending}{line_end}{after}"
-    gap = "" if not text or text.endswith("\n") else line_end
-    yield f"{text}{gap}{line_end}[{key[0]}]{line_end}{line}{note.ending}{line_end}"
-    rest = _without_tables(text, _path(".".join(key)))  # where it is a table of its own
-    if rest != text:
-        yield from _settings(rest, key, value, note)
-
-
-def _removals(text: str, table: str, entry: str) -> Iterator[str]:
-    """Edits that may be the right one, of a key that goes: its line, its part, its own tables."""
-    yield _without_tables(text, _path(f"{table}.{entry}"))
-    whole = rf"(?:{_quoted(table)}[ \t]*\.[ \t]*)?{_quoted(entry)}"
-    for start, end in _values(text, whole):
-        line = text.rfind("\n", 0, start) + 1
-        stop = text.find("\n", end)
-        yield text[:line] + (text[stop + 1 :] if stop >= 0 else "")
-        named = next(re.finditer(rf"{whole}[ \t]*=[ \t]*$", text[:start]), None)
-        if named is None:
-            continue
-        before, after = text[: named.start()], text[end:]
-        yield before + re.sub(r"^[ \t]*,[ \t]*", "", after)
-        yield re.sub(r"[ \t]*,[ \t]*$", "", before) + after
-
-
-def _without_tables(text: str, path: str) -> str:
-    """Text without the blocks whose head is a table, or a list's table, of a path or below it."""
-    lines, kept, inside = text.splitlines(keepends=True), [], False
-    head = re.compile(rf"[ \t]*\[\[?[ \t]*{path}[ \t]*[\].]")
-    for line in lines:
-        if re.match(r"[ \t]*\[", line):
-            inside = bool(head.match(line))
-        elif inside and line.lstrip().startswith("#"):
-            kept.append(line)  # a comment may belong to what comes next
-            continue
-        if not inside:
-            kept.append(line)
-    return "".join(kept)
-
-
-def _values(text: str, entry: str) -> Iterator[tuple[int, int]]:
-    """Where values of a key may stand: start and end of each."""
-    for found in re.finditer(rf"{entry}[ \t]*=[ \t]*", text):
-        end = _value_end(text, found.end())
-        if end is not None:
-            yield found.end(), end
-
-
-def _value_end(text: str, start: int) -> int | None:
-    """Where a value of TOML ends that begins at a place; None where it does not end."""
-    depth: list[str] = []
-    at = start
-    while at < len(text):
-        quote = next((q for q in _QUOTES if text.startswith(q, at)), None)
-        if quote is not None:
-            at = _string_end(text, at + len(quote), quote)
-            if at < 0:
-                return None
-            if not depth:
-                return at
-            continue
-        letter = text[at]
-        if letter in _CLOSED_BY:
-            depth.append(_CLOSED_BY[letter])
-        elif depth and letter == depth[-1]:
-            depth.pop()
-            if not depth:
-                return at + 1
-        elif depth and letter == "#":
-            at = text.find("\n", at)
-            if at < 0:
-                return None
-        elif not depth and letter in ",]}#\r\n \t":
-            return at if at > start else None
-        at += 1
-    return None if depth or at == start else at
-
-
-def _string_end(text: str, at: int, quote: str) -> int:
-    """Where a string ends behind its first quote; -1 where it does not."""
-    while at < len(text):
-        if quote.startswith('"') and text[at] == "\\":
-            at += 2
-        elif text.startswith(quote, at):
-            return at + len(quote)
-        else:
-            at += 1
-    return -1
-
-
-def _path(key: str) -> str:
-    """A pattern for a dotted name."""
-    return r"[ \t]*\.[ \t]*".join(map(_quoted, key.split(".")))
-
-
-def _quoted(name: str) -> str:
-    """A pattern for a name of TOML, plain or in quotes."""
-    return rf"""(?:"{name}"|'{name}'|(?<![\w-]){name}(?![\w-]))"""
-
-
-def _line_end(text: str) -> str:
-    return "\r\n" if "\r\n" in text else "\n"
-
-
-def _says(text: str, wanted: Mapping[str, Any]) -> bool:
+    windows = 0 < text.count("\r\n") == text.count("\n")
+    plain = text.replace("\r\n", "\n") if windows else text
+    added = "\n" if plain and not plain.endswith("\n") else ""
     try:
-        return parse_toml(text, "scene") == wanted
+        document = tomlkit.parse(plain + added)
+        if "".join(document.as_string().split()) != "".join(plain.split()):
+            return None
+        behind = edit(document) or ""
+        found = document.as_string()
+    except (TOMLKitError, RecursionError):
+        return None
+    found = found if behind else found.removesuffix(added)
+    found += "\n" + behind if behind and found.strip() else behind
+    found = found.replace("\n", "\r\n") if windows else found
+    try:
+        return found if parse_toml(found, "scene") in wanted else None
     except InputError:
-        return False
+        return None
+
+
+def _set(
+    document: TOMLDocument, path: tuple[str, str], written: str, comment: str, mark: str
+) -> str:
+    """Set a value where its key stands, or else on top of its table; returns a table to be added.
+
+    An inline table is one value, whose line the comment stands on.
+    """
+    import tomlkit
+    from tomlkit.items import AoT, InlineTable, Table
+
+    places = list(_places(document.body, path))
+    if len(places) == 1 and not isinstance(places[0][0][places[0][1]][1], AoT | Table):
+        body, at, line = places[0]
+        own = _replace(body, at, written)
+        _note(line or own, comment, mark)
+        return ""
+    _take_out(document, path)
+    entry = f"{path[1]} = {written}"
+    ending = f"  # {comment}\n" if comment else "\n"
+    for body, at, _ in _places(document.body, path[:1]):
+        key, table = cast("tuple[Key, Item]", body[at])
+        if isinstance(table, InlineTable):
+            rest = table.as_string()[1:].lstrip(" \t")
+            own = _replace(body, at, f"{{ {entry}{' ' if rest == '}' else ', '}{rest}")
+            _note(own, comment, mark)
+            return ""
+        if isinstance(table, Table) and (key.is_dotted() or not table.is_super_table()):
+            table.value.body[:0] = tomlkit.parse(entry + ending).body
+            return ""
+    return f"[{path[0]}]\n{entry}{ending}"
+
+
+def _set_list(
+    document: TOMLDocument,
+    path: Sequence[str],
+    stay: Sequence[Mapping[str, Any]],
+    entries: Sequence[Mapping[str, Any]],
+) -> str:
+    """Set a list's tables, of which the first may stay as they are written; if none does, all go.
+
+    Returns tables to be added.
+    """
+    import tomlkit
+    from tomlkit.items import AoT, Whitespace
+
+    new = "\n".join(
+        f"[[{'.'.join(path)}]]\n" + "".join(f"{k} = {toml_text(v)}\n" for k, v in entry.items())
+        for entry in entries[len(stay) :]
+    )
+    places = [body[at][1] for body, at, _ in _places(document.body, path)]
+    if not stay or len(places) != 1 or not isinstance(places[0], AoT):
+        _take_out(document, path)
+        return new
+    own = places[0]
+    tables, behind = [], ""
+    for table in own.body:
+        before, behind = behind, _cut(table)
+        if table.unwrap() in stay:
+            table.trivia.indent = before + table.trivia.indent
+            tables.append(table)
+        else:
+            behind = before + behind
+    if new:
+        ((body, at, _),) = _places(tomlkit.parse(new).body, path)
+        added = cast(AoT, body[at][1]).body
+        added[0].trivia.indent = "\n"
+        tables += added
+    tables[-1].value.body.append((None, Whitespace(behind)))
+    own.body[:] = tables
+    return ""
+
+
+def _take_out(document: TOMLDocument, path: Sequence[str]) -> None:
+    """Take a value out, or the tables of its name; comments behind them stay."""
+    from tomlkit.items import AoT, Null, Table, Whitespace
+
+    for body, at, _ in list(_places(document.body, path)):
+        item = body[at][1]
+        behind = re.sub(r"(?m)^[ \t]*\n", "", _cut(item))
+        body[at] = None, Whitespace(behind) if isinstance(item, AoT | Table) else Null()
+
+
+def _places(
+    body: Body, path: Sequence[str], line: Item | None = None
+) -> Iterator[tuple[Body, int, Item | None]]:
+    """Where a name stands, or each part of its table.
+
+    As the body that holds it, the place in that, and the inline table whose line it is on.
+    """
+    from tomlkit.items import InlineTable, Table
+
+    for at, (key, item) in enumerate(body):
+        if key is None or key.key != path[0]:
+            continue
+        if len(path) == 1:
+            yield body, at, line
+        elif isinstance(item, Table | InlineTable):
+            inline = item if isinstance(item, InlineTable) else None
+            yield from _places(item.value.body, path[1:], line or inline)
+
+
+def _replace(body: Body, at: int, written: str) -> Item:
+    """Put a value in place of another, with what stands around that. Returns it."""
+    import tomlkit
+
+    key, old = body[at]
+    new = tomlkit.value(written)
+    vars(new.trivia).update(vars(old.trivia))
+    body[at] = key, new
+    return new
+
+
+def _note(item: Item, comment: str, mark: str) -> None:
+    """Put a comment on a value's line, in place of one that begins with a mark."""
+    if not comment:
+        return
+    trivia = item.trivia
+    kept = re.sub(rf";?[ \t]*{mark}[^;]*", "", trivia.comment) if mark else trivia.comment
+    kept = kept.replace("#;", "#").rstrip()
+    trivia.comment_ws = trivia.comment_ws or "  "
+    trivia.comment = ("# " if kept in ("", "#") else f"{kept}; ") + comment
+
+
+def _cut(table: Item) -> str:
+    """Cut off the comments and blank lines that end a table: they may belong to what comes next."""
+    from tomlkit.items import AoT, Table
+
+    if isinstance(table, AoT):
+        return _cut(table.body[-1])
+    if not isinstance(table, Table):
+        return ""
+    body, found = table.value.body, ""
+    while body and body[-1][0] is None:
+        found = body.pop()[1].as_string() + found
+    return (_cut(body[-1][1]) if body else "") + found
