@@ -154,32 +154,32 @@ def export(place: Path) -> list[str]:
     return ["export", "old", "--to", "csv", "--out", "out"]
 
 
-@hostile(SETS, "old", "run.zarr", "name a folder that", slow=True)
+@hostile(SETS, "old", "run.zarr", "is missing", slow=True)
 def export_of_a_run_without_its_store(place: Path) -> list[str]:
     shutil.rmtree(finished(place) / "run.zarr")
     return export(place)
 
 
-@hostile(SETS, "run.zarr", "run the command again")
+@hostile(SETS, "run.zarr", "run the command that left")
 def export_of_a_run_whose_store_is_garbage(place: Path) -> list[str]:
     (finished(place) / "run.zarr" / "zarr.json").write_bytes(b"\xff{garbage")
     return export(place)
 
 
-@hostile(SETS, "run.zarr", "run the command again", slow=True)
+@hostile(SETS, "run.zarr", "run the command that left", slow=True)
 def export_of_a_run_one_of_whose_columns_is_garbage(place: Path) -> list[str]:
     (finished(place) / "run.zarr" / "chi" / "zarr.json").write_bytes(b"[]")
     return export(place)
 
 
-@hostile(SETS, "run.zarr", "run the command again", slow=True)
+@hostile(SETS, "run.zarr", "run the command that left", slow=True)
 def export_of_a_run_one_of_whose_chunks_is_cut(place: Path) -> list[str]:
     file = finished(place) / "run.zarr" / "normalised" / "c" / "0" / "0" / "0"
     file.write_bytes(file.read_bytes()[:50])
     return ["export", "old", "--to", "tiff", "--out", "out"]
 
 
-@hostile(SETS, "run.zarr", "run the command again", slow=True)
+@hostile(SETS, "run.zarr", "run the command that left", slow=True)
 def export_of_a_run_that_claims_a_thousand_million_frames(place: Path) -> list[str]:
     store = finished(place) / "run.zarr"
     for name in ("normalised", "chi", "frame"):
@@ -190,7 +190,7 @@ def export_of_a_run_that_claims_a_thousand_million_frames(place: Path) -> list[s
     return ["export", "old", "--to", "csv", "--out", "out"]
 
 
-@hostile(SETS, "normalised.tif", "not a readable TIFF", "copy it again", slow=True)
+@hostile(SETS, "normalised.tif", "were left", "run the command that left", slow=True)
 def comparison_with_a_run_whose_maps_are_garbage(place: Path) -> list[str]:
     for file in finished(place).glob("*.tif"):
         file.write_bytes(b"II*\0garbage")

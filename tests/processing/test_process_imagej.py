@@ -13,9 +13,7 @@ import isochrome
 from imagej_heads import has_whole_head, heads_of
 from imagej_program import read_by_imagej
 from isochrome.output import (
-    add_imagej_view,
     imagej_view,
-    make_canvas,
     read_csv,
     write_tiff,
 )
@@ -83,21 +81,6 @@ def test_a_map_has_the_display_range_of_what_it_shows():
     assert ranges["confidence"] == ranges["normalised"] == (0.0, 1.0)
     assert ranges["fringe_order"] == (0.0, 0.7)
     assert imagej_view("tau_xz", (-0.2, 0.7))["Ranges"] == (-0.7, 0.7)
-
-
-def test_a_finish_that_was_killed_is_done_again_to_the_same_bytes(tmp_path):
-    """Its head lay behind the frames already: the next one's must take its place."""
-    shape, pixel = (3, 20, 30), 0.01
-    view = imagej_view("fringe_order", (0.0, 3.0), labels=["a", "b", "c"], pixel_mm=pixel)
-    path = tmp_path / "stack.tif"
-    make_canvas(path, shape, pixel).write(0, [np.arange(1800, dtype="<f4").tobytes()])
-    add_imagej_view(path, shape, pixel, view)
-    once = path.read_bytes()
-    with open(path, "ab") as file:
-        file.write(b"half a head")
-    add_imagej_view(path, shape, pixel, view)
-    assert path.read_bytes() == once
-    assert tifffile.imread(path).ravel().tolist() == list(range(1800))
 
 
 def test_every_tiff_of_a_run_has_the_whole_head(processed, tmp_path):

@@ -107,7 +107,7 @@ def test_a_masked_peak_is_the_models_within_its_uncertainty_or_at_least(tmp_path
 
 @pytest.mark.long
 def test_fifty_masked_peaks(tmp_path):
-    right, named, refused = 0, [], 0
+    wrong, named, refused = [], [], 0
     for seed in range(50):
         contact, rng = drawn(seed)
         try:
@@ -115,10 +115,11 @@ def test_fifty_masked_peaks(tmp_path):
         except PhysicsError:  # nothing is read, and nothing said of the largest order
             refused += 1
             continue
-        right += judged(row, largest(contact)[0])
+        if not judged(row, largest(contact)[0]):
+            wrong.append(row["n_max_from"])
         named.append(row["n_max_from"])
-    # of 50 normal errors 2.3 lie beyond two standard uncertainties, and 7 in one of 200 draws
-    assert len(named) - right <= 4 and refused <= 2
+    # a least value is one that was read: of seed 36 it lies 2.1 of its ± above the truth
+    assert len(wrong) <= 1 and "model" not in wrong and refused <= 2
     assert named.count("model") >= 30 and "frame" not in named
 
 

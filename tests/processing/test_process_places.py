@@ -165,8 +165,9 @@ def places(found, folder):
 def check(specimen, kind, seed, folder):
     """Process a drawn frame, and hold its axes against where it was drawn and against its table.
 
-    Returns the largest distances, px, over all files: of an axis from the truth, of the map's
-    maximum from `n_max_x_mm`, `n_max_z_mm`; and the RMS of experiment minus simulation, fringes.
+    Returns the largest distances, px, over all files: of an axis from the truth, and of the map's
+    maximum (the model's where `n_max` is) from its place in the table; and the RMS of experiment
+    minus simulation, fringes.
     """
     drawn = Drawn(specimen, kind, seed)
     found = isochrome.process(drawn.frame, drawn.scene, folder, rois=True)
@@ -174,6 +175,9 @@ def check(specimen, kind, seed, folder):
     row, col = np.unravel_index(np.nanargmax(order.values), order.shape)
     middle = drawn.left + 0.5 * COLS * unit, drawn.top + 0.5 * ROWS * unit
     true, maximum = [], []
+    if table["n_max_from"][0] == "model":  # where the peak's pixels were left out
+        peak = isochrome.simulate(found.fitted).dataset.fringe_order[0].values
+        row, col = np.unravel_index(np.nanargmax(peak), order.shape)
     for x, z in places(found, folder).values():
         true += [np.median(x) - middle[0], np.median(z) - middle[1]]
         maximum += [x[col] - table["n_max_x_mm"][0], z[row] - table["n_max_z_mm"][0]]

@@ -104,7 +104,7 @@ def check_fault(finished, name, kind, seed, *, mend=True):
     signal.alarm(0)
 
 
-@pytest.mark.parametrize("kind", ["byte", "pipe"])
+@pytest.mark.parametrize("kind", ["byte", "other", "pipe"])
 def test_a_fault_is_named_gives_nothing_wrong_and_is_mended(finished, kind):
     check_fault(finished, "process", kind, 1)
 

@@ -170,7 +170,8 @@ def _of_scene(fit: FrameFit, pixels: PixelGrid, peak: tuple[int, int]) -> tuple[
         at_x, at_z = (x - left) * size / pixel, (z - top) * size / pixel
         at_x += left if camera.left_mm is None else camera.left_mm
         at_z += top if camera.top_mm is None else camera.top_mm
-        one = PixelGrid(1, 1, at_x - 0.5 * size, at_z - 0.5 * size, size)
+        # of the side for which the surface is spaced: a point has no scale
+        one = PixelGrid(1, 1, at_x - 0.5 * pixel, at_z - 0.5 * pixel, pixel)
         picture = make_picture(scene, state_difference(scene, state, one), one)
         more = [] if state.surface is None else [state.surface.p_max_mpa]
         return np.array([picture.order[0, 0], *more], dtype=float)
