@@ -19,6 +19,7 @@ from isochrome.runs import (
     STORE,
     WORKING,
     checked_store,
+    name_damage,
     open_run,
     opened_record,
     reseal,
@@ -95,6 +96,7 @@ def report(folder: str | Path, out: str | Path | None = None) -> Path:
     except InputError:
         raise
     except (OSError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+        name_damage(place)
         reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
         raise InputError(f"{place}: cannot be read ({reason}); {_again(command)}") from error
     target = place if out is None else output_folder(out)

@@ -18,6 +18,7 @@ from isochrome.output import (
     write_excel_copies,
     write_frames,
 )
+from isochrome.runs.integrity import name_damage
 from isochrome.runs.store import STORE, open_store, with_identifiers
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def export(run: str | Path, to: str, out: str | Path | None = None) -> list[Path
         except (ValueError, KeyError, TypeError, IndexError, RuntimeError) as error:
             if isinstance(error, InputError):
                 raise
+            name_damage(place)
             reason = (str(error).splitlines() or [""])[0][:160] or type(error).__name__
             raise InputError(
                 f"{place / STORE}: cannot be read ({reason}); run the command again with --restart"
@@ -116,7 +118,7 @@ def _blocks(variable: xarray.DataArray) -> Iterator[tuple[tuple[int, ...], np.nd
         yield (), np.asarray(variable.values)
         return
     count, *others = variable.shape[:-2]
-    together = (variable.encoding.get("chunks") or (1,))[0]
+    together = _kept_together(variable)
     for start in range(0, count, together):
         values = np.asarray(variable[start : start + together].values)
         for k in range(len(values)):
@@ -197,16 +199,23 @@ def _to_tiff(dataset: xarray.Dataset, name: str, folder: Path) -> Path:
 
 
 def _span(array: xarray.DataArray) -> tuple[float, float]:
-    """Smallest and largest value of a map, of many pictures in evenly spaced ones."""
-    count = int(np.prod(array.shape[:-2]))
-    wanted = set(np.linspace(0, count - 1, min(count, _LOOKED_AT)).round().astype(int).tolist())
+    """Smallest and largest value of a map, of many pictures in some that the store keeps together.
+
+    Those are evenly spaced.
+    """
+    together = _kept_together(array)
+    wanted = np.linspace(0, len(array) - 1, min(len(array), _LOOKED_AT)).round().astype(int)
     ends = list[float]()
-    for number, place in enumerate(product(*(range(size) for size in array.shape[:-2]))):
-        if number in wanted:
-            values = np.asarray(array[place].values)
-            known = values[np.isfinite(values)]
-            ends += [float(known.min()), float(known.max())] if known.size else []
+    for start in sorted({together * (k // together) for k in wanted.tolist()}):
+        values = np.asarray(array[start : start + together].values)
+        known = values[np.isfinite(values)]
+        ends += [float(known.min()), float(known.max())] if known.size else []
     return (min(ends), max(ends)) if ends else (0.0, 1.0)
+
+
+def _kept_together(array: xarray.DataArray) -> int:
+    """How many pictures of its first axis lie in a chunk of the store."""
+    return int((array.encoding.get("chunks") or (1,))[0])
 
 
 def _edge(dataset: xarray.Dataset, axis: str, pixel_mm: float | None) -> float | None:

@@ -156,14 +156,15 @@ class ResultsRecord:
             if name in self.sizes:
                 self._refuse(name, self.fault(name))
 
-    def check_read(self, name: str, data: NDArray[Any], *, whole: bool) -> None:
-        """Refuse what was read of a file: all of it, or, not `whole`, a part of a chunk.
+    def check_read(self, name: str, data: NDArray[Any]) -> None:
+        """Refuse what was read of a file, all of it.
 
-        Such a part ends with a checksum of its own, so that the whole chunk need not be read.
+        A chunk ends with its checksum, with which zarr compares what it read: here it is seen that
+        no other chunk stands in its place.
         """
-        own = crc32c(data[:-SUM_BYTES] if _is_chunk(name) else data)
-        left = self._sum(name) if whole else int.from_bytes(data[-SUM_BYTES:].tobytes(), "little")
-        if own != left:
+        end = data[-SUM_BYTES:].tobytes()
+        own = int.from_bytes(end, "little") if _is_chunk(name) else crc32c(data)
+        if own != self._sum(name):
             self._refuse(name, self.fault(name))
 
     def refusal(self, name: str, what: str) -> InputError:
@@ -401,6 +402,16 @@ def opened_record(place: Path, names: Iterable[str] = ()) -> ResultsRecord | Non
         if record.older:
             warn_unverified(place)
     return record
+
+
+def name_damage(place: Path) -> None:
+    """Refuse results by the file that is damaged, of which a library only knows that it is.
+
+    Raises InputError; does nothing where all is as it was left, or nobody knows.
+    """
+    record = read_record(place)
+    if record is not None:
+        record.check(record.sizes)
 
 
 def warn_unverified(place: Path) -> None:

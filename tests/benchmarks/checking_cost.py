@@ -1,0 +1,107 @@
+"""What it costs to hold results against their checksums as they are read: with, beside without.
+
+    python tests/benchmarks/checking_cost.py [--frames 96]
+
+A run of 494 x 659 pixels is read from the page cache, where reading itself costs least: what a disk
+adds makes the share smaller. Without: neither zarr's codec nor the record of the results computes
+a checksum.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unittest.mock import patch
+
+import numpy as np
+from zarr.codecs import Crc32cCodec
+
+import isochrome
+from isochrome.runs import Compact, Job, Layer, Results, RunLayout, run_job
+from isochrome.runs.integrity import ResultsRecord
+
+ROWS, COLS, DIFFERENT = 494, 659, 8
+REPEATS = 5
+IDENTITY = {
+    "isochrome": "1", "scene": "", "inputs_sha256": {}, "options": {}, "seed": 1,
+    "code_sha256": "0", "libraries": {},
+}  # fmt: skip
+
+
+def leave_run(folder: Path, count: int) -> None:
+    """Results of `count` frames: single precision, and orders in whole steps."""
+    row, col = np.mgrid[:ROWS, :COLS]
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (DIFFERENT, ROWS, COLS))
+    maps = (2.0 + np.sin(row / 40) + np.cos(col / 50) + noise).astype(np.float32)
+    steps = Compact(1e-4, 16)
+
+    def work(start: int, stop: int) -> Results:
+        own = [maps[k % DIFFERENT] for k in range(start, stop)]
+        rows = [{"frame": k} for k in range(start, stop)]
+        packed = {"steps": [steps.pack(one) for one in own]}
+        return Results(
+            {"single": np.stack(own)}, rows, [{"status": "ok"}] * len(own), packed=packed
+        )
+
+    layers = Layer("single", "1", "order"), Layer("steps", "1", "order", compact=steps)
+    shape = {"row": ROWS, "col": COLS}
+    layout = RunLayout(axes={"frame": count}, shape=shape, layers=layers, chunk=12)
+    run_job(Job(work, layout, IDENTITY), folder, lambda bench: True)
+
+
+def processor_s(read: Callable[[], object]) -> float:
+    """The least processor time of some readings, s."""
+    found = []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        read()
+        found.append(time.process_time() - start)
+    return min(found)
+
+
+def unchecked(codec: Crc32cCodec, chunk_bytes, chunk_spec):
+    """A chunk without its checksum, which nobody looks at."""
+    inner = chunk_bytes.as_numpy_array()[:-4]
+    return chunk_spec.prototype.buffer.from_array_like(inner)
+
+
+def main() -> None:
+    """Print a row for each way of reading."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=96)
+    count = parser.parse_args().frames
+    with TemporaryDirectory() as place:
+        folder = Path(place) / "run"
+        leave_run(folder, count)
+
+        def load(name: str) -> None:
+            with isochrome.open_run(folder) as run:
+                run[name].load()
+
+        def export(to: str) -> None:
+            isochrome.export(folder, to, Path(place) / "out")
+            shutil.rmtree(Path(place) / "out")
+
+        ways = {
+            "export --to tiff": lambda: export("tiff"),
+            "export --to netcdf": lambda: export("netcdf"),
+            "open_run, whole steps": lambda: load("steps"),
+            "open_run, single precision": lambda: load("single"),
+        }
+        for name, read in ways.items():
+            with_sums = processor_s(read)
+            with (
+                patch.object(Crc32cCodec, "_decode_sync", unchecked),
+                patch.object(ResultsRecord, "check_read", lambda *a, **k: None),
+            ):
+                without = processor_s(read)
+            share = 100.0 * (with_sums / without - 1.0)
+            print(f"{name}: {1e3 * without / count:.2f} ms a frame, checking {share:+.1f} %")
+
+
+if __name__ == "__main__":
+    main()
