@@ -84,7 +84,10 @@ def test_every_command_runs_as_it_stands(tmp_path, kind):
         command = ["bash", "-ec", body] if kind == "bash" else [sys.executable, "-c", body]
         done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
         assert done.returncode == 0, f"{body}\n{done.stderr}"
-        assert "warning" not in done.stderr and done.stdout
+        warnings = [line for line in done.stderr.splitlines() if "warning" in line]
+        # of worn frames the largest order is at the surface, where none is read: that is said
+        assert all("n_max and its place are those of the fitted model" in line for line in warnings)
+        assert done.stdout
     if kind == "bash":
         assert (tmp_path / "comparison" / "comparison.png").is_file()
         made = imread(tmp_path / "comparison" / "figure_174mm.png")

@@ -97,6 +97,7 @@ def test_the_folder_holds_maps_table_and_figure(folder, tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "frames.csv", "fringe_order.tif", "confidence.tif", "normalised.tif", "scene.toml",
         "skeleton.csv", "provenance.json", "process.png", "report.html", "run.zarr",
+        "records",
     }  # fmt: skip
     order = tifffile.imread(tmp_path / "out" / "fringe_order.tif")
     sure = tifffile.imread(tmp_path / "out" / "confidence.tif")

@@ -47,7 +47,7 @@ def test_the_folder_holds_the_loads_field_and_the_residual_one(sets, tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "frames.csv", "fringe_order.tif", "confidence.tif", "isoclinic.tif", "normalised.tif",
         "residual_order.tif", "residual_isoclinic.tif", "skeleton.csv", "scene.toml",
-        "provenance.json", "process.png", "report.html", "run.zarr",
+        "provenance.json", "process.png", "report.html", "run.zarr", "records",
     }  # fmt: skip
     order = tifffile.imread(tmp_path / "out" / "fringe_order.tif")
     error = (order - truth.order)[np.isfinite(order)]

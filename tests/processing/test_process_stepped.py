@@ -76,6 +76,7 @@ def test_frames_become_maps_one_a_state(worn, tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "frames.csv", "fringe_order.tif", "confidence.tif", "isoclinic.tif", "normalised.tif",
         "skeleton.csv", "scene.toml", "provenance.json", "process.png", "report.html", "run.zarr",
+        "records",
     }  # fmt: skip
     order = tifffile.imread(tmp_path / "out" / "fringe_order.tif")
     assert order.shape == (2, 180, 240) and order.dtype == np.float32

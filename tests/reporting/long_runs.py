@@ -13,7 +13,7 @@ import zarr
 
 from isochrome.output import read_csv, write_csv
 from isochrome.reporting import choose_frames
-from isochrome.runs import PROVENANCE, STORE, identifier
+from isochrome.runs import PROVENANCE, STORE, identifier, seal
 from isochrome.scene import dump_scene, load_scene
 
 SPEED_MM_PER_S = 250.0
@@ -53,7 +53,9 @@ def lengthen(source: Path, target: Path, count: int, every: int = 1) -> dict[str
     (target / "scene.toml").write_text(dump_scene(scene), "utf-8")
     record = json.loads((source / PROVENANCE).read_text("utf-8"))
     record["inputs_sha256"] = {f"{k:06}.tif": "0" * 64 for k in range(count)}
-    (target / PROVENANCE).write_text(json.dumps(record), "utf-8")
+    for name in ("outputs", "outputs_crc32c"):  # those of the short run
+        del record[name]
+    seal(target, record)
     return table
 
 

@@ -38,9 +38,10 @@ class Finished:
     def __call__(self, name):
         """The folder of a command as it was left."""
         command = COMMANDS[name]
-        if name not in self.found:
-            for other in command.needs:
+        for other in command.needs:
+            if other not in self.found:
                 self(other)
+        if name not in self.found:
             command.again()
             shutil.copytree(name, f"{name}-kept")
             self.found[name] = {}
@@ -82,12 +83,18 @@ def refusal_or_result(read, folder, use):
         return f"{folder.name}: {error}", None
 
 
+def end_hanging(*_):
+    """What has not ended by now never will."""
+    raise TimeoutError(f"not read, refused or mended within {LONGEST_S} s")
+
+
 def check_fault(finished, name, kind, seed, *, mend=True):
     """One fault: it is named with exit code 2, gives nothing wrong, and is mended."""
     folder = finished(name)
     file = damage(folder, np.random.default_rng(seed), kind)
     what = f"{name}: {kind} of {file}, seed {seed}"
     kept = folder.with_name(f"{name}-kept")
+    signal.signal(signal.SIGALRM, end_hanging)
     signal.alarm(LONGEST_S)
     ended = CliRunner().invoke(app, ["verify", name, "--json"])
     if isinstance(ended.exception, InputError):  # the record itself, in one line
@@ -116,12 +123,19 @@ def test_a_fault_is_named_gives_nothing_wrong_and_is_mended(finished, kind):
     check_fault(finished, "process", kind, 1)
 
 
+@pytest.fixture(autouse=True)
+def _no_alarm_is_left():
+    """One that a failed test has set would end the whole process."""
+    yield
+    signal.alarm(0)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
-@pytest.mark.parametrize("seed", [2, 3])
-def test_faults_of_every_command(finished, name, seed):
-    for kind in FAULTS:
-        check_fault(finished, name, kind, seed)
+def test_faults_of_every_command(finished, name):
+    first = list(COMMANDS).index(name) % 4
+    for kind in FAULTS[first::4]:
+        check_fault(finished, name, kind, 2)
 
 
 @pytest.mark.study
@@ -129,8 +143,9 @@ def test_faults_of_every_command(finished, name, seed):
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_thousand_faults(finished, name, kind):
+    own = name in ("process", "track", "single", "campaign")  # the others compute all again
     for seed in range(100, 110):
-        check_fault(finished, name, kind, seed)
+        check_fault(finished, name, kind, seed, mend=own or seed < 102)
 
 
 def test_what_is_damaged_is_computed_again_and_nothing_else(finished, monkeypatch):

@@ -137,7 +137,7 @@ def test_the_order_of_a_frame_is_read_where_it_is_known(scene, tmp_path):
     found = process(write_frame(tmp_path / "frame.tif", 5), parse_scene(text.replace("260", "230")))
     (frame,) = found.frames
     # the rim's pixel is 0.16 % too large, which the fringes contradict
-    (said,) = found.warnings
+    (said,) = (text for text in found.warnings if "n_max" not in text)
     percent = re.search(
         r"contradicts the scale \(camera.pixel_mm (-[.\d]+) % would mend it\)", said
     )
