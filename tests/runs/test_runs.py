@@ -371,7 +371,8 @@ def test_a_full_disk_is_said_and_what_is_finished_is_kept(notes, tmp_path):
     tests = str(Path(__file__).parents[1])
     out = tmp_path / "out"
     command = [sys.executable, "-c", FULL, str(out), str(notes), tests]
-    done = subprocess.run([*command, "4000"], capture_output=True, text=True, timeout=NO_END_S)
+    # a chunk of three pictures takes 424 bytes
+    done = subprocess.run([*command, "300"], capture_output=True, text=True, timeout=NO_END_S)
     assert done.stderr == ""
     assert "out.partial: cannot be written (" in done.stdout
     assert "of 60 are finished and kept there: make room" in done.stdout
