@@ -19,6 +19,8 @@ from isochrome.errors import InputError
 from runs.counting import contents
 from runs.damage import FAULTS, commands, damage, uses, write_input
 
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no alarm, no pipes here")
+
 LONGEST_S = 120
 """Seconds in which a folder, whatever is in it, is refused or read: one that hangs takes all."""
 
