@@ -46,7 +46,7 @@ def check_own(target: Path, names: Iterable[str]) -> None:
 
     Parameters: `target`, the output folder; `names` of the results. Raises InputError.
     """
-    outputs = _outputs(target)
+    outputs = _outputs(_record(target))
     known = {name.partition("/")[0] for name in outputs} | {PROVENANCE}
     known |= {STORE, REPORT} if outputs else set()  # of an earlier version too
     if not outputs and _has_damaged_record(target):
@@ -69,9 +69,9 @@ def _record(target: Path) -> Mapping[str, Any]:
     return {} if known is None else known.record
 
 
-def _outputs(target: Path) -> list[str]:
+def _outputs(record: Mapping[str, Any]) -> list[str]:
     """The files of an earlier run, by its record."""
-    outputs = _record(target).get("outputs")
+    outputs = record.get("outputs")
     return list(outputs) if isinstance(outputs, dict) else []
 
 
@@ -89,7 +89,8 @@ def _clear_old(results: Path, target: Path) -> None:
     Else they would pass for results of the new one. What is left of the record are the names of
     all that runs have made there: should this one be killed here, the next knows them.
     """
-    record, outputs = _record(target), _outputs(target)
+    record = _record(target)
+    outputs = _outputs(record)
     names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
     left = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
     write_through(target / PROVENANCE, json.dumps(left).encode())
