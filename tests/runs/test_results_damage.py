@@ -150,6 +150,15 @@ def test_a_thousand_faults(finished, name, kind):
         check_fault(finished, name, kind, seed, mend=own or seed < 102)
 
 
+def test_a_flipped_bit_of_a_chunks_own_checksum_is_named(finished):
+    folder = finished("process")
+    chunk = next((folder / "run.zarr" / "fringe_order" / "c").iterdir()) / "0" / "0"
+    data = chunk.read_bytes()
+    chunk.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    name = chunk.relative_to(folder).as_posix()
+    assert list(isochrome.verify("process").damaged) == [name]
+
+
 def test_what_is_damaged_is_computed_again_and_nothing_else(finished, monkeypatch):
     folder = finished("process")
     computed = []

@@ -71,13 +71,18 @@ def is_record(path: Path) -> bool:
 
 
 def file_sum(path: Path, *, chunk: bool) -> int:
-    """The checksum of a file; of a store's chunk, of all but its own checksum. Raises OSError."""
+    """The checksum of a file; of a store's chunk, of all before its own, or -1 where that is wrong.
+
+    Raises OSError.
+    """
     found = 0
     with open(path, "rb") as file:
         left = os.fstat(file.fileno()).st_size - SUM_BYTES * chunk
         while left > 0 and (data := file.read(min(_BLOCK, left))):
             found = crc32c(data, start=found)
             left -= len(data)
+        if chunk and file.read() != sum_bytes(found):
+            return -1
     return found
 
 
@@ -138,7 +143,7 @@ class ResultsRecord:
         if found or self.older:
             return found
         try:
-            same = file_sum(self.place / name, chunk=_is_chunk(name)) == self._sum(name)
+            same = 0 <= file_sum(self.place / name, chunk=_is_chunk(name)) == self._sum(name)
         except OSError as error:
             return f"cannot be read ({error.strerror})"
         return "" if same else "is damaged: its checksum is another"
