@@ -80,7 +80,11 @@ def commands() -> tuple[Command, ...]:
         Command(
             "single", lambda: isochrome.process("first.tif", "one.toml", "single"), ("simulate",)
         ),
-        Command("compare", lambda: isochrome.compare("single", "simulate", "compare"), ("single",)),
+        Command(
+            "compare",
+            lambda: isochrome.compare("single", "simulate", "compare"),
+            ("single", "simulate"),
+        ),
         Command("calibrate", lambda: save_calibration(
             isochrome.calibrate_wear("wear.toml"), "calibrate", source="wear.toml"
         )),

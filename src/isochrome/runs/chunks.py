@@ -16,6 +16,7 @@ from isochrome.output import write_frames
 from isochrome.runs.integrity import (
     SUM_BYTES,
     FileSum,
+    checksum_of,
     crc32c,
     is_as_left,
     is_record,
@@ -104,10 +105,10 @@ def keep(run: RunFolder, index: int, results: Results) -> ChunkRecord:
             pieces.append(sum_bytes(crc32c(*pieces)))
         write_through(run.chunk_file(layer.name, index), *pieces)
         size = sum(memoryview(piece).nbytes for piece in pieces)
-        left["layers"][layer.name] = size, crc32c(*pieces[:-1])
+        left["layers"][layer.name] = size, checksum_of(*pieces)
     for name, part in results.parts.items():
         write_through(run.part_file(name, index), part)
-        left["parts"][name] = len(part), crc32c(part)
+        left["parts"][name] = len(part), checksum_of(part)
     states = [more["status"] for more in results.more]
     kept = ChunkRecord(stop - start, sum(s != "ok" for s in states), states.count("failed"))
     body = {
@@ -170,10 +171,10 @@ def check_chunk(run: RunFolder, index: int) -> ChunkRecord | None:
     start, stop = run.layout.span(index)
     try:
         for name, left in record["layers"].items():
-            if not is_as_left(run.chunk_file(name, index), left, chunk=True):
+            if not is_as_left(run.chunk_file(name, index), left):
                 return None
         for name, left in record["parts"].items():
-            if not is_as_left(run.part_file(name, index), left, chunk=False):
+            if not is_as_left(run.part_file(name, index), left):
                 return None
     except FileNotFoundError:
         return None

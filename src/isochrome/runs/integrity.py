@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import stat
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -38,7 +37,6 @@ OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
 SUM_BYTES = 4
 """Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
 MISSING = "is missing"
-_CHUNK = re.compile(r"[^/]+\.zarr/[^/]+/c(/|$)")
 _BLOCK = 1 << 22
 """Bytes of a file that are in memory at a time."""
 _MOST = 1 << 28
@@ -57,6 +55,10 @@ def sum_bytes(checksum: int) -> bytes:
     return checksum.to_bytes(SUM_BYTES, "little")
 
 
+_OF_SUMMED = crc32c(sum_bytes(crc32c()))
+"""The checksum of all that ends with the checksum of what lies before it."""
+
+
 def is_plain(path: Path) -> bool:
     """Whether a regular file is there, and not a link to one: what else is may never end."""
     try:
@@ -70,31 +72,37 @@ def is_record(path: Path) -> bool:
     return is_plain(path) and path.stat().st_size <= _MOST
 
 
-def file_sum(path: Path, *, chunk: bool) -> int:
-    """The checksum of a file; of a store's chunk, of all before its own, or -1 where that is wrong.
+def checksum_of(*pieces: Any) -> int:
+    """The checksum of a file of these pieces: that of all of it, or the one at its end.
 
-    Raises OSError.
+    What ends with the checksum of all that lies before it, as a store's chunk does, has one and the
+    same checksum whatever it holds: the one at its end tells it from others.
     """
-    found = 0
+    return _told_apart(crc32c(*pieces), np.frombuffer(pieces[-1], np.uint8)[-SUM_BYTES:].tobytes())
+
+
+def _told_apart(found: int, end: bytes) -> int:
+    return int.from_bytes(end, "little") if found == _OF_SUMMED else found
+
+
+def file_sum(path: Path) -> int:
+    """The checksum of a file, as `checksum_of` gives it. Raises OSError."""
+    found, end = 0, b""
     with open(path, "rb") as file:
-        left = os.fstat(file.fileno()).st_size - SUM_BYTES * chunk
-        while left > 0 and (data := file.read(min(_BLOCK, left))):
+        while data := file.read(_BLOCK):
             found = crc32c(data, start=found)
-            left -= len(data)
-        if chunk and file.read() != sum_bytes(found):
-            return -1
-    return found
+            end = (end + data[-SUM_BYTES:])[-SUM_BYTES:]
+    return _told_apart(found, end)
 
 
 FileSum = Sequence[int]
 """Bytes and checksum of a file."""
 
 
-def is_as_left(path: Path, left: FileSum, *, chunk: bool) -> bool:
+def is_as_left(path: Path, left: FileSum) -> bool:
     """Whether a file is the one that was left: of another size, it is not read. Raises OSError."""
     size, checksum = left
-    there = is_plain(path) and path.stat().st_size == size
-    return there and file_sum(path, chunk=chunk) == checksum
+    return is_plain(path) and path.stat().st_size == size and file_sum(path) == checksum
 
 
 @dataclass(frozen=True)
@@ -143,7 +151,7 @@ class ResultsRecord:
         if found or self.older:
             return found
         try:
-            same = 0 <= file_sum(self.place / name, chunk=_is_chunk(name)) == self._sum(name)
+            same = file_sum(self.place / name) == self._sum(name)
         except OSError as error:
             return f"cannot be read ({error.strerror})"
         return "" if same else "is damaged: its checksum is another"
@@ -164,12 +172,12 @@ class ResultsRecord:
     def check_read(self, name: str, data: NDArray[Any]) -> None:
         """Refuse what was read of a file, all of it.
 
-        A chunk ends with its checksum, with which zarr compares what it read: here it is seen that
-        no other chunk stands in its place.
+        What ends with its checksum is a chunk, which zarr compares with it: here it is seen that no
+        other chunk stands in its place.
         """
-        end = data[-SUM_BYTES:].tobytes()
-        own = int.from_bytes(end, "little") if _is_chunk(name) else crc32c(data)
-        if own != self._sum(name):
+        end = int.from_bytes(data[-SUM_BYTES:].tobytes(), "little")
+        own = self._sum(name)
+        if own != end and own != crc32c(data):
             self._refuse(name, self.fault(name))
 
     def refusal(self, name: str, what: str) -> InputError:
@@ -185,11 +193,6 @@ class ResultsRecord:
 
     def _sum(self, name: str) -> int:
         return int(self.record[_SUMS].get(name, "-1"), 16)
-
-
-def _is_chunk(name: str) -> bool:
-    """Whether a file is a chunk of a store, which ends with a checksum of its own."""
-    return _CHUNK.match(name) is not None
 
 
 def seal(
@@ -213,7 +216,7 @@ def seal(
     sums = dict(known or {})
     for name, path in found.items():
         if name not in sums:
-            sums[name] = file_sum(path, chunk=_is_chunk(name))
+            sums[name] = file_sum(path)
     texts = {name: f"{sums[name]:08x}" for name in found}
     _write(folder / file, {**record, _SIZES: sizes, _SUMS: texts})
 
@@ -225,7 +228,7 @@ def reseal(folder: Path, name: str) -> None:
         return
     path = folder / name
     sizes = {**known.record[_SIZES], name: path.stat().st_size}
-    texts = {**known.record[_SUMS], name: f"{file_sum(path, chunk=False):08x}"}
+    texts = {**known.record[_SUMS], name: f"{file_sum(path):08x}"}
     _write(folder / PROVENANCE, {**known.record, _SIZES: sizes, _SUMS: texts})
 
 
