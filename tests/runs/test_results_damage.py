@@ -38,11 +38,11 @@ class Finished:
         self.found = {}
 
     def __call__(self, name):
-        """The folder of a command as it was left."""
+        """The folder of a command as it was left, and those that it needs."""
         command = COMMANDS[name]
+        for other in command.needs:
+            self(other)
         if name not in self.found:
-            for other in command.needs:
-                self(other)
             command.again()
             shutil.copytree(name, f"{name}-kept")
             self.found[name] = {}
@@ -115,7 +115,9 @@ def check_fault(finished, name, kind, seed, *, mend=True):
         assert "\n" not in refused, (what, use)
     if mend:
         COMMANDS[name].again()
-        assert contents(folder) == contents(kept), what
+        now, before = contents(folder), contents(kept)
+        assert not [file for file in before if now.get(file) != before[file]], what
+        assert now.keys() == before.keys(), what
     signal.alarm(0)
 
 

@@ -37,6 +37,7 @@ OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
 SUM_BYTES = 4
 """Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
 MISSING = "is missing"
+_BEHIND_LINK = "lies behind a link, or what is no folder"
 _BLOCK = 1 << 22
 """Bytes of a file that are in memory at a time."""
 _MOST = 1 << 28
@@ -132,7 +133,7 @@ class ResultsRecord:
             for part in folders[1:]:
                 at /= part
                 if not stat.S_ISDIR(at.lstat().st_mode):
-                    return "lies behind a link, or what is no folder"
+                    return _BEHIND_LINK
             found = (at / file).lstat()
         except (FileNotFoundError, NotADirectoryError):
             return MISSING
@@ -376,6 +377,9 @@ def verify(folder: str | Path, *, progress: RunProgress | None = None) -> Verifi
         if row["status"] == "failed" and not own.exists():
             continue
         name = f"{row['folder']}/{PROVENANCE}"
+        if own.is_symlink():
+            damaged[name] = _BEHIND_LINK
+            continue
         try:
             record = read_record(own)
         except InputError as error:
