@@ -209,7 +209,7 @@ def process_campaign(
 
 
 def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
-    """Refuse a folder that holds something else than recordings' results."""
+    """Refuse a folder that holds something else than recordings' results, and take links out."""
     if not tasks:
         raise InputError("no recordings are named; name at least one")
     if (target / PROVENANCE).exists() or has_run(root):
@@ -217,8 +217,10 @@ def _check_place(target: Path, root: Path, tasks: Sequence[Task]) -> None:
             f"{target}: holds the results of one recording, or an unfinished run of it, and these "
             f"are {len(tasks)}; name another --out folder"
         )
-    check_summary(target)
+    before = check_summary(target)
     for task in tasks:
+        if task.name in before and task.folder.is_symlink():
+            task.folder.unlink()  # put in its place since: the link, never what it points to
         own = task.frames if isinstance(task.frames, str | Path) else task.frames[0]
         if task.folder.exists() and task.folder.resolve() == Path(own).resolve():
             raise InputError(

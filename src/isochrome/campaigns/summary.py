@@ -14,7 +14,7 @@ from isochrome.campaigns.outcome import Outcome
 from isochrome.campaigns.recording_folders import SUMMARIES
 from isochrome.errors import InputError
 from isochrome.output import columns_of, output_folder, write_csv, write_figure
-from isochrome.runs import environment, seal
+from isochrome.runs import environment, has_own_keys, seal
 from isochrome.scene import Scene, dump_scene
 
 _LAST = ("kept_share", "warnings", "error")
@@ -72,19 +72,21 @@ def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: 
         ) from error
 
 
-def check_summary(out: Path) -> None:
-    """Refuse to replace files of the summary's names that no campaign has left.
+def check_summary(out: Path) -> set[str]:
+    """Folders of recordings that a campaign has left in `out`.
 
-    Parameters: `out`, the campaign's folder. Raises InputError.
+    Raises InputError rather than replace files of the summary's names that no campaign has left.
     """
+    path, rows = out / SUMMARIES[1], None
     there = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
     try:
-        summary = json.loads((out / SUMMARIES[1]).read_text("utf-8"))
-        own = isinstance(summary, dict) and "recordings" in summary
-    except (OSError, ValueError):
-        own = False
-    if there and not own:
+        rows = json.loads(path.read_text("utf-8"))["recordings"]
+        left = {row["folder"] for row in rows if row["status"] != "failed"}
+    except (OSError, ValueError, KeyError, TypeError):
+        left = set()
+    if there and rows is None and not has_own_keys(path):
         raise InputError(
             f"{there[0]}: would be replaced by the campaign's summary, and no campaign has left "
             "it; move it away, or name another --out folder"
         )
+    return left

@@ -32,7 +32,7 @@ REPORT = "report.html"
 """A view of the results, which `isochrome report` makes anew: a run is whole without it."""
 
 _SIZES, _SUMS, _OWN = "outputs", "outputs_crc32c", "record_crc32c"
-OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
+_OWN_KEYS = (b'"outputs_crc32c": {', b'"record_crc32c": "')
 """As they stand in a record, whatever else of it is damaged."""
 SUM_BYTES = 4
 """Bytes of the checksum at the end of a chunk in a store, by zarr's crc32c codec."""
@@ -71,6 +71,11 @@ def is_plain(path: Path) -> bool:
 def is_record(path: Path) -> bool:
     """Whether a file may be a record of something: it is read at once."""
     return is_plain(path) and path.stat().st_size <= _MOST
+
+
+def has_own_keys(path: Path) -> bool:
+    """Whether a file is a record that this version has left, however damaged."""
+    return is_record(path) and any(key in path.read_bytes() for key in _OWN_KEYS)
 
 
 def checksum_of(*pieces: Any) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 
 from isochrome.errors import InputError
 from isochrome.runs.chunks import RunFolder, sync_folder, write_through
-from isochrome.runs.integrity import OWN_KEYS, PROVENANCE, REPORT, is_record, read_record
+from isochrome.runs.integrity import PROVENANCE, REPORT, has_own_keys, is_record, read_record
 from isochrome.runs.store import STORE
 from isochrome.runs.work_folder import FINISHED, is_finished, sync_tree
 
@@ -79,7 +79,7 @@ def _has_damaged_record(target: Path) -> bool:
     """Whether a run has left its results, and nobody knows any more which these are."""
     path, store = target / PROVENANCE, target / STORE / "zarr.json"
     if is_record(path):
-        return any(key in path.read_bytes() for key in OWN_KEYS)
+        return has_own_keys(path)
     return is_record(store) and b'"source": "Isochrome"' in store.read_bytes()
 
 
