@@ -158,10 +158,6 @@ MOST_MODULES, LONGEST, SHORTEST = 14, 800, 60
 FRONT = ("api", "result", "figure", "folder", "settings")
 """Modules that stand in several rooms, and mean the same in each."""
 
-SHORT_WITH_A_REASON = {
-    "figures/scale_bar.py": "the length of a scale bar, which figures for a paper alone have",
-}
-
 AN_INTERFACE = "specimens"
 """A folder whose modules are alike: one a specimen, however short."""
 
@@ -182,7 +178,7 @@ def test_a_module_that_one_other_imports_is_worth_its_file():
         and len(p.read_text("utf-8").splitlines()) < SHORTEST
         and importers[dotted(p)] <= 1
     }
-    assert small == set(SHORT_WITH_A_REASON)
+    assert not small
 
 
 def dotted(path: Path) -> str:
@@ -422,7 +418,7 @@ def looks_of(walked: Iterable[ast.AST]) -> Iterator[str]:
         elif isinstance(node, ast.Constant) and A_COLOUR.fullmatch(str(node.value)):
             yield f"{node.lineno}: {node.value}"
         for name, value in pairs:
-            if not isinstance(value, ast.Constant) or value.value is None:
+            if not isinstance(value, ast.Constant) or value.value in (None, True):
                 continue
             if name in SIZES and value.value != 0:  # no line at all is no look
                 yield f"{value.lineno}: {name} = {value.value}"

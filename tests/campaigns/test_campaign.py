@@ -26,7 +26,7 @@ from isochrome.errors import InputError
 from isochrome.output import write_tiff
 from isochrome.processing import process
 from isochrome.runs import Stopped
-from isochrome.runs.lock import locked
+from isochrome.runs.work_folder import locked
 from runs.counting import contents
 from scene_texts import PAPER_PAIR, SMALL_CAMERA
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from isochrome.comparison import compare, compare_scars, simulated_scars
+import isochrome.comparison.scars as simulated_scars
+from isochrome.comparison import compare, compare_scars
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_csv
 from isochrome.scene import load_scene, parse_scene

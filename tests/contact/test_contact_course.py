@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+import isochrome.contact.wear as worn_module
 from isochrome.contact import (
     constant_course,
     contact_grid,
@@ -22,7 +23,6 @@ from isochrome.contact import (
 )
 from isochrome.contact import profile as contact_profile
 from isochrome.contact import sliding_history as history_module
-from isochrome.contact.wear import worn_states as worn_module
 from isochrome.errors import PhysicsError
 from isochrome.scene import load_scene
 

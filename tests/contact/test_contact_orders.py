@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+import isochrome.contact.scar as scar_module
 from isochrome.contact import constant_course, make_surface, scar_history, scar_on_nodes
 from isochrome.contact.pressure import solve_pressure
-from isochrome.contact.wear import scar as scar_module
-from isochrome.contact.wear.moving_mesh import make_mesh
+from isochrome.contact.scar import make_mesh
 from isochrome.reference import hertz_half_width
 
 RADIUS, MODULUS, LOAD = 24.61, 2473.2, 11.0

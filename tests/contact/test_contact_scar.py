@@ -18,9 +18,8 @@ from isochrome.contact import (
     wear_course,
     wear_history,
 )
-from isochrome.contact.wear.moving_mesh import make_mesh
-from isochrome.contact.wear.scar import Scar, scar_history, unresolved
-from isochrome.contact.wear.worn_states import scar_on_nodes
+from isochrome.contact.scar import Scar, make_mesh, scar_history, unresolved
+from isochrome.contact.wear import scar_on_nodes
 from isochrome.reference import coupled_contact, hertz_half_width, hertz_peak_pressure
 from isochrome.scene import load_scene
 
@@ -182,9 +181,8 @@ def test_the_error_falls_with_the_tolerance_to_the_last():
 
 def test_the_steps_are_of_fourth_order():
     """On one mesh, halving every step divides the error by sixteen."""
-    from isochrome.contact.wear.moving_mesh import make_mesh as mesh_of
-    from isochrome.contact.wear.scar import _advance, _at
-    from isochrome.contact.wear.scar_equations import ScarEquations, hertz_units
+    from isochrome.contact.scar import ScarEquations, _advance, _at, hertz_units
+    from isochrome.contact.scar import make_mesh as mesh_of
 
     course = constant_course(LOAD, [1.0], dose_per_m=10 * UNIT, friction=0.04)[0]
     equations = ScarEquations(

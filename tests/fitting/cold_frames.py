@@ -9,7 +9,7 @@ import numpy as np
 
 from isochrome.errors import PhysicsError
 from isochrome.estimation.observation import FrameData, prepare_frame
-from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.frames import Frame
 from isochrome.scene import Camera, Friction, Indenter, Load, Polariscope, Scene, Specimen, Wear
 from isochrome.simulation import render, scene_states

@@ -13,7 +13,7 @@ from isochrome.estimation.observation import prepare_frame
 from isochrome.fitting.frame.frame_fit import cramer_rao_bound, fit_frame
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.joint_fit import fit_jointly
-from isochrome.fitting.wear_laws.law_evidence import segments
+from isochrome.fitting.wear_laws import segments
 from isochrome.frames import Frame
 from isochrome.scene import parse_scene
 from isochrome.simulation import simulate

@@ -9,8 +9,9 @@ from scipy.integrate import quad
 
 from isochrome.fitting.api import fit
 from isochrome.fitting.joint.frame_sequence import make_sequence
-from isochrome.fitting.wear_laws.law_evidence import (
+from isochrome.fitting.wear_laws import (
     LawFit,
+    WearLaws,
     compare_laws,
     marginal,
     mean_coefficients,
@@ -18,7 +19,6 @@ from isochrome.fitting.wear_laws.law_evidence import (
     segment_ends,
     segments,
 )
-from isochrome.fitting.wear_laws.law_report import WearLaws
 from isochrome.output import write_tiff
 from isochrome.scene import parse_scene
 from isochrome.simulation import simulate

@@ -16,12 +16,12 @@ from isochrome.fitting.api import fit
 from isochrome.fitting.figure import over_distance_figure
 from isochrome.fitting.folder import restore_fit
 from isochrome.fitting.frame.frame_fit import fit_frame
-from isochrome.fitting.frame.gamma import Pixels, clear_of_ends
+from isochrome.fitting.frame.frame_model import Pixels, clear_of_ends
 from isochrome.fitting.frame.single_state import timed_distance
 from isochrome.fitting.frame.unknowns import fit_region
+from isochrome.fitting.frame_set import refuse_alike
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.separate_fits import fit_of_each, refuse_undetermined
-from isochrome.fitting.refusals import refuse_alike
 from isochrome.fitting.result import make_result
 from isochrome.fitting.search.cold_start import search_frame
 from isochrome.fitting.tractions.api import asked_for

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isochrome.fitting.frame.frame_model import local_model
-from isochrome.fitting.frame.gamma import Pixels, solve_with_gamma
+from isochrome.fitting.frame.frame_model import Pixels, local_model, solve_with_gamma
 from isochrome.fitting.tracking.past_load import fit_past_load
 
 SIZE, NOISE = 4000, 0.01

@@ -18,7 +18,7 @@ from isochrome.fitting.tractions.traction_solver import (
 )
 from isochrome.fitting.tractions.traction_stage import Stage
 from isochrome.stress import PixelGrid
-from isochrome.stress.half_plane.direct import difference_and_trace
+from isochrome.stress.half_plane import difference_and_trace
 
 PIXELS = PixelGrid(rows=200, cols=300, left_mm=-1.5, top_mm=0.0, pixel_mm=0.01)
 

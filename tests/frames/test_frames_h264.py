@@ -11,7 +11,7 @@ from recordings import COLS, COUNT, RATE, ROWS, UNEVEN, _frame, coded, decoded, 
 
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
-from isochrome.frames.integrity.packets import begins_anew, length_bytes
+from isochrome.frames.containers import begins_anew, length_bytes
 
 
 def number(value):
@@ -132,7 +132,7 @@ def test_any_bytes_are_looked_at_without_failing(data, length):
 
 def places_of(path):
     """What the packets alone tell of a video."""
-    module = importlib.import_module("isochrome.frames.integrity.decoding")
+    module = importlib.import_module("isochrome.frames.containers")
     return module.by_packets(path, "mp4" if path.suffix == ".mp4" else "matroska")
 
 

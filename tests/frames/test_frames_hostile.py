@@ -19,9 +19,9 @@ from PIL import Image
 from recordings import COLS, COUNT, EVEN, MOVING, ROWS, STILL, coded, decoded, stack, video
 from skimage.draw import polygon2mask
 
+import isochrome.frames.containers as decoding
 from isochrome.errors import InputError
 from isochrome.frames import open_frames, open_scene_frames
-from isochrome.frames.integrity import decoding
 from isochrome.output import write_tiff
 from isochrome.output.roi import _filled, read_roi_mask
 from isochrome.scene import parse_scene

@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isochrome.fringes.colour.band_model import NUMBERS, SENSOR
-from isochrome.fringes.colour.band_unknowns import BRIGHTNESS_OFF, ColourShots, unknowns
+from isochrome.fringes.colour.own_colours import (
+    BRIGHTNESS_OFF,
+    NUMBERS,
+    SENSOR,
+    ColourShots,
+    unknowns,
+)
 
 ROW, COL = np.mgrid[:60, :80].astype(float)
 FRAMES = slice(NUMBERS + 1, NUMBERS + 4)

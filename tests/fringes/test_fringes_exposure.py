@@ -10,8 +10,7 @@ import pytest
 
 from isochrome.frames import Frame, to_linear
 from isochrome.fringes import find_no_load_exposure
-from isochrome.processing.kinds.image_only import process_image_only
-from isochrome.processing.kinds.no_load_light import says_a_half
+from isochrome.processing.kinds.image_only import process_image_only, says_a_half
 from isochrome.processing.result import Capture
 from isochrome.scene import parse_scene
 

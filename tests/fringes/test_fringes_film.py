@@ -13,8 +13,8 @@ from isochrome.fringes import (
     light_wave,
     unloaded_state,
 )
-from isochrome.fringes.film.beside_known import continued, regained
-from isochrome.fringes.film.film_path import _followed_back, _Passed, keep_state
+from isochrome.fringes.film.film_reading import _followed_back, _Passed, keep_state
+from isochrome.fringes.film.follower import continued, regained
 
 ROWS, COLS = 90, 120
 NOISE = 0.02

@@ -5,9 +5,8 @@ import pytest
 from closed_forms import step_light
 
 from isochrome.fringes.anchor import balance
-from isochrome.fringes.stepped.residual_stress import least_field, read_residual
 from isochrome.fringes.stepped.step_equations import StepTerms
-from isochrome.fringes.stepped.stepped_order import read_steps
+from isochrome.fringes.stepped.stepped_order import least_field, read_residual, read_steps
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
 from stepped_sets import (

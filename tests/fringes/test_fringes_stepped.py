@@ -501,7 +501,7 @@ def test_a_known_order_outside_the_specimen_is_said():
 
 def test_a_model_that_singles_out_no_whole_number_gives_none():
     """A ramp of orders, and a model that is half a fringe off: m and m + 1 are as likely."""
-    from isochrome.fringes.stepped.isoclinic import Direction
+    from isochrome.fringes.stepped.integer_order import Direction
 
     order = np.tile(np.linspace(2.0, 6.0, 200), (150, 1))
     still, ones = np.full(order.shape, 1e-3), np.ones(order.shape)
@@ -529,7 +529,7 @@ def test_unwrapping_leaves_out_what_is_not_a_number():
 
 def test_small_parts_are_left_open():
     """A spot apart from the rest has no whole number of its own, nor does it take the rest's."""
-    from isochrome.fringes.stepped.isoclinic import Direction
+    from isochrome.fringes.stepped.integer_order import Direction
 
     field, inside = disc_field()
     inside[2:8, 2:8] = True

@@ -17,7 +17,7 @@ from isochrome.calibration.settings import CalibrationSet
 from isochrome.errors import InputError
 from isochrome.guide import TOPICS, guide_page
 from isochrome.scene import Scene
-from isochrome.simulation.components import LAYERS
+from isochrome.simulation.rendering import LAYERS
 
 BY_HAND = [topic for topic in TOPICS if topic not in PAGES]
 

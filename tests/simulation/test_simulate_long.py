@@ -15,7 +15,7 @@ from isochrome.output import read_csv
 from isochrome.scene import parse_scene
 from isochrome.simulation import scene_states, simulate
 
-WORK = import_module("isochrome.simulation.state_chunk")
+WORK = import_module("isochrome.simulation.rendering")
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ from isochrome.output import read_csv
 from isochrome.runs import Stopped
 from isochrome.scene import dump_scene, load_scene
 from isochrome.simulation import simulate
-from isochrome.simulation.state_chunk import RenderWork
+from isochrome.simulation.rendering import RenderWork
 from runs.counting import contents
 from runs.killing import killed_and_begun_again, needs_sigkill, start
 

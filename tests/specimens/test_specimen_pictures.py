@@ -9,7 +9,7 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.scene import parse_scene
-from isochrome.scene.specimen import BODIES
+from isochrome.scene.parts import BODIES
 from isochrome.specimens import SpecimenModel, specimen_model
 from isochrome.stress import pixel_grid
 

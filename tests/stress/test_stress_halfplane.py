@@ -30,7 +30,7 @@ from isochrome.stress import (
     stress_components,
     stress_difference,
 )
-from isochrome.stress.half_plane.hats import cauchy_of_hat
+from isochrome.stress.half_plane import cauchy_of_hat
 
 PAIR = (2100.0, 0.4, 210000.0, 0.3)
 MODULUS = contact_modulus(*PAIR)

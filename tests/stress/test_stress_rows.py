@@ -15,8 +15,13 @@ from isochrome.stress import (
     stress_difference,
     stress_trace,
 )
-from isochrome.stress.half_plane.pixel_sums import DOUBLE_ERROR, SINGLE_ERROR
-from isochrome.stress.half_plane.rows import DEEP_PX, HALF_TAPS, pixel_sources
+from isochrome.stress.half_plane import (
+    DEEP_PX,
+    DOUBLE_ERROR,
+    HALF_TAPS,
+    SINGLE_ERROR,
+    pixel_sources,
+)
 
 
 def loads(n, seed=0):

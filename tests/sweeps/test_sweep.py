@@ -10,7 +10,7 @@ from isochrome.runs.exporting import export
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
 from isochrome.sweeps import sweep
-from isochrome.sweeps.grid import make_grid
+from isochrome.sweeps.api import make_grid
 from runs.counting import contents
 from scene_texts import PAPER_CONTACT
 

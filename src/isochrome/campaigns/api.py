@@ -1,7 +1,15 @@
-"""`process_campaign`: many recordings by one scene, each on its own, and a table of all."""
+"""`process_campaign`: many recordings by one scene, each on its own, and a table of all.
+
+Whole recordings computed side by side, a worker process for each of them.
+
+The summary of a campaign: a table of all its recordings, with what it came from.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
@@ -10,30 +18,173 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isochrome.campaigns.figure import campaign_panels, summary_figure
-from isochrome.campaigns.outcome import Outcome, Task, outcome_of
-from isochrome.campaigns.recording_folders import folder_names
-from isochrome.campaigns.side_by_side import run_side_by_side
-from isochrome.campaigns.summary import check_summary, summary_of, tabulate_campaign, write_summary
+from isochrome.campaigns.outcome import SUMMARIES, Outcome, Task, failed, folder_names, outcome_of
 from isochrome.errors import InputError
 from isochrome.figures import PaperPanels
 from isochrome.frames import FramesPath, recordings_of
-from isochrome.output import Result, counted, load_roifile, over_items
+from isochrome.output import (
+    Result,
+    columns_of,
+    counted,
+    load_roifile,
+    output_folder,
+    over_items,
+    write_csv,
+    write_figure,
+)
 from isochrome.processing import check_scene
 from isochrome.progress import RunProgress, Tally
 from isochrome.runs import (
     PROVENANCE,
     WORTH_WORKERS_S,
     Stopped,
+    WorkersLost,
+    environment,
+    has_own_keys,
     has_run,
+    in_flight,
     locked,
     processors,
+    seal,
     wipe,
+    worker_pool,
     working_folder,
 )
-from isochrome.scene import Scene, SceneLike, load_scene
+from isochrome.scene import Scene, SceneLike, dump_scene, load_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_TASK: list[tuple[Scene, dict[str, Any]]] = []
+"""What a worker process was started for."""
+
+
+def run_side_by_side(
+    tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
+) -> Generator[tuple[int, Outcome]]:
+    """Process recordings in worker processes, each of which does one after the other.
+
+    Where a worker is killed, those that were in work then are done again, each by a worker of its
+    own: what kills that too has failed, and the rest goes on.
+    Parameters: `tasks`, by their number; `scene`; `options` of `process`; `workers`, how many.
+    Yields each number with its Outcome, in the order of completion.
+    """
+    left = dict(tasks)
+    while left:
+        try:
+            with closing(_by_pool(left, scene, options, min(workers, len(left)))) as pool:
+                for number, outcome in pool:
+                    del left[number]
+                    yield number, outcome
+        except WorkersLost:
+            for number in list(left)[:workers]:  # as many as are given out at a time, in order
+                yield number, _by_itself(number, left.pop(number), scene, options)
+
+
+def _by_pool(
+    tasks: Mapping[int, Task], scene: Scene, options: Mapping[str, Any], workers: int
+) -> Generator[tuple[int, Outcome]]:
+    with worker_pool(workers, _take_task, (scene, dict(options))) as pool:
+        given = dict(tasks)
+        yield from in_flight(lambda k: pool.submit(_in_worker, given[k]), list(given), workers)
+
+
+def _by_itself(number: int, task: Task, scene: Scene, options: Mapping[str, Any]) -> Outcome:
+    try:
+        ((_, outcome),) = _by_pool({number: task}, scene, options, 1)
+    except WorkersLost as error:
+        lost = InputError(
+            "the process that worked on it was killed twice, by the system when memory runs out, "
+            "or by a file that breaks its decoder; process it alone, with a smaller frames.roi"
+        )
+        lost.__cause__ = error
+        return failed(task, lost)
+    return outcome
+
+
+def _take_task(scene: Scene, options: dict[str, Any]) -> None:
+    _TASK[:] = [(scene, options)]
+
+
+def _in_worker(task: Task) -> Outcome:
+    ((scene, options),) = _TASK
+    return outcome_of(task, scene, options | {"workers": 1})
+
+
+_LAST = ("kept_share", "warnings", "error")
+
+
+def tabulate_campaign(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
+    """The columns of summary.csv: what all recordings have, the keys of any, and what is said.
+
+    Parameters: `rows`, one a recording. Returns column name to values, None where a row has none.
+    """
+    columns = columns_of(rows)
+    unknown: list[Any] = [None] * len(rows)
+    last = {name: columns.pop(name, unknown) for name in _LAST}
+    return columns | last
+
+
+def summary_of(scene: Scene, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """What summary.json holds: version, scene, and each recording's row with its files' hashes.
+
+    Parameters: `scene`; `outcomes`, one a recording. Returns a dictionary for `write_json`.
+    """
+    text = dump_scene(scene)
+    return {
+        **environment(),
+        "scene": text,
+        "scene_sha256": hashlib.sha256(text.encode()).hexdigest(),
+        "recordings": [item.row | {"inputs_sha256": item.inputs} for item in outcomes],
+    }
+
+
+def write_summary(out: Path, scene: Scene, outcomes: Sequence[Outcome], beside: Path) -> None:
+    """Leave summary.csv, summary.json and, where a key was fitted that has one, summary.png.
+
+    Parameters: `out`, the campaign's folder; `scene`; `outcomes`; `beside`, a folder on the same
+    drive, where they are made. Raises InputError where they cannot be written.
+    """
+    folder = output_folder(out)
+    table, summary, picture = SUMMARIES
+    figure = summary_figure(scene.name, outcomes)
+    try:
+        write_csv(beside / table, tabulate_campaign([item.row for item in outcomes]))
+        if figure is not None:
+            write_figure(beside / picture, figure)
+        left = [name for name in (table, picture) if (beside / name).exists()]
+        seal(beside, summary_of(scene, outcomes), file=summary, names=left)
+        for name in (summary, table, picture):  # first what says whose they are
+            if (beside / name).exists():
+                os.replace(beside / name, folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)  # that of an earlier campaign
+    except OSError as error:
+        raise InputError(
+            f"{folder}: the summary cannot be written ({error.strerror or error}); all recordings "
+            "are finished and kept there: make room, and run the same command again to resume"
+        ) from error
+
+
+def check_summary(out: Path) -> set[str]:
+    """Folders of recordings that a campaign has left in `out`.
+
+    Raises InputError rather than replace files of the summary's names that no campaign has left.
+    """
+    path, rows = out / SUMMARIES[1], None
+    there = [out / name for name in SUMMARIES if os.path.lexists(out / name)]
+    try:
+        rows = json.loads(path.read_text("utf-8"))["recordings"]
+        left = {row["folder"] for row in rows if row["status"] != "failed"}
+    except (OSError, ValueError, KeyError, TypeError):
+        left = set()
+    if there and rows is None and not has_own_keys(path):
+        raise InputError(
+            f"{there[0]}: would be replaced by the campaign's summary, and no campaign has left "
+            "it; move it away, or name another --out folder"
+        )
+    return left
+
 
 CampaignProgress = Callable[[Tally, Tally | None], None]
 """Called with the recordings' Tally, and that of the frames of the one in work.

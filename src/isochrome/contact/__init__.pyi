@@ -1,5 +1,6 @@
 from .pressure import ContactState, solve_pressure
 from .profile import ContactGrid, contact_grid, elastic_constants, line_load
+from .scar import Scar, scar_history
 from .sliding_history import (
     OutputState,
     SlidingHistory,
@@ -11,9 +12,16 @@ from .sliding_history import (
 from .state import SurfaceState
 from .states import contact_states, iter_contact_states
 from .surface import Surface, displacement, make_surface
-from .wear.fixed_grid import WornStart, WornState, wear_history
-from .wear.scar import Scar, scar_history
-from .wear.worn_states import ContactSetup, elastic_state, make_site, scar_on_nodes, worn_states
+from .wear import (
+    ContactSetup,
+    WornStart,
+    WornState,
+    elastic_state,
+    make_site,
+    scar_on_nodes,
+    wear_history,
+    worn_states,
+)
 
 __all__ = [
     "ContactGrid",

@@ -8,19 +8,249 @@ by the signs of pressure and gap (block principal pivoting; Júdice & Pires 1994
 21, 587), run by run in the numbers that the root singularity at an edge tells, with Murty's single
 pivot as the safeguard, which is finite for this class of operators. A cold start comes from a
 coarser grid, and has the edges within a node or two; one or two trial sets then do at any size.
+
+The undeformed gap between indenter and specimen: a cylinder, a flat, a measured profile.
+
+The contact's linear equations on a trial set of nodes.
+
+With contact on the set, g + u(p) + c p = d there, p = 0 elsewhere, and h Σp = P'; the gap g >= 0
+has 0 for its smallest, so that no datum is rounded along. On a small grid they are solved directly.
+On a larger one by generalised conjugate residuals, which converge for every operator with a
+positive definite symmetric part, symmetric or not (Eisenstat, Elman & Schultz 1983, SIAM J. Numer.
+Anal. 20, 345); friction's coupling is antisymmetric, so it never spoils that. The preconditioner is
+the operator's inverse on an endless lattice, about |k|, projected on the load-free corrections: six
+or seven iterations to 1e-10 at any size.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
-from isochrome.contact.active_set import ActiveSystem
-from isochrome.contact.surface import COARSER, Floats, Surface
+from isochrome.contact.surface import COARSER, Floats, Surface, combined, displacement
 from isochrome.errors import InputError, PhysicsError
+from isochrome.output import read_given_table
+from isochrome.scene import Scene
+
+FAR_MM = 1e3
+"""Gap beyond a flat's corners: nothing touches there."""
+
+
+def undeformed_gap(scene: Scene, x_mm: Floats) -> Floats:
+    """Gap between the unloaded bodies, up to a constant.
+
+    Equation: x²/(2R) for a cylinder, 0 between a flat's corners, and what the profile file adds.
+    Parameters: `scene`, with an indenter; `x_mm` (n,). Returns (n,), mm. Raises InputError on a
+    profile file that cannot be used.
+    """
+    indenter = scene.indenter
+    assert indenter is not None
+    gap = np.zeros_like(x_mm)
+    if indenter.radius_mm is not None and indenter.shape == "cylinder":
+        gap += x_mm**2 / (2.0 * indenter.radius_mm)
+    if indenter.half_width_mm is not None and indenter.shape == "flat":
+        gap[np.abs(x_mm) > indenter.half_width_mm * (1.0 + 1e-12)] = FAR_MM
+    if indenter.profile is not None:
+        x, height = read_profile(scene.path(indenter.profile))
+        gap += np.interp(x_mm, x, height)
+        gap[(x_mm < x[0]) | (x_mm > x[-1])] = FAR_MM
+    return gap
+
+
+def read_profile(path: Path) -> tuple[Floats, Floats]:
+    """A measured profile: a CSV file with the columns x_mm and gap_mm (or gap_um).
+
+    A profile may be measured from anywhere: its smallest gap is taken as 0, since the rounding of a
+    datum would be felt as roughness.
+    Returns x (m,) rising and the gap (m,), mm. Raises InputError that names the file and the fix.
+    """
+    try:
+        stat = path.stat()
+    except OSError as error:
+        raise InputError(f"{path}: the profile cannot be read ({error}); check its name") from error
+    return _read_version(path, stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=4)
+def _read_version(path: Path, changed_ns: int, size: int) -> tuple[Floats, Floats]:
+    """One version of a profile's file: every state of a scene asks for it, several times."""
+    given = read_given_table(path, "the profile")
+    name = "gap_um" if "gap_um" in given.names else "gap_mm"
+    if not {"x_mm", name} <= set(given.names):
+        raise InputError(
+            f"{path}: a profile needs the columns x_mm and gap_mm (or gap_um), and has "
+            f"{given.header}; name them so"
+        )
+    x, gap = given.column("x_mm"), given.column(name)
+    if len(x) < 3 or (np.diff(x) <= 0.0).any():
+        raise InputError(f"{path}: a profile needs three rows or more, with rising x_mm")
+    gap = (gap - gap.min()) * (1e-3 if name == "gap_um" else 1.0)
+    for shared in (x, gap):
+        shared.flags.writeable = False
+    return x, gap
+
+
+_MAX_KRYLOV = 80
+_ROUNDING = 4.0 * float(np.finfo(float).eps)
+"""Error of an equation over its gap below which nothing can be gained, whatever is asked for."""
+_LOOK = 1e-3
+"""Residual at which the signs are first looked at, and factor to the next look."""
+
+
+@dataclass(frozen=True)
+class ActiveSet:
+    """The linear equations' solution on a trial set, and the nodes whose sign is `wrong`."""
+
+    pressure: Floats
+    gap: Floats
+    approach: float
+    wrong: NDArray[np.bool_]
+    iterations: int
+
+
+class ActiveSystem:
+    """The linear equations on a trial contact set."""
+
+    def __init__(
+        self, surface: Surface, gap: Floats, load: float, friction: float, wear: float
+    ) -> None:
+        self.surface, self.gap, self.friction, self.wear = surface, gap, friction, wear
+        self.total = load / surface.spacing_mm
+        lattice = combined(surface.lattice_normal, surface.lattice_coupling, friction)
+        self.inverse = 1.0 / (lattice + wear)
+
+    def apply(self, pressure: Floats) -> Floats:
+        """Displacement and wear that a pressure makes."""
+        u = displacement(self.surface, pressure, friction=self.friction)
+        return u + self.wear * pressure if self.wear else u
+
+    def precondition(self, inside: Floats, residual: Floats) -> Floats:
+        """The lattice's inverse, cut to the contact set (1 inside, 0 outside)."""
+        length = self.surface.length
+        z = scipy.fft.irfft(self.inverse * scipy.fft.rfft(residual, length), length)
+        result: Floats = inside * z[: self.surface.nodes]
+        return result
+
+    def solve(
+        self, active: NDArray[np.bool_], start: Floats, tolerance: float, *, look: bool
+    ) -> ActiveSet:
+        """Solve with contact on `active` to a relative residual, from a pressure near by.
+
+        With `look` the signs are looked at on the way: a wrong set need not be solved to the end.
+        """
+        if self.surface.dense is not None:
+            return self._directly(active, tolerance)
+        return self._iteratively(active, start, tolerance, look)
+
+    def _directly(self, active: NDArray[np.bool_], tolerance: float) -> ActiveSet:
+        """Gauss's elimination with the load as the last row, and the approach as unknown."""
+        assert self.surface.dense is not None
+        normal, coupling = self.surface.dense
+        matrix = normal if coupling is None else normal + self.friction * coupling
+        on, count = np.flatnonzero(active), int(np.count_nonzero(active))
+        bordered = np.ones((count + 1, count + 1))
+        bordered[:-1, :-1] = matrix[np.ix_(on, on)] + self.wear * np.eye(count)
+        bordered[-1, -1] = 0.0
+        solution = np.linalg.solve(bordered, np.append(-self.gap[on], self.total))
+        pressure = np.zeros(len(active))
+        pressure[on] = solution[:-1]
+        u = matrix @ pressure + self.wear * pressure
+        return self._judged(active, pressure, u, tolerance, 0.0, 1)
+
+    def _iteratively(
+        self, active: NDArray[np.bool_], start: Floats, tolerance: float, look: bool
+    ) -> ActiveSet:
+        """Generalised conjugate residuals.
+
+        Rows of `state` are p, the equations' error inside, and u; those of `move` their changes.
+        """
+        inside, count = active.astype(float), int(np.count_nonzero(active))
+        along = self.precondition(inside, inside)
+        along /= along.sum()
+        p = self._start(inside, start)
+        u = self.apply(p)
+        state = np.stack([p, _project(inside, count, self.gap + u), u])
+        scale = _range(u) ** 2
+        rounding = count * (_ROUNDING * self.gap[active].max()) ** 2
+        level = _LOOK if look else 0.0
+        moves, squares = np.empty((min(count, _MAX_KRYLOV), *state.shape)), np.empty(_MAX_KRYLOV)
+        used = 0
+        while (error := float(_dot(state[1], state[1]))) > max(scale * tolerance**2, rounding):
+            if used == len(moves):
+                break
+            if error <= scale * level**2:
+                trial = self._judged(active, state[0], state[2], level, level, used + 1)
+                if trial.wrong.any():
+                    return trial
+                level *= _LOOK
+            move = moves[used]
+            z = self.precondition(inside, state[1])
+            z -= z.sum() * along
+            move[0], move[2] = z, self.apply(z)
+            move[1] = _project(inside, count, move[2])
+            if used:
+                part = _dot(moves[:used, 1], move[1]) / squares[:used]
+                move -= np.einsum("j,jik->ik", part, moves[:used])
+            squares[used] = square = float(_dot(move[1], move[1]))
+            if square == 0.0:
+                break
+            state -= (float(_dot(move[1], state[1])) / square) * move
+            used += 1
+        return self._judged(active, state[0], state[2], tolerance, 0.0, used + 1)
+
+    def _judged(
+        self,
+        active: NDArray[np.bool_],
+        pressure: Floats,
+        u: Floats,
+        overlap: float,
+        pull: float,
+        used: int,
+    ) -> ActiveSet:
+        """A solution with its gap; wrong is what overlaps or pulls by more than these shares."""
+        gap = self.gap + u
+        approach = float(gap[active].mean())
+        gap -= approach
+        pulls = pressure <= -pull * pressure.max()
+        wrong = np.where(active, pulls, gap < -overlap * _range(u))
+        return ActiveSet(pressure, gap, approach, wrong, used)
+
+    def _start(self, inside: Floats, start: Floats) -> Floats:
+        p = inside * start
+        total = p.sum()
+        result: Floats = (
+            p * (self.total / total) if total > 0.0 else inside * (self.total / inside.sum())
+        )
+        return result
+
+    def residual(self, active: NDArray[np.bool_], gap: Floats) -> float:
+        """Largest violation of gap = 0 in contact and gap >= 0 outside, over the displacement."""
+        violation = np.where(active, np.abs(gap), np.maximum(-gap, 0.0)).max()
+        return float(violation / _range(gap - self.gap))
+
+
+def _project(inside: Floats, count: int, values: Floats) -> Floats:
+    """Values on the contact set less their mean there; zero outside."""
+    result: Floats = inside * (values - _dot(inside, values) / count)
+    return result
+
+
+def _dot(rows: Floats, vector: Floats) -> Any:
+    """Inner products along the last axis, without the threads of a BLAS, which only cost here."""
+    return np.einsum("...i,i->...", rows, vector)
+
+
+def _range(u: Floats) -> float:
+    """Range of the displacement over the whole grid, the scale of a residual."""
+    return float(max(u.max() - u.min(), np.finfo(float).tiny))
+
 
 _PATIENCE = 8
 _MAX_SETS = 500

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.contact.gap import read_profile, undeformed_gap
+from isochrome.contact.pressure import read_profile, undeformed_gap
 from isochrome.contact.surface import Floats
 from isochrome.errors import PhysicsError
 from isochrome.scene import UNDOUBTED_MM, Scene

@@ -6,9 +6,8 @@ from .panels import (
     Plot,
     chosen_frames,
 )
-from .paper import paper_figure
+from .paper import paper_figure, save_figure
 from .plots import given_axes, place_of_image, plot_frame, plot_over_distance
-from .saving import save_figure
 from .style import (
     BOLD_PT,
     CHANNEL_COLOURS,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.figures.curve_data import data_name
-from isochrome.figures.fitted_text import wrap_note
+from isochrome.figures.layout import wrap_note
 from isochrome.figures.panels import Plot
 from isochrome.figures.style import (
     GREY,

@@ -2,13 +2,10 @@ from .api import fit
 from .causes.freeing import Freed, fit_with_causes
 from .causes.report import cause_messages, light_matters, opposite_shear
 from .causes.rivals import rival_causes
-from .fit_report import fit_report
-from .folder import restore_values
-from .frame.frame_estimate import FrameFit
-from .frame.frame_fit import fit_frame, placed
+from .folder import fit_report, restore_values
+from .frame.frame_fit import FrameFit, fit_frame, placed, propagated
 from .frame.inputs import stated_pairs, taken_as_exact
 from .frame.model_frame import ModelFrame, evaluate_model
-from .frame.propagation import propagated
 from .frame.renderer import SceneRenderer
 from .frame.single_state import (
     frame_distance,
@@ -20,8 +17,8 @@ from .frame.single_state import (
     with_numerics,
 )
 from .frame.unknowns import EARLIER, FRICTION, GAMMA, LOAD, SMOOTH_KEYS, WEAR, free_keys
+from .frame_set import CORRECT
 from .joint.frame_sequence import over_distance
-from .refusals import CORRECT
 from .result import TOO_FAR, fitted_scene
 from .search.picture_search import Lying, PictureStart, search_picture
 from .tracking.api import refuse_shared, track

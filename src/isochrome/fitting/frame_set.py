@@ -1,4 +1,7 @@
-"""The frames of a fit, prepared one after the other, as often as the fit goes through them."""
+"""The frames of a fit, prepared one after the other, as often as the fit goes through them.
+
+What a fit refuses before it starts, and what the frames cannot tell apart.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +10,22 @@ from copy import copy
 from dataclasses import replace
 from typing import Any, Self
 
-from isochrome.errors import InputError
-from isochrome.estimation import FrameData, Terms, prepare_frame
-from isochrome.fitting.arrays import Mask
+import numpy as np
+
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import FrameData, Terms, prepare_frame, scaled_inverse
+from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.frame.single_state import sliding_scene, timed_distance
-from isochrome.fitting.refusals import refuse_states
+from isochrome.fitting.frame.unknowns import LENS
 from isochrome.frames import (
     SequentialFrames,
     load_no_load,
     open_scene_frames,
     with_file_scale,
 )
-from isochrome.scene import FramesLike, Scene, check_pixel
+from isochrome.output import counted
+from isochrome.scene import DistanceTable, FramesLike, Scene, check_pixel
+from isochrome.simulation import no_model_sentence, state_count
 
 Lights = dict[int, tuple[Terms, Terms]]
 """Polynomial products of illumination and background, by the number of their frame."""
@@ -145,3 +152,143 @@ class PreparedFrames(FrameSet):
             return scene
         distances = [timed_distance(frame, speed) for frame in self.reader]
         return sliding_scene(scene.with_values({"wear.distances_m": distances}))
+
+
+_SAME_EFFECT = {
+    "specimen.fringe_value_n_per_mm": "only load over fringe value sets the fringe order",
+    "specimen.thickness_mm": "only load and thickness together set the fringe order",
+    "camera.pixel_mm": "a larger pixel and a larger load spread the fringes alike",
+}
+"""Keys that cannot be told from the load, and why."""
+
+CORRECT = (
+    "correct the scene by what stood before the camera (load, place, pixel, field, gamma); "
+    "`isochrome check` looks at the frames"
+)
+"""What to do where nothing could be read."""
+
+_ALIKE = 0.9995
+_PLACE = ("camera.left_mm", "camera.top_mm")
+_SENSOR = ("camera.pixel_mm", "camera.blur_px", "frames.gamma")
+
+
+def refuse_keys(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> None:
+    """Refuse keys that are unknown, doubled, or have the same effect as the load.
+
+    Parameters: `scene`; `shared`, keys of all frames; `own`, keys with a value a frame. Raises
+    InputError that names the key and what to do.
+    """
+    if scene.model is None:
+        raise InputError(no_model_sentence(scene))
+    keys = shared + own
+    if not keys:
+        raise InputError("nothing to fit; name a key with --free, such as --free load.normal_n")
+    for key in keys:
+        _refuse_unfitted(scene, key, is_own=key in own)
+        if keys.count(key) > 1:
+            raise InputError(f"{key} is named twice; name it once, shared or per frame")
+        if scene.uncertainties.get(key) == 0.0:
+            raise InputError(
+                f"{key} is stated as exact (standard_uncertainty = 0) and cannot be free; leave it "
+                "out, or state its uncertainty"
+            )
+    for key, reason in _SAME_EFFECT.items():
+        pair = {key, "load.normal_n"}
+        if pair <= set(keys) and not pair & set(scene.uncertainties):
+            raise InputError(
+                f"load.normal_n and {key} cannot both be free: {reason}; fix one of them, or give "
+                "one its uncertainty in the scene: { value = ..., standard_uncertainty = ... }"
+            )
+
+
+def _refuse_unfitted(scene: Scene, key: str, *, is_own: bool) -> None:
+    """Refuse a key that is no number, or that does not change the simulated fringes."""
+    value = scene.get(key)
+    if key in _PLACE:
+        return
+    if isinstance(value, DistanceTable) and key != "friction.coefficient" and not is_own:
+        raise InputError(
+            f"{key} cannot be fitted: it is a table over distance in this scene; name it with "
+            "--per-frame, give it as a number, or leave it out"
+        )
+    if key.split(".")[0] in ("camera", "frames", "numerics") and key not in _SENSOR:
+        raise InputError(
+            f"{key} cannot be fitted: the fringes do not follow it; of camera and frames only "
+            f"{', '.join((*_PLACE, *_SENSOR))} can be free"
+        )
+    if key == "frames.gamma" and value == "unknown":
+        return
+    if isinstance(value, bool) or not isinstance(value, int | float | DistanceTable):
+        raise InputError(
+            f"{key} = {value!r} cannot be fitted: it is no number in this scene; give it one, or "
+            "leave it out"
+        )
+
+
+def refuse_states(path: FramesLike, count: int, scene: Scene) -> None:
+    """Raise InputError where a scene has other states than one, or one for each of `count` frames.
+
+    Parameters: `path` of the frames, for the message; `count` of them; `scene`.
+    """
+    states = state_count(scene)
+    if states not in (1, count):
+        raise InputError(
+            f"{path}: {counted(count, 'frame')}, and the scene has {counted(states, 'state')}; "
+            "give one frame a state, correct wear.distances_m, or set "
+            "frames.sliding_speed_mm_per_s for a video"
+        )
+
+
+def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ...] = ()) -> None:
+    """Refuse unknowns that the frames cannot tell apart, by their correlation.
+
+    Parameters: `keys` of the unknowns (p,); `information` (p, p) of the frames alone; `known`, keys
+    with an uncertainty that the scene states: they are held, for what it leaves uncertain in all
+    others together makes no two of them alike.
+    Raises PhysicsError that names the pair.
+    """
+    own = [k for k, key in enumerate(keys) if key not in known]
+    keys, information = tuple(keys[k] for k in own), information[np.ix_(own, own)]
+    if not own or not np.all(np.diag(information) > 0.0):
+        return
+    covariance = scaled_inverse(information)
+    spread = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(spread, spread)
+    np.fill_diagonal(correlation, 0.0)
+    i, j = np.unravel_index(int(np.abs(correlation).argmax()), correlation.shape)
+    if abs(correlation[i, j]) > _ALIKE:
+        raise PhysicsError(
+            f"{keys[i]} and {keys[j]} cannot be told apart in these frames (correlation "
+            f"{correlation[i, j]:.4f}); fix one of them"
+        )
+
+
+def refuse_bent(scene: Scene, what: str) -> None:
+    """Refuse a camera that is not square where that is not in the model.
+
+    Parameters: `scene`; `what` cannot be done, and what to do. Raises InputError.
+    """
+    for key in LENS:
+        if scene.get(key):
+            raise InputError(f"{key} = {scene.get(key):g}: such frames cannot be {what}")
+
+
+def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]) -> None:
+    """Refuse what cannot be tracked through a video.
+
+    Parameters: `scene`; `keys` to track; `known`, those that can be. Raises InputError that names
+    the key and what to do.
+    """
+    if scene.indenter is None:
+        raise InputError(f"a {scene.model} cannot be tracked, only contacts can; leave --track out")
+    for key in keys:
+        if key not in known:
+            raise InputError(
+                f"{key} cannot be tracked; of a video's frames {', '.join(known)} can: fit {key} "
+                "on a few frames first, put it into the scene, and leave it out"
+            )
+    if scene.friction and scene.friction.static_state_first:
+        raise InputError(
+            "friction.static_state_first = true: tracked frames are all of one kind; set it to "
+            "false for a video that slides"
+        )

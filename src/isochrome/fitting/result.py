@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from isochrome.estimation import ALIKE_CHI, POOR_CHI, BudgetInput
-from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.fitting.frame.inputs import taken_as_exact
 from isochrome.fitting.frame.single_state import frame_distance
 from isochrome.fitting.frame.unknowns import EARLIER, FRICTION
+from isochrome.fitting.frame_set import CORRECT
 from isochrome.fitting.joint.frame_sequence import over_distance
 from isochrome.fitting.joint.joint_fit import JointFit
-from isochrome.fitting.refusals import CORRECT
 from isochrome.fitting.tractions.surface_fit import Tractions
-from isochrome.fitting.wear_laws.law_report import WearLaws
+from isochrome.fitting.wear_laws import WearLaws
 from isochrome.output import (
     FrameValues,
     Result,

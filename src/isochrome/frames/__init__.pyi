@@ -1,8 +1,16 @@
-from .checks.api import Check, look_through
-from .checks.findings import Finding, Level, misfits
-from .linear import Linear, Normalised, find_outliers, normalise, to_linear
+from .checks import Check, Finding, Level, look_through, misfits
+from .linear import (
+    Linear,
+    Normalised,
+    find_outliers,
+    is_unloaded,
+    likely_no_load,
+    load_no_load,
+    normalise,
+    open_no_load_steps,
+    to_linear,
+)
 from .mask import load_mask
-from .no_load import is_unloaded, likely_no_load, load_no_load, open_no_load_steps
 from .noise import NoiseModel, estimate_noise, full_scale, noise_between_pixels
 from .opening import (
     absolute,
@@ -10,13 +18,14 @@ from .opening import (
     check_scale,
     input_files,
     named_files,
+    one_recording,
     open_frames,
     open_scene_frames,
+    recordings_of,
     with_file_scale,
 )
 from .readers.tiff import open_tiff
 from .reading import CHANNELS, Channel, Frame, FrameReader, FramesPath, SequentialFrames
-from .recordings import one_recording, recordings_of
 from .saturation import saturation_level
 from .source import as_captured, as_turned
 

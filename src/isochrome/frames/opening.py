@@ -1,22 +1,217 @@
-"""Which reader files or arrays need, and what is read from it: channel, region, bit depth."""
+"""Which reader files or arrays need, and what is read from it: channel, region, bit depth.
+
+Frames from arrays in memory, or from what yields them one by one.
+
+Several files as one recording: videos or TIFF stacks, one after the other.
+
+Which recordings some names stand for: files, folders and globs, as a command line gives them.
+"""
 
 from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.frames.mask import load_mask
 from isochrome.frames.readers import images, tiff, video
-from isochrome.frames.readers.in_memory import open_arrays
 from isochrome.frames.readers.signature import signature_of
-from isochrome.frames.reading import Channel, FrameReader
-from isochrome.frames.several_files import open_parts
-from isochrome.frames.source import Kind, Source, natural_key, refusing, turned
+from isochrome.frames.reading import Channel, FrameReader, FramesPath
+from isochrome.frames.source import (
+    Extent,
+    Kind,
+    RawFrame,
+    Source,
+    StoredForm,
+    check_dtype,
+    check_size,
+    natural_key,
+    next_time,
+    refusing,
+    turned,
+)
 from isochrome.scene import ArrayFrames, Camera, FramesLike, Roi, Scene, frames_of
+
+
+def open_arrays(frames: ArrayFrames) -> Source:
+    """Look at the form of frames in memory. Returns their Source.
+
+    Parameters: `frames`. Raises InputError where their type or size is none that a file may have.
+    """
+    rows, cols, *colours = frames.form
+    dtype = check_dtype(str(frames), frames.dtype)
+    check_size(str(frames), rows, cols, dtype.itemsize * (colours[0] if colours else 1))
+    form = StoredForm((rows, cols), 3 if colours else 1, dtype)
+    times = frames.times()
+    if times is not None and not np.isfinite(times).all():
+        raise InputError(
+            f"{frames}: its coordinate time_s holds what is no number; correct or drop it"
+        )
+    end = next_time(*times[-2:]) if times is not None and len(times) > 1 else None
+    return Source(
+        kind="array",
+        form=form,
+        sensor_bits=None,
+        frames=partial(_frames, frames, form, times),
+        extent=partial(Extent, frames.count, end),
+        files=(frames,),
+        pixel_mm=frames.pixel_mm,
+        start_s=None if times is None else 0.0,
+    )
+
+
+def _frames(
+    frames: ArrayFrames, form: StoredForm, times: tuple[float, ...] | None, start: int
+) -> Generator[RawFrame]:
+    for index in range(start, frames.count):
+        image = frames.frame(index)
+        if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+            raise InputError(
+                f"{frames}: frame {index} has the shape {image.shape} and the first "
+                f"{frames.form}; give all frames alike"
+            )
+        form.check(str(frames), image, f"frame {index}")
+        yield RawFrame(image, None if times is None else times[index], frames.label(index))
+
+
+SAME_SCALE = 1e-3
+"""Files of one recording name one pixel size; a larger difference than this part is another."""
+
+
+class Parts:
+    """The frames of several files in their order, with times that go on from file to file.
+
+    A file's first frame follows the last of the file before by that one's frame interval, or by its
+    own time stamp where this goes on from there, as recorders write that cut one clock into files.
+    """
+
+    def __init__(
+        self, files: tuple[Path, ...], opener: Callable[[Path], Source], first: Source
+    ) -> None:
+        """Parameters: `files`, in order; `opener` of one; `first`, the first file's source."""
+        self.files, self._opener = files, opener
+        self._sources: dict[int, Source] = {0: first}
+        self._first = first
+
+    def source(self, number: int) -> Source:
+        """The source of a part, opened once; InputError where it is unlike the first."""
+        if number not in self._sources:
+            path, first = self.files[number], self._first
+            found = self._opener(path)
+            if found.form != first.form:
+                rows, cols = found.form.shape
+                raise InputError(
+                    f"{path}: holds {rows} x {cols} {found.form.pixels} pixels and "
+                    f"{self.files[0].name} {first.form.shape[0]} x {first.form.shape[1]} "
+                    f"{first.form.pixels} ones; the files of one recording must be alike"
+                )
+            if found.sensor_bits != first.sensor_bits:
+                raise InputError(
+                    f"{path}: holds {found.sensor_bits} bits a pixel and {self.files[0].name} "
+                    f"{first.sensor_bits}; the files of one recording must be alike"
+                )
+            scales = (found.pixel_mm, first.pixel_mm)
+            if scales[0] and scales[1] and abs(scales[0] / scales[1] - 1) > SAME_SCALE:
+                raise InputError(
+                    f"{path}: names {scales[0]:.6g} mm a pixel and {self.files[0].name} "
+                    f"{scales[1]:.6g}; the files of one recording must have one scale"
+                )
+            self._sources[number] = found
+        return self._sources[number]
+
+    def listed(self) -> Extent:
+        """All parts' frames, by their packets where that can be done."""
+        for number in range(len(self.files)):
+            listed = self.source(number).listed
+            if listed is not None:
+                listed()
+        return self.extent()
+
+    def begins(self, start: int) -> int:
+        """The frame that decoding begins with to come to frame `start`, once all are counted."""
+        before = 0
+        for number in range(len(self.files)):
+            source = self.source(number)
+            count = source.extent().count
+            if start < before + count:
+                return before + source.first_decoded(start - before)
+            before += count
+        return start
+
+    def extent(self) -> Extent:
+        """All parts' frames, counted as surely as each of them is."""
+        done = Extent(0, 0.0)
+        for number in range(len(self.files)):
+            begin = self._begin(number, done.end_s)
+            done = _after(done, begin, self.source(number).extent())
+        return done
+
+    def _begin(self, number: int, end_s: float | None) -> float | None:
+        """When a part begins, counted from the first part's first frame, after an end."""
+        if number == 0 or end_s is None:
+            return end_s
+        own, first = self.source(number).start_s, self._first.start_s
+        if own is None or first is None:
+            return None
+        return max(end_s, own - first)
+
+    def frames(self, start: int) -> Generator[RawFrame]:
+        """The frames from number `start` on."""
+        done = Extent(0, 0.0)
+        for number in range(len(self.files)):
+            source, before = self.source(number), done.count
+            begin = self._begin(number, done.end_s)
+            # a video that begins after `start` need not be counted before it is read
+            own = source.extent() if start > before or source.kind != "video" else None
+            times: deque[float | None] = deque(maxlen=2)
+            if own is None or before + own.count > start:
+                count = 0
+                for raw in source.frames(max(start - before, 0)):
+                    count += 1
+                    time = None if raw.time_s is None or begin is None else begin + raw.time_s
+                    times.append(raw.time_s)
+                    yield replace(raw, time_s=time)
+                if own is None:
+                    own = source.extent() if count == 1 else Extent(count, next_time(*times))
+            assert own is not None
+            done = _after(done, begin, own)
+
+
+def _after(done: Extent, begin: float | None, own: Extent) -> Extent:
+    """The extent of the parts up to one that begins at a time (s)."""
+    end = None if begin is None or own.end_s is None else begin + own.end_s
+    return Extent(done.count + own.count, end)
+
+
+def open_parts(files: tuple[Path, ...], opener: Callable[[Path], Source]) -> Source:
+    """Several videos, or several TIFF stacks, as one recording. Returns its Source.
+
+    Parameters: `files` in order; `opener` of one of them. Raises InputError, here for the first
+    file, and for a later one when it is come to.
+    """
+    first = opener(files[0])
+    if len(files) == 1:
+        return first
+    parts = Parts(files, opener, first)
+    return replace(
+        first,
+        frames=parts.frames,
+        extent=parts.extent,
+        files=files,
+        claimed=None,
+        names=(),
+        listed=parts.listed,
+        begins=parts.begins,
+    )
+
 
 KNOWN = images.SUFFIXES + tiff.SUFFIXES + video.SUFFIXES
 
@@ -285,3 +480,84 @@ def _of_files(files: tuple[Path, ...], kind: Kind) -> Source:
         if first.extent().count > 1:
             return open_parts(files, tiff.open_tiff)
     return images.open_images(files, kind)
+
+
+def recordings_of(names: Sequence[str | Path], *, join: bool = False) -> tuple[FramesPath, ...]:
+    """The recordings that files, folders and globs stand for, in order, for `open_frames`.
+
+    A folder, video or TIFF stack is one each, images one to a file are one together; no video is
+    decoded to tell. Globs are in natural order (part2 before part10), and so are names in the
+    alphabet's order, as a shell makes them of a glob; others stay. `join`: all are parts of one.
+    InputError where a name stands for nothing, or images stand among recordings.
+    """
+    if not names:
+        raise InputError("no frames are named; name at least one file or folder")
+    if join and len(names) == 1:
+        return (names[0],)
+    places = [place for name in _in_order(names) for place in _places(name)]
+    folders = [place for place in places if os.path.isdir(place)]
+    if join and folders:
+        raise InputError(
+            f"{folders[0]}: is a folder, which is a recording by itself, and --join is for files; "
+            "name the files of one recording"
+        )
+    if len(names) == 1 and len(places) == 1:
+        return (names[0],)
+    for place in places:
+        if place not in folders and place.suffix.lower() not in KNOWN:
+            raise InputError(
+                f"{place}: frames cannot be read from a file of this kind; known are "
+                f"{', '.join(KNOWN)}; leave it out, as 'runs/*.avi' leaves out all but .avi files"
+            )
+    if join:
+        return (tuple(places),)
+    single = [place for place in places if _holds_several(place) is False]
+    if not single:
+        return tuple({os.path.abspath(place): place for place in places}.values())
+    whole = [place for place in places if _holds_several(place)]
+    if whole:
+        raise InputError(
+            f"{single[0]}: is a single image and {whole[0]} a whole recording; images, one to a "
+            "file, are a recording together, and videos, stacks and folders are one each: name "
+            "the ones or the others (parts of one recording: --join)"
+        )
+    return (names[0],) if len(names) == 1 else (tuple(places),)
+
+
+def one_recording(names: Sequence[str | Path], *, join: bool = False) -> FramesPath:
+    """The one recording that names stand for, see `recordings_of`; InputError where they are
+    several.
+    """
+    found = recordings_of(names, join=join)
+    if len(found) > 1:
+        raise InputError(
+            f"{found[0]}, {found[1]}{' ...' if len(found) > 2 else ''}: {len(found)} recordings, "
+            "and one is wanted here; name one of them, or add --join if they are the parts of one"
+        )
+    return found[0]
+
+
+def _in_order(names: Sequence[str | Path]) -> list[str | Path]:
+    """Names in natural order where they are in the alphabet's, by the letters or by the codes."""
+    texts = [str(name) for name in names]
+    letters = ["".join(c for c in text.casefold() if c.isalnum()) for text in texts]
+    expanded = texts == sorted(texts) or letters == sorted(letters)
+    return sorted(names, key=natural_key) if expanded else list(names)
+
+
+def _places(name: str | Path) -> list[Path]:
+    """The files and folders that a name stands for; itself where it is no glob."""
+    if os.path.lexists(name) or not glob.has_magic(os.fspath(name)):
+        return [Path(name)]
+    return list(matches(name))
+
+
+def _holds_several(place: Path) -> bool | None:
+    """Whether a place holds a recording by itself, None where a file does not tell."""
+    if place.is_dir():
+        return True
+    try:
+        kind = signature_of(place).kind
+        return tiff.holds_several(place) if kind == "tiff" else kind == "video"
+    except InputError:  # said of it when it is its turn
+        return place.suffix.lower() in video.SUFFIXES or None

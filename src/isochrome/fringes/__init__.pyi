@@ -1,20 +1,25 @@
-from .colour.band_model import band_light, band_scale
-from .colour.band_unknowns import ColourShots
 from .colour.colour_order import ColourReading, read_colour
-from .colour.colour_table import STEP, ColourTable, measured_table, spectral_table
-from .colour.own_colours import OwnLight, find_light
-from .colour.table_file import read_table, table_columns
+from .colour.colour_table import (
+    STEP,
+    ColourTable,
+    measured_table,
+    read_table,
+    spectral_table,
+    table_columns,
+)
+from .colour.own_colours import ColourShots, OwnLight, band_light, band_scale, find_light
 from .film.film_light import BrightestLight, FilmLight, smooth_zero
-from .film.film_path import FilmPath, KeptState, light_wave
 from .film.film_reading import (
+    FilmPath,
+    KeptState,
     fringe_response,
     joined_pixels,
     joined_reading,
+    light_wave,
     pixels_together,
     read_followed,
 )
-from .film.follower import FilmState, follow_frame, unloaded_state
-from .film.order_change import LARGEST_CHANGE
+from .film.follower import LARGEST_CHANGE, FilmState, follow_frame, unloaded_state
 from .on_branch import BRANCH, LARGEST_UNCERTAINTY, OrderReading, read_order, widened
 from .single_frame.background_modulation import (
     BackgroundModulation,
@@ -39,9 +44,8 @@ from .single_frame.stated_orders import (
     known_orders,
 )
 from .skeleton import Skeleton, number_lines, order_contours, skeleton_table, skeletons
-from .stepped.residual_stress import ResidualStress, read_residual
 from .stepped.step_equations import make_design
-from .stepped.stepped_order import SteppedReading, read_steps
+from .stepped.stepped_order import ResidualStress, SteppedReading, read_residual, read_steps
 
 __all__ = [
     "BRANCH",

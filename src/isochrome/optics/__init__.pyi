@@ -1,10 +1,14 @@
-from .camera import expose, stored_type
-from .polariscope import Chain, make_chain, polariscope_signal
-from .response import Response, camera_response
-from .spectral import highest_visible, spectral_signal
-from .stress_optic import fringe_order
-from .visibility import mean_order, pixel_visibility, slope_visibility
-from .wavelengths import Light, make_light
+from .camera import Response, camera_response, expose, stored_type
+from .polariscope import Chain, fringe_order, make_chain, polariscope_signal
+from .spectral import (
+    Light,
+    highest_visible,
+    make_light,
+    mean_order,
+    pixel_visibility,
+    slope_visibility,
+    spectral_signal,
+)
 
 __all__ = [
     "Chain",

@@ -1,4 +1,4 @@
-r"""The polariscope by Jones calculus: analyser · plate · specimen · plate · polariser.
+"""The polariscope by Jones calculus: analyser · plate · specimen · plate · polariser.
 
 A retarder of retardance δ with its fast axis at θ is J = cos(δ/2) I - i sin(δ/2) [[cos 2θ, sin 2θ],
 [sin 2θ, -cos 2θ]]. The field behind the analyser is then α cos(δ/2) - i w sin(δ/2) with
@@ -6,6 +6,8 @@ w = β cos 2θ + γ sin 2θ, and α, β, γ three complex numbers of the element
 any angles so cost no more than ideal ones. The specimen's axis is the direction of sigma_1; which
 of its axes is the fast one only turns the sign of δ, which no frame of matched plates shows.
 Source: Theocaris & Gdoutos (1979), Matrix Theory of Photoelasticity; Jones (1941), JOSA 31, 488.
+
+The stress-optic law: principal stress difference to fringe order.
 """
 
 from __future__ import annotations
@@ -18,6 +20,21 @@ from numpy.typing import NDArray
 
 from isochrome.errors import InputError
 from isochrome.scene import Polariscope
+from isochrome.stress import StressDifference
+
+
+def fringe_order(
+    difference_mpa: StressDifference, *, thickness_mm: float, fringe_value_n_per_mm: float
+) -> NDArray[np.floating]:
+    """Fringe order N (rows, cols) of the stress difference (sigma_x - sigma_z) + 2i tau_xz, MPa.
+
+    N = (sigma_1 - sigma_2) d / f_sigma, f_sigma in N/mm per fringe; the retardation is 2 pi N.
+    Source: Dally & Riley (1991), Experimental Stress Analysis, section 12.2.
+    """
+    order = np.asarray(np.abs(difference_mpa))
+    order *= thickness_mm / fringe_value_n_per_mm
+    return order
+
 
 Array = NDArray[np.floating]
 

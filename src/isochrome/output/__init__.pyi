@@ -8,9 +8,7 @@ from .files import (
     write_json,
     write_text,
 )
-from .frame_names import counted_frames, messages_of_frames, named_frames
-from .frame_values import FrameValues
-from .given_table import GivenTable, numbered_lines, read_given_table, read_given_text
+from .frame_values import FrameValues, counted_frames, messages_of_frames, named_frames
 from .record import InputContent, provenance, sha256, write_figure
 from .result import (
     FIGURE_DPI,
@@ -37,11 +35,15 @@ from .sentence import (
 )
 from .tables import (
     Floats,
+    GivenTable,
     check_given_table,
     columns_of,
     csv_text,
+    numbered_lines,
     numbers,
     read_csv,
+    read_given_table,
+    read_given_text,
     write_csv,
     write_excel_copies,
 )

@@ -24,7 +24,6 @@ from isochrome.processing.kinds.film_keys import prepare_keyed
 from isochrome.processing.kinds.film_unloaded import prepare_unloaded
 from isochrome.processing.kinds.tracked import tracked_states
 from isochrome.processing.pictures.preview import write_preview
-from isochrome.processing.processed import orders_are_read
 from isochrome.processing.result import (
     FOUND_BY,
     NOTHING,
@@ -77,7 +76,7 @@ def task_layers(recipe: FrameTask) -> tuple[Layer, ...]:
 
 def layers_of(scene: Scene) -> tuple[Layer, ...]:
     """The maps that a scene's frames give."""
-    if not orders_are_read(scene):
+    if not scene.orders_are_read:
         return (NORMALISED,)
     return (NORMALISED, ORDER, CONFIDENCE, *([ISOCLINIC] if scene.polariscope.step else []))
 

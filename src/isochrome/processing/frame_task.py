@@ -1,20 +1,23 @@
-"""What is done to a set: its frames, state after state, each on its own."""
+"""What is done to a set: its frames, state after state, each on its own.
+
+The captured frames of a set, handed out from any frame on, read while others are computed.
+"""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from isochrome.errors import InputError, IsochromeError
 from isochrome.estimation import light_basis
 from isochrome.fitting import Apparatus, frame_distance, frame_scene, scene_at, timed_distance
 from isochrome.frames import Frame, FrameReader, load_no_load
 from isochrome.fringes import ResidualStress
-from isochrome.processing.frame_source import Cursor
 from isochrome.processing.kinds.colour_light import (
     colour_capture,
     colour_frames,
@@ -29,6 +32,75 @@ from isochrome.processing.result import Capture, ProcessedFrame, failed_frame
 from isochrome.runs import run_identity, trim_heap
 from isochrome.scene import ArrayFrames, FramesLike, Scene, dump_scene
 from isochrome.specimens import surface_field_grid
+
+T = TypeVar("T")
+
+
+class Ahead(Generic[T]):
+    """The items of an iterator, the next one read by a thread of its own while this one is used."""
+
+    def __init__(self, items: Iterator[T]) -> None:
+        self._items = items
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="reading")
+        self._next: Future[list[T]] = self._thread.submit(self._read)
+
+    def _read(self) -> list[T]:
+        """One item, or none at the end: a StopIteration cannot pass through a Future."""
+        for item in self._items:
+            return [item]
+        return []
+
+    def __iter__(self) -> Iterator[T]:
+        return self
+
+    def __next__(self) -> T:
+        found = self._next.result()
+        if not found:
+            raise StopIteration
+        self._next = self._thread.submit(self._read)
+        return found[0]
+
+    def close(self) -> None:
+        """End the reading, and with it the file that it holds open."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+        end = getattr(self._items, "close", None)
+        if end is not None:
+            end()
+
+
+class Cursor(Generic[T]):
+    """A source that is read in order, from any item on: forward by passing over, back anew."""
+
+    def __init__(self, begin: Callable[[int], Iterator[T]], anew: Callable[[int], int]) -> None:
+        """Prepare to read; `begin(start)` opens the source and gives its items from `start` on.
+
+        `anew(start)`, as how many items this takes. To go on over more than so many, it is opened
+        anew, as it is to go back.
+        """
+        self._begin = begin
+        self._anew = anew
+        self._items: Ahead[T] | None = None
+        self._at = 0
+
+    def take(self, start: int, stop: int) -> Iterator[T]:
+        """Items [start, stop), fewer where the source ends before. Raises what reading raises."""
+        on = self._items is not None and self._at <= start
+        if not on or start > self._at + self._anew(start):
+            self.close()
+            self._items, self._at = Ahead(self._begin(start)), start
+        assert self._items is not None
+        for item in self._items:
+            self._at += 1
+            if self._at > start:
+                yield item
+            if self._at >= stop:
+                return
+
+    def close(self) -> None:
+        """Close the source."""
+        if self._items is not None:
+            self._items.close()
+        self._items = None
 
 
 @dataclass(frozen=True, kw_only=True)

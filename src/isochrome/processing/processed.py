@@ -222,7 +222,7 @@ class Processed(Result):
 
         `frames`: numbers of those that are shown. Raises InputError where one is not there.
         """
-        from isochrome.processing.pictures.paper_panels import processed_panels
+        from isochrome.processing.pictures.figure import processed_panels
 
         return processed_panels(self, frames)
 
@@ -246,7 +246,7 @@ def collect(
     if frames is not None and wider is not table:
         frames = [_of_row(frame, wider, k) for k, frame in enumerate(frames)]
     table = wider
-    warnings = [] if orders_are_read(scene) else [_not_read(scene)]
+    warnings = [] if scene.orders_are_read else [_not_read(scene)]
     warnings += _of_residual(scene, residual) if residual is not None else []
     warnings += untracked_inputs(scene) if PICTURE in table else []
     of_frames = zip(table["frame"], table["warnings"], strict=True)
@@ -277,7 +277,7 @@ def refuse_unread(
     specimen's pixels that were read in each frame, None where nobody read it. Raises PhysicsError.
     """
     followed = any(found != NOTHING for found in table.get(FOUND_BY, ()))
-    asked = orders_are_read(scene)
+    asked = scene.orders_are_read
     normalised = np.isfinite(numbers(table["noise"])).any()
     loads = numbers(table[LOAD]) if scene.frames.known_loads_n else None
     found = normalised if loads is None else np.isfinite(loads).any()
@@ -293,13 +293,6 @@ def refuse_unread(
 def _not_read(scene: Scene) -> str:
     """Why the orders of a scene's frames are not read."""
     return _AGAINST_OTHERS if scene.frames.known_loads_n else no_model_sentence(scene)
-
-
-def orders_are_read(scene: Scene) -> bool:
-    """Whether fringe orders are read of a scene's frames: else they are normalised alone."""
-    alone = bool(scene.polariscope.step) or scene.polariscope.several_wavelengths
-    fitted = scene.model and not scene.frames.known_loads_n
-    return bool(fitted or alone or scene.frames.orders_known)
 
 
 def restore(

@@ -1,16 +1,16 @@
-from .assembly import assemble_page, content_policy
 from .charts import Curve, curves_of, make_curve
-from .content import ReportContent, ReportTable, warnings_with_remedies
-from .frame_choice import MOST_FRAMES, ChosenFrame, choose_frames
-from .page import report_html, write_report
-from .paper_table import camera_rows, paper_rows
+from .content import ReportContent, ReportTable, camera_rows, paper_rows, warnings_with_remedies
+from .page import assemble_page, content_policy, report_html, write_report
 from .pictures import (
     FRINGES,
     GREY_LEVELS,
+    MOST_FRAMES,
     SIGNAL,
+    ChosenFrame,
     OrderMap,
     Pane,
     ReportFrame,
+    choose_frames,
     encode_frames,
     order_map,
 )

@@ -1,8 +1,6 @@
-from .chunks import RunFolder, parts, picture, rows, write_stack
-from .datasets import RunArray, RunDataset, make_dataset, stored_map
+from .chunks import STORE, RunFolder, parts, picture, rows, write_stack
 from .execution import WORTH_WORKERS_S, RunOptions, Stopped, refuse_without_folder, run_job
 from .exporting import export
-from .identity import environment, run_identity
 from .integrity import (
     PROVENANCE,
     REPORT,
@@ -14,30 +12,42 @@ from .integrity import (
     seal,
     verify,
 )
-from .job import CHUNK_BYTES, Compact, Job, Layer, Results, RunLayout, chunk_size
-from .lock import locked
-from .memory import trim_heap
+from .job import (
+    CHUNK_BYTES,
+    Compact,
+    Job,
+    Layer,
+    Results,
+    RunLayout,
+    chunk_size,
+    environment,
+    run_identity,
+)
 from .store import (
-    STORE,
     WORKING,
     Column,
+    RunArray,
+    RunDataset,
     add_columns,
     attributes,
     checked_store,
     column,
     column_values,
     identifier,
+    make_dataset,
     named_units,
     open_run,
+    stored_map,
     texts,
 )
-from .work_folder import has_run, holds_results, wipe, working_folder
+from .work_folder import has_run, holds_results, locked, wipe, working_folder
 from .workers import (
     NoCluster,
     WorkersLost,
     in_flight,
     processors,
     single_threaded,
+    trim_heap,
     waiting_workers,
     worker_pool,
 )

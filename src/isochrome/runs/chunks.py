@@ -23,8 +23,8 @@ from isochrome.runs.integrity import (
     sum_bytes,
 )
 from isochrome.runs.job import Layer, Results, RunLayout
-from isochrome.runs.store import STORE
 
+STORE = "run.zarr"
 MANIFEST, RECORDS = "manifest.json", "records"
 """In a working folder what the run is a result of; the folder of the chunks' records."""
 

@@ -12,19 +12,18 @@ from typing import Any, TypeVar, cast
 
 from isochrome.errors import InputError, IsochromeError, PhysicsError
 from isochrome.progress import RunProgress, Tally
-from isochrome.runs.chunks import ChunkRecord, RunFolder, check_chunk, read_record_of
+from isochrome.runs.chunks import STORE, ChunkRecord, RunFolder, check_chunk, read_record_of
 from isochrome.runs.integrity import seal
 from isochrome.runs.job import InTurn, Job, Results, Work
-from isochrome.runs.lock import locked
-from isochrome.runs.memory import keep_steady
-from isochrome.runs.publish import check_own, publish
-from isochrome.runs.store import STORE
 from isochrome.runs.work_folder import (
+    check_own,
     check_room,
     faults_of,
     has_run,
     is_finished,
+    locked,
     open_run_folder,
+    publish,
     take_back,
     wipe,
     working_folder,
@@ -36,6 +35,7 @@ from isochrome.runs.workers import (
     alone,
     by_cluster,
     by_processes,
+    keep_steady,
     processors,
 )
 

@@ -2,6 +2,10 @@
 
 DIR.partial holds the manifest (what the run is a result of), the records of its finished chunks,
 and, in a folder of its own, the files that become DIR. It goes when DIR is there.
+
+One run at a time on one output: a lock that the system opens when its process dies.
+
+The end of a run: its results take their place, and what was there before goes, or stays.
 """
 
 from __future__ import annotations
@@ -12,28 +16,116 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Mapping
+import socket
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from isochrome.errors import InputError
 from isochrome.output import check_link
 from isochrome.runs.chunks import (
     MANIFEST,
     RECORDS,
+    STORE,
     RunFolder,
     read_checked,
     read_record_of,
     remove,
     sync_folder,
     write_checked,
+    write_through,
 )
-from isochrome.runs.identity import difference, identity_digest
-from isochrome.runs.integrity import is_plain, read_record
-from isochrome.runs.job import Job, RunLayout
-from isochrome.runs.lock import LOCK, OWNER
-from isochrome.runs.store import STORE, WORKING, create_store
+from isochrome.runs.integrity import (
+    PROVENANCE,
+    REPORT,
+    has_own_keys,
+    is_plain,
+    is_record,
+    read_record,
+)
+from isochrome.runs.job import Job, RunLayout, difference, identity_digest
+from isochrome.runs.store import WORKING, create_store
+
+if TYPE_CHECKING:
+    from filelock import FileLock
+
+LOCK, OWNER = "lock", "owner.txt"
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder for this process alone; it is made if need be, and removed when left empty.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Yields
+    ------
+    None
+        Nothing: the folder is held inside the block.
+
+    Raises
+    ------
+    InputError
+        Where another process holds it, or where it cannot be made or locked.
+    """
+    from filelock import FileLock, Timeout
+
+    lock, made = None, not os.path.lexists(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if folder.is_symlink():
+            raise InputError(f"{folder}: is a symbolic link; remove it, or name another --out")
+        lock = FileLock(folder / LOCK, timeout=0, thread_local=False)
+        lock.acquire()
+        (folder / OWNER).write_text(f"process {os.getpid()} on {socket.gethostname()}", "utf-8")
+    except Timeout:
+        raise InputError(
+            f"{folder}: another run is at work there ({_owner(folder)}); wait for it, stop it, or "
+            "name another --out folder"
+        ) from None
+    except (OSError, NotImplementedError) as error:
+        if lock is not None and lock.is_locked:
+            _release(folder, lock)
+        elif made:
+            with suppress(OSError):
+                folder.rmdir()
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"{folder}: results cannot be written there ({reason}); name another --out folder"
+        ) from error
+    try:
+        yield
+    finally:
+        _release(folder, lock)
+
+
+def _release(folder: Path, lock: FileLock) -> None:
+    """Open the lock, and remove the folder where nothing else is in it."""
+    alone = False
+    with suppress(OSError):  # the drive may be gone
+        (folder / OWNER).unlink(missing_ok=True)
+        alone = {entry.name for entry in folder.iterdir()} <= {LOCK}
+        if alone and os.name != "nt":  # while it is held, so that nobody else waits for it
+            (folder / LOCK).unlink()
+    with suppress(OSError):
+        lock.release()
+    if alone:
+        with suppress(OSError):
+            (folder / LOCK).unlink(missing_ok=True)
+            folder.rmdir()
+
+
+def _owner(folder: Path) -> str:
+    try:
+        return (folder / OWNER).read_text("utf-8") or "unknown process"
+    except OSError:
+        return "unknown process"
+
 
 FINISHED = "finished"
 _GROUP = "group.json"
@@ -259,3 +351,102 @@ def sync_tree(folder: Path) -> None:
             with open(os.path.join(path, name), "rb+") as file:
                 os.fsync(file.fileno())
         sync_folder(Path(path))
+
+
+def publish(run: RunFolder, target: Path) -> None:
+    """Give finished results their place: by one rename, or file by file into an existing folder.
+
+    Killed in between, the next run goes on with it. Parameters: `run`; `target`, the output
+    folder. Raises OSError.
+    """
+    root = run.root
+    if not is_finished(run):
+        check_own(target, (entry.name for entry in run.results.iterdir()))
+        sync_tree(run.results)
+        write_through(root / FINISHED, b"")
+    if not run.results.exists():
+        pass  # all has its place
+    elif target.exists():
+        _clear_old(run.results, target)
+        last = PROVENANCE  # what says that all is there
+        for entry in sorted(run.results.iterdir(), key=lambda e: (e.name == last, e.name)):
+            _replace(entry, target / entry.name, root)
+        run.results.rmdir()
+    else:
+        os.rename(run.results, target)
+    sync_folder(target)
+    sync_folder(target.parent)
+
+
+def check_own(target: Path, names: Iterable[str]) -> None:
+    """Refuse to replace files that no run has left, such as a scene that somebody wrote.
+
+    Parameters: `target`, the output folder; `names` of the results. Raises InputError.
+    """
+    outputs = _outputs(_record(target))
+    known = {name.partition("/")[0] for name in outputs} | {PROVENANCE}
+    known |= {STORE, REPORT} if outputs else set()  # of an earlier version too
+    if not outputs and _has_damaged_record(target):
+        return
+    for name in names:
+        place = target / name
+        if name not in known and place.exists() and not place.is_symlink():
+            raise InputError(
+                f"{place}: would be replaced, and no {PROVENANCE} there says that a run has made "
+                "it; move it away, or name another --out folder"
+            )
+
+
+def _record(target: Path) -> Mapping[str, Any]:
+    """What an earlier run has left to say of itself; nothing where it cannot be read."""
+    try:
+        known = read_record(target)
+    except InputError:
+        return {}
+    return {} if known is None else known.record
+
+
+def _outputs(record: Mapping[str, Any]) -> list[str]:
+    """The files of an earlier run, by its record."""
+    outputs = record.get("outputs")
+    return list(outputs) if isinstance(outputs, dict) else []
+
+
+def _has_damaged_record(target: Path) -> bool:
+    """Whether a run has left its results, and nobody knows any more which these are."""
+    path, store = target / PROVENANCE, target / STORE / "zarr.json"
+    if is_record(path):
+        return has_own_keys(path)
+    return is_record(store) and b'"source": "Isochrome"' in store.read_bytes()
+
+
+def _clear_old(results: Path, target: Path) -> None:
+    """Take from a folder what an older run says of it, and its files that have no successor.
+
+    Else they would pass for results of the new one. What is left of the record are the names of
+    all that runs have made there: should this one be killed here, the next knows them.
+    """
+    record = _record(target)
+    outputs = _outputs(record)
+    names = sorted({*outputs, *(entry.name for entry in results.iterdir())})
+    left = {"placing": results.name, "outputs": dict.fromkeys(names, 0)}
+    write_through(target / PROVENANCE, json.dumps(left).encode())
+    if record.get("placing") == results.name:  # it was killed here: what is there are its own
+        return
+    for name in outputs:
+        old = target / name
+        if Path(name).name == name and not (results / name).exists() and not old.is_dir():
+            old.unlink(missing_ok=True)
+
+
+def _replace(source: Path, place: Path, root: Path) -> None:
+    """Put a file or folder in the place of another, which a folder has to leave first."""
+    if place.is_dir() and not place.is_symlink():
+        old = root / f"old-{place.name}"
+        if old.exists():
+            shutil.rmtree(old)
+        os.rename(place, old)
+        shutil.rmtree(old)
+    elif place.is_symlink():
+        place.unlink()  # the link, never what it points to
+    os.replace(source, place)

@@ -1,11 +1,18 @@
 """Who computes the chunks: this process, worker processes on this machine, or a Dask cluster.
 
 All through the standard executor interface (concurrent.futures); the results are the same.
+
+Memory that is free again goes back to the system, in a long run as in a short one.
+
+Of the GNU C library, which keeps what is freed: without this, what is left of one chunk lies
+between the pieces of the next, and a long run takes more than a short one. The memory of other
+systems' libraries shrinks by itself, or cannot be asked to. Source: mallopt(3), malloc_trim(3).
 """
 
 from __future__ import annotations
 
 import concurrent.futures as futures
+import ctypes
 import multiprocessing
 import multiprocessing.queues
 import os
@@ -16,13 +23,47 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 from isochrome.errors import InputError
 from isochrome.runs.chunks import ChunkRecord, RunFolder, keep
-from isochrome.runs.identity import environment
-from isochrome.runs.job import Results, Work
-from isochrome.runs.memory import keep_steady, trim_heap
+from isochrome.runs.job import Results, Work, environment
+
+LARGE = 16 << 20
+"""Bytes of an array, as a stack of frames, that is given back as soon as it is freed."""
+
+SPARE = 128 << 20
+"""Bytes that may stay free at the end of the heap until `trim_heap`: what is given back with each
+picture is asked for again with the next, which costs a third of the time."""
+
+_MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1
+
+
+def keep_steady() -> None:
+    """Fix from which size on arrays are given back at once, which else grows with the largest."""
+    library = _gnu()
+    if library is not None:
+        library.mallopt(_MMAP_THRESHOLD, LARGE)
+        library.mallopt(_TRIM_THRESHOLD, SPARE)
+
+
+def trim_heap() -> None:
+    """Give back what is free, between chunks."""
+    library = _gnu()
+    if library is not None:
+        library.malloc_trim(0)
+
+
+@cache
+def _gnu() -> ctypes.CDLL | None:
+    """The GNU C library, None where there is another."""
+    if not sys.platform.startswith("linux"):
+        return None
+    library = ctypes.CDLL(None)
+    known = hasattr(library, "mallopt") and hasattr(library, "malloc_trim")
+    return library if known else None
+
 
 T = TypeVar("T")
 Finished = tuple[int, ChunkRecord]

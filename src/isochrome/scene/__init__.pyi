@@ -1,5 +1,5 @@
 from .array_frames import ArrayFrames, FramesLike, ImageFile, frames_of
-from .editing.edited_text import (
+from .editing import (
     toml_text,
     with_list_value,
     with_table_list,
@@ -16,12 +16,12 @@ from .parts import (
     Numerics,
     Polariscope,
     PolariscopeStep,
+    Specimen,
     Spectrum,
     Wear,
 )
 from .pixel_scale import STIFFEST_GPA, UNDOUBTED_MM, check_moduli, check_pixel, check_width
 from .scene_values import DistanceTable, NonNegative, Positive, ScenePart
-from .specimen import Specimen
 from .toml import (
     LIBRARY,
     SceneLike,

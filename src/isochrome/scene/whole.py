@@ -14,16 +14,18 @@ from isochrome.scene.array_frames import ArrayFrames
 from isochrome.scene.imaging import Camera, Frames
 from isochrome.scene.measured_course import with_tables
 from isochrome.scene.parts import (
+    BODIES,
+    Body,
     Friction,
     Indenter,
     Load,
     MeasuredScar,
     Numerics,
     Polariscope,
+    Specimen,
     Wear,
 )
 from isochrome.scene.scene_values import Distance, DistanceTable, ScenePart, value_at
-from isochrome.scene.specimen import BODIES, Body, Specimen
 from isochrome.scene.uncertain import DATE_FIELD, DATED, with_pairs
 from isochrome.scene.validation import NO_KEYS, validate
 
@@ -230,6 +232,13 @@ class Scene(ScenePart):
         if self.indenter is not None:
             return "contact"
         return self.specimen.shape if self._body else None
+
+    @property
+    def orders_are_read(self) -> bool:
+        """Whether fringe orders are read of its frames: else they are normalised alone."""
+        alone = bool(self.polariscope.step) or self.polariscope.several_wavelengths
+        fitted = self.model and not self.frames.known_loads_n
+        return bool(fitted or alone or self.frames.orders_known)
 
     @property
     def no_model_reason(self) -> str:

@@ -1,6 +1,6 @@
 from .api import Simulation, simulate
-from .dataset import picture_axes
 from .figure import plot_pressure, plot_scar
+from .folder import simulation_report
 from .model import (
     Picture,
     SceneState,
@@ -12,8 +12,7 @@ from .model import (
     state_count,
     state_difference,
 )
-from .rendering import Rendered, render
-from .simulation_report import simulation_report
+from .rendering import Rendered, picture_axes, render
 from .steps import camera_frame, polariscope_light, stress_map, surface_tractions
 
 __all__ = [

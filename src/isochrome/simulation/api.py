@@ -32,7 +32,6 @@ from isochrome.scene import (
     dump_scene,
     load_scene,
 )
-from isochrome.simulation.dataset import simulation_dataset
 from isochrome.simulation.figure import simulation_figure, simulation_panels
 from isochrome.simulation.folder import finish_simulation_folder, run_layout
 from isochrome.simulation.model import (
@@ -41,9 +40,16 @@ from isochrome.simulation.model import (
     no_model_sentence,
     state_count,
 )
-from isochrome.simulation.rendering import render
-from isochrome.simulation.state_chunk import RenderWork, shown_states
-from isochrome.simulation.state_rows import HISTORY, PICTURE, add_state_row, history_row
+from isochrome.simulation.rendering import (
+    HISTORY,
+    PICTURE,
+    RenderWork,
+    add_state_row,
+    history_row,
+    render,
+    shown_states,
+    simulation_dataset,
+)
 from isochrome.stress import PixelGrid, pixel_grid
 
 if TYPE_CHECKING:

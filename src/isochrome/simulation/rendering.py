@@ -1,9 +1,25 @@
-"""From states to what the camera stores of them, one state at a time."""
+"""From states to what the camera stores of them, one state at a time.
+
+The principal stresses apart, and the largest shear with its place: only when asked for.
+
+Fringes show the difference of the principal stresses alone; the model has both.
+
+What a simulation holds in memory, with axes in mm.
+
+The rows that a rendered state adds to `simulate`'s tables.
+
+States rendered chunk by chunk, by whoever asks: their pictures as bytes, their rows as numbers.
+
+The wear run comes first and is sequential: each process solves it once, as far as it needs it, a
+tenth of what rendering costs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +27,190 @@ from numpy.typing import NDArray
 from isochrome.contact import SurfaceState
 from isochrome.errors import PhysicsError
 from isochrome.optics import expose, fringe_order
-from isochrome.scene import Scene
-from isochrome.simulation.components import Components, state_components
+from isochrome.output import csv_text
+from isochrome.runs import Column, Results, RunArray, RunDataset, attributes, column, make_dataset
+from isochrome.scene import Scene, dump_scene
 from isochrome.simulation.model import (
     Picture,
     SceneState,
+    iter_scene_states,
     make_picture,
     picture_signal,
     refuse_too_fine,
     state_difference,
 )
 from isochrome.specimens import specimen_model
-from isochrome.stress import PixelGrid
+from isochrome.stress import PixelGrid, ShearPeak, principal_direction
+
+LAYERS = ("sigma_1", "sigma_2", "sigma_1_direction", "sigma_x", "sigma_z", "tau_xz")
+"""Names of the maps that `simulate` leaves: MPa, the direction in degrees."""
+
+
+@dataclass(frozen=True)
+class Components:
+    """All that the model knows of one state's stress.
+
+    `maps`, each of LAYERS by its name (rows, cols), float32, NaN outside the material; `peak`, the
+    largest shear in the material in view, its surface included (under point
+    loads, which make it infinite, that at the pixels' centres).
+    """
+
+    maps: dict[str, NDArray[np.float32]]
+    peak: ShearPeak
+
+
+def state_components(
+    scene: Scene, state: SceneState, picture: Picture, pixels: PixelGrid
+) -> Components:
+    """Stress components, principal stresses and the largest shear of one state.
+
+    Parameters: `scene`, `state`; its `picture`, for the material; `pixels`. Returns Components.
+    Equations: sigma_1,2 = (sigma_x + sigma_z)/2 ± |(sigma_x - sigma_z) + 2i tau_xz|/2; direction of
+    sigma_1 counter-clockwise from the image's +x, -90 to 90. Source: Timoshenko & Goodier (1970),
+    section 9.
+    """
+    model = specimen_model(scene)
+    stress = model.components(scene, state.surface, pixels)
+    first, second = stress.principal
+    direction = np.degrees(principal_direction(stress.difference))
+    arrays = (first, second, direction, stress.sigma_x, stress.sigma_z, stress.tau_xz)
+    maps = {
+        name: np.where(picture.material, array, np.nan).astype(np.float32)
+        for name, array in zip(LAYERS, arrays, strict=True)
+    }
+    difference = maps["sigma_1"] - maps["sigma_2"]
+    return Components(maps, model.peak(scene, state.surface, difference, pixels))
+
+
+_UNITS = {"frames": "grey level", "fringe_order": "1", "sigma_1_direction": "degree"}
+"""Units of maps; of all others MPa."""
+
+_WHAT = {
+    "frames": "the camera's frames",
+    "fringe_order": "fringe order N",
+    "sigma_1_direction": "direction of sigma_1, counter-clockwise from x",
+}
+
+
+def picture_array(
+    values: NDArray[Any], pixels: PixelGrid, name: str, said: Mapping[str, str]
+) -> RunArray:
+    """A picture (rows, cols) or (rows, cols, 3) with its axes in mm.
+
+    Parameters: `values`; `pixels`; `name`; `said`, its attributes.
+    """
+    names = ("row", "col", "channel")[: values.ndim]
+    places = picture_axes(pixels, coloured=values.ndim == 3)
+    array: RunArray = make_dataset({name: Column(names, values, said)}, places, {})[name]
+    return array
+
+
+def picture_axes(pixels: PixelGrid, *, coloured: bool = False) -> dict[str, Column]:
+    """Coordinates of a picture: row, col, z_mm, x_mm, and with red, green and blue channel."""
+    units = {"units": "mm"}
+    names = Column(("channel",), np.array(["red", "green", "blue"]), {})
+    return {
+        "row": Column(("row",), np.arange(pixels.rows), {"units": "pixel"}),
+        "col": Column(("col",), np.arange(pixels.cols), {"units": "pixel"}),
+        "z_mm": Column(("row",), pixels.z_mm, units | {"long_name": "z"}),
+        "x_mm": Column(("col",), pixels.x_mm, units | {"long_name": "x"}),
+    } | ({"channel": names} if coloured else {})
+
+
+def simulation_dataset(
+    scene: Scene,
+    pixels: PixelGrid,
+    history: Mapping[str, Sequence[Any]],
+    maps: Mapping[str, NDArray[Any]],
+) -> RunDataset:
+    """Maps (state, row, col), frames and the history of all states.
+
+    Parameters: `scene`; `pixels`; `history`, the columns of history.csv; `maps` by name, `frames`
+    among them, a frame for each step of each state. Returns a RunDataset.
+    """
+    count = len(history["state"])
+    columns = {name: column(list(own), "state", name) for name, own in history.items()}
+    places = {name: columns.pop(name) for name in ("state", "label", "distance_m")}
+    places |= picture_axes(pixels, coloured=maps["frames"].ndim == 4)
+    for name, values in maps.items():
+        stack = values.reshape(count, len(values) // count, *values.shape[1:])
+        names: tuple[str, ...] = ("state", "step", "row", "col", "channel")[: stack.ndim]
+        if stack.shape[1] == 1:
+            stack, names = stack[:, 0], ("state", *names[2:])
+        said = {"units": _UNITS.get(name, "MPa"), "long_name": _WHAT.get(name, name)}
+        columns[name] = Column(names, stack, said)
+    return make_dataset(columns, places, attributes({"scene": dump_scene(scene)}))
+
+
+HISTORY, PICTURE = "history.csv", "simulation.png"
+"""The table of these rows, and the run's figure."""
+
+PROFILE = ("state", "x_mm", "pressure_mpa", "shear_mpa", "wear_depth_um")
+"""Columns of pressure.csv."""
+
+
+def history_row(index: int, item: Rendered, pixels: PixelGrid) -> dict[str, Any]:
+    """One row of history.csv: contact, wear, and the largest fringe order and shear in view.
+
+    The largest shear (sigma_1 - sigma_2)/2 is that of the pixel with the largest order; with the
+    item's components, the largest anywhere in the material in view.
+    Parameters: `index` of the state; `item`; `pixels`. Returns column name to value.
+    """
+    order = np.where(item.picture.material, item.picture.order, -1.0)
+    row, col = np.unravel_index(int(order.argmax()), order.shape)
+    place = pixels.place(int(row), int(col))
+    shear = 0.5 * float(np.abs(item.picture.difference[row, col]))
+    peak = item.components.peak if item.components else ShearPeak(shear, *place)
+    surface = item.state.surface
+    nothing = float("nan")
+    found: dict[str, Any] = {
+        "state": index,
+        "label": item.state.label,
+        "distance_m": item.state.distance_m,
+        "friction": surface.friction if surface else nothing,
+        "p_max_mpa": surface.p_max_mpa if surface else nothing,
+        "contact_width_mm": surface.contact_width_mm if surface else nothing,
+        "contact_centre_mm": sum(surface.edges_mm) / 2 if surface else nothing,
+        "wear_depth_um": 1e3 * float(surface.wear_depth_mm.max()) if surface else nothing,
+        "worn_area_mm2": surface.worn_area_mm2 if surface else nothing,
+        "n_max": float(order[row, col]),
+        "n_max_x_mm": place[0],
+        "n_max_z_mm": place[1],
+        "shear_max_mpa": peak.shear_mpa,
+        "shear_max_x_mm": peak.x_mm,
+        "shear_max_z_mm": peak.z_mm,
+        "residual": surface.residual if surface else nothing,
+    }
+    if item.block_order is not None:  # how far a half-plane would be off
+        found["block_order_max"] = item.block_order
+    return found
+
+
+def profile_rows(index: int, surface: SurfaceState) -> dict[str, Any]:
+    """The rows of pressure.csv for one state: the nodes that are loaded or worn.
+
+    They run from the last node before the first of them to the first after the last, so that
+    the zeros at both ends are there; beyond, all columns but x are zero and are left out.
+    Parameters: `index` of the state; `surface`. Returns column name to values, of one length.
+    """
+    touched = (surface.pressure_mpa != 0.0) | (surface.shear_mpa != 0.0)
+    places = np.flatnonzero(touched | (surface.wear_depth_mm != 0.0))
+    span = slice(max(int(places[0]) - 1, 0), int(places[-1]) + 2)
+    x = surface.grid.x_mm[span]
+    values = (
+        [index] * len(x),
+        x,
+        surface.pressure_mpa[span],
+        surface.shear_mpa[span],
+        1e3 * surface.wear_depth_mm[span],
+    )
+    return dict(zip(PROFILE, values, strict=True))
+
+
+def add_state_row(columns: dict[str, list[Any]], row: dict[str, Any]) -> None:
+    """Add a row to a table's columns."""
+    for name, value in row.items():
+        columns.setdefault(name, []).append(value)
 
 
 @dataclass(frozen=True)
@@ -91,3 +279,96 @@ def _refuse_too_wide(scene: Scene, surface: SurfaceState, pixels: PixelGrid) -> 
             f"{scene.name}: the contact is {surface.contact_width_mm:.3g} mm wide, wider than the "
             f"picture ({width:.3g} mm); lower load.normal_n or the wear, or widen the camera"
         )
+
+
+FRAMES, ORDER, PRESSURE = "frames.tif", "fringe_order.tif", "pressure.csv"
+
+_SHOWN = 6
+"""States kept for the figure: the paper's six, or evenly spaced ones of a long history."""
+
+
+def shown_states(count: int) -> list[int]:
+    """Which of a number of states the figure shows."""
+    ends = np.linspace(0, count - 1, min(_SHOWN, count))
+    found: list[int] = ends.round().astype(int).tolist()
+    return found
+
+
+class RenderWork:
+    """Renders states of a scene; it may be handed to other processes.
+
+    Attributes: `scene`; `pixels`; `count` of its states; `components`, whether the principal
+    stresses are wanted apart; `shown`, the states for the figure.
+    """
+
+    def __init__(self, scene: Scene, pixels: PixelGrid, count: int, *, components: bool) -> None:
+        self.scene, self.pixels, self.count, self.components = scene, pixels, count, components
+        self.shown = shown_states(count)
+        self._kept: dict[int, Rendered] = {}
+        self._solved = threading.local()
+
+    def __getstate__(self) -> dict[str, Any]:
+        own = ("_kept", "_solved")
+        return {k: v for k, v in self.__dict__.items() if k not in own}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _kept={}, _solved=threading.local())
+
+    @property
+    def stacks(self) -> tuple[str, ...]:
+        """The stacks that the states make, by the names of their files."""
+        layers = LAYERS if self.components else ()
+        return FRAMES, ORDER, *(f"{name}.tif" for name in layers)
+
+    def __call__(self, start: int, stop: int) -> Results:
+        """States [start, stop). Raises PhysicsError where one cannot be solved or rendered."""
+        parts: dict[str, bytearray] = {name: bytearray() for name in self.stacks}
+        rows, tables = [], []
+        for index, item in enumerate(self._rendered(start, stop), start):
+            rows.append(history_row(index, item, self.pixels))
+            if item.state.surface is not None:
+                tables.append(csv_text(profile_rows(index, item.state.surface), header=False))
+            for name, images in self._pictures(item).items():
+                parts[name] += np.ascontiguousarray(images).data
+            if index in self.shown:
+                self._kept[index] = item
+        found = {name: bytes(part) for name, part in parts.items()}
+        found[PRESSURE] = "".join(tables).encode()
+        return Results({}, rows, [{"status": "ok"}] * len(rows), found)
+
+    def figure_items(self) -> list[Rendered]:
+        """The states for the figure, rendered again where another process has done it."""
+        return self.rendered_states(self.shown)
+
+    def rendered_states(self, numbers: Iterable[int]) -> list[Rendered]:
+        """Some states, rendered again where they are not kept; `numbers` in any order."""
+        wanted = list(numbers)
+        found = dict(self._kept)
+        for index in sorted(set(wanted) - set(found)):
+            (found[index],) = self._rendered(index, index + 1)
+        self._kept |= {index: found[index] for index in wanted if index in self.shown}
+        return [found[index] for index in wanted]
+
+    def _pictures(self, item: Rendered) -> dict[str, np.ndarray]:
+        """A state's pictures by the names of their files, little-endian."""
+        found = {FRAMES: item.frames, ORDER: item.picture.order.astype("<f4")}
+        if item.components is not None:
+            found |= {f"{name}.tif": item.components.maps[name] for name in LAYERS}
+        return {k: v.astype(v.dtype.newbyteorder("<"), copy=False) for k, v in found.items()}
+
+    def _rendered(self, start: int, stop: int) -> Iterator[Rendered]:
+        states = self._states(start, stop)
+        return render(self.scene, states, self.pixels, components=self.components, first=start)
+
+    def _states(self, start: int, stop: int) -> Iterator[SceneState]:
+        """States [start, stop), of the run as far as it is solved if that is before them."""
+        states: Iterator[SceneState] | None = getattr(self._solved, "states", None)
+        at: int = getattr(self._solved, "at", 0)
+        if states is None or at > start:
+            states, at = iter_scene_states(self.scene), 0
+        while at < stop:
+            state = next(states)
+            at += 1
+            self._solved.states, self._solved.at = states, at
+            if at > start:
+                yield state

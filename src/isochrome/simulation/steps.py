@@ -9,7 +9,6 @@ from isochrome.errors import InputError
 from isochrome.optics import expose
 from isochrome.runs import Column, RunArray, RunDataset, make_dataset
 from isochrome.scene import Scene
-from isochrome.simulation.dataset import picture_array
 from isochrome.simulation.model import (
     SceneState,
     make_picture,
@@ -18,6 +17,7 @@ from isochrome.simulation.model import (
     refuse_too_fine,
     state_difference,
 )
+from isochrome.simulation.rendering import picture_array
 from isochrome.stress import pixel_grid
 
 

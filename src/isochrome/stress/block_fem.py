@@ -18,8 +18,8 @@ import numpy as np
 
 from isochrome.errors import InputError
 from isochrome.stress.field import StressComponents
-from isochrome.stress.half_plane.hats import Floats
-from isochrome.stress.half_plane.point_force import (
+from isochrome.stress.half_plane import (
+    Floats,
     PointForce,
     point_force_displacement,
     point_force_stress,

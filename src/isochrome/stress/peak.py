@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.stress.half_plane.hats import Floats
-from isochrome.stress.half_plane.regular import NO_STRESS, RegularStress
-from isochrome.stress.half_plane.scan import Box, Loads, find_hills
+from isochrome.stress.half_plane import NO_STRESS, Box, Floats, Loads, RegularStress, find_hills
 from isochrome.stress.pixels import PixelGrid
 
 

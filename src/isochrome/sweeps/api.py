@@ -1,7 +1,13 @@
-"""`sweep`: every point of a grid simulated, kept point by point, into one labelled dataset."""
+"""`sweep`: every point of a grid simulated, kept point by point, into one labelled dataset.
+
+The points of a sweep: which keys are varied, over which values.
+
+The picture of a sweep: what its points give over the first of the varied keys.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +16,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isochrome.errors import InputError, PhysicsError
+from isochrome.figures import (
+    LINE_COLOURS,
+    LINE_PT,
+    add_legend,
+    new_figure,
+    style_axes,
+    write_head,
+)
 from isochrome.output import Result, counted, numbers, read_csv, write_csv, write_text
 from isochrome.progress import RunProgress
 from isochrome.runs import (
@@ -31,14 +45,99 @@ from isochrome.runs import (
     run_job,
     texts,
 )
-from isochrome.scene import SceneLike, dump_scene, load_scene
+from isochrome.scene import Scene, SceneLike, dump_scene, load_scene
 from isochrome.simulation import picture_axes, simulate, state_count
 from isochrome.stress import pixel_grid
-from isochrome.sweeps.figure import sweep_figure
-from isochrome.sweeps.grid import SweepGrid, Values, make_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+MAX_POINTS = 100_000
+"""More points than this are a slip of the pen."""
+
+Values = Sequence[float]
+
+
+@dataclass(frozen=True)
+class SweepGrid:
+    """A scene, and the values of each key that is varied; the last key varies fastest."""
+
+    scene: Scene
+    values: Mapping[str, tuple[float, ...]]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of values of each key."""
+        return {key: len(values) for key, values in self.values.items()}
+
+    def point(self, index: int) -> dict[str, float]:
+        """The values at a point, counted from 0."""
+        place = np.unravel_index(index, tuple(self.counts.values()))
+        return {key: own[int(k)] for (key, own), k in zip(self.values.items(), place, strict=True)}
+
+    def scene_at(self, index: int) -> Scene:
+        """The scene at a point. Raises InputError where it is none."""
+        found = self.scene.with_values(self.point(index))
+        return found.model_copy(update={"folder": self.scene.folder, "name": self.scene.name})
+
+
+def make_grid(scene: Scene, vary: Sequence[str] | Mapping[str, Values]) -> SweepGrid:
+    """The grid of a sweep, each point's scene checked.
+
+    Parameters: `scene`; `vary`, for each key 'KEY=first:last:number' (evenly from first to last,
+    both included) or 'KEY=value,value,...', or a mapping of keys to values. Returns a SweepGrid.
+    Raises InputError where a key or a value is wrong, before anything is computed.
+    """
+    values: dict[str, tuple[float, ...]] = {}
+    for text in vary:
+        key, own = _parsed(text) if not isinstance(vary, Mapping) else (text, vary[text])
+        if key in values:
+            raise InputError(f"--vary {key}: is given twice; give all its values at once")
+        values[key] = tuple(float(v) for v in own)
+        if len(set(values[key])) < len(values[key]) or not values[key]:
+            raise InputError(
+                f"--vary {key}: needs values, each once, not {list(values[key])}; a comma parts "
+                "values, and a number has a point"
+            )
+    if not values:
+        raise InputError("a sweep varies something: give --vary, such as load.normal_n=20:60:5")
+    count = math.prod(len(own) for own in values.values())
+    if count > MAX_POINTS:
+        raise InputError(f"--vary: makes {count} points, and {MAX_POINTS} are allowed; take fewer")
+    grid = SweepGrid(scene, {key: _whole(scene, key, own) for key, own in values.items()})
+    for index in range(count):
+        grid.scene_at(index)
+    return grid
+
+
+def _parsed(text: str) -> tuple[str, list[float]]:
+    key, equals, rest = text.partition("=")
+    try:
+        if ":" in rest:
+            first, last, number = rest.split(":")
+            if int(number) < 2:
+                raise ValueError
+            found: list[Any] = np.linspace(float(first), float(last), int(number)).tolist()
+        else:
+            found = [float(v) for v in rest.split(",")]
+        if not equals or not key or not np.isfinite(found).all():
+            raise ValueError
+    except ValueError:
+        comma = "with points in its numbers, not commas, " if "," in rest and ":" in rest else ""
+        raise InputError(
+            f"--vary {text}: give KEY=first:last:number, {comma}two or more of them, or "
+            "KEY=value,value,..., such as load.normal_n=20:60:5"
+        ) from None
+    return key.strip(), found
+
+
+def _whole(scene: Scene, key: str, values: tuple[float, ...]) -> tuple[float, ...]:
+    """Whole numbers for a key that the scene has as one: a seed, a number of pixels."""
+    now = scene.get(key)
+    if isinstance(now, int) and not isinstance(now, bool) and all(v.is_integer() for v in values):
+        return tuple(int(v) for v in values)
+    return values
+
 
 TABLE = "sweep.csv"
 ORDER = Layer("fringe_order", "1", "fringe order N", stack=False)
@@ -313,3 +412,36 @@ def _plain(history: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
         name: [v.item() if isinstance(v, np.generic) else v for v in values]
         for name, values in history.items()
     }
+
+
+DRAWN = {"n_max": "largest fringe order", "p_max_mpa": "largest pressure (MPa)"}
+"""Columns that are drawn, where they are known, and what stands at their axes."""
+
+_MARKERS = "os^vD*"
+
+
+def sweep_figure(keys: tuple[str, ...], table: Mapping[str, list[Any]]) -> Figure:
+    """Largest order and pressure of the last state, a line for each value of the other keys.
+
+    Parameters: `keys` that were varied; `table`, the columns of sweep.csv. Returns a Figure.
+    """
+    names = [name for name in DRAWN if np.isfinite(numbers(table[name])).any()]
+    figure = new_figure(4.8 * len(names) + 0.4, 3.8)
+    state = numbers(table["state"])
+    last = state == state.max()
+    x = numbers(table[keys[0]])[last]
+    others = np.array([numbers(table[key])[last] for key in keys[1:]]).reshape(-1, len(x))
+    lines = np.unique(others, axis=1).T if len(keys) > 1 else np.zeros((1, 0))
+    axes: Any = figure.subplots(1, len(names), squeeze=False)
+    for axis, name in zip(axes[0], names, strict=True):
+        y = numbers(table[name])[last]
+        for k, line in enumerate(lines):
+            own = (others == line[:, None]).all(axis=0)
+            look = {"color": LINE_COLOURS[k % 6], "marker": _MARKERS[k // 6 % 6]}
+            label = ", ".join(f"{key} = {v:g}" for key, v in zip(keys[1:], line, strict=True))
+            axis.plot(x[own], y[own], lw=LINE_PT, ms=4, label=label or None, **look)
+        style_axes(axis, x_label=keys[0], z_label=DRAWN[name])
+    if 1 < len(lines) <= 12:
+        add_legend(axes[0, 0])
+    write_head(figure, f"last of {int(state.max()) + 1} states" if state.max() else "one state")
+    return figure

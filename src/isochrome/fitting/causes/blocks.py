@@ -14,10 +14,9 @@ import numpy as np
 from isochrome.estimation import FrameData, line_noise
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.cause import BAND, FRINGE_VALUE, PLATES, Cause
-from isochrome.fitting.frame.fringe_optics import scene_optics
-from isochrome.fitting.frame.gamma import GammaFit, Pixels, gamma_slope
+from isochrome.fitting.frame.frame_model import GammaFit, Pixels, gamma_slope
 from isochrome.fitting.frame.inputs import PIXEL
-from isochrome.fitting.frame.renderer import SceneRenderer
+from isochrome.fitting.frame.renderer import SceneRenderer, scene_optics
 from isochrome.fitting.frame.unknowns import BLUR, EARLIER, GAMMA, LENS, SMOOTH_KEYS
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid, regular_modes

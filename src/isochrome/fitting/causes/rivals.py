@@ -13,8 +13,7 @@ from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import ALIKE_CHI
 from isochrome.fitting.causes.cause import BLURRED, SMOOTH, TURNED, WIDE, Cause
 from isochrome.fitting.causes.freeing import Freed
-from isochrome.fitting.frame.frame_estimate import FrameFit
-from isochrome.fitting.frame.frame_fit import fit_frame
+from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame
 
 _LIKE = (BLURRED, TURNED, WIDE, SMOOTH)
 """Causes that may look like one another."""

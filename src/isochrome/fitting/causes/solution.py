@@ -13,8 +13,7 @@ from isochrome.estimation import FrameData
 from isochrome.fitting.arrays import Array, Mask
 from isochrome.fitting.causes.blocks import BLOCK, FrameBlocks, SolvedFrame
 from isochrome.fitting.causes.score import Asked, LightTerms
-from isochrome.fitting.frame.frame_estimate import FrameFit
-from isochrome.fitting.frame.frame_fit import Fitted, fit_with_model, hidden_px
+from isochrome.fitting.frame.frame_fit import Fitted, FrameFit, fit_with_model, hidden_px
 from isochrome.fitting.frame.frame_model import FrameModel, refine_fit
 from isochrome.fitting.frame.inputs import StatedInputs
 from isochrome.fitting.frame.single_state import with_numerics

@@ -1,7 +1,13 @@
-"""Fit a scene's unknowns to the intensity of one frame, wherever the scene starts."""
+"""Fit a scene's unknowns to the intensity of one frame, wherever the scene starts.
+
+What one frame says of its scene: values, how sure they are, and of what else that depends.
+
+How sure a number is that follows from a fitted scene: its largest order, its pressure.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +15,7 @@ import numpy as np
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import (
     RIVAL_CHI,
+    STEP,
     FrameData,
     Minimum,
     Prior,
@@ -18,9 +25,7 @@ from isochrome.estimation import (
     standard_uncertainty,
 )
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_estimate import FrameFit
-from isochrome.fitting.frame.frame_model import FrameModel, RefinedFit, refine_fit
-from isochrome.fitting.frame.gamma import GammaFit
+from isochrome.fitting.frame.frame_model import FrameModel, GammaFit, RefinedFit, refine_fit
 from isochrome.fitting.frame.inputs import StatedInputs, inputs_of_rows, stated_inputs
 from isochrome.fitting.frame.single_state import with_numerics
 from isochrome.fitting.frame.unknowns import (
@@ -30,12 +35,88 @@ from isochrome.fitting.frame.unknowns import (
     fit_region,
     free_keys,
     moved_scene,
+    scales,
     thinning,
     values_of,
 )
 from isochrome.fitting.search.cold_start import CLEAR, search_frame
 from isochrome.scene import Scene
 from isochrome.stress import pixel_grid
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameFit:
+    """What one frame says of its scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene with the fitted values.
+    keys : tuple of str, (p,)
+        The unknowns that were fitted.
+    values : ndarray, (p,)
+        Their values, in the units that the keys name.
+    standard_uncertainty : ndarray, (p,)
+        Their standard uncertainties, inf for what the frame does not tell: of the noise and of all
+        inputs whose uncertainty is stated.
+    covariance : ndarray, (p, p)
+        Their covariance, of the same.
+    noise_uncertainty : ndarray, (p,)
+        Their standard uncertainties by the frame's noise alone.
+    inputs : StatedInputs
+        What was known beforehand (m,): unknowns with a prior first, then what was held.
+    sensitivity : ndarray, (p, m)
+        Change of the values over that of each input's stated value.
+    cramer_rao_bound : ndarray, (p,)
+        The least standard uncertainties that noise like this frame's allows.
+    information : ndarray, (p, p)
+        The Fisher information of the frame's pixels, from which the bound follows.
+    freedom : int
+        Pixels less unknowns.
+    chi : float
+        Residual over noise.
+    others : tuple of Minimum
+        Other minima, by rising chi.
+    converged : bool
+        Whether the steps came to an end.
+    plain : bool
+        True where a free illumination came out negative and one amplitude for all the frame had to
+        do. The model is poor then.
+    positive : bool
+        False where even that is negative. The scene's fringes are not in the frame then, nor any
+        light that follows them by more than noise does by chance.
+    noise_ratio : float, default 1.0
+        The noise over what the frame's finest part shows, which compression takes away.
+    """
+
+    scene: Scene
+    keys: tuple[str, ...]
+    values: Array
+    standard_uncertainty: Array
+    covariance: Array
+    noise_uncertainty: Array
+    inputs: StatedInputs
+    sensitivity: Array
+    cramer_rao_bound: Array
+    information: Array
+    freedom: int
+    chi: float
+    others: tuple[Minimum, ...]
+    converged: bool
+    plain: bool
+    positive: bool
+    noise_ratio: float = 1.0
+
+    def less_sure(self, more: Array) -> FrameFit:
+        """The same with a covariance that is larger by `more` (p, p), as if by noise."""
+        variance = np.diag(more)
+        return replace(
+            self,
+            covariance=self.covariance + more,
+            standard_uncertainty=np.sqrt(self.standard_uncertainty**2 + variance),
+            noise_uncertainty=np.sqrt(self.noise_uncertainty**2 + variance),
+        )
+
 
 _NEAR_PIXELS = 9_000
 _HIDDEN_PX, _ROOM_PX = 14.0, 10.0
@@ -380,3 +461,67 @@ def cramer_rao_bound(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Ar
     if toned is None:
         raise PhysicsError(f"{scene.name}: the scene cannot be solved at its own values")
     return model.linearise(values, toned).bound
+
+
+def propagated(fit: FrameFit, numbers: Callable[[Scene], Array]) -> tuple[Array, Array]:
+    """Give numbers of a fitted scene, and their standard uncertainties.
+
+    Equation: u² = g C gᵀ + Σ (g c + h)² u_i² with g, h the derivatives by the unknowns and by the
+    inputs that the fit holds, C the covariance by noise, c the values' sensitivity to the inputs: a
+    load that makes up for a wrong fringe value leaves the order as it is.
+    Source: JCGM 102:2011, 6.2.
+
+    Parameters
+    ----------
+    fit : FrameFit
+        The fit.
+    numbers : callable
+        Gives the numbers (m,) of a scene.
+
+    Returns
+    -------
+    values : ndarray, (m,)
+        The numbers.
+    standard_uncertainty : ndarray, (m,)
+        Theirs; inf where a value matters that the frame does not tell.
+
+    Raises
+    ------
+    PhysicsError
+        Where the scene cannot be solved beside its values.
+    """
+    keys = tuple(dict.fromkeys((*fit.keys, *fit.inputs.keys)))
+    values, steps = values_of(fit.scene, keys), STEP * scales(fit.scene, keys)
+    here = numbers(fit.scene)
+    slopes = np.transpose([
+        _slope(fit.scene, numbers, here, key, value, step)
+        for key, value, step in zip(keys, values, steps, strict=True)
+    ])  # fmt: skip
+    count = len(fit.keys)
+    own, held = slopes[:, :count], np.zeros((len(here), len(fit.inputs.keys)))
+    for k, key in enumerate(fit.inputs.keys):
+        if key not in fit.keys:
+            held[:, k] = slopes[:, keys.index(key)]
+    noise = fit.covariance - (fit.sensitivity * fit.inputs.spread**2) @ fit.sensitivity.T
+    by_inputs = (own @ fit.sensitivity + held) * fit.inputs.spread
+    variance = np.einsum("ij,jk,ik->i", own, noise, own) + (by_inputs**2).sum(axis=1)
+    untold = (own[:, ~np.isfinite(fit.standard_uncertainty)] != 0.0).any(axis=1)
+    return here, np.where(untold, np.inf, np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _slope(
+    scene: Scene,
+    numbers: Callable[[Scene], Array],
+    here: Array,
+    key: str,
+    value: float,
+    step: float,
+) -> Array:
+    """The numbers' derivatives by a key, to whichever side of its value there is a scene."""
+    for one in (step, -step):
+        try:
+            moved = numbers(moved_scene(scene, (key,), np.array([value + one])))
+        except (InputError, PhysicsError):
+            continue
+        return np.asarray((moved - here) / one)
+    raise PhysicsError(f"{key} = {value:g}: the scene cannot be solved beside it")

@@ -10,7 +10,7 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.estimation import MOSTLY, FrameData, SeparableProblem, solve_linear
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import thinning
 from isochrome.scene import Scene
 from isochrome.simulation import Picture, make_picture, scene_states, state_difference

@@ -3,6 +3,8 @@
 The mechanics (contact, wear) of the last few sets of values are kept, and so is the last field.
 Where the contact stands in the picture is a phase of the tractions' waves, see
 `half_plane.series`: the field is made where it is wanted, on every pixel or on a few.
+
+What a scene's polariscope makes of a stress difference: fringes, and the light behind it.
 """
 
 from __future__ import annotations
@@ -17,8 +19,15 @@ import numpy as np
 from isochrome.contact import SurfaceState
 from isochrome.errors import PhysicsError
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.frame.fringe_optics import scene_optics
-from isochrome.optics import mean_order, pixel_visibility, slope_visibility
+from isochrome.optics import (
+    Chain,
+    fringe_order,
+    make_chain,
+    mean_order,
+    pixel_visibility,
+    polariscope_signal,
+    slope_visibility,
+)
 from isochrome.scene import Scene
 from isochrome.simulation import SceneState, scene_states, state_difference
 from isochrome.specimens import specimen_model
@@ -28,9 +37,54 @@ from isochrome.stress import (
     SeriesGrid,
     make_series_grid,
     pixel_grid,
+    principal_direction,
     seen_by,
     series_difference,
 )
+
+
+@dataclass(frozen=True)
+class FringeOptics:
+    """The polariscope's `chain`; the specimen's `thickness_mm` d and fringe value f_sigma.
+
+    `blur_px`, standard deviation of the camera's blur.
+    """
+
+    chain: Chain
+    thickness_mm: float
+    fringe_value_n_per_mm: float
+    blur_px: float
+
+    @property
+    def order_per_mpa(self) -> float:
+        """Fringes of a stress difference of 1 MPa, d/f_sigma."""
+        return self.thickness_mm / self.fringe_value_n_per_mm
+
+    def order(self, difference: Array) -> Array:
+        """Fringe orders N of stress differences (sigma_x - sigma_z) + 2i tau_xz, MPa."""
+        return fringe_order(
+            difference,
+            thickness_mm=self.thickness_mm,
+            fringe_value_n_per_mm=self.fringe_value_n_per_mm,
+        )
+
+    def signal(
+        self, difference: Array, *, order: Array | None = None, visibility: Array | float = 1.0
+    ) -> Array:
+        """The polariscope's signal, 0..1; `order`, where it is not that of the difference alone."""
+        order = self.order(difference) if order is None else order
+        direction = None if self.chain.ideal else principal_direction(difference)
+        return polariscope_signal(order, self.chain, direction=direction, visibility=visibility)
+
+
+def scene_optics(scene: Scene) -> FringeOptics:
+    """A scene's optics; of a phase-stepped set, those of its first step."""
+    specimen, polariscope = scene.specimen, scene.polariscope
+    assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
+    chain = make_chain(polariscope, 0 if polariscope.step else None)
+    blur_px = scene.camera.blur_px if scene.camera else 0.0
+    return FringeOptics(chain, specimen.thickness_mm, specimen.fringe_value_n_per_mm, blur_px)
+
 
 Solve = Callable[[Scene], SceneState]
 

@@ -17,13 +17,13 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.estimation import STEP, FrameData, Prior, gradient_covariance
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_model import project
-from isochrome.fitting.frame.gamma import (
+from isochrome.fitting.frame.frame_model import (
     ENOUGH,
     GammaFit,
     Pixels,
     clear_of_ends,
     gamma_slope,
+    project,
     solve_with_gamma,
     trusted_pixels,
 )

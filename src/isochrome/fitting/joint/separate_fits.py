@@ -17,7 +17,7 @@ from isochrome.estimation import (
     standard_uncertainty,
 )
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_estimate import FrameFit
+from isochrome.fitting.frame.frame_fit import FrameFit
 from isochrome.fitting.frame.unknowns import LOAD, WEAR
 from isochrome.fitting.joint.frame_sequence import COURSE, Sequence, Unknown, local_values
 from isochrome.fitting.joint.joint_fit import JointFit

@@ -18,7 +18,7 @@ import numpy as np
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import FrameData, Minimum
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.single_state import is_held
 from isochrome.fitting.frame.unknowns import fit_region, thinning, values_of
 from isochrome.fitting.search.coarse_fields import (

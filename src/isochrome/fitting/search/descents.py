@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from isochrome.estimation import MOSTLY, FrameData, damped_steps, next_damping
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.search.coarse_fields import BULK, FRICTION, SHEAR, SLIPPING, Field
 from isochrome.scene import Scene
 from isochrome.stress import PixelGrid, pixel_grid

@@ -21,7 +21,7 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import FrameData
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import fit_region, thinning
 from isochrome.fitting.search.coarse_fields import (
     FRICTION,

@@ -11,7 +11,7 @@ from isochrome.errors import InputError
 from isochrome.fitting.folder import column_name, keep_values, kept_values
 from isochrome.fitting.frame.frame_fit import placed
 from isochrome.fitting.frame.single_state import slid_until, sliding_scene
-from isochrome.fitting.refusals import refuse_keys, refuse_states
+from isochrome.fitting.frame_set import refuse_keys, refuse_states
 from isochrome.fitting.tracking.apparatus import Apparatus, find_apparatus
 from isochrome.fitting.tracking.result import (
     TRACK_PARTS,

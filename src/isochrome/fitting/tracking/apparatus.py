@@ -15,14 +15,13 @@ from isochrome.fitting.causes.freeing import Freed, free_causes
 from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import LightTerms
 from isochrome.fitting.causes.trials import is_lost
-from isochrome.fitting.frame.frame_estimate import FrameFit
-from isochrome.fitting.frame.frame_fit import fit_with_model, placed
+from isochrome.fitting.frame.frame_fit import FrameFit, fit_with_model, placed
 from isochrome.fitting.frame.inputs import inputs_of_rows
 from isochrome.fitting.frame.single_state import scene_at, slid_until
 from isochrome.fitting.frame.unknowns import BLUR, GAMMA, LENS
 from isochrome.fitting.frame_set import FrameSet
 from isochrome.fitting.joint.frame_sequence import make_sequence
-from isochrome.fitting.joint.joint_solution import JointSolution, solve_jointly
+from isochrome.fitting.joint.joint_fit import JointSolution, solve_jointly
 from isochrome.fitting.joint.separate_fits import starting_values
 from isochrome.frames import Frame, FrameReader, Linear, SequentialFrames
 from isochrome.output import named_frames

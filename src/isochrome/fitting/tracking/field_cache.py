@@ -11,7 +11,7 @@ import numpy as np
 
 from isochrome.estimation import FrameData
 from isochrome.fitting.arrays import Array, Mask
-from isochrome.fitting.frame.gamma import (
+from isochrome.fitting.frame.frame_model import (
     CLEAR_SIGMAS,
     ENOUGH,
     GammaFit,

@@ -7,9 +7,14 @@ import numpy as np
 from isochrome.errors import PhysicsError
 from isochrome.estimation import STEP
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.frame_model import LocalModel, local_model
-from isochrome.fitting.frame.fringe_optics import scene_optics
-from isochrome.fitting.frame.gamma import GammaFit, gamma_slope, solve_with_gamma
+from isochrome.fitting.frame.frame_model import (
+    GammaFit,
+    LocalModel,
+    gamma_slope,
+    local_model,
+    solve_with_gamma,
+)
+from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame.unknowns import GAMMA, scales
 from isochrome.fitting.tracking.field_cache import (
     CachedFields,

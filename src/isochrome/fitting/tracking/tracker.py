@@ -23,8 +23,7 @@ from isochrome.estimation import (
 )
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.frame_fit import fit_frame
-from isochrome.fitting.frame.frame_model import LocalModel, RefinedFit
-from isochrome.fitting.frame.gamma import GammaFit
+from isochrome.fitting.frame.frame_model import GammaFit, LocalModel, RefinedFit
 from isochrome.fitting.frame.inputs import inputs_of_rows
 from isochrome.fitting.frame.model_frame import ModelFrame, evaluate_model
 from isochrome.fitting.frame.unknowns import WEAR, fit_region, thinning

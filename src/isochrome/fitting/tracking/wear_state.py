@@ -12,8 +12,8 @@ from isochrome.contact import elastic_constants, wear_rate
 from isochrome.fitting.arrays import Array
 from isochrome.fitting.frame.single_state import scene_at
 from isochrome.fitting.frame.unknowns import FRICTION, LEFT, LOAD, TOP, WEAR
+from isochrome.fitting.frame_set import refuse_untracked
 from isochrome.fitting.joint.frame_sequence import local_values
-from isochrome.fitting.refusals import refuse_untracked
 from isochrome.fitting.tracking.field_polynomial import CHECKED
 from isochrome.fitting.tracking.scar_growth import TrackPast
 from isochrome.fitting.tracking.scar_steps import Drive

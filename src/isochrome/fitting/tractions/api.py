@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.fringe_optics import scene_optics
+from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.frame_set import PreparedFrames
 from isochrome.fitting.joint.joint_fit import JointFit
 from isochrome.fitting.result import Fit

@@ -24,8 +24,8 @@ from isochrome.figures import (
     write_head,
 )
 from isochrome.fitting.figure import picture_place, show_residual
-from isochrome.fitting.frame.fringe_optics import scene_optics
 from isochrome.fitting.frame.model_frame import fitted_light
+from isochrome.fitting.frame.renderer import scene_optics
 from isochrome.fitting.tractions.continuation import node_runs
 from isochrome.fitting.tractions.surface_fit import Tractions
 from isochrome.optics import mean_order, pixel_visibility

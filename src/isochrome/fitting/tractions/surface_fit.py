@@ -15,8 +15,8 @@ import numpy as np
 from isochrome.errors import InputError
 from isochrome.estimation import FrameData
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.fringe_optics import scene_optics
-from isochrome.fitting.refusals import refuse_bent
+from isochrome.fitting.frame.renderer import scene_optics
+from isochrome.fitting.frame_set import refuse_bent
 from isochrome.fitting.tractions.continuation import GOOD_CHI, invert
 from isochrome.fitting.tractions.traction_basis import (
     DEGREE,

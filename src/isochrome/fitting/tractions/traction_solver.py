@@ -28,7 +28,7 @@ import numpy as np
 
 from isochrome.estimation import next_damping
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.fringe_optics import FringeOptics
+from isochrome.fitting.frame.renderer import FringeOptics
 from isochrome.fitting.tractions.binned_pixels import Averaging, Bins, bin_averaging
 from isochrome.fitting.tractions.traction_basis import Basis, lattice_px
 from isochrome.stress import (

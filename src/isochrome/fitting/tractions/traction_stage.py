@@ -8,7 +8,7 @@ import numpy as np
 
 from isochrome.estimation import FrameData
 from isochrome.fitting.arrays import Array
-from isochrome.fitting.frame.fringe_optics import FringeOptics
+from isochrome.fitting.frame.renderer import FringeOptics
 from isochrome.fitting.tractions.binned_pixels import Bins, make_bins
 from isochrome.fitting.tractions.traction_basis import (
     DEGREE,

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from isochrome.errors import InputError
-from isochrome.frames.integrity.containers import container_of
+from isochrome.frames.containers import container_of
 from isochrome.frames.source import Stamp
 
 FileKind = Literal["tiff", "image", "video"]

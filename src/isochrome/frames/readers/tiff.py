@@ -1,23 +1,592 @@
-"""Frames from a TIFF stack, page by page."""
+"""Frames from a TIFF stack, page by page.
+
+What the OME notes of a TIFF tell: how many frames, when they were taken, their pixels' size.
+
+One page of a TIFF as pixels, by its own grey levels, in memory that its head has told.
+
+Where a TIFF keeps its frames, when they were taken, and how large their pixels are.
+"""
 
 from __future__ import annotations
 
 import logging
+import math
+import os
+import struct
+import threading
+import zlib
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.frames.readers.tiff_layout import TiffLayout, tiff_layout_of
-from isochrome.frames.readers.tiff_page import PageDecoder
-from isochrome.frames.source import Extent, RawFrame, Source, Stamp, StoredForm, refusing
+from isochrome.frames.source import (
+    MAX_BYTES,
+    Extent,
+    RawFrame,
+    Source,
+    Stamp,
+    StoredForm,
+    check_dtype,
+    check_size,
+    next_time,
+    refusing,
+)
+from isochrome.output import pixel_mm_of
 
 if TYPE_CHECKING:
     import tifffile
+
+MM = {"m": 1e3, "cm": 10.0, "mm": 1.0, "µm": 1e-3, "μm": 1e-3, "um": 1e-3, "nm": 1e-6,
+      "in": 25.4}  # fmt: skip
+"""Millimetres of the schema's units of length that a camera's picture can have."""
+
+OME_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0,
+           "h": 3600.0, "d": 86400.0}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileNotes:
+    """What a TIFF's notes tell of its frames: times in s, the side of a pixel in mm.
+
+    `times_s`, of each frame from the first (None: unknown), or `interval_s`, or neither.
+    """
+
+    pixel_mm: float | None = None
+    interval_s: float | None = None
+    times_s: tuple[float | None, ...] | None = None
+    start_s: float | None = None
+    significant_bits: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ome(FileNotes):
+    """Frames by `slices`, separate `channels` and `times`."""
+
+    slices: int
+    channels: int
+    times: int
+
+    @property
+    def count(self) -> int:
+        """Number of pages that the notes tell of."""
+        return self.slices * self.channels * self.times
+
+
+def read_ome(text: str, path: Path) -> Ome:
+    """Read the OME notes of one image in one file.
+
+    Parameters: `text`, the XML; `path`, for messages. Returns Ome. Raises InputError where they
+    are no XML, tell of several images or files, or of pixels that are not square.
+    Source: OME schema 2016-06, elements Image, Pixels, Channel, TiffData, Plane.
+    """
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bounds
+        raise InputError(f"{path}: its OME notes define entities; save it again, without notes")
+    try:
+        root = ElementTree.fromstring(text.encode("utf-8"))
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"{path}: its OME notes are no XML ({error}); save it again") from error
+    images = root.findall("{*}Image")
+    if len(images) != 1:
+        raise InputError(f"{path}: holds {len(images)} image series; save the one wanted by itself")
+    own = root.get("UUID")
+    if any(note.text != own for note in images[0].iterfind("{*}Pixels/{*}TiffData/{*}UUID")):
+        raise InputError(
+            f"{path}: is one of several files of one OME-TIFF; save them as one file (Fiji: "
+            "Bio-Formats Exporter)"
+        )
+    pixels = images[0].find("{*}Pixels")
+    if pixels is None:
+        raise InputError(f"{path}: its OME notes describe no pixels; save it again")
+    samples = [_count(c, "SamplesPerPixel", path) for c in pixels.iterfind("{*}Channel")]
+    size = {axis: _count(pixels, f"Size{axis}", path) for axis in "ZCT"}
+    planes = size["Z"] * size["T"]
+    times = _times(pixels, planes)
+    increment = _number(pixels, "TimeIncrement", OME_SECONDS, "TimeIncrementUnit", "s")
+    if times is not None:
+        increment = None
+    bits = pixels.get("SignificantBits")
+    return Ome(
+        slices=size["Z"],
+        channels=max(size["C"] // max(samples, default=1), 1),
+        times=size["T"],
+        pixel_mm=_pixel_mm(pixels, path),
+        interval_s=increment,
+        times_s=None if times is None else _from_first(times),
+        start_s=times[0] if times else (None if increment is None else 0.0),
+        significant_bits=int(bits) if bits and bits.isdecimal() and 1 <= int(bits) <= 16 else None,
+    )
+
+
+def _count(element: ElementTree.Element, name: str, path: Path) -> int:
+    text = element.get(name, "1")
+    if not (text.isascii() and text.isdecimal() and 0 < int(text[:12]) < 10**9):
+        raise InputError(f"{path}: its OME notes say {name} = {text[:20]!r}; save it again")
+    return int(text)
+
+
+def _number(
+    element: ElementTree.Element, name: str, units: dict[str, float], unit: str, default: str
+) -> float | None:
+    """A positive number of the notes, in our unit, or None."""
+    factor = units.get(element.get(unit, default))
+    try:
+        value = float(element.get(name, "nan"))
+    except ValueError:
+        return None
+    return value * factor if factor and math.isfinite(value) and value > 0 else None
+
+
+def _pixel_mm(pixels: ElementTree.Element, path: Path) -> float | None:
+    across, down = (
+        _number(pixels, f"PhysicalSize{axis}", MM, f"PhysicalSize{axis}Unit", "µm") for axis in "XY"
+    )
+    if across is None or down is None:
+        return None
+    if abs(across / down - 1) > 1e-3:
+        raise InputError(
+            f"{path}: says that a pixel is {across:g} mm wide and {down:g} mm high; frames must "
+            "have square pixels: correct its scale, or resample it"
+        )
+    return across
+
+
+def _times(pixels: ElementTree.Element, planes: int) -> list[float] | None:
+    """The planes' own times (s), in the order of the frames, where each plane has one."""
+    found: dict[int, float] = {}
+    for plane in pixels.iterfind("{*}Plane"):
+        factor = OME_SECONDS.get(plane.get("DeltaTUnit", "s"))
+        try:
+            index = int(plane.get("TheT", "0")) + int(plane.get("TheZ", "0"))
+            value = float(plane.get("DeltaT", "nan"))
+        except ValueError:
+            return None
+        if factor is None or not math.isfinite(value):
+            return None
+        found[index] = value * factor
+    if len(found) != planes or set(found) != set(range(planes)):
+        return None
+    return [found[i] for i in range(planes)]
+
+
+def _from_first(times: list[float]) -> tuple[float | None, ...]:
+    """Times from the first, None for those that do not come after all before."""
+    out: list[float | None] = []
+    latest = -math.inf
+    for time in times:
+        out.append(time - times[0] if time > latest else None)
+        latest = max(latest, time)
+    return tuple(out)
+
+
+MINISWHITE, PALETTE, SEPARATED = 0, 3, 5
+SEPARATE = 2
+"""Each colour's values by themselves, as the head says it (tag 284)."""
+NONE, DEFLATE = 1, (8, 32946)
+DEFLATE_RATIO = 1032
+"""The most bytes that deflate makes of one (RFC 1951: 258 bytes from two bits)."""
+PACKED = (10, 12, 14)
+"""Bits a pixel that cameras write one behind the other, without filling up to 16."""
+
+
+class PageDecoder:
+    """Decodes the pages of one open TIFF, whichever is asked for."""
+
+    def __init__(self, tif: tifffile.TiffFile, path: Path, *, inverted_too: bool = False) -> None:
+        """Parameters: `tif`; `path`; `inverted_too`, to take ImageJ's inverted images as stored."""
+        self._tif, self._path, self._inverted_too = tif, path, inverted_too
+        self._pillow: Any = None
+        self.bits: int | None = None
+
+    def frame(self, layout: TiffLayout, index: int) -> np.ndarray:
+        """Frame number `index`, (row, col) or (row, col, 3); `bits` is then what its head says."""
+        page = self._page(layout, 0 if layout.hidden else index, index)
+        bits = page.bitspersample
+        self.bits = bits if isinstance(bits, int) else None
+        if layout.hidden and index > 0:
+            return self._hidden(page, index)
+        return self._decode(page, layout.pages[index][0], index)
+
+    def close(self) -> None:
+        """Close what decoding has opened besides the TIFF itself."""
+        if self._pillow is not None:
+            self._pillow.close()
+            self._pillow = None
+
+    def _page(self, layout: TiffLayout, number: int, index: int) -> Any:
+        import tifffile
+
+        place, offset = layout.pages[number]
+        self._tif.filehandle.seek(offset)
+        page: Any = tifffile.TiffPage(self._tif, index=place)
+        depth = max(page.samplesperpixel, 1) * max(page.imagedepth, 1)
+        size = depth * (page.dtype.itemsize if page.dtype is not None else 1)
+        check_size(self._path, page.imagelength, page.imagewidth, size)
+        if page.is_tiled:
+            check_size(self._path, page.tilelength, page.tilewidth, size)
+        parts = zip(page.dataoffsets, page.databytecounts, strict=False)
+        end = max((offset + size for offset, size in parts), default=0)
+        if end > self._tif.filehandle.size:
+            raise InputError(
+                f"{self._path}: frame {index} ends at byte {end} and the file at "
+                f"{self._tif.filehandle.size}: it is truncated; copy it again from its source"
+            )
+        self._check_parts(page, index)
+        return page
+
+    def _check_parts(self, page: Any, index: int) -> None:
+        """Refuse a page whose strips or tiles are not all there: holes would be read as black."""
+        rows, cols, planes = page.imagelength, page.imagewidth, 1
+        if page.planarconfig == SEPARATE:
+            planes = max(page.samplesperpixel, 1)
+        if page.is_tiled:
+            wanted = -(-rows // page.tilelength) * -(-cols // page.tilewidth) * planes
+        else:
+            wanted = -(-rows // max(page.rowsperstrip or rows, 1)) * planes
+        held = sum(page.databytecounts)
+        bits = int(np.ravel(page.bitspersample)[0]) * max(page.samplesperpixel, 1)
+        needed = rows * -(-cols * bits // 8) if page.compression == NONE else wanted
+        there = min(len(page.dataoffsets), sum(size > 0 for size in page.databytecounts))
+        if there < wanted or held < needed:
+            raise InputError(
+                f"{self._path}: frame {index} has {there} of {wanted} strips or tiles, {held} "
+                f"bytes in all where at least {needed} are needed; its head is wrong or the file "
+                "damaged: save it again"
+            )
+
+    def _hidden(self, page: Any, index: int) -> np.ndarray:
+        """A frame without a head, behind the first."""
+        self._tif.filehandle.seek(page.dataoffsets[0] + index * page.nbytes)
+        data = self._tif.filehandle.read(page.nbytes)
+        raw = np.frombuffer(data, page.dtype.newbyteorder(self._tif.byteorder))
+        return np.ascontiguousarray(
+            raw.reshape(page.shape), dtype=check_dtype(self._path, page.dtype)
+        )
+
+    def _decode(self, page: Any, place: int, index: int) -> np.ndarray:
+        path = self._path
+        inverted = page.photometric == MINISWHITE
+        as_stored = inverted and self._inverted_too and self._tif.is_imagej
+        if page.photometric == SEPARATED or (inverted and not as_stored):
+            raise InputError(
+                f"{path}: frame {index} is stored as {page.photometric.name}, not as "
+                "black-is-zero grey or RGB; convert it and save it again"
+            )
+        if page.dtype is None:
+            raise InputError(
+                f"{path}: frame {index} has {page.bitspersample} bits a pixel, which are not read; "
+                "save it with 8 or 16"
+            )
+        check_dtype(path, page.dtype)
+        raw = self._pixels(page, place, index)
+        if page.photometric == PALETTE and not self._tif.is_imagej and page.colormap is not None:
+            raw = (page.colormap >> 8).astype(np.uint8)[:, raw].transpose(1, 2, 0)
+        elif page.axes == "SYX":
+            raw = np.moveaxis(raw, 0, -1)
+        elif page.axes not in ("YX", "YXS"):
+            raise InputError(
+                f"{path}: frame {index} has axes {page.axes}; save it as a plain stack"
+            )
+        if raw.ndim == 3:
+            raw = raw[..., 0] if raw.shape[2] < 3 else raw[..., :3]
+        return np.ascontiguousarray(raw, dtype=check_dtype(path, raw.dtype))
+
+    def _pixels(self, page: Any, place: int, index: int) -> np.ndarray:
+        """The page's values as they are stored."""
+        deflate = int(page.compression) in DEFLATE
+        if deflate:
+            self._check_deflate(page, index)
+        if page.bitspersample in PACKED:
+            return self._packed(page, index)
+        if deflate or page.compression == NONE:
+            return np.asarray(page.asarray())
+        return self._by_pillow(page, place, index)
+
+    def _segments(self, page: Any) -> list[bytes]:
+        found = []
+        for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
+            self._tif.filehandle.seek(offset)
+            found.append(self._tif.filehandle.read(size))
+        return found
+
+    def _check_deflate(self, page: Any, index: int) -> None:
+        """Refuse strips that swell beyond what the head says, without taking memory for them."""
+        expected = page.imagelength * page.imagewidth * max(page.samplesperpixel, 1)
+        if page.is_tiled:
+            expected = max(expected, page.tilelength * page.tilewidth * page.samplesperpixel)
+        expected *= page.dtype.itemsize
+        if sum(page.databytecounts) * DEFLATE_RATIO < MAX_BYTES:  # it cannot do harm
+            return
+        for data in self._segments(page):
+            stream, size = zlib.decompressobj(), 0
+            while data and size <= expected:
+                size += len(stream.decompress(data, 1_000_000))
+                data = stream.unconsumed_tail
+            if size > expected:
+                raise InputError(
+                    f"{self._path}: frame {index} swells to over {expected} bytes, which is all "
+                    "that its head claims; the file is damaged: save it again"
+                )
+
+    def _packed(self, page: Any, index: int) -> np.ndarray:
+        """Values of 10, 12 or 14 bits one behind the other, each row from a new byte on."""
+        rows, cols, bits = page.imagelength, page.imagewidth, page.bitspersample
+        plain = page.axes == "YX" and not page.is_tiled and page.predictor == 1
+        if not plain or int(page.compression) not in (NONE, *DEFLATE) or page.fillorder != 1:
+            raise InputError(
+                f"{self._path}: frame {index} packs {bits}-bit pixels in a way that is not read; "
+                "save it with 16 bits a pixel"
+            )
+        parts = self._segments(page)
+        if int(page.compression) in DEFLATE:
+            parts = [zlib.decompress(part) for part in parts]
+        width = -(-cols * bits // 8)
+        packed = np.frombuffer(b"".join(parts), np.uint8)
+        if packed.size < rows * width:
+            raise InputError(
+                f"{self._path}: frame {index} breaks off after {packed.size} of {rows * width} "
+                "bytes; copy it again from its source"
+            )
+        out, places = np.empty((rows, cols), np.uint16), 2 ** np.arange(bits)[::-1]
+        for row, line in enumerate(packed[: rows * width].reshape(rows, width)):
+            out[row] = np.unpackbits(line, count=cols * bits).reshape(cols, bits) @ places
+        return out
+
+    def _by_pillow(self, page: Any, place: int, index: int) -> np.ndarray:
+        """Decode a compression (LZW, PackBits, JPEG) that tifffile leaves to another package."""
+        from PIL import Image
+
+        if self._pillow is None:
+            self._pillow = Image.open(os.fspath(self._path))
+        with silence_stderr():
+            self._pillow.seek(place)
+            raw = np.asarray(self._pillow)
+        if raw.dtype.itemsize != page.dtype.itemsize or raw.shape != page.shape:
+            raise InputError(
+                f"{self._path}: frame {index} is compressed by {page.compression.name}, which is "
+                f"not read for {page.dtype} pixels; save it without compression"
+            )
+        return raw
+
+
+STANDARD_ERROR = 2
+_TURN = threading.Lock()
+
+
+@contextmanager
+def silence_stderr() -> Iterator[None]:
+    """Nothing that C code writes to standard error comes out: libtiff has no other way to say it.
+
+    What it would say, a refusal says. Python's own messages of other threads are held back too:
+    the block is to be short.
+    """
+    with _TURN:
+        try:
+            kept = os.dup(STANDARD_ERROR)
+        except OSError:  # no terminal at all, as under pythonw
+            yield
+            return
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, STANDARD_ERROR)
+            yield
+        finally:
+            os.dup2(kept, STANDARD_ERROR)
+            os.close(kept)
+            os.close(nowhere)
+
+
+SQUARE = 1e-3
+"""A pixel whose sides differ by more than this part is not square."""
+
+OTHERS = ("stk", "lsm", "fluoview", "nih", "scanimage")
+"""Microscope makers' dialects, whose pages are not frames one by one."""
+
+MOST_CHANNELS = 7
+"""ImageJ's colours end there; writers that know no axes put all frames down as channels."""
+
+SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
+           "millisecond": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6,
+           "microsecond": 1e-6, "microseconds": 1e-6, "min": 60.0, "minute": 60.0,
+           "minutes": 60.0, "h": 3600.0, "hour": 3600.0, "hours": 3600.0}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class TiffLayout:
+    """The frames of a TIFF: `pages`, each one's number in the file and the byte of its head.
+
+    Where `hidden`, all frames lie one behind the other after the first page's, without heads.
+    `notes`, times and scale.
+    """
+
+    count: int
+    pages: tuple[tuple[int, int], ...]
+    hidden: bool = False
+    notes: FileNotes
+
+    def time_s(self, index: int) -> float | None:
+        """Time of a frame since the first (s), None where the file does not tell it."""
+        times, interval = self.notes.times_s, self.notes.interval_s
+        if times is not None:
+            return times[index]
+        return None if interval is None else index * interval
+
+    @property
+    def end_s(self) -> float | None:
+        """When one more frame would have come (s)."""
+        if self.notes.times_s is None:
+            return self.time_s(self.count)
+        return next_time(*self.notes.times_s[-2:]) if self.count > 1 else None
+
+
+def tiff_layout_of(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
+    """Find the frames of an open TIFF, after a look whether it breaks off. Raises InputError."""
+    other = [name for name in OTHERS if getattr(tif, f"is_{name}", False)]
+    if other:
+        raise InputError(
+            f"{path}: is a microscope's own kind of TIFF ({other[0]}), whose frames are not read; "
+            "open it in ImageJ and save it as a TIFF stack"
+        )
+    if len(tif.pages) == 0:
+        raise InputError(f"{path}: not a readable TIFF (it holds no page); copy it again")
+    _check_square(tif, path)
+    if tif.is_ome:
+        return _of_ome(tif, path)
+    pages = _frame_pages(tif)
+    claimed = _claimed(tif, len(pages))
+    hidden = len(pages) == 1 < claimed and _fit_behind(tif, claimed)
+    if not hidden and (claimed > len(pages) or _chain_breaks(tif)):
+        raise InputError(
+            f"{path}: breaks off after {len(pages)} frames: it is truncated; copy it again from "
+            "its source"
+        )
+    meta = (tif.imagej_metadata or {}) if tif.is_imagej else {}
+    _check_axes(path, _whole(meta, "channels"), _whole(meta, "slices"), _whole(meta, "frames"))
+    interval = _interval(meta)
+    return TiffLayout(
+        count=claimed if hidden else len(pages),
+        pages=pages,
+        hidden=hidden,
+        notes=FileNotes(
+            interval_s=interval,
+            start_s=None if interval is None else 0.0,
+            pixel_mm=pixel_mm_of(tif),
+        ),
+    )
+
+
+def _frame_pages(tif: tifffile.TiffFile) -> tuple[tuple[int, int], ...]:
+    """Pages that are frames: not the thumbnails and reduced copies that some programs add."""
+    pages: Any = tif.pages
+    numbered = ((i, pages[i]) for i in range(len(pages)))
+    return tuple((i, page.offset) for i, page in numbered if i == 0 or not page.is_reduced)
+
+
+def _claimed(tif: tifffile.TiffFile, found: int) -> int:
+    """Number of frames by the notes of ImageJ or tifffile, which may leave out their heads."""
+    if tif.is_imagej:
+        return _whole(tif.imagej_metadata or {}, "images", found)
+    if tif.is_shaped and found == 1:
+        page: Any = tif.pages[0]
+        shape = (tif.shaped_metadata or ({},))[0].get("shape", page.shape)
+        return max(math.prod(map(int, shape)) // max(int(page.size), 1), 1)
+    return found
+
+
+def _whole(meta: dict[str, Any], key: str, default: int = 1) -> int:
+    value = meta.get(key, default)
+    return value if isinstance(value, int) and value > 0 else default
+
+
+def _fit_behind(tif: tifffile.TiffFile, claimed: int) -> bool:
+    """Whether that many frames have room behind the only head: ImageJ's layout of large stacks."""
+    page: Any = tif.pages[0]
+    plain = page.axes == "YX" and page.is_contiguous and page.compression == 1
+    result: bool = plain and page.dataoffsets[0] + claimed * page.nbytes <= tif.filehandle.size
+    return result
+
+
+def _chain_breaks(tif: tifffile.TiffFile) -> bool:
+    """Whether the last page names a next one that is not there."""
+    file, form = tif.filehandle, tif.tiff
+    last: Any = tif.pages[len(tif.pages) - 1]
+    file.seek(last.offset)
+    tags = struct.unpack(form.tagnoformat, file.read(form.tagnosize))[0]
+    file.seek(last.offset + form.tagnosize + tags * form.tagsize)
+    result: bool = struct.unpack(form.offsetformat, file.read(form.offsetsize))[0] != 0
+    return result
+
+
+def _check_axes(path: Path, channels: int, slices: int, times: int) -> None:
+    """Refuse stacks whose pages are not one after the other in time, or in one other direction."""
+    if 1 < channels <= MOST_CHANNELS or (channels > 1 and slices * times > 1):
+        raise InputError(
+            f"{path}: holds {channels} colour channels as separate pages; in ImageJ choose Image "
+            "> Color > Split Channels, and save the one wanted"
+        )
+    if slices > 1 and times > 1:
+        raise InputError(
+            f"{path}: holds {slices} slices at each of {times} times; in ImageJ choose Image > "
+            "Hyperstacks > Make Subset, and save the one slice wanted"
+        )
+
+
+def _check_square(tif: tifffile.TiffFile, path: Path) -> None:
+    """Refuse a file that says its pixels are not square, as all lengths would be wrong."""
+    page: Any = tif.pages[0]
+    if "XResolution" not in page.tags or "YResolution" not in page.tags:
+        return
+    (xn, xd), (yn, yd) = page.tags["XResolution"].value, page.tags["YResolution"].value
+    if 0 in (xn, xd, yn, yd) or abs(xn * yd / (xd * yn) - 1) <= SQUARE:
+        return
+    raise InputError(
+        f"{path}: says {xn / xd:g} pixels a unit across and {yn / yd:g} down; frames must have "
+        "square pixels: correct its scale (ImageJ: Image > Properties), or resample it"
+    )
+
+
+def _interval(meta: dict[str, Any]) -> float | None:
+    """Seconds between the frames of an ImageJ stack."""
+    step, unit = meta.get("finterval", 0), SECONDS.get(str(meta.get("tunit", "s")).lower())
+    if unit is None or not isinstance(step, int | float) or not 0 < step < float("inf"):
+        return None
+    return float(step) * unit
+
+
+def _of_ome(tif: tifffile.TiffFile, path: Path) -> TiffLayout:
+    """The frames in the order that the OME notes give them, whatever that of the pages."""
+    ome = read_ome(tif.ome_metadata or "", path)
+    _check_axes(path, ome.channels, ome.slices, ome.times)
+    if ome.count > len(tif.pages):  # before a list of that length is made
+        raise _incomplete(path, ome.count, len(tif.pages))
+    if len(tif.series) != 1:
+        raise InputError(
+            f"{path}: holds {len(tif.series)} image series; save the one wanted by itself"
+        )
+    pages: list[Any] = list(tif.series[0].pages)
+    if None in pages or len(pages) != ome.count:
+        raise _incomplete(path, ome.count, sum(page is not None for page in pages))
+    if _chain_breaks(tif):
+        raise InputError(f"{path}: breaks off, it is truncated; copy it again from its source")
+    return TiffLayout(
+        count=len(pages),
+        pages=tuple((page.index, page.offset) for page in pages),
+        notes=replace(ome, pixel_mm=ome.pixel_mm or pixel_mm_of(tif)),
+    )
+
+
+def _incomplete(path: Path, named: int, there: int) -> InputError:
+    return InputError(
+        f"{path}: its OME notes name {named} frames and {there} are in it; is it one of several "
+        "files, or truncated? copy it again, or save it as one file"
+    )
+
 
 SUFFIXES = (".tif", ".tiff", ".btf", ".tf8", ".tf2")
 

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from isochrome.errors import InputError
-from isochrome.frames.integrity.containers import Container, check_whole
-from isochrome.frames.integrity.decoding import (
+from isochrome.frames.containers import (
+    Container,
     Decoded,
     Places,
     by_packets,
+    check_whole,
     checksum,
     decoded,
     open_container,

@@ -18,9 +18,14 @@ from scipy import ndimage
 
 from isochrome.errors import InputError
 from isochrome.fringes.colour.colour_branch import choose_orders
-from isochrome.fringes.colour.colour_signal import ColourSignal, colour_signal
 from isochrome.fringes.colour.colour_table import ColourTable
-from isochrome.fringes.colour.colour_value import JUMP, ColourValue, refine_colour
+from isochrome.fringes.colour.colour_value import (
+    JUMP,
+    ColourSignal,
+    ColourValue,
+    colour_signal,
+    refine_colour,
+)
 from isochrome.fringes.colour.frame_exposure import FrameExposure
 from isochrome.fringes.on_branch import OrderReading, probability
 from isochrome.fringes.windows import Array, Mask, beside_jumps, masked

@@ -1,4 +1,4 @@
-r"""How long a colour frame was exposed against its no-load frames, from its own colours.
+"""How long a colour frame was exposed against its no-load frames, from its own colours.
 
 A frame's light is I_c = e (D_c + A_c s_c(N)), with the background D and the contrast A of the
 no-load frames and one factor e: another exposure, gain or lamp. Three channels share one unknown
@@ -7,17 +7,30 @@ table's. Where orders are low all channels go as N², and a longer exposure look
 order: e is then as uncertain as the table's own error makes it, and the order with it.
 Source of the projection that leaves every pixel its own order: Golub & Pereyra (1973), SIAM J.
 Numer. Anal. 10, 413.
+
+Illumination and background of a colour frame, found from the frame itself.
+
+With no-load frames nothing of this is needed. Without: orders are looked up with a first guess of
+the background D (a number a channel) and the contrast A (a smooth surface a channel), and both
+are corrected by least squares on I_c = D_c + A_c s_c(N) in which each pixel's own order is free
+(its direction dI/dN is projected out), then orders are looked up again, and so on. The first
+rounds allow for a poor guess in the misfit that the choice of orders reckons with. What the frame
+cannot tell (a frame of low orders says little of A) is then seen in the covariance.
+Source of the projection: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from isochrome.errors import InputError
+from isochrome.estimation import channel_light
 from isochrome.fringes.colour.colour_branch import candidate_orders, choose_orders
 from isochrome.fringes.colour.colour_table import ColourTable
-from isochrome.fringes.windows import Array, Mask, block_means, valid_means
+from isochrome.fringes.windows import Array, Mask, block_means, nearest_known, valid_means
 
 EXPECTED = 0.5
 """Standard deviation of ln e before anything is known: exposures of 1 : 2.6 are two of these."""
@@ -214,3 +227,203 @@ def _step(
     return float(np.sum(weight * column * left)) / information, float(
         np.hypot(information**-0.5, by_table)
     )
+
+
+BLOCKS = 12_000
+"""Blocks of pixels that the search works on, about."""
+
+DOUBTS = (0.12, 0.12, 0.08, 0.05, 0.03, 0.015, 0.006, 0.006)
+"""How far the ends are taken to be off in each round, of full light."""
+
+UNEVEN = 0.3
+"""Expected size of a surface's terms over its mean."""
+
+UNLIKE = 0.1
+"""Expected difference of two channels' surfaces, over their means."""
+
+BACKGROUND_OFF = 0.05
+"""Expected error of the background's first guess, of full light."""
+
+COLOURFUL = 0.2
+"""Contrast with white, of full light, of the orders that the fit is made on: what is white in the
+frame might be white of any order."""
+
+_FARTHEST_COLOUR = 20.0
+_MEDIAN_OF_TWO = 1.386  # of chi² with two degrees of freedom
+
+
+@dataclass(frozen=True)
+class _Small:
+    """The frame in blocks: `light`, its `noise`, the no-load frames `low` and `full` (rows, cols,
+    channels), blocks with `enough` trusted pixels, and the `surface` terms (terms, rows, cols).
+    """
+
+    light: Array
+    noise: Array
+    low: Array | None
+    full: Array | None
+    enough: Mask
+    surface: Array
+
+    def ends(self, theta: Array) -> tuple[Array, Array]:
+        """Background and contrast (rows, cols, channels) of the unknowns."""
+        shape, own = self.parts(theta)
+        low = np.broadcast_to(own, self.light.shape) if self.low is None else self.low
+        return low, self.full - low if self.full is not None else spread_out(shape, self.surface)
+
+    def parts(self, theta: Array) -> tuple[Array, Array]:
+        """The surfaces' coefficients (channels, terms), and the backgrounds (channels,)."""
+        channels = self.light.shape[2]
+        terms = len(self.surface)
+        size = channels * terms if self.full is None else 0
+        return theta[:size].reshape(-1, terms), theta[size:]
+
+    def design(self, ideal: Array, inside: Mask) -> Array:
+        """dI/dtheta (pixels, channels, unknowns) where the table's signal is `ideal`."""
+        columns = []
+        one = np.eye(ideal.shape[1])
+        if self.full is None:
+            terms = self.surface[:, inside].T
+            block = ideal[:, :, None, None] * one[:, :, None] * terms[:, None, None, :]
+            columns.append(block.reshape(*ideal.shape, -1))
+        if self.low is None:
+            share = np.ones_like(ideal) if self.full is None else 1.0 - ideal
+            columns.append(share[:, :, None] * one)
+        return np.concatenate(columns, axis=2)
+
+
+def find_ends(
+    light: Array,
+    table: ColourTable,
+    *,
+    sigma: Array,
+    dark: Array | None,
+    bright: Array | None,
+    valid: Mask,
+) -> tuple[Array, Array, Array]:
+    """Background D and contrast A of every pixel and channel from a loaded frame.
+
+    It is (rows, cols, channels); the third is the variance (rows, cols), fringes², that their
+    uncertainty gives to the order. `sigma` is the light's noise; `dark`, `bright` the no-load
+    frames that there are. InputError where nothing has contrast, or no colour is the table's.
+    """
+    small = _small(light, sigma, dark, bright, valid)
+    first = _first_guess(small, table)
+    theta, hold = first, _prior(first, small)
+    colourful = table.highest_of(COLOURFUL)
+    for doubt in DOUBTS:
+        low, contrast = small.ends(theta)
+        usable = small.enough & (contrast > 0.0)
+        over = np.where(usable, contrast, 1.0)
+        signal = np.where(usable, (small.light - low) / over, np.nan)
+        off = doubt * (0.3 + np.clip(np.nan_to_num(signal), 0.0, 1.2))
+        variance = (small.noise / over) ** 2 + off**2 + table.spread**2
+        choice = choose_orders(signal, variance, table)
+        inside = (choice.order < colourful) & (choice.misfit < _FARTHEST_COLOUR)
+        inside &= table.coloured(signal, COLOURFUL)
+        if np.count_nonzero(inside) < 100:
+            raise InputError(
+                "the frame's colours are not the table's anywhere; check the light, "
+                "camera.response and gamma, or give no-load frames"
+            )
+        place = table.place(choice.order[inside])
+        ideal, slope = table.signal[place], table.slope[place]
+        root = np.where(usable, 1.0 / (over * np.sqrt(variance)), 0.0)[inside]
+        residual = root * (small.light[inside] - low[inside] - contrast[inside] * ideal)
+        design = root[:, :, None] * small.design(ideal, inside)
+        along = root * over[inside] * slope
+        change, covariance = correction(design, residual, along, hold, first - theta)
+        theta = theta + change
+    rate = np.einsum("pc,pcn->pn", along, design)
+    rate /= np.sum(along**2 + (root * over[inside] * _LEAST_SLOPE) ** 2, axis=1)[:, None]
+    spread = np.einsum("pn,nm,pm->p", rate, covariance, rate)
+    whole = replace(
+        small, light=light, low=dark, full=bright, surface=channel_light(*light.shape[:2])
+    )
+    return *whole.ends(theta), _on_pixels(spread, inside, light.shape[:2])
+
+
+def _small(
+    light: Array, sigma: Array, dark: Array | None, bright: Array | None, valid: Mask
+) -> _Small:
+    """The frame and its no-load frames in blocks of pixels."""
+    factor = max(1, int(np.sqrt(valid[..., 0].size / BLOCKS)))
+    count = block_means(valid.astype(float), factor)
+    mean = partial(valid_means, valid=valid, by=factor)
+    low, full = (None if frame is None else mean(frame) for frame in (dark, bright))
+    noise = mean(sigma) / factor
+    return _Small(mean(light), noise, low, full, count > 0.5, channel_light(*count.shape[:2]))
+
+
+def _first_guess(small: _Small, table: ColourTable) -> Array:
+    """The unknowns from the darkest and the brightest places of each channel."""
+    if not small.enough.any(axis=(0, 1)).all():
+        raise InputError(
+            "a channel is saturated or masked all over, and without no-load frames its light "
+            "is unknown; give them, or lower the exposure"
+        )
+    trusted = np.where(small.enough, small.light, np.nan)
+    lowest, highest = np.nanpercentile(trusted, (0.5, 99.5), axis=(0, 1))
+    background = lowest if small.low is None else np.median(small.low, axis=(0, 1))
+    gain = (highest - background) / (table.signal.max(axis=0) - table.signal.min(axis=0))
+    if not (gain > 0.0).all():
+        raise InputError("the frame shows no fringes to normalise by; give no-load frames")
+    shape = np.zeros((len(gain), len(small.surface)))
+    shape[:, 0] = 0.9 * gain
+    parts = ([shape.ravel()] if small.full is None else []) + (
+        [lowest] if small.low is None else []
+    )
+    return np.concatenate(parts)
+
+
+def _prior(first: Array, small: _Small) -> Array:
+    """What is expected of the unknowns before the fit, as a matrix of normal equations."""
+    shape, own = small.parts(first)
+    unit = np.eye(len(first))
+    rows = []
+    terms = len(small.surface)
+    for c, size in enumerate(shape[:, 0]):
+        for here in range(c * terms + 1, (c + 1) * terms):
+            rows.append(unit[here] / (UNEVEN * size))
+            if c + 1 < len(shape):
+                other = unit[here + terms] / (UNLIKE * shape[c + 1, 0])
+                rows.append(unit[here] / (UNLIKE * size) - other)
+    rows += [unit[shape.size + c] / BACKGROUND_OFF for c in range(len(own))]
+    expected = np.array(rows)
+    return np.asarray(expected.T @ expected)
+
+
+def correction(
+    design: Array, residual: Array, along: Array, hold: Array, back: Array
+) -> tuple[Array, Array]:
+    """Change of the unknowns with every pixel's order free, and their covariance.
+
+    Parameters, all weighted by 1/sigma: `design` (pixels, channels, unknowns), `residual` and
+    `along`, dI/dN (pixels, channels); `hold`, the prior's normal equations; `back`, from the
+    unknowns to the prior's own.
+    """
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    unit = along / np.maximum(length, 1e-9)
+    flat = design - unit[:, :, None] * np.einsum("pc,pcn->pn", unit, design)[:, None, :]
+    left = residual - unit * np.sum(unit * residual, axis=1, keepdims=True)
+    size = np.sum(left**2, axis=1)
+    usual = max(float(np.median(size)), 1e-12)
+    weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
+    normal = np.einsum("p,pcn,pcm->nm", weight, flat, flat, optimize=True) + hold
+    right = np.einsum("p,pcn,pc->n", weight, flat, left) + hold @ back
+    scale = max(1.0, usual / _MEDIAN_OF_TWO)
+    inverse = np.linalg.inv(normal)
+    return inverse @ right, scale * inverse
+
+
+def _on_pixels(spread: Array, inside: Mask, size: tuple[int, ...]) -> Array:
+    """Values of the blocks that are `inside`, and the nearest one's elsewhere, on all pixels."""
+    known = np.full(inside.shape, np.nan)
+    known[inside] = spread
+    grid = np.ix_(*((np.arange(n) * m // n for n, m in zip(size, inside.shape, strict=True))))
+    return nearest_known(known, inside)[grid]
+
+
+def spread_out(shape: Array, surface: Array) -> Array:
+    """Surfaces (rows, cols, channels) of coefficients (channels, k) over terms (k, rows, cols)."""
+    return np.moveaxis(np.tensordot(shape, surface, axes=1), 0, -1)

@@ -1,7 +1,7 @@
-r"""The light of colour frames from their own colours: nobody measured it, and no order is known.
+"""The light of colour frames from their own colours: nobody measured it, and no order is known.
 
 Every pixel has three signals and one unknown order: two equations are left over a pixel for the
-few numbers of the light (`isochrome.fringes.colour.band_model`), the camera's tone curve raw =
+few numbers of the light (`isochrome.fringes.colour.own_colours`), the camera's tone curve raw =
 light^(1/gamma), the background D, each frame's brightness g and the illumination A, a quadratic
 surface a channel times a relief r of all channels:
 
@@ -13,24 +13,477 @@ leave is then given to the table itself (`colour.remaining_light`). The orders' 
 the green band's: colours alone cannot give it.
 Sources: Golub & Pereyra (1973), SIAM J. Numer. Anal. 10, 413, for the projection; Ajovalasit,
 Barone & Petrucci (1995), J. Strain Analysis 30, 29, for the signals.
+
+A colour camera's signals against fringe order in a few numbers, for light that nobody measured.
+
+Each channel's light is taken as a band that is Gaussian over the wavelength, and the channels as
+mixed by the camera (crosstalk, and the camera's own colour correction, which is negative):
+
+    s_k(N) = ∫ g(e) (1 - cos(2 pi N r_k/(1 + b_k e))) de / 2,   t_c(N) = Σ_k M_ck s_k(N) >= 0
+
+with g the normal distribution, r_k = l0/l_k the ratio of the reference to the band's centre, b_k
+its relative width, and the rows of M of sum 1. N counts at the green band's centre: r_green = 1.
+Source of the integral over the band: Ajovalasit, Barone & Petrucci (1995), J. Strain Analysis
+30, 29.
+
+The unknowns of frames in an unknown light, what is expected of them, and their derivatives.
+
+In order: the light's numbers; log gamma; the log brightness of each frame; then, as far as no
+no-load frame gives them, the backgrounds of the channels and the surfaces of their illumination.
+
+What a light of three bands leaves of colour frames: the table's bend, the illumination's relief.
+
+A camera's tone curve and colours are not quite a power and a matrix, and no lamp is a quadratic
+surface. Both rests are what the frames say across the curve of colours: along it, a rest is
+nothing but another order, and the orders' scale stays the bands'.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 
 from isochrome.errors import InputError
-from isochrome.fringes.colour.band_model import CORRECTED, NUMBERS, SENSOR, band_table
-from isochrome.fringes.colour.band_unknowns import ColourShots, Unknowns, in_blocks, unknowns
+from isochrome.estimation import channel_light
 from isochrome.fringes.colour.colour_branch import choose_orders
-from isochrome.fringes.colour.colour_table import STEP, ColourTable
+from isochrome.fringes.colour.colour_table import LARGEST_ORDER, STEP, ColourTable, end_of_contrast
 from isochrome.fringes.colour.colour_value import JUMP
-from isochrome.fringes.colour.remaining_light import RemainingLight, added_bend, added_relief
-from isochrome.fringes.colour.without_references import correction
-from isochrome.fringes.windows import Array, Indices, Mask, beside_jumps
+from isochrome.fringes.colour.frame_exposure import UNLIKE, correction, spread_out
+from isochrome.fringes.windows import Array, Indices, Mask, beside_jumps, block_means, valid_means
+
+GREEN = 1
+
+_PLACES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(48)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
+_OFF_DIAGONAL = np.nonzero(~np.eye(3, dtype=bool))
+
+NUMBERS = 11
+"""Numbers that describe the light: 2 ratios, 3 widths, 6 terms of the mixing."""
+
+_OWN_CENTRES_NM, _OWN_WIDTH = (600.0, 540.0, 460.0), 0.06
+_CORRECTED_CENTRES_NM = (579.5, 540.0, 444.7)
+_CORRECTED_WIDTH = (0.063, 0.068, 0.048)
+_CORRECTED_MIXING = (-1.51, 0.10, -0.47, -0.15, -0.05, -0.09)
+"""Fitted to the sRGB signals of equal-energy light: the CIE 1931 observer in the analytic form of
+Wyman, Sloan & Shirley (2013), J. Computer Graphics Techniques 2, 1, and the matrix of IEC
+61966-2-1; 0.005 of full light up to N = 4."""
+
+
+def _numbers(centres: tuple[float, ...], width: Any, mixing: Any) -> Array:
+    ratio = np.log(centres[GREEN] / np.array(centres))[[0, 2]]
+    return np.concatenate([ratio, np.log(np.broadcast_to(width, 3)), np.broadcast_to(mixing, 6)])
+
+
+SENSOR = _numbers(_OWN_CENTRES_NM, _OWN_WIDTH, 0.0)
+"""Numbers of a bare sensor in equal-energy white light, whose channels do not mix."""
+
+CORRECTED = _numbers(_CORRECTED_CENTRES_NM, _CORRECTED_WIDTH, _CORRECTED_MIXING)
+"""Numbers of a camera that corrects its colours for a display (sRGB)."""
+
+LIKELY = np.concatenate([np.full(2, 0.05), np.full(3, 0.4), np.full(6, 0.2)])
+"""Expected deviations of a light's numbers from one of these."""
+
+_STEP_OF_NUMBERS = 1e-4
+_SCALE_ERROR = 0.02
+
+
+@dataclass(frozen=True)
+class BandLight:
+    """The bands of red, green and blue and their mixing.
+
+    `ratio` (3,), reference wavelength over the band's centre; `width` (3,), standard deviation over
+    the centre; `mixing` (3, 3), rows of sum 1: what each channel takes from each band.
+    """
+
+    ratio: Array
+    width: Array
+    mixing: Array
+
+    def bands(self, order: Array, *, bright: bool = False) -> Array:
+        """Light s (n, 3) of the bands at orders N (n,); `bright`, in the bright field."""
+        waves = []
+        for ratio, width in zip(self.ratio, self.width, strict=True):
+            turns = ratio / np.maximum(1.0 + width * _PLACES, 0.3)
+            waves.append(np.cos(2.0 * np.pi * np.outer(order, turns)) @ _WEIGHTS)
+        sign = 0.5 if bright else -0.5
+        return np.asarray(0.5 + sign * np.stack(waves, axis=1))
+
+
+def band_light(numbers: Array) -> BandLight:
+    """The light of its numbers (11,): log r of red and blue, log b of red, green and blue, and M.
+
+    M, the mixing, is its six terms off the diagonal, row by row.
+    """
+    red, blue = np.exp(numbers[:2])
+    mixing = np.zeros((3, 3))
+    mixing[_OFF_DIAGONAL] = numbers[5:11]
+    mixing += np.diag(1.0 - mixing.sum(axis=1))
+    return BandLight(np.array([red, 1.0, blue]), np.exp(numbers[2:5]), mixing)
+
+
+def band_table(
+    numbers: Array, *, bright: bool = False, highest_order: float = LARGEST_ORDER
+) -> tuple[ColourTable, Array]:
+    """The table of a light, up to where its last contrast fades, and how it changes.
+
+    Parameters: `numbers` (11,), see `band_light`; `bright`, for the bright field;
+    `highest_order` N. What a camera cannot show, less than no light, is 0.
+    Returns the ColourTable and its derivative by the numbers (orders, 3, 11).
+    """
+    order = STEP * np.arange(int(np.ceil(highest_order / STEP)) + 1)
+    light = band_light(numbers)
+    bands = light.bands(order, bright=bright)
+    plain = bands @ light.mixing.T
+    last = end_of_contrast(plain)
+    table = np.maximum(plain, 0.0)[:last]
+    change = np.zeros((last, 3, NUMBERS))
+    for i in range(5):
+        step = np.zeros(NUMBERS)
+        step[i] = _STEP_OF_NUMBERS
+        ahead, behind = (
+            band_light(numbers + s).bands(order[:last], bright=bright) for s in (step, -step)
+        )
+        change[..., i] = (ahead - behind) @ light.mixing.T / (2.0 * _STEP_OF_NUMBERS)
+    rows, cols = _OFF_DIAGONAL
+    change[:, rows, 5 + np.arange(6)] = bands[:last, cols] - bands[:last, rows]
+    change *= (plain[:last] > 0.0)[..., None]
+    return ColourTable(table, np.zeros(3)), change
+
+
+def band_scale(order: Array, signal: Array, *, bright: bool = False) -> float:
+    """How much light signals (n, 3) at known orders have over those of a light of three bands.
+
+    Of signals that are known up to one factor: light of any bands is half full on the mean over
+    many orders, so that bands and factor are found together.
+    """
+    from scipy.optimize import least_squares
+
+    def misfit(unknowns: Array, start: Array) -> Array:
+        light = band_light(unknowns[:NUMBERS])
+        model = light.bands(order, bright=bright) @ light.mixing.T
+        away = (signal - np.exp(unknowns[NUMBERS]) * model) / _SCALE_ERROR
+        return np.concatenate([away.ravel(), (unknowns[:NUMBERS] - start) / LIKELY])
+
+    top = float(np.log(np.percentile(signal, 98.0)))
+    ends = [
+        least_squares(misfit, np.append(start, top), args=(start,), max_nfev=40)
+        for start in (SENSOR, CORRECTED)
+    ]
+    return float(np.exp(min(ends, key=lambda end: float(end.cost)).x[NUMBERS]))
+
+
+BRIGHTNESS_OFF, GAMMA_OFF, BACKGROUND_OFF, UNEVEN = 0.02, 0.3, 0.005, 0.1
+"""Expected deviations: of the frames' brightness, of log gamma, of the background (of full scale)
+and of a surface's terms about the frames' own envelope, over its mean. Of the brightness, of
+frames exposed alike; it may be any other (`Unknowns.hold_at`)."""
+
+_DARKER = -1.0
+"""Log brightness below which a frame is taken for one of low orders, not of a short exposure."""
+
+_GAMMA = NUMBERS
+_FRAMES = NUMBERS + 1
+_FIXED = 1e-6
+_DARKEST = 1e-3
+_DIMMEST = 0.02
+_LEAST_CONTRAST = 0.01
+
+
+@dataclass(frozen=True)
+class ColourShots:
+    """Colour frames (frames, rows, cols, 3) as files hold them, 1 = full scale."""
+
+    raw: Array
+    noise: Array  # standard deviation
+    valid: Mask
+    dark: Array | None = None  # the no-load frame (rows, cols, 3)
+    bright: Array | None = None  # the same in the bright field
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One frame by the unknowns as they are: `light`, its `noise`, `background`, `contrast` and
+    where it is `usable`, (rows, cols, 3) each.
+    """
+
+    light: Array
+    noise: Array
+    background: Array
+    contrast: Array
+    usable: Mask
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """`shots`; the `surface` terms (6, rows, cols); what is `expected` of the unknowns, the
+    normal equations `hold` of that but for the frames' brightness, and where to `start`.
+    """
+
+    shots: ColourShots
+    surface: Array
+    expected: Array
+    hold: Array
+    start: Array
+    bright_field: bool
+
+    def hold_at(self, theta: Array) -> Array:
+        """The normal equations of what is expected, by reweighting at `theta`.
+
+        Most cameras keep their exposure, and a few do not: each frame's log brightness b is
+        expected to be 0 with the weight 1/(s² + b²), of a Cauchy distribution of the width s.
+        """
+        frames = np.arange(_FRAMES, _FRAMES + len(self.shots.raw))
+        hold = self.hold.copy()
+        hold[frames, frames] += 1.0 / (BRIGHTNESS_OFF**2 + theta[frames] ** 2)
+        return hold
+
+    @property
+    def ends_from(self) -> int:
+        """Where the backgrounds, or else the surfaces, begin."""
+        return _FRAMES + len(self.shots.raw)
+
+    def ends(self, theta: Array) -> tuple[Array, Array]:
+        """Background and illumination (rows, cols, 3) as light."""
+        gamma, start = float(np.exp(theta[_GAMMA])), self.ends_from
+        dark, bright = self.shots.dark, self.shots.bright
+        if dark is None:
+            background = np.broadcast_to(theta[start : start + 3], self.shots.raw.shape[1:])
+            start += 3
+        else:
+            background = dark**gamma
+        if bright is not None:
+            return background, bright**gamma - background
+        shape = theta[start:].reshape(3, len(self.surface))
+        return background, spread_out(shape, self.surface)
+
+    def seen(self, theta: Array, frame: int, relief: Array) -> Seen:
+        """One frame's light, with the contrast that it would have at full signal."""
+        gamma = float(np.exp(theta[_GAMMA]))
+        background, illumination = self.ends(theta)
+        exposure = np.exp(theta[_FRAMES + frame])
+        background = exposure * background
+        contrast = exposure * illumination * relief[..., None]
+        raw, valid = self.shots.raw[frame], self.shots.valid[frame]
+        usable = valid & (contrast > 0.0)
+        light = np.where(usable, np.maximum(raw, 0.0), 0.0)
+        noise = gamma * np.maximum(light, _DIMMEST) ** (gamma - 1.0) * self.shots.noise[frame]
+        return Seen(light**gamma, noise, background, np.where(usable, contrast, 1.0), usable)
+
+    def design(
+        self, theta: Array, frame: int, pixels: Array, seen: Seen, ideal: Array, change: Array
+    ) -> Array:
+        """Derivatives (pixels, 3, unknowns) of the model's light, less those of the frame's.
+
+        Parameters: `pixels`, places in the frame; `seen`; `ideal` signals (pixels, 3), and their
+        `change` by the light's numbers (pixels, 3, 11).
+        """
+        gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
+        contrast = seen.contrast.reshape(-1, 3)[pixels]
+        design = np.zeros((len(pixels), 3, len(theta)))
+        design[..., :NUMBERS] = contrast[..., None] * change
+        exposure = np.exp(theta[_FRAMES + frame])
+        share = exposure * (np.ones_like(ideal) if shots.bright is None else 1.0 - ideal)
+        design[..., _GAMMA] = -_by_gamma(shots.raw[frame].reshape(-1, 3)[pixels], gamma)
+        for end, part in ((shots.dark, share), (shots.bright, exposure * ideal)):
+            if end is not None:
+                design[..., _GAMMA] += part * _by_gamma(end.reshape(-1, 3)[pixels], gamma)
+        low = seen.background.reshape(-1, 3)[pixels]
+        design[..., _FRAMES + frame] = low + contrast * ideal
+        start = self.ends_from
+        if shots.dark is None:
+            design[:, np.arange(3), start + np.arange(3)] = share
+            start += 3
+        if shots.bright is None:
+            terms = self.surface.reshape(len(self.surface), -1)[:, pixels].T
+            _, plain = self.ends(theta)
+            gain = contrast / plain.reshape(-1, 3)[pixels]
+            count = len(self.surface)
+            for c in range(3):
+                here = slice(start + c * count, start + (c + 1) * count)
+                design[:, c, here] = (gain * ideal)[:, c, None] * terms
+        return design
+
+    def bounded(self, theta: Array) -> Array:
+        """The unknowns, no background of them below no light."""
+        if self.shots.dark is None:
+            here = slice(self.ends_from, self.ends_from + 3)
+            theta[here] = np.maximum(theta[here], 0.0)
+        return theta
+
+
+def _by_gamma(raw: Array, gamma: float) -> Array:
+    """d raw^gamma / d log gamma."""
+    level = np.maximum(raw, _DARKEST)
+    return np.asarray(gamma * level**gamma * np.log(level))
+
+
+def in_blocks(shots: ColourShots, blocks: int) -> ColourShots:
+    """Means over so many pixels that `blocks` of them remain at most, of all frames."""
+    factor = int(np.ceil(np.sqrt(shots.raw[..., 0].size / blocks)))
+    if factor == 1:
+        return shots
+
+    valid = np.stack([block_means(v.astype(float), factor) > 0.5 for v in shots.valid])
+    raw, noise = (
+        np.stack([valid_means(*pair, factor) for pair in zip(part, shots.valid, strict=True)])
+        for part in (shots.raw, shots.noise)
+    )
+    dark, bright = (
+        None if end is None else valid_means(end, np.isfinite(end), factor)
+        for end in (shots.dark, shots.bright)
+    )
+    return ColourShots(raw, noise / factor, valid, dark, bright)
+
+
+def unknowns(
+    shots: ColourShots, numbers: Array, gamma: float, *, fixed: bool, bright_field: bool
+) -> Unknowns:
+    """The unknowns' first guess, and what is expected of them.
+
+    Parameters: `shots`; `numbers` of the light and `gamma` to start from, `fixed` where the gamma
+    is given; `bright_field`. Returns Unknowns. Raises InputError where nothing has contrast.
+    """
+    light = np.where(shots.valid, np.maximum(shots.raw, 0.0), np.nan) ** gamma
+    if not np.isfinite(light).any(axis=(0, 1, 2)).all():
+        raise InputError(
+            "a channel is saturated or masked in all frames; lower the exposure, or correct the "
+            "mask"
+        )
+    low, high = np.nanpercentile(light, (0.5, 99.5), axis=(0, 1, 2))
+    if not (high - low > _LEAST_CONTRAST).all():
+        raise InputError(
+            "the frames show no fringes to find the light by; load the specimen until its orders "
+            "pass 1 at least"
+        )
+    frames = len(light)
+    brightness, standard = _brightness(light, shots, gamma)
+    light = light / np.exp(brightness)[:, None, None, None]
+    parts = [numbers, np.array([np.log(gamma)]), np.zeros(frames)]
+    off = [LIKELY, np.array([_FIXED if fixed else GAMMA_OFF]), np.full(frames, np.inf)]
+    if shots.bright is None:
+        off[-1][standard] = _FIXED  # whose light is the illumination
+    if shots.dark is None:
+        parts.append(low)
+        off.append(np.full(3, BACKGROUND_OFF))
+    surface = channel_light(*light.shape[1:3])
+    if shots.bright is None:
+        ideal = band_table(numbers, bright=bright_field, highest_order=3.0)[0].signal
+        shape = _envelope(light, surface) / ideal.max(axis=0)[:, None]
+        parts.append(shape.ravel())
+        off.append(np.repeat(UNEVEN * np.abs(shape[:, 0]), len(surface)))
+    expected = np.concatenate(parts)
+    hold = np.diag(np.concatenate(off) ** -2.0)
+    if shots.bright is None:
+        _hold_alike(hold, shape)
+    start = expected.copy()
+    start[_FRAMES : _FRAMES + frames] = brightness
+    return Unknowns(shots, surface, expected, hold, start, bright_field)
+
+
+def _brightness(light: Array, shots: ColourShots, gamma: float) -> tuple[Array, int]:
+    """Log of each frame's brightness (frames,) by its brightest places, and the brightest one.
+
+    Over that of the no-load frame where there is one, else over the brightest frame's: frames of
+    a fringe or more reach nearly full light all alike. One that is darker than exposures differ
+    shows low orders.
+    """
+    top = np.nanpercentile(np.nansum(light, axis=-1), 99.0, axis=(1, 2))
+    full = top.max()
+    if shots.bright is not None:
+        full = np.percentile(np.nansum(shots.bright**gamma, axis=-1), 90.0)
+    ratio = np.log(np.maximum(top, 1e-3 * full) / full)
+    return np.where(ratio < _DARKER, 0.0, ratio), int(np.argmax(top))
+
+
+def _envelope(light: Array, surface: Array) -> Array:
+    """Coefficients (3, terms) of surfaces above nine tenths of the brightest of all frames.
+
+    By weights repeated until the sum of unequally weighed distances is least.
+    Source: Koenker & Bassett (1978), Econometrica 46, 33.
+    """
+    found = np.empty((3, len(surface)))
+    seen: Mask = np.asarray(np.isfinite(light).any(axis=0))
+    top = np.where(np.isfinite(light), light, -1.0).max(axis=0)
+    for c in range(3):
+        design, value = surface[:, seen[..., c]].T, top[..., c][seen[..., c]]
+        weight = np.ones(len(value))
+        for _ in range(30):
+            scaled = design * weight[:, None]
+            found[c] = np.linalg.solve(design.T @ scaled, scaled.T @ value)
+            off = value - design @ found[c]
+            weight = np.where(off > 0.0, 0.9, 0.1) / np.maximum(np.abs(off), 0.02 * value.max())
+    return found
+
+
+def _hold_alike(hold: Array, shape: Array) -> None:
+    """Expect the channels' surfaces to be alike in form; added to `hold`, whose last they are.
+
+    Parameters: `hold`; `shape`, the surfaces' coefficients (3, terms).
+    """
+    size, terms = shape[:, 0], shape.shape[1]
+    unit = np.eye(len(hold))[-shape.size :]
+    for c in range(2):
+        for here in range(c * terms + 1, (c + 1) * terms):
+            row = unit[here] / (UNLIKE * size[c]) - unit[here + terms] / (UNLIKE * size[c + 1])
+            hold += np.outer(row, row)
+
+
+BEND_WIDTH = 0.04
+"""Fringes over which the bend is smoothed, standard deviation."""
+
+RELIEF_WIDTH = 0.03
+"""The same of the relief, over the frame's longer side."""
+
+_GAIN = 0.7
+_LARGEST = 0.15
+_LEAST_SLOPE = 0.3
+
+
+@dataclass(frozen=True)
+class RemainingLight:
+    """`bend` (orders, 3), added to the bands' table; `relief` (rows, cols), a factor of the
+    illumination.
+    """
+
+    bend: Array
+    relief: Array
+
+    def bent(self, table: ColourTable) -> ColourTable:
+        """The bands' table with the bend; below no light there is none."""
+        bend = self.bend[: len(table.signal)]
+        return ColourTable(np.maximum(table.signal + bend, 0.0), table.spread)
+
+
+def added_bend(place: Indices, away: Array, table: ColourTable, length: int) -> Array:
+    """What pixels add to the bend: their mean rest at each order, across the curve.
+
+    Parameters: `place` (n,), rows of the table; `away` (n, 3), signals less the table's; `table`;
+    `length` of the bend. Returns (length, 3).
+    """
+    size, width = len(table.signal), BEND_WIDTH / STEP
+    left = np.clip(away, -_LARGEST, _LARGEST).T
+    sums = [np.bincount(place, weights=w, minlength=size) for w in (np.ones(len(place)), *left)]
+    count, *total = gaussian_filter1d(np.array(sums), width, axis=1, mode="constant")
+    mean = (np.array(total) / (count + 1.0)).T
+    unit = gaussian_filter1d(table.slope, 0.5 * width, axis=0)
+    unit /= np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), _LEAST_SLOPE)
+    added = np.zeros((length, 3))
+    added[:size] = _GAIN * (mean - unit * np.sum(unit * mean, axis=1, keepdims=True))
+    return added
+
+
+def added_relief(sums: Array) -> Array:
+    """What frames add to the relief, over it, (rows, cols).
+
+    Equation: Σ r·a / Σ a·a over a window and all frames, r the rests and a the signals, both
+    across the curve of colours. Parameters: `sums` (2, rows, cols), of the pixels.
+    """
+    width = RELIEF_WIDTH * max(sums.shape[1:])
+    rest, size = (gaussian_filter(part, width) for part in sums)
+    return np.asarray(_GAIN * rest / (size + 0.01))
+
 
 BLOCKS = 300_000
 """Blocks of pixels, of all frames, that the search works on at most."""

@@ -1,14 +1,231 @@
-"""The order of each pixel of a film's frame, on the branch that it was followed on."""
+"""The order of each pixel of a film's frame, on the branch that it was followed on.
+
+The way of a film's orders from its first frame to its last, and where it can be taken up again.
+
+The frames are passed over once, on blocks of pixels. At the start of every chunk the state is
+kept, so that a chunk's frames can be read by whoever has it, with the same result. From each kept
+state to the next the film is followed back, too: where both ways do not agree, an order is not
+known from the first of them on. Where single frames can be read from nothing, key frames are, now
+and then and where a film breaks: what they and the followed orders have in common is checked, what
+only one of them knows is taken from it, and where they differ nothing is known since the key frame
+before. What lies beside what is known is regained in such a film, at each kept state, where all
+frames since the last one bear it out; the next key frame is held against it as well.
+"""
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
 import numpy as np
 
-from isochrome.fringes.film.beside_known import continued
-from isochrome.fringes.film.film_light import FilmLight
-from isochrome.fringes.film.follower import FilmState
+from isochrome.fringes.film.film_light import CrestLight, FilmLight
+from isochrome.fringes.film.follower import (
+    FilmState,
+    continued,
+    faded_contrast,
+    follow_frame,
+    regained,
+)
 from isochrome.fringes.on_branch import OrderReading, make_reading, read_order, widened
 from isochrome.fringes.windows import Array, Mask, nearest_known
+
+_AGREE = 0.2
+"""Fringes within which both ways agree: half of what parts two branches, less their noise."""
+_STEPS = 1e-3
+"""Fringes of which a kept order is a whole number; far below what one frame says."""
+
+
+@dataclass(frozen=True)
+class KeptState:
+    """A state that can be taken up again, packed."""
+
+    packed: bytes = field(repr=False)  # orders, rates, drifts, and how far these went untold
+    known: bytes = field(repr=False)  # where the orders are known
+    # where both ways through the chunk that begins here disagree
+    doubtful: bytes = field(repr=False)
+    shape: tuple[int, int]
+    time: float  # of its frame
+    doubts: int = 0  # blocks of pixels that are doubtful
+
+    def doubting(self, where: Mask) -> KeptState:
+        """The same with more doubt (rows, cols)."""
+        doubt = self.doubt() | where
+        return replace(self, doubtful=_packed(doubt), doubts=int(doubt.sum()))
+
+    def state(self) -> FilmState:
+        """The state of the chunk's first frame."""
+        values = np.frombuffer(zlib.decompress(self.packed), np.int32).reshape(4, *self.shape)
+        values = np.cumsum(values, axis=2, dtype=np.int32)
+        maps = values.astype(np.float32) * np.float32(_STEPS)
+        return FilmState(
+            order=maps[0], rate=maps[1], drift=maps[2], untold=maps[3],
+            known=_unpacked(self.known, self.shape), time=self.time,
+        )  # fmt: skip
+
+    def doubt(self) -> Mask:
+        """Where the orders of the chunk are doubtful (rows, cols)."""
+        return _unpacked(self.doubtful, self.shape)
+
+
+def keep_state(state: FilmState) -> KeptState:
+    """Pack a state."""
+    values = state.order, state.rate, state.drift, state.untold
+    steps = [np.rint(v / np.float32(_STEPS)).astype(np.int32) for v in values]
+    packed = zlib.compress(np.diff(np.stack(steps), axis=2, prepend=np.int32(0)).tobytes(), 1)
+    rows, cols = state.known.shape
+    nowhere = _packed(np.zeros_like(state.known))
+    return KeptState(packed, _packed(state.known), nowhere, (rows, cols), state.time)
+
+
+def _packed(mask: Mask) -> bytes:
+    return zlib.compress(np.packbits(mask).tobytes(), 1)
+
+
+def _unpacked(packed: bytes, shape: tuple[int, int]) -> Mask:
+    bits = np.unpackbits(np.frombuffer(zlib.decompress(packed), np.uint8))
+    return bits[: shape[0] * shape[1]].reshape(shape).astype(bool)
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """A frame that was passed: its wave, where it is trusted, and what was followed to there."""
+
+    wave: Array
+    valid: Mask
+    state: FilmState
+
+
+class FilmPath:
+    """A film that is followed from its first frame on, in chunks of frames, on blocks of pixels.
+
+    `key` reads the frame that was given last from nothing, None where it cannot, each `every`
+    frames; `noise`, the wave's deviation; of frames before `begin` nothing is known. `kept`: states
+    of each chunk's first frame, and each key frame; `highest` order, but for a few pixels; `lost`:
+    [from, to) of which nothing is known; the last may go to the end, without a second number.
+    """
+
+    def __init__(
+        self, start: FilmState, light: FilmLight, *, noise: float, chunk: int,
+        key: Callable[[], FilmState | None] | None = None, every: int = 1, begin: int = 0,
+    ) -> None:  # fmt: skip
+        self.light, self.noise, self.chunk = light, noise, chunk
+        self.crests = CrestLight(start.known.shape)
+        self.highest = 0.0
+        self.kept: dict[int, KeptState] = {}
+        self.lost: list[list[int]] = [[0, begin]] if begin else []
+        self._key, self._every, self._last_key = key, every, begin
+        self._begin, self._start = begin, start
+        nothing = np.zeros_like(start.known)
+        self._state = replace(start, known=nothing) if begin else start
+        self._passed: list[_Passed] = []
+        self._broken = False
+
+    def follow(self, frames: Iterable[tuple[Array, Mask, float]]) -> None:
+        """Follow the film through all of its frames.
+
+        Each is the light (rows, cols) on blocks of pixels, from the first on, where it is trusted,
+        and its time.
+        """
+        for index, (light, valid, time) in enumerate(frames):
+            rise = self.light.rise(light)
+            wave = light_wave(rise, self.light.illumination)
+            breaks = index > self._begin and self._take(rise, wave, valid, time, index)
+            if index == self._begin:
+                self._state, self._passed = self._start, []
+            self._passed.append(_Passed(wave, valid, self._state))
+            due = index > self._begin and (breaks or index % self._every == 0)
+            begins = index in (0, self._begin)
+            if begins or index % self.chunk == 0 or (due and self._key is not None):
+                self._agree()
+                if due and self._key is not None:
+                    self._settle(index)
+                self.kept[index] = keep_state(self._state)
+                self._passed = [_Passed(wave, valid, self._state)]
+        self._agree()
+
+    def _take(self, rise: Array, wave: Array, valid: Mask, time: float, index: int) -> bool:
+        """One frame more, and what it says of the illumination. Returns whether the film breaks."""
+        if self._broken:
+            self._state = replace(self._state, time=time)
+            return False
+        state = self._state = follow_frame(self._state, wave, valid, time, noise=self.noise)
+        if state.broken:
+            self._broken = True
+            self.lost.append([index])
+            return True
+        self.crests.add(rise, state.order, faded_contrast(state.order), state.known)
+        known = state.order[state.known][::7]
+        self.highest = max(self.highest, float(np.percentile(known, 99.5)) if known.size else 0.0)
+        return False
+
+    def _settle(self, index: int) -> None:
+        """Hold a key frame, read from nothing, against what was followed to it."""
+        assert self._key is not None
+        new, old = self._key(), self._state
+        if new is None:
+            return
+        if self._broken:
+            self._broken = False
+            self.lost[-1].append(index)
+            self._state = replace(new, time=old.time)
+        else:
+            differ = old.known & new.known & (np.abs(old.order - new.order) > _AGREE)
+            if differ.any():
+                for place in self.kept:
+                    if place >= self._last_key:
+                        self.kept[place] = self.kept[place].doubting(differ)
+            order = np.where(new.known, new.order, old.order)
+            known = (old.known | new.known) & ~differ
+            self._state = replace(old, order=order, known=known)
+        self._last_key = index
+
+    def _agree(self) -> None:
+        """Follow the frames since the last kept state back; where that differs, none is known.
+
+        What is regained beside what was known is known from here on, if all of them bear it out.
+        """
+        passed, self._passed = self._passed, []
+        if self._broken or len(passed) < 2 or not passed[-1].state.known.any():
+            return
+        state = before = passed[-1].state
+        if self._key is not None:  # the next key frame is to find what is not right
+            order, known = regained(before.order, before.known, passed[-1].wave, passed[-1].valid)
+            untold = np.where(before.known, before.untold, np.float32(0.0))
+            state = replace(before, order=order, known=known, untold=untold)
+        doubt, first = _followed_back(passed, state, self.noise)
+        if doubt.any():
+            last = max(self.kept)
+            self.kept[last] = self.kept[last].doubting(doubt)
+        gained = state.known & ~before.known & first
+        order = np.where(gained, state.order, self._state.order)
+        known = (self._state.known & ~doubt) | gained
+        self._state = replace(self._state, order=order, known=known)
+
+
+def _followed_back(passed: list[_Passed], state: FilmState, noise: float) -> tuple[Mask, Mask]:
+    """Follow frames back from a state of the last one.
+
+    Returns where they have other orders then, and what of the state is known down to the first.
+    """
+    known = state.known & passed[-1].state.known
+    doubt = np.zeros_like(known)
+    for frame in reversed(passed[:-1]):
+        state = follow_frame(state, frame.wave, frame.valid, frame.state.time, noise=noise)
+        if state.broken:
+            return known, np.zeros_like(known)
+        both = state.known & frame.state.known
+        doubt |= both & (np.abs(state.order - frame.state.order) > _AGREE)
+    return doubt & known, state.known
+
+
+def light_wave(rise: Array, illumination: Array) -> Array:
+    """The wave cos 2 pi N, float32, of a rise A sin² pi N over the unloaded light; noise may pass
+    its ends.
+    """
+    return np.asarray(np.float32(1.0) - np.float32(2.0) * rise / illumination, dtype=np.float32)
+
 
 _GUIDE_ROWS = 247
 """Rows, or columns if they are fewer, on which a film is followed at most, or nearly so."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.fringes.ridges import line_points, noise_gain
+from isochrome.fringes.skeleton import line_points, noise_gain
 from isochrome.fringes.windows import Array, Indices, Mask
 
 _DEGREE = 2

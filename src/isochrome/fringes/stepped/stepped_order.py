@@ -1,4 +1,4 @@
-r"""Absolute fringe order and isoclinic angle from a phase-stepped set.
+"""Absolute fringe order and isoclinic angle from a phase-stepped set.
 
 The steps' light gives cos δ, sin δ exp 2iθ and (1 - cos δ) exp 4iθ in every pixel
 (`step_equations`), these the continuous direction up to 90° (`isoclinic`), along which δ is signed
@@ -6,6 +6,22 @@ and unwraps without the ambiguity (δ, θ) ~ (-δ, θ + 90°): n = (φ/2π + m) 
 with it. The whole number m of each connected part comes from the user's known orders, from
 equilibrium and compatibility, or from a model (`anchor`, `integer_order`); a part that has none is
 left unknown. A residual stress is taken off n (`residual_stress`). Then N = |n| and θ = arg(n)/2.
+
+The field of a residual stress, from a phase-stepped set of the unloaded specimen.
+
+Stresses add up as tensors, and so do n = N exp 2iθ, which is the tensor's difference: the load's
+own is n - n₀, not N - N₀. This holds for plane stress that is uniform through the thickness, where
+the specimen is one retarder; where stress varies through it, retarders stand one behind the other,
+and n adds up where they are weak or turned alike.
+
+A residual stress is weak: below half an order sin δ > 0, and the steps' A sin δ exp 2iθ, A cos δ
+are n₀ itself, pixel by pixel, with no direction to follow and no whole number to settle, as well
+where it is nearly nil: n₀ = δ/2π exp 2iθ with δ = atan2(|A sin δ exp 2iθ|, A cos δ). Beyond, the
+field is followed as a loaded one's is; its whole number comes from equilibrium (a residual stress
+obeys no compatibility) or, where that does not tell, from most of the specimen being below half an
+order. What cannot be followed, and might be beyond, is left unknown.
+Source: Frocht (1941), Photoelasticity, vol. 1, for stresses that add up in one plane; Aben &
+Guillemet (1993), Photoelasticity of Glass, for those that vary along the light.
 """
 
 from __future__ import annotations
@@ -14,20 +30,194 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import label
 
 from isochrome.estimation import POOR_CHI
 from isochrome.fringes.on_branch import OrderReading, make_reading
 from isochrome.fringes.stepped.integer_order import FieldPart, KnownOrder
-from isochrome.fringes.stepped.residual_stress import (
-    ResidualStress,
-    direction_known,
-    least_field,
-    least_spread,
+from isochrome.fringes.stepped.step_equations import StepTerms
+from isochrome.fringes.stepped.step_light import (
+    LARGEST_TURN,
+    LARGEST_UNCERTAINTY,
+    WINDOW_PX,
+    SettledField,
+    StepLight,
+    measure_steps,
+    settle_field,
+    smoothed,
 )
-from isochrome.fringes.stepped.step_field import LARGEST_TURN, SettledField, settle_field, smoothed
-from isochrome.fringes.stepped.step_light import LARGEST_UNCERTAINTY, StepLight, measure_steps
 from isochrome.fringes.windows import Array, Mask, masked
 from isochrome.optics import Chain
+
+_WINDOWS_PX = (WINDOW_PX, 2.0, 4.0)
+_NEAR_HALF = 0.4
+"""Order beyond which noise, or fringes, may lead past the half order, where the least one ends."""
+
+_APART = 0.25
+_MOST = 0.5
+"""Of the pixels that hang together: a part so large, below half an order, is believed to be so."""
+
+_LEAST_SINE = 0.3
+
+_FEW = 0.9
+_TELLING = 3.0
+_SURELY = 5.5
+"""Standard uncertainties that the largest of a million pixels of noise does not reach."""
+
+
+@dataclass(frozen=True)
+class ResidualStress:
+    """The field n₀ = N exp 2iθ (rows, cols) of a residual stress, fringes; NaN = not known."""
+
+    field: Array
+    uncertainty: Array  # standard, of N, and of N times twice the angle
+    kept: float  # share of the specimen that is known
+    warnings: tuple[str, ...]  # in plain words
+    # where the no-load light fits the steps: its direction may be believed
+    agrees: Mask | bool = True
+
+    @property
+    def order(self) -> Array:
+        """The residual stress's own fringe order (rows, cols) float32."""
+        return np.abs(self.field).astype(np.float32)
+
+    @property
+    def largest(self) -> float:
+        """The largest order that stands out of its noise, 0 where none does (fringes)."""
+        order = np.abs(self.field)
+        return float(np.max(order, where=order > _SURELY * self.uncertainty, initial=0.0))
+
+    @property
+    def isoclinic(self) -> Array:
+        """Its direction of sigma_1 (rows, cols) float32, degrees.
+
+        NaN where it is nearly nil, and where the light does not fit the steps.
+        """
+        known = (np.abs(self.field) > _TELLING * self.uncertainty) & self.agrees
+        return np.where(known, 0.5 * np.degrees(np.angle(self.field)), np.nan).astype(np.float32)
+
+
+def read_residual(
+    stack: Array, chains: Sequence[Chain], *, sigma: Array | float, valid: Mask | None = None
+) -> ResidualStress:
+    """Read the residual stress from the images (steps, rows, cols) of an unloaded specimen's steps.
+
+    Equations: the module's. One chain a step; `sigma` in the light's unit; `valid` for all frames
+    or each. InputError where the steps cannot tell the order.
+    """
+    light = measure_steps(stack, chains, sigma=sigma, valid=valid)
+    field, along = least_field(light.terms), light.uncertainty
+    lit = light.specimen | light.seen
+    main, free = _main_parts(lit, light.seen & (np.abs(field) < _NEAR_HALF))
+    followed = settle_field(
+        light, model=lambda: np.where(main, np.abs(field), np.nan), compatible=False
+    )
+    clear = followed.known & direction_known(light)
+    beyond, least = _believed(main, free, clear, np.abs(followed.field - field) > _APART)
+    sharp = np.hypot(along, 2.0 * np.abs(followed.field) * light.direction.uncertainty)
+    across = least_spread(field, along)
+    least &= ~(beyond & (sharp < across))
+    spread = np.where(least, across, sharp)
+    known = (least | beyond) & (spread < LARGEST_UNCERTAINTY)
+    field = np.where(known, np.where(least, field, followed.field), np.nan)
+    field, spread = _pooled(field, spread, known)
+    kept = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
+    spread = np.where(known, spread, np.nan)
+    return ResidualStress(field, spread, kept, _remarks(light, kept), light.agrees)
+
+
+def least_field(terms: StepTerms) -> Array:
+    """n of the least order that the light allows, 1/2 at most, pixel by pixel.
+
+    Equation: the module's. Parameters: `terms`, see `stepped.step_equations`. Returns N exp 2iθ
+    (rows, cols), complex, fringes.
+    """
+    size = np.abs(terms.sine)
+    order = np.arctan2(size, terms.cosine) / (2.0 * np.pi)
+    return np.asarray(order * terms.sine / np.maximum(size, 1e-30))
+
+
+def least_spread(field: Array, along: Array) -> Array:
+    """The noise of `least_field`, the larger of that along n and across.
+
+    Equation: across n it is that of N along, times δ/sin δ, which grows towards the half order.
+    Parameters: `field`, of least order, and `along`, the uncertainty of φ/2π, fringes (rows, cols).
+    Returns (rows, cols), fringes.
+    """
+    delta = 2.0 * np.pi * np.minimum(np.abs(field), _NEAR_HALF)
+    return np.asarray(along * np.fmax(1.0, delta / np.maximum(np.sin(delta), 1e-9)))
+
+
+def direction_known(light: StepLight) -> Mask:
+    """Where the steps tell the direction: without plane images, not about half orders.
+
+    There sin δ, which alone tells, is of the size of what is left out. Parameters: `light`, see
+    `stepped.step_light`. Returns a mask (rows, cols), True all over where plane images
+    tell.
+    """
+    sine, cosine = np.abs(light.terms.sine), light.terms.cosine
+    if not light.bridges:
+        return np.ones(sine.shape, dtype=bool)
+    return np.asarray((cosine > 0.0) | (sine > _LEAST_SINE * light.contrast))
+
+
+def _main_parts(lit: Mask, near: Mask) -> tuple[Mask, Mask]:
+    """Where the order is below a half for most of what hangs together, and what has no such part.
+
+    Parameters: `lit`, True on the specimen; `near`, where its least order is well below a half.
+    Returns the main parts, and the pixels of connected parts of the specimen without one.
+    """
+    whole, _ = label(lit)
+    parts, count = label(near)
+    owner = np.zeros(count + 1, dtype=int)
+    owner[parts.ravel()] = whole.ravel()
+    most = np.bincount(parts.ravel()) > _MOST * np.bincount(whole.ravel())[owner]
+    most[0] = False
+    return most[parts], lit & ~np.isin(whole, owner[most])
+
+
+def _believed(main: Mask, free: Mask, clear: Mask, apart: Mask) -> tuple[Mask, Mask]:
+    """Where the followed field is believed, and where the least one is.
+
+    The followed one in parts that reach into a main part or have none: what lies behind a half
+    order that could not be followed has the whole number of nothing. The least one in main parts
+    that it does not gainsay. Parameters: see `_main_parts`; `clear`, where the field could be
+    followed; `apart`, where it is not the least one.
+    """
+    labels, count = label(clear)
+    reaches = np.bincount(labels[main & clear], minlength=count + 1) > 0
+    parts, count = label(main)
+    gainsaid = np.bincount(parts[main & clear & apart], minlength=count + 1) > 0
+    return clear & (reaches[labels] | free), main & ~gainsaid[parts]
+
+
+def _pooled(field: Array, uncertainty: Array, known: Mask) -> tuple[Array, Array]:
+    """The field under the widest window that it allows: a residual stress varies little."""
+    pooled, spread = field, uncertainty
+    for window in _WINDOWS_PX:
+        smooth, less = smoothed(field, uncertainty, known, window_px=window)
+        wider = less < spread
+        pooled, spread = np.where(wider, smooth, pooled), np.where(wider, less, spread)
+    return pooled, spread
+
+
+def _remarks(light: StepLight, kept: float) -> tuple[str, ...]:
+    """What the user should know of the no-load set."""
+    remarks = []
+    if light.chi > POOR_CHI:
+        lost = "" if light.agrees.any() else "; no isoclinic is given, of the load neither"
+        remarks.append(
+            f"no-load steps: chi = {light.chi:.2f}: the steps' angles or plates do not describe "
+            f"these frames within their noise{lost}; capture them as the loaded ones"
+        )
+    if kept < _FEW:
+        remarks.append(
+            f"no-load steps: only {100 * kept:.0f} % of the specimen could be read (too dim, noisy "
+            "or faulty, or a residual stress that may pass half an order, where nothing tells how "
+            "far); the load's order is left out elsewhere"
+        )
+    return tuple(remarks)
+
 
 _LEAST_ORDER = 4.0
 _TINY = 1e-9

@@ -1,4 +1,4 @@
-r"""Stress in a half-plane by the tractions' Fourier series: at any place, without kernels.
+"""Stress in a half-plane by the tractions' Fourier series: at any place, without kernels.
 
 With ζ = x - i z below the surface, 1/(ζ-t) = i ∫_0^∞ exp(-iκ(ζ-t)) dκ, so that
 

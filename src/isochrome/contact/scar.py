@@ -1,4 +1,31 @@
-r"""Wear under a cylinder, on a mesh that moves with the edges of the contact.
+"""A mesh that moves with the contact's edges: integrals and derivatives in closed form.
+
+Nodes ξ = (3c - c³)/2 on the contact, c = cos φ, φ equally spaced, its edges included. They crowd as
+φ⁴ at the edges, where pressure and depth are broken powers of the distance: what is d^γ is φ^(4γ),
+smooth enough for formulas of fourth order. With the load per φ, w = p (3/2) sin³φ = Σ c_k cos kφ,
+the integrals of the surface displacement are
+
+    ∫ p ln|ξ-t| dt = const - π Σ_{k>=1} (c_k/k) cos kφ + ∫ w(φ') ln(3 - c² - c c' - c'²) dφ',
+    ∫_ξ^1 p dt     = c_0 φ + Σ_{k>=1} (c_k/k) sin kφ,
+
+the last kernel that of (ξ-t)/(c-c'), smooth inside and left to the trapezoidal rule. Both are
+matrices that no grid spacing or contact width changes. The edges themselves are nodes, where p = 0:
+a pressure without bound there would not hold the equations at the nodes beside.
+Sources: the series are those of Mason & Handscomb (2003), Chebyshev Polynomials, section 9.5;
+crowding for weak singularities at the ends is that of Kress (1990), Numer. Math. 58, 145.
+
+The equations of a wearing contact in the frame of its edges, in Hertz's units.
+
+In the frame ξ that moves with the edges, x = m + b ξ,
+
+    ∂h/∂K = p + (m' + b' ξ)/b ∂h/∂ξ,    b A p + h + x²/2 = d,    b ∫ p dξ = (π/2) P'/P'_0,
+
+with x in a, p in p0, h in a²/R and K in a²/(R p0) of the first load, where only mu beta is left of
+friction and materials: A p = -(1/π) ∫ p ln|ξ-t| dt - mu beta ∫_ξ^1 p (see `contact.mesh`).
+Sources: Archard (1953), J. Appl. Phys. 24, 981; Johnson (1985), Contact Mechanics, sections 2.4,
+4.2 and 5.4, written in that frame.
+
+Wear under a cylinder, on a mesh that moves with the edges of the contact.
 
 While both edges advance, the contact is one interval, the depth vanishes at its ends, and all is
 smooth in their frame (see `contact.scar_equations`). No node enters or leaves the contact, so that
@@ -14,15 +41,231 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import lapack
 
 from isochrome.contact.sliding_history import OutputState, SlidingHistory
 from isochrome.contact.surface import Floats
-from isochrome.contact.wear.moving_mesh import angles, crowding, make_mesh
-from isochrome.contact.wear.scar_equations import MeshPoint, ScarEquations, hertz_units
 from isochrome.errors import PhysicsError
+
+_BACK, _AHEAD = 3, 1
+"""Neighbours in the derivative along φ, towards the nearer edge and away from it: fourth order, and
+since the surface enters at the edges, upwind: central differences ring near them."""
+_POWERS = ((2.0, 5.0), (2.0, 4.0, 6.0), (2.0, 4.0, 5.0, 6.0))
+"""Powers of φ of which the derivative is exact at the first nodes: depth goes as φ² before its edge
+has moved, and as φ⁴ to φ⁶ after."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Matrices of a mesh of n intervals on -1..1, for values at its n-1 inner nodes.
+
+    `xi` (n+1,): all nodes, from the right edge to the left; `logarithm` (n+1, n-1):
+    -(1/π) ∫ p ln|ξ-t| dt up to a constant; `ahead` (n+1, n-1): ∫_ξ^1 p dt; `total` (n-1,): ∫ p dt;
+    `slope` (n-1, n-1): derivative along ξ of what vanishes at both ends.
+    """
+
+    xi: Floats
+    logarithm: Floats = field(repr=False)
+    ahead: Floats = field(repr=False)
+    total: Floats = field(repr=False)
+    slope: Floats = field(repr=False)
+
+
+def angles(intervals: int) -> Floats:
+    """φ of a mesh's nodes (n+1,), from 0 to π."""
+    return np.linspace(0.0, np.pi, intervals + 1)
+
+
+def angle_of(xi: Floats) -> Floats:
+    """φ of places ξ, those beyond the edges at them: with c = 2 sin α, ξ = sin 3α."""
+    cosine = 2.0 * np.sin(np.arcsin(np.clip(xi, -1.0, 1.0)) / 3.0)
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def crowding(phi: Floats) -> Floats:
+    """-dξ/dφ = (3/2) sin³φ."""
+    return np.asarray(1.5 * np.sin(phi) ** 3)
+
+
+@lru_cache(maxsize=4)
+def make_mesh(intervals: int) -> Mesh:
+    """The matrices of a mesh, which depend on the count of its intervals alone.
+
+    Parameters: `intervals`, n >= 8. Returns the Mesh.
+    """
+    n = intervals
+    phi, k = angles(n), np.arange(1, n + 1)
+    inner, c = phi[1:-1], np.cos(phi)
+    weight = crowding(inner)
+    mean = weight / n  # c_0 of w
+    share = np.r_[np.full(n - 1, 2.0 / n), 1.0 / n] / k
+    terms = share[:, None] * np.cos(np.outer(k, inner)) * weight  # c_k/k
+    ratio = 3.0 - c[:, None] ** 2 - np.outer(c, c[1:-1]) - c[1:-1] ** 2
+    return Mesh(
+        xi=0.5 * c * (3.0 - c * c),
+        logarithm=np.cos(np.outer(phi, k)) @ terms - np.log(ratio) * mean,
+        ahead=np.outer(phi, mean) + np.sin(np.outer(phi, k)) @ terms,
+        total=np.pi * mean,
+        slope=_slope(n) / -weight[:, None],
+    )
+
+
+def _slope(n: int) -> Floats:
+    """Differences along φ for a function that is even about both ends and zero there.
+
+    Low order and local on purpose: the depth grows as a broken power of the distance from an edge,
+    and a derivative by the whole series would send the error of that all over the contact.
+    """
+    offsets = np.arange(-_BACK, _AHEAD + 1.0)
+    stencil = _exact_slope(offsets, np.arange(float(len(offsets))), np.eye(len(offsets))[1])
+    half = np.zeros((n + 1, n + 1))
+    rows = np.arange(1, n // 2 + 1)
+    for offset, value in zip(offsets.astype(int), stencil, strict=True):
+        np.add.at(half, (rows, np.abs(rows + offset)), value)
+    for row, some in enumerate(_POWERS, start=1):
+        powers, count = np.array(some), len(some)
+        half[row] = 0.0
+        half[row, 1 : count + 1] = _exact_slope(
+            np.arange(1.0, count + 1.0), powers, powers * float(row) ** (powers - 1.0)
+        )
+    matrix = half - half[::-1, ::-1]
+    if n % 2 == 0:
+        matrix[n // 2] *= 0.5  # the middle has both neighbourhoods
+    return n / np.pi * matrix[1:-1, 1:-1]
+
+
+def _exact_slope(nodes: Floats, powers: Floats, slopes: Floats) -> Floats:
+    """Weights of values at nodes for which each power has its slope."""
+    return np.asarray(np.linalg.solve(nodes ** powers[:, None], slopes))
+
+
+_NEWTON, _CLOSE = 50, 1e-10
+
+
+@dataclass(frozen=True)
+class Units:
+    """Hertz's load P'_0, half-width a, peak pressure p0, and a²/R; `beta` is E*/(4 G*)."""
+
+    line_load_n_per_mm: float
+    length_mm: float
+    pressure_mpa: float
+    depth_mm: float
+    beta: float
+
+    @property
+    def dose_mm_per_mpa(self) -> float:
+        """The unit of the dose, a²/(R p0)."""
+        return self.depth_mm / self.pressure_mpa
+
+
+@dataclass(frozen=True)
+class MeshPoint:
+    """Where a run has been: dose, state (h at the inner nodes, m, b, d), and pressure there."""
+
+    dose: float
+    state: Floats
+    pressure: Floats
+
+
+@dataclass(frozen=True)
+class ScarEquations:
+    """The equations on one mesh, driven by one course."""
+
+    mesh: Mesh
+    units: Units
+    course: SlidingHistory
+
+    def unworn(self) -> MeshPoint:
+        """The contact before wear, by Newton's method on (p, m, b, d) from Hertz's solution.
+
+        Raises PhysicsError where it does not converge.
+        """
+        load, a = self._driven(*self.course.leaving(0.0))
+        xi, n = self.mesh.xi, len(self.mesh.xi) - 2
+        y = np.r_[np.sqrt(1.0 - xi[1:-1] ** 2), 0.0, 1.0, 0.5]
+        scale = np.r_[self.mesh.total, np.ones(3)]  # p counts by its load: rounding at an edge
+        for _ in range(_NEWTON):
+            p, (m, b, d) = y[:n], y[n:]
+            x, u = m + b * xi, a @ p
+            jacobian = np.pad(b * a, ((0, 0), (0, 3)))
+            _add_place(jacobian, u, x, xi)
+            residual = b * u
+            residual[:-1] += 0.5 * x * x - d
+            residual[-1] -= load
+            change = lapack.dgesv(jacobian, -residual)[2]
+            y = y + change
+            if np.abs(scale * change).max() < _CLOSE:
+                return MeshPoint(0.0, np.r_[np.zeros(n), y[n:]], y[:n])
+        raise PhysicsError("the unworn contact did not converge; lower friction.coefficient")
+
+    def step(
+        self, dose: float, span: float, base: Floats, forecast: Floats
+    ) -> tuple[MeshPoint, Floats]:
+        """The state at a dose where (h, m, b)' = (state - base)/span: one Newton step.
+
+        Parameters: `dose`; `span`, `base` (n+2,), the formula's; `forecast` (n+2,), the state to
+        start from. Returns the MeshPoint and the change from the forecast.
+        """
+        load, a = self._driven(*self.course.at(dose * self.units.dose_mm_per_mpa))
+        xi, n = self.mesh.xi, len(self.mesh.xi) - 2
+        h, (m, b, d) = forecast[:n], forecast[n:]
+        flow = (m - base[n] + (b - base[n + 1]) * xi[1:-1]) / (span * b)
+        tilt = self.mesh.slope @ h
+        pressure = (h - base[:n]) / span - flow * tilt
+        by_state = np.zeros((n, n + 3))
+        np.multiply(-flow[:, None], self.mesh.slope, out=by_state[:, :n])
+        by_state.ravel()[:: n + 4] += 1.0 / span  # the diagonal
+        by_state[:, n] = -tilt / (span * b)
+        by_state[:, n + 1] = (flow - xi[1:-1] / span) * tilt / b
+        x, u = m + b * xi, a @ pressure
+        jacobian = b * (a @ by_state)
+        inner = np.arange(n)
+        jacobian[inner + 1, inner] += 1.0  # h itself, which is zero at both ends
+        _add_place(jacobian, u, x, xi)
+        residual = b * u
+        residual[1:-2] += h
+        residual[:-1] += 0.5 * x * x - d
+        residual[-1] -= load
+        change = lapack.dgesv(jacobian, -residual)[2]
+        return MeshPoint(dose, forecast + change, pressure + by_state @ change), change
+
+    def _driven(self, line_load: float, friction: float) -> tuple[float, Floats]:
+        """The load b ∫p dξ, and the matrix of A above the row of ∫p."""
+        mesh = self.mesh
+        a = mesh.logarithm - friction * self.units.beta * mesh.ahead
+        load = 0.5 * math.pi * line_load / self.units.line_load_n_per_mm
+        return load, np.vstack([a, mesh.total])
+
+
+def _add_place(jacobian: Floats, u: Floats, x: Floats, xi: Floats) -> None:
+    """Derivatives of b A p + x²/2 - d and of b ∫p by m, b and d, added to the last columns."""
+    jacobian[:-1, -3] += x
+    jacobian[:-1, -2] += xi * x
+    jacobian[:, -2] += u
+    jacobian[:-1, -1] -= 1.0
+
+
+def hertz_units(
+    radius_mm: float, modulus_mpa: float, coupling_per_mpa: float, load: float
+) -> Units:
+    """Units of a cylinder's contact under a line load: a² = 4 P' R/(π E*), p0 = E* a/(2R).
+
+    Parameters: `radius_mm` R; `modulus_mpa` E*; `coupling_per_mpa` 1/G*; `load` P' (N/mm).
+    Returns Units. Source: Johnson (1985), section 4.2.
+    """
+    length = math.sqrt(4.0 * load * radius_mm / (math.pi * modulus_mpa))
+    return Units(
+        line_load_n_per_mm=load,
+        length_mm=length,
+        pressure_mpa=0.5 * modulus_mpa * length / radius_mm,
+        depth_mm=length**2 / radius_mm,
+        beta=0.25 * modulus_mpa * coupling_per_mpa,
+    )
+
 
 _ORDER = 4
 _GROW, _SHRINK, _SAFETY = 1.25, 0.3, 0.9

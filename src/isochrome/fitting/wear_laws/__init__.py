@@ -1,1 +1,0 @@
-"""Which wear law the frames speak for."""

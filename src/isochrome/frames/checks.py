@@ -1,0 +1,729 @@
+"""Frames among those to be processed that show the unloaded specimen.
+
+Two signs are looked at, on means over blocks of pixels: a frame is nearly the scene's no-load
+picture, or its light hardly swings where that of the frames beside it swings from fringe to fringe.
+A load that begins or ends at nought goes through few fringes, and is no such frame.
+
+One pass over the frames, and findings on their light.
+
+Depth, exposure, noise, and the no-load frames; and whether the set can be its scene's.
+
+What is wrong with a set of frames, in plain words, before a long run.
+
+The picture of a check: the light of each frame, and how much of it is saturated.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.figures import (
+    LINE_COLOURS,
+    LINE_PT,
+    NOTE_PT,
+    new_figure,
+    style_axes,
+)
+from isochrome.frames.linear import Linear, load_no_load, open_no_load_steps
+from isochrome.frames.noise import estimate_noise, full_scale
+from isochrome.frames.opening import check_scale, open_scene_frames, with_file_scale
+from isochrome.frames.readers.signature import signature_of
+from isochrome.frames.reading import Frame, FrameReader, Mask
+from isochrome.frames.saturation import saturation_level
+from isochrome.output import Result, counted, named_frames
+from isochrome.scene import FramesLike, Scene, check_moduli, check_pixel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.floating]
+
+_BLOCKS = 64
+"""Blocks along the shorter side of a frame."""
+
+_SWINGS = (0.02, 0.05, 0.1, 0.2, 0.4)
+"""Of full scale: how far light must go back for a swing. Which of them is asked is known when all
+frames are: the largest up to a share of what their light spans,"""
+_OF_SPAN = 0.3
+
+_NONE, _MANY = 2, 6
+"""Swings of a lamp's own slope, at most, and of three fringes."""
+
+_USUAL, _FARTHEST = 95.0, 99.9
+"""Per cent of the lines that have so many swings, and of the blocks that lie so near a picture: a
+small contact at a low load lights few blocks."""
+
+_ALIKE = 0.04
+"""Of the light's span, by which a frame may differ from a no-load picture and be one."""
+
+_GAINS = (0.8, 1.25)
+"""Between which a lamp may have drifted from that picture."""
+
+_LARGEST_RUN = 0.5
+"""Share of a set beyond which frames without fringes are no mistake among others."""
+
+UNLOADED = (
+    "looks like the unloaded specimen: {}; take it out of the frames{} (of a film that begins "
+    "without load set frames.starts_unloaded = true)"
+)
+
+
+@dataclass(kw_only=True)
+class LoadSigns:
+    """What of each frame says whether its specimen is loaded.
+
+    `pictures`, the no-load frames by key as block means of their light; `span`, of that light, 0
+    where it is not known; for each frame `unlike`, how far it is from each picture, and `swings`,
+    the most and the usual number of swings along its lines, for each of the heights that are asked.
+    """
+
+    pictures: dict[str, Array] = field(default_factory=dict)
+    span: float = 0.0
+    unlike: list[dict[str, float]] = field(default_factory=list)
+    swings: list[tuple[NDArray[np.int_], NDArray[np.int_]]] = field(default_factory=list)
+
+    def add(self, frame: Frame, full: float, gamma: float) -> None:
+        """Look at one frame. Parameters: `frame`; `full` scale, grey levels; the `gamma`."""
+        blocks = _blocks(frame.image, frame.mask) / full
+        light = np.sign(blocks) * np.abs(blocks) ** gamma
+        self.unlike.append({key: _unlike(light, own) for key, own in self.pictures.items()})
+        lines = [_swings(blocks), _swings(blocks.T)]
+        most = np.max([one.max(axis=0, initial=0) for one in lines], axis=0)
+        usual = [np.percentile(one, _USUAL, axis=0) for one in lines if len(one)]
+        self.swings.append((most, np.max(usual, axis=0).astype(int) if usual else most))
+
+
+def load_signs(reader: FrameReader, scene: Scene) -> LoadSigns | None:
+    """Begin to look for unloaded frames.
+
+    Parameters: `reader`; `scene`. Returns None where the scene says that the load changes, or that
+    some frames have none, and for phase steps and colours.
+    """
+    frames, load = scene.frames, scene.load
+    changes = load is not None and not isinstance(load.normal_n, int | float)
+    light = scene.polariscope
+    if frames.starts_unloaded or changes or frames.known_loads_n:
+        return None
+    if light.step or light.several_wavelengths:
+        return None
+    try:
+        dark, bright = load_no_load(scene, full_shape=reader.full_shape)
+    except InputError:  # has a finding of its own
+        dark = bright = None
+    found = LoadSigns()
+    for key, one in (("no_load_dark", dark), ("no_load_bright", bright)):
+        if one is not None:
+            found.pictures[f"frames.{key}"] = _of_light(one, frames.first_gamma)
+    if bright is not None:
+        found.span = float(np.percentile(bright.image[bright.valid], 98.0))
+    return found
+
+
+def unloaded_frames(
+    signs: LoadSigns, low: Sequence[float], high: Sequence[float], full: float, gamma: float
+) -> tuple[dict[str, list[int]], list[int]]:
+    """Tell which frames look unloaded.
+
+    Parameters: `signs` of all frames; their `low` and `high` levels, NaN where blank; `full` scale;
+    the scene's `gamma`. Returns the frames' numbers by the no-load picture that they are like, and
+    those without fringes among others with many.
+    """
+    span = np.array(high) - np.array(low)
+    if not np.isfinite(span).any():
+        return {}, []
+    light = signs.span or float((max(np.nanmax(high), 0.0) / full) ** gamma)
+    like: dict[str, list[int]] = {}
+    for index, far in enumerate(signs.unlike):
+        near = [key for key, value in far.items() if value < _ALIKE * light]
+        if near:
+            like.setdefault(min(near, key=lambda key: far[key]), []).append(index)
+    heights = np.array(_SWINGS) * full
+    asked = np.flatnonzero(heights <= _OF_SPAN * np.nanmax(span))
+    if not asked.size:
+        return like, []
+    most, usual = (np.array([pair[k][asked[-1]] for pair in signs.swings]) for k in (0, 1))
+    named = {index for found in like.values() for index in found}
+    alone = _among_many(most <= _NONE, usual >= _MANY)
+    return like, [index for index in alone if index not in named]
+
+
+def _among_many(none: NDArray[np.bool_], many: NDArray[np.bool_]) -> list[int]:
+    """Runs of frames without fringes that have frames of many on both sides; at an end of the set,
+    two of them on the other."""
+    found: list[int] = []
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], none, [False]]).astype(int)))
+    for start, stop in ends.reshape(-1, 2).tolist():
+        before, after = many[:start][-2:], many[stop:][:2]
+        sides = [before[-1:], after[:1]] if start and stop < len(none) else [before, after]
+        beside = np.concatenate(sides)
+        if beside.size == 2 and beside.all() and stop - start <= _LARGEST_RUN * len(none):
+            found += range(start, stop)
+    return found
+
+
+def _blocks(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> Array:
+    """Means over blocks of pixels, NaN where a block is not the specimen's or holds no number."""
+    by = max(1, min(image.shape) // _BLOCKS)
+    values = image.astype(np.float32)
+    if mask is not None:
+        values = np.where(mask, values, np.nan)
+    rows, cols = (n // by for n in values.shape)
+    cut = values[: rows * by, : cols * by]
+    return np.asarray(cut.reshape(rows, by, cols, by).mean(axis=(1, 3)))
+
+
+def _of_light(picture: Linear, gamma: float) -> Array:
+    """A no-load frame's light as that of frames: by the means of its levels, edges included."""
+    levels = _blocks(np.maximum(picture.image, 0.0) ** (1.0 / gamma), picture.valid)
+    return np.asarray(levels**gamma)
+
+
+def _unlike(light: Array, picture: Array) -> float:
+    """How far a frame's light is from a picture whose lamp may have drifted; inf where unknown."""
+    known = np.isfinite(light) & np.isfinite(picture)
+    if light.shape != picture.shape or not known.any():
+        return float("inf")
+    here, there = light[known], picture[known]
+    gain = float(np.clip(np.median(here) / max(float(np.median(there)), 1e-9), *_GAINS))
+    return float(np.percentile(np.abs(here - gain * there), _FARTHEST))
+
+
+def _swings(lines: Array) -> NDArray[np.int_]:
+    """How often the light of each line turns by more than each height (lines, heights)."""
+    height = np.array(_SWINGS)[None, :]
+    shape = len(lines), len(_SWINGS)
+    high, low = np.full(shape, -np.inf), np.full(shape, np.inf)
+    way, count = np.zeros(shape, dtype=int), np.zeros(shape, dtype=int)
+    for values in lines.T:
+        here = values[:, None]
+        seen = np.isfinite(here)
+        high, low = np.fmax(high, here), np.fmin(low, here)
+        falls = seen & (way >= 0) & (high - here > height)
+        rises = seen & (way <= 0) & (here - low > height) & ~falls
+        count += falls | rises
+        way = np.where(falls, -1, np.where(rises, 1, way))
+        low, high = np.where(falls, here, low), np.where(rises, here, high)
+    return count
+
+
+Level = Literal["error", "warning", "note"]
+SATURATED, LOW_CONTRAST, JUMP = 0.01, 0.1, 0.2
+"""Share of pixels, part of full scale, and change between frames, that are reported."""
+UNSTEADY = "at most); fix exposure, gain and lamp (only an unloaded dark-field frame may be darker)"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing to know of a set of frames.
+
+    Parameters
+    ----------
+    level : {'error', 'warning', 'note'}
+        How grave it is.
+    text : str
+        A sentence.
+    frame : int, optional
+        The frame that it is of; None: of the set.
+    """
+
+    level: Level
+    text: str
+    frame: int | None = None
+
+
+@dataclass(kw_only=True)
+class Survey:
+    """Raw figures of each frame, in raw grey levels, and of all together.
+
+    Of the specimen's pixels, where the frames carry its mask.
+    """
+
+    count: int = 0
+    low: list[float] = field(default_factory=list)  # 2nd percentile
+    high: list[float] = field(default_factory=list)  # 98th percentile
+    saturated: list[float] = field(default_factory=list)  # share on the plateau, where clipped
+    smallest: list[float] = field(default_factory=list)  # of the finite pixels; NaN: there are none
+    largest: list[float] = field(default_factory=list)  # the same
+    not_finite: list[float] = field(default_factory=list)  # share
+    noise: list[float] = field(default_factory=list)  # sigma at mid level of frames 0, 1, 3, 7, ...
+    twins: list[tuple[int, int]] = field(default_factory=list)  # (frame, earlier equal one)
+    untimed: int = 0
+    bits: int = 0  # all values or-ed together
+    failure: str | None = None  # why reading ended before the end
+    load: LoadSigns | None = None  # what says whether each is loaded; None: not asked
+
+
+def survey(reader: FrameReader, scene: Scene) -> Survey:
+    """Read all frames once, in memory that does not grow with their pixels.
+
+    Parameters: `reader`; `scene`. Returns a Survey; an InputError on the way ends it and is kept in
+    `failure`.
+    """
+    found, seen = Survey(load=load_signs(reader, scene)), dict[bytes, int]()
+    full = full_scale(reader.bit_depth)
+    try:
+        for frame in reader:
+            level = saturation_level(frame.image, full=full)
+            _add(found, frame.image, level, frame.mask)
+            if found.load is not None:
+                found.load.add(frame, full, scene.frames.first_gamma)
+            key = hashlib.sha1(frame.image.data, usedforsecurity=False).digest()
+            first = seen.setdefault(key, frame.index)
+            if first != frame.index:
+                found.twins.append((frame.index, first))
+            if frame.time_s is None:
+                found.untimed += 1
+            if frame.index & (frame.index + 1) == 0:
+                _add_noise(found, frame.image, reader.bit_depth)
+            found.count += 1
+    except InputError as error:
+        found.failure = str(error)
+    return found
+
+
+def _add(found: Survey, image: np.ndarray, clipped: float, mask: Mask | None) -> None:
+    image = image.ravel() if mask is None else image[mask]  # light off the specimen says nothing
+    values = image[np.isfinite(image)]
+    found.not_finite.append(1 - values.size / image.size)
+    if values.size == 0:
+        for figures in (found.low, found.high, found.smallest, found.largest):
+            figures.append(float("nan"))
+        found.saturated.append(0.0)
+        return
+    low, high = np.percentile(values[:: max(1, values.size // 50_000)], (2, 98))
+    found.low.append(float(low))
+    found.high.append(float(high))
+    found.saturated.append(float(np.mean(values >= clipped)))
+    found.smallest.append(float(values.min()))
+    found.largest.append(float(values.max()))
+    if image.dtype.kind == "u":
+        found.bits |= int(np.bitwise_or.reduce(values, axis=None))
+
+
+def _add_noise(found: Survey, image: np.ndarray, bit_depth: int | None) -> None:
+    try:
+        model = estimate_noise(image, bit_depth=bit_depth)
+    except InputError:  # too small: said by the size's own finding
+        return
+    found.noise.append(float(model.sigma(np.median(image[np.isfinite(image)]))))
+
+
+def refusals(*looks: Callable[[], object]) -> Iterator[Finding]:
+    """A finding for each look at something that is refused."""
+    for look in looks:
+        try:
+            look()
+        except InputError as error:
+            yield Finding("error", str(error))
+
+
+def misfits(reader: FrameReader, scene: Scene, count: int | None) -> Iterator[tuple[str, str]]:
+    """What of a set cannot be its scene's (size, number of frames, known points): whose, and a
+    sentence.
+    """
+    rows, cols = reader.shape
+    camera, wear, steps = scene.camera, scene.wear, max(1, len(scene.polariscope.step))
+    each = count is not None and count % steps == 0
+    if count is not None and not each:
+        text = f"{count} frames are not a multiple of the polariscope's {steps} steps; give one "
+        yield str(reader.path), f"{text}frame for each [[polariscope.step]]"
+    loads = len(scene.frames.known_loads_n)
+    if loads and count is not None and loads != count:
+        text = f"frames.known_loads_n has {counted(loads, 'number')}, and the set "
+        text += f"{counted(count, 'frame')}; give one for each, in their order, 0 where it is not "
+        yield scene.name, f"{text}known"
+    for i, known in enumerate(scene.frames.known_order, start=1):
+        if known.row_px >= rows or known.col_px >= cols:
+            text = f"frames.known_order[{i}] at row {known.row_px}, column {known.col_px} lies "
+            yield scene.name, f"{text}outside {rows} x {cols} pixels; move it"
+    yield from _paths_beyond(scene, rows, cols)
+    wanted = (camera.height_px or rows, camera.width_px or cols) if camera else (rows, cols)
+    if wanted != (rows, cols):
+        after = "after the roi" if reader.roi else "(no frames.roi is set)"
+        text = f"frames are {rows} rows x {cols} columns {after} and the scene's camera is "
+        text += f"{wanted[0]} x {wanted[1]}; correct camera.height_px and width_px, or frames.roi"
+        if wanted == (cols, rows):
+            text += ", or turn pictures that lie on their side by frames.rotate_deg = 90 or 270"
+        yield str(reader.path), text
+    if wear is None or scene.frames.sliding_speed_mm_per_s is not None:
+        return
+    first = scene.friction is not None and scene.friction.static_state_first
+    states = len(wear.distances_m) + int(first)
+    if count is not None and each and count != states * steps:
+        what = "wear.distances_m" + " and the static state first" * first
+        step = f" for each of its {steps} steps" if steps > 1 else ""
+        text = f"{counted(count, 'frame')}, and the scene has {counted(states, 'state')} ({what}); "
+        text += f"give one frame a state{step}, correct the list, or set "
+        yield str(reader.path), f"{text}frames.sliding_speed_mm_per_s for a video"
+
+
+def _paths_beyond(scene: Scene, rows: int, cols: int) -> Iterator[tuple[str, str]]:
+    """Tell of known lines and free boundaries that leave the picture, by their first such point."""
+    own = scene.frames
+    # an outline may run along the picture's edge, half a pixel beyond its last centre
+    for name, paths, slack in (
+        ("known_line", own.known_line, 0.0),
+        ("free_boundary", own.free_boundary, 1.0),
+    ):
+        for i, path in enumerate(paths, start=1):
+            beyond = (
+                (k, row, col)
+                for k, (row, col) in enumerate(path.places, start=1)
+                if row > rows - 1 + slack or col > cols - 1 + slack
+            )
+            for k, row, col in islice(beyond, 1):
+                text = f"frames.{name}[{i}], point {k} at row {row:g}, column {col:g} lies outside "
+                yield scene.name, f"{text}{rows} x {cols} pixels; move it"
+
+
+def of_depth(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
+    """Findings on bit depth: 12 bits in a 16-bit file, floats without a full scale."""
+    depth, largest = reader.bit_depth, max(seen.largest, default=0.0)
+    if reader.dtype.kind == "f" and depth is None and largest > 1:
+        text = f"float frames reach {largest:g}; set camera.bit_depth to say what full scale is"
+        yield Finding("error", text)
+    if reader.dtype.kind == "f" and depth is not None and 0 < largest <= 1:
+        text = f"float frames end at {largest:g}, but camera.bit_depth = {depth} says grey levels"
+        yield Finding("warning", text + "; remove camera.bit_depth if they are fractions")
+    if depth is None or depth <= 8 or reader.dtype.kind != "u" or not seen.bits:
+        return
+    likely = next(b for b in (8, 10, 12, 14, 16) if largest < 2**b)
+    if likely < depth:
+        yield Finding(
+            "warning",
+            f"{depth}-bit frames whose largest value is {largest:g}: probably {likely} bits; set "
+            f"camera.bit_depth = {likely} (or the exposure is very short)",
+        )
+    shift = (seen.bits & -seen.bits).bit_length() - 1
+    if shift:
+        text = f"all values are multiples of {2**shift}: a {depth - shift}-bit sensor, shifted up"
+        yield Finding("note", text + f"; full scale is then {2**depth - 2**shift}")
+
+
+def of_light(reader: FrameReader, seen: Survey) -> Iterator[Finding]:
+    """Findings on each frame's light: blank, saturated, weak, jumping, repeated, noisy."""
+    if not seen.count:
+        return
+    full = full_scale(reader.bit_depth)
+    low, high = np.array(seen.low), np.array(seen.high)
+    clear = ~(np.isnan(seen.largest) | (np.array(seen.smallest) == np.array(seen.largest)))
+    yield from _blank(seen, full)
+    share = np.array(seen.saturated)
+    worst = f"saturated in up to {100 * share.max():.1f} % of the pixels, which are masked; lower "
+    yield from _frames("warning", clear & (share > SATURATED), worst + "the exposure")
+    weak = clear & (high - low < LOW_CONTRAST * full) & (share <= SATURATED)
+    text = "low contrast, under 10 % of full scale; raise the exposure"
+    yield from _frames("warning", weak, text)
+    change = np.zeros(seen.count)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change[1:] = np.abs(np.diff(high)) / np.maximum(high[1:], high[:-1])
+    jumps = (change > JUMP) & clear
+    text = f"the brightness jumps against the frame before (by {100 * change.max(initial=0):.0f} % "
+    yield from _frames("warning", jumps, text + UNSTEADY)
+    if not jumps.any():
+        yield from _of_set(high, clear & ~weak & (share <= SATURATED))
+    twins = np.zeros(seen.count, bool)
+    twins[[i for i, _ in seen.twins if i < seen.count]] = True
+    text = "the same, pixel by pixel, as an earlier one; did the camera stall?"
+    yield from _frames("warning", twins & clear, text)
+    if seen.noise:
+        unit = "of full scale" if reader.bit_depth is None else "grey levels"
+        text = f"camera noise about {np.median(seen.noise):.3g} {unit}, rounding included"
+        yield Finding("note", text)
+
+
+def _of_set(high: np.ndarray, usable: np.ndarray) -> Iterator[Finding]:
+    """Frames whose brightest places are dimmer than another's, by steps too small for a jump."""
+    if not usable.any():
+        return
+    top = float(high[usable].max())
+    dim = usable & (high < (1.0 - JUMP) * top)
+    if dim.any():
+        least = float(high[dim].min())
+        text = f"the brightest places are down to 1 : {top / least:.2g} of those of other frames: "
+        text += "fix exposure, gain and lamp (only frames below half a fringe may be so dark)"
+        yield from _frames("warning", dim, text)
+
+
+def _blank(seen: Survey, full: float) -> Iterator[Finding]:
+    """Frames with nothing in them: no number, all black, all white, one value."""
+    small, large = np.array(seen.smallest), np.array(seen.largest)
+    empty, flat = np.isnan(large), small == large
+    yield from _frames("error", empty, "no number in it (NaN only); see how it was written")
+    yield from _frames("error", flat & (large <= 0), "all black; was the light on?")
+    yield from _frames("error", flat & (large >= full), "all white; lower the exposure")
+    yield from _frames(
+        "error", flat & (large > 0) & (large < full), "constant; is it a captured frame?"
+    )
+    holes = (np.array(seen.not_finite) > 0) & ~empty
+    yield from _frames("note", holes, "some pixels are not finite; they are masked")
+
+
+def _frames(level: Level, where: np.ndarray, text: str) -> Iterator[Finding]:
+    """One finding for all frames that share a fault, as 'frames 2-5, 9: ...'."""
+    index = np.flatnonzero(where)
+    if not index.size:
+        return
+    yield Finding(level, f"{named_frames(index.tolist())}: {text}", int(index[0]))
+
+
+def of_unloaded(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:
+    """Findings on frames that show the unloaded specimen among those to be processed."""
+    if seen.load is None or not seen.count:
+        return
+    full, gamma = full_scale(reader.bit_depth), scene.frames.first_gamma
+    like, alone = unloaded_frames(seen.load, seen.low, seen.high, full, gamma)
+    for key, numbers in like.items():
+        why = UNLOADED.format(f"nearly the same picture as {key}", "")
+        yield Finding("warning", f"{named_frames(numbers)}: {why}", numbers[0])
+    if alone:
+        name = ", or name it as frames.no_load_dark or no_load_bright"
+        why = UNLOADED.format("no fringes, where the frames beside show many", name)
+        yield Finding("warning", f"{named_frames(alone)}: {why}", alone[0])
+
+
+def of_no_load(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:
+    """Findings on the no-load frames: missing, unreadable, of another size or exposure.
+
+    A phase-stepped set tells its own background and illumination, and needs none of them.
+    """
+    frames = scene.frames
+    if scene.polariscope.step:
+        if frames.no_load_steps is not None:
+            yield from refusals(lambda: open_no_load_steps(scene, reader.full_shape).close())
+        return
+    missing = [n for n in ("no_load_dark", "no_load_bright") if getattr(frames, n) is None]
+    if missing:
+        text = f"{' and '.join('frames.' + n for n in missing)} not given: the unloaded specimen's "
+        yield Finding("warning", text + "frames are worth more than any algorithm; add them")
+    try:
+        dark, bright = load_no_load(scene, full_shape=reader.full_shape)
+    except InputError as error:
+        yield Finding("error", str(error))
+        return
+    if not seen.count or np.isnan(seen.low).all():
+        return
+    yield from _of_exposure(reader, seen, scene, dark, bright)
+
+
+def _of_exposure(
+    reader: FrameReader, seen: Survey, scene: Scene, dark: Linear | None, bright: Linear | None
+) -> Iterator[Finding]:
+    """Findings on the no-load frames' exposure against the captured frames'."""
+    frames = scene.frames
+    full = full_scale(reader.bit_depth)
+    low = (max(float(np.nanmin(seen.low)), 0) / full) ** frames.first_gamma
+    high = (max(float(np.nanmax(seen.high)), 0) / full) ** frames.first_gamma
+    if bright is not None:
+        top = float(np.percentile(bright.image, 98))
+        if high > 1.15 * top:
+            text = f"frames reach {high:.3g} of full scale and no_load_bright only {top:.3g}"
+            yield Finding("warning", text + ": capture both with one exposure")
+    if dark is not None:
+        bottom = float(np.percentile(dark.image, 2))
+        if bottom > low + 0.05:
+            text = f"no_load_dark begins at {bottom:.3g} of full scale and the frames at {low:.3g}"
+            yield Finding("warning", text + ": capture both with one exposure, loaded last")
+
+
+ENDINGS = {
+    ".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG",
+    ".bmp": "BMP", ".webp": "WebP",
+}  # fmt: skip
+"""What a picture's name says that it is."""
+
+
+@dataclass(frozen=True, repr=False)
+class Check(Result):
+    """What was found in a set of frames.
+
+    Parameters
+    ----------
+    findings : tuple of Finding
+        What to know, errors first.
+    count : int
+        Number of frames that were read.
+    shape : tuple of int or None
+        Size of a frame, (rows, cols); None where they could not be opened.
+    light : Survey, optional
+        Light of the frames; None where they could not be opened.
+    draw : callable, optional
+        Not used: the figure is made of `light`.
+    """
+
+    findings: tuple[Finding, ...]
+    count: int
+    shape: tuple[int, int] | None
+    light: Survey | None = None
+
+    def with_more(self, findings: Iterable[Finding]) -> Check:
+        """The same with more findings."""
+        return replace(self, findings=_sorted((*self.findings, *findings)))
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """A row a finding: how grave, of which frame, and a sentence."""
+        names = ("level", "frame", "text")
+        return {name: [getattr(finding, name) for finding in self.findings] for name in names}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The errors and warnings among the findings."""
+        return tuple(finding.text for finding in self.findings if finding.level != "note")
+
+    @property
+    def title(self) -> str:
+        """How many frames were read, and whether anything is wrong."""
+        verdict = "no error found" if self.ok else "errors found"
+        return f"Check of {counted(self.count, 'frame')}: {verdict}"
+
+    def main_values(self) -> Iterator[tuple[str, str]]:
+        """The findings, errors first."""
+        return ((finding.level, finding.text) for finding in self.findings)
+
+    def to_json(self) -> dict[str, Any]:
+        """The verdict, the number of frames and the findings."""
+        columns = self.columns
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        return {"ok": self.ok, "frames": self.count, "findings": rows}
+
+    def figure(self) -> Figure:
+        """The light of each frame, see `light_figure`. Raises InputError where none was read."""
+        if self.light is None or not self.count:
+            raise InputError("no frame was read: there is nothing to draw")
+        return light_figure(self.light)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no finding is an error."""
+        return all(f.level != "error" for f in self.findings)
+
+
+def look_through(path: FramesLike, scene: Scene) -> Check:
+    """Look through captured frames once, without a model: what is wrong with them for this scene.
+
+    Counts, sizes, times, bit depth, exposure, saturation, noise and no-load frames are looked at,
+    in one pass with one frame in memory, and whether a frame shows the unloaded specimen. Errors
+    come first; frames that cannot be read are a finding, not an exception.
+    """
+    found = list(_of_scene(scene))
+    try:
+        reader = open_scene_frames(path, scene, any_scale=True)
+    except InputError as error:
+        return Check(_sorted([Finding("error", str(error)), *found]), 0, None)
+    with reader:
+        seen = survey(reader, scene)
+    if seen.failure is not None:
+        found.append(Finding("error", seen.failure, seen.count))
+    found += _of_file(reader, scene)
+    count = None if seen.failure else seen.count
+    found += [Finding("error", text) for _, text in misfits(reader, scene, count)]
+    if seen.failure is None:
+        found += _of_count(reader, seen, scene)
+    found += of_depth(reader, seen)
+    found += of_light(reader, seen)
+    found += of_no_load(reader, seen, scene)
+    found += of_unloaded(reader, seen, scene)
+    return Check(_sorted(found), seen.count, reader.shape, seen)
+
+
+def _sorted(found: Iterable[Finding]) -> tuple[Finding, ...]:
+    order = ("error", "warning", "note")
+    return tuple(sorted(found, key=lambda f: order.index(f.level)))
+
+
+def _of_scene(scene: Scene) -> Iterator[Finding]:
+    rest = "process still gives normalised frames, fringe lines, and orders from known points"
+    if scene.model is None and scene.specimen.shape is not None:
+        text = f"{scene.no_model_reason}: no simulation and no fit; {rest}"
+        yield Finding("warning", text)
+    elif scene.model is None:
+        yield Finding("note", f"{scene.no_model_reason}, so it has no model; {rest}")
+
+
+def _of_file(reader: FrameReader, scene: Scene) -> Iterator[Finding]:
+    yield from refusals(
+        lambda: check_scale(reader, scene.camera),
+        lambda: check_pixel(with_file_scale(scene, reader), reader.shape),
+        lambda: check_moduli(scene),
+    )
+    if reader.channel is not None:
+        text = f"colour frames: the {reader.channel} channel is used; frames.channel changes it"
+        yield Finding("note", text)
+    names = reader.names or (str(reader.path),)
+    if reader.mask is not None:
+        text = f"the mask takes {100 * reader.mask.mean():.1f} % of the pixels for the specimen"
+        yield Finding("note", text)
+    lossy = reader.lossy
+    if isinstance(reader.files[0], Path):  # arrays have no first bytes
+        kind = signature_of(reader.files[0]).name
+        lossy = lossy or kind in ("JPEG", "WebP")
+        claimed = ENDINGS.get(Path(names[0]).suffix.lower(), kind)
+        if kind != claimed:
+            text = (
+                f"{names[0]}: is a {kind} by its first bytes and a {claimed} by its name; it is "
+                f"read as the {kind} that it is: rename it, for other programs may not open it"
+            )
+            yield Finding("note", text)
+    if lossy:
+        text = (
+            f"{names[0]}: is compressed with loss, which hides camera noise; a fit with a model "
+            "tells it all the same, a reading without one takes it for less: TIFF, PNG and FFV1 "
+            "keep it"
+        )
+        yield Finding("note", text)
+    ordinary = lossy or reader.kind == "video" or reader.channel is not None
+    if scene.frames.gamma == 1 and ordinary:
+        text = (
+            "frames.gamma = 1 says that grey levels are proportional to light; ordinary cameras "
+            "store light^(1 / 2.2) in such files: set frames.gamma = 2.2 if yours does"
+        )
+        yield Finding("note", text)
+
+
+def _of_count(reader: FrameReader, seen: Survey, scene: Scene) -> Iterator[Finding]:
+    timed = scene.frames.sliding_speed_mm_per_s is not None
+    if timed and seen.untimed:
+        text = f"{seen.untimed} of {seen.count} frames carry no time, and sliding_speed_mm_per_s "
+        yield Finding("error", text + "needs it; remove that key, or give a timed video")
+    claimed = reader.claimed_count
+    if claimed is not None and claimed != seen.count:
+        text = (
+            f"the video's head claims {counted(claimed, 'frame')} and {seen.count} can be decoded"
+        )
+        yield Finding("warning", text + "; is it whole? (some writers claim wrongly)")
+
+
+def light_figure(light: Survey) -> Figure:
+    """The span of the grey levels of each frame, and the share of its pixels at full scale.
+
+    Parameters: `light`. Returns a Figure.
+    """
+    figure = new_figure(7.5, 4.6)
+    panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    levels, saturated = panels
+    frame = np.arange(len(light.low))
+    levels.fill_between(frame, light.low, light.high, color=LINE_COLOURS[0], alpha=0.3, lw=0)
+    for name, values in (("98 %", light.high), ("2 %", light.low)):
+        levels.plot(frame, values, color=LINE_COLOURS[0], marker="o", ms=3, lw=LINE_PT)
+        levels.annotate(
+            name,
+            (frame[-1], values[-1]),
+            xytext=(5, -3),
+            textcoords="offset points",
+            fontsize=NOTE_PT,
+        )
+    style_axes(levels, z_label="grey level", title="98 % and 2 % of the pixels are darker")
+    share = 100.0 * np.array(light.saturated)
+    saturated.plot(frame, share, color=LINE_COLOURS[1], marker="o", ms=3, lw=LINE_PT)
+    style_axes(saturated, x_label="frame", z_label="saturated (% of pixels)")
+    return figure

@@ -1,1 +1,0 @@
-"""What is wrong with a set of frames, before a long run."""

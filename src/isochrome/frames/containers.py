@@ -1,0 +1,597 @@
+"""What a video's packets tell before they are decoded.
+
+FFV1: whether a packet is whole, by the checksums of its slices. FFmpeg puts the picture before in
+the place of a damaged slice, and says so to nobody who decodes. Source: RFC 9043, FFV1 video coding
+format versions 0, 1 and 3, section 4.9, slice footer.
+
+H.264: whether a packet is one frame, and whether decoding can begin with it. MP4 and Matroska keep
+an access unit in a packet; it holds one picture, which is a whole frame where the sequence
+parameters allow of no fields. These are what the decoder goes by, no head of the file that may lie.
+Sources: Rec. ITU-T H.264, 7.3.1 NAL unit, 7.3.2.1.1 sequence parameters, 7.3.3 slice header,
+table 7-1; ISO/IEC 14496-15, 5.3.3.1 decoder configuration.
+
+Whether a video file is whole, by its container's own structure.
+
+FFmpeg reads over gaps: it looks for the next thing that it knows and goes on, so that a file that
+breaks off, or whose middle is lost, gives fewer frames and no word. The sizes in the containers
+tell. Sources: AVI RIFF file reference (Microsoft) with the OpenDML extensions; RFC 9559, Matroska;
+ISO/IEC 14496-12, base media file format.
+
+Decoding a video with PyAV: every frame in the order of display, with its own time stamp.
+
+And where each of them is, by what the packets tell of it without decoding.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import islice
+from pathlib import Path
+from typing import Any, BinaryIO, Literal
+
+import numpy as np
+
+from isochrome.errors import InputError
+from isochrome.frames.readers.pixel_formats import plane_of
+from isochrome.frames.source import MAX_PIXELS, check_aspect, check_size, next_time, refusing
+
+SLICE, KEY_SLICE, PARAMETERS = 1, 5, 7
+ASIDE = (6, 8, 9, 10, 11, 12)
+"""Kinds of units beside the pictures: notes, picture parameters, delimiters, ends, filler."""
+
+KIND = 0x1F
+"""The bits of a unit's first byte that tell its kind."""
+
+FIRST = b"\x80"
+"""The least second byte of a slice that begins a picture: its first macroblock is number 0."""
+
+HIGH = (44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244)
+"""Profiles whose sequence parameters tell of colours and bit depths too."""
+
+LOOKED_AT = 64
+"""Bytes of sequence parameters; those that count stand before."""
+
+
+def length_bytes(configuration: bytes | None) -> int | None:
+    """The bytes that tell a unit's length, where every access unit is sure to be one frame.
+
+    Parameters: `configuration`, what the container keeps of the decoder's. Returns None where it is
+    of another kind, or its sequence parameters allow of fields, or leave it open.
+    """
+    if not configuration or len(configuration) < 6 or configuration[0] != 1:
+        return None
+    count, place = configuration[5] & 0x1F, 6
+    for _ in range(count):
+        stop = place + 2 + int.from_bytes(configuration[place : place + 2], "big")
+        if not _frames_only(configuration[place + 2 : stop]):
+            return None
+        place = stop
+    return (configuration[4] & 3) + 1 if count else None
+
+
+def begins_anew(packet: bytes, length: int) -> bool | None:
+    """Whether decoding can begin with the one frame of a packet, which no later one looks beyond.
+
+    Parameters: `packet`; `length`, the bytes of a unit's length. Returns None where it holds no
+    frame, or several, or something else than H.264 without layers.
+    """
+    found: bool | None = None
+    place = 0
+    while place < len(packet):
+        begin = place + length
+        place = begin + int.from_bytes(packet[place:begin], "big")
+        if place == begin or place > len(packet):
+            return None
+        kind = packet[begin] & KIND
+        if kind in (SLICE, KEY_SLICE):
+            if packet[begin + 1 : place][:1] >= FIRST:
+                if found is not None:
+                    return None
+                found = kind == KEY_SLICE
+        elif kind not in ASIDE and not (kind == PARAMETERS and _frames_only(packet[begin:place])):
+            return None
+    return found
+
+
+def _frames_only(parameters: bytes) -> bool:
+    """Whether sequence parameters allow of no fields and of no gaps; False where it is not seen."""
+    seen = parameters[:LOOKED_AT].replace(b"\0\0\3", b"\0\0")  # 3: put in so as not to be a mark
+    bits = iter("".join(f"{byte:08b}" for byte in seen[4:]))
+
+    def flag() -> bool:
+        return next(bits) == "1"
+
+    def number() -> int:
+        zeros = 0
+        while not flag():
+            zeros += 1
+        return (1 << zeros) - 1 + int("0" + "".join(islice(bits, zeros)), 2)
+
+    try:
+        number()  # their name
+        if seen[1] in HIGH:
+            if number() == 3:  # colours in all pixels
+                flag()
+            number(), number(), flag()  # bit depths, lossless
+            if flag():  # scaling lists, which are long and rare
+                return False
+        number()  # how far frames are counted
+        order = number()
+        if order == 0:
+            number()
+        elif order != 2:
+            return False
+        number()  # frames that are kept
+        gaps = flag()
+        number(), number()  # size
+        return flag() and not gaps
+    except (StopIteration, IndexError):
+        return False
+
+
+SIZE, WITHOUT, WITH = 3, 3, 8
+"""Bytes of a slice's size, and of its footer without a checksum and with one."""
+
+MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+"""Each byte with its bits in the other order: FFV1 takes the highest first, zlib the lowest."""
+
+
+def is_whole(packet: bytes) -> bool:
+    """Whether all slices of a packet of version 3 are what their checksums say.
+
+    Parameters: `packet`. Returns True too where it has no checksums, as `-slicecrc 0` writes it.
+    """
+    slices = _slices(packet, WITH)
+    if slices:
+        # the checksum of all bytes and of their checksum is zero, with a start of zero
+        return all(zlib.crc32(one.translate(MIRRORED), 2**32 - 1) == 2**32 - 1 for one in slices)
+    return bool(_slices(packet, WITHOUT))
+
+
+def _slices(packet: bytes, footer: int) -> list[bytes]:
+    """The slices, from the last, as their sizes have it; none where the sizes do not come out."""
+    found, end = [], len(packet)
+    while end >= footer:
+        place = end - footer
+        size = int.from_bytes(packet[place : place + SIZE], "big") + footer
+        if size > end:
+            break
+        found.append(packet[end - size : end])
+        end -= size
+    return found if end == 0 else []
+
+
+Container = Literal["avi", "matroska", "mp4", "asf", "mpeg"]
+
+EBML, SEGMENT, CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
+BLOCK_GROUP = 0xA0
+IN_SEGMENT = (
+    0x114D9B74, 0x1549A966, CLUSTER, 0x1654AE6B, 0x1C53BB6B, 0x1941A469, 0x1043A770, 0x1254C367,
+    0xEC, 0xBF,
+)  # fmt: skip
+IN_CLUSTER = (0xE7, 0x5854, 0xA7, 0xAB, 0xA3, BLOCK_GROUP, 0xAF, 0xEC, 0xBF)
+UNKNOWN_SIZE = -1
+BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"uuid", b"moof", b"mfra", b"sidx",
+         b"meta", b"styp", b"pnot", b"udta", b"PICT", b"ssix", b"prft", b"emsg")  # fmt: skip
+
+
+def check_whole(path: Path) -> Container:
+    """Walk through a video's structure, without decoding. Cost: a few bytes a frame.
+
+    Parameters: `path`. Returns its container. Raises InputError where it is of another kind,
+    breaks off, or is damaged between its frames. A recording that was never closed (sizes left at
+    zero or 'unknown') passes when all that it holds is whole.
+    """
+    try:
+        with open(path, "rb") as file:
+            container, end = container_of(file), file.seek(0, 2)
+            walk = _WALKS.get(container)
+            if walk is not None:
+                walk(file, end, path)
+            if container is not None:
+                return container
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); check its name and rights"
+        ) from error
+    raise InputError(
+        f"{path}: is no AVI, MP4, MOV, Matroska, WebM, WMV or MPEG file, whatever its name says; "
+        "save it as one, or as a TIFF stack"
+    )
+
+
+def container_of(file: BinaryIO) -> Container | None:
+    """A video's container by its first bytes; None where it is none that is known."""
+    file.seek(0)
+    head = file.read(16)
+    if head[:4] == b"RIFF" and head[8:12] == b"AVI ":
+        return "avi"
+    if head[:4] == b"\x1a\x45\xdf\xa3":
+        return "matroska"
+    if head[4:8] in BOXES:
+        return "mp4"
+    if head == bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c"):
+        return "asf"
+    starts = head[:4] in (b"\x00\x00\x01\xba", b"\x00\x00\x01\xb3")
+    return "mpeg" if starts or _is_stream(head, file) else None
+
+
+def _broken(path: Path, place: int, end: int) -> InputError:
+    return InputError(
+        f"{path}: breaks off: a part that begins at byte {place} goes beyond the file's end at "
+        f"{end}; it is truncated: copy it again from its source (what is left of it: 'ffmpeg -i "
+        "FILE -c copy NEW')"
+    )
+
+
+def _damaged(path: Path, place: int) -> InputError:
+    return InputError(
+        f"{path}: is damaged at byte {place}, and frames after it may be lost; copy it again from "
+        "its source (what is left of it: 'ffmpeg -i FILE -c copy NEW')"
+    )
+
+
+def _is_stream(head: bytes, file: BinaryIO) -> bool:
+    """Whether it is an MPEG transport stream: packets of 188 bytes, each begun by 0x47."""
+    file.seek(188)
+    return head[:1] == b"\x47" == file.read(1)
+
+
+def _avi(file: BinaryIO, end: int, path: Path) -> None:
+    """RIFF lists: AVI, and AVIX for what follows after a gigabyte; in them, chunks of frames."""
+    place = 0
+    while place + 12 <= end:
+        file.seek(place)
+        name, size, kind = struct.unpack("<4sI4s", file.read(12))
+        if name != b"RIFF" or kind not in (b"AVI ", b"AVIX"):
+            return  # something else behind the recording, such as a signature
+        stop = place + 8 + size
+        if stop > end + 1:  # some writers leave out the last byte that fills up to an even number
+            raise _broken(path, place, end)
+        stop = end if size == 0 else min(stop, end)  # 0: never closed
+        _chunks(file, place + 12, stop, path)
+        place = stop + stop % 2
+
+
+def _chunks(file: BinaryIO, place: int, stop: int, path: Path, depth: int = 0) -> None:
+    while place + 8 <= stop:
+        file.seek(place)
+        name, size = struct.unpack("<4sI", file.read(8))
+        if not name.isascii() or not name.decode().isprintable():
+            raise _damaged(path, place)
+        unclosed = name == b"LIST" and size == 0
+        after = stop if unclosed else place + 8 + size
+        if after > stop:
+            raise _broken(path, place, stop)
+        if name == b"LIST" and file.read(4) in (b"movi", b"rec ") and depth < 3:
+            _chunks(file, place + 12, after, path, depth + 1)
+        place = after + after % 2
+
+
+def _mp4(file: BinaryIO, end: int, path: Path) -> None:
+    """Boxes one behind the other; each says how long it is."""
+    place, seen = 0, set()
+    while place < end:
+        file.seek(place)
+        head = file.read(16)
+        if len(head) < 8:
+            raise _broken(path, place, end)
+        size, name = struct.unpack(">I4s", head[:8])
+        if size == 1 and len(head) == 16:
+            size = int.from_bytes(head[8:], "big")
+        if name not in BOXES:
+            if b"moov" in seen and b"mdat" in seen:
+                return  # something else behind the recording
+            raise _damaged(path, place)
+        seen.add(name)
+        if size == 0:
+            size = end - place
+        if size < 8:
+            raise _damaged(path, place)
+        if place + size > end:
+            raise _broken(path, place, end)
+        place += size
+    if b"moov" not in seen:
+        raise InputError(
+            f"{path}: its index is missing: the recording was never closed, or it breaks off; save "
+            "it again, or copy it again from its source"
+        )
+
+
+def _matroska(file: BinaryIO, end: int, path: Path) -> None:
+    """Elements one behind the other; each says what it is and how long."""
+    place = 0
+    while place < end:
+        name, size, body = _element(file, place, path)
+        if name == SEGMENT:
+            stop = end if size == UNKNOWN_SIZE else body + size
+            if stop > end:
+                raise _broken(path, place, end)
+            _segment(file, body, stop, path)
+        elif name not in (EBML, 0xEC, 0xBF):
+            raise _damaged(path, place)
+        else:
+            stop = body + size
+        place = stop
+
+
+def _segment(file: BinaryIO, place: int, stop: int, path: Path) -> None:
+    inside_open = False  # a cluster of unknown size ends where the next element of a segment is
+    while place < stop:
+        name, size, body = _element(file, place, path)
+        known = name in IN_SEGMENT or (inside_open and name in IN_CLUSTER)
+        if not known:
+            raise _damaged(path, place)
+        if size == UNKNOWN_SIZE:
+            if name != CLUSTER:
+                raise _damaged(path, place)
+            inside_open, place = True, body
+            continue
+        if body + size > stop:
+            raise _broken(path, place, stop)
+        if name == CLUSTER:
+            _cluster(file, body, body + size, path)
+        inside_open &= name in IN_CLUSTER
+        place = body + size
+
+
+def _cluster(file: BinaryIO, place: int, stop: int, path: Path) -> None:
+    while place < stop:
+        name, size, body = _element(file, place, path)
+        if name not in IN_CLUSTER or size == UNKNOWN_SIZE or body + size > stop:
+            raise _damaged(path, place)
+        place = body + size
+
+
+def _element(file: BinaryIO, place: int, path: Path) -> tuple[int, int, int]:
+    """Name, size and the place of the body of the EBML element at a place (RFC 8794)."""
+    file.seek(place)
+    head = file.read(12)
+    if len(head) < 2 or head[0] < 0x10:
+        raise _damaged(path, place)
+    width = 9 - head[0].bit_length()
+    rest = head[width:]
+    if not rest or rest[0] == 0:
+        raise _damaged(path, place)
+    length = 9 - rest[0].bit_length()
+    if len(rest) < length:
+        raise _broken(path, place, place + len(head))
+    size = int.from_bytes(rest[:length], "big") & ((1 << 7 * length) - 1)
+    if size == (1 << 7 * length) - 1:
+        size = UNKNOWN_SIZE
+    return int.from_bytes(head[:width], "big"), size, place + width + length
+
+
+_WALKS: dict[Container | None, Callable[[BinaryIO, int, Path], None]] = {
+    "avi": _avi,
+    "matroska": _matroska,
+    "mp4": _mp4,
+}
+
+
+OPEN = {"protocol_whitelist": "file", "format_whitelist": "avi,mov,mp4,m4a,3gp,3g2,mj2,matroska,"
+        "webm,asf,mpeg,mpegvideo,mpegts"}  # fmt: skip
+"""Nothing but this one file is opened, whatever it names inside."""
+
+DECODE = {"err_detect": "crccheck+explode", "max_pixels": str(MAX_PIXELS)}
+"""A damaged frame is an error, and not something like a frame."""
+
+PATIENCE = {"strict": "1"}
+"""H.264 need not say how far its frames are out of order; those that come late are not lost."""
+
+COVER = 0x400
+"""FFmpeg's mark of a picture on the cover."""
+
+PIXEL_BYTES = 6
+"""Of a pixel in 16-bit colour, the most that is decoded."""
+
+FRAME_BY_PACKET = ("rawvideo", "ffv1", "mjpeg", "png", "huffyuv", "ffvhuff", "utvideo")
+"""Codecs whose every packet is one frame, in the order of display."""
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """A frame as PyAV gives it: its tick and time since the first (s), None where unknown."""
+
+    frame: Any
+    tick: int | None
+    time_s: float | None
+
+
+def decoded(path: Path, kind: Container, key: tuple[int, int] | None = None) -> Generator[Decoded]:
+    """Every frame of a video in the order of display; a damaged one is an InputError.
+
+    Parameters: `path`; `kind` of container; `key`, the number and tick of a key frame to begin at
+    (frames before it in time may come too), None for the first frame.
+    """
+    with open_container(path) as (container, stream):
+        if key is not None:
+            with refusing(path, f"frame {key[0]} cannot be found again"):
+                container.seek(key[1], stream=stream, backward=True, any_frame=False)
+        clock = _Clock(stream, by_packet=kind == "avi")
+        count = 0 if key is None else key[0]
+        context = stream.codec_context
+        in_slices = context.name == "ffv1" and bool(context.extradata)
+        packets = container.demux(stream)
+        while True:
+            with refusing(path, f"frame {count} cannot be decoded"):
+                packet = next(packets, None)
+                if packet is None:
+                    return
+                if in_slices and packet.size and not is_whole(bytes(packet)):
+                    raise InputError(
+                        f"{path}: frame {count} is damaged; copy the file again from its source"
+                    )
+                frames = _decode(packet, clock, path, count)
+            for frame in frames:
+                yield Decoded(frame, *clock.of(frame))
+                count += 1
+
+
+class _Clock:
+    """The time stamps of decoded frames.
+
+    AVI knows none, only how many frames come before a packet in the order of the file, which is
+    not that of display: the frames take the packets' numbers in rising order.
+    """
+
+    def __init__(self, stream: Any, *, by_packet: bool) -> None:
+        self._base = stream.time_base
+        self._queue: list[int] | None = [] if by_packet else None
+        self._first: int | None = None
+        self._last: int | None = None
+
+    def push(self, packet: Any) -> None:
+        """Take note of a packet's number, where frames take theirs from it."""
+        if self._queue is not None and packet.size and packet.dts is not None:
+            heappush(self._queue, packet.dts)
+
+    def of(self, frame: Any) -> tuple[int | None, float | None]:
+        """A frame's tick, and its time since the first; no time where it is not after the last."""
+        tick = frame.pts
+        if self._queue is not None:
+            tick = heappop(self._queue) if self._queue else None
+        if tick is None:
+            return None, None
+        self._first = tick if self._first is None else self._first
+        late = self._last is None or tick > self._last
+        self._last = tick if late else self._last
+        return tick, float((tick - self._first) * self._base) if late else None
+
+
+@contextmanager
+def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
+    """An open container and its one video stream, ready to decode in this thread alone."""
+    import av
+
+    with refusing(path, "not a readable video"):
+        container = av.open(os.fspath(path.absolute()), container_options=OPEN)
+    try:
+        with refusing(path, "not a readable video"):
+            streams = [s for s in container.streams.video if not _is_picture(s)]
+            if len(streams) != 1:
+                raise InputError(
+                    f"{path}: holds {len(streams)} video streams, and one is wanted; save the one "
+                    "by itself ('ffmpeg -i FILE -map 0:v:0 -c copy NEW')"
+                )
+            stream = streams[0]
+            _check_stream(stream, path)
+            context = stream.codec_context
+            context.options = DECODE | (PATIENCE if context.name == "h264" else {})
+            context.thread_count = 1
+        yield container, stream
+    finally:
+        container.close()
+
+
+def _is_picture(stream: Any) -> bool:
+    """Whether it is a picture on the cover, and no recording."""
+    marks = getattr(stream, "disposition", 0)  # a number, or a flag with one, by PyAV's version
+    return bool(int(getattr(marks, "value", marks)) & COVER)
+
+
+def _check_stream(stream: Any, path: Path) -> None:
+    context = stream.codec_context
+    if context is None:
+        raise InputError(
+            f"{path}: its codec is not known; save it as FFV1, MJPG or uncompressed, or as a TIFF "
+            "stack"
+        )
+    if context.height <= 0 or context.width <= 0:  # FFmpeg keeps no size that it will not decode
+        raise InputError(
+            f"{path}: names no frame size that can be read, up to {MAX_PIXELS} pixels; is the file "
+            "damaged? crop it or save it again"
+        )
+    check_size(path, context.height, context.width, PIXEL_BYTES)
+    aspect = stream.sample_aspect_ratio
+    if aspect:
+        check_aspect(path, aspect.numerator, aspect.denominator)
+
+
+def _decode(packet: Any, clock: _Clock, path: Path, count: int) -> list[Any]:
+    """The frames that a packet completes; InputError where it, or one of them, is damaged."""
+    if packet.is_corrupt:
+        raise InputError(
+            f"{path}: breaks off, or is damaged, after frame {count - 1}; copy it again from its "
+            "source"
+        )
+    clock.push(packet)
+    frames = packet.decode()
+    if any(frame.is_corrupt for frame in frames):
+        raise InputError(f"{path}: frame {count} is damaged; copy the file again from its source")
+    result: list[Any] = frames
+    return result
+
+
+def checksum(frame: Any) -> int:
+    """A checksum of the first plane's pixels (grey, luminance, green, or all of packed colours)."""
+    return zlib.crc32(np.ascontiguousarray(plane_of(frame, 0)).data)
+
+
+@dataclass(frozen=True)
+class Places:
+    """What is known of each frame of a video, in their order.
+
+    `times_s` from the first (NaN: unknown), `stamps`, the file's own ticks, `sums`, checksums of
+    the decoded first plane, `keys`, where decoding can begin: (frame, tick), and `end_s`. Where the
+    packets alone have told it, `sums` is None, and the stamps are what frames are held against.
+    """
+
+    times_s: np.ndarray
+    stamps: np.ndarray
+    sums: np.ndarray | None
+    keys: np.ndarray
+    end_s: float | None
+
+
+def by_packets(path: Path, kind: Container) -> Places | None:
+    """What the packets tell; None where they may be other than a frame each.
+
+    Parameters: `path`; `kind` of container. Raises InputError where the file cannot be opened.
+    """
+    ticks: list[int] = []
+    keys: list[int] = []
+    with open_container(path) as (container, stream):
+        context = stream.codec_context
+        length = length_bytes(context.extradata) if context.name == "h264" else None
+        if length is None and context.name not in FRAME_BY_PACKET:
+            return None
+        base, packets = stream.time_base, container.demux(stream)
+        while True:
+            try:
+                with refusing(path):
+                    packet = next(packets, None)
+            except InputError:  # decoding says it better
+                return None
+            tick = None if packet is None else packet.dts if kind == "avi" else packet.pts
+            if packet is None or (packet.size == 0 and tick is None):  # the end
+                break
+            if packet.size == 0 or packet.is_corrupt or packet.is_discard or tick is None:
+                return None
+            key = packet.is_keyframe if length is None else begins_anew(bytes(packet), length)
+            if key is None:
+                return None
+            if key:
+                keys.append(len(ticks))
+            ticks.append(tick)
+    return _in_order(np.array(ticks, np.int64), keys, base, reordered=length is not None)
+
+
+def _in_order(ticks: np.ndarray, keys: list[int], base: Any, *, reordered: bool) -> Places | None:
+    """Places by the packets' ticks, which rise but where frames are `reordered`; None else."""
+    stamps = np.sort(ticks) if reordered else ticks
+    if len(stamps) < 2 or not (np.diff(stamps) > 0).all():
+        return None
+    if reordered:  # all that comes before a key frame in the file has to be shown before it
+        closed = (stamps == ticks) & (np.maximum.accumulate(ticks) == ticks)
+        if 0 not in keys or not closed[keys].all():
+            return None
+    times = np.array([float((int(tick) - int(stamps[0])) * base) for tick in stamps])
+    places = np.array([(key, ticks[key]) for key in keys], np.int64)
+    return Places(times, stamps, None, places, next_time(float(times[-2]), float(times[-1])))

@@ -1,1 +1,0 @@
-"""Whether a video is whole, and where each of its frames is."""

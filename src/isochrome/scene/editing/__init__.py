@@ -1,1 +1,0 @@
-"""Values set in a scene's text, whose comments and layout stay as they are."""

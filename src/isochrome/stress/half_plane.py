@@ -1,0 +1,684 @@
+"""One hat of traction: its Cauchy integrals, in closed form, at any place in the half-plane.
+
+A traction that is linear between nodes is a sum of hats of half-width h. With ζ = x - i z from the
+hat's node, its stresses need two integrals,
+
+    ∫ hat/(ζ-t) dt   = second difference over h of ζ ln ζ - ζ,
+    ∫ hat/(ζ-t)² dt  = second difference over h of -ln ζ,
+
+finite everywhere and exact at z = 0: no spikes as those of stepwise constant tractions.
+Source: integration by parts of the distributed load of Johnson (1985), Contact Mechanics, 2.3.
+
+A point force on the edge of a half-plane, or its dipole: stress and displacement.
+
+With ζ = x - i z from the force, P normal and Q tangential per thickness,
+
+    (sx - sz) + 2i txz = -(2/π) [ z (P + iQ)/ζ² + Q/ζ ],    sx + sz = -(2/π) Re (Q - iP)/ζ,
+    u_x - i u_z = (1+ν)/E [ κ k ln ζ + k ln ζ* - k* ζ/ζ* ],  k = -(Q - iP)/(2π),  κ = (3-ν)/(1+ν)
+
+in plane stress, * for the conjugate; the displacement up to a rigid body's. A dipole is the
+derivative of these along the force's place, d/dt = -d/dx.
+Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity,
+sections 32 and 93; the stress is Johnson (1985), Contact Mechanics, eq. 2.23, at one place.
+
+Convolution of surface tractions with one kernel a row, on the pixels alone.
+
+The tractions' nodes divide the pixels, so the wanted columns are every `fold`-th sample of a row,
+had by folding its spectrum before one short inverse FFT. That needs the spectrum at the nodes'
+resolution only near the surface. From a few pixels down the kernels are smooth in the place t of
+their source, and a source between pixel-spaced ones acts as these do with Lagrange's weights. For
+1/(ζ-t), the source of both kernels, with 2m neighbours X_k the relative error of that is exactly
+
+    Π_k (t - X_k)/(ζ - X_k)   <=   Π_{k=1..m} (k-1/2)²/((z/pixel)² + (k-1/2)²),
+
+and 2m + 1 times it at most for z/(ζ-t)². Deep rows therefore cost as much as with one node a pixel.
+Source: the remainder of polynomial interpolation of a simple pole, Davis (1963), Interpolation and
+Approximation, section 3.6; moving sources to a coarser lattice by the transpose of interpolation:
+Brandt & Lubrecht (1990), Journal of Computational Physics 90.
+
+Stress that stays regular under a surface free of tractions: what a contact's own field lacks.
+
+Below a contact the stress of a real body is that of a half-plane under the same tractions and a
+smooth rest: stress along the surface, bending, the body's own sides and support. With ζ = x - i z
+the rest is a power series of the half-plane's complex potential, 4Φ = Σ s_n ζ^n,
+
+    sigma_x + sigma_z             = Re Σ s_n ζ^n,
+    (sigma_x - sigma_z) + 2i tau  = Σ Re(s_n) ζ^n - i z Σ n s_n ζ^(n-1),
+
+in equilibrium, compatible, and free of tractions at z = 0 for any s_n: s_0 is sigma_x along the
+surface, Re s_1 its change along x (with tau = -z Re s_1), Im s_1 its change along z, pure bending.
+The series converges within the distance to whatever else acts on the body.
+Source: Muskhelishvili (1953), Some Basic Problems of the Mathematical Theory of Elasticity,
+section 90 (potential of a half-plane whose edge is free).
+
+Stress at any places by direct sums over the loaded nodes: no grid, no FFT, double precision.
+
+Stress in a half-plane under surface tractions that are linear between nodes, on the pixels.
+
+With ζ = x - i z, the pressure p, and q the shear on the surface along +x,
+
+    (sx - sz) + 2i txz = -(2/π) [ z ∫ (p + iq)/(ζ-t)² dt + ∫ q/(ζ-t) dt ],
+    sx + sz            = -(2/π) Re ∫ (q - ip)/(ζ-t) dt.
+
+Source: the stresses of a distributed load, Johnson (1985), Contact Mechanics, eq. 2.23, added up
+into complex form. Rows are convolutions in x: see `half_plane.rows`. Both fields use the
+same two kernels, so that whoever wants fringes alone pays nothing for the principal stresses.
+
+Where the hills of the stress difference stand: a scan whose rows get sparser with depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from typing import NamedTuple
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from isochrome.errors import InputError
+from isochrome.stress.field import StressComponents, StressDifference
+from isochrome.stress.pixels import PixelGrid
+
+Floats = NDArray[np.floating]
+Complexes = NDArray[np.complexfloating]
+
+_FAR = 40.0
+"""Distance over h beyond which the hat's moments replace the second differences."""
+
+
+def cauchy_of_hat(
+    x_mm: Floats, z_mm: Floats | float, spacing_mm: float
+) -> tuple[Complexes, Complexes]:
+    """∫ hat/(ζ-t) dt and ∫ hat/(ζ-t)² dt (1/mm) at ζ = x - i z, z >= 0, from the hat's node.
+
+    Near by, second differences of ζ ln ζ and -ln ζ; far off, the hat's moments, where those would
+    cancel. On the surface ln ζ is the limit from below; the second integral, infinite at a node
+    there but only ever multiplied by z = 0, is given as zero. `spacing_mm` is h. Source: see the
+    module.
+    """
+    x, z = np.broadcast_arrays(x_mm, z_mm)
+    zeta: Complexes = np.empty(x.shape, complex)
+    zeta.real, zeta.imag = x / spacing_mm, -(z / spacing_mm)
+    far = np.square(zeta.real) + np.square(zeta.imag) > _FAR**2
+    inverse: Complexes = np.divide(1.0, zeta, out=np.ones_like(zeta), where=far)
+    square: Complexes = inverse * inverse
+    first: Complexes = inverse * (1.0 + square * (1 / 6 + square * (1 / 15 + square / 28)))
+    second: Complexes = square * (1.0 + square * (3 / 6 + square * (5 / 15 + square * 7 / 28)))
+    near = zeta[~far]
+    logs = [_log_from_below(near + k) for k in (-1.0, 0.0, 1.0)]
+    first[~far] = (near - 1) * logs[0] - 2 * near * logs[1] + (near + 1) * logs[2]
+    second[~far] = -(logs[0] - 2 * logs[1] + logs[2])
+    return first, second / spacing_mm
+
+
+def _log_from_below(zeta: Complexes) -> Complexes:
+    """Natural logarithm with the branch of the lower half-plane; zero at zero (times zero)."""
+    size = np.abs(zeta)
+    angle = np.where((zeta.imag == 0.0) & (zeta.real < 0.0), -np.pi, np.angle(zeta))
+    return np.log(np.where(size == 0.0, 1.0, size)) + 1j * angle
+
+
+class PointForce(NamedTuple):
+    """A point force on a half-plane's edge, per thickness (N/mm), or a dipole's moment (N)."""
+
+    normal: float  # P
+    tangential: float  # Q
+    dipole: bool = False
+
+
+def point_force_stress(x_mm: Floats, z_mm: Floats, force: PointForce) -> StressComponents:
+    """Stress in the half-plane. Parameters: places from the force, of one shape (mm); `force`."""
+    p, q, zeta = force.normal, force.tangential, x_mm - 1j * z_mm
+    first, second = (1 / zeta**2, 2 / zeta**3) if force.dipole else (1 / zeta, 1 / zeta**2)
+    difference = -2 / np.pi * (z_mm * (p + 1j * q) * second + q * first)
+    trace = -2 / np.pi * ((q - 1j * p) * first).real
+    return StressComponents.from_invariants(difference, trace)
+
+
+def point_force_displacement(
+    x_mm: Floats, z_mm: Floats, force: PointForce, poisson: float
+) -> tuple[Floats, Floats]:
+    """Displacement along x and z, times Young's modulus, in plane stress (N/mm).
+
+    Parameters: places from the force, of one shape (mm); `force`; `poisson`, ν.
+    """
+    zeta = x_mm - 1j * z_mm
+    conjugate = zeta.conj()
+    k = -(force.tangential - 1j * force.normal) / (2 * np.pi)
+    kappa = (3 - poisson) / (1 + poisson)
+    if force.dipole:
+        turned = 1 / conjugate - zeta / conjugate**2
+        sum_of_terms = -(kappa * k / zeta + k / conjugate - np.conj(k) * turned)
+    else:
+        logs = kappa * np.log(zeta) + np.log(conjugate)
+        sum_of_terms = k * logs - np.conj(k) * zeta / conjugate
+    both = (1 + poisson) * sum_of_terms
+    return both.real, -both.imag
+
+
+HALF_TAPS = 12
+"""Neighbours on either side that take over a source (m)."""
+DEEP_PX = {np.dtype(np.complex64): 10.0, np.dtype(np.complex128): 20.0}
+"""Depth in pixels from which they do: errors below 1e-10 and 1e-16 (times 2m + 1 at most)."""
+_BLOCK = 64
+"""Rows worked on at once: a block's products stay in the cache."""
+
+
+@dataclass(frozen=True)
+class RowBand:
+    """Kernel spectra of neighbouring rows that take the same sources.
+
+    `rows`, which of the picture's; `fold`, sources a pixel; `moved`, nodes a source stands for (1:
+    the nodes themselves); `cauchy`, `slope` (rows, length), spectra of -(2/π) ∫ hat/(ζ-t) dt and
+    of -(2/π) z ∫ hat/(ζ-t)² dt.
+    """
+
+    rows: slice
+    fold: int
+    moved: int
+    cauchy: Complexes = field(repr=False)
+    slope: Complexes = field(repr=False)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the spectra, bytes."""
+        return self.cauchy.nbytes + self.slope.nbytes
+
+
+def make_band(
+    rows: slice,
+    z_mm: Floats,
+    cols: int,
+    *,
+    first_mm: float,
+    spacing_mm: float,
+    nodes: int,
+    fold: int,
+    deep: bool,
+    dtype: np.dtype[np.complexfloating],
+) -> RowBand:
+    """Kernel spectra of one band of rows at depths `z_mm`. Source: see the module.
+
+    `first_mm` is the first pixel's x from the first node; `fold`, nodes a pixel; `deep`, whether
+    sources move to pixel spacing.
+    """
+    step, sources, moved = spacing_mm, nodes, 1
+    if deep and fold > 1:
+        moved, step = fold, fold * spacing_mm
+        sources = -(-nodes // fold) + 2 * HALF_TAPS - 1
+        first_mm, fold = first_mm + (HALF_TAPS - 1) * step, 1
+    needed = fold * (cols - 1) + sources
+    length = fold * int(scipy.fft.next_fast_len(-(-needed // fold)))
+    lags = np.arange(length)
+    lags[lags > fold * (cols - 1)] -= length
+    x = first_mm + step * lags
+    cauchy = np.empty((len(z_mm), length), dtype=dtype)
+    slope = np.empty_like(cauchy)
+    for row, z in enumerate(z_mm):
+        first, second = cauchy_of_hat(x, float(z), spacing_mm)
+        cauchy[row] = scipy.fft.fft(first, overwrite_x=True)
+        slope[row] = scipy.fft.fft(float(z) * second, overwrite_x=True)
+    cauchy *= dtype.type(-2.0 / np.pi)
+    slope *= dtype.type(-2.0 / np.pi)
+    return RowBand(rows, fold, moved, cauchy, slope)
+
+
+def convolve_rows(
+    band: RowBand, loads: Sequence[tuple[Complexes, NDArray[np.number]]], out: Complexes
+) -> None:
+    """Fill `out` (rows, cols) with the sum of kernels convolved with node values.
+
+    Parameters: `band`; `loads`, pairs of a kernel of the band and values at the nodes (n,).
+    """
+    length = band.cauchy.shape[1]
+    short = length // band.fold
+    bands = [slice(start, start + short) for start in range(0, length, short)]
+    spectra = [_spectrum(values, band, length) for _, values in loads]
+    for start in range(0, len(out), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        products = (
+            kernel[block, part] * spectrum[part]
+            for (kernel, _), spectrum in zip(loads, spectra, strict=True)
+            for part in bands
+        )
+        folded = next(products)
+        for product in products:
+            folded += product
+        out[block] = scipy.fft.ifft(folded, axis=1, overwrite_x=True)[:, : out.shape[1]]
+
+
+def _spectrum(values: NDArray[np.number], band: RowBand, length: int) -> Complexes:
+    sources = values if band.moved == 1 else pixel_sources(values, band.moved)
+    return np.asarray((scipy.fft.fft(sources, length) / band.fold).astype(band.cauchy.dtype))
+
+
+def pixel_sources(values: NDArray[np.number], fold: int) -> NDArray[np.number]:
+    """Sources at pixel spacing that act, some pixels away, as those at the nodes do.
+
+    Parameters: `values` (n,) at the nodes; `fold`, nodes a pixel. Returns the sources
+    (ceil(n/fold) + 2 m - 1,), the first of them m - 1 pixels before the first node.
+    Source: see the module.
+    """
+    count = -(-len(values) // fold)
+    shares = np.pad(values, (0, fold * count - len(values))).reshape(count, fold) @ _weights(fold)
+    sources = np.zeros(count + 2 * HALF_TAPS - 1, dtype=shares.dtype)
+    for tap in range(2 * HALF_TAPS):
+        sources[tap : tap + count] += shares[:, tap]
+    return sources
+
+
+def _weights(fold: int) -> Floats:
+    """Lagrange's weights (fold, 2m) of the 2m nearest pixels for sources at 0, 1/fold, ..."""
+    at = np.arange(1 - HALF_TAPS, HALF_TAPS + 1)
+    t = (np.arange(fold) / fold)[:, None, None]
+    itself = np.eye(len(at), dtype=bool)
+    ratios = np.where(itself, 1.0, t - at) / np.where(itself, 1.0, at[:, None] - at)
+    return np.asarray(ratios.prod(axis=2))
+
+
+@dataclass(frozen=True)
+class RegularStress:
+    """A regular stress by its power series, free of tractions on the surface."""
+
+    series: tuple[complex, ...] = ()  # the terms s_n, MPa/mm^n; empty for no stress
+
+    def __add__(self, other: RegularStress) -> RegularStress:
+        pairs = zip_longest(self.series, other.series, fillvalue=0j)
+        return RegularStress(tuple(a + b for a, b in pairs))
+
+    def __bool__(self) -> bool:
+        return any(self.series)
+
+    def times(self, factor: float) -> RegularStress:
+        """The same stress, a factor larger."""
+        return RegularStress(tuple(factor * s for s in self.series))
+
+    def difference(self, x_mm: Floats, z_mm: Floats) -> Complexes:
+        """(sigma_x - sigma_z) + 2i tau_xz at places of shapes that broadcast (mm), MPa."""
+        x, z = np.asarray(x_mm, float), np.asarray(z_mm, float)
+        even = _power_series([s.real for s in self.series], x, z)
+        slope = _power_series([n * s for n, s in enumerate(self.series)][1:], x, z)
+        return np.asarray(even - 1j * z * slope)
+
+    def trace(self, x_mm: Floats, z_mm: Floats) -> Floats:
+        """sigma_x + sigma_z at places of shapes that broadcast (mm), MPa."""
+        return _power_series(self.series, np.asarray(x_mm, float), np.asarray(z_mm, float)).real
+
+
+def _power_series(terms: tuple[complex, ...] | list[complex], x: Floats, z: Floats) -> Complexes:
+    """Σ terms_n ζ^n by Horner's rule, ζ = x - i z."""
+    shape = np.broadcast_shapes(x.shape, z.shape)
+    if len(terms) < 2:
+        return np.full(shape, terms[0] if terms else 0.0, dtype=complex)
+    zeta = x - 1j * z
+    total = np.full(shape, terms[-1], dtype=complex)
+    for term in reversed(terms[:-1]):
+        total *= zeta
+        total += term
+    return total
+
+
+NO_STRESS = RegularStress()
+"""Nothing besides the contact's own stress."""
+
+
+def uniform_stress(sigma_x_mpa: float) -> RegularStress:
+    """The same stress along x everywhere, tension positive."""
+    return RegularStress((complex(sigma_x_mpa),))
+
+
+def regular_modes(degree: int) -> tuple[RegularStress, ...]:
+    """The 2 degree + 1 real modes up to a degree n: sigma_x = x^n along the surface, and bending.
+
+    They are s_0 = 1, s_1 = 1, s_1 = i, s_2 = 1, s_2 = i, ..., each 1 MPa/mm^n.
+    """
+    modes = [RegularStress((1 + 0j,))]
+    for n in range(1, degree + 1):
+        modes += [RegularStress((*(0j,) * n, unit)) for unit in (1 + 0j, 1j)]
+    return tuple(modes)
+
+
+_AT_ONCE = 1 << 17
+"""Pairs of place and node evaluated at once: some tens of MB of scratch at most."""
+
+
+def difference_and_trace(
+    x_mm: Floats, z_mm: Floats, nodes_mm: Floats, pressure_mpa: Floats, shear_mpa: Floats
+) -> tuple[Complexes, Floats]:
+    """(sigma_x - sigma_z) + 2i tau_xz and sigma_x + sigma_z at any places.
+
+    Parameters as `stress_components`. Returns two arrays of the places' shape, MPa.
+    Source: see `isochrome.stress.half_plane`.
+    """
+    x, z = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(z_mm, float))
+    shape, x, z = x.shape, x.ravel(), z.ravel()
+    difference, trace = np.zeros(x.size, complex), np.zeros(x.size)
+    loaded = np.flatnonzero((pressure_mpa != 0.0) | (shear_mpa != 0.0))
+    if len(loaded):
+        h = float(nodes_mm[1] - nodes_mm[0])
+        t, p, q = nodes_mm[loaded], pressure_mpa[loaded], shear_mpa[loaded]
+        step = max(1, _AT_ONCE // len(loaded))
+        for start in range(0, x.size, step):
+            part = slice(start, start + step)
+            first, second = cauchy_of_hat(x[part, None] - t, z[part, None], h)
+            shear = _sum(first, q)
+            difference[part] = -2 / np.pi * (z[part] * _sum(second, p + 1j * q) + shear)
+            trace[part] = -2 / np.pi * (shear.real + _sum(first.imag, p))
+    return difference.reshape(shape), trace.reshape(shape)
+
+
+def _sum(kernel: Floats | Complexes, traction: Floats | Complexes) -> Complexes:
+    """Sums over the nodes; not by BLAS, whose threads wait for each other on a busy machine."""
+    return np.asarray(np.einsum("ij,j->i", kernel, traction))
+
+
+def stress_components(
+    x_mm: Floats, z_mm: Floats, nodes_mm: Floats, pressure_mpa: Floats, shear_mpa: Floats
+) -> StressComponents:
+    """Compute all three stress components at any places, by direct sums over the loaded nodes.
+
+    Source: see `isochrome.stress.half_plane`.
+
+    Parameters
+    ----------
+    x_mm : ndarray
+        Places along the surface (mm).
+    z_mm : ndarray
+        Depths (mm), not negative; of a shape that broadcasts with that of `x_mm`.
+    nodes_mm : ndarray (n,)
+        Places of the surface nodes (mm), uniform.
+    pressure_mpa : ndarray (n,)
+        Pressure at the nodes (MPa).
+    shear_mpa : ndarray (n,)
+        Shear at the nodes (MPa).
+
+    Returns
+    -------
+    StressComponents
+        Stress (MPa) of the places' shape, float64.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> static, *_ = isochrome.scene_states(isochrome.load_scene("line-contact-wear"))
+    >>> surface = static.surface
+    >>> tractions = surface.grid.x_mm, surface.pressure_mpa, surface.shear_mpa
+    >>> stress = isochrome.stress_components(0.0, 0.3, *tractions)
+    >>> print(f"{stress.sigma_z.item():.1f} MPa")
+    -14.6 MPa
+    """
+    difference, trace = difference_and_trace(x_mm, z_mm, nodes_mm, pressure_mpa, shear_mpa)
+    return StressComponents.from_invariants(difference, trace)
+
+
+_ON_SURFACE = 1e-9
+"""Share of a pixel within which a row is taken to lie on the surface: rounding of its place."""
+SINGLE_ERROR, DOUBLE_ERROR = 1e-6, 5e-13
+"""Errors of a field over the sum of the largest pressure and shear, in complex64 and complex128."""
+
+
+@dataclass(frozen=True)
+class FieldGrid:
+    """Kernel spectra for one grid of surface nodes and one of pixels, made once."""
+
+    pixels: PixelGrid
+    nodes: int
+    fold: int  # nodes a pixel
+    dtype: np.dtype[np.complexfloating]  # complex64 or complex128
+    bands: tuple[RowBand, ...]  # of the material; rows above the surface have none
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all spectra, bytes."""
+        return sum(band.nbytes for band in self.bands)
+
+
+def field_dtype(tolerance: float) -> type[np.complexfloating]:
+    """The cheapest precision whose error is below a share of the largest pressure and shear.
+
+    complex64: 1e-6 (2e-7 under a smooth contact), the rounding of the transforms, 6e-8, times a
+    row's kernel and traction, some ten even for random signs on 65536 nodes. complex128: 5e-13,
+    from the hats' second differences 40 spacings away; InputError below that.
+    """
+    if not tolerance >= DOUBLE_ERROR:
+        raise InputError(
+            f"the tolerance of a stress field is {tolerance:g} of the largest tractions, but "
+            f"double precision reaches {DOUBLE_ERROR:g}; raise it"
+        )
+    return np.complex64 if tolerance >= SINGLE_ERROR else np.complex128
+
+
+def make_field_grid(
+    pixels: PixelGrid,
+    *,
+    left_mm: float,
+    spacing_mm: float,
+    nodes: int,
+    dtype: type[np.complexfloating] = np.complex64,
+) -> FieldGrid:
+    """The kernels from surface nodes to pixels; for `dtype` see `field_dtype`.
+
+    `left_mm` is the first node's place. InputError where the pixel is no whole number of spacings.
+    """
+    fold = round(pixels.pixel_mm / spacing_mm)
+    if fold < 1 or abs(fold * spacing_mm / pixels.pixel_mm - 1.0) > 1e-9:
+        raise InputError(
+            f"the pixel, {pixels.pixel_mm:g} mm, must be a whole number of surface spacings, "
+            f"{spacing_mm:g} mm; change the spacing"
+        )
+    kind = np.dtype(dtype)
+    depths = pixels.z_mm / pixels.pixel_mm
+    surface = int(np.searchsorted(depths, -_ON_SURFACE))
+    deep = int(np.searchsorted(depths, DEEP_PX[kind])) if fold > 1 else pixels.rows
+    z = np.where(np.abs(depths) <= _ON_SURFACE, 0.0, pixels.z_mm)
+    bands = [
+        make_band(
+            rows,
+            z[rows],
+            pixels.cols,
+            first_mm=float(pixels.x_mm[0] - left_mm),
+            spacing_mm=spacing_mm,
+            nodes=nodes,
+            fold=fold,
+            deep=rows.start >= deep,
+            dtype=kind,
+        )
+        for rows in (slice(surface, max(surface, deep)), slice(max(surface, deep), pixels.rows))
+        if rows.start < rows.stop
+    ]
+    return FieldGrid(pixels, nodes, fold, kind, tuple(bands))
+
+
+def stress_difference(
+    grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None
+) -> StressDifference:
+    """(sigma_x - sigma_z) + 2i tau_xz (rows, cols), MPa, of tractions p and q (n,) at the nodes.
+
+    Zero above the surface; InputError where they are not as many as the nodes. Source: see the
+    module.
+    """
+    _check_nodes(grid, pressure_mpa, shear_mpa)
+    field = _empty_field(grid)
+    for band in grid.bands:
+        if shear_mpa is None:
+            loads = [(band.slope, pressure_mpa)]
+        else:
+            loads = [(band.slope, pressure_mpa + 1j * shear_mpa), (band.cauchy, shear_mpa)]
+        convolve_rows(band, loads, field[band.rows])
+    return field
+
+
+def stress_trace(grid: FieldGrid, pressure_mpa: Floats, shear_mpa: Floats | None = None) -> Floats:
+    """sigma_x + sigma_z (rows, cols), MPa, of tractions p and q (n,) at the nodes.
+
+    Equation: -(2/π) Re ∫ (q - ip)/(ζ-t) dt, zero above the surface; InputError where they are not
+    as many as the nodes. Source: see the module.
+    """
+    _check_nodes(grid, pressure_mpa, shear_mpa)
+    traction = -1j * pressure_mpa if shear_mpa is None else shear_mpa - 1j * pressure_mpa
+    field = _empty_field(grid)
+    for band in grid.bands:
+        convolve_rows(band, [(band.cauchy, traction)], field[band.rows])
+    return np.ascontiguousarray(field.real)
+
+
+def components_on_grid(
+    grid: FieldGrid,
+    pressure_mpa: Floats,
+    shear_mpa: Floats | None = None,
+    *,
+    regular: RegularStress = NO_STRESS,
+) -> StressComponents:
+    """All three stress components on the pixels: the principal stresses apart.
+
+    Of tractions (n,) at the nodes, and a stress besides the contact's; (rows, cols) in the grid's
+    precision, zero above the surface.
+    """
+    difference = stress_difference(grid, pressure_mpa, shear_mpa)
+    trace = stress_trace(grid, pressure_mpa, shear_mpa)
+    if regular:
+        material = slice(grid.bands[0].rows.start if grid.bands else grid.pixels.rows, None)
+        x, z = grid.pixels.x_mm[None, :], grid.pixels.z_mm[material, None]
+        difference[material] += regular.difference(x, z).astype(difference.dtype)
+        trace[material] += regular.trace(x, z).astype(trace.dtype)
+    return StressComponents.from_invariants(difference, trace)
+
+
+def _empty_field(grid: FieldGrid) -> StressDifference:
+    """A field that is zero above the surface, and yet to be filled below."""
+    field = np.empty((grid.pixels.rows, grid.pixels.cols), dtype=grid.dtype)
+    field[: grid.bands[0].rows.start if grid.bands else None] = 0.0
+    return field
+
+
+def _check_nodes(grid: FieldGrid, *tractions: Floats | None) -> None:
+    for traction in tractions:
+        if traction is not None and np.shape(traction) != (grid.nodes,):
+            raise InputError(
+                f"tractions have shape {np.shape(traction)}, but the grid has {grid.nodes} surface "
+                "nodes; give one value a node"
+            )
+
+
+_GROWTH = 1.2
+"""Ratio of neighbouring depths of the scan; at depth z nothing is finer than about z."""
+_ACROSS = 17
+"""Places each way of the coarse scan that takes in the window's far corners."""
+_RIVALS, _PARTS = 6, 24
+"""Local maxima by depth, and by part of the load, that are climbed before the highest is kept."""
+_NEARLY = 0.8
+"""Share of the scan's largest value that a rival must have: the scan loses a few per cent."""
+
+
+class Box(NamedTuple):
+    """A part of the material, its outer edges in mm; z from the surface."""
+
+    left: float
+    right: float
+    top: float
+    bottom: float
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Loaded nodes and what acts there; a `regular` stress besides."""
+
+    nodes: Floats
+    pressure: Floats
+    shear: Floats
+    spacing: float
+    regular: RegularStress
+
+    def size(self, x: Floats, z: Floats) -> Floats:
+        """|(sigma_x - sigma_z) + 2i tau_xz| at places of one shape, MPa."""
+        field, _ = difference_and_trace(x, z, self.nodes, self.pressure, self.shear)
+        return np.abs(field + self.regular.difference(x, z))
+
+
+def find_hills(loads: Loads, box: Box) -> tuple[Floats, Floats, Floats]:
+    """Places and sizes of the scans' highest local maxima: by depth, and by part of the load.
+
+    By both, so that neither the noise on a plateau nor the many cusps of a rough traction at the
+    surface crowd out another hill. Parameters: `loads`; `box`, where to look. Returns x, z (mm)
+    and the size of the stress difference (MPa), three arrays of some ten.
+    """
+    scans = _scans(loads, box)
+    highest = max(size.max() for _, _, size in scans)
+    found = []
+    for x, z, size in scans:
+        row, col = np.nonzero(_is_local_maximum(size) & (size >= _NEARLY * highest))
+        found.append(np.stack([size[row, col], x[col], z[row]]))
+    size, x, z = np.concatenate(found, axis=1)
+    parts = np.floor(_PARTS * (x - loads.nodes[0]) / np.ptp(loads.nodes))
+    kept = np.union1d(_best_of_each(z, size)[:_RIVALS], _best_of_each(parts, size)[:_RIVALS])
+    return x[kept], z[kept], loads.size(x[kept], z[kept])
+
+
+def _best_of_each(label: Floats, size: Floats) -> NDArray[np.intp]:
+    """Indices of the largest size of each label, the largest first."""
+    order = np.argsort(-size)
+    _, first = np.unique(label[order], return_index=True)
+    return np.asarray(order[np.sort(first)])
+
+
+def _scans(loads: Loads, box: Box) -> list[tuple[Floats, Floats, Floats]]:
+    """Columns, depths and sizes of a coarse scan of all the window and of fine ones at the load.
+
+    The fine ones reach a load's length beyond the load: a column at each node on graded depths,
+    and four to a spacing near the surface, where hills lie between the cusps at the nodes.
+    """
+    x: Floats = np.linspace(box.left, box.right, _ACROSS)
+    z: Floats = np.linspace(box.top, box.bottom, _ACROSS)
+    scans = [(x, z, loads.size(x[None, :], z[:, None]))]
+    h, start, end = loads.spacing, loads.nodes[0], loads.nodes[-1]
+    left, right = max(box.left, start + start - end), min(box.right, end + end - start)
+    count = int(np.ceil(np.log(max(box.bottom / h, 1.0)) / np.log(_GROWTH)))
+    for step, depths in (
+        (1.0, h * _GROWTH ** np.arange(count + 1)),
+        (0.25, 0.25 * h * np.arange(9)),
+    ):
+        x = start + h * step * np.arange(
+            np.ceil((left - start) / h / step), np.floor((right - start) / h / step) + 1
+        )
+        inside = depths[(depths > box.top) & (depths < box.bottom)]
+        z = np.unique(np.r_[box.top, inside, box.bottom])
+        if x.size:
+            scans.append((x, z, _scan(loads, x, z, round(1.0 / step))))
+    return scans
+
+
+def _scan(loads: Loads, x: Floats, z: Floats, split: int) -> Floats:
+    """Size of the stress difference at any depths, at columns `split` to a spacing."""
+    size = np.empty((len(z), len(x)))
+    both = loads.pressure + 1j * loads.shear
+    for start in range(min(split, len(x))):
+        cols = x[start::split]
+        band = make_band(
+            slice(0, len(z)),
+            z,
+            len(cols),
+            first_mm=float(cols[0] - loads.nodes[0]),
+            spacing_mm=loads.spacing,
+            nodes=len(loads.nodes),
+            fold=1,
+            deep=False,
+            dtype=np.dtype(np.complex64),
+        )
+        field = np.empty((len(z), len(cols)), np.complex64)
+        convolve_rows(band, [(band.slope, both), (band.cauchy, loads.shear)], field)
+        field += loads.regular.difference(cols[None, :], z[:, None]).astype(np.complex64)
+        size[:, start::split] = np.abs(field)
+    return size
+
+
+def _is_local_maximum(size: Floats) -> NDArray[np.bool_]:
+    """Where no neighbour of the eight is larger."""
+    padded = np.pad(size, 1, constant_values=-1.0)
+    rows, cols = size.shape
+    result: NDArray[np.bool_] = np.logical_and.reduce(
+        [size >= padded[i : i + rows, j : j + cols] for i in range(3) for j in range(3)]
+    )
+    return result

@@ -1,1 +1,0 @@
-"""Stress in a half-plane under surface tractions."""
