@@ -50,8 +50,7 @@ def undeformed_gap(scene: Scene, x_mm: Floats) -> Floats:
     Parameters: `scene`, with an indenter; `x_mm` (n,). Returns (n,), mm. Raises InputError on a
     profile file that cannot be used.
     """
-    indenter = scene.indenter
-    assert indenter is not None
+    indenter = scene.pressed_body
     gap = np.zeros_like(x_mm)
     if indenter.radius_mm is not None and indenter.shape == "cylinder":
         gap += x_mm**2 / (2.0 * indenter.radius_mm)

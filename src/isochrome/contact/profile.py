@@ -103,7 +103,7 @@ def contact_grid(
         raise PhysicsError(
             f"{scene.name}: the contact needs {nodes} nodes of {spacing:.3g} mm over "
             f"{2 * half:.3g} mm, more than {_MAX_NODES}; set a coarser numerics.spacing_mm"
-            f"{' (and smooth the profile to fewer rows)' if _has_profile(scene) else ''} or a "
+            f"{' (and smooth the profile to fewer rows)' if scene.profile_file else ''} or a "
             "smaller numerics.window_mm"
         )
     if nodes < 16:
@@ -121,16 +121,12 @@ def contact_grid(
     return ContactGrid(left_mm=-spacing * (nodes // 2), spacing_mm=spacing, nodes=nodes)
 
 
-def _has_profile(scene: Scene) -> bool:
-    return scene.indenter is not None and scene.indenter.profile is not None
-
-
 def _spacing(scene: Scene, smooth: float, half: float) -> float:
     """The scene's own spacing or that of a smooth contact, and none that passes over rows (mm)."""
     given = scene.numerics.spacing_mm
     row = math.inf
-    if scene.indenter is not None and scene.indenter.profile is not None:
-        x, _ = read_profile(scene.path(scene.indenter.profile))
+    if scene.profile_file is not None:
+        x, _ = read_profile(scene.path(scene.profile_file))
         steps = np.diff(x)[(x[1:] > -half) & (x[:-1] < half)]
         if len(steps):
             row = float(np.median(steps))
@@ -138,7 +134,7 @@ def _spacing(scene: Scene, smooth: float, half: float) -> float:
         if given is not None and given > coarsest * (1.0 + 1e-6):
             raise PhysicsError(
                 f"{scene.name}: numerics.spacing_mm = {given:g} does not resolve the rows of the "
-                f"profile {scene.indenter.profile}, {row:.3g} mm apart; set numerics.spacing_mm to "
+                f"profile {scene.profile_file}, {row:.3g} mm apart; set numerics.spacing_mm to "
                 f"{coarsest:.3g} or less, or smooth the profile to fewer rows"
             )
     return given or min(smooth, row / _SPACINGS_IN_ROW_STEP)
@@ -148,8 +144,7 @@ def _contact_reach(
     scene: Scene, modulus: float, dose: float, loads: tuple[float, float]
 ) -> tuple[float, float]:
     """The half-width of the smallest load's unworn contact and the widest to be expected (mm)."""
-    indenter = scene.indenter
-    assert indenter is not None
+    indenter = scene.pressed_body
     if indenter.shape == "flat" and indenter.half_width_mm is not None:
         return indenter.half_width_mm, indenter.half_width_mm
     if indenter.radius_mm is None:

@@ -71,15 +71,14 @@ def refuse_unfit(scene: Scene, state: SurfaceState) -> None:
 
 def _refuse_end_of_profile(scene: Scene, grid: ContactGrid, inside: np.ndarray) -> None:
     """A file's last row is where the measurement ends, not a corner of the body."""
-    assert scene.indenter is not None
-    if scene.indenter.profile is None:
+    if scene.profile_file is None:
         return
-    x, _ = read_profile(scene.path(scene.indenter.profile))
+    x, _ = read_profile(scene.path(scene.profile_file))
     known = np.flatnonzero((grid.x_mm >= x[0]) & (grid.x_mm <= x[-1]))
     ends = [(k, end) for k, end in ((known[0], x[0]), (known[-1], x[-1])) if inside[k]]
     if ends:
         raise PhysicsError(
-            f"{scene.name}: the contact reaches the end of the profile {scene.indenter.profile} at "
+            f"{scene.name}: the contact reaches the end of the profile {scene.profile_file} at "
             f"x = {ends[0][1]:g} mm; extend the profile, or add a row with a large gap if the body "
             "ends there"
         )
@@ -92,10 +91,9 @@ def touches_outside(scene: Scene, state: SurfaceState) -> bool:
     carried on beyond the grid, where a hat of pressure is a line force.
     Parameters: `scene`; `state`, solved. Returns True if the window is too small.
     """
-    assert scene.indenter is not None
-    if scene.indenter.profile is None:
+    if scene.profile_file is None:
         return False
-    rows, _ = read_profile(scene.path(scene.indenter.profile))
+    rows, _ = read_profile(scene.path(scene.profile_file))
     x = np.union1d(rows, np.linspace(rows[0], rows[-1], _PLACES))
     x = x[(x < state.grid.x_mm[0]) | (x > state.grid.x_mm[-1])]
     if not len(x):

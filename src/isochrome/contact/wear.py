@@ -357,8 +357,7 @@ def _scars(
     How far that is must not depend on the tolerance, nor on how finely it samples the course: the
     `path` decides it. Without one it is all of them.
     """
-    indenter = site.scene.indenter
-    assert indenter is not None
+    indenter = site.scene.pressed_body
     if indenter.shape != "cylinder" or indenter.profile is not None:
         return
     assert indenter.radius_mm is not None

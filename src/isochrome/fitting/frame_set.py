@@ -25,7 +25,7 @@ from isochrome.frames import (
 )
 from isochrome.output import counted
 from isochrome.scene import DistanceTable, FramesLike, Scene, check_pixel
-from isochrome.simulation import no_model_sentence, state_count
+from isochrome.simulation import required_model, state_count
 
 Lights = dict[int, tuple[Terms, Terms]]
 """Polynomial products of illumination and background, by the number of their frame."""
@@ -115,7 +115,7 @@ class PreparedFrames(FrameSet):
         if self._count == 0:
             raise InputError(f"{path}: holds no frame; check the file")
         self.scene = self._with_distances(self.given)
-        if self._count > 1 and self.scene.indenter is not None:
+        if self._count > 1 and self.scene.is_contact:
             refuse_states(path, self._count, self.scene)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -178,8 +178,7 @@ def refuse_keys(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> 
     Parameters: `scene`; `shared`, keys of all frames; `own`, keys with a value a frame. Raises
     InputError that names the key and what to do.
     """
-    if scene.model is None:
-        raise InputError(no_model_sentence(scene))
+    required_model(scene)
     keys = shared + own
     if not keys:
         raise InputError("nothing to fit; name a key with --free, such as --free load.normal_n")
@@ -279,7 +278,7 @@ def refuse_untracked(scene: Scene, keys: tuple[str, ...], known: tuple[str, ...]
     Parameters: `scene`; `keys` to track; `known`, those that can be. Raises InputError that names
     the key and what to do.
     """
-    if scene.indenter is None:
+    if not scene.is_contact:
         raise InputError(f"a {scene.model} cannot be tracked, only contacts can; leave --track out")
     for key in keys:
         if key not in known:

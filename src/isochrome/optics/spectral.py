@@ -52,7 +52,7 @@ def make_light(polariscope: Polariscope, response: Response, *, highest_order: f
     """
     if polariscope.lines is not None:
         places, power = np.array(polariscope.lines.wavelength_nm), np.array(polariscope.lines.power)
-    elif polariscope.several_wavelengths:
+    elif polariscope.continuous:
         assert polariscope.wavelength_nm is not None
         spectrum = polariscope.spectrum or WHITE
         edges = _edges(spectrum, response, polariscope.wavelength_nm * highest_order)
@@ -77,8 +77,7 @@ def make_light(polariscope: Polariscope, response: Response, *, highest_order: f
             )
     weights /= total
     seen = (weights > 0.0).any(axis=0)
-    continuous = polariscope.several_wavelengths and polariscope.lines is None
-    return Light(places[seen], weights[:, seen], continuous)
+    return Light(places[seen], weights[:, seen], polariscope.continuous)
 
 
 def _edges(spectrum: Spectrum, response: Response, retardation_nm: float) -> Array:

@@ -234,11 +234,26 @@ class Scene(ScenePart):
         return self.specimen.shape if self._body else None
 
     @property
+    def is_contact(self) -> bool:
+        """Whether a body is pressed on a half-plane or a block, which has a surface and slides."""
+        return self.indenter is not None
+
+    @property
+    def pressed_body(self) -> Indenter:
+        """The indenter, of a contact alone."""
+        assert self.indenter is not None
+        return self.indenter
+
+    @property
+    def profile_file(self) -> str | None:
+        """The file of a contact's measured profile; None without one."""
+        return self.indenter.profile if self.indenter else None
+
+    @property
     def orders_are_read(self) -> bool:
         """Whether fringe orders are read of its frames: else they are normalised alone."""
-        alone = bool(self.polariscope.step) or self.polariscope.several_wavelengths
         fitted = self.model and not self.frames.known_loads_n
-        return bool(fitted or alone or self.frames.orders_known)
+        return bool(fitted or self.polariscope.tells_orders or self.frames.orders_known)
 
     @property
     def no_model_reason(self) -> str:
@@ -310,7 +325,7 @@ class Scene(ScenePart):
         named: list[str | ArrayFrames | None] = [
             *self.table_files,
             self.camera.response if self.camera else None,
-            self.indenter.profile if self.indenter else None,
+            self.profile_file,
         ]
         if of_frames:
             own = self.frames

@@ -37,7 +37,7 @@ from isochrome.simulation.folder import finish_simulation_folder, run_layout
 from isochrome.simulation.model import (
     SceneState,
     iter_scene_states,
-    no_model_sentence,
+    required_model,
     state_count,
 )
 from isochrome.simulation.rendering import (
@@ -221,8 +221,7 @@ def simulate(
     5.35
     """
     scene = load_scene(scene)
-    if scene.model is None:
-        raise InputError(no_model_sentence(scene))
+    required_model(scene)
     check_moduli(scene)
     check_pixel(scene, None)
     pixels, count = pixel_grid(scene), state_count(scene)

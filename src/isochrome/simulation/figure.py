@@ -77,7 +77,7 @@ def stress_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) -> Fig
         low, high = _range(maps)
         bar = add_colour_bar(drawn, label)
         bar.ax.set_ylim(max(low, -limit), min(high, limit))
-    marks = "× largest shear" + (", ▼ edges of contact" if scene.indenter is not None else "")
+    marks = "× largest shear" + (", ▼ edges of contact" if scene.is_contact else "")
     write_head(figure, f"{plain_name(scene.name)}, simulated: principal stresses\n{marks}")
     return figure
 
@@ -167,7 +167,7 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
         if len(items) > 1:
             handles, labels = lower.axes[0].get_legend_handles_labels()
             add_legend(lower, handles, labels, loc="outside right center")
-    steps = len(scene.polariscope.step)
+    steps = len(scene.polariscope.step_numbers)
     which = f"rendered frames, the first of {steps} steps" if steps > 1 else "rendered frames"
     write_head(upper, f"{plain_name(scene.name)}, simulated ({which})")
     return figure

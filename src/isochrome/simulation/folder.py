@@ -130,7 +130,7 @@ def _curves(history: Mapping[str, list[Any]]) -> Iterator[Curve]:
 
 def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) -> list[ReportFrame]:
     """The states that are shown: all of a few, else those that stand out and some between."""
-    pixels, steps = pixel_grid(scene), max(1, len(scene.polariscope.step))
+    pixels, steps = pixel_grid(scene), len(scene.polariscope.step_numbers)
     largest = numbers(history["n_max"])
     chosen = choose_frames(np.full(len(largest), np.nan), largest)
     size, camera = (pixels.rows, pixels.cols), scene.camera
@@ -264,5 +264,5 @@ def _form(work: RenderWork, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
     assert camera is not None
     if name != FRAMES:
         return (1, *size), np.dtype("<f4")
-    steps, colours = max(1, len(work.scene.polariscope.step)), (3,) if camera.colour else ()
+    steps, colours = len(work.scene.polariscope.step_numbers), (3,) if camera.colour else ()
     return (steps, *size, *colours), stored_type(camera.bit_depth).newbyteorder("<")

@@ -109,21 +109,27 @@ def iter_scene_states(scene: Scene) -> Iterator[SceneState]:
 
     InputError at once, where the scene has no model; PhysicsError as they come.
     """
-    if scene.model is None:
-        raise InputError(no_model_sentence(scene))
-    if scene.indenter is None:
-        return iter((SceneState(scene.model, 0.0, None),))
+    model = required_model(scene)
+    if not scene.is_contact:
+        return iter((SceneState(model, 0.0, None),))
     return (SceneState(_label(s), s.distance_m, s) for s in iter_contact_states(scene))
 
 
 def state_count(scene: Scene) -> int:
     """Number of states of a scene, without solving them."""
-    if scene.indenter is None:
+    if not scene.is_contact:
         return 1
     static = scene.friction is not None and scene.friction.static_state_first
     if scene.load is not None and scene.load.tangential_n is not None:
         return 1
     return int(static) + (len(scene.wear.distances_m) if scene.wear else 1)
+
+
+def required_model(scene: Scene) -> str:
+    """The name of a scene's model; InputError where it has none."""
+    if scene.model is None:
+        raise InputError(no_model_sentence(scene))
+    return scene.model
 
 
 def no_model_sentence(scene: Scene) -> str:
@@ -161,7 +167,7 @@ def make_picture(scene: Scene, difference: StressDifference, pixels: PixelGrid) 
         fringe_value_n_per_mm=specimen.fringe_value_n_per_mm,
     )
     material = np.isfinite(order)
-    if scene.model is not None:  # of any other specimen the field itself says where it is
+    if scene.model:  # of any other specimen the field itself says where it is
         material &= specimen_model(scene).inside(pixels)
     order = order if material.all() else np.where(material, order, np.nan)
     visibility, too_fine = pixel_visibility(order)

@@ -240,7 +240,6 @@ def render(
     fringes are too fine for the pixels.
     """
     assert scene.camera is not None
-    steps: list[int | None] = list(range(len(scene.polariscope.step)))
     for index, state in enumerate(states, first):
         if state.surface is not None:
             _refuse_too_wide(scene, state.surface, pixels)
@@ -249,7 +248,7 @@ def render(
         rng = np.random.default_rng([scene.camera.seed, index])
         frames = [
             expose(picture_signal(scene, picture, step), scene.camera, rng=rng)
-            for step in steps or [None]
+            for step in scene.polariscope.step_numbers
         ]
         parts = state_components(scene, state, picture, pixels) if components else None
         yield Rendered(state, picture, np.stack(frames), parts, _block_order(scene, state, pixels))

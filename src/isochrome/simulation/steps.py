@@ -12,9 +12,9 @@ from isochrome.scene import Scene
 from isochrome.simulation.model import (
     SceneState,
     make_picture,
-    no_model_sentence,
     picture_signal,
     refuse_too_fine,
+    required_model,
     state_difference,
 )
 from isochrome.simulation.rendering import picture_array
@@ -100,8 +100,7 @@ def stress_map(scene: Scene, state: SceneState) -> RunArray:
     >>> print(f"{abs(stress).max().item():.2f} MPa")  # 0.6 p_max (Johnson, section 4.2)
     11.27 MPa
     """
-    if scene.model is None:
-        raise InputError(no_model_sentence(scene))
+    required_model(scene)
     pixels = pixel_grid(scene)
     values = state_difference(scene, state, pixels)
     said = {"units": "MPa", "long_name": "(sigma_x - sigma_z) + 2i tau_xz"}
@@ -154,21 +153,15 @@ def polariscope_light(scene: Scene, stress: ArrayLike, *, step: int | None = Non
     for key in ("thickness_mm", "fringe_value_n_per_mm"):
         if getattr(scene.specimen, key) is None:
             raise InputError(f"{scene.name}: specimen.{key} is missing; add it")
-    _check_step(scene, step)
+    if step is not None and step not in scene.polariscope.step_numbers:
+        raise InputError(
+            f"{scene.name}: step = {step}, and the polariscope has {len(scene.polariscope.step)} "
+            "[[polariscope.step]], counted from 0"
+        )
     picture = make_picture(scene, values, pixels)
     refuse_too_fine(scene, picture)
     said = {"units": "1", "long_name": "light, 1 = full"}
     return picture_array(picture_signal(scene, picture, step), pixels, "light", said)
-
-
-def _check_step(scene: Scene, step: int | None) -> None:
-    """Refuse a step that the polariscope has not."""
-    count = len(scene.polariscope.step)
-    if step is not None and not 0 <= step < count:
-        raise InputError(
-            f"{scene.name}: step = {step}, and the polariscope has {count} [[polariscope.step]], "
-            "counted from 0"
-        )
 
 
 def camera_frame(

@@ -142,7 +142,7 @@ def taken_as_exact(
 
 def _is_used(scene: Scene, key: str) -> bool:
     """Whether a scene's model has a key in it."""
-    contact = scene.indenter is not None
+    contact = scene.is_contact
     if key in _OF_CONTACT:
         return contact
     if key in _OF_BLOCK:

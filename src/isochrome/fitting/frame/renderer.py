@@ -81,7 +81,7 @@ def scene_optics(scene: Scene) -> FringeOptics:
     """A scene's optics; of a phase-stepped set, those of its first step."""
     specimen, polariscope = scene.specimen, scene.polariscope
     assert specimen.thickness_mm is not None and specimen.fringe_value_n_per_mm is not None
-    chain = make_chain(polariscope, 0 if polariscope.step else None)
+    chain = make_chain(polariscope, polariscope.step_numbers[0])
     blur_px = scene.camera.blur_px if scene.camera else 0.0
     return FringeOptics(chain, specimen.thickness_mm, specimen.fringe_value_n_per_mm, blur_px)
 
@@ -176,7 +176,7 @@ class SceneRenderer:
             field, visibility = self.order_field(scene)
         else:
             field = self.field_alone(scene)
-        if scene.indenter is None:
+        if not scene.is_contact:
             field = np.nan_to_num(field)
         signal = scene_optics(scene).signal(field, visibility=visibility)
         camera = scene.camera
@@ -275,7 +275,7 @@ class SceneRenderer:
         as the surface moves through them.
         """
         shape = pixels.rows, pixels.cols
-        if scene.indenter is None:
+        if not scene.is_contact:
             return np.zeros(shape, dtype=bool)
         return np.broadcast_to(
             pixels.places[1] <= _SHALLOW_PX * pixels.pixel_mm / self.stride, shape

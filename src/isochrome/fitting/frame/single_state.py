@@ -37,7 +37,7 @@ def frame_scene(scene: Scene, state: int) -> Scene:
     Scene
         A scene with a single state.
     """
-    if scene.indenter is None:
+    if not scene.is_contact:
         return scene
     if is_held(scene):
         return scene.model_copy(update={"wear": None})
@@ -62,7 +62,7 @@ def frame_distance(scene: Scene, state: int) -> float | None:
     float or None
         The distance (m), None where nothing slides.
     """
-    if scene.indenter is None or is_held(scene):
+    if not scene.is_contact or is_held(scene):
         return None
     static_first = bool(scene.friction and scene.friction.static_state_first)
     if static_first and state == 0:
@@ -244,7 +244,7 @@ def with_numerics(
     Scene
         The scene with its grid.
     """
-    if scene.indenter is None or scene.camera is None or scene.camera.pixel_mm is None:
+    if not scene.is_contact or scene.camera is None or scene.camera.pixel_mm is None:
         return scene
     course, _ = wear_course(scene)
     grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))

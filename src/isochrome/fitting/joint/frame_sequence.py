@@ -82,7 +82,7 @@ class Sequence:
     def run(self) -> bool:
         """Whether the frames are states of one wearing run, and not each a contact of its own."""
         scene = self.scene
-        worn = scene.indenter is not None and scene.wear is not None
+        worn = scene.is_contact and scene.wear is not None
         return worn and state_count(scene) == self.count
 
     @cached_property
