@@ -33,9 +33,9 @@ def shown(load, value, start, seed):
         np.ones((1, SIZE), bool),
         1.0,
     )
-    toned = solve_with_gamma(pixels, signal, 1.0)
-    rows = (BY_VALUE * toned.part.amplitude).astype(np.float32)[None]
-    return toned, local_model(("value",), np.zeros(1), toned, rows)
+    gamma_fit = solve_with_gamma(pixels, signal, 1.0)
+    rows = (BY_VALUE * gamma_fit.part.amplitude).astype(np.float32)[None]
+    return gamma_fit, local_model(("value",), np.zeros(1), gamma_fit, rows)
 
 
 @pytest.mark.parametrize(("start", "true"), [(44.0, 46.0), (44.0, 41.0), (44.0, 44.0)])
@@ -43,12 +43,12 @@ def test_the_load_before_is_found_to_what_the_noise_allows(start, true):
     """Beside a value that takes up a part of its effect: the bound is the Fisher information's."""
     found = []
     for seed in range(20):
-        toned, local = shown(true, 0.02, start, seed)
+        gamma_fit, local = shown(true, 0.02, start, seed)
 
-        def change(load, amplitude=toned.part.amplitude):
+        def change(load, amplitude=gamma_fit.part.amplitude):
             return (moved(load, start) * amplitude).astype(np.float32)
 
-        found.append(fit_past_load(change, local, toned.residual, start))
+        found.append(fit_past_load(change, local, gamma_fit.residual, start))
     slope = 0.6 * (1.0 + 0.1 * (true - start)) * BY_LOAD / NOISE
     known = np.stack([BY_VALUE, np.ones(SIZE), np.sin(0.7 * PLACE)])
     alone = slope - known.T @ np.linalg.lstsq(known.T, slope, rcond=None)[0]
@@ -58,6 +58,6 @@ def test_the_load_before_is_found_to_what_the_noise_allows(start, true):
 
 
 def test_where_the_load_before_changes_nothing_the_start_stays():
-    toned, local = shown(44.0, 0.0, 44.0, 1)
+    gamma_fit, local = shown(44.0, 0.0, 44.0, 1)
     nothing = np.zeros(SIZE, np.float32)
-    assert fit_past_load(lambda load: nothing, local, toned.residual, 44.0) == 44.0
+    assert fit_past_load(lambda load: nothing, local, gamma_fit.residual, 44.0) == 44.0

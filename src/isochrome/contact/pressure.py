@@ -398,8 +398,8 @@ def _inside(nodes: Floats, pressure: Floats) -> NDArray[np.bool_]:
         -1, 2
     ):
         run = square[start:end]
-        left, right = (start - _reach(run), end - 1 + _reach(run[::-1]))
-        inside |= (nodes > left) & (nodes < right)
+        first, right = (start - _reach(run), end - 1 + _reach(run[::-1]))
+        inside |= (nodes > first) & (nodes < right)
     return inside
 
 

@@ -319,7 +319,7 @@ def scar_history(
     radius_mm: float,
     contact_modulus_mpa: float,
     coupling_per_mpa: float,
-    course: SlidingHistory,
+    history: SlidingHistory,
     stops: Sequence[OutputState],
     *,
     tolerance: float,
@@ -332,16 +332,16 @@ def scar_history(
     far. E* and 1/G* (1/MPa) are the contact's, `tolerance` the wanted relative error of the
     pressure. PhysicsError where the steps do not converge.
     """
-    load, _ = course.leaving(0.0)
+    load, _ = history.leaving(0.0)
     bend, finest = tolerance, _FINEST
-    if load_rises(course):
+    if load_rises(history):
         tolerance, bend, finest = _OVERRUN * tolerance, _BEND * tolerance, _FINEST_BEND
     units = hertz_units(radius_mm, contact_modulus_mpa, coupling_per_mpa, load)
     finer = max(1.0, (_COARSEST_ERROR / bend) ** (1.0 / _MESH_ORDER))
     mesh = make_mesh(min(finest, 2 * math.ceil(0.5 * _COARSEST * finer)))
-    equations = ScarEquations(mesh, units, course)
+    equations = ScarEquations(mesh, units, history)
     unit = units.dose_mm_per_mpa
-    jump = course.next_jump(0.0) / unit
+    jump = history.next_jump(0.0) / unit
     points = [equations.unworn()]
     allowed = _SHARE * tolerance * (1e3 * tolerance) ** _SHARPER
     allowed = min(max(allowed, _FINEST_ERROR), _LOOSEST)
@@ -363,9 +363,9 @@ def scar_history(
         yield _scar(equations, stop, _at(points, target))
 
 
-def load_rises(course: SlidingHistory) -> bool:
+def load_rises(history: SlidingHistory) -> bool:
     """Whether a contact may overrun its own scar's edge while it wears."""
-    return bool(course.line_load_n_per_mm.max() > _RISEN * course.leaving(0.0)[0])
+    return bool(history.line_load_n_per_mm.max() > _RISEN * history.leaving(0.0)[0])
 
 
 def unresolved(scar: Scar) -> float:
@@ -391,16 +391,16 @@ def _walk(
     Where load or friction nearly jump the step ends, and the next ones begin anew: what was before
     does not foretell what comes, and edges forecast across the bend would ring.
     """
-    course, unit = equations.course, equations.units.dose_mm_per_mpa
+    history, unit = equations.course, equations.units.dose_mm_per_mpa
     edges, first = _edges(points[0]), _FIRST * math.sqrt(allowed)
-    step, bend = first, course.next_bend(_SHORTEST * first * unit) / unit
+    step, bend = first, history.next_bend(_SHORTEST * first * unit) / unit
     while (dose := points[0].dose) < end:
         shortest = _SHORTEST * max(dose, first)
         if dose >= bend * (1.0 - _SAME):
             points, step = points[:1], shortest
-            bend = course.next_bend((bend + shortest) * unit) / unit
-        left, step = min(end, bend) - dose, max(step, shortest)
-        size = left if left <= step else min(step, 0.5 * left)
+            bend = history.next_bend((bend + shortest) * unit) / unit
+        remaining, step = min(end, bend) - dose, max(step, shortest)
+        size = remaining if remaining <= step else min(step, 0.5 * remaining)
         new, error = _advance(equations, points, size)
         factor = _SAFETY * (allowed / max(error, 1e-300)) ** (1.0 / (_order(points) + 1))
         if size <= shortest and error > _NEARLY:
@@ -497,6 +497,8 @@ def _value_weights(t: float, nodes: list[float]) -> list[float]:
 
 def _slope_weights(nodes: list[float]) -> list[float]:
     """Weights of the values at the nodes in their polynomial's slope at the first of them."""
-    first, rest = nodes[0], nodes[1:]
-    weights = [math.prod((first - s) / (r - s) for s in rest if s != r) / (r - first) for r in rest]
+    first, others = nodes[0], nodes[1:]
+    weights = [
+        math.prod((first - s) / (r - s) for s in others if s != r) / (r - first) for r in others
+    ]
     return [-sum(weights), *weights]

@@ -50,15 +50,15 @@ def kinks_of(scene: Scene, end: float) -> Floats:
     assert scene.load is not None
     friction = scene.friction.coefficient if scene.friction else 0.0
     wear = dict(scene.wear).values() if scene.wear else ()
-    found = [0.0, end]
+    breaks = [0.0, end]
     for table in (scene.load.normal_n, friction, *wear):
         if isinstance(table, DistanceTable):
-            found += table.distance_m
+            breaks += table.distance_m
     if isinstance(friction, DistanceTable):
         s, mu = np.array(friction.distance_m), np.array(friction.value)
         i = np.flatnonzero(mu[:-1] * mu[1:] < 0.0)
-        found += (s[i] - mu[i] * (s[i + 1] - s[i]) / (mu[i + 1] - mu[i])).tolist()
-    kinks = np.unique(found)
+        breaks += (s[i] - mu[i] * (s[i + 1] - s[i]) / (mu[i + 1] - mu[i])).tolist()
+    kinks = np.unique(breaks)
     return kinks[kinks <= end]
 
 
@@ -136,14 +136,14 @@ def sampled(scene: Scene, rate: Callable[[Floats], Floats], kinks: Floats) -> Fl
         if not len(a):
             break
         bent = np.zeros(len(a), dtype=bool)
-        whole = integral(rate, a, b)
+        total = integral(rate, a, b)
         change = np.maximum(
             np.abs(scene.load_at(b) - scene.load_at(a)) / scale[0],
             np.abs(scene.friction_at(b) - scene.friction_at(a)) / scale[1],
         )
         for place in (0.25, 0.5):
             part = integral(rate, a, a + place * (b - a))
-            share = np.divide(part, whole, out=np.full(len(a), place), where=whole > 0.0)
+            share = np.divide(part, total, out=np.full(len(a), place), where=total > 0.0)
             bent |= np.abs(share - place) * change > straight
         a, b = a[bent], b[bent]
         middle = 0.5 * (a + b)
@@ -237,8 +237,8 @@ class SlidingHistory:
     def _bent(self, dose: float) -> bool:
         """Whether the slope of load or friction changes at a break."""
         (load, mu), (next_load, next_mu) = self.at(dose), self.leaving(dose)
-        early, late = self.at(dose * (1.0 - _BESIDE)), self.at(dose * (1.0 + _BESIDE))
-        bend = (late[0] - next_load) - (load - early[0]), (late[1] - next_mu) - (mu - early[1])
+        early, after = self.at(dose * (1.0 - _BESIDE)), self.at(dose * (1.0 + _BESIDE))
+        bend = (after[0] - next_load) - (load - early[0]), (after[1] - next_mu) - (mu - early[1])
         return max(abs(bend[0]) / load, abs(bend[1])) > _BEND * _BESIDE
 
     def _at(self, dose: float, side: Literal["left", "right"]) -> tuple[float, float]:
@@ -278,12 +278,12 @@ class OutputState:
         return self.line_load_n_per_mm, self.friction
 
 
-def paused_doses(course: SlidingHistory, stops: Sequence[OutputState]) -> frozenset[float]:
+def paused_doses(history: SlidingHistory, stops: Sequence[OutputState]) -> frozenset[float]:
     """Doses (mm/MPa) at which a state has another load or friction than the course on arriving."""
     return frozenset(
         stop.dose_mm_per_mpa
         for stop in stops
-        if not same_drive(stop.drive, course.at(stop.dose_mm_per_mpa))
+        if not same_drive(stop.drive, history.at(stop.dose_mm_per_mpa))
     )
 
 
@@ -322,7 +322,7 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
     """
     thickness = scene.specimen.thickness_mm
     assert thickness is not None
-    asked = np.array(scene.wear.distances_m if scene.wear else (0.0,), dtype=float)
+    wanted = np.array(scene.wear.distances_m if scene.wear else (0.0,), dtype=float)
     change = scene.friction.earlier_change if scene.friction else 0.0
 
     def friction_before(s: Floats) -> Floats:
@@ -333,24 +333,24 @@ def wear_course(scene: Scene) -> tuple[SlidingHistory, list[OutputState]]:
             return np.zeros(np.shape(s))
         return 1e3 * wear_rate(scene.wear, friction_before(s), s)
 
-    kinks = kinks_of(scene, float(asked.max()))
+    kinks = kinks_of(scene, float(wanted.max()))
     s = sampled(scene, rate, kinks)
     if any(np.ptp(values(s)) > 0.0 for values in (scene.load_at, friction_before)):
-        s = np.union1d(s, asked)  # a state has the course's load there, not nearly
+        s = np.union1d(s, wanted)  # a state has the course's load there, not nearly
     dose = np.concatenate([[0.0], np.cumsum(integral(rate, s[:-1], s[1:]))])
-    below = np.searchsorted(s, asked, side="right") - 1
-    doses = dose[below] + integral(rate, s[below], asked)
+    below = np.searchsorted(s, wanted, side="right") - 1
+    doses = dose[below] + integral(rate, s[below], wanted)
     inside = np.unique(dose[np.isin(s, kinks)])
-    course = SlidingHistory(
+    history = SlidingHistory(
         s,
         dose,
         scene.load_at(s) / thickness,
         friction_before(s),
         tuple(float(d) for d in inside if 0.0 < d < dose[-1]),
     )
-    loads, friction = scene.load_at(asked) / thickness, scene.friction_at(asked)
-    columns = (asked.tolist(), doses.tolist(), loads.tolist(), friction.tolist())
-    return course, [OutputState(*row) for row in zip(*columns, strict=True)]
+    loads, friction = scene.load_at(wanted) / thickness, scene.friction_at(wanted)
+    columns = (wanted.tolist(), doses.tolist(), loads.tolist(), friction.tolist())
+    return history, [OutputState(*row) for row in zip(*columns, strict=True)]
 
 
 def constant_course(
@@ -364,9 +364,9 @@ def constant_course(
 
     `distances_m` in any order; `dose_per_m` is 1000 kappa, mm/MPa per m.
     """
-    asked = np.asarray(distances_m, dtype=float)
-    ends = np.unique([0.0, asked.max()])
+    wanted = np.asarray(distances_m, dtype=float)
+    ends = np.unique([0.0, wanted.max()])
     shape = np.ones(len(ends))
-    course = SlidingHistory(ends, dose_per_m * ends, line_load_n_per_mm * shape, friction * shape)
-    stops = [OutputState(d, dose_per_m * d, line_load_n_per_mm, friction) for d in asked.tolist()]
-    return course, stops
+    history = SlidingHistory(ends, dose_per_m * ends, line_load_n_per_mm * shape, friction * shape)
+    stops = [OutputState(d, dose_per_m * d, line_load_n_per_mm, friction) for d in wanted.tolist()]
+    return history, stops

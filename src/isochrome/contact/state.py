@@ -63,15 +63,15 @@ class SurfaceState:
         p2, h = self.pressure_mpa**2, self.grid.spacing_mm
         inside = np.flatnonzero(p2 > 0.0)
         first, last = int(inside[0]), int(inside[-1])
-        left = self.grid.x_mm[first] - h * _carried(p2[first], p2[min(first + 1, last)])
+        left_mm = self.grid.x_mm[first] - h * _carried(p2[first], p2[min(first + 1, last)])
         right = self.grid.x_mm[last] + h * _carried(p2[last], p2[max(last - 1, first)])
-        return float(left), float(right)
+        return float(left_mm), float(right)
 
     @property
     def contact_width_mm(self) -> float:
         """Distance between the outermost edges of contact (mm)."""
-        left, right = self.edges_mm
-        return right - left
+        left_mm, right = self.edges_mm
+        return right - left_mm
 
     @property
     def line_load_n_per_mm(self) -> float:

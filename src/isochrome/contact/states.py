@@ -136,17 +136,17 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
     contact that outgrows its grid is solved again on a wider one. PhysicsError where it does not
     converge, reaches the grid's edge, or as `contact.validity` says.
     """
-    course, stops = wear_course(scene)
-    loads = course.line_load_n_per_mm
+    history, stops = wear_course(scene)
+    loads = history.line_load_n_per_mm
     given = 0
     for attempt in range(_TRIES):
         grid = contact_grid(
             scene,
-            largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]),
+            largest_dose_mm_per_mpa=float(history.dose_mm_per_mpa[-1]),
             line_loads_n_per_mm=(float(loads.min()), float(loads.max())),
             growth=1.5**attempt,
         )
-        for state in islice(_states_on(scene, grid, course, stops), given, None):
+        for state in islice(_states_on(scene, grid, history, stops), given, None):
             if _touches_edge(state) or touches_outside(scene, state):
                 break
             refuse_unfit(scene, state)
@@ -163,10 +163,10 @@ def iter_contact_states(scene: Scene) -> Iterator[SurfaceState]:
     )
 
 
-def _path(scene: Scene, course: SlidingHistory) -> SlidingHistory:
+def _path(scene: Scene, history: SlidingHistory) -> SlidingHistory:
     """The scene's course as it is sampled at PATH_TOLERANCE, see `worn_states`."""
-    if course.steady or scene.numerics.tolerance == PATH_TOLERANCE:
-        return course
+    if history.steady or scene.numerics.tolerance == PATH_TOLERANCE:
+        return history
     return wear_course(scene.with_values({"numerics.tolerance": PATH_TOLERANCE}))[0]
 
 
@@ -177,7 +177,7 @@ def _touches_edge(state: SurfaceState) -> bool:
 
 
 def _states_on(
-    scene: Scene, grid: ContactGrid, course: SlidingHistory, stops: list[OutputState]
+    scene: Scene, grid: ContactGrid, history: SlidingHistory, stops: list[OutputState]
 ) -> Iterator[SurfaceState]:
     """The states on one grid, in the scene's order."""
     site = make_site(scene, grid)
@@ -189,7 +189,7 @@ def _states_on(
         return
     order = sorted(range(len(stops)), key=lambda i: stops[i].dose_mm_per_mpa)
     rising = [stops[i] for i in order]
-    worn = worn_states(site, course, rising, path=_path(scene, course))
+    worn = worn_states(site, history, rising, path=_path(scene, history))
     waiting: dict[int, SurfaceState] = {}
     place = 0
     for i, state in zip(order, worn, strict=True):

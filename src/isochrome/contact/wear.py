@@ -119,7 +119,7 @@ class _Past:
 def wear_history(
     surface: Surface,
     gap_mm: Floats,
-    course: SlidingHistory,
+    history: SlidingHistory,
     stops: Sequence[OutputState],
     *,
     tolerance: float = 1e-4,
@@ -132,20 +132,20 @@ def wear_history(
     pressure. PhysicsError where a contact does not converge.
     """
     start = start or WornStart(0.0, np.zeros(surface.nodes))
-    load, mu = course.leaving(start.dose_mm_per_mpa)
+    load, mu = history.leaving(start.dose_mm_per_mpa)
     contact = solve_pressure(surface, gap_mm + start.depth_mm, load, friction=mu, tolerance=1e-10)
     now = WornState(start.dose_mm_per_mpa, contact, start.depth_mm)
     past: _Past | None = None
-    allowed = _allowed(tolerance, steady=course.steady)
+    allowed = _allowed(tolerance, steady=history.steady)
     scale = (gap_mm[contact.pressure > 0.0].max() - gap_mm.min()) / contact.pressure.max()
     relaxing, careful = float(surface.lattice_normal[-1]), _CAREFUL * tolerance**0.5
-    near = _Near(relaxing, careful, paused_doses(course, stops))
+    near = _Near(relaxing, careful, paused_doses(history, stops))
     first = 1e-3 * tolerance**0.5 * max(scale, stops[-1].dose_mm_per_mpa * 1e-6)
     step = first
     for stop in stops:
         while stop.dose_mm_per_mpa - now.dose_mm_per_mpa > _SAME * stop.dose_mm_per_mpa:
-            size, target = _size(course, now.dose_mm_per_mpa, stop, step, near)
-            load, mu = course.at(target)
+            size, target = _size(history, now.dose_mm_per_mpa, stop, step, near)
+            load, mu = history.at(target)
             new, error = _advance(surface, gap_mm, load, now, past, size, mu, allowed)
             factor = _SAFETY / max(error, 1e-300) ** 0.5
             if error > 1.0 and size > 1e-12 * stop.dose_mm_per_mpa:
@@ -154,7 +154,7 @@ def wear_history(
             past = _Past(now.depth_mm, now.contact.pressure, size)
             step = size * min(_GROW, max(_SHRINK, factor))
             now = replace(new, dose_mm_per_mpa=target)
-            after = course.leaving(target)
+            after = history.leaving(target)
             if stop.dose_mm_per_mpa > target and not same_drive(after, (load, mu)):
                 past, step = None, first
                 now = replace(now, contact=_settled(surface, gap_mm, now, *after))
@@ -171,28 +171,28 @@ class _Near:
     careful: float
     pauses: frozenset[float]
 
-    def longest(self, left: float, *, jumps: bool) -> float:
+    def longest(self, remaining: float, *, jumps: bool) -> float:
         """The longest step where this much is left to a dose, at which they may jump."""
         share = min(self.careful, _APPROACH) if jumps else _APPROACH
         settle = min(share, _SETTLE) * self.relaxing
-        return left if left <= settle else max(settle, share * left)
+        return remaining if remaining <= settle else max(settle, share * remaining)
 
 
 def _size(
-    course: SlidingHistory, dose: float, stop: OutputState, step: float, near: _Near
+    history: SlidingHistory, dose: float, stop: OutputState, step: float, near: _Near
 ) -> tuple[float, float]:
     """The next step's size and the dose where it ends: the stop and breaks are met exactly."""
-    left, until = stop.dose_mm_per_mpa - dose, course.next_break(dose * (1.0 + _SAME)) - dose
-    size, beyond = min(step, near.longest(left, jumps=False)), dose * (1.0 + _SAME)
+    remaining, until = stop.dose_mm_per_mpa - dose, history.next_break(dose * (1.0 + _SAME)) - dose
+    size, beyond = min(step, near.longest(remaining, jumps=False)), dose * (1.0 + _SAME)
     pause = min((k for k in near.pauses if k > beyond), default=float("inf"))
-    jump = min(course.next_jump(beyond), pause) - dose
+    jump = min(history.next_jump(beyond), pause) - dose
     if jump < float("inf"):
         size = min(size, near.longest(jump, jumps=True))
-    if size >= until and until < left:
+    if size >= until and until < remaining:
         return until, dose + until
-    if 2.0 * size > until and until < left:  # two halves, not a whole and a sliver
+    if 2.0 * size > until and until < remaining:  # two halves, not a whole and a sliver
         size = 0.5 * until
-    return size, stop.dose_mm_per_mpa if size == left else dose + size
+    return size, stop.dose_mm_per_mpa if size == remaining else dose + size
 
 
 def _settled(
@@ -326,8 +326,8 @@ def worn_states(
             depth = last[1] if last is not None and same else _sharp_depth(site, course, scar)
         last, done = (scar, depth), done + 1
         yield _scar_state(site, course, scar, depth)
-    rest = stops[done:]
-    if rest and last is not None:
+    later = stops[done:]
+    if later and last is not None:
         scar, depth = last
         dose = scar.stop.dose_mm_per_mpa
         if depth is None and (course.next_jump(dose) < np.inf or max(pauses, default=0.0) > dose):
@@ -335,18 +335,18 @@ def worn_states(
         if depth is None:
             _, depth = scar_on_nodes(scar, site.grid.x_mm)
         start = WornStart(dose, depth)
-    if rest:
+    if later:
         share = 1.0 if course.steady else _AFTER
         history = wear_history(
-            site.surface, site.gap_mm, course, rest, tolerance=share * tolerance, start=start
+            site.surface, site.gap_mm, course, later, tolerance=share * tolerance, start=start
         )
-        for stop, worn in zip(rest, history, strict=True):
+        for stop, worn in zip(later, history, strict=True):
             yield _state(site, stop, worn.contact, worn.depth_mm)
 
 
 def _scars(
     site: ContactSetup,
-    course: SlidingHistory,
+    history: SlidingHistory,
     stops: list[OutputState],
     tolerance: float,
     *,
@@ -364,7 +364,7 @@ def _scars(
     modulus, coupling = elastic_constants(site.scene)
     run = partial(scar_history, indenter.radius_mm, modulus, coupling)
     held = path is None
-    if stops and path is not None and not course.steady:
+    if stops and path is not None and not history.steady:
         scars = run(path, stops, tolerance=PATH_TOLERANCE)
         if load_rises(path):
             scars = takewhile(lambda scar: unresolved(scar) <= _UNRESOLVED, scars)
@@ -373,7 +373,7 @@ def _scars(
             return
         stops, held = stops[: sum(1 for _ in scars)], True
     reached = 0
-    for scar in run(course, stops, tolerance=tolerance, held=held) if stops else ():
+    for scar in run(history, stops, tolerance=tolerance, held=held) if stops else ():
         reached += 1
         yield scar
     if path is not None and held and reached < len(stops):
@@ -384,7 +384,7 @@ def _scars(
         )
 
 
-def _sharp_depth(site: ContactSetup, course: SlidingHistory, scar: Scar) -> Floats:
+def _sharp_depth(site: ContactSetup, history: SlidingHistory, scar: Scar) -> Floats:
     """A scar's depth (n,) on the grid, for a contact that may overrun its edge.
 
     There the depth bends sharply. A pressure that stands on the bend feels an error of the edge's
@@ -393,7 +393,7 @@ def _sharp_depth(site: ContactSetup, course: SlidingHistory, scar: Scar) -> Floa
     wanted = site.scene.numerics.tolerance
     tolerance = max(wanted * min(1.0, _SHARP / site.grid.nodes), min(wanted, _SHARPEST))
     while tolerance < wanted:
-        for sharp in _scars(site, course, [scar.stop], tolerance):
+        for sharp in _scars(site, history, [scar.stop], tolerance):
             return scar_on_nodes(sharp, site.grid.x_mm)[1]
         tolerance *= 10.0  # at the strongest coupling the finest meshes do not get that far
     return scar_on_nodes(scar, site.grid.x_mm)[1]
@@ -418,14 +418,14 @@ def elastic_state(
 
 
 def _scar_state(
-    site: ContactSetup, course: SlidingHistory, scar: Scar, sharp_depth: Floats | None
+    site: ContactSetup, history: SlidingHistory, scar: Scar, sharp_depth: Floats | None
 ) -> SurfaceState:
     """A scar's state on the grid; solved afresh where its stop has another load than the course."""
     stop, x = scar.stop, site.grid.x_mm
     pressure, depth = scar_on_nodes(scar, x)
     if sharp_depth is not None:
         depth = sharp_depth
-        if not same_drive(stop.drive, course.at(stop.dose_mm_per_mpa)):
+        if not same_drive(stop.drive, history.at(stop.dose_mm_per_mpa)):
             return elastic_state(site, depth, stop)
     u = displacement(site.surface, pressure, friction=stop.friction)
     gap = site.gap_mm + depth + u

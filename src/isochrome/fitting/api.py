@@ -93,21 +93,22 @@ class FrameWork:
     follow: bool = False
     as_stated: bool = False
 
-    def __call__(self, start: int, stop: int, left: Any = None) -> Results:
+    def __call__(self, start: int, stop: int, last_values: Any = None) -> Results:
         """Frames [start, stop), each from the scene, or from where the one before ended.
 
-        `left`, the last chunk's values where frames are followed. Raises InputError, PhysicsError.
+        `last_values`, the last chunk's values where frames are followed. Raises InputError,
+        PhysicsError.
         """
         rows = []
         for i, data in enumerate(self.data.some(start, stop), start):
-            fit = self._row(i, data, left)
+            fit = self._row(i, data, last_values)
             rows.append(fit)
             if self.follow:
                 values = zip(fit["keys"], fit["values"], strict=True)
-                left = dict(values) if fit["positive"] else None
+                last_values = dict(values) if fit["positive"] else None
         good = [row["positive"] and row["chi"] <= POOR_CHI for row in rows]
         more = [{"status": "ok" if ok else "flagged"} for ok in good]
-        return Results({}, rows, more, left=left)
+        return Results({}, rows, more, left=last_values)
 
     def restored(self, index: int, row: Row) -> FrameFit:
         """The fit of a frame, from its row."""
@@ -116,8 +117,8 @@ class FrameWork:
         parts["inputs"] = inputs_of_rows(row["inputs"])
         parts["others"] = tuple(Minimum(np.array(values), chi) for values, chi in row["others"])
         start = placed(alone_scene(self.sequence.scene, index), self.data.shape)
-        found = dict(zip(row["keys"], row["values"], strict=True))
-        return FrameFit(scene=start.with_values(found), **parts)
+        fitted_values = dict(zip(row["keys"], row["values"], strict=True))
+        return FrameFit(scene=start.with_values(fitted_values), **parts)
 
     def _row(self, index: int, data: FrameData, last: Mapping[str, float] | None) -> Row:
         """A frame's fit as plain numbers; `last`, values to look for it at, and there alone."""
@@ -130,37 +131,37 @@ class FrameWork:
         if self.as_stated or not is_each(self.sequence):
             fit = fit_frame(data, scene, keys, cold=last is None, stated=stated)
         else:
-            freed = fit_with_causes(data, scene, keys, cold=last is None, stated=stated)
-            freed = self._explained(freed)
-            fit, messages = freed.fit, cause_messages(freed)
-            light = freed.data.lamp.terms if freed.light else None
+            extended = fit_with_causes(data, scene, keys, cold=last is None, stated=stated)
+            extended = self._explained(extended)
+            fit, messages = extended.fit, cause_messages(extended)
+            light = extended.data.lamp.terms if extended.light else None
         row = {name: getattr(fit, name).tolist() for name in _ARRAYS}
         row |= {name: getattr(fit, name) for name in _PLAIN} | {"keys": list(fit.keys)}
         others = [[other.values.tolist(), float(other.chi)] for other in fit.others]
         row["inputs"] = [list(item) for item in fit.inputs.rows]
         return row | {"others": others, "said": list(messages), "light": light}
 
-    def _explained(self, freed: Freed[FrameSolution]) -> Freed[FrameSolution]:
+    def _explained(self, extended: Freed[FrameSolution]) -> Freed[FrameSolution]:
         """What was freed, or the fit as stated where its unknowns are not told apart any more.
 
         Raises PhysicsError where they are not even then, in a frame that is all there is.
         """
-        stated = freed.stated.fit
+        stated = extended.stated.fit
         # what a frame does not tell, a measured scar may
         if not self.sequence.areas and (stated.positive or self.sequence.count == 1):
             refuse_alike(stated.keys, stated.information, stated.inputs.keys)
         try:
-            now = freed.now.fit
+            now = extended.now.fit
             refuse_alike(now.keys, now.information, now.inputs.keys)
         except PhysicsError:
-            return freed.undone()  # chi stays, and is told
-        return freed
+            return extended.undone()  # chi stays, and is told
+        return extended
 
 
 def joint_stage(
     data: PreparedFrames,
     sequence: Sequence,
-    alone: list[FrameFit],
+    single_fits: list[FrameFit],
     messages: Iterable[tuple[int, str]],
     progress: Progress,
     *,
@@ -169,54 +170,56 @@ def joint_stage(
     """All frames together, from what each says on its own.
 
     Where nothing ties them together, their own fits are the result, and no frame is read again.
-    Parameters: `data`; `sequence`; `alone`, each frame's fit; `messages` of frames, by their
+    Parameters: `data`; `sequence`; `single_fits`, each frame's fit; `messages` of frames, by their
     numbers; `progress`, called with each frame of each pass; `as_stated`, whether nothing else is
     fitted. Returns the Fit and the JointFit behind it. Raises PhysicsError for unknowns that the
     frames do not tell, or not apart.
     """
-    if not any(fit.positive for fit in alone):
+    if not any(fit.positive for fit in single_fits):
         cause = next(iter(messages_of_frames(messages, single=sequence.count == 1)), CORRECT)
         raise PhysicsError(
-            f"{data.given.name}: nothing could be read in any of the {len(alone)} frames: the "
-            f"scene's fringes are not in them; {cause}"
+            f"{data.given.name}: nothing could be read in any of the {len(single_fits)} frames: "
+            f"the scene's fringes are not in them; {cause}"
         )
-    data.plain = {i for i, fit in enumerate(alone) if fit.plain}
-    data.noises = {i: fit.noise_ratio for i, fit in enumerate(alone) if fit.noise_ratio > 1.0}
-    if is_each(sequence) and _frame_tells_all(sequence, alone):
+    data.plain = {i for i, fit in enumerate(single_fits) if fit.plain}
+    data.noises = {i: fit.noise_ratio for i, fit in enumerate(single_fits) if fit.noise_ratio > 1.0}
+    if is_each(sequence) and _frame_tells_all(sequence, single_fits):
         for key in dict.fromkeys(u.key for u in sequence.unknowns):
-            refuse_undetermined(key, (f for i, f in enumerate(alone) if key in sequence.acting(i)))
-        joint = fit_of_each(sequence, alone)
-        said = tuple(messages_of_frames(messages, single=sequence.count == 1))
+            refuse_undetermined(
+                key, (f for i, f in enumerate(single_fits) if key in sequence.acting(i))
+            )
+        joint = fit_of_each(sequence, single_fits)
+        notices = tuple(messages_of_frames(messages, single=sequence.count == 1))
         if sequence.areas:
-            joint = with_scars(joint, alone[0])
-            said += scar_messages(sequence.areas, joint.scene)
-        return make_result(joint, alone, None, (*said, *_opposite_shears(joint))), joint
-    start = starting_values(sequence, alone)
+            joint = with_scars(joint, single_fits[0])
+            notices += scar_messages(sequence.areas, joint.scene)
+        return make_result(joint, single_fits, None, (*notices, *_opposite_shears(joint))), joint
+    start = starting_values(sequence, single_fits)
     now = solve_jointly(data, sequence, start, progress)
     apart = _worn_apart(now)
     notes: tuple[str, ...] = ()
     joint = now.fit
     if not as_stated:
         # what a law of wear leaves is no cause: asked is the fit that needs none
-        freed = free_causes(now if apart is None else apart)
-        notes = cause_messages(freed)
-        if not freed.is_plain:
-            now = freed.now if apart is None else now.joined(freed.now)
-            apart = None if apart is None else freed.now
+        extended = free_causes(now if apart is None else apart)
+        notes = cause_messages(extended)
+        if not extended.is_plain:
+            now = extended.now if apart is None else now.joined(extended.now)
+            apart = None if apart is None else extended.now
             data.lights, data.outside = now.data.lights, now.data.outside
-        joint = freed.fit if apart is None else now.fit
+        joint = extended.fit if apart is None else now.fit
     assert now.fit.information is not None
     refuse_alike(tuple(u.key for u in joint.unknowns), now.fit.information, joint.known)
     laws = None if apart is None else _laws(apart.fit)
     notes += (*scar_messages(sequence.areas, joint.scene), *_opposite_shears(joint))
-    return make_result(joint, alone, laws, notes), joint
+    return make_result(joint, single_fits, laws, notes), joint
 
 
-def _frame_tells_all(sequence: Sequence, alone: list[FrameFit]) -> bool:
+def _frame_tells_all(sequence: Sequence, single_fits: list[FrameFit]) -> bool:
     """Whether scars, if any were measured, add to a frame that tells all unknowns by itself."""
     if not sequence.areas:
         return True
-    (fit,) = alone
+    (fit,) = single_fits
     try:
         refuse_alike(fit.keys, fit.information, fit.inputs.keys)
     except PhysicsError:
@@ -229,17 +232,17 @@ def _worn_apart(now: JointSolution) -> JointSolution | None:
     sequence = segments(now.fit.sequence)
     if sequence is None:
         return None
-    rest = [k for k, u in enumerate(now.fit.unknowns) if u.key != WEAR]
+    others = [k for k, u in enumerate(now.fit.unknowns) if u.key != WEAR]
     worn = mean_coefficients(now.fit.scene, segment_ends(sequence))
-    start = np.concatenate([now.fit.values[rest], worn])
+    start = np.concatenate([now.fit.values[others], worn])
     return solve_jointly(now.data, sequence, start, now.progress)
 
 
 def _opposite_shears(joint: JointFit) -> list[str]:
     """What to say where frames show the scene's shear the other way."""
     messages = []
-    found = zip(joint.unknowns, joint.values, joint.standard_uncertainty, strict=True)
-    for unknown, value, spread in found:
+    estimates = zip(joint.unknowns, joint.values, joint.standard_uncertainty, strict=True)
+    for unknown, value, spread in estimates:
         first = unknown.frames[0]
         given = alone_scene(joint.sequence.scene, first)
         text = opposite_shear(given, unknown.key, float(value), float(spread))
@@ -367,23 +370,23 @@ def fit(
     60.0 N
     """
     scene = load_scene(scene)
-    shared, own = tuple(free), tuple(per_frame)
-    refuse_keys(scene, shared, own)
+    shared, per_frame_keys = tuple(free), tuple(per_frame)
+    refuse_keys(scene, shared, per_frame_keys)
     if tractions:
         refuse_without_contact(scene)
     refuse_without_folder(out, workers, cluster)
     if scene.frames.gamma == "unknown":
         scene = scene.with_values({GAMMA: scene.frames.first_gamma})
-        shared += () if GAMMA in own + shared else (GAMMA,)
+        shared += () if GAMMA in per_frame_keys + shared else (GAMMA,)
     frames = frames_of(frames)
     files = input_files(open_scene_frames(frames, scene), scene)
     if cluster is not None:
         frames, scene = absolute(frames, scene)
     with single_threaded(), closing(PreparedFrames(frames, scene)) as data:
-        task = _Task(data, shared, own, follow, tractions, as_stated, progress)
+        task = _Task(data, shared, per_frame_keys, follow, tractions, as_stated, progress)
         if out is None:
             return task.in_memory()
-        keys = {"free": list(shared), "per_frame": list(own)}
+        keys = {"free": list(shared), "per_frame": list(per_frame_keys)}
         options = keys | {"follow": follow, "tractions": tractions}
         options |= {"as_stated": True} if as_stated else {}
         identity = run_identity(dump_scene(data.given), files, options)
@@ -421,36 +424,38 @@ class _Task:
 
     def in_memory(self) -> Fit:
         """The fit, which leaves no files."""
-        found: list[Row] = []
-        left = None
+        results: list[Row] = []
+        carried = None
         for i in range(len(self.data)):
-            part = self.work(i, i + 1, left)
-            left = part.left
-            found += part.rows
+            part = self.work(i, i + 1, carried)
+            carried = part.left
+            results += part.rows
             self.steps.one()
-        return self._concluded(found)[0]
+        return self._concluded(results)[0]
 
-    def to_folder(self, job: Job, out: Path, means: RunOptions) -> Fit:
+    def to_folder(self, job: Job, out: Path, options: RunOptions) -> Fit:
         """The fit, its files and what is kept of it on the way in a folder."""
 
-        def finish(bench: RunFolder) -> Fit:
-            result, joint = self._concluded([row for row, _ in rows(bench)])
-            write_fit(bench, job, self.data.given.name, self.data, result, joint)
+        def finish(run_folder: RunFolder) -> Fit:
+            result, joint = self._concluded([row for row, _ in rows(run_folder)])
+            write_fit(run_folder, job, self.data.given.name, self.data, result, joint)
             return result
 
         run = partial(run_job, job, out, finish, progress=self.steps.run)
-        found = run(means=means)
-        if found is None and self.tractions:  # a folder does not hold all of them
-            found = run(means=replace(means, restart=True))
-        return found or restore_fit(out, self.data.given, self.asked)
+        results = run(means=options)
+        if results is None and self.tractions:  # a folder does not hold all of them
+            results = run(means=replace(options, restart=True))
+        return results or restore_fit(out, self.data.given, self.asked)
 
-    def _concluded(self, found: list[Row]) -> tuple[Fit, JointFit]:
+    def _concluded(self, results: list[Row]) -> tuple[Fit, JointFit]:
         data, sequence = self.data, self.work.sequence
-        alone = [self.work.restored(i, row) for i, row in enumerate(found)]
-        messages = [(i, text) for i, row in enumerate(found) for text in row["said"]]
-        data.lights = {i: light_terms(row["light"]) for i, row in enumerate(found) if row["light"]}
+        single_fits = [self.work.restored(i, row) for i, row in enumerate(results)]
+        messages = [(i, text) for i, row in enumerate(results) for text in row["said"]]
+        data.lights = {
+            i: light_terms(row["light"]) for i, row in enumerate(results) if row["light"]
+        }
         result, joint = joint_stage(
-            data, sequence, alone, messages, self.steps.one, as_stated=self.work.as_stated
+            data, sequence, single_fits, messages, self.steps.one, as_stated=self.work.as_stated
         )
         result = replace(result, asked=self.asked)
         if self.tractions:

@@ -67,17 +67,19 @@ def fit_figure(name: str, frames: PreparedFrames, scenes: tuple[Scene, ...]) -> 
     figure = new_figure(13.0, (3.9 * min(rows / cols, 1.6) + 0.75) * len(shown) + 0.5)
     axes: Any = figure.subplots(len(shown), 3, squeeze=False)
     for row, k in zip(axes, shown, strict=True):
-        data, seen = wanted[k], evaluate_model(wanted[k], scenes[k])
-        model = seen.background + seen.illumination * seen.signal
-        place = picture_place(seen.pixels)
+        data, evaluated = wanted[k], evaluate_model(wanted[k], scenes[k])
+        model = evaluated.background + evaluated.illumination * evaluated.signal
+        place = picture_place(evaluated.pixels)
         top = float(np.percentile(data.light[data.valid], 99.8))
         for axis, image, valid, title in (
             (row[0], data.light, data.valid, f"frame {k}: captured"),
-            (row[1], model, seen.picture.material, "fitted model"),
+            (row[1], model, evaluated.picture.material, "fitted model"),
         ):
             shown_image = np.where(valid, image, np.nan)
             show_image(axis, shown_image, cmap=FRAME_MAP, vmin=0, vmax=top, title=title, **place)
-        show_residual(row[2], data, model, seen.mask, title=f"chi = {seen.chi:.2f}", **place)
+        show_residual(
+            row[2], data, model, evaluated.mask, title=f"chi = {evaluated.chi:.2f}", **place
+        )
     write_head(figure, f"{plain_name(name)}: fit to the intensity")
     return figure
 
@@ -92,9 +94,9 @@ def show_residual(axis: Axes, data: FrameData, model: Array, mask: Mask, **optio
 
     `options` as in `show_image`.
     """
-    left = np.where(mask, (data.light - model) / data.sigma, np.nan)
+    residual = np.where(mask, (data.light - model) / data.sigma, np.nan)
     label = "(captured - fitted) / noise"
-    show_image(axis, left, cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, colour_label=label, **options)
+    show_image(axis, residual, cmap=DIFFERENCE_MAP, vmin=-5, vmax=5, colour_label=label, **options)
 
 
 def over_distance_figure(name: str, result: Fit) -> Figure | None:
@@ -102,8 +104,8 @@ def over_distance_figure(name: str, result: Fit) -> Figure | None:
 
     Parameters: `name` of the scene; `result`. Returns a Figure, None where nothing is per frame.
     """
-    found = result.over_frames
-    keys = found.keys
+    values = result.over_frames
+    keys = values.keys
     count = len(keys) + (result.wear_laws is not None)
     if len(result.frames) < 2 or not count:
         return None
@@ -112,7 +114,7 @@ def over_distance_figure(name: str, result: Fit) -> Figure | None:
     figure = new_figure(4.6 * columns, 3.5 * rows + 0.4)
     axes: list[Any] = list(figure.subplots(rows, columns, squeeze=False).flat)
     for axis, key in zip(axes, keys, strict=False):
-        draw_values(axis, found, key)
+        draw_values(axis, values, key)
     if result.wear_laws is not None:
         _wear(axes[len(keys)], result)
     for axis in axes[count:]:
@@ -156,17 +158,17 @@ def budget_figure(name: str, result: Fit) -> Figure:
 
     Parameters: `name` of the scene; `result`, with a budget. Returns a Figure.
     """
-    keys = tuple(dict.fromkeys(own.key for own in result.budget))
+    keys = tuple(dict.fromkeys(budget.key for budget in result.budget))
     columns = min(_COLUMNS, len(keys))
     rows = -(-len(keys) // columns)
     figure = new_figure(5.0 * columns, 3.0 * rows + 0.4)
     axes: list[Any] = list(figure.subplots(rows, columns, squeeze=False).flat)
     for axis, key in zip(axes, keys, strict=False):
         squares: dict[str, list[float]] = {}
-        for own in result.budget:
-            for item in own.inputs if own.key == key else ():
+        for budget in result.budget:
+            for item in budget.inputs if budget.key == key else ():
                 squares.setdefault(item.input, []).append(item.contribution**2)
-        sizes = {name: float(np.sqrt(np.mean(found))) for name, found in squares.items()}
+        sizes = {name: float(np.sqrt(np.mean(variances))) for name, variances in squares.items()}
         parts = dict(sorted(sizes.items(), key=lambda item: -item[1]))
         draw_budget(axis, parts, x_label=f"contribution to u({key})", title=key)
     for axis in axes[len(keys) :]:

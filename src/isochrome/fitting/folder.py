@@ -71,15 +71,15 @@ def fit_report(folder: Path, result: Fit | Track, record: Mapping[str, Any]) -> 
     options = record.get("options") or {}
     looked = not options.get("as_stated", False)
     of_kind = _of_track(result, looked) if isinstance(result, Track) else _of_fit(result)
-    found = result.over_frames
-    chi = found.chi[np.isfinite(found.chi)]
+    values = result.over_frames
+    chi = values.chi[np.isfinite(values.chi)]
     goodness = f"{chi.max():.2f} at most" if chi.size else "not known"
     verdict = str(of_kind.pop("verdict"))
     return ReportContent(
         title=result.title,
         verdict=f"{verdict[:1].upper()}{verdict[1:]}. Residual over noise: {goodness} (about 1 "
         "where the frames are described to their noise).",
-        curves=curves_of(found),
+        curves=curves_of(values),
         warnings=result.warnings,
         scene=dump_scene(result.scene),
         paper=paper_rows(result.scene, record),
@@ -121,14 +121,14 @@ PICTURE = "fit.png"
 
 
 def write_fit(
-    bench: RunFolder, job: Job, name: str, data: PreparedFrames, result: Fit, joint: JointFit
+    run_folder: RunFolder, job: Job, name: str, data: PreparedFrames, result: Fit, joint: JointFit
 ) -> None:
     """Leave a fit's files.
 
-    Parameters: `bench`, in whose folder; `job`; `name` of the scene; `data`, the frames; `result`;
-    `joint`, the fit behind it. Raises OSError.
+    Parameters: `run_folder`, in whose folder; `job`; `name` of the scene; `data`, the frames;
+    `result`; `joint`, the fit behind it. Raises OSError.
     """
-    folder = bench.results
+    folder = run_folder.results
     if result.wear_laws is not None:
         write_csv(folder / "wear_laws.csv", result.wear_laws.table())
     write_figure(folder / PICTURE, fit_figure(name, data, joint.scenes))
@@ -147,11 +147,13 @@ def write_fit(
     }
     for key in keys_of(result.frames):
         for part in PARTS:
-            values = [own[key][part] if key in own else None for own in result.frames]
+            values = [
+                estimates[key][part] if key in estimates else None for estimates in result.frames
+            ]
             columns[column_name(key, part)] = column(values, "frame", key)
-    for key, found in result.shared.items():
+    for key, estimate in result.shared.items():
         for part in PARTS:
-            single = Column((), np.array(found[part], float), named_units(key))
+            single = Column((), np.array(estimate[part], float), named_units(key))
             columns[column_name(key, part)] = single
     keep_values(folder, job, result, columns)
 
@@ -189,15 +191,15 @@ def kept_values(out: Path, scene: Scene) -> tuple[dict[str, Any], Scene]:
     return json.loads((out / "fit.json").read_text("utf-8")), fitted
 
 
-def restore_fit(out: Path, scene: Scene, asked: tuple[str, ...] | None = None) -> Fit:
+def restore_fit(out: Path, scene: Scene, keys: tuple[str, ...] | None = None) -> Fit:
     """A fit without tractions, from the folder that an earlier run left complete.
 
-    Parameters: `out`; `scene`, as given; `asked`, as of a Fit. Returns a Fit.
+    Parameters: `out`; `scene`, as given; `keys`, as of a Fit. Returns a Fit.
     """
-    found, fitted = kept_values(out, scene)
-    rows = found["frames"]
+    estimates, fitted = kept_values(out, scene)
+    rows = estimates["frames"]
     single = len(rows) == 1
-    shared = {key: values for key, values in found.items() if _is_value(values)}
+    shared = {key: values for key, values in estimates.items() if _is_value(values)}
     shared = {k: v for k, v in shared.items() if not (single and k in rows[0])}
     budget = _budgets(shared, None)
     for i, row in enumerate(rows):
@@ -207,14 +209,14 @@ def restore_fit(out: Path, scene: Scene, asked: tuple[str, ...] | None = None) -
         frames=[_whole({k: v for k, v in row.items() if _is_value(v)}) for row in rows],
         distance_m=[row["distance_m"] for row in rows],
         frame_chi=[_number(row["chi"], np.nan) for row in rows],
-        chi=_number(found["chi"], np.nan),
+        chi=_number(estimates["chi"], np.nan),
         scene=fitted,
         other_minima=[row["other_minima"] for row in rows],
-        wear_laws=_laws(found) if "wear_laws" in found else None,
-        warnings=tuple(found["warnings"]),
+        wear_laws=_laws(estimates) if "wear_laws" in estimates else None,
+        warnings=tuple(estimates["warnings"]),
         budget=tuple(budget),
-        taken_as_exact=tuple(found["taken_as_exact"]),
-        asked=asked,
+        taken_as_exact=tuple(estimates["taken_as_exact"]),
+        asked=keys,
         already=True,
         draw=partial(saved_picture, out.absolute() / PICTURE),
     )
@@ -240,28 +242,30 @@ def restore_values(out: Path, scene: Scene, options: Mapping[str, Any]) -> Fit |
     if "track" not in options:
         keys = (*options.get("free", ()), *options.get("per_frame", ()))
         return restore_fit(out, scene, None if options.get("as_stated") else keys)
-    found, fitted = kept_values(out, scene)
-    return restored(found, tuple(options["track"]), fitted)
+    estimates, fitted = kept_values(out, scene)
+    return restored(estimates, tuple(options["track"]), fitted)
 
 
 def _is_value(values: Any) -> bool:
     return isinstance(values, dict) and set(PARTS) <= set(values)
 
 
-def _budgets(found: dict[str, Any], frame: int | None) -> list[KeyBudget]:
+def _budgets(estimates: dict[str, Any], frame: int | None) -> list[KeyBudget]:
     """The budgets of values by key, from a fit's JSON."""
-    stated = {k: v["budget"] for k, v in found.items() if _is_value(v) and "budget" in v}
+    stated = {k: v["budget"] for k, v in estimates.items() if _is_value(v) and "budget" in v}
     return [
         KeyBudget(frame, key, tuple(BudgetInput(**row) for row in rows))
         for key, rows in stated.items()
     ]
 
 
-def _whole(found: dict[str, dict[str, Any]]) -> Found:
+def _whole(table: dict[str, dict[str, Any]]) -> Found:
     """JSON knows no infinity: an uncertainty that is not there is one."""
     return {
-        key: {part: _number(own[part], np.nan if part == "value" else np.inf) for part in PARTS}
-        for key, own in found.items()
+        key: {
+            part: _number(estimate[part], np.nan if part == "value" else np.inf) for part in PARTS
+        }
+        for key, estimate in table.items()
     }
 
 
@@ -269,16 +273,16 @@ def _number(value: float | None, unknown: float) -> float:
     return unknown if value is None else value
 
 
-def _laws(found: dict[str, Any]) -> WearLaws:
+def _laws(table: dict[str, Any]) -> WearLaws:
     """The wear laws, compared."""
     short = WEAR.removeprefix("wear.")
     laws = [
         LawFit(
             law=row["law"],
             parameters={
-                WEAR if name == short else name: own
-                for name, own in row.items()
-                if isinstance(own, dict)
+                WEAR if name == short else name: values
+                for name, values in row.items()
+                if isinstance(values, dict)
             },
             between=tuple(row["between"]),
             misfit=row["misfit"],
@@ -286,6 +290,6 @@ def _laws(found: dict[str, Any]) -> WearLaws:
             chi=row["chi"],
             log_evidence=row["log_evidence"],
         )
-        for row in found["wear_laws"]
+        for row in table["wear_laws"]
     ]
-    return WearLaws(tuple(laws), tuple(found["wear_between_frames"]), found["wear_chi"])
+    return WearLaws(tuple(laws), tuple(table["wear_between_frames"]), table["wear_chi"])

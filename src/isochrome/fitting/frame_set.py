@@ -65,8 +65,8 @@ class FrameSet:
         return self.some(0, self._count)
 
     def __getitem__(self, index: int) -> FrameData:
-        (found,) = self.some(index, index + 1)
-        return found
+        (data,) = self.some(index, index + 1)
+        return data
 
     def some(self, start: int, stop: int) -> Iterator[FrameData]:
         """Prepared frames [start, stop). Raises InputError on a bad one."""
@@ -129,8 +129,8 @@ class PreparedFrames(FrameSet):
         self._frames.close()
 
     def _as_read(self, start: int, stop: int) -> Iterator[FrameData]:
-        there = all(i in self._kept for i in range(start, stop))
-        return super()._as_read(start, stop) if there else self._read(start, stop)
+        prepared = all(i in self._kept for i in range(start, stop))
+        return super()._as_read(start, stop) if prepared else self._read(start, stop)
 
     def _read(self, start: int, stop: int) -> Iterator[FrameData]:
         for i in range(start, stop):
@@ -172,18 +172,18 @@ _PLACE = ("camera.left_mm", "camera.top_mm")
 _SENSOR = ("camera.pixel_mm", "camera.blur_px", "frames.gamma")
 
 
-def refuse_keys(scene: Scene, shared: tuple[str, ...], own: tuple[str, ...]) -> None:
+def refuse_keys(scene: Scene, shared: tuple[str, ...], per_frame: tuple[str, ...]) -> None:
     """Refuse keys that are unknown, doubled, or have the same effect as the load.
 
-    Parameters: `scene`; `shared`, keys of all frames; `own`, keys with a value a frame. Raises
-    InputError that names the key and what to do.
+    Parameters: `scene`; `shared`, keys of all frames; `per_frame`, keys with a value a frame.
+    Raises InputError that names the key and what to do.
     """
     required_model(scene)
-    keys = shared + own
+    keys = shared + per_frame
     if not keys:
         raise InputError("nothing to fit; name a key with --free, such as --free load.normal_n")
     for key in keys:
-        _refuse_unfitted(scene, key, is_own=key in own)
+        _refuse_unfitted(scene, key, is_own=key in per_frame)
         if keys.count(key) > 1:
             raise InputError(f"{key} is named twice; name it once, shared or per frame")
         if scene.uncertainties.get(key) == 0.0:
@@ -246,9 +246,9 @@ def refuse_alike(keys: tuple[str, ...], information: Array, known: tuple[str, ..
     others together makes no two of them alike.
     Raises PhysicsError that names the pair.
     """
-    own = [k for k, key in enumerate(keys) if key not in known]
-    keys, information = tuple(keys[k] for k in own), information[np.ix_(own, own)]
-    if not own or not np.all(np.diag(information) > 0.0):
+    unknown = [k for k, key in enumerate(keys) if key not in known]
+    keys, information = tuple(keys[k] for k in unknown), information[np.ix_(unknown, unknown)]
+    if not unknown or not np.all(np.diag(information) > 0.0):
         return
     covariance = scaled_inverse(information)
     spread = np.sqrt(np.diag(covariance))

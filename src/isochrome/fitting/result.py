@@ -91,12 +91,12 @@ class Fit(Result):
     def to_json(self) -> dict[str, Any]:
         """The result as `--json` prints it; a single frame's own unknowns stand at the top too."""
         top: dict[str, Any] = self._with_budget(None, self.shared)
-        each = [self._with_budget(i, own) for i, own in enumerate(self.frames)]
+        each = [self._with_budget(i, estimates) for i, estimates in enumerate(self.frames)]
         if len(self.frames) == 1:
             top |= each[0]
         frames = [
-            {"frame": i, "distance_m": distance, "chi": chi, "other_minima": others, **own}
-            for i, (own, distance, chi, others) in enumerate(
+            {"frame": i, "distance_m": distance, "chi": chi, "other_minima": others, **estimates}
+            for i, (estimates, distance, chi, others) in enumerate(
                 zip(each, self.distance_m, self.frame_chi, self.other_minima, strict=True)
             )
         ]
@@ -111,14 +111,16 @@ class Fit(Result):
                 "wear_chi": self.wear_laws.chi,
             }
         if self.tractions:
-            found = [{"frame": i, **one.to_json()} for i, one in enumerate(self.tractions)]
-            top["tractions"] = found
+            tractions = [{"frame": i, **one.to_json()} for i, one in enumerate(self.tractions)]
+            top["tractions"] = tractions
         return top
 
-    def _with_budget(self, frame: int | None, found: Found) -> dict[str, Any]:
+    def _with_budget(self, frame: int | None, estimates: Found) -> dict[str, Any]:
         """Values by key, each with its budget where inputs are stated."""
-        own = {b.key: [i.to_json() for i in b.inputs] for b in self.budget if b.frame == frame}
-        return {k: v | ({"budget": own[k]} if k in own else {}) for k, v in found.items()}
+        budgets = {b.key: [i.to_json() for i in b.inputs] for b in self.budget if b.frame == frame}
+        return {
+            k: v | ({"budget": budgets[k]} if k in budgets else {}) for k, v in estimates.items()
+        }
 
     @property
     def title(self) -> str:
@@ -128,12 +130,12 @@ class Fit(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """What all frames share, and what each has of its own."""
-        for key, found in self.shared.items():
-            yield key, with_uncertainty(found["value"], found["standard_uncertainty"])
+        for key, estimate in self.shared.items():
+            yield key, with_uncertainty(estimate["value"], estimate["standard_uncertainty"])
         for key in keys_of(self.frames):
-            having = [own[key] for own in self.frames if key in own]
-            spreads = (found["standard_uncertainty"] for found in having)
-            yield key, over_items((found["value"] for found in having), spreads)
+            having = [estimates[key] for estimates in self.frames if key in estimates]
+            spreads = (estimate["standard_uncertainty"] for estimate in having)
+            yield key, over_items((estimate["value"] for estimate in having), spreads)
         if self.wear_laws is not None:
             yield "wear law", self.wear_laws.sentence()
 
@@ -180,7 +182,12 @@ class Fit(Result):
         """What each frame has of its own, NaN where a key is not of a frame."""
         keys = keys_of(self.frames)
         values, spreads, *_ = (
-            np.array([[own[k][part] if k in own else np.nan for k in keys] for own in self.frames])
+            np.array(
+                [
+                    [estimates[k][part] if k in estimates else np.nan for k in keys]
+                    for estimates in self.frames
+                ]
+            )
             for part in PARTS
         )
         none = np.zeros(len(self.frames), dtype=bool)
@@ -209,14 +216,14 @@ class Fit(Result):
     def columns(self) -> dict[str, list[Any]]:
         """Those of fit.csv: one row for each unknown, 'all' or the frame it belongs to."""
         rows: list[tuple[Any, ...]] = [
-            ("all", None, key, *(found[part] for part in PARTS), self.chi)
-            for key, found in self.shared.items()
+            ("all", None, key, *(estimate[part] for part in PARTS), self.chi)
+            for key, estimate in self.shared.items()
         ]
         each = zip(self.frames, self.distance_m, self.frame_chi, strict=True)
-        for i, (own, distance, chi) in enumerate(each):
+        for i, (estimates, distance, chi) in enumerate(each):
             rows += [
-                (str(i), distance, key, *(found[part] for part in PARTS), chi)
-                for key, found in own.items()
+                (str(i), distance, key, *(estimate[part] for part in PARTS), chi)
+                for key, estimate in estimates.items()
             ]
         names = ("frame", "distance_m", "key", *PARTS, "chi")
         return {name: [row[k] for row in rows] for k, name in enumerate(names)}
@@ -224,46 +231,49 @@ class Fit(Result):
 
 def keys_of(frames: list[Found]) -> tuple[str, ...]:
     """The keys of frames, in the order in which they come."""
-    return tuple(dict.fromkeys(key for own in frames for key in own))
+    return tuple(dict.fromkeys(key for estimates in frames for key in estimates))
 
 
 def make_result(
     joint: JointFit,
-    alone: list[FrameFit],
+    single_fits: list[FrameFit],
     laws: WearLaws | None = None,
     notes: tuple[str, ...] = (),
 ) -> Fit:
     """A fit as it is reported.
 
-    Parameters: `joint`, over all frames; `alone`, the frames' own fits, for their other minima;
-    `laws`, the wear laws compared, None where they cannot be; `notes`, what else is to be said.
+    Parameters: `joint`, over all frames; `single_fits`, the frames' own fits, for their other
+    minima; `laws`, the wear laws compared, None where they cannot be; `notes`, what else is to be
+    said.
     """
     shared: Found = {}
-    own: list[Found] = [{} for _ in joint.scenes]
+    per_frame: list[Found] = [{} for _ in joint.scenes]
     for unknown, *parts in zip(
         joint.unknowns, joint.values, joint.standard_uncertainty, joint.noise_uncertainty,
         joint.cramer_rao_bound, strict=True,
     ):  # fmt: skip
-        found = dict(zip(PARTS, map(float, parts), strict=True))
-        for place in [shared] if unknown.shared else [own[i] for i in unknown.frames]:
-            place[unknown.key] = found
+        estimate = dict(zip(PARTS, map(float, parts), strict=True))
+        for place in [shared] if unknown.shared else [per_frame[i] for i in unknown.frames]:
+            place[unknown.key] = estimate
     # a run's course is in the scene already, as tables
-    means = {
-        key: float(np.mean([f[key]["value"] for f in own if key in f]))
-        for key in keys_of(own)
+    averages = {
+        key: float(np.mean([f[key]["value"] for f in per_frame if key in f]))
+        for key in keys_of(per_frame)
         if not joint.sequence.in_course(key)
     }
-    scene = joint.scene.with_values(means) if means else joint.scene
+    scene = joint.scene.with_values(averages) if averages else joint.scene
     return Fit(
         shared=shared,
-        frames=own,
+        frames=per_frame,
         distance_m=list(joint.sequence.distances_m),
         frame_chi=list(joint.frame_chi),
         chi=joint.chi,
-        scene=_with_found_uncertainties(scene, shared | (own[0] if len(own) == 1 else {})),
-        other_minima=[_others(fit) for fit in alone],
+        scene=_with_found_uncertainties(
+            scene, shared | (per_frame[0] if len(per_frame) == 1 else {})
+        ),
+        other_minima=[_others(fit) for fit in single_fits],
         wear_laws=laws,
-        warnings=(*notes, *_warnings(joint, alone), *_of_law(joint.scene, laws)),
+        warnings=(*notes, *_warnings(joint, single_fits), *_of_law(joint.scene, laws)),
         budget=tuple(_budgets(joint)),
         taken_as_exact=taken_as_exact(scene, tuple(u.key for u in joint.unknowns)),
     )
@@ -277,12 +287,12 @@ def _budgets(joint: JointFit) -> Iterator[KeyBudget]:
             yield from (KeyBudget(frame, unknown.key, inputs) for frame in frames)
 
 
-def _with_found_uncertainties(scene: Scene, found: Found) -> Scene:
+def _with_found_uncertainties(scene: Scene, estimates: Found) -> Scene:
     """The fitted scene with what is known now of the values that it had stated before."""
     known = {
-        key: {part: own[part] for part in PARTS[:2]}
-        for key, own in found.items()
-        if key in scene.uncertainties and np.isfinite(own["standard_uncertainty"])
+        key: {part: estimate[part] for part in PARTS[:2]}
+        for key, estimate in estimates.items()
+        if key in scene.uncertainties and np.isfinite(estimate["standard_uncertainty"])
     }
     return scene.with_values(known) if known else scene
 
@@ -292,18 +302,18 @@ def _others(fit: FrameFit) -> list[dict[str, float]]:
     return [dict(zip(fit.keys, m.values.tolist(), strict=True)) | {"chi": m.chi} for m in near]
 
 
-def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
-    found = []
+def _warnings(joint: JointFit, single_fits: list[FrameFit]) -> list[str]:
+    messages_found = []
     poor = [i for i, chi in enumerate(joint.frame_chi) if chi > POOR_CHI]
     if poor:
         where = "" if len(joint.scenes) == 1 else f" ({named_frames(poor)})"
         worst = max(joint.frame_chi)
-        found.append(
+        messages_found.append(
             f"chi = {worst:.2f}{where}: the model does not describe these frames within their "
             "noise; the uncertainties are widened by it, but a bias may remain"
         )
         if not any(unknown.key.startswith("camera.") for unknown in joint.unknowns):
-            found.append(
+            messages_found.append(
                 "the contact's place in the picture was held at the scene's; let it be found with "
                 "--per-frame camera.left_mm --per-frame camera.top_mm"
             )
@@ -315,7 +325,7 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
             "no smooth illumination fits with this model, so that one amplitude stands for all "
             "the frame; give no-load frames",
         )
-        for i, fit in enumerate(alone)
+        for i, fit in enumerate(single_fits)
         if fit.plain and i not in lost
     ]
     messages += [
@@ -324,15 +334,15 @@ def _warnings(joint: JointFit, alone: list[FrameFit]) -> list[str]:
             f"{counted(len(_others(fit)), 'other solution')} of nearly the same misfit; give the "
             "load more closely",
         )
-        for i, fit in enumerate(alone)
+        for i, fit in enumerate(single_fits)
         if _others(fit)
     ]
-    found += messages_of_frames(messages)
+    messages_found += messages_of_frames(messages)
     if not joint.converged:
-        found.append(
+        messages_found.append(
             "the fit did not converge fully; begin it nearer, with load and place in the scene"
         )
-    return found
+    return messages_found
 
 
 def _of_law(scene: Scene, laws: WearLaws | None) -> list[str]:
@@ -345,7 +355,7 @@ def _of_law(scene: Scene, laws: WearLaws | None) -> list[str]:
     ]
 
 
-def fitted_scene(scene: Scene, shared: Found, own: list[Found]) -> Scene:
+def fitted_scene(scene: Scene, shared: Found, per_frame: list[Found]) -> Scene:
     """The scene with values of frames that were fitted each on its own.
 
     Per-frame values become their mean; friction becomes a table over distance, which says itself
@@ -357,7 +367,7 @@ def fitted_scene(scene: Scene, shared: Found, own: list[Found]) -> Scene:
         The scene of all frames, as given.
     shared : dict
         Key to {'value': float} of what all frames share.
-    own : list of dict
+    per_frame : list of dict
         The same for each frame.
 
     Returns
@@ -365,11 +375,11 @@ def fitted_scene(scene: Scene, shared: Found, own: list[Found]) -> Scene:
     Scene
         The scene with these values.
     """
-    values: dict[str, Any] = {key: found["value"] for key, found in shared.items()}
-    for key in keys_of(own):
+    values: dict[str, Any] = {key: estimate["value"] for key, estimate in shared.items()}
+    for key in keys_of(per_frame):
         series = [
             (i, frame[key]["value"])
-            for i, frame in enumerate(own)
+            for i, frame in enumerate(per_frame)
             if key in frame and np.isfinite(frame[key]["value"])
         ]
         if not series:

@@ -127,35 +127,37 @@ def compare_laws(
         for law in _laws(sequence, values)
     ]
     best = max(fit.log_evidence for fit in fits)
-    found = [replace(fit, log_evidence=fit.log_evidence - best) for fit in fits]
-    return tuple(sorted(found, key=lambda f: -f.log_evidence))
+    laws = [replace(fit, log_evidence=fit.log_evidence - best) for fit in fits]
+    return tuple(sorted(laws, key=lambda f: -f.log_evidence))
 
 
 def _laws(sequence: Sequence, values: Array) -> list[Law]:
     ends = segment_ends(sequence)
-    own = values[_unknowns_of(sequence, WEAR)]
-    mean = float(own @ np.diff(ends, prepend=0.0) / ends[-1])
+    coefficients = values[_unknowns_of(sequence, WEAR)]
+    mean = float(coefficients @ np.diff(ends, prepend=0.0) / ends[-1])
 
     def plain(law: str) -> Law:
         scene = sequence.whole(values).with_values({"wear.law": law, WEAR: mean})
-        ratio = float(np.sum(own) / np.sum(mean_coefficients(scene, ends)))
+        ratio = float(np.sum(coefficients) / np.sum(mean_coefficients(scene, ends)))
         start = np.array([np.log(mean * ratio)])
         return Law(
             law, (WEAR,), start, np.array([np.inf]),
             lambda t: {"wear.law": law, WEAR: float(np.exp(t[0]))},
         )  # fmt: skip
 
-    found = [plain("archard")]
+    laws = [plain("archard")]
     if sequence.scene.friction is not None:
-        found += [plain("sarkar"), plain("dissipated_energy")]
+        laws += [plain("sarkar"), plain("dissipated_energy")]
     if len(ends) > 2:
-        found.append(_running_in(ends, own))
-    return found
+        laws.append(_running_in(ends, coefficients))
+    return laws
 
 
-def _running_in(ends: Array, own: Array) -> Law:
+def _running_in(ends: Array, coefficients: Array) -> Law:
     """Archard's law with a coefficient that is linear in the distance until it stays."""
-    last = max(own[-1], _LEAST * float(np.mean(own)))  # where it has ceased, it has no logarithm
+    last = max(
+        coefficients[-1], _LEAST * float(np.mean(coefficients))
+    )  # where it has ceased, it has no logarithm
     start = np.log([last, 1.0, float(np.exp(np.mean(np.log(ends))))])
 
     def wear(t: Array) -> dict[str, Any]:
@@ -204,19 +206,19 @@ def _fit_law(
     steps = np.concatenate([np.full(count, 1e-5), 1e-2 / size[: len(friction)]])
 
     def curve(unknown: Array) -> Array:
-        there = values.copy()
-        there[friction] = unknown[count:]
-        scene = sequence.whole(there).with_values(law.wear(unknown[:count]))
-        there[segment] = mean_coefficients(scene, ends)
-        return (there - values)[friction + segment] * size
+        moved = values.copy()
+        moved[friction] = unknown[count:]
+        scene = sequence.whole(moved).with_values(law.wear(unknown[:count]))
+        moved[segment] = mean_coefficients(scene, ends)
+        return (moved - values)[friction + segment] * size
 
-    found = [
+    laws = [
         nearest_point(
             curve, centre + np.pad(turned, (0, len(friction))), centre, steps, reduced, precision
         )
         for turned in _starts(law)
     ]
-    best = min(found, key=lambda place: place.cost)
+    best = min(laws, key=lambda place: place.cost)
     narrow = law.prior[np.isfinite(law.prior)]
     log_z = -0.5 * (best.cost + float(np.linalg.slogdet(best.normal)[1]))
     log_z -= float(np.log(narrow).sum())
@@ -244,21 +246,23 @@ def _starts(law: Law) -> list[Array]:
     return [np.array([0.0, ratio, turn]) for ratio in (-0.7, 0.7) for turn in (-0.7, 0.7)]
 
 
-def marginal(information: Array, kept: list[int]) -> tuple[Array, Array]:
+def marginal(information: Array, selected: list[int]) -> tuple[Array, Array]:
     """What is known of some unknowns whatever the others are: the Schur complement.
 
-    Equation: N_kk - N_kr N_rr^-1 N_rk. Parameters: `information` (p, p); `kept`, indices (k,).
+    Equation: N_kk - N_kr N_rr^-1 N_rk. Parameters: `information` (p, p); `selected`, indices (k,).
     Returns it for the kept unknowns times `size`, (k, k), and `size` (k,), with which the
     information's diagonal is one.
     """
-    rest = [k for k in range(len(information)) if k not in kept]
+    others = [k for k in range(len(information)) if k not in selected]
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information / np.outer(size, size)
-    cross = scaled[np.ix_(kept, rest)]
-    left = scaled[np.ix_(kept, kept)]
-    if rest:
-        left = left - cross @ np.linalg.solve(scaled[np.ix_(rest, rest)], cross.T)
-    return left, size[kept]
+    cross = scaled[np.ix_(selected, others)]
+    marginal_matrix = scaled[np.ix_(selected, selected)]
+    if others:
+        marginal_matrix = marginal_matrix - cross @ np.linalg.solve(
+            scaled[np.ix_(others, others)], cross.T
+        )
+    return marginal_matrix, size[selected]
 
 
 @dataclass(frozen=True)
@@ -405,7 +409,10 @@ class WearLaws:
                 "misfit": law.misfit,
                 "degrees_of_freedom": law.freedom,
                 "between": list(law.between),
-                **{name.removeprefix("wear."): found for name, found in law.parameters.items()},
+                **{
+                    name.removeprefix("wear."): parameter
+                    for name, parameter in law.parameters.items()
+                },
             }
             for law in self.laws
         ]

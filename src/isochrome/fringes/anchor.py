@@ -88,10 +88,10 @@ def balance(
     part; not `compatible`: turns e is itself a residual stress's. Source: the module's.
     """
     share = block_means(inside.astype(float), _BLOCK)
-    alone = turns * direction if residual is None else turns * direction - residual
+    load_turns = turns * direction if residual is None else turns * direction - residual
     field, angle, signed, noise = (
         valid_means(values, inside, _BLOCK)
-        for values in (alone, direction, turns, np.square(spread) / _BLOCK**2)
+        for values in (load_turns, direction, turns, np.square(spread) / _BLOCK**2)
     )
     # a masked pixel here and there is no edge of the part
     full = share > _FULL
@@ -102,13 +102,15 @@ def balance(
         if places < _FEWEST:
             continue
         # white noise of variance v is left with v ∫ k⁴ exp(-k²w²) d²k/4π² = v/(2π w⁶)
-        left = gaussian_filter(noise, width)[use] / (2.0 * np.pi * width**6)
+        noise_slope = gaussian_filter(noise, width)[use] / (2.0 * np.pi * width**6)
         bent, turned = _bending(field, width)[use], _bending(angle, width)[use]
         if not compatible:  # one equation of the two, which has half the noise
-            bent, turned, left = 1j * bent.imag, 1j * turned.imag, 0.5 * left
-        found = _solve(bent, turned, signed[use], left, places if compatible else 0.5 * places)
-        if found is not None:
-            return found
+            bent, turned, noise_slope = 1j * bent.imag, 1j * turned.imag, 0.5 * noise_slope
+        solution = _solve(
+            bent, turned, signed[use], noise_slope, places if compatible else 0.5 * places
+        )
+        if solution is not None:
+            return solution
     return None
 
 

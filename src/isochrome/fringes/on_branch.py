@@ -155,13 +155,13 @@ class _Wave:
         """The same, and its slope."""
         turn = np.float32(2.0 * np.pi) * shift
         cosine, sine = np.cos(turn), np.sin(turn, out=turn)
-        left = self._rest - self._cosine * cosine
-        left -= self._sine * sine
+        residual = self._rest - self._cosine * cosine
+        residual -= self._sine * sine
         cosine *= self._sine
         sine *= self._cosine
         cosine -= sine
         cosine *= np.float32(2.0 * np.pi)
-        return left, cosine
+        return residual, cosine
 
 
 def _move(information: Array, answer: Array) -> Array:
@@ -177,11 +177,11 @@ def _moved_by_wide_windows(wave: _Wave) -> Array:
     """
     shift = np.zeros(wave.shape, dtype=np.float32)
     for k in range(_WIDE_MOVES):
-        left, slope = wave.light_and_slope(shift) if k else wave.on_branch()
-        left *= slope
+        residual, slope = wave.light_and_slope(shift) if k else wave.on_branch()
+        residual *= slope
         slope *= slope
         information = Windows(halved(slope), 2).sum(_WIDE_PX)
-        step = _move(information, Windows(halved(left), 2).sum(_WIDE_PX))
+        step = _move(information, Windows(halved(residual), 2).sum(_WIDE_PX))
         shift += expanded(step, wave.shape, 2)
         if float(np.vdot(step, step)) < _AT_REST**2 * step.size:
             break  # the model was as near
@@ -237,8 +237,8 @@ def less_sure(reading: OrderReading, error: Array, largest: float) -> OrderReadi
     read = np.isfinite(reading.order)
     uncertainty = np.hypot(np.where(read, reading.uncertainty, 0.0), error)
     known = read & (uncertainty < largest)
-    found = make_reading(reading.order, uncertainty, known, of=read)
-    return replace(found, kept=reading.kept * found.kept)
+    widened_reading = make_reading(reading.order, uncertainty, known, of=read)
+    return replace(widened_reading, kept=reading.kept * widened_reading.kept)
 
 
 def moved_by_light(order: Array, error: Array) -> Array:

@@ -46,9 +46,9 @@ def _whole(known: Mask, sigma_px: float) -> Mask:
     """Mark the pixels whose neighbourhood is known, and not a continuation past the border."""
     share = ndimage.gaussian_filter(known.astype(float), sigma_px, mode="reflect")
     rim = int(np.ceil(sigma_px))
-    whole = np.zeros_like(known)
-    whole[rim:-rim, rim:-rim] = True
-    return np.asarray(whole & known & (share >= _WHOLE_SHARE))
+    complete = np.zeros_like(known)
+    complete[rim:-rim, rim:-rim] = True
+    return np.asarray(complete & known & (share >= _WHOLE_SHARE))
 
 
 def ridge_noise(image: Floats) -> float:
@@ -200,15 +200,15 @@ def skeletons(signal: ArrayLike, *, sigma_px: float = 2.0) -> list[Skeleton]:
         return []
     noise = ridge_noise(image)
     middle = 0.5 * float(np.sum(np.nanpercentile(image, (2.0, 98.0))))
-    found: list[Skeleton] = []
+    lines: list[Skeleton] = []
     for factor, deviations in _PASSES:
         scale = factor * sigma_px
         if min(image.shape) < 4 * scale:
             break
         limit = max(deviations * noise * noise_gain(scale), _FLOOR)
-        taken = beside(image.shape, [(f.rows, f.cols) for f in found], 2 * scale)
-        found += _one_pass(image, scale, limit, max(_SHORTEST_PX, 3 * scale), middle, taken)
-    return sorted(found, key=lambda each: -each.rows.size)
+        taken = beside(image.shape, [(f.rows, f.cols) for f in lines], 2 * scale)
+        lines += _one_pass(image, scale, limit, max(_SHORTEST_PX, 3 * scale), middle, taken)
+    return sorted(lines, key=lambda each: -each.rows.size)
 
 
 def order_contours(
@@ -230,7 +230,7 @@ def order_contours(
     if levels is None:
         highest = float(field[known].max()) if known.any() else 0.0
         levels = np.arange(0.5, highest + 1e-12, 0.5).tolist()
-    found: list[Skeleton] = []
+    lines: list[Skeleton] = []
     for level in levels:
         twice = round(2.0 * level)
         if abs(2.0 * level - twice) > 1e-9:
@@ -238,8 +238,8 @@ def order_contours(
         kind: Kind = "bright" if twice % 2 else "dark"
         for line in find_contours(np.where(known, field, 0.0), float(level), mask=known):
             if np.hypot(*np.diff(line, axis=0).T).sum() >= min_length_px:
-                found.append(Skeleton(kind, line[:, 0], line[:, 1], float(level)))
-    return found
+                lines.append(Skeleton(kind, line[:, 0], line[:, 1], float(level)))
+    return lines
 
 
 def skeleton_table(

@@ -90,12 +90,12 @@ def _told(shown: Array, both: Array, side: int, steady: float) -> tuple[Array, A
     """
     square = Windows(shown, side)
     total = np.maximum(square.sum(steady), 1e-12)
-    found = Windows(both, side).sum(steady) / total
+    variance_shown = Windows(both, side).sum(steady) / total
     variance = square.sum(steady / np.sqrt(2.0)) / (total * total)
-    found *= found
-    found -= _SURELY * variance
-    np.maximum(found, 0.0, out=found)
-    return found * (variance < _TOLD**2), variance
+    variance_shown *= variance_shown
+    variance_shown -= _SURELY * variance
+    np.maximum(variance_shown, 0.0, out=variance_shown)
+    return variance_shown * (variance < _TOLD**2), variance
 
 
 class _Blocks:

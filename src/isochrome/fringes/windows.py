@@ -59,9 +59,9 @@ def gaussian_sum(values: Array, width_px: float, *, reach: float = 4.0) -> Array
     weights = _window(width_px, reach)
     single = np.ascontiguousarray(values, dtype=np.float32)
     # nothing lies beyond the picture
-    found: Array = cv2.sepFilter2D(single, -1, weights, weights, borderType=cv2.BORDER_CONSTANT)
-    found *= 2.0 * np.pi * width_px**2
-    return found
+    sums: Array = cv2.sepFilter2D(single, -1, weights, weights, borderType=cv2.BORDER_CONSTANT)
+    sums *= 2.0 * np.pi * width_px**2
+    return sums
 
 
 class Windows:
@@ -146,17 +146,17 @@ def masked(values: Array, known: Mask) -> Array:
 
 def without(values: Array, known: Mask, nothing: float = 0.0) -> Array:
     """Values (rows, cols) float32, and `nothing` where they are not known."""
-    found = np.array(values, dtype=np.float32)
-    np.copyto(found, np.float32(nothing), where=~known)  # a third of the time of np.where
-    return found
+    weights = np.array(values, dtype=np.float32)
+    np.copyto(weights, np.float32(nothing), where=~known)  # a third of the time of np.where
+    return weights
 
 
 def beside_jumps(order: Array, largest: float) -> Mask:
     """Pixels (rows, cols) on either side of a step of the order that is larger (fringes)."""
-    found = np.zeros(order.shape, dtype=bool)
+    steep = np.zeros(order.shape, dtype=bool)
     for axis in (0, 1):
         jump = np.abs(np.diff(order.swapaxes(0, axis), axis=0)) > largest
-        here = found.swapaxes(0, axis)
+        here = steep.swapaxes(0, axis)
         here[1:] |= jump
         here[:-1] |= jump
-    return found
+    return steep

@@ -88,14 +88,14 @@ def make_chain(
     if step is None and ratio == 1.0 and (polariser, first, second, analyser) in (_DARK, _BRIGHT):
         dark = analyser == _DARK[3]
         return Chain(0j, 1 + 0j, 1j, 1, band) if dark else Chain(1 + 0j, 0j, 0j, -1, band)
-    light, seen = _axis(polariser), _axis(analyser)
+    light, output = _axis(polariser), _axis(analyser)
     if first is not None and second is not None:
         light = retarder(0.5 * math.pi * ratio, first) @ light
-        seen = seen @ retarder(0.5 * math.pi * ratio, second)
+        output = output @ retarder(0.5 * math.pi * ratio, second)
     return Chain(
-        complex(seen @ light),
-        complex(seen[0] * light[0] - seen[1] * light[1]),
-        complex(seen[0] * light[1] + seen[1] * light[0]),
+        complex(output @ light),
+        complex(output[0] * light[0] - output[1] * light[1]),
+        complex(output[0] * light[1] + output[1] * light[0]),
         band=band,
     )
 

@@ -76,8 +76,8 @@ def make_light(polariscope: Polariscope, response: Response, *, highest_order: f
                 "the light's wavelengths, or camera.response"
             )
     weights /= total
-    seen = (weights > 0.0).any(axis=0)
-    return Light(places[seen], weights[:, seen], polariscope.continuous)
+    visible = (weights > 0.0).any(axis=0)
+    return Light(places[visible], weights[:, visible], polariscope.continuous)
 
 
 def _edges(spectrum: Spectrum, response: Response, retardation_nm: float) -> Array:
@@ -189,9 +189,9 @@ def _beside(
     at: tuple[NDArray[np.intp], ...], axis: int, step: int, shape: tuple[int, ...]
 ) -> tuple[NDArray[np.bool_], tuple[NDArray[np.intp], ...]]:
     """Whether pixels have a neighbour along an axis, and its place, or their own."""
-    there = at[axis] + step
-    has = (there >= 0) & (there < shape[axis])
-    return has, tuple(np.where(has, there, p) if k == axis else p for k, p in enumerate(at))
+    index = at[axis] + step
+    has = (index >= 0) & (index < shape[axis])
+    return has, tuple(np.where(has, index, p) if k == axis else p for k, p in enumerate(at))
 
 
 def _bend(order: Array, axis: int) -> Array:

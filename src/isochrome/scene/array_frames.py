@@ -210,21 +210,21 @@ class ArrayFrames:
 
     def _scale(self) -> float | None:
         """The side of a pixel by the coordinates. Raises InputError where they are uneven."""
-        found = None
+        common = None
         for name, count in zip(("z_mm", "x_mm"), self.form, strict=False):
             places = self._coordinate(name)
             if places is None or places.shape != (count,) or count < 2:
                 continue
             steps = np.diff(places)
             side = float(steps.mean())
-            even = np.ptp(steps) <= 1e-3 * abs(side) and (found is None or _alike(found, side))
+            even = np.ptp(steps) <= 1e-3 * abs(side) and (common is None or _alike(common, side))
             if not (side > 0 and even):
                 raise InputError(
                     f"{self}: its coordinate {name} does not rise by one step, the same in both "
                     f"directions; sort it with .sortby('{name}'), or drop the coordinate"
                 )
-            found = side
-        return found
+            common = side
+        return common
 
 
 def _alike(one: float, other: float) -> bool:
@@ -234,10 +234,10 @@ def _alike(one: float, other: float) -> bool:
 def _numpy_type(dtype: Any) -> np.dtype[Any]:
     """An array's type as numpy's; that of any object where numpy does not know it."""
     try:
-        found: np.dtype[Any] = np.dtype(dtype)
+        numpy_dtype: np.dtype[Any] = np.dtype(dtype)
     except TypeError:
         return np.dtype(object)
-    return found
+    return numpy_dtype
 
 
 FramesLike = str | Path | Sequence[str | Path] | FrameSequence | ArrayFrames

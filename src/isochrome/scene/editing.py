@@ -34,12 +34,14 @@ def with_value(
     """
     wanted = parse_toml(text, name)
     table, _, entry = key.partition(".")
-    own = wanted.setdefault(table, {})
-    if isinstance(own, dict):
-        own[entry] = tomllib.loads(f"value = {written}")["value"]
-        found = _edited(text, lambda doc: _set(doc, (table, entry), written, comment, mark), wanted)
-        if found is not None:
-            return found
+    entries = wanted.setdefault(table, {})
+    if isinstance(entries, dict):
+        entries[entry] = tomllib.loads(f"value = {written}")["value"]
+        edited = _edited(
+            text, lambda doc: _set(doc, (table, entry), written, comment, mark), wanted
+        )
+        if edited is not None:
+            return edited
     raise InputError(f"{name}: its layout cannot be edited; set {key} = {written} in it by hand")
 
 
@@ -58,10 +60,10 @@ def without_value(text: str, key: str, *, name: str = "scene") -> str:
     emptied = copy.deepcopy(wanted)
     if entry and not holder:
         del emptied[table]  # a table that held nothing else may go with it
-    found = _edited(text, lambda doc: _take_out(doc, key.split(".")), wanted, emptied)
-    if found is None:
+    edited = _edited(text, lambda doc: _take_out(doc, key.split(".")), wanted, emptied)
+    if edited is None:
         raise InputError(f"{name}: its layout cannot be edited; take {key} out of it by hand")
-    return found
+    return edited
 
 
 def with_table_list(
@@ -77,13 +79,13 @@ def with_table_list(
     wanted = parse_toml(text, name)
     table, _, entry_name = key.partition(".")
     holder = wanted.setdefault(table, {}) if entry_name else wanted
-    there = holder.get(entry_name or table, [])
+    tables_now = holder.get(entry_name or table, [])
     holder[entry_name or table] = tables = [dict(entry) for entry in entries]
-    stay = [entry for entry in there if entry in tables]
+    stay = [entry for entry in tables_now if entry in tables]
     stay = stay if tables[: len(stay)] == stay else []
-    found = _edited(text, lambda doc: _set_list(doc, key.split("."), stay, tables), wanted)
-    if found is not None:
-        return found
+    edited = _edited(text, lambda doc: _set_list(doc, key.split("."), stay, tables), wanted)
+    if edited is not None:
+        return edited
     raise InputError(f"{name}: its layout cannot be edited; write [[{key}]] in it by hand")
 
 
@@ -100,11 +102,11 @@ def with_list_value(
     def edit(document: TOMLDocument) -> None:
         document[key][place][entry] = value
 
-    found = _edited(text, edit, wanted)
-    if found is None:
+    edited = _edited(text, edit, wanted)
+    if edited is None:
         what = f"{entry} = {value} of {key} {place + 1}"
         raise InputError(f"{name}: its layout cannot be edited; set {what} by hand")
-    return found
+    return edited
 
 
 def toml_text(value: Any) -> str:
@@ -140,14 +142,14 @@ def _edited(
         if "".join(document.as_string().split()) != "".join(plain.split()):
             return None
         behind = edit(document) or ""
-        found = document.as_string()
+        edited = document.as_string()
     except (TOMLKitError, RecursionError):
         return None
-    found = found if behind else found.removesuffix(added)
-    found += "\n" + behind if behind and found.strip() else behind
-    found = found.replace("\n", "\r\n") if windows else found
+    edited = edited if behind else edited.removesuffix(added)
+    edited += "\n" + behind if behind and edited.strip() else behind
+    edited = edited.replace("\n", "\r\n") if windows else edited
     try:
-        return found if parse_toml(found, "scene") in wanted else None
+        return edited if parse_toml(edited, "scene") in wanted else None
     except InputError:
         return None
 
@@ -165,8 +167,8 @@ def _set(
     places = list(_places(document.body, path))
     if len(places) == 1 and not isinstance(places[0][0][places[0][1]][1], AoT | Table):
         body, at, line = places[0]
-        own = _replace(body, at, written)
-        _note(line or own, comment, mark)
+        written_line = _replace(body, at, written)
+        _note(line or written_line, comment, mark)
         return ""
     _take_out(document, path)
     entry = f"{path[1]} = {written}"
@@ -174,9 +176,9 @@ def _set(
     for body, at, _ in _places(document.body, path[:1]):
         key, table = cast("tuple[Key, Item]", body[at])
         if isinstance(table, InlineTable):
-            rest = table.as_string()[1:].lstrip(" \t")
-            own = _replace(body, at, f"{{ {entry}{' ' if rest == '}' else ', '}{rest}")
-            _note(own, comment, mark)
+            inner = table.as_string()[1:].lstrip(" \t")
+            written_line = _replace(body, at, f"{{ {entry}{' ' if inner == '}' else ', '}{inner}")
+            _note(written_line, comment, mark)
             return ""
         if isinstance(table, Table) and (key.is_dotted() or not table.is_super_table()):
             table.value.body[:0] = tomlkit.parse(entry + ending).body
@@ -205,9 +207,9 @@ def _set_list(
     if not stay or len(places) != 1 or not isinstance(places[0], AoT):
         _take_out(document, path)
         return new
-    own = places[0]
+    nearest = places[0]
     tables, behind = [], ""
-    for table in own.body:
+    for table in nearest.body:
         before, behind = behind, _cut(table)
         if table.unwrap() in stay:
             table.trivia.indent = before + table.trivia.indent
@@ -220,7 +222,7 @@ def _set_list(
         added[0].trivia.indent = "\n"
         tables += added
     tables[-1].value.body.append((None, Whitespace(behind)))
-    own.body[:] = tables
+    nearest.body[:] = tables
     return ""
 
 
@@ -283,7 +285,7 @@ def _cut(table: Item) -> str:
         return _cut(table.body[-1])
     if not isinstance(table, Table):
         return ""
-    body, found = table.value.body, ""
+    body, behind = table.value.body, ""
     while body and body[-1][0] is None:
-        found = body.pop()[1].as_string() + found
-    return (_cut(body[-1][1]) if body else "") + found
+        behind = body.pop()[1].as_string() + behind
+    return (_cut(body[-1][1]) if body else "") + behind

@@ -149,7 +149,7 @@ class FreeBoundary(_Path):
         ring = [*places, places[1]] if self.is_closed else places
         pairs = pairwise(places)
         area = sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs) if self.is_closed else 0.0
-        found = []
+        sharp = []
         for before, at, after in zip(ring, ring[1:], ring[2:], strict=False):
             a, b = ((p[0] - at[0], p[1] - at[1]) for p in (before, after))
             size = hypot(*a), hypot(*b)
@@ -160,5 +160,5 @@ class FreeBoundary(_Path):
             if angle >= _BLUNTEST_DEG or min(size) < _SHORTEST_SIDE_PX or into_specimen:
                 continue
             length = hypot(*inward)
-            found.append(FreeCorner(*at, (inward[0] / length, inward[1] / length), angle))
-        return tuple(found)
+            sharp.append(FreeCorner(*at, (inward[0] / length, inward[1] / length), angle))
+        return tuple(sharp)

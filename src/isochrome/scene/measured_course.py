@@ -80,9 +80,9 @@ def with_tables(data: Any, folder: Path | None) -> Any:
     """
     if not isinstance(data, dict):
         return data
-    found, files = dict(data), list(data.get(FILES, ()))
+    tables, files = dict(data), list(data.get(FILES, ()))
     for kind in _KINDS:
-        part = found.get(kind.part)
+        part = tables.get(kind.part)
         if not isinstance(part, dict) or not {FILE, SPEED} & set(part):
             continue
         name, speed = part.get(FILE), part.get(SPEED)
@@ -95,18 +95,18 @@ def with_tables(data: Any, folder: Path | None) -> Any:
             raise InputError(
                 f"{kind.part}.{FILE} and {kind.part}.{kind.key} exclude each other; remove one"
             )
-        speed = _speed(kind, speed, found.get("frames"))
+        speed = _speed(kind, speed, tables.get("frames"))
         table = read_course((folder or Path()) / name, kind, speed)
-        rest = {key: value for key, value in part.items() if key not in (FILE, SPEED)}
-        found[kind.part] = rest | {kind.key: table}
+        others = {key: value for key, value in part.items() if key not in (FILE, SPEED)}
+        tables[kind.part] = others | {kind.key: table}
         files.append(name)
-    return found | {FILES: tuple(files)} if files else found
+    return tables | {FILES: tuple(files)} if files else tables
 
 
-def _speed(kind: _Kind, own: Any, frames: Any) -> float | None:
+def _speed(kind: _Kind, stated: Any, frames: Any) -> float | None:
     """The sliding speed (mm/s) for a file's times: the part's own, else that of the frames."""
-    key, speed = f"{kind.part}.{SPEED}", own
-    if own is None:
+    key, speed = f"{kind.part}.{SPEED}", stated
+    if stated is None:
         key = f"frames.{SPEED}"
         speed = frames.get(SPEED) if isinstance(frames, dict) else getattr(frames, SPEED, None)
     if speed is None:
@@ -198,8 +198,8 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
     if count <= FEW:
         return distance_m, value
     block = max(1, count // (_QUARTERS * FEW))
-    means = value[: count // block * block].reshape(-1, block).mean(axis=1)
-    noise = _Noise(_noise_of(value), block, _noise_of(means))
+    block_means = value[: count // block * block].reshape(-1, block).mean(axis=1)
+    noise = _Noise(_noise_of(value), block, _noise_of(block_means))
     allowed = FOLLOWED * float(np.abs(value).max()) + _LEAST
     bends = np.unique(np.linspace(0, count - 1, 5).round().astype(int))
     while True:
@@ -211,12 +211,12 @@ def few_lines(distance_m: Floats, value: Floats, label: str) -> tuple[Floats, Fl
         if not len(chosen):
             break
         bends = np.union1d(bends, (bends[chosen] + bends[chosen + 1]) // 2)
-    left, size = (float(np.sqrt(np.mean(v**2))) for v in (residual, value))
-    if left > _AVERAGED * size:
+    residual_rms, size = (float(np.sqrt(np.mean(v**2))) for v in (residual, value))
+    if residual_rms > _AVERAGED * size:
         raise InputError(
-            f"{label}: swings by {left:.3g} (rms) about its mean course of {size:.3g}, too fast "
-            f"for {FEW} points to follow; over {_AVERAGED:g} of it is not averaged unasked: give "
-            "the means over the strokes or cycles"
+            f"{label}: swings by {residual_rms:.3g} (rms) about its mean course of {size:.3g}, too "
+            f"fast for {FEW} points to follow; over {_AVERAGED:g} of it is not averaged unasked: "
+            "give the means over the strokes or cycles"
         )
     return distance_m[bends], fitted
 
@@ -233,13 +233,16 @@ def _line_values(s: Floats, value: Floats, bends: Any) -> Floats:
     m = len(bends)
     cell = np.clip(np.searchsorted(bends, np.arange(len(s)), side="right") - 1, 0, m - 2)
     right = (s - s[bends][cell]) / np.diff(s[bends])[cell]
-    left = 1.0 - right
-    sums = [np.bincount(cell, weight * f, minlength=m) for f in (left * left, right * right)]
+    weight_before = 1.0 - right
+    sums = [
+        np.bincount(cell, weight * f, minlength=m)
+        for f in (weight_before * weight_before, right * right)
+    ]
     bands = np.zeros((2, m))
     bands[1] = sums[0]
     bands[1, 1:] += sums[1][:-1]
-    bands[0, 1:] = np.bincount(cell, weight * left * right, minlength=m)[:-1]
-    load = np.bincount(cell, weight * left * value, minlength=m)
+    bands[0, 1:] = np.bincount(cell, weight * weight_before * right, minlength=m)[:-1]
+    load = np.bincount(cell, weight * weight_before * value, minlength=m)
     load[1:] += np.bincount(cell, weight * right * value, minlength=m)[:-1]
     return np.asarray(solveh_banded(bands, load))
 

@@ -144,9 +144,9 @@ def value_at(value: float | DistanceTable, distance_m: Distance) -> Distance:
     """
     import numpy as np
 
-    found: Any
+    at_distance: Any
     if isinstance(value, DistanceTable):
-        found = np.interp(distance_m, value.distance_m, value.value)
+        at_distance = np.interp(distance_m, value.distance_m, value.value)
     else:
-        found = np.full(np.shape(distance_m), value, dtype=float)
-    return cast(Distance, found if np.ndim(distance_m) else float(found))
+        at_distance = np.full(np.shape(distance_m), value, dtype=float)
+    return cast(Distance, at_distance if np.ndim(distance_m) else float(at_distance))

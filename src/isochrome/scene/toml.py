@@ -70,9 +70,9 @@ def load_scene(scene: SceneLike) -> Scene:
     if isinstance(scene, Scene):
         return scene
     if isinstance(scene, Mapping):
-        found = validate(Scene, as_tables(scene), "scene", reserved=NO_KEYS)
-        check_reach(found.model_dump(exclude_unset=True), "scene")
-        return found
+        scene_of_tables = validate(Scene, as_tables(scene), "scene", reserved=NO_KEYS)
+        check_reach(scene_of_tables.model_dump(exclude_unset=True), "scene")
+        return scene_of_tables
     path = Path(scene)
     if str(scene) in scene_names():
         text = (LIBRARY / f"{scene}.toml").read_text("utf-8")
@@ -83,9 +83,11 @@ def load_scene(scene: SceneLike) -> Scene:
         near = nearest(str(scene), scene_names())
         hint = f"did you mean '{near}'?" if near else "scenes by name: " + ", ".join(scene_names())
         raise InputError(f"{scene}: no such scene file; {hint}")
-    found = parse_scene(read_text(path), name=path.stem, folder=path.parent, label=str(path))
-    check_reach(found.model_dump(exclude_unset=True), str(path))
-    return found
+    scene_of_tables = parse_scene(
+        read_text(path), name=path.stem, folder=path.parent, label=str(path)
+    )
+    check_reach(scene_of_tables.model_dump(exclude_unset=True), str(path))
+    return scene_of_tables
 
 
 def parse_scene(
@@ -231,17 +233,17 @@ def parse_toml(text: str, label: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also of numbers of thousands of digits
-        slip = _slip_in_line(text, str(error))
-        raise InputError(f"{label}: not valid TOML: {error}; {slip or 'correct that line'}") from (
+        cause = _slip_in_line(text, str(error))
+        raise InputError(f"{label}: not valid TOML: {error}; {cause or 'correct that line'}") from (
             error
         )
 
 
 def _slip_in_line(text: str, message: str) -> str:
     """What is wrong with the line that a message of the TOML reader names, where that is known."""
-    found = re.search(r"at line (\d+)", message)
+    match = re.search(r"at line (\d+)", message)
     lines = text.split("\n")
-    line = lines[min(int(found[1]), len(lines)) - 1] if found else ""
+    line = lines[min(int(match[1]), len(lines)) - 1] if match else ""
     comma = re.search(r"=\s*([-+]?\d+),(\d+)", line)
     if comma:
         return f"a decimal comma: write {comma[1]}.{comma[2]}, with a point"

@@ -45,10 +45,10 @@ def with_pairs(model: type[BaseModel], data: Any) -> Any:
         plain.pop(DATE_FIELD, None)
     if date is not None:
         plain[DATE_FIELD] = date
-    found = dict(data.get(PAIRS, ())) | stated
-    kept = {key: u for key, u in found.items() if _is_number(plain, key)}
-    if kept or PAIRS in data:
-        plain[PAIRS] = tuple(sorted(kept.items()))
+    pairs = dict(data.get(PAIRS, ())) | stated
+    valid = {key: u for key, u in pairs.items() if _is_number(plain, key)}
+    if valid or PAIRS in data:
+        plain[PAIRS] = tuple(sorted(valid.items()))
     return plain
 
 
@@ -60,19 +60,19 @@ def split_uncertainties(
     These are in the keys' units. ValueError for a form that is not allowed, and for a key that is
     no measured number.
     """
-    plain, found = dict(data), {}
+    plain, pairs = dict(data), {}
     for part, table in data.items():
         if part == PAIRS or not isinstance(table, dict):
             continue
-        own = _table_model(model, part)
+        table_model = _table_model(model, part)
         stated = {n: v for n, v in table.items() if isinstance(v, dict) and SPREAD in v}
         for name, value in stated.items():
-            if own is not None and name in own.model_fields:
+            if table_model is not None and name in table_model.model_fields:
                 key = f"{part}.{name}"
-                _refuse_unmeasured(key, own.model_fields[name].annotation)
-                found[key] = plain_value(key, value)[1]
+                _refuse_unmeasured(key, table_model.model_fields[name].annotation)
+                pairs[key] = plain_value(key, value)[1]
         plain[part] = table | {n: v.get(VALUE) for n, v in stated.items()}
-    return plain, found
+    return plain, pairs
 
 
 def plain_value(key: str, value: Mapping[str, Any]) -> tuple[Any, float]:
@@ -116,13 +116,13 @@ def _without_date(data: dict[str, Any]) -> tuple[dict[str, Any], str | None]:
     value = table.get(name) if isinstance(table, dict) else None
     if not isinstance(table, dict) or not isinstance(value, dict) or DATE not in value:
         return data, None
-    rest = {entry: own for entry, own in value.items() if entry != DATE}
-    if SPREAD not in rest:
+    others = {entry: stated for entry, stated in value.items() if entry != DATE}
+    if SPREAD not in others:
         raise ValueError(
             f"{DATED} = {value!r} is not allowed: a measured number is written as {_FORM}, and "
             "its date beside these; correct it"
         )
-    return data | {part: table | {name: rest}}, _day(value[DATE])
+    return data | {part: table | {name: others}}, _day(value[DATE])
 
 
 def _day(given: Any) -> str:

@@ -87,11 +87,11 @@ def check_reach(data: Any, label: str, key: str = "") -> None:
 
 def _sentence(model: type[BaseModel], error: ValidationError) -> str:
     """The first mistake of a validation as one sentence, unknown keys before all others."""
-    found = error.errors(include_url=False)
-    first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
+    errors = error.errors(include_url=False)
+    first = next((e for e in errors if e["type"] == "extra_forbidden"), errors[0])
     known = _keys_beside(model, first["loc"])
     key = _dotted(first["loc"])
-    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     if first["type"] == "extra_forbidden":
         return f"unknown key '{key}'; {_meant(str(first['loc'][-1]), known)}{more}"
     if first["type"] == "missing":
@@ -156,5 +156,5 @@ def _model_inside(annotation: Any) -> type[BaseModel] | None:
 
 def nearest(word: str, known: list[str]) -> str | None:
     """The known word most like a misspelt one, or None where none is near."""
-    found = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return found[0] if found else None
+    matches = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return matches[0] if matches else None

@@ -160,10 +160,10 @@ class Scene(ScenePart):
                 "specimen.shape = 'block' is a block under a contact; add [indenter], or set "
                 "shape = 'other' for frames without a model"
             )
-        width, left = specimen.width_mm or 0.0, specimen.left_mm
-        if left is not None and not -width < left < 0.0:
+        width, left_mm = specimen.width_mm or 0.0, specimen.left_mm
+        if left_mm is not None and not -width < left_mm < 0.0:
             raise ValueError(
-                f"specimen.left_mm = {left:g}, the block's left side from the contact's centre, "
+                f"specimen.left_mm = {left_mm:g}, the block's left side from the contact's centre, "
                 f"must lie between -{width:g} (minus its width) and 0; correct it"
             )
         if specimen.support == "sliding" and self.friction is not None:
@@ -223,8 +223,8 @@ class Scene(ScenePart):
     def _body(self) -> Body | None:
         """What is known of a specimen that stands by itself; None for a contact or no model."""
         body = BODIES.get(self.specimen.shape or "")
-        asked = body is not None and body.only_with
-        return None if asked and getattr(self.specimen, asked) is None else body
+        incomplete = body is not None and body.only_with
+        return None if incomplete and getattr(self.specimen, incomplete) is None else body
 
     @property
     def model(self) -> str | None:
@@ -328,9 +328,9 @@ class Scene(ScenePart):
             self.profile_file,
         ]
         if of_frames:
-            own = self.frames
-            named += [own.no_load_dark, own.no_load_bright, own.no_load_steps]
-            named += [own.mask, own.colour_table, *(scar.file for scar in self.scar)]
+            frames = self.frames
+            named += [frames.no_load_dark, frames.no_load_bright, frames.no_load_steps]
+            named += [frames.mask, frames.colour_table, *(scar.file for scar in self.scar)]
         return [self.path(name) for name in named if name is not None]
 
     def get(self, key: str) -> Any:

@@ -226,17 +226,17 @@ def simulate(
     check_pixel(scene, None)
     pixels, count = pixel_grid(scene), state_count(scene)
     if out is not None:
-        means = RunOptions(workers, cluster, restart)
-        return _to_folder(scene, pixels, count, Path(out), components, means, progress)
+        options = RunOptions(workers, cluster, restart)
+        return _to_folder(scene, pixels, count, Path(out), components, options, progress)
     refuse_without_folder(out, workers, cluster)
     states, shown = iter_scene_states(scene), shown_states(count)
-    items, kept, frames, orders = [], [], [], []
+    items, results, frames, orders = [], [], [], []
     history: dict[str, list[Any]] = {}
     maps: dict[str, list[NDArray[np.float32]]] = {}
     for index, item in enumerate(render(scene, states, pixels, components=components)):
         add_state_row(history, history_row(index, item, pixels))
         add_state_row(maps, item.components.maps if item.components else {})
-        kept.append(item.state)
+        results.append(item.state)
         frames.append(item.frames)
         if index in shown:
             items.append(item)
@@ -245,7 +245,7 @@ def simulate(
             progress(Tally(index + 1, count, 0, 0))
     layers = {name: np.stack(images) for name, images in maps.items()}
     return Simulation(
-        scene=scene, pixels=pixels, history=history, states=kept, frames=np.concatenate(frames),
+        scene=scene, pixels=pixels, history=history, states=results, frames=np.concatenate(frames),
         orders=np.stack(orders), maps=layers, draw=partial(simulation_figure, scene, pixels, items),
         components=components,
     )  # fmt: skip
@@ -257,20 +257,20 @@ def _to_folder(
     count: int,
     out: Path,
     components: bool,
-    means: RunOptions,
+    options: RunOptions,
     progress: RunProgress | None,
 ) -> Simulation:
     """The simulation by whoever computes it, into a folder."""
     seed = scene.camera.seed if scene.camera else None
     files = scene.files(of_frames=False)
     identity = run_identity(dump_scene(scene), files, {"components": components}, seed)
-    if means.cluster is not None:  # another machine stands in another folder
+    if options.cluster is not None:  # another machine stands in another folder
         scene = scene.model_copy(update={"folder": (scene.folder or Path()).absolute()})
     with single_threaded():
         work = RenderWork(scene, pixels, count, components=components)
         job = Job(work, run_layout(work), identity)
         finish = partial(finish_simulation_folder, work=work, record=identity)
-        history = run_job(job, out, finish, means=means, progress=progress)
+        history = run_job(job, out, finish, means=options, progress=progress)
     already = history is None
     draw = partial(_draw, work, out.absolute() / PICTURE, already)
     history = history or read_csv(out / HISTORY)

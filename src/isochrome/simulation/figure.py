@@ -87,7 +87,7 @@ def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKi
 
     Parameters: `pixels`; `items`, the rendered states. Returns a list of PictureKind.
     """
-    found = []
+    kinds = []
     for name, plain in _PLAIN_NAMES.items():
         maps = [item.components.maps[name] for item in items if item.components]
         if len(maps) == len(items):
@@ -96,8 +96,8 @@ def stress_kinds(pixels: PixelGrid, items: Sequence[Rendered]) -> list[PictureKi
             def draw(axes: Axes, k: int, maps: Any = maps, limit: float = limit) -> AxesImage:
                 return _draw_stress(axes, items[k], maps[k], pixels, limit)
 
-            found.append(PictureKind(name=plain, draw=draw, bar=f"{plain} (MPa)"))
-    return found
+            kinds.append(PictureKind(name=plain, draw=draw, bar=f"{plain} (MPa)"))
+    return kinds
 
 
 def _draw_stress(
@@ -161,8 +161,8 @@ def simulation_figure(scene: Scene, pixels: PixelGrid, items: list[Rendered]) ->
     for ax in axes[len(items) :]:
         ax.set_visible(False)
     if lower is not None:
-        left, right = lower.subplots(1, 2)
-        plot_pressure([item.state for item in items], left)
+        pressure_axes, right = lower.subplots(1, 2)
+        plot_pressure([item.state for item in items], pressure_axes)
         plot_scar([item.state for item in items], right)
         if len(items) > 1:
             handles, labels = lower.axes[0].get_legend_handles_labels()

@@ -144,10 +144,10 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
     span = (0.0, float(np.nanmax(largest)))
     notes = ["the first of its phase steps is shown"] if steps > 1 else []
     notes += ["the mean of its three colours is shown"] if colours else []
-    found = []
+    frames = []
     for one, image in zip(chosen, images, strict=True):
         order = np.array(orders[one.number])
-        found.append(
+        frames.append(
             ReportFrame(
                 number=one.number,
                 label=str(history["label"][one.number]),
@@ -163,7 +163,7 @@ def _frames(folder: Path, scene: Scene, history: Mapping[str, Sequence[Any]]) ->
                 notes=tuple(notes),
             )
         )
-    return found
+    return frames
 
 
 def _stack(path: Path, shape: tuple[int, ...]) -> Array:

@@ -182,8 +182,8 @@ def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> A
     cannot be used, or a light that a channel does not see.
     """
     camera, polariscope = scene.camera, scene.polariscope
-    order, whole = picture.mean_order, picture.material.all()
-    if not whole:
+    order, covered = picture.mean_order, picture.material.all()
+    if not covered:
         order = np.where(picture.material, order, 0.0)
     if camera is None or camera.bit_depth is None or camera.bit_depth > _FLOAT32_BITS:
         order = order.astype(float)
@@ -196,7 +196,7 @@ def picture_signal(scene: Scene, picture: Picture, step: int | None = None) -> A
         signal = polariscope_signal(
             order, chain, direction=direction, visibility=picture.visibility
         )
-    if not whole:
+    if not covered:
         signal[~picture.material] = 0.0
     return signal
 

@@ -289,8 +289,8 @@ _SHOWN = 6
 def shown_states(count: int) -> list[int]:
     """Which of a number of states the figure shows."""
     ends = np.linspace(0, count - 1, min(_SHOWN, count))
-    found: list[int] = ends.round().astype(int).tolist()
-    return found
+    numbers: list[int] = ends.round().astype(int).tolist()
+    return numbers
 
 
 class RenderWork:
@@ -307,8 +307,8 @@ class RenderWork:
         self._solved = threading.local()
 
     def __getstate__(self) -> dict[str, Any]:
-        own = ("_kept", "_solved")
-        return {k: v for k, v in self.__dict__.items() if k not in own}
+        unshared = ("_kept", "_solved")
+        return {k: v for k, v in self.__dict__.items() if k not in unshared}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _kept={}, _solved=threading.local())
@@ -331,9 +331,9 @@ class RenderWork:
                 parts[name] += np.ascontiguousarray(images).data
             if index in self.shown:
                 self._kept[index] = item
-        found = {name: bytes(part) for name, part in parts.items()}
-        found[PRESSURE] = "".join(tables).encode()
-        return Results({}, rows, [{"status": "ok"}] * len(rows), found)
+        records = {name: bytes(part) for name, part in parts.items()}
+        records[PRESSURE] = "".join(tables).encode()
+        return Results({}, rows, [{"status": "ok"}] * len(rows), records)
 
     def figure_items(self) -> list[Rendered]:
         """The states for the figure, rendered again where another process has done it."""
@@ -342,18 +342,18 @@ class RenderWork:
     def rendered_states(self, numbers: Iterable[int]) -> list[Rendered]:
         """Some states, rendered again where they are not kept; `numbers` in any order."""
         wanted = list(numbers)
-        found = dict(self._kept)
-        for index in sorted(set(wanted) - set(found)):
-            (found[index],) = self._rendered(index, index + 1)
-        self._kept |= {index: found[index] for index in wanted if index in self.shown}
-        return [found[index] for index in wanted]
+        state = dict(self._kept)
+        for index in sorted(set(wanted) - set(state)):
+            (state[index],) = self._rendered(index, index + 1)
+        self._kept |= {index: state[index] for index in wanted if index in self.shown}
+        return [state[index] for index in wanted]
 
     def _pictures(self, item: Rendered) -> dict[str, np.ndarray]:
         """A state's pictures by the names of their files, little-endian."""
-        found = {FRAMES: item.frames, ORDER: item.picture.order.astype("<f4")}
+        stacks = {FRAMES: item.frames, ORDER: item.picture.order.astype("<f4")}
         if item.components is not None:
-            found |= {f"{name}.tif": item.components.maps[name] for name in LAYERS}
-        return {k: v.astype(v.dtype.newbyteorder("<"), copy=False) for k, v in found.items()}
+            stacks |= {f"{name}.tif": item.components.maps[name] for name in LAYERS}
+        return {k: v.astype(v.dtype.newbyteorder("<"), copy=False) for k, v in stacks.items()}
 
     def _rendered(self, start: int, stop: int) -> Iterator[Rendered]:
         states = self._states(start, stop)

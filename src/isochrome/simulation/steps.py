@@ -57,8 +57,8 @@ def surface_tractions(state: SceneState) -> RunDataset:
         "wear_depth_um": (1e3 * surface.wear_depth_mm, "um", "worn depth h"),
     }
     columns = {
-        name: Column(("x_mm",), own, {"units": units, "long_name": what})
-        for name, (own, units, what) in values.items()
+        name: Column(("x_mm",), along, {"units": units, "long_name": what})
+        for name, (along, units, what) in values.items()
     }
     place = Column(("x_mm",), surface.grid.x_mm, {"units": "mm", "long_name": "along the surface"})
     return make_dataset(columns, {"x_mm": place}, {"label": state.label})
@@ -103,8 +103,8 @@ def stress_map(scene: Scene, state: SceneState) -> RunArray:
     required_model(scene)
     pixels = pixel_grid(scene)
     values = state_difference(scene, state, pixels)
-    said = {"units": "MPa", "long_name": "(sigma_x - sigma_z) + 2i tau_xz"}
-    return picture_array(values, pixels, "stress_difference", said)
+    attributes = {"units": "MPa", "long_name": "(sigma_x - sigma_z) + 2i tau_xz"}
+    return picture_array(values, pixels, "stress_difference", attributes)
 
 
 def polariscope_light(scene: Scene, stress: ArrayLike, *, step: int | None = None) -> RunArray:
@@ -160,8 +160,8 @@ def polariscope_light(scene: Scene, stress: ArrayLike, *, step: int | None = Non
         )
     picture = make_picture(scene, values, pixels)
     refuse_too_fine(scene, picture)
-    said = {"units": "1", "long_name": "light, 1 = full"}
-    return picture_array(picture_signal(scene, picture, step), pixels, "light", said)
+    attributes = {"units": "1", "long_name": "light, 1 = full"}
+    return picture_array(picture_signal(scene, picture, step), pixels, "light", attributes)
 
 
 def camera_frame(
@@ -213,5 +213,5 @@ def camera_frame(
         )
     assert camera is not None
     source = np.random.default_rng([camera.seed, 0]) if rng is None else rng
-    said = {"units": "grey level", "long_name": "the camera's frame"}
-    return picture_array(expose(values, camera, rng=source), pixels, "frame", said)
+    attributes = {"units": "grey level", "long_name": "the camera's frame"}
+    return picture_array(expose(values, camera, rng=source), pixels, "frame", attributes)

@@ -88,13 +88,13 @@ def corrections(
     free = np.setdiff1d(np.arange(basis.N), held)
     solver = splu(stiffness[free][:, free], permc_spec="MMD_AT_PLUS_A")
     near = _near(fem, mesh, within_mm)
-    found = []
+    places = []
     for force in forces:
         u = _prescribed(basis, held, sides, force)
         load = _side_load(fem, mesh, basis, sides, force) - stiffness @ u
         u[free] = solver.solve(load[free])
-        found.append(_sampled(near, u, sides.poisson))
-    return found
+        places.append(_sampled(near, u, sides.poisson))
+    return places
 
 
 def _lines(sides: Sides, refine: float) -> tuple[Floats, Floats]:

@@ -93,5 +93,5 @@ def seen_by(field: NDArray[N], grid: PixelGrid, pixels: PixelGrid) -> NDArray[N]
         near = field[first : first + min(_ABOVE, first, len(field) - first)]
         surface = 1.5 * near[0] - 0.5 * near[min(1, len(near) - 1)]
         field[first - len(near) : first] = (2.0 * surface - near)[::-1]
-    found = map_coordinates(field, np.broadcast_arrays(*places), order=3, mode="nearest")
-    return np.where(z >= 0.0, found, 0).astype(field.dtype)
+    sampled = map_coordinates(field, np.broadcast_arrays(*places), order=3, mode="nearest")
+    return np.where(z >= 0.0, sampled, 0).astype(field.dtype)

@@ -607,14 +607,14 @@ def find_hills(loads: Loads, box: Box) -> tuple[Floats, Floats, Floats]:
     """
     scans = _scans(loads, box)
     highest = max(size.max() for _, _, size in scans)
-    found = []
+    boxes = []
     for x, z, size in scans:
         row, col = np.nonzero(_is_local_maximum(size) & (size >= _NEARLY * highest))
-        found.append(np.stack([size[row, col], x[col], z[row]]))
-    size, x, z = np.concatenate(found, axis=1)
+        boxes.append(np.stack([size[row, col], x[col], z[row]]))
+    size, x, z = np.concatenate(boxes, axis=1)
     parts = np.floor(_PARTS * (x - loads.nodes[0]) / np.ptp(loads.nodes))
-    kept = np.union1d(_best_of_each(z, size)[:_RIVALS], _best_of_each(parts, size)[:_RIVALS])
-    return x[kept], z[kept], loads.size(x[kept], z[kept])
+    selected = np.union1d(_best_of_each(z, size)[:_RIVALS], _best_of_each(parts, size)[:_RIVALS])
+    return x[selected], z[selected], loads.size(x[selected], z[selected])
 
 
 def _best_of_each(label: Floats, size: Floats) -> NDArray[np.intp]:
@@ -634,14 +634,14 @@ def _scans(loads: Loads, box: Box) -> list[tuple[Floats, Floats, Floats]]:
     z: Floats = np.linspace(box.top, box.bottom, _ACROSS)
     scans = [(x, z, loads.size(x[None, :], z[:, None]))]
     h, start, end = loads.spacing, loads.nodes[0], loads.nodes[-1]
-    left, right = max(box.left, start + start - end), min(box.right, end + end - start)
+    start_mm, right = max(box.left, start + start - end), min(box.right, end + end - start)
     count = int(np.ceil(np.log(max(box.bottom / h, 1.0)) / np.log(_GROWTH)))
     for step, depths in (
         (1.0, h * _GROWTH ** np.arange(count + 1)),
         (0.25, 0.25 * h * np.arange(9)),
     ):
         x = start + h * step * np.arange(
-            np.ceil((left - start) / h / step), np.floor((right - start) / h / step) + 1
+            np.ceil((start_mm - start) / h / step), np.floor((right - start) / h / step) + 1
         )
         inside = depths[(depths > box.top) & (depths < box.bottom)]
         z = np.unique(np.r_[box.top, inside, box.bottom])

@@ -255,9 +255,9 @@ def _repetitions(
     return np.asarray(_real_product(grid.down, half.astype(np.complex64)))
 
 
-def _real_product(left: Floats, right: Complexes) -> Complexes:
+def _real_product(real: Floats, right: Complexes) -> Complexes:
     """A real matrix times a complex one, by one product of real matrices."""
-    return np.asarray((left @ right.view(np.float32)).view(np.complex64))
+    return np.asarray((real @ right.view(np.float32)).view(np.complex64))
 
 
 def _power_series() -> tuple[Floats, Floats]:

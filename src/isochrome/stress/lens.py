@@ -55,10 +55,10 @@ class Lens:
         z (mm).
         """
         radius = math.hypot(self.half_width_mm, self.half_height_mm)
-        seen = np.hypot(u_mm, v_mm) / radius
-        ideal = seen.copy()
+        distance = np.hypot(u_mm, v_mm) / radius
+        ideal = distance.copy()
         for _ in range(_PASSES if self.distortion else 0):
-            cubic = ideal * (1.0 + self.distortion * ideal**2) - seen
+            cubic = ideal * (1.0 + self.distortion * ideal**2) - distance
             ideal -= cubic / (1.0 + 3.0 * self.distortion * ideal**2)
         factor = 1.0 / (1.0 + self.distortion * ideal**2)
         tilt = self.keystone_x / self.half_width_mm, self.keystone_z / self.half_height_mm

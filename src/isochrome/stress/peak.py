@@ -66,15 +66,15 @@ def _material(within: PixelGrid | tuple[float, float, float, float]) -> Box:
     """The part of a window that is in the material."""
     if isinstance(within, PixelGrid):
         wide, high = within.cols * within.pixel_mm, within.rows * within.pixel_mm
-        left, top = within.left_mm, within.top_mm
-        within = left, left + wide, top, top + high
-    left, right, top, bottom = within
-    if not (left <= right and max(top, 0.0) <= bottom):
+        left_mm, top = within.left_mm, within.top_mm
+        within = left_mm, left_mm + wide, top, top + high
+    left_mm, right, top, bottom = within
+    if not (left_mm <= right and max(top, 0.0) <= bottom):
         raise InputError(
-            f"the window from x = {left:g} to {right:g} mm and z = {top:g} to {bottom:g} mm holds "
-            "no material, which begins at z = 0; move the window"
+            f"the window from x = {left_mm:g} to {right:g} mm and z = {top:g} to {bottom:g} mm "
+            "holds no material, which begins at z = 0; move the window"
         )
-    return Box(left, right, max(top, 0.0), bottom)
+    return Box(left_mm, right, max(top, 0.0), bottom)
 
 
 def _climb(

@@ -124,20 +124,20 @@ def pixel_grid(scene: Scene, shape: tuple[int, int] | None = None) -> PixelGrid:
             f"{scene.name}: camera.width_px x height_px = {cols} x {rows} is over {MAX_PIXELS} "
             "pixels; lower them"
         )
-    left, top = camera.left_mm, camera.top_mm
-    if left is None:
-        left = -0.5 * cols * camera.pixel_mm
+    left_mm, top = camera.left_mm, camera.top_mm
+    if left_mm is None:
+        left_mm = -0.5 * cols * camera.pixel_mm
     if top is None:
         height = scene.body_height_mm
         top = 0.0 if height is None else 0.5 * (height - rows * camera.pixel_mm)
-    reach = max(abs(left), abs(top)) + max(rows, cols) * camera.pixel_mm
+    reach = max(abs(left_mm), abs(top)) + max(rows, cols) * camera.pixel_mm
     if reach > MAX_REACH_MM:
         raise InputError(
             f"{scene.name}: the picture reaches {reach:.3g} mm from the contact (camera.pixel_mm = "
-            f"{camera.pixel_mm:g}, camera.left_mm = {left:g}, camera.top_mm = {top:g}), and "
+            f"{camera.pixel_mm:g}, camera.left_mm = {left_mm:g}, camera.top_mm = {top:g}), and "
             f"{MAX_REACH_MM:g} mm are allowed; give them in mm"
         )
-    return PixelGrid(rows, cols, left, top, camera.pixel_mm, _lens(camera, rows, cols))
+    return PixelGrid(rows, cols, left_mm, top, camera.pixel_mm, _lens(camera, rows, cols))
 
 
 def _lens(camera: Camera, rows: int, cols: int) -> Lens | None:

@@ -50,7 +50,7 @@ class SolvedFrame:
     """A frame where a fit ended, be it of this frame or of several.
 
     `data`, as it was fitted; its `scene`, one state with the fitted values; `pixels` that were
-    fitted, their solution `toned`, and the `renderer` of them; `rows` (d, pixels), weighted
+    fitted, their solution `gamma_fit`, and the `renderer` of them; `rows` (d, pixels), weighted
     derivatives along the directions that the frame was moved in, and `along` (d, p + m), what one
     unit of each of the p `unknowns`, and then of the m inputs that are held, makes of them.
     """
@@ -58,7 +58,7 @@ class SolvedFrame:
     data: FrameData
     scene: Scene
     pixels: Pixels
-    toned: GammaFit
+    gamma_fit: GammaFit
     renderer: SceneRenderer
     rows: Array
     along: Array
@@ -75,7 +75,7 @@ class FrameBlocks:
 
     def __init__(self, solved: SolvedFrame) -> None:
         self.data, self.scene = solved.data, solved.scene
-        pixels, toned = solved.pixels, solved.toned
+        pixels, gamma_fit = solved.pixels, solved.gamma_fit
         keep = pixels.keep
         place = np.full(keep.shape, -1)
         place[keep] = np.arange(pixels.size)
@@ -87,24 +87,24 @@ class FrameBlocks:
         self._chosen = chosen
         root = np.sqrt(count[chosen])
         image = np.zeros(keep.shape, np.float32)
-        image[keep] = toned.residual
+        image[keep] = gamma_fit.residual
         self.residual = block_sums(image)[chosen] / root
         self.worst = _largest_near(image)
         self.shadow = None if self.scene.indenter is None else _shadow(image, keep)
-        image[keep] = toned.part.signal
+        image[keep] = gamma_fit.part.signal
         self._signal_image = image
-        self.signal = toned.part.signal[at]
-        self._light = toned.weight[at] * root
+        self.signal = gamma_fit.part.signal[at]
+        self._light = gamma_fit.weight[at] * root
         bases = pixels.light[:, at], pixels.dark[:, at]
         self.light_rows = self.light_columns(*bases)
-        amplitude = toned.part.coefficients[: len(bases[0])].astype(np.float32) @ bases[0]
+        amplitude = gamma_fit.part.coefficients[: len(bases[0])].astype(np.float32) @ bases[0]
         self.brightness = float(np.mean(amplitude))
         self._gain = amplitude * self._light
-        self._gamma_slope = gamma_slope(toned, self.scene.frames.stated_gamma)[at] * root
+        self._gamma_slope = gamma_slope(gamma_fit, self.scene.frames.stated_gamma)[at] * root
         every = solved.along.T.astype(np.float32) @ (solved.rows[:, at] * root)
         self.rows, self._held = np.split(every, [solved.unknowns])
         self._noisy = [
-            axis for axis in (0, 1) if line_noise(keep, toned.residual, axis) > _OWN_NOISE
+            axis for axis in (0, 1) if line_noise(keep, gamma_fit.residual, axis) > _OWN_NOISE
         ]
         self._renderer = solved.renderer
         self._fields = self._thin_fields(solved.renderer)

@@ -204,7 +204,7 @@ class FrameSolution:
                 data=self.data,
                 scene=moved_scene(model.scene, self.fit.keys, final.values),
                 pixels=model.pixels,
-                toned=final.toned,
+                gamma_fit=final.gamma_fit,
                 renderer=model.renderer,
                 rows=rows,
                 along=np.eye(len(rows)),
@@ -232,10 +232,10 @@ class FrameSolution:
             found = refine_fit(model, start, tolerance=TRIAL_TOLERANCE, iterations=_PASSES)
         except PhysicsError:
             return None
-        if found is None or not found.toned.part.positive:
+        if found is None or not found.gamma_fit.part.positive:
             return None
         size = model.pixels.size
-        return found.cost / size, len(keys) + len(found.toned.part.coefficients), size
+        return found.cost / size, len(keys) + len(found.gamma_fit.part.coefficients), size
 
     def _changed(self, change: Change) -> tuple[FrameData, tuple[str, ...], Scene]:
         """Data, unknowns and scene to begin with."""

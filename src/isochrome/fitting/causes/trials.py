@@ -96,7 +96,7 @@ def is_lost(fitted: Fitted) -> bool:
 
 def _lost_chi(found: RefinedFit) -> float:
     """Residual over noise at which a frame's residual is too much of its fringes' amplitude."""
-    return TOO_FAR * float(np.mean(found.toned.part.amplitude))
+    return TOO_FAR * float(np.mean(found.gamma_fit.part.amplitude))
 
 
 def explaining_slip(
@@ -141,8 +141,8 @@ def _slips(data: FrameData, scene: Scene) -> Iterator[_Slip]:
         for gamma in _GAMMAS:
             if abs(gamma / data.gamma - 1.0) > _SAME_GAMMA:
                 line = f"{GAMMA} = {gamma}"
-                toned = scene.with_values({GAMMA: gamma})
-                yield _Slip("the tone curve is another", line, data.toned(gamma), toned)
+                gamma_fit = scene.with_values({GAMMA: gamma})
+                yield _Slip("the tone curve is another", line, data.toned(gamma), gamma_fit)
     yield from _units(data, scene, stiff=False)
 
 

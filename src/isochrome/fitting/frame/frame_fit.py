@@ -222,7 +222,7 @@ def fit_with_model(
     made = _fit_toned(data, scene, keys, cold, stated)
     ratio = local_noise(
         made.model.pixels.keep,
-        made.final.toned.residual,
+        made.final.gamma_fit.residual,
         made.model.pixels.raw * made.model.pixels.weight,
     )
     if ratio == 1.0:
@@ -274,11 +274,11 @@ def _fit_begun(
     known, held = (stated.some(keys, free=free) for free in (True, False))
     rows = np.empty((0, model.pixels.size), np.float32)
     if held.keys:
-        rows = model.input_rows(final.values, final.toned, held.keys)
-    left = less_explained(
-        final.toned.residual, final.local.rows, final.local.inverse, rows, held.spread
+        rows = model.input_rows(final.values, final.gamma_fit, held.keys)
+    unexplained = less_explained(
+        final.gamma_fit.residual, final.local.rows, final.local.inverse, rows, held.spread
     )
-    noise = final.local.covariance(final.toned, left)
+    noise = final.local.covariance(final.gamma_fit, unexplained)
     inputs = inputs_of_rows([*known.rows, *held.rows])
     sensitivity = final.local.sensitivity(known.keys, rows)
     spread = noise + (sensitivity * inputs.spread**2) @ sensitivity.T
@@ -298,23 +298,23 @@ def _fit_begun(
         others=others,
         converged=final.converged and bool(determined.all()),
         plain=plain,
-        positive=final.positive and _is_seen(final.toned),
+        positive=final.positive and _is_seen(final.gamma_fit),
         noise_ratio=data.noise_ratio,
     )
     return Fitted(fit, model, final, held, rows, stated)
 
 
-def _is_seen(toned: GammaFit) -> bool:
+def _is_seen(gamma_fit: GammaFit) -> bool:
     """Whether more light follows the fringes than noise alone does where they are searched for.
 
     By Wald's statistic of the illumination, aᵀ cov(a)⁻¹ a, over the noise that the residuals show.
     """
-    part, count = toned.part, len(toned.problem.light)
+    part, count = gamma_fit.part, len(gamma_fit.problem.light)
     light = part.coefficients[:count]
     gain = float(light @ np.linalg.pinv(part.inverse[:count, :count]) @ light)
     # fringes of something else are no noise, though neighbours share them
-    near = block_correlation(toned.problem.keep, toned.residual, most_px=4)
-    return gain > _CHANCE * toned.noise * near
+    near = block_correlation(gamma_fit.problem.keep, gamma_fit.residual, most_px=4)
+    return gain > _CHANCE * gamma_fit.noise * near
 
 
 @dataclass(frozen=True)
@@ -338,14 +338,14 @@ def _coarse(data: FrameData, scene: Scene, keys: tuple[str, ...], prior: Prior) 
         data, coarse, keys, region, stride=stride, hidden_px=_HIDDEN_PX - _ROOM_PX, rough=sharp,
         prior=prior,
     )  # fmt: skip
-    found = refine_fit(model, values_of(scene, keys), tolerance=0.5, iterations=12)
-    if found is None or not found.positive:
+    solution = refine_fit(model, values_of(scene, keys), tolerance=0.5, iterations=12)
+    if solution is None or not solution.positive:
         return None
     return _Coarse(
-        moved_scene(scene, keys, found.values),
-        found.values,
-        float(np.sqrt(found.toned.cost / model.pixels.size)),
-        bool(np.mean(found.toned.part.amplitude) >= CLEAR),
+        moved_scene(scene, keys, solution.values),
+        solution.values,
+        float(np.sqrt(solution.gamma_fit.cost / model.pixels.size)),
+        bool(np.mean(solution.gamma_fit.part.amplitude) >= CLEAR),
     )
 
 
@@ -363,12 +363,12 @@ def _searched(
     if len(rivals) == 1 and not any(key in LENS for key in keys):
         return first, minima[1:]
     refined = [_coarse(data, moved_scene(scene, keys, m.values), keys, prior) for m in rivals]
-    found = sorted((r for r in refined if r is not None), key=lambda r: r.chi)
-    if not found:
+    solutions = sorted((r for r in refined if r is not None), key=lambda r: r.chi)
+    if not solutions:
         return first, minima[1:]
-    others = [Minimum(r.values, r.chi) for r in found[1:]]
+    others = [Minimum(r.values, r.chi) for r in solutions[1:]]
     others += [m for m in minima if m.chi > RIVAL_CHI * minima[0].chi]
-    return found[0].scene, tuple(others)
+    return solutions[0].scene, tuple(others)
 
 
 def _final(
@@ -378,12 +378,12 @@ def _final(
     start = values_of(scene, keys)
     region = fit_region(scene, data.shape, 1, hidden_px(scene))
     model = FrameModel(data, scene, keys, region, prior=prior)
-    toned = model.keep_clear(start)
+    gamma_fit = model.keep_clear(start)
     assert scene.camera is not None
-    if toned is not None and (scene.camera.blur_px > 0.0 or BLUR in keys):
-        model.follow_light(data, toned)
-        toned = model.at(start, near=toned.model)
-    final = refine_fit(model, start, toned=toned)
+    if gamma_fit is not None and (scene.camera.blur_px > 0.0 or BLUR in keys):
+        model.follow_light(data, gamma_fit)
+        gamma_fit = model.at(start, near=gamma_fit.model)
+    final = refine_fit(model, start, gamma_fit=gamma_fit)
     if final is None:
         raise PhysicsError(
             f"{data.name}: the scene cannot be solved where its search ended; give closer values"
@@ -457,10 +457,10 @@ def cramer_rao_bound(data: FrameData, scene: Scene, keys: tuple[str, ...]) -> Ar
     scene = with_numerics(placed(scene, data.shape))
     values = values_of(scene, keys)
     model = FrameModel(data, scene, keys, fit_region(scene, data.shape, 1, _SURFACE_PX))
-    toned = model.at(values)
-    if toned is None:
+    gamma_fit = model.at(values)
+    if gamma_fit is None:
         raise PhysicsError(f"{scene.name}: the scene cannot be solved at its own values")
-    return model.linearise(values, toned).bound
+    return model.linearise(values, gamma_fit).bound
 
 
 def propagated(fit: FrameFit, numbers: Callable[[Scene], Array]) -> tuple[Array, Array]:
@@ -498,14 +498,14 @@ def propagated(fit: FrameFit, numbers: Callable[[Scene], Array]) -> tuple[Array,
         for key, value, step in zip(keys, values, steps, strict=True)
     ])  # fmt: skip
     count = len(fit.keys)
-    own, held = slopes[:, :count], np.zeros((len(here), len(fit.inputs.keys)))
+    fitted, held = slopes[:, :count], np.zeros((len(here), len(fit.inputs.keys)))
     for k, key in enumerate(fit.inputs.keys):
         if key not in fit.keys:
             held[:, k] = slopes[:, keys.index(key)]
     noise = fit.covariance - (fit.sensitivity * fit.inputs.spread**2) @ fit.sensitivity.T
-    by_inputs = (own @ fit.sensitivity + held) * fit.inputs.spread
-    variance = np.einsum("ij,jk,ik->i", own, noise, own) + (by_inputs**2).sum(axis=1)
-    untold = (own[:, ~np.isfinite(fit.standard_uncertainty)] != 0.0).any(axis=1)
+    by_inputs = (fitted @ fit.sensitivity + held) * fit.inputs.spread
+    variance = np.einsum("ij,jk,ik->i", fitted, noise, fitted) + (by_inputs**2).sum(axis=1)
+    untold = (fitted[:, ~np.isfinite(fit.standard_uncertainty)] != 0.0).any(axis=1)
     return here, np.where(untold, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 
 

@@ -117,10 +117,10 @@ def trusted_pixels(data: FrameData, region: Mask) -> Pixels:
             f"{data.name}: no pixel that the camera shows well is part of the scene's specimen; "
             "check camera.left_mm, camera.top_mm and the roi"
         )
-    whole = bool(keep.all())
+    complete = bool(keep.all())
 
     def chosen(image: Array) -> Array:
-        values = image.reshape(-1) if whole else image[keep]
+        values = image.reshape(-1) if complete else image[keep]
         return np.ascontiguousarray(values, dtype=np.float32)
 
     return Pixels(
@@ -188,10 +188,10 @@ def solve_with_gamma(
     return GammaFit(problem, part, model, weight, residual)
 
 
-def gamma_slope(toned: GammaFit, gamma: float) -> Array:
+def gamma_slope(gamma_fit: GammaFit, gamma: float) -> Array:
     """Weighted derivative of the model by γ, (n,): -m ln m / γ."""
-    model = np.maximum(toned.model, 1e-6)
-    return np.asarray(-model * np.log(model) / np.float32(gamma) * toned.weight)
+    model = np.maximum(gamma_fit.model, 1e-6)
+    return np.asarray(-model * np.log(model) / np.float32(gamma) * gamma_fit.weight)
 
 
 def _problem(pixels: Pixels, data: Array, weight: Array) -> SeparableProblem:
@@ -253,24 +253,24 @@ class FrameModel:
 
         Returns the linear solution there, None where the values make no scene.
         """
-        toned = self.at(values)
-        if toned is None:
+        gamma_fit = self.at(values)
+        if gamma_fit is None:
             return None
-        clear = clear_of_ends(self.pixels, toned.model, self.gamma(values))
+        clear = clear_of_ends(self.pixels, gamma_fit.model, self.gamma(values))
         if clear.all() or np.count_nonzero(clear) <= ENOUGH * clear.size:
-            return toned
+            return gamma_fit
         self.pixels = some_pixels(self.pixels, clear)
-        return self.solved(toned.part.signal[clear], values, toned.model[clear])
+        return self.solved(gamma_fit.part.signal[clear], values, gamma_fit.model[clear])
 
-    def follow_light(self, data: FrameData, toned: GammaFit) -> None:
+    def follow_light(self, data: FrameData, gamma_fit: GammaFit) -> None:
         """Blur the light with its fall-off A, and not the signal s alone.
 
         Equation: G * (A s) = A (G * s) + b² ∇A·∇(G * s) for a Gaussian G of standard deviation b
-        and an A that is linear over it; ∇A/A from the solution `toned` of the frame `data`.
+        and an A that is linear over it; ∇A/A from the solution `gamma_fit` of the frame `data`.
         """
         from scipy.ndimage import gaussian_filter
 
-        coefficients = toned.part.coefficients[: len(data.illumination)]
+        coefficients = gamma_fit.part.coefficients[: len(data.illumination)]
         light = np.tensordot(coefficients.astype(np.float32), data.illumination, 1)
         light = np.maximum(gaussian_filter(light, _SMOOTH_PX), _DIMMEST * float(light.max()))
         down, across = np.gradient(np.log(light))
@@ -314,27 +314,27 @@ class FrameModel:
         """The linear solution for a signal (n,)."""
         return solve_with_gamma(self.pixels, signal, self.gamma(values), near=near)
 
-    def linearise(self, values: Array, toned: GammaFit) -> LocalModel:
+    def linearise(self, values: Array, gamma_fit: GammaFit) -> LocalModel:
         """Derivatives at some values, where the linear solution is known.
 
         Raises PhysicsError where the scene cannot be solved beside them.
         """
-        rows = self._slopes(self.keys, values, range(len(self.keys)), toned)
-        return local_model(self.keys, values, toned, rows, self.prior)
+        rows = self._slopes(self.keys, values, range(len(self.keys)), gamma_fit)
+        return local_model(self.keys, values, gamma_fit, rows, self.prior)
 
-    def input_rows(self, values: Array, toned: GammaFit, inputs: tuple[str, ...]) -> Array:
+    def input_rows(self, values: Array, gamma_fit: GammaFit, inputs: tuple[str, ...]) -> Array:
         """Derivatives by inputs (m, n) that the fit holds, less what the light explains of them.
 
         Raises PhysicsError where the scene cannot be solved beside an input's value.
         """
         stated = [float(self.scene.get(key)) for key in inputs]
         keys, count = (*self.keys, *inputs), len(self.keys)
-        rows = self._slopes(keys, np.r_[values, stated], range(count, len(keys)), toned)
-        project(rows, toned.problem, toned.part)
+        rows = self._slopes(keys, np.r_[values, stated], range(count, len(keys)), gamma_fit)
+        project(rows, gamma_fit.problem, gamma_fit.part)
         return rows
 
     def _slopes(
-        self, keys: tuple[str, ...], values: Array, chosen: range, toned: GammaFit
+        self, keys: tuple[str, ...], values: Array, chosen: range, gamma_fit: GammaFit
     ) -> Array:
         """Weighted derivatives by the chosen ones of some keys, (chosen, n).
 
@@ -349,7 +349,7 @@ class FrameModel:
         steps, high = STEP * scales(self.scene, picked), limits(self.scene, picked).high
         for row, j, key, step, most in zip(rows, chosen, picked, steps, high, strict=True):
             if key == GAMMA:
-                row[:] = gamma_slope(toned, self.gamma(values))
+                row[:] = gamma_slope(gamma_fit, self.gamma(values))
                 continue
             first = step if values[j] + step <= most else -step
             visibility = None if key == BLUR or precise else shown
@@ -359,11 +359,11 @@ class FrameModel:
                 second = self._beside(keys, values, j, -first, visibility)
             if signal is None and second is None:
                 raise PhysicsError(f"{key} = {values[j]:g}: the scene cannot be solved beside it")
-            ahead = toned.part.signal if signal is None else signal
-            behind = toned.part.signal if second is None else second
+            ahead = gamma_fit.part.signal if signal is None else signal
+            behind = gamma_fit.part.signal if second is None else second
             np.subtract(ahead, behind, out=row)
             sides = (signal is not None) + (second is not None)
-            row *= toned.part.amplitude / np.float32(first * sides)
+            row *= gamma_fit.part.amplitude / np.float32(first * sides)
         return rows
 
     def _beside(
@@ -379,13 +379,14 @@ class FrameModel:
 class LocalModel:
     """A frame's model about `values` (p,) of `keys`: what steps and uncertainties need.
 
-    `toned`, the linear solution there; `rows` (p, n), the weighted derivatives less what the linear
-    unknowns explain; `squares` (p,), their sums of squares before that; `prior` of the unknowns.
+    `gamma_fit`, the linear solution there; `rows` (p, n), the weighted derivatives less what the
+    linear unknowns explain; `squares` (p,), their sums of squares before that; `prior` of the
+    unknowns.
     """
 
     keys: tuple[str, ...]
     values: Array
-    toned: GammaFit
+    gamma_fit: GammaFit
     rows: Array
     squares: Array
     prior: Prior
@@ -417,10 +418,10 @@ class LocalModel:
         """Cramér-Rao bound of each unknown (p,), inf where it is not determined."""
         return information_bound(self.inverse, self.determined)
 
-    def covariance(self, toned: GammaFit, noise: Array | None = None) -> Array:
-        """Covariance of the values by noise (p, p), by default what `toned` has left (n,)."""
-        linear, keep = len(toned.part.coefficients), toned.problem.keep
-        residual = toned.residual if noise is None else noise
+    def covariance(self, gamma_fit: GammaFit, noise: Array | None = None) -> Array:
+        """Covariance of the values by noise (p, p), by default what `gamma_fit` has left (n,)."""
+        linear, keep = len(gamma_fit.part.coefficients), gamma_fit.problem.keep
+        residual = gamma_fit.residual if noise is None else noise
         return white_covariance(self.inverse, self.rows, residual, keep, linear=linear)
 
     def sensitivity(self, stated: tuple[str, ...], held: Array) -> Array:
@@ -429,9 +430,9 @@ class LocalModel:
         Parameters: `stated`, the keys with a prior; `held` (m, n), derivatives by inputs that the
         fit holds, see `FrameModel.input_rows`. Equation: see `isochrome.estimation.priors`.
         """
-        own = [self.keys.index(key) for key in stated]
+        stated_columns = [self.keys.index(key) for key in stated]
         cross = (self.rows @ held.T).astype(float)
-        prior = self.inverse[:, own] * self.prior.weight[own]
+        prior = self.inverse[:, stated_columns] * self.prior.weight[stated_columns]
         return np.asarray(np.hstack((prior, -self.inverse @ cross)))
 
     def step(self, residual: Array) -> Array:
@@ -446,15 +447,15 @@ class LocalModel:
 def local_model(
     keys: tuple[str, ...],
     values: Array,
-    toned: GammaFit,
+    gamma_fit: GammaFit,
     rows: Array,
     prior: Prior | None = None,
 ) -> LocalModel:
     """The model about `values` (p,), from the weighted derivatives `rows` (p, n), which change."""
     squares = np.array([np.sum(np.square(row), dtype=float) for row in rows])
-    project(rows, toned.problem, toned.part)
+    project(rows, gamma_fit.problem, gamma_fit.part)
     prior = prior or no_prior(len(keys))
-    return LocalModel(keys, np.array(values, float), toned, rows, squares, prior)
+    return LocalModel(keys, np.array(values, float), gamma_fit, rows, squares, prior)
 
 
 def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
@@ -469,43 +470,44 @@ def project(rows: Array, problem: SeparableProblem, part: LinearPart) -> None:
 
 @dataclass(frozen=True)
 class RefinedFit:
-    """Where the steps ended: `values` (p,), the `local` model of the last derivatives, `toned`.
+    """Where the steps ended: `values` (p,), the `local` model of the last derivatives, `gamma_fit`.
 
-    `toned` is the exact solution at the last values but a step below 0.02 standard uncertainties.
+    `gamma_fit` is the exact solution at the last values but a step below 0.02 standard
+    uncertainties.
     """
 
     values: Array
     local: LocalModel
-    toned: GammaFit
+    gamma_fit: GammaFit
     converged: bool = True
 
     @property
     def freedom(self) -> int:
         """Pixels less unknowns, those of the light among them."""
-        linear = len(self.toned.part.coefficients)
-        return max(1, self.toned.residual.size - len(self.local.keys) - linear)
+        linear = len(self.gamma_fit.part.coefficients)
+        return max(1, self.gamma_fit.residual.size - len(self.local.keys) - linear)
 
     @property
     def cost(self) -> float:
         """Sum of squares, the prior's with it."""
-        return self.toned.cost + self.local.prior.cost(self.values)
+        return self.gamma_fit.cost + self.local.prior.cost(self.values)
 
     @property
     def chi(self) -> float:
         """Residual over noise."""
-        return sqrt(self.toned.cost / self.freedom)
+        return sqrt(self.gamma_fit.cost / self.freedom)
 
     @property
     def positive(self) -> bool:
         """Whether the light is light."""
-        return self.toned.part.positive
+        return self.gamma_fit.part.positive
 
 
 def refine_fit(
     model: FrameModel,
     start: Array,
     *,
-    toned: GammaFit | None = None,
+    gamma_fit: GammaFit | None = None,
     tolerance: float = _NEAR,
     iterations: int = 25,
 ) -> RefinedFit | None:
@@ -514,47 +516,47 @@ def refine_fit(
     A derivative costs as much as a residual, for each unknown, and steps with those of an earlier
     place still end where the exact residuals say: that is why this loop is not
     `isochrome.estimation.minimise`, which takes them anew at each place.
-    Parameters: `model`; `start` (p,); `toned`, the solution there if it is known; `tolerance`, the
-    last step in standard uncertainties; `iterations`, exact residuals at most. Returns a
+    Parameters: `model`; `start` (p,); `gamma_fit`, the solution there if it is known; `tolerance`,
+    the last step in standard uncertainties; `iterations`, exact residuals at most. Returns a
     RefinedFit, None where the start makes no scene that can be solved. Raises PhysicsError where
     only the start does.
     """
     values = np.clip(np.asarray(start, float), model.limits.low, model.limits.high)
-    toned = toned or model.at(values)
-    if toned is None:
+    gamma_fit = gamma_fit or model.at(values)
+    if gamma_fit is None:
         return None
-    local = model.linearise(values, toned)
+    local = model.linearise(values, gamma_fit)
     damping, last = Damping(0.0, least=1e-2), np.inf
     for _ in range(iterations):
-        pull = (local.rows @ toned.residual).astype(float) + model.prior.gradient(values)
+        pull = (local.rows @ gamma_fit.residual).astype(float) + model.prior.gradient(values)
         free = model.limits.free(values, pull) & local.determined
         step = damped_step(local.normal, pull, damping.value, free, cutoff=_CUTOFF)
         step = model.limits.cut(values, step)
-        size = local.size(step) / sqrt(toned.noise)
+        size = local.size(step) / sqrt(gamma_fit.noise)
         if size < tolerance:
-            return RefinedFit(values + step, local, toned)
+            return RefinedFit(values + step, local, gamma_fit)
         if size > _FROZEN * last and not np.array_equal(local.values, values):
-            local, last = model.linearise(values, toned), np.inf
+            local, last = model.linearise(values, gamma_fit), np.inf
             continue
-        trial = model.at(values + step, near=toned.model)
+        trial = model.at(values + step, near=gamma_fit.model)
         known = model.prior.cost(values), model.prior.cost(values + step)
-        if trial is None or not _better(trial, toned, known):
+        if trial is None or not _better(trial, gamma_fit, known):
             damping, last = damping.heavier(), np.inf
             if not np.array_equal(local.values, values):
-                local = model.linearise(values, toned)
+                local = model.linearise(values, gamma_fit)
             continue
         gain = promised_gain(local.normal, pull, step)
-        damping = damping.lighter(toned.cost + known[0] - trial.cost - known[1], gain)
-        values, toned, last = values + step, trial, size
-    return RefinedFit(values, local, toned, converged=False)
+        damping = damping.lighter(gamma_fit.cost + known[0] - trial.cost - known[1], gain)
+        values, gamma_fit, last = values + step, trial, size
+    return RefinedFit(values, local, gamma_fit, converged=False)
 
 
-def _better(trial: GammaFit, toned: GammaFit, known: tuple[float, float]) -> bool:
+def _better(trial: GammaFit, gamma_fit: GammaFit, known: tuple[float, float]) -> bool:
     """Whether a step lowers the cost without turning the light negative: another basin's sign.
 
     `known`, what the prior adds to the cost before and after.
     """
-    if toned.part.positive and not trial.part.positive:
+    if gamma_fit.part.positive and not trial.part.positive:
         return False
     # the costs of two points that differ by less than the noise of their sum are alike
-    return trial.cost + known[1] <= (toned.cost + known[0]) * (1.0 + 1e-6)
+    return trial.cost + known[1] <= (gamma_fit.cost + known[0]) * (1.0 + 1e-6)

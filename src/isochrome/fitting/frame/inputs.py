@@ -67,7 +67,7 @@ def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
     Parameters: `scene`; `given`, what one frame's scene was made of, whose wear may be counted by
     another law. A key that the scene has not, or has as a table, is none of them.
     """
-    found = []
+    entries = []
     for key, spread in scene.uncertainties.items():
         try:
             value = scene.get(key)
@@ -78,8 +78,8 @@ def stated_inputs(scene: Scene, given: Scene | None = None) -> StatedInputs:
             stated = given.get(key)
             spread *= value / stated if isinstance(stated, float) and stated else 0.0
         if spread > 0.0 and isinstance(value, int | float) and not outside:
-            found.append((key, float(value), spread))
-    return inputs_of_rows(found)
+            entries.append((key, float(value), spread))
+    return inputs_of_rows(entries)
 
 
 def stated_pairs(scene: Scene) -> dict[str, tuple[float, float]]:

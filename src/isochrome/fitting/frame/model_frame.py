@@ -97,8 +97,8 @@ def evaluate_model(data: FrameData, scene: Scene, *, difference: Array | None = 
     bend[~picture.material] = 0.0
 
     def response(order: Array) -> Array:
-        seen = order + bend
-        return optics.signal(picture.difference, order=seen, visibility=picture.visibility)
+        shown = order + bend
+        return optics.signal(picture.difference, order=shown, visibility=picture.visibility)
 
     order = picture.order.copy()
     order[~picture.material] = 0.0
@@ -130,7 +130,7 @@ def fitted_light(data: FrameData, signal: Array, mask: Mask) -> tuple[Array, Arr
     negative. Raises InputError where no pixel is trusted.
     """
     stride = thinning(int(np.count_nonzero(mask)), _ENOUGH)
-    whole, data = data, data.every(stride)
+    full_frame, data = data, data.every(stride)
     signal, mask = signal[::stride, ::stride], mask[::stride, ::stride]
     count = int(np.count_nonzero(mask))
     if not count:
@@ -151,7 +151,7 @@ def fitted_light(data: FrameData, signal: Array, mask: Mask) -> tuple[Array, Arr
     negative = (round(part.negative_share * mask.size) - left_out) / count
     chi = float(np.sqrt(part.cost / max(1, count - len(part.coefficients))))
     return (
-        np.tensordot(a, whole.illumination, 1),
-        np.tensordot(c, whole.background, 1),
+        np.tensordot(a, full_frame.illumination, 1),
+        np.tensordot(c, full_frame.background, 1),
         chi if negative <= MOSTLY else float("inf"),
     )

@@ -161,9 +161,9 @@ class SceneRenderer:
             pixels = self._pixels(scene)
             made = self._field(scene, state, pixels, slopes=self.stride > 1 and not self._rough)
             above = self._above(scene, pixels)
-            seen = self._seen_by_area(made.difference, above)
+            visibility_by_area = self._seen_by_area(made.difference, above)
             visibility = self._visibility(scene, made, pixels.pixel_mm, above, blur)
-            last = self._last = _Rendered(state, key, seen, visibility)
+            last = self._last = _Rendered(state, key, visibility_by_area, visibility)
         return last.field, last.visibility
 
     def signal(self, scene: Scene, *, visibility: Array | None = None) -> Array:

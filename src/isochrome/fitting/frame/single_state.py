@@ -183,14 +183,14 @@ def scene_at(scene: Scene, distance_m: float) -> Scene:
     InputError
         Where the load changes while the contact wears: no constant load has worn that scar.
     """
-    found = _loaded_at(scene, distance_m)
+    loaded = _loaded_at(scene, distance_m)
     if scene.friction:
         mu = scene.friction_at(distance_m)
-        found = with_part(found, "friction", coefficient=mu, static_state_first=False)
+        loaded = with_part(loaded, "friction", coefficient=mu, static_state_first=False)
     if scene.wear:
         wear = _wear_at(scene, scene.wear, distance_m) if distance_m > 0.0 else None
-        found = found.model_copy(update={"wear": wear})
-    return found
+        loaded = loaded.model_copy(update={"wear": wear})
+    return loaded
 
 
 def _loaded_at(scene: Scene, distance_m: float) -> Scene:
@@ -198,9 +198,9 @@ def _loaded_at(scene: Scene, distance_m: float) -> Scene:
 
 
 def _wear_at(scene: Scene, wear: Wear, distance_m: float) -> Wear:
-    there = wear.model_copy(update={"distances_m": (distance_m,)})
-    course, (stop,) = wear_course(scene.model_copy(update={"wear": there}))
-    loads = course.line_load_n_per_mm
+    wear_there = wear.model_copy(update={"distances_m": (distance_m,)})
+    history, (stop,) = wear_course(scene.model_copy(update={"wear": wear_there}))
+    loads = history.line_load_n_per_mm
     if stop.dose_mm_per_mpa > 0.0 and np.ptp(loads) > 1e-9 * loads.max():
         raise InputError(
             f"{scene.name}: load.normal_n is a table that changes before {distance_m:g} m, and "
@@ -212,8 +212,8 @@ def _wear_at(scene: Scene, wear: Wear, distance_m: float) -> Wear:
         wear.law != "archard" and isinstance(friction, DistanceTable)
     ):
         equivalent = 1e-3 * stop.dose_mm_per_mpa / distance_m
-        return there.model_copy(update={"coefficient_mm2_per_n": equivalent, "law": "archard"})
-    return there
+        return wear_there.model_copy(update={"coefficient_mm2_per_n": equivalent, "law": "archard"})
+    return wear_there
 
 
 def with_numerics(
@@ -246,13 +246,13 @@ def with_numerics(
     """
     if not scene.is_contact or scene.camera is None or scene.camera.pixel_mm is None:
         return scene
-    course, _ = wear_course(scene)
-    grid = contact_grid(scene, largest_dose_mm_per_mpa=float(course.dose_mm_per_mpa[-1]))
-    own = scene.camera.pixel_mm / nodes_per_pixel if nodes_per_pixel else grid.spacing_mm
+    history, _ = wear_course(scene)
+    grid = contact_grid(scene, largest_dose_mm_per_mpa=float(history.dose_mm_per_mpa[-1]))
+    spacing = scene.camera.pixel_mm / nodes_per_pixel if nodes_per_pixel else grid.spacing_mm
     return with_part(
         scene,
         "numerics",
-        spacing_mm=own,
+        spacing_mm=spacing,
         window_mm=room * grid.spacing_mm * (grid.nodes - 1),
         tolerance=tolerance or scene.numerics.tolerance,
     )

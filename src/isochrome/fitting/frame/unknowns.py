@@ -78,11 +78,11 @@ def free_keys(scene: Scene) -> tuple[str, ...]:
 
 def values_of(scene: Scene, keys: tuple[str, ...]) -> Array:
     """A scene's values (p,) at some keys. Raises InputError where one is no number."""
-    found = [scene.get(key) for key in keys]
-    for key, value in zip(keys, found, strict=True):
+    values = [scene.get(key) for key in keys]
+    for key, value in zip(keys, values, strict=True):
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{key} = {value!r} cannot be fitted: it is no number in this scene")
-    return np.array(found, dtype=float)
+    return np.array(values, dtype=float)
 
 
 def moved_scene(scene: Scene, keys: tuple[str, ...], values: Array) -> Scene:
@@ -152,9 +152,9 @@ def fit_region(scene: Scene, shape: tuple[int, int], stride: int, hidden_px: flo
 
     False within `hidden_px` of a contact's surface; else where the specimen's model says so.
     """
-    whole = pixel_grid(scene, shape)
-    grid = whole.every(stride)
-    trusted = specimen_model(scene).trusted(scene, grid, hidden_px * whole.pixel_mm)
+    full_frame = pixel_grid(scene, shape)
+    grid = full_frame.every(stride)
+    trusted = specimen_model(scene).trusted(scene, grid, hidden_px * full_frame.pixel_mm)
     return np.array(np.broadcast_to(trusted, (grid.rows, grid.cols)))
 
 

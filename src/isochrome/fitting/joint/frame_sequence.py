@@ -96,27 +96,27 @@ class Sequence:
 
     def whole(self, values: Array) -> Scene:
         """The scene of all frames: shared values, and tables over distance of a run's course."""
-        found: dict[str, Any] = {}
+        values_of_keys: dict[str, Any] = {}
         tables: dict[str, dict[float, float]] = {}
         for unknown, value in zip(self.unknowns, values.tolist(), strict=True):
             if unknown.shared:
-                found[unknown.key] = value
+                values_of_keys[unknown.key] = value
             elif self.in_course(unknown.key):
                 distance = max(self.distances_m[i] or 0.0 for i in unknown.frames)
                 tables.setdefault(unknown.key, {})[distance] = value
         for key, points in tables.items():
-            found[key] = stepwise(points) if key == WEAR else over_distance(points)
-        return self.scene.with_values(found)
+            values_of_keys[key] = stepwise(points) if key == WEAR else over_distance(points)
+        return self.scene.with_values(values_of_keys)
 
-    def frame(self, whole: Scene, values: Array, index: int) -> Scene:
+    def frame(self, common: Scene, values: Array, index: int) -> Scene:
         """The one-state scene of a frame, with its own values, in a scene of all frames."""
-        own = {
+        per_frame = {
             unknown.key: value
             for unknown, value in zip(self.unknowns, values.tolist(), strict=True)
             if index in unknown.frames and not unknown.shared and not self.in_course(unknown.key)
         }
-        scene = state_scene(whole, index)
-        return scene.with_values(own) if own else scene
+        scene = state_scene(common, index)
+        return scene.with_values(per_frame) if per_frame else scene
 
     def acting(self, index: int) -> tuple[str, ...]:
         """The keys of the unknowns that act in a frame."""
@@ -159,27 +159,27 @@ def stepwise(points: dict[float, float]) -> Any:
 
 
 def make_sequence(
-    scene: Scene, count: int, shared: tuple[str, ...], own: tuple[str, ...]
+    scene: Scene, count: int, shared: tuple[str, ...], per_frame: tuple[str, ...]
 ) -> Sequence:
-    """The unknowns of `count` frames: `shared` keys of all, `own` keys with a value a frame.
+    """The unknowns of `count` frames: `shared` keys of all, `per_frame` keys with a value a frame.
 
     A frame without a key (the friction of a static one, the wear of one that has not slid) has no
     such unknown. Raises InputError for a key that no frame has.
     """
     unknowns: list[Unknown] = []
     given = Sequence(scene, count, ())
-    for key in (*shared, *own):
+    for key in (*shared, *per_frame):
         having = tuple(i for i in range(count) if _has(scene, i, key))
         if not having:
             raise InputError(f"{key}: no frame's scene has this key; leave it out")
         if key in shared:
             unknowns.append(Unknown(key, having, True))
             continue
-        there: dict[float, list[int]] = {}
+        frames_at: dict[float, list[int]] = {}
         for i in having:
             place = (given.distances_m[i] or 0.0) if given.in_course(key) else i
-            there.setdefault(place, []).append(i)
-        unknowns += [Unknown(key, tuple(frames), False) for frames in there.values()]
+            frames_at.setdefault(place, []).append(i)
+        unknowns += [Unknown(key, tuple(frames), False) for frames in frames_at.values()]
     return Sequence(scene, count, tuple(unknowns))
 
 
@@ -219,26 +219,26 @@ class SharedRun:
         return self._runs[key][self._distances.index(wear.distances_m[0])]
 
 
-def local_values(whole: Scene, distances_m: tuple[float | None, ...]) -> Array:
+def local_values(common: Scene, distances_m: tuple[float | None, ...]) -> Array:
     """What a frame of a run shows of its course: load P (N), friction mu, worn area per frame.
 
     The worn area W = ∫ P' dK, with dh = p dK and ∫ p dx = P', is the area of the scar; a frame
     follows its history through it all but alone: the scar's shape at one area changes a frame's
     derivatives by some per cent (measured), and nothing else, since residuals are of the whole run.
-    Parameters: `whole`, the scene of the run; `distances_m` (frames,), None for a static state.
+    Parameters: `common`, the scene of the run; `distances_m` (frames,), None for a static state.
     Returns (frames, 3), N, 1, mm².
     """
-    there = sorted({d for d in distances_m if d is not None} | {0.0})
-    course, stops = wear_course(with_part(whole, "wear", distances_m=tuple(there)))
-    dose, load = course.dose_mm_per_mpa, course.line_load_n_per_mm
+    distances = sorted({d for d in distances_m if d is not None} | {0.0})
+    history, stops = wear_course(with_part(common, "wear", distances_m=tuple(distances)))
+    dose, load = history.dose_mm_per_mpa, history.line_load_n_per_mm
     area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(dose) * (load[1:] + load[:-1]))])
     rows = {}
     for stop in stops:
         k = stop.dose_mm_per_mpa
         i = max(0, int(np.searchsorted(dose, k)) - 1)
-        worn = area[i] + 0.5 * (k - dose[i]) * (load[i] + course.at(k)[0])
-        rows[stop.distance_m] = (whole.load_at(stop.distance_m), stop.friction, worn)
-    static = (whole.load_at(0.0), 0.0, 0.0)
+        worn = area[i] + 0.5 * (k - dose[i]) * (load[i] + history.at(k)[0])
+        rows[stop.distance_m] = (common.load_at(stop.distance_m), stop.friction, worn)
+    static = (common.load_at(0.0), 0.0, 0.0)
     return np.array([static if d is None else rows[d] for d in distances_m])
 
 
@@ -255,13 +255,13 @@ def alone_scene(scene: Scene, state: int) -> Scene:
     load, friction, worn = local_values(scene, (distance,))[0].tolist()
     thickness = scene.specimen.thickness_mm
     assert thickness is not None
-    found = with_part(scene, "load", normal_n=load)
+    loaded = with_part(scene, "load", normal_n=load)
     if scene.friction:
-        found = with_part(found, "friction", coefficient=friction, static_state_first=False)
+        loaded = with_part(loaded, "friction", coefficient=friction, static_state_first=False)
     rate = worn * thickness / (1e3 * load * distance) if distance else 0.0
     if not rate:
-        return found.model_copy(update={"wear": None})
-    even = with_part(found, "wear", coefficient_mm2_per_n=1.0, distances_m=(distance,))
+        return loaded.model_copy(update={"wear": None})
+    even = with_part(loaded, "wear", coefficient_mm2_per_n=1.0, distances_m=(distance,))
     assert even.wear is not None
     by_law = float(mean_wear_rate(even.wear, friction, distance))
     if not by_law:

@@ -142,7 +142,11 @@ class JointSolution:
     def values_of_key(self, key: str) -> list[tuple[float, float]]:
         """Value and standard uncertainty of a key, once or for each frame."""
         columns = self.fit.unknowns, self.fit.values, self.fit.standard_uncertainty
-        return [(float(v), float(u)) for own, v, u in zip(*columns, strict=True) if own.key == key]
+        return [
+            (float(v), float(u))
+            for unknown, v, u in zip(*columns, strict=True)
+            if unknown.key == key
+        ]
 
     def blocks(self) -> Iterator[FrameBlocks]:
         """Each of the frames in blocks."""
@@ -152,14 +156,14 @@ class JointSolution:
         """The fit with a change. Raises PhysicsError where it cannot be made."""
         data, sequence, start = self._changed(change)
         try:
-            found = solve_jointly(data, sequence, start, self.progress)
+            solution = solve_jointly(data, sequence, start, self.progress)
         except InputError as error:  # a step beyond what a key may be
             raise PhysicsError(str(error)) from error
-        values, ends = found.fit.values, found.problem.bounds
-        for k, unknown in enumerate(found.fit.unknowns):
+        values, ends = solution.fit.values, solution.problem.bounds
+        for k, unknown in enumerate(solution.fit.unknowns):
             if unknown.key in change.added and not ends.low[k] < values[k] < ends.high[k]:
                 raise PhysicsError(f"{unknown.key} = {values[k]:g}: at the end of where it may be")
-        return found
+        return solution
 
     def trial(self, change: Change) -> tuple[float, int, int] | None:
         """Mean squared residual, unknowns and pixels of a fit to every third pixel."""
@@ -200,11 +204,11 @@ class JointSolution:
         if outside is not None:
             outside = whole_picture(outside, self.data.shape)
         data, sequence = self.data.seen(change.terms, outside), self.fit.sequence
-        kept = [k for k, u in enumerate(sequence.unknowns) if u.key not in change.held]
+        remaining = [k for k, u in enumerate(sequence.unknowns) if u.key not in change.held]
         added = added_unknowns(sequence, tuple(change.added))
-        unknowns = (*(sequence.unknowns[k] for k in kept), *added)
+        unknowns = (*(sequence.unknowns[k] for k in remaining), *added)
         scene = sequence.scene.with_values(change.added | change.held)
-        start = np.r_[self.fit.values[kept], [change.added[unknown.key] for unknown in added]]
+        start = np.r_[self.fit.values[remaining], [change.added[unknown.key] for unknown in added]]
         return data, replace(sequence, scene=scene, unknowns=unknowns), start
 
 
@@ -239,8 +243,8 @@ def added_unknowns(sequence: Sequence, keys: tuple[str, ...]) -> tuple[Unknown, 
     own_load = any(u.key == LOAD and not u.shared for u in sequence.unknowns)
     added: list[Unknown] = []
     for key in keys:
-        own = key in SMOOTH_KEYS and (own_load or key == SMOOTH_KEYS[1])
-        if own and sequence.count > 1:
+        per_frame = key in SMOOTH_KEYS and (own_load or key == SMOOTH_KEYS[1])
+        if per_frame and sequence.count > 1:
             added += [Unknown(key, (i,), False) for i in every]
         else:
             added.append(Unknown(key, every, True))
@@ -357,8 +361,8 @@ class JointProblem:
         )
         self.stated = stated_inputs(sequence.scene)
         # what was worn between two frames is not the coefficient that was measured
-        own = [u.key if u.shared or u.key != WEAR else "" for u in sequence.unknowns]
-        self.prior = self.stated.prior(tuple(own))
+        names = [u.key if u.shared or u.key != WEAR else "" for u in sequence.unknowns]
+        self.prior = self.stated.prior(tuple(names))
         self.held = self.stated.some(tuple(u.key for u in sequence.unknowns), free=False)
         self.coarse_stride = thinning(shape[0] * shape[1], _COARSE_PIXELS)
         self.first = self._scenes(self.sequence, start)
@@ -385,22 +389,22 @@ class JointProblem:
         renderer = make_renderer(self.sequence, self.first[0], self.shape, stride)
 
         def at(where: Array) -> NormalEquations | None:
-            found = self._sums(self.sequence, where, renderer, stride)
-            return found and found.known(self.prior, where)
+            sums = self._sums(self.sequence, where, renderer, stride)
+            return sums and sums.known(self.prior, where)
 
         normal = at(values)
         if normal is None:
             raise PhysicsError(
                 "the scene cannot be solved where the frames' own fits end; give closer values"
             )
-        found = minimise(
+        sums = minimise(
             at, values, normal, damping=Damping(1e-6, least=1e-4), iterations=_ITERATIONS,
             enough=lambda here: _enough(here, tolerance),
             better=lambda new, old: new.cost <= old.cost * (1.0 + _ALIKE),
             bounds=self.bounds,
         )  # fmt: skip
-        end = found.values + found.step if found.converged else found.values
-        return end, found.point, found.converged
+        end = sums.values + sums.step if sums.converged else sums.values
+        return end, sums.point, sums.converged
 
     def _sums(
         self, sequence: Sequence, values: Array, renderer: SceneRenderer, stride: int
@@ -416,12 +420,12 @@ class JointProblem:
     def keep_clear(self, values: Array) -> None:
         """Leave out the pixels whose model at some values is near black or white, see `gamma`."""
         renderer = make_renderer(self.sequence, self.first[0], self.shape, 1)
-        whole, found = self.sequence.whole(values), []
+        common, scenes = self.sequence.whole(values), []
         for i, data in enumerate(self.frames):
-            here, region = self.sequence.frame(whole, values, i), self._region(i, 1)
-            found.append(np.packbits(clear_region(data, here, renderer=renderer, region=region)))
+            here, region = self.sequence.frame(common, values, i), self._region(i, 1)
+            scenes.append(np.packbits(clear_region(data, here, renderer=renderer, region=region)))
             self.progress()
-        self._clear = found
+        self._clear = scenes
 
     def _region(self, index: int, stride: int) -> Array:
         """The pixels of a frame that are fitted."""
@@ -467,8 +471,8 @@ class JointProblem:
             lost=tuple(i for i, good in enumerate(normal.positive) if not good),
             noise_uncertainty=noise_spread,
             budget=tuple(
-                budget_of(own, inputs.rows, row) if inputs.keys else ()
-                for own, row in zip(noise_spread.tolist(), sensitivity, strict=True)
+                budget_of(noise_of, inputs.rows, row) if inputs.keys else ()
+                for noise_of, row in zip(noise_spread.tolist(), sensitivity, strict=True)
             ),
             known=inputs.keys,
         )
@@ -521,12 +525,12 @@ class JointProblem:
             solved = solved_along(data, here, moved, renderer=renderer, region=region)
             if solved is None:
                 raise PhysicsError(f"{data.name}: the scene cannot be solved beside its values")
-            pixels, toned, rows = solved
+            pixels, gamma_fit, rows = solved
             yield SolvedFrame(
                 data=data,
                 scene=here,
                 pixels=pixels,
-                toned=toned,
+                gamma_fit=gamma_fit,
                 renderer=renderer,
                 rows=rows,
                 along=maps.columns(i),
@@ -536,9 +540,9 @@ class JointProblem:
 
     def _scenes(self, sequence: Sequence, values: Array) -> tuple[Scene, ...]:
         """The scene of each frame at some values (p,)."""
-        whole = sequence.whole(values)
+        common = sequence.whole(values)
         frames = range(sequence.count)
-        return tuple(placed(sequence.frame(whole, values, i), self.shape) for i in frames)
+        return tuple(placed(sequence.frame(common, values, i), self.shape) for i in frames)
 
 
 def _enough(normal: NormalEquations, tolerance: float) -> float:

@@ -61,10 +61,10 @@ def _spreads(traces: list[LevelledTrace]) -> list[float]:
     """
     if not traces:
         return []
-    own = np.array([t.worn_area_uncertainty_mm2**2 / t.student_factor for t in traces])
-    share = (1.0 / own) / np.sum(1.0 / own)
+    variance = np.array([t.worn_area_uncertainty_mm2**2 / t.student_factor for t in traces])
+    share = (1.0 / variance) / np.sum(1.0 / variance)
     freedom = 1.0 / np.sum(share**2 / np.array([t.degrees_of_freedom for t in traces]))
-    return list(np.sqrt(own * student_factor_of(float(freedom))).tolist())
+    return list(np.sqrt(variance * student_factor_of(float(freedom))).tolist())
 
 
 def scar_rows(sequence: Sequence, values: Array) -> tuple[Array, Array]:
@@ -102,14 +102,14 @@ def scar_messages(areas: tuple[MeasuredArea, ...], scene: Scene) -> tuple[str, .
     if not areas:
         return ()
     worn = local_values(scene, tuple(area.distance_m for area in areas))[:, 2]
-    found = [text for area in areas for text in area.messages]
+    messages = [text for area in areas for text in area.messages]
     for area, model in zip(areas, worn.tolist(), strict=True):
         away = abs(area.area_mm2 - model) / area.standard_uncertainty_mm2
         if away > _CONTRADICTS:
             measured = with_uncertainty(area.area_mm2, area.standard_uncertainty_mm2)
-            found.append(
+            messages.append(
                 f"{area.name}: its worn area, {measured} mm², and the fitted scene's, "
                 f"{model:.4g} mm², are {away:.1f} standard uncertainties apart: frames and scars "
                 "contradict each other; check load, distances and the profilometer's scale"
             )
-    return tuple(found)
+    return tuple(messages)

@@ -131,20 +131,20 @@ def linearise_frame(
     solved = solved_along(data, here, moved, renderer=renderer, region=region)
     if solved is None:
         return None
-    pixels, toned, rows = solved
+    pixels, gamma_fit, rows = solved
     squares = rows @ rows.T
-    project(rows, toned.problem, toned.part)
+    project(rows, gamma_fit.problem, gamma_fit.part)
     precise = rows.astype(float) if exact else rows
-    freedom = pixels.size - len(toned.part.coefficients)
+    freedom = pixels.size - len(gamma_fit.part.coefficients)
     return NormalEquations(
         normal=(precise @ precise.T).astype(float),
-        middle=gradient_covariance(rows, toned.residual, pixels.keep),
-        gradient=(rows @ toned.residual).astype(float),
+        middle=gradient_covariance(rows, gamma_fit.residual, pixels.keep),
+        gradient=(rows @ gamma_fit.residual).astype(float),
         squares=squares.astype(float),
-        cost=toned.cost,
+        cost=gamma_fit.cost,
         freedom=freedom,
-        positive=(toned.part.positive,),
-        chi=(float(np.sqrt(toned.cost / max(1, freedom))),),
+        positive=(gamma_fit.part.positive,),
+        chi=(float(np.sqrt(gamma_fit.cost / max(1, freedom))),),
     )
 
 
@@ -164,19 +164,19 @@ def solved_along(
     free = [ahead.frames.stated_gamma - gamma for ahead, *_ in moved]
     pixels = trusted_pixels(data.toned(gamma) if any(free) else data, region)
     signal = safe_signal(renderer, here)[pixels.keep].astype(np.float32)
-    toned = solve_with_gamma(pixels, signal, gamma)
-    if toned is None:
+    gamma_fit = solve_with_gamma(pixels, signal, gamma)
+    if gamma_fit is None:
         return None
     rows = np.empty((len(moved), pixels.size), np.float32)
     for row, scenes, change in zip(rows, moved, free, strict=True):
         if change:
-            row[:] = gamma_slope(toned, gamma) * np.float32(change)
+            row[:] = gamma_slope(gamma_fit, gamma) * np.float32(change)
             continue
         ahead, *behind = (safe_signal(renderer, scene)[pixels.keep] for scene in scenes)
         both = bool(behind) and bool(np.isfinite(behind[0].sum()))
         np.subtract(ahead, behind[0] if both else signal, out=row)
-        row *= toned.part.amplitude / np.float32(1 + both)
-    return (pixels, toned, rows) if np.isfinite(rows.sum()) else None
+        row *= gamma_fit.part.amplitude / np.float32(1 + both)
+    return (pixels, gamma_fit, rows) if np.isfinite(rows.sum()) else None
 
 
 def clear_region(data: FrameData, here: Scene, *, renderer: SceneRenderer, region: Array) -> Array:
@@ -186,15 +186,15 @@ def clear_region(data: FrameData, here: Scene, *, renderer: SceneRenderer, regio
     """
     gamma = here.frames.stated_gamma
     pixels = trusted_pixels(data, region)
-    toned = solve_with_gamma(pixels, safe_signal(renderer, here)[pixels.keep], gamma)
-    if toned is None:
+    gamma_fit = solve_with_gamma(pixels, safe_signal(renderer, here)[pixels.keep], gamma)
+    if gamma_fit is None:
         return region
-    clear = clear_of_ends(pixels, toned.model, gamma)
+    clear = clear_of_ends(pixels, gamma_fit.model, gamma)
     if np.count_nonzero(clear) <= ENOUGH * clear.size:
         return region
-    found = region.copy()
-    found[pixels.keep] = clear
-    return found
+    joined = region.copy()
+    joined[pixels.keep] = clear
+    return joined
 
 
 class DirectionMaps:
@@ -245,14 +245,14 @@ class DirectionMaps:
         cent of a one-sided difference, and would pass for a difference of the two.
         """
         here = self.sequence.frame(self.whole, self.values, index)
-        found = []
+        slopes = []
         for key in self.keys(index):
             scenes = [self._beside(here, key, index, self._steps[key])]
             if both:
                 with suppress(InputError):  # at the end of where it may be
                     scenes.append(self._beside(here, key, index, -self._steps[key]))
-            found.append(tuple(scenes))
-        return found
+            slopes.append(tuple(scenes))
+        return slopes
 
     def _beside(self, here: Scene, key: str, index: int, step: float) -> Scene:
         """A frame's scene moved by a step along a key."""
@@ -265,17 +265,17 @@ class DirectionMaps:
     def columns(self, index: int) -> Array:
         """Steps along each direction that one unit of each unknown makes, (directions, p)."""
         keys = self.keys(index)
-        found = np.zeros((len(keys), len(self.sequence.unknowns)))
+        matrix = np.zeros((len(keys), len(self.sequence.unknowns)))
         for column, unknown in enumerate(self.sequence.unknowns):
             if index in unknown.frames and unknown.key in keys and unknown.key not in self.course:
-                found[keys.index(unknown.key), column] = 1.0 / self._steps[unknown.key]
+                matrix[keys.index(unknown.key), column] = 1.0 / self._steps[unknown.key]
         inside = [k for k in keys if k in self._moved]
         if inside:
             which = [COURSE.index(k) for k in inside]
             square = np.array([self._along[k][index, which] for k in inside]).T
             rows = [keys.index(k) for k in inside]
-            found[rows] += np.linalg.solve(square, self._by_unknown[:, index, which].T)
-        return found
+            matrix[rows] += np.linalg.solve(square, self._by_unknown[:, index, which].T)
+        return matrix
 
 
 def difference_step(scene: Scene, key: str) -> float:
@@ -295,14 +295,14 @@ def local_slopes(
     Parameters: `values` (p,) of the unknowns; `local` (distances, 3), the local values there;
     `keys`, those of the unknowns that move them: others give 0.
     """
-    found = np.zeros((len(values), *local.shape))
-    whole = sequence.whole(values)
+    derivatives = np.zeros((len(values), *local.shape))
+    common = sequence.whole(values)
     for row, unknown in enumerate(sequence.unknowns):
         if unknown.key in keys:
-            ahead, step = values.copy(), difference_step(whole, unknown.key)
+            ahead, step = values.copy(), difference_step(common, unknown.key)
             ahead[row] += step
-            found[row] = (local_values(sequence.whole(ahead), distances_m) - local) / step
-    return found
+            derivatives[row] = (local_values(sequence.whole(ahead), distances_m) - local) / step
+    return derivatives
 
 
 def moved_values(scene: Scene, key: str, step: float) -> Scene:
@@ -322,7 +322,7 @@ def with_number(scene: Scene, key: str) -> Scene:
 
 
 def make_renderer(
-    sequence: Sequence, whole: Scene, shape: tuple[int, int], stride: int
+    sequence: Sequence, common: Scene, shape: tuple[int, int], stride: int
 ) -> SceneRenderer:
     """A renderer of all frames of a sequence, which solves a run once for all of them."""
-    return SceneRenderer(whole, shape, stride=stride, solve=SharedRun(sequence.distances_m))
+    return SceneRenderer(common, shape, stride=stride, solve=SharedRun(sequence.distances_m))

@@ -47,29 +47,29 @@ def is_each(sequence: Sequence) -> bool:
     return sequence.count == 1 or not (sequence.run or shared)
 
 
-def fit_of_each(sequence: Sequence, alone: list[FrameFit]) -> JointFit:
+def fit_of_each(sequence: Sequence, single_fits: list[FrameFit]) -> JointFit:
     """The fits of frames that nothing ties together as one of all of them.
 
     Memory grows with the frames, not with the square of their number. A frame's own fit may have
     more keys than the sequence, of a smooth stress: they become unknowns too.
-    Parameters: `sequence`; `alone`, each frame's fit. Returns a JointFit, without matrices.
+    Parameters: `sequence`; `single_fits`, each frame's fit. Returns a JointFit, without matrices.
     """
     own_load = any(u.key == LOAD and not u.shared for u in sequence.unknowns)
     shared = sequence.count == 1 and not own_load
     more = dict.fromkeys(
-        key for i, fit in enumerate(alone) for key in fit.keys[len(sequence.acting(i)) :]
+        key for i, fit in enumerate(single_fits) for key in fit.keys[len(sequence.acting(i)) :]
     )
-    places = [(key, i) for key in more for i, fit in enumerate(alone) if key in fit.keys]
+    places = [(key, i) for key in more for i, fit in enumerate(single_fits) if key in fit.keys]
     added = tuple(Unknown(key, (i,), shared) for key, i in places)
     wider = replace(sequence, unknowns=(*sequence.unknowns, *added))
-    first = [(alone[unknown.frames[0]], unknown.key) for unknown in wider.unknowns]
+    first = [(single_fits[unknown.frames[0]], unknown.key) for unknown in wider.unknowns]
     values, spread, noise, bound = (
         np.array([getattr(fit, name)[fit.keys.index(key)] for fit, key in first])
         for name in ("values", "standard_uncertainty", "noise_uncertainty", "cramer_rao_bound")
     )
-    known = tuple(dict.fromkeys(key for fit in alone for key in fit.inputs.keys))
-    cost = sum(fit.chi**2 * fit.freedom for fit in alone)
-    freedom = sum(fit.freedom for fit in alone)
+    known = tuple(dict.fromkeys(key for fit in single_fits for key in fit.inputs.keys))
+    cost = sum(fit.chi**2 * fit.freedom for fit in single_fits)
+    freedom = sum(fit.freedom for fit in single_fits)
     return JointFit(
         sequence=wider,
         values=values,
@@ -78,23 +78,25 @@ def fit_of_each(sequence: Sequence, alone: list[FrameFit]) -> JointFit:
         covariance=None,
         information=None,
         chi=float(np.sqrt(cost / freedom)),
-        frame_chi=tuple(fit.chi for fit in alone),
+        frame_chi=tuple(fit.chi for fit in single_fits),
         cost=cost,
         freedom=freedom,
         scene=wider.whole(values),
-        scenes=tuple(fit.scene for fit in alone),
-        converged=all(fit.converged for fit in alone),
-        lost=tuple(i for i, fit in enumerate(alone) if not fit.positive),
+        scenes=tuple(fit.scene for fit in single_fits),
+        converged=all(fit.converged for fit in single_fits),
+        lost=tuple(i for i, fit in enumerate(single_fits) if not fit.positive),
         noise_uncertainty=noise,
         budget=tuple(
-            budget_of(own, fit.inputs.rows, fit.sensitivity[fit.keys.index(key)]) if known else ()
-            for own, (fit, key) in zip(noise.tolist(), first, strict=True)
+            budget_of(noise_of, fit.inputs.rows, fit.sensitivity[fit.keys.index(key)])
+            if known
+            else ()
+            for noise_of, (fit, key) in zip(noise.tolist(), first, strict=True)
         ),
         known=known,
     )
 
 
-def with_scars(joint: JointFit, alone: FrameFit) -> JointFit:
+def with_scars(joint: JointFit, single_fit: FrameFit) -> JointFit:
     """The fit of a single frame, with the worn areas that were measured beside it.
 
     The frame says v0 with covariance C, all that it leaves undecided among it but what is held, and
@@ -103,23 +105,27 @@ def with_scars(joint: JointFit, alone: FrameFit) -> JointFit:
         v = v0 + K ((A - W(v))/u + H (v - v0)),  K = C H^T (H C H^T + 1)^-1,
 
     have the covariance (1 - K H) C: they are never less sure than the frame's own.
-    Parameters: `joint`, of the frame alone, by `fit_of_each`; `alone`, which tells all its keys.
+    Parameters: `joint`, of the frame alone, by `fit_of_each`; `single_fit`, which tells all its
+    keys.
     Source: Rodgers (2000), Inverse methods for atmospheric sounding, sections 4.1 and 5.3.
     """
-    update = _scar_update(joint.sequence, alone)
-    known, left, gain = alone.inputs, update.left, update.gain
-    noise = alone.covariance - (alone.sensitivity * known.spread**2) @ alone.sensitivity.T
-    noise = left @ noise @ left.T + gain @ gain.T
-    sensitivity = left @ alone.sensitivity
+    update = _scar_update(joint.sequence, single_fit)
+    known, complement, gain = single_fit.inputs, update.left, update.gain
+    noise = (
+        single_fit.covariance
+        - (single_fit.sensitivity * known.spread**2) @ single_fit.sensitivity.T
+    )
+    noise = complement @ noise @ complement.T + gain @ gain.T
+    sensitivity = complement @ single_fit.sensitivity
     # of the inputs, those that are held come last, and move the areas too
     sensitivity[:, sensitivity.shape[1] - update.by_held.shape[1] :] -= gain @ update.by_held
     covariance = noise + (sensitivity * known.spread**2) @ sensitivity.T
-    information = alone.information + update.slope.T @ update.slope
-    inverse = scaled_inverse(information + known.prior(alone.keys).normal, CUTOFF)
-    values, every = update.values, np.ones(len(alone.keys), dtype=bool)
-    moved, residual = values - alone.values, update.residual
-    cost = joint.cost + float(moved @ alone.information @ moved + residual @ residual)
-    own = standard_uncertainty(noise, every)
+    information = single_fit.information + update.slope.T @ update.slope
+    inverse = scaled_inverse(information + known.prior(single_fit.keys).normal, CUTOFF)
+    values, every = update.values, np.ones(len(single_fit.keys), dtype=bool)
+    moved, residual = values - single_fit.values, update.residual
+    cost = joint.cost + float(moved @ single_fit.information @ moved + residual @ residual)
+    noise_spread = standard_uncertainty(noise, every)
     return replace(
         joint,
         values=values,
@@ -131,9 +137,11 @@ def with_scars(joint: JointFit, alone: FrameFit) -> JointFit:
         cost=cost,
         freedom=joint.freedom + residual.size,
         scene=joint.sequence.whole(values),
-        scenes=(alone.scene.with_values(dict(zip(alone.keys, values.tolist(), strict=True))),),
-        noise_uncertainty=own,
-        budget=_budgets(own, alone, sensitivity),
+        scenes=(
+            single_fit.scene.with_values(dict(zip(single_fit.keys, values.tolist(), strict=True))),
+        ),
+        noise_uncertainty=noise_spread,
+        budget=_budgets(noise_spread, single_fit, sensitivity),
     )
 
 
@@ -153,24 +161,29 @@ class _ScarUpdate:
     residual: Array
 
 
-def _scar_update(sequence: Sequence, alone: FrameFit) -> _ScarUpdate:
+def _scar_update(sequence: Sequence, single_fit: FrameFit) -> _ScarUpdate:
     """The values of a frame and its scars, by repeated steps."""
-    held = alone.inputs.some(alone.keys, free=False)
+    held = single_fit.inputs.some(single_fit.keys, free=False)
     added = tuple(Unknown(key, (0,), True) for key in held.keys)
     wider = replace(sequence, unknowns=(*sequence.unknowns, *added))
-    values, size = alone.values, alone.values.size
-    by_input = alone.sensitivity[:, alone.sensitivity.shape[1] - len(held.keys) :]
-    own = alone.covariance - (by_input * held.spread**2) @ by_input.T
+    values, size = single_fit.values, single_fit.values.size
+    by_input = single_fit.sensitivity[:, single_fit.sensitivity.shape[1] - len(held.keys) :]
+    noise_covariance = single_fit.covariance - (by_input * held.spread**2) @ by_input.T
     for _ in range(_STEPS):
         rows, residual = scar_rows(wider, np.r_[values, held.values])
         slope = rows[:size].T
-        spread = slope @ own @ slope.T + np.eye(residual.size)
-        gain = np.linalg.solve(spread, slope @ own).T
-        values = alone.values + gain @ (residual + slope @ (values - alone.values))
+        spread = slope @ noise_covariance @ slope.T + np.eye(residual.size)
+        gain = np.linalg.solve(spread, slope @ noise_covariance).T
+        values = single_fit.values + gain @ (residual + slope @ (values - single_fit.values))
     _, residual = scar_rows(wider, np.r_[values, held.values])
-    left = np.eye(size) - gain @ slope
+    complement = np.eye(size) - gain @ slope
     return _ScarUpdate(
-        values=values, gain=gain, slope=slope, left=left, by_held=rows[size:].T, residual=residual
+        values=values,
+        gain=gain,
+        slope=slope,
+        left=complement,
+        by_held=rows[size:].T,
+        residual=residual,
     )
 
 
@@ -181,10 +194,10 @@ def _budgets(
     if not fit.inputs.keys:
         return tuple(() for _ in noise)
     pairs = zip(noise.tolist(), sensitivity, strict=True)
-    return tuple(budget_of(own, fit.inputs.rows, row) for own, row in pairs)
+    return tuple(budget_of(noise_of, fit.inputs.rows, row) for noise_of, row in pairs)
 
 
-def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
+def starting_values(sequence: Sequence, single_fits: list[FrameFit]) -> Array:
     """Where the joint fit starts, from the frames' own fits.
 
     A frame's own value is its own; a shared one, the mean weighted by the uncertainties. The wear
@@ -194,13 +207,15 @@ def starting_values(sequence: Sequence, alone: list[FrameFit]) -> Array:
     for unknown in sequence.unknowns:
         if sequence.areas and unknown.key in COURSE:
             continue  # a scar may tell it; what nothing tells is refused where the fit ends
-        refuse_undetermined(unknown.key, [alone[i] for i in unknown.frames])
-    values = np.array([_mean([alone[i] for i in u.frames], u.key) for u in sequence.unknowns])
+        refuse_undetermined(unknown.key, [single_fits[i] for i in unknown.frames])
+    values = np.array([_mean([single_fits[i] for i in u.frames], u.key) for u in sequence.unknowns])
     worn = [k for k, u in enumerate(sequence.unknowns) if u.key == WEAR]
     if worn:
-        own = sequence.scene.get(WEAR)
-        values[worn] = np.mean(own.value) if isinstance(own, DistanceTable) else own
-        values[worn] *= _wear_factors(sequence, values, alone, worn)
+        coefficient = sequence.scene.get(WEAR)
+        values[worn] = (
+            np.mean(coefficient.value) if isinstance(coefficient, DistanceTable) else coefficient
+        )
+        values[worn] *= _wear_factors(sequence, values, single_fits, worn)
     return values
 
 
@@ -214,26 +229,26 @@ def refuse_undetermined(key: str, fits: Iterable[FrameFit]) -> None:
 
 
 def _wear_factors(
-    sequence: Sequence, values: Array, alone: list[FrameFit], worn: list[int]
+    sequence: Sequence, values: Array, single_fits: list[FrameFit], worn: list[int]
 ) -> Array:
     """Worn area between frames, over what the scene's own wear coefficient gives there."""
-    whole, found, given, weights = sequence.whole(values), [], [], []
+    common, fitted, given, weights = sequence.whole(values), [], [], []
     for k in worn:
         for i in sequence.unknowns[k].frames:
-            fit, distance = alone[i], sequence.distances_m[i]
+            fit, distance = single_fits[i], sequence.distances_m[i]
             assert distance is not None
-            found.append(local_values(fit.scene, (distance,))[0, 2])
-            given.append(local_values(sequence.frame(whole, values, i), (distance,))[0, 2])
+            fitted.append(local_values(fit.scene, (distance,))[0, 2])
+            given.append(local_values(sequence.frame(common, values, i), (distance,))[0, 2])
             known = fit.values[fit.keys.index(WEAR)] / _spread(fit, WEAR)
             weights.append(max(1.0, known) ** 2)
     # a start of next to no wear, and not of none: a step is a share of it
-    average = max(_LEAST, float(np.average(np.divide(found, given), weights=weights)))
+    average = max(_LEAST, float(np.average(np.divide(fitted, given), weights=weights)))
     even = np.full(len(worn), average)
     if len(worn) == 1 or not sequence.run:
         return even
     order = np.argsort([sequence.distances_m[sequence.unknowns[k].frames[0]] or 0.0 for k in worn])
     last = [sum(len(sequence.unknowns[k].frames) for k in worn[: j + 1]) - 1 for j in order]
-    own = np.diff(np.array(found)[last], prepend=0.0) / np.diff(np.array(given)[last], prepend=0.0)
+    own = np.diff(np.array(fitted)[last], prepend=0.0) / np.diff(np.array(given)[last], prepend=0.0)
     factors = np.empty(len(worn))
     factors[order] = own
     return factors if np.all(own > 0.1 * even) else even

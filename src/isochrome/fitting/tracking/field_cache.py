@@ -60,10 +60,10 @@ class Thinned:
             clear[:] = True
         return Look(clear, some_pixels(replace(self.pixels, weight=1.0 / sigma), clear))
 
-    def light_of(self, toned: GammaFit, signal: Array) -> Array:
+    def light_of(self, gamma_fit: GammaFit, signal: Array) -> Array:
         """The light (n,) of a linear solution at all the pixels, for their signal (n,)."""
         split = len(self.pixels.light)
-        a, c = np.split(toned.part.coefficients.astype(np.float32), [split])
+        a, c = np.split(gamma_fit.part.coefficients.astype(np.float32), [split])
         return np.asarray((a @ self.pixels.light) * signal + c @ self.pixels.dark)
 
 

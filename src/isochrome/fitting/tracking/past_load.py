@@ -58,7 +58,10 @@ def begin_track(
         course.past_load_n = past_n
         again = prepared()
         other = follow(again, begin)
-        if other is not None and other.toned.cost < found.toned.cost - _TOLD * found.toned.noise:
+        if (
+            other is not None
+            and other.gamma_fit.cost < found.gamma_fit.cost - _TOLD * found.gamma_fit.noise
+        ):
             return other, again
         course.past_load_n = kept
         return None
@@ -80,7 +83,7 @@ def begin_track(
 
 def _past_load(course: TrackCourse, model: TrackModel, found: RefinedFit, start_n: float) -> float:
     """The load (N) before the first frame by `fit_past_load`; the start's where none is told."""
-    amplitude, still = found.toned.part.amplitude, np.zeros(course.count)
+    amplitude, still = found.gamma_fit.part.amplitude, np.zeros(course.count)
     kept = course.past_load_n
 
     def worn(past_n: float) -> Array:
@@ -91,7 +94,7 @@ def _past_load(course: TrackCourse, model: TrackModel, found: RefinedFit, start_
     try:
         here = worn(start_n)
         return fit_past_load(
-            lambda past_n: worn(past_n) - here, found.local, found.toned.residual, start_n
+            lambda past_n: worn(past_n) - here, found.local, found.gamma_fit.residual, start_n
         )
     except PhysicsError:
         return start_n
@@ -115,7 +118,7 @@ def fit_past_load(
     for _ in range(_TIMES):
         added = change(past)
         slope = (added - before) / np.float32(past - last)
-        project(slope[None], local.toned.problem, local.toned.part)
+        project(slope[None], local.gamma_fit.problem, local.gamma_fit.part)
         alone = slope - local.step(slope).astype(slope.dtype) @ local.rows
         told = float(alone @ alone)
         if not told > 0.0:

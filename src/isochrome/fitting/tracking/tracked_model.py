@@ -156,12 +156,12 @@ class TrackModel:
         except PhysicsError:
             return False
         near, seen = self._field(values)
-        toned = self.at(values, levels)
-        if toned is None:
+        gamma_fit = self.at(values, levels)
+        if gamma_fit is None:
             return False
         if self.local is None:
-            toned = self.linearise(values, levels, toned)
-        wrong = self._step_of(self._signal(field, seen) - self._signal(near, seen), toned)
+            gamma_fit = self.linearise(values, levels, gamma_fit)
+        wrong = self._step_of(self._signal(field, seen) - self._signal(near, seen), gamma_fit)
         if wrong < _CLOSE:
             self._due = min(_DUE_MOST, _MORE * self._due)
         elif wrong > _OFF:
@@ -199,10 +199,10 @@ class TrackModel:
 
     def _field_error(self, values: Array, levels: Array) -> float:
         """What the polynomial does to the values near two corners, in standard uncertainties."""
-        toned = self.at(values, levels)
-        if toned is None:
+        gamma_fit = self.at(values, levels)
+        if gamma_fit is None:
             return float("inf")
-        toned = self.linearise(values, levels, toned)
+        gamma_fit = self.linearise(values, levels, gamma_fit)
         worst = 0.0
         other = np.resize([1.0, -1.0], len(values))
         for signs in (np.ones(len(values)), other):
@@ -210,14 +210,14 @@ class TrackModel:
             field, seen = self._fields.render(corner, True)
             assert seen is not None
             exact, near = self._signal(field, seen), self._signal(*self._box.at(corner))
-            worst = max(worst, self._step_of(exact - near, toned))
+            worst = max(worst, self._step_of(exact - near, gamma_fit))
         return worst
 
-    def _step_of(self, change: Array, toned: GammaFit) -> float:
+    def _step_of(self, change: Array, gamma_fit: GammaFit) -> float:
         """What a change of the signal (n,) moves the values by, in standard uncertainties."""
         local, look = self.local, self.look
         assert local is not None and look is not None
-        return local.size(local.step(change[look.clear] * toned.part.amplitude))
+        return local.size(local.step(change[look.clear] * gamma_fit.part.amplitude))
 
     def _signal(self, field: Array, visibility: Array) -> Array:
         """The polariscope's signal at the pixels."""
@@ -235,11 +235,11 @@ class TrackModel:
         pixels = self.look.pixels(levels)
         return solve_with_gamma(pixels, signal[self.look.clear], pixels.gamma)
 
-    def linearise(self, values: Array, levels: Array, toned: GammaFit) -> GammaFit:
+    def linearise(self, values: Array, levels: Array, gamma_fit: GammaFit) -> GammaFit:
         """Derivatives at some values, and which pixels to use there; the solution with these."""
         field, visibility = self._field(values)
         signal = self._signal(field, visibility)
-        self.look = self.thinned.look(self.thinned.light_of(toned, signal))
+        self.look = self.thinned.look(self.thinned.light_of(gamma_fit, signal))
         again = self._solved(signal, levels)
         assert again is not None
         rows = np.empty((self.course.count, again.residual.size), np.float32)
@@ -253,18 +253,18 @@ class TrackModel:
         self.held_rows = self._by_held(field, visibility, again)
         return again
 
-    def _by_held(self, field: Array, visibility: Array, toned: GammaFit) -> Array:
+    def _by_held(self, field: Array, visibility: Array, gamma_fit: GammaFit) -> Array:
         """Derivatives by what is held (m, n), about a field and its visibility."""
         assert self.look is not None
         clear = self.look.clear
-        rows = np.empty((len(self._steps), toned.residual.size), np.float32)
+        rows = np.empty((len(self._steps), gamma_fit.residual.size), np.float32)
         here = self._signal(field, visibility)
         for row, (key, step) in zip(rows, self._steps.items(), strict=True):
             if key == GAMMA:
-                row[:] = gamma_slope(toned, self.thinned.pixels.gamma)
+                row[:] = gamma_slope(gamma_fit, self.thinned.pixels.gamma)
                 continue
             more, seen = self._kept.beside[key]
             optics = scene_optics(stepped_scene(self.course.scene, {key: step}))
             moved = optics.signal(field + more, visibility=visibility + seen)
-            row[:] = (moved - here)[clear] * (toned.part.amplitude / np.float32(step))
+            row[:] = (moved - here)[clear] * (gamma_fit.part.amplitude / np.float32(step))
         return rows

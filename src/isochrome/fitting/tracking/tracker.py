@@ -253,7 +253,7 @@ class Tracker:
     def _in_own_units(self, found: RefinedFit, *, searched: bool) -> Tracked:
         """What a frame says in its keys' own units."""
         local = found.local
-        covariance = local.covariance(found.toned)
+        covariance = local.covariance(found.gamma_fit)
         if self._apparatus.covariance is not None:
             assert self._model is not None
             by_held = local.sensitivity((), self._model.held_rows)
@@ -349,25 +349,25 @@ class Tracker:
                 boxes, last = boxes + 1, np.inf
             if model.stale(values) and not model.refresh(values, levels):
                 return None
-            toned = model.at(values, levels)
-            if toned is None:
+            gamma_fit = model.at(values, levels)
+            if gamma_fit is None:
                 return None
             local = model.local
-            if local is None or self._turned(local, toned, values, last):
-                toned, last = model.linearise(values, levels, toned), np.inf
+            if local is None or self._turned(local, gamma_fit, values, last):
+                gamma_fit, last = model.linearise(values, levels, gamma_fit), np.inf
                 local = model.local
             assert local is not None
-            moved = self.course.moved(values, local.step(toned.residual))
+            moved = self.course.moved(values, local.step(gamma_fit.residual))
             step = (moved - values)[: len(self.keys)]  # less what would heal a scar
-            size, values = local.size(step) / sqrt(toned.noise), moved
+            size, values = local.size(step) / sqrt(gamma_fit.noise), moved
             if size < _NEAR and not model.stale(values):
-                return RefinedFit(values, local, toned)
+                return RefinedFit(values, local, gamma_fit)
             last = size
         return None
 
-    def _turned(self, local: LocalModel, toned: GammaFit, values: Array, last: float) -> bool:
+    def _turned(self, local: LocalModel, gamma_fit: GammaFit, values: Array, last: float) -> bool:
         """Whether steps with the kept derivatives do not shrink fast enough."""
-        size = local.size(local.step(toned.residual)) / sqrt(toned.noise)
+        size = local.size(local.step(gamma_fit.residual)) / sqrt(gamma_fit.noise)
         return size > _FROZEN * last and not np.array_equal(
             local.values, values[: len(local.values)]
         )
@@ -375,5 +375,5 @@ class Tracker:
 
 def _off(found: RefinedFit) -> float:
     """Residual over contrast, by the median contrast of the pixels: see TOO_FAR."""
-    lit = np.median(found.toned.part.amplitude)  # over the noise
+    lit = np.median(found.gamma_fit.part.amplitude)  # over the noise
     return found.chi / float(lit) if lit > 0.0 else np.inf

@@ -74,8 +74,8 @@ def _minima(chi2: Array, step: float) -> tuple[Array, Array]:
     ranks = np.lexsort((value, row))
     row, col, value = row[ranks], col[ranks], value[ranks]
     place = np.arange(len(row)) - np.searchsorted(row, row)
-    kept = place < CANDIDATES
-    row, col, value, place = row[kept], col[kept], value[kept], place[kept]
+    valid = place < CANDIDATES
+    row, col, value, place = row[valid], col[valid], value[valid], place[valid]
     inner = np.clip(col, 1, chi2.shape[1] - 2)
     before, middle, after = (chi2[row, inner + shift] for shift in (-1, 0, 1))
     bend = np.maximum(before - 2.0 * middle + after, 1e-6)
@@ -102,15 +102,15 @@ def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
     order = order.reshape(rows, cols, CANDIDATES)
     cost = cost.reshape(rows, cols, CANDIDATES)
     cost[~known] = 0.0  # says nothing, and passes nothing on
-    own = np.minimum(cost - cost[..., :1], FARTHEST)
-    own[np.isinf(cost)] = np.float32(1e6)
-    total = own.copy()
+    penalty = np.minimum(cost - cost[..., :1], FARTHEST)
+    penalty[np.isinf(cost)] = np.float32(1e6)
+    total = penalty.copy()
     for axis in (0, 1):
-        n, c, k = (np.ascontiguousarray(np.moveaxis(a, axis, 0)) for a in (order, own, known))
+        n, c, k = (np.ascontiguousarray(np.moveaxis(a, axis, 0)) for a in (order, penalty, known))
         both = _scan(n, c, k) + _scan(n[::-1], c[::-1], k[::-1])[::-1]
         total += np.moveaxis(both, 0, axis)
     taken = np.argmin(total, axis=-1)[..., None]
-    found = np.take_along_axis(order, taken, axis=-1)[..., 0]
+    chosen = np.take_along_axis(order, taken, axis=-1)[..., 0]
     misfit = np.take_along_axis(cost, taken, axis=-1)[..., 0]
     others = cost.copy()
     np.put_along_axis(others, taken, np.inf, axis=-1)
@@ -120,19 +120,19 @@ def choose_orders(signal: Array, variance: Array, table: ColourTable) -> Choice:
         rival = np.minimum(rival, (weight.reshape(signal.shape) * away**2).sum(axis=-1))
     margin = np.minimum(rival - misfit, FARTHEST)
     return Choice(
-        np.where(known, found, np.nan), np.where(known, misfit, np.nan), np.where(known, margin, 0)
+        np.where(known, chosen, np.nan), np.where(known, misfit, np.nan), np.where(known, margin, 0)
     )
 
 
-def _scan(order: Array, own: Array, known: Mask) -> Array:
+def _scan(order: Array, penalty: Array, known: Mask) -> Array:
     """What the line before says to each candidate: least cost of a path that ends there.
 
-    Parameters: `order`, `own` cost (lines, n, candidates); `known` (lines, n): a pixel that is not
-    known passes on nothing. Returns the messages (lines, n, candidates).
+    Parameters: `order`, `penalty` cost (lines, n, candidates); `known` (lines, n): a pixel that is
+    not known passes on nothing. Returns the messages (lines, n, candidates).
     """
-    message = np.zeros_like(own)
-    for line in range(1, len(own)):
-        so_far = own[line - 1] + message[line - 1]
+    message = np.zeros_like(penalty)
+    for line in range(1, len(penalty)):
+        so_far = penalty[line - 1] + message[line - 1]
         jump = np.abs(order[line - 1][:, :, None] - order[line][:, None, :])
         jump *= COST_OF_SLOPE
         np.minimum(jump, COST_OF_JUMP, out=jump)

@@ -95,10 +95,10 @@ def read_colour(
     trusted = np.isfinite(light) if valid is None else valid & np.isfinite(light)
     if specimen is not None:
         trusted = trusted & specimen[..., None]
-    seen = colour_signal(light, table, sigma=sigma, dark=dark, bright=bright, valid=trusted)
+    shown = colour_signal(light, table, sigma=sigma, dark=dark, bright=bright, valid=trusted)
     factor = 2 if trusted[..., 0].size >= BINNED_FROM else 1
-    choice = choose_orders(*_blocks(seen, factor), table)
-    return _reading(seen, refine_colour(seen, choice, factor, table), table, specimen)
+    choice = choose_orders(*_blocks(shown, factor), table)
+    return _reading(shown, refine_colour(shown, choice, factor, table), table, specimen)
 
 
 def _check(light: Array, table: ColourTable, valid: Mask | None, specimen: Mask | None) -> None:
@@ -116,14 +116,14 @@ def _check(light: Array, table: ColourTable, valid: Mask | None, specimen: Mask 
             raise InputError(f"the mask {name} is {mask.shape} and must be {shape}; reshape it")
 
 
-def _blocks(seen: ColourSignal, factor: int) -> tuple[Array, Array]:
+def _blocks(shown: ColourSignal, factor: int) -> tuple[Array, Array]:
     """Means of the signal over blocks of pixels, and their variance."""
     if factor == 1:
-        return seen.signal, seen.variance
-    trusted = np.isfinite(seen.signal)
+        return shown.signal, shown.variance
+    trusted = np.isfinite(shown.signal)
     count = _sums(trusted.astype(np.float32), factor)
-    signal = _sums(np.nan_to_num(seen.signal), factor)
-    variance = _sums(np.where(trusted, seen.variance, 0.0), factor)
+    signal = _sums(np.nan_to_num(shown.signal), factor)
+    variance = _sums(np.where(trusted, shown.variance, 0.0), factor)
     some = np.maximum(count, 1.0)
     return np.where(count > 0.0, signal / some, np.nan), np.where(
         count > 0.0, variance / some**2 + _BLOCK_ERROR**2, 1.0
@@ -139,41 +139,41 @@ def _sums(values: Array, factor: int) -> Array:
 
 
 def _reading(
-    seen: ColourSignal, value: ColourValue, table: ColourTable, specimen: Mask | None
+    shown: ColourSignal, value: ColourValue, table: ColourTable, specimen: Mask | None
 ) -> ColourReading:
     """What is known of the refined orders, and how well."""
-    trusted = np.isfinite(seen.signal)
-    found = seen.order_variance + (_FOUND_ENDS * seen.blind) ** 2
-    found = found + seen.exposure.order_variance(seen.signal, table, value.order)
-    uncertainty = np.sqrt(value.uncertainty**2 + found)
+    trusted = np.isfinite(shown.signal)
+    variance = shown.order_variance + (_FOUND_ENDS * shown.blind) ** 2
+    variance = variance + shown.exposure.order_variance(shown.signal, table, value.order)
+    uncertainty = np.sqrt(value.uncertainty**2 + variance)
     readable = (trusted.sum(axis=-1) >= 2) & (np.hypot(*np.gradient(value.order)) < STEEPEST)
     span = max(1.0, float(np.ptp(table.signal)))
     described = (value.misfit < _LARGEST_MISFIT) | (value.residual < _LARGEST_RESIDUAL * span)
     pixels = max(int(np.count_nonzero(readable)), 1)
     strange = float(np.count_nonzero(readable & ~described) / pixels)
     lost = strange >= (LOST if table.spread.max() < _SPREAD else LOST_SPREAD)
-    highest = table.highest_of(_LEAST_CONTRAST[seen.blind]) - _BELOW_WHITE
+    highest = table.highest_of(_LEAST_CONTRAST[shown.blind]) - _BELOW_WHITE
     known = readable & described & value.agreed & (value.order < highest) & (not lost)
     known &= (value.doubt < _LARGEST_DOUBT) & (uncertainty < _LARGEST_UNCERTAINTY)
-    if seen.unlit_unknown and specimen is None:
+    if shown.unlit_unknown and specimen is None:
         known &= ~_perhaps_unlit(value.order)
     known = _without_islands(value.order, known)
     sure = probability(uncertainty) * (1.0 - value.doubt)
     degrees = float(value.degrees[readable].sum(dtype=float))
-    body = int(np.count_nonzero(seen.lit if specimen is None else specimen))
+    body = int(np.count_nonzero(shown.lit if specimen is None else specimen))
     return ColourReading(
         order=masked(value.order, known),
         uncertainty=masked(uncertainty, known),
         confidence=np.where(known, sure, 0.0).astype(np.float32),
         kept=float(np.count_nonzero(known) / max(body, 1)),
-        signal=seen.signal,
+        signal=shown.signal,
         chi=float(np.sqrt(value.chi2[readable].sum(dtype=float) / max(degrees, 1.0))),
         misfit=masked(value.misfit, readable),
-        blind=seen.blind,
-        noise=float(np.sqrt(np.median(seen.variance[trusted]))) if trusted.any() else float("nan"),
+        blind=shown.blind,
+        noise=float(np.sqrt(np.median(shown.variance[trusted]))) if trusted.any() else float("nan"),
         strange=strange,
         lost=lost,
-        exposure=seen.exposure,
+        exposure=shown.exposure,
     )
 
 

@@ -126,8 +126,8 @@ def end_of_contrast(table: Array) -> int:
     Parameters: `table`, signals (orders, channels). Returns their number.
     """
     away = np.abs(table - table[-int(1.0 / STEP) :].mean(axis=0)).max(axis=1)
-    seen = np.flatnonzero(away > 0.5 * LOWEST_CONTRAST)
-    return int(min(seen[-1] + 2, len(table)))
+    visible = np.flatnonzero(away > 0.5 * LOWEST_CONTRAST)
+    return int(min(visible[-1] + 2, len(table)))
 
 
 def measured_table(signal: Array, order: Array) -> ColourTable:
@@ -211,14 +211,14 @@ def read_table(path: Path) -> ColourTable:
     fix = "make it with 'isochrome calibrate colour'"
     if path.exists():
         check_given_table(path, "the colour table")
-    found = read_csv(path)
-    missing = [name for name in ("fringe_order", *CHANNELS) if name not in found]
+    columns = read_csv(path)
+    missing = [name for name in ("fringe_order", *CHANNELS) if name not in columns]
     if missing:
         raise InputError(f"{path}: frames.colour_table lacks the columns {missing}; {fix}")
     try:
-        order = np.array(found["fringe_order"], dtype=float)
-        signal = np.array([found[name] for name in CHANNELS], dtype=float).T
-        spread = np.array([found.get(name, [0.0])[:1] for name in SPREADS], dtype=float).ravel()
+        order = np.array(columns["fringe_order"], dtype=float)
+        signal = np.array([columns[name] for name in CHANNELS], dtype=float).T
+        spread = np.array([columns.get(name, [0.0])[:1] for name in SPREADS], dtype=float).ravel()
     except ValueError as error:
         raise InputError(f"{path}: frames.colour_table holds more than numbers; {fix}") from error
     for fault in _faults(order, signal, spread):

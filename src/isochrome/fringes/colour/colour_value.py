@@ -134,14 +134,14 @@ def _noise(frame: Array, valid: Mask) -> Array:
         for i, weight in enumerate((1.0, -4.0, 6.0, -4.0, 1.0))
     )
     inside = good[:, 2:-2]
-    found = np.zeros(frame.shape[2])
+    estimates = np.zeros(frame.shape[2])
     for c in range(frame.shape[2]):
         size = np.abs(np.asarray(rough)[..., c][inside[..., c]])
         if size.size:
             # rounding to whole levels makes the median itself a step; the middle half does not
             low, high = np.percentile(size, (25.0, 75.0))
-            found[c] = (low + high) / (0.3186 + 1.1503) / np.sqrt(70.0)
-    return found
+            estimates[c] = (low + high) / (0.3186 + 1.1503) / np.sqrt(70.0)
+    return estimates
 
 
 JUMP = 0.35
@@ -177,17 +177,17 @@ class ColourValue:
 
 
 def refine_colour(
-    seen: ColourSignal, choice: Choice, factor: int, table: ColourTable
+    shown: ColourSignal, choice: Choice, factor: int, table: ColourTable
 ) -> ColourValue:
     """Refine chosen orders to the value that the neighbourhood's colours give.
 
-    Parameters: `seen`, the signal; `choice`, for blocks of `factor` x `factor` pixels; `table`.
+    Parameters: `shown`, the signal; `choice`, for blocks of `factor` x `factor` pixels; `table`.
     Returns a ColourValue.
     """
-    trusted = np.isfinite(seen.signal)
+    trusted = np.isfinite(shown.signal)
     order, agreed, doubt = _base(choice, factor, trusted.shape[:2])
-    weight = np.where(trusted, 1.0 / seen.variance, 0.0).astype(np.float32)
-    signal = np.nan_to_num(seen.signal).astype(np.float32)
+    weight = np.where(trusted, 1.0 / shown.variance, 0.0).astype(np.float32)
+    signal = np.nan_to_num(shown.signal).astype(np.float32)
     for width in _WINDOWS_PX:
         ideal, slope = _look_up(order, table)
         pull = weight * slope
@@ -222,11 +222,11 @@ def _base(choice: Choice, factor: int, shape: tuple[int, ...]) -> tuple[Array, M
         return np.zeros(shape), np.zeros(shape, bool), np.ones(shape)
     filled = nearest_known(choice.order, known)
     middle = ndimage.median_filter(filled, size=5, mode="nearest")
-    odd = known & (np.abs(filled - middle) > JUMP)
-    filled = np.where(odd, middle, filled)
+    outliers = known & (np.abs(filled - middle) > JUMP)
+    filled = np.where(outliers, middle, filled)
     weight = known.astype(float)
     smooth = ndimage.gaussian_filter(filled, _BASE_PX / factor, mode="nearest")
-    agreed = known & ~odd
+    agreed = known & ~outliers
     count = np.maximum(gaussian_sum(weight, _EVIDENCE_BLOCKS), 1e-6)
     chi2 = gaussian_sum(np.where(known, choice.misfit, 0.0), _EVIDENCE_BLOCKS) / count
     evidence = gaussian_sum(np.where(known, choice.margin, 0.0), _EVIDENCE_BLOCKS)
@@ -290,9 +290,9 @@ def _kernel(factor: int) -> tuple[float, float]:
     """
     f = np.linspace(0.0, 0.5, 257)[:, None]
     squared = 2.0 * np.pi**2 * (f**2 + f.T**2)
-    rest = 1.0 - np.exp(-squared * _BASE_PX**2) * np.sinc(factor * f) * np.sinc(factor * f.T)
+    smoothing = 1.0 - np.exp(-squared * _BASE_PX**2) * np.sinc(factor * f) * np.sinc(factor * f.T)
     for width in _WINDOWS_PX:
-        rest = rest * (1.0 - np.exp(-squared * width**2))
+        smoothing = smoothing * (1.0 - np.exp(-squared * width**2))
     last = np.exp(-squared * _WINDOWS_PX[-1] ** 2)
-    gain = np.sqrt(np.mean((1.0 - rest) ** 2) / np.mean(last**2))
-    return float(gain), float(1.0 - np.mean(rest**2))
+    gain = np.sqrt(np.mean((1.0 - smoothing) ** 2) / np.mean(last**2))
+    return float(gain), float(1.0 - np.mean(smoothing**2))

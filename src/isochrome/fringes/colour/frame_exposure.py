@@ -191,8 +191,8 @@ def _at(small: _Blocks, table: ColourTable, factor: float) -> tuple[_End, float]
     )
     misfit = float(np.nansum(np.minimum(choice.misfit, _FARTHEST)))
     # of the two equations a block: else a shorter exposure, with more noise, would fit better
-    whole = variance[np.isfinite(variance).all(axis=-1)]
-    noise = 2.0 * float(np.log(factor**2 * whole).mean(axis=-1).sum())
+    complete = variance[np.isfinite(variance).all(axis=-1)]
+    noise = 2.0 * float(np.log(factor**2 * complete).mean(axis=-1).sum())
     highest = float(np.nanpercentile(choice.order, 98.0))
     return _End(misfit, misfit + noise + _ROUGH * rough, highest, factor, spread), step
 
@@ -217,14 +217,14 @@ def _step(
         return np.asarray(part - unit * np.sum(unit * part, axis=1, keepdims=True))
 
     column = across(root * table.signal[place])
-    left = across(root * (signal[inside] - table.signal[place]))
-    size = np.sum(left**2, axis=1)
+    residual = across(root * (signal[inside] - table.signal[place]))
+    size = np.sum(residual**2, axis=1)
     usual = max(float(np.median(size)), 1e-12)
     weight = (1.0 / (1.0 + (size / (9.0 * usual)) ** 2))[:, None]
     information = float(np.sum(weight * column**2)) + EXPECTED**-2
     shared = np.hypot(_ERROR, 0.5 * float(table.spread.max()))
     by_table = shared * float(np.sum(weight * np.abs(column) * root)) / information
-    return float(np.sum(weight * column * left)) / information, float(
+    return float(np.sum(weight * column * residual)) / information, float(
         np.hypot(information**-0.5, by_table)
     )
 
@@ -267,8 +267,8 @@ class _Small:
 
     def ends(self, theta: Array) -> tuple[Array, Array]:
         """Background and contrast (rows, cols, channels) of the unknowns."""
-        shape, own = self.parts(theta)
-        low = np.broadcast_to(own, self.light.shape) if self.low is None else self.low
+        shape, frame_part = self.parts(theta)
+        low = np.broadcast_to(frame_part, self.light.shape) if self.low is None else self.low
         return low, self.full - low if self.full is not None else spread_out(shape, self.surface)
 
     def parts(self, theta: Array) -> tuple[Array, Array]:
@@ -337,10 +337,10 @@ def find_ends(
     rate = np.einsum("pc,pcn->pn", along, design)
     rate /= np.sum(along**2 + (root * over[inside] * _LEAST_SLOPE) ** 2, axis=1)[:, None]
     spread = np.einsum("pn,nm,pm->p", rate, covariance, rate)
-    whole = replace(
+    averaged = replace(
         small, light=light, low=dark, full=bright, surface=channel_light(*light.shape[:2])
     )
-    return *whole.ends(theta), _on_pixels(spread, inside, light.shape[:2])
+    return *averaged.ends(theta), _on_pixels(spread, inside, light.shape[:2])
 
 
 def _small(
@@ -378,7 +378,7 @@ def _first_guess(small: _Small, table: ColourTable) -> Array:
 
 def _prior(first: Array, small: _Small) -> Array:
     """What is expected of the unknowns before the fit, as a matrix of normal equations."""
-    shape, own = small.parts(first)
+    shape, frame_part = small.parts(first)
     unit = np.eye(len(first))
     rows = []
     terms = len(small.surface)
@@ -388,7 +388,7 @@ def _prior(first: Array, small: _Small) -> Array:
             if c + 1 < len(shape):
                 other = unit[here + terms] / (UNLIKE * shape[c + 1, 0])
                 rows.append(unit[here] / (UNLIKE * size) - other)
-    rows += [unit[shape.size + c] / BACKGROUND_OFF for c in range(len(own))]
+    rows += [unit[shape.size + c] / BACKGROUND_OFF for c in range(len(frame_part))]
     expected = np.array(rows)
     return np.asarray(expected.T @ expected)
 
@@ -405,12 +405,12 @@ def correction(
     length = np.linalg.norm(along, axis=1, keepdims=True)
     unit = along / np.maximum(length, 1e-9)
     flat = design - unit[:, :, None] * np.einsum("pc,pcn->pn", unit, design)[:, None, :]
-    left = residual - unit * np.sum(unit * residual, axis=1, keepdims=True)
-    size = np.sum(left**2, axis=1)
+    across_unit = residual - unit * np.sum(unit * residual, axis=1, keepdims=True)
+    size = np.sum(across_unit**2, axis=1)
     usual = max(float(np.median(size)), 1e-12)
     weight = 1.0 / (1.0 + (size / (9.0 * usual)) ** 2)
     normal = np.einsum("p,pcn,pcm->nm", weight, flat, flat, optimize=True) + hold
-    right = np.einsum("p,pcn,pc->n", weight, flat, left) + hold @ back
+    right = np.einsum("p,pcn,pc->n", weight, flat, across_unit) + hold @ back
     scale = max(1.0, usual / _MEDIAN_OF_TWO)
     inverse = np.linalg.inv(normal)
     return inverse @ right, scale * inverse

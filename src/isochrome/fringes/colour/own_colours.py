@@ -272,15 +272,15 @@ class Unknowns:
         return Seen(light**gamma, noise, background, np.where(usable, contrast, 1.0), usable)
 
     def design(
-        self, theta: Array, frame: int, pixels: Array, seen: Seen, ideal: Array, change: Array
+        self, theta: Array, frame: int, pixels: Array, shown: Seen, ideal: Array, change: Array
     ) -> Array:
         """Derivatives (pixels, 3, unknowns) of the model's light, less those of the frame's.
 
-        Parameters: `pixels`, places in the frame; `seen`; `ideal` signals (pixels, 3), and their
+        Parameters: `pixels`, places in the frame; `shown`; `ideal` signals (pixels, 3), and their
         `change` by the light's numbers (pixels, 3, 11).
         """
         gamma, shots = float(np.exp(theta[_GAMMA])), self.shots
-        contrast = seen.contrast.reshape(-1, 3)[pixels]
+        contrast = shown.contrast.reshape(-1, 3)[pixels]
         design = np.zeros((len(pixels), 3, len(theta)))
         design[..., :NUMBERS] = contrast[..., None] * change
         exposure = np.exp(theta[_FRAMES + frame])
@@ -289,7 +289,7 @@ class Unknowns:
         for end, part in ((shots.dark, share), (shots.bright, exposure * ideal)):
             if end is not None:
                 design[..., _GAMMA] += part * _by_gamma(end.reshape(-1, 3)[pixels], gamma)
-        low = seen.background.reshape(-1, 3)[pixels]
+        low = shown.background.reshape(-1, 3)[pixels]
         design[..., _FRAMES + frame] = low + contrast * ideal
         start = self.ends_from
         if shots.dark is None:
@@ -403,18 +403,18 @@ def _envelope(light: Array, surface: Array) -> Array:
     By weights repeated until the sum of unequally weighed distances is least.
     Source: Koenker & Bassett (1978), Econometrica 46, 33.
     """
-    found = np.empty((3, len(surface)))
-    seen: Mask = np.asarray(np.isfinite(light).any(axis=0))
+    bands = np.empty((3, len(surface)))
+    lit: Mask = np.asarray(np.isfinite(light).any(axis=0))
     top = np.where(np.isfinite(light), light, -1.0).max(axis=0)
     for c in range(3):
-        design, value = surface[:, seen[..., c]].T, top[..., c][seen[..., c]]
+        design, value = surface[:, lit[..., c]].T, top[..., c][lit[..., c]]
         weight = np.ones(len(value))
         for _ in range(30):
             scaled = design * weight[:, None]
-            found[c] = np.linalg.solve(design.T @ scaled, scaled.T @ value)
-            off = value - design @ found[c]
+            bands[c] = np.linalg.solve(design.T @ scaled, scaled.T @ value)
+            off = value - design @ bands[c]
             weight = np.where(off > 0.0, 0.9, 0.1) / np.maximum(np.abs(off), 0.02 * value.max())
-    return found
+    return bands
 
 
 def _hold_alike(hold: Array, shape: Array) -> None:
@@ -463,8 +463,8 @@ def added_bend(place: Indices, away: Array, table: ColourTable, length: int) -> 
     `length` of the bend. Returns (length, 3).
     """
     size, width = len(table.signal), BEND_WIDTH / STEP
-    left = np.clip(away, -_LARGEST, _LARGEST).T
-    sums = [np.bincount(place, weights=w, minlength=size) for w in (np.ones(len(place)), *left)]
+    clipped = np.clip(away, -_LARGEST, _LARGEST).T
+    sums = [np.bincount(place, weights=w, minlength=size) for w in (np.ones(len(place)), *clipped)]
     count, *total = gaussian_filter1d(np.array(sums), width, axis=1, mode="constant")
     mean = (np.array(total) / (count + 1.0)).T
     unit = gaussian_filter1d(table.slope, 0.5 * width, axis=0)
@@ -481,8 +481,8 @@ def added_relief(sums: Array) -> Array:
     across the curve of colours. Parameters: `sums` (2, rows, cols), of the pixels.
     """
     width = RELIEF_WIDTH * max(sums.shape[1:])
-    rest, size = (gaussian_filter(part, width) for part in sums)
-    return np.asarray(_GAIN * rest / (size + 0.01))
+    smoothed, size = (gaussian_filter(part, width) for part in sums)
+    return np.asarray(_GAIN * smoothed / (size + 0.01))
 
 
 BLOCKS = 300_000
@@ -564,13 +564,13 @@ def find_light(
     recognised.
     """
     small = in_blocks(shots, BLOCKS)
-    found = []
+    looks = []
     for numbers, start in STARTS:
         known = unknowns(
             small, numbers, gamma or start, fixed=gamma is not None, bright_field=bright_field
         )
-        found.append(_search(known, highest_order))
-    best = min(found, key=lambda light: light.cost)
+        looks.append(_search(known, highest_order))
+    best = min(looks, key=lambda light: light.cost)
     size = shots.raw.shape[1:3]
     return replace(
         best,
@@ -591,7 +591,7 @@ def _enlarged(blocks: Array, size: tuple[int, ...]) -> Array:
 def _search(known: Unknowns, highest_order: float) -> OwnLight:
     """Look orders up and correct the unknowns, in turn."""
     theta, residual, looks = known.start, 0.1, []
-    rest = RemainingLight(
+    remaining = RemainingLight(
         np.zeros((int(highest_order / STEP) + 2, 3)), np.ones(known.shots.raw.shape[1:3])
     )
     table = previous = ColourTable(np.zeros((1, 3)), np.zeros(3))
@@ -600,10 +600,10 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
         bands, change = band_table(
             theta[:NUMBERS], bright=known.bright_field, highest_order=highest_order
         )
-        previous, table = table, rest.bent(bands)
+        previous, table = table, remaining.bent(bands)
         doubt = min(max(2.0 * residual, _DOUBT[0]), _DOUBT[1])
         looks = [
-            _look(known, theta, f, table, change, rest.relief, doubt)
+            _look(known, theta, f, table, change, remaining.relief, doubt)
             for f in range(len(known.shots.raw))
         ]
         design, left, along = (
@@ -620,23 +620,25 @@ def _search(known: Unknowns, highest_order: float) -> OwnLight:
         residual = _root(np.minimum(np.concatenate([look.square for look in looks]), 0.04))
         if turn + 1 < len(TRIALS):
             theta = known.bounded(theta + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
-            rest = _improved(rest, looks, table, turn)
+            remaining = _improved(remaining, looks, table, turn)
     both = min(len(table.signal), len(previous.signal))
     moved = float(np.abs(table.signal[:both] - previous.signal[:both]).max())
-    return _concluded(known, theta, covariance, rest, looks, table, moved)
+    return _concluded(known, theta, covariance, remaining, looks, table, moved)
 
 
 def _improved(
-    rest: RemainingLight, looks: list[_Look], table: ColourTable, turn: int
+    remaining: RemainingLight, looks: list[_Look], table: ColourTable, turn: int
 ) -> RemainingLight:
     """The rest with what this round's looks add to it."""
     if turn >= BEND_FROM:
         place, away = (np.concatenate([getattr(k, n) for k in looks]) for n in ("place", "away"))
-        rest = replace(rest, bend=rest.bend + added_bend(place, away, table, len(rest.bend)))
+        remaining = replace(
+            remaining, bend=remaining.bend + added_bend(place, away, table, len(remaining.bend))
+        )
     if turn >= RELIEF_FROM:
         sums = np.sum([look.relief for look in looks], axis=0)
-        rest = replace(rest, relief=rest.relief * (1.0 + added_relief(sums)))
-    return rest
+        remaining = replace(remaining, relief=remaining.relief * (1.0 + added_relief(sums)))
+    return remaining
 
 
 def _look(
@@ -649,12 +651,12 @@ def _look(
     doubt: float,
 ) -> _Look:
     """Look one frame's orders up, and make equations of a sample of its pixels."""
-    seen = known.seen(theta, frame, relief)
-    variance = (seen.noise / seen.contrast) ** 2 + doubt**2
-    signal = np.where(seen.usable, (seen.light - seen.background) / seen.contrast, np.nan)
+    shown = known.seen(theta, frame, relief)
+    variance = (shown.noise / shown.contrast) ** 2 + doubt**2
+    signal = np.where(shown.usable, (shown.light - shown.background) / shown.contrast, np.nan)
     choice = choose_orders(signal.astype(np.float32), variance.astype(np.float32), table)
     tears = beside_jumps(choice.order, JUMP)
-    inside = ~tears & seen.usable.all(axis=-1) & (choice.misfit < _FARTHEST)
+    inside = ~tears & shown.usable.all(axis=-1) & (choice.misfit < _FARTHEST)
     inside &= table.coloured(signal, _COLOURFUL)
     place = table.place(choice.order[inside])
     ideal, slope = table.signal[place], table.slope[place]
@@ -662,14 +664,16 @@ def _look(
     readable = np.isfinite(choice.order)
     off = (signal - table.signal[table.place(np.nan_to_num(choice.order))]) ** 2
     square = np.nanmean(off[readable & ~tears], axis=1)
-    kept = np.flatnonzero(inside.ravel())
-    picked = np.arange(len(kept))
+    selected = np.flatnonzero(inside.ravel())
+    picked = np.arange(len(selected))
     wanted = max(500, _SAMPLES // len(known.shots.raw))
-    if len(kept) > wanted:
-        picked = np.random.default_rng(frame).choice(len(kept), wanted, replace=False)
+    if len(selected) > wanted:
+        picked = np.random.default_rng(frame).choice(len(selected), wanted, replace=False)
     weight = 1.0 / np.sqrt(variance[inside][picked])
-    contrast = seen.contrast[inside][picked]
-    design = known.design(theta, frame, kept[picked], seen, ideal[picked], change[place[picked]])
+    contrast = shown.contrast[inside][picked]
+    design = known.design(
+        theta, frame, selected[picked], shown, ideal[picked], change[place[picked]]
+    )
     return _Look(
         equations=(
             (weight / contrast)[..., None] * design,
@@ -703,7 +707,7 @@ def _concluded(
     known: Unknowns,
     theta: Array,
     covariance: Array,
-    rest: RemainingLight,
+    remaining: RemainingLight,
     looks: list[_Look],
     table: ColourTable,
     moved: float,
@@ -722,11 +726,11 @@ def _concluded(
         numbers=theta[:NUMBERS],
         brightness=np.exp(theta[start : start + len(looks)]),
         background=np.asarray(background),
-        illumination=illumination * rest.relief[..., None],
+        illumination=illumination * remaining.relief[..., None],
         residual=_root(np.minimum(square, 0.04)),
         torn=float(np.mean([look.torn for look in looks])),
         strange=float(np.mean(square > _STRANGE**2)),
-        bent=_root(rest.bend**2),
+        bent=_root(remaining.bend**2),
         moved=moved,
         highest=float(np.percentile(orders, 99.0)),
     )

@@ -69,11 +69,11 @@ def smooth_zero(light: Array, valid: Mask) -> tuple[Array, bool]:
     basis = light_basis(light.shape, total_degree(_DEGREES[1]))
     thin = slice(None, None, _STRIDE)
     terms = basis[:, thin, thin][:, valid[thin, thin]].astype(float)
-    found = np.linalg.lstsq(terms.T, light[thin, thin][valid[thin, thin]], rcond=None)[0]
-    smooth = np.tensordot(found.astype(np.float32), basis, 1)
-    left = np.where(valid, light - smooth, 0.0)
-    noise = float(np.sqrt(np.mean(np.square(left[valid]))))
-    blocks = valid_means(left, valid, _SQUARE)[block_means(valid.astype(float), _SQUARE) > 0.99]
+    coefficients = np.linalg.lstsq(terms.T, light[thin, thin][valid[thin, thin]], rcond=None)[0]
+    smooth = np.tensordot(coefficients.astype(np.float32), basis, 1)
+    residual = np.where(valid, light - smooth, 0.0)
+    noise = float(np.sqrt(np.mean(np.square(residual[valid]))))
+    blocks = valid_means(residual, valid, _SQUARE)[block_means(valid.astype(float), _SQUARE) > 0.99]
     even = blocks.size > 0 and np.sqrt(np.mean(blocks**2)) < _EVEN * noise / _SQUARE
     return (smooth, False) if even else (light.astype(np.float32), True)
 
@@ -121,19 +121,19 @@ class BrightestLight:
         basis = light_basis(self._top.shape, total_degree(_DEGREES[0]))
         thin = slice(None, None, _STRIDE)
         use = valid[thin, thin]
-        seen, terms = self._top[thin, thin][use], basis[:, thin, thin][:, use]
-        if seen.size < 100 or not seen.max() > 0.0:
+        brightest, terms = self._top[thin, thin][use], basis[:, thin, thin][:, use]
+        if brightest.size < 100 or not brightest.max() > 0.0:
             raise InputError(NO_CREST)
-        weight = (seen >= np.percentile(seen, _FIRST)).astype(np.float32)
-        found = np.zeros(len(terms))
+        weight = (brightest >= np.percentile(brightest, _FIRST)).astype(np.float32)
+        coefficients = np.zeros(len(terms))
         for _ in range(_ROUNDS):
             matrix = (terms * weight) @ terms.T + 1e-6 * weight.sum() * np.eye(len(terms))
-            found = np.linalg.solve(matrix.astype(float), (terms * weight) @ seen)
-            level = found.astype(np.float32) @ terms
-            away = (seen - level) / np.median(level)
+            coefficients = np.linalg.solve(matrix.astype(float), (terms * weight) @ brightest)
+            level = coefficients.astype(np.float32) @ terms
+            away = (brightest - level) / np.median(level)
             weight = np.exp(-((np.minimum(away, 0.0) / _BELOW) ** 2))
             weight = np.where(away > _ABOVE, 0.3, weight).astype(np.float32)
-        surface = np.tensordot(found.astype(np.float32), basis, 1)
+        surface = np.tensordot(coefficients.astype(np.float32), basis, 1)
         if not surface[valid].min() > 0.2 * np.median(surface[valid]):
             raise InputError(NO_CREST)
         return np.asarray(surface)
@@ -157,14 +157,14 @@ class CrestLight:
         thin = slice(None, None, _STRIDE)
         near = np.abs(np.mod(order[thin, thin], 1.0) - 0.5) < _NEAR
         use = near & known[thin, thin]
-        own = order[thin, thin][use]
-        signal = 0.5 - 0.5 * contrast[thin, thin][use] * np.cos(np.float32(2.0 * np.pi) * own)
-        seen = rise[thin, thin][use]
+        orders = order[thin, thin][use]
+        signal = 0.5 - 0.5 * contrast[thin, thin][use] * np.cos(np.float32(2.0 * np.pi) * orders)
+        risen = rise[thin, thin][use]
         terms = self._basis[:, thin, thin][:, use] * signal
         self._matrix += terms @ terms.T
-        self._right += terms @ seen
-        self._square += float(np.sum(seen.astype(float) ** 2))
-        self._count += seen.size
+        self._right += terms @ risen
+        self._square += float(np.sum(risen.astype(float) ** 2))
+        self._count += risen.size
 
     @property
     def told(self) -> bool:
@@ -180,9 +180,9 @@ class CrestLight:
             raise InputError(NO_CREST)
         fits = [self._fit(degree) for degree in _DEGREES]
         chosen = int(fits[1][2] < _ASKED_FOR * fits[0][2])
-        found, inverse, variance = fits[chosen]
+        coefficients, inverse, variance = fits[chosen]
         basis = light_basis(shape, total_degree(_DEGREES[chosen]))
-        level = np.tensordot(found.astype(np.float32), basis, 1)
+        level = np.tensordot(coefficients.astype(np.float32), basis, 1)
         root = np.linalg.cholesky(inverse * variance * _POOLED / _STRIDE**2)
         spread = np.sqrt(
             sum(np.tensordot(part.astype(np.float32), basis, 1) ** 2 for part in root.T)
@@ -193,9 +193,15 @@ class CrestLight:
     def _fit(self, degree: int) -> tuple[Array, Array, float]:
         """Coefficients of a degree, the inverse of their matrix, and the variance about it."""
         terms = total_degree(_DEGREES[1])
-        own = [terms.index(term) for term in total_degree(degree)]
-        matrix = self._matrix[np.ix_(own, own)]
-        inverse = np.linalg.inv(matrix + 1e-6 * np.trace(matrix) / len(own) * np.eye(len(own)))
-        found = inverse @ self._right[own]
-        left = self._square - 2.0 * found @ self._right[own] + found @ matrix @ found
-        return found, inverse, max(float(left) / self._count, 1e-12)
+        columns = [terms.index(term) for term in total_degree(degree)]
+        matrix = self._matrix[np.ix_(columns, columns)]
+        inverse = np.linalg.inv(
+            matrix + 1e-6 * np.trace(matrix) / len(columns) * np.eye(len(columns))
+        )
+        coefficients = inverse @ self._right[columns]
+        residual = (
+            self._square
+            - 2.0 * coefficients @ self._right[columns]
+            + coefficients @ matrix @ coefficients
+        )
+        return coefficients, inverse, max(float(residual) / self._count, 1e-12)

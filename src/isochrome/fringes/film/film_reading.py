@@ -269,7 +269,7 @@ def read_followed(
     known = blocks > 0.5
     known |= beside & ~_whole(valid, by)  # at a rim, blocks that are cut are not followed
     rise = film_light.rise(light)
-    found = read_order(
+    reading = read_order(
         rise,
         order,
         fringe_response,
@@ -278,9 +278,9 @@ def read_followed(
         sigma=sigma,
         valid=beside,
     )
-    found = widened(found, film_light.signal_error(light))
-    known &= np.isfinite(found.order)
-    return make_reading(found.order, found.uncertainty, known, of=valid)
+    reading = widened(reading, film_light.signal_error(light))
+    known &= np.isfinite(reading.order)
+    return make_reading(reading.order, reading.uncertainty, known, of=valid)
 
 
 def _whole(valid: Mask, by: int) -> Mask:

@@ -102,28 +102,30 @@ def fit_order_change(
         return None
     fields = _fields(order, expected, gradient)
     basis = np.stack([np.broadcast_to(f, order.shape)[thin, thin][use] for f in fields])
-    seen, faded = wave[thin, thin][use], contrast[thin, thin][use]
+    shown, faded = wave[thin, thin][use], contrast[thin, thin][use]
     top = max(float(np.percentile(basis[0], _TOP)), 1e-3)
-    start = _searched(basis, seen, faded, top)
-    found = start.copy()
-    ridge = 1e-3 * seen.size * np.array(_RIDGE)
+    start = _searched(basis, shown, faded, top)
+    solution = start.copy()
+    ridge = 1e-3 * shown.size * np.array(_RIDGE)
     for _ in range(_ROUNDS):
-        left, slope = _residual(basis[0], found.astype(np.float32) @ basis, seen, faded)
+        residual, slope = _residual(basis[0], solution.astype(np.float32) @ basis, shown, faded)
         turned = basis * slope
-        weighted = turned * on_flank(slope) / (1.0 + (left / np.float32(_OUTLIER)) ** 2)
+        weighted = turned * on_flank(slope) / (1.0 + (residual / np.float32(_OUTLIER)) ** 2)
         matrix = (weighted @ turned.T).astype(float) + np.diag(ridge)
-        found = found + np.linalg.solve(matrix, weighted @ left - ridge * (found - start))
-    single = found.astype(np.float32)
+        solution = solution + np.linalg.solve(
+            matrix, weighted @ residual - ridge * (solution - start)
+        )
+    single = solution.astype(np.float32)
     change = single @ basis
-    left, _ = _residual(basis[0], change, seen, faded)
-    parts = np.percentile(np.abs(basis), _MOSTLY, axis=1) * np.abs(found)
-    own = np.percentile(np.abs(change), _MOSTLY)
+    residual, _ = _residual(basis[0], change, shown, faded)
+    parts = np.percentile(np.abs(basis), _MOSTLY, axis=1) * np.abs(solution)
+    largest_change = np.percentile(np.abs(change), _MOSTLY)
     # tilts of the factor and what the fringes move are judged by their sum alone
-    largest = float(max(own, parts[0], parts[6]))
-    whole = np.zeros_like(order)
+    largest = float(max(largest_change, parts[0], parts[6]))
+    full_change = np.zeros_like(order)
     for share, shape in zip(single, fields, strict=True):
-        whole += share * shape
-    return OrderChange(whole, _mean_misfit(left), largest)
+        full_change += share * shape
+    return OrderChange(full_change, _mean_misfit(residual), largest)
 
 
 def on_flank(slope: Array) -> Array:
@@ -174,30 +176,30 @@ def _fields(order: Array, expected: Sequence[Array], gradient: tuple[Array, Arra
     return [order, order * x, order * y, rate, moved * across, moved * along, one, drift]
 
 
-def _searched(basis: Array, seen: Array, faded: Array, top: float) -> Array:
+def _searched(basis: Array, shown: Array, faded: Array, top: float) -> Array:
     """Coefficients to start from: the best factor alone, after the change before, or the drift."""
-    best, found, order = np.inf, np.zeros(len(_RIDGE)), basis[0]
+    best, solution, order = np.inf, np.zeros(len(_RIDGE)), basis[0]
     reach = LARGEST_CHANGE / top
     for starts in _STARTS:
         ahead = np.float32(starts[0]) * basis[3] + np.float32(starts[1]) * basis[-1]
         for factor in np.linspace(-reach, reach, _FACTORS):
-            left, _ = _residual(order, np.float32(factor) * order + ahead, seen, faded)
-            misfit = _mean_misfit(left)
+            residual, _ = _residual(order, np.float32(factor) * order + ahead, shown, faded)
+            misfit = _mean_misfit(residual)
             if misfit < best:
                 best = misfit
-                found[0], found[3], found[-1] = factor, *starts
-    return found
+                solution[0], solution[3], solution[-1] = factor, *starts
+    return solution
 
 
-def _residual(order: Array, change: Array, seen: Array, faded: Array) -> tuple[Array, Array]:
+def _residual(order: Array, change: Array, shown: Array, faded: Array) -> tuple[Array, Array]:
     """What a change leaves of the wave, and how the wave answers to it."""
     turn = np.float32(2.0 * np.pi)
     angle = turn * (order + change)
-    return seen - faded * np.cos(angle), -turn * faded * np.sin(angle)
+    return shown - faded * np.cos(angle), -turn * faded * np.sin(angle)
 
 
-def _mean_misfit(left: Array) -> float:
-    return float(np.mean(np.minimum(left * left, np.float32(_CLIPPED))))
+def _mean_misfit(residual: Array) -> float:
+    return float(np.mean(np.minimum(residual * residual, np.float32(_CLIPPED))))
 
 
 _TURN = np.float32(2.0 * np.pi)
@@ -268,19 +270,19 @@ def follow_frame(
     top = _highest(state)
     if top < _AT_FIRST:
         order, plain = _at_first(wave, weight)
-        known, broken, told = state.known & plain, False, np.ones_like(order)
+        known, broken, determined = state.known & plain, False, np.ones_like(order)
     else:
         expected = [v * np.float32(apart) for v in (state.rate, state.drift)]
-        seen = fit_order_change(before, expected, wave, contrast, gradient, state.known & valid)
+        fitted = fit_order_change(before, expected, wave, contrast, gradient, state.known & valid)
         limit = _LOST_AT_ONCE + _NOISE_LOST * noise**2
-        if seen is None or seen.misfit > limit or seen.largest > 1.1 * LARGEST_CHANGE:
+        if fitted is None or fitted.misfit > limit or fitted.largest > 1.1 * LARGEST_CHANGE:
             return _lost(state, time)
-        order, known, broken = np.abs(before + seen.change), state.known, False
+        order, known, broken = np.abs(before + fitted.change), state.known, False
         telling = weight * known * (steep < 1.2 * STEEPEST**2)
-        order, told = _corrected(order, wave, contrast, telling, noise)
-    own = weight * known
-    left = (wave - contrast * np.cos(_TURN * order)) * own
-    misfit = _window_mean(left * left, own, _MISFIT_PX)
+        order, determined = _corrected(order, wave, contrast, telling, noise)
+    trust = weight * known
+    residual = (wave - contrast * np.cos(_TURN * order)) * trust
+    misfit = _window_mean(residual * residual, trust, _MISFIT_PX)
     known = (
         known
         & (misfit < _LARGEST_MISFIT**2 + (_NOISY * noise) ** 2)
@@ -294,7 +296,7 @@ def follow_frame(
     rate = change / np.float32(apart) if apart else np.zeros_like(change)
     drift = state.drift + np.float32(_NEWEST) * (_beside_load(rate, before, known) - state.drift)
     untold = state.untold + np.abs(drift * np.float32(apart))
-    untold = np.where(told < _TOLD, untold, np.float32(0.0))
+    untold = np.where(determined < _TOLD, untold, np.float32(0.0))
     known &= untold < _LEFT_OPEN
     return FilmState(
         order=order, rate=rate, drift=drift, untold=untold, known=known, time=time, broken=broken
@@ -303,8 +305,8 @@ def follow_frame(
 
 def _beside_load(rate: Array, order: Array, known: Mask) -> Array:
     """What of a rate is not in proportion to the order (rows, cols)."""
-    own, moved = order[known], rate[known]
-    share = float(own @ moved) / max(float(own @ own), 1e-6)
+    orders, moved = order[known], rate[known]
+    share = float(orders @ moved) / max(float(orders @ orders), 1e-6)
     return np.asarray(rate - np.float32(share) * order)
 
 
@@ -329,8 +331,8 @@ def _at_first(wave: Array, weight: Array) -> tuple[Array, Mask]:
     body = _labels(inside)
     plain = np.zeros(inside.shape, dtype=bool)
     parts = _labels(inside & (order < _NEAR_CREST))
-    for own in range(1, int(body.max()) + 1):
-        sizes = np.bincount(parts[body == own], minlength=2)
+    for part in range(1, int(body.max()) + 1):
+        sizes = np.bincount(parts[body == part], minlength=2)
         sizes[0] = 0
         if sizes.any():
             plain |= parts == int(sizes.argmax())
@@ -353,7 +355,7 @@ def _corrected(
     telling = np.ones_like(order)
     for width, proportional in _WINDOWS:
         angle = _TURN * order
-        left = (wave - contrast * np.cos(angle)) * weight
+        residual = (wave - contrast * np.cos(angle)) * weight
         slope = -_TURN * contrast * np.sin(angle) * weight
         flank = on_flank(slope)
         area = 2.0 * np.pi * width**2
@@ -362,10 +364,12 @@ def _corrected(
         if proportional:
             slope = slope * order
             least = least * np.maximum(order * order, np.float32(1e-4))
-        told = slope * flank
+        weight_of_slope = slope * flank
         if width == _TOLD_PX:
             telling = _window_mean(flank * weight, weight, width)
-        step = _window_sum(told * left, width) / (_window_sum(told * slope, width) + least)
+        step = _window_sum(weight_of_slope * residual, width) / (
+            _window_sum(weight_of_slope * slope, width) + least
+        )
         step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         order = np.abs(order + (step * order if proportional else step))
     smooth = cv2.GaussianBlur(order, (0, 0), _SMOOTH_PX)
@@ -426,9 +430,9 @@ def continued(order: Array, known: Mask) -> Array:
     matrix[:, 1, 1] += _HELD * sums[0, 0]
     matrix[:, 2, 2] += _HELD * sums[0, 0]
     right = np.stack([_moment(values, i, j)[beyond] for i, j in powers], axis=1).astype(float)
-    found = order.copy()
-    found[beyond] = np.linalg.solve(matrix, right[..., None])[:, 0, 0]
-    return np.abs(found)
+    filled = order.copy()
+    filled[beyond] = np.linalg.solve(matrix, right[..., None])[:, 0, 0]
+    return np.abs(filled)
 
 
 def _moment(values: Array, down: int, across: int) -> Array:
@@ -470,5 +474,5 @@ def _borne_out(order: Array, known: Mask, wave: Array, valid: Mask) -> tuple[Mas
     sine = np.sin(angle)
     slope = np.float32(-2.0 * np.pi) * contrast * np.where(np.abs(sine) > _FLANK, sine, np.inf)
     move = (wave - contrast * np.cos(angle)) / slope
-    told = (np.abs(sine) > _FLANK) & (np.abs(move) < _NEAR)
-    return near & ~known & valid & is_wide(steep) & told, move
+    determined = (np.abs(sine) > _FLANK) & (np.abs(move) < _NEAR)
+    return near & ~known & valid & is_wide(steep) & determined, move

@@ -90,9 +90,9 @@ def four_theta(terms: StepTerms, design: StepDesign, sigma: Array | float) -> tu
     """
     first, second = design.variance(SINE), design.variance(SINE_SINE)
     spread = 0.5 * (first + second)
-    lean = first - second + 2j * design.variance(SINE, SINE_SINE)
+    asymmetry = first - second + 2j * design.variance(SINE, SINE_SINE)
     noise = np.square(sigma)
-    along = (terms.sine**2 - lean * noise) / (4.0 * spread)
+    along = (terms.sine**2 - asymmetry * noise) / (4.0 * spread)
     size = np.maximum(np.abs(terms.sine) ** 2 - 2.0 * spread * noise, 0.0) / (4.0 * spread)
     if terms.cross is not None:
         spread = 0.5 * (design.variance(CROSS) + design.variance(CROSS_SINE))
@@ -224,7 +224,7 @@ def settle(
         if sizes[index] < _SMALLEST_SHARE * sizes[1:].sum() and index not in seeds:
             continue
         inside = labels == index
-        found = balance(
+        balanced = balance(
             turns,
             direction.twice,
             inside,
@@ -232,7 +232,7 @@ def settle(
             residual=residual,
             compatible=compatible,
         )
-        whole = found.whole if found else None
+        whole = balanced.whole if balanced else None
         number, source, notes = _part_number(turns, inside, whole, seeds.get(index, []), model)
         warnings += notes
         parts.append(FieldPart(number, source))
@@ -270,7 +270,7 @@ def _part_number(
 
 def _seeds_of_parts(labels: Array, known_order: Sequence[KnownOrder]) -> dict[int, list[_Seed]]:
     """Known orders by the part they lie in or beside, with the pixel to look at; 0: none."""
-    found: dict[int, list[_Seed]] = {}
+    seeds_of: dict[int, list[_Seed]] = {}
     rows, cols = labels.shape
     for seed in known_order:
         row, col = seed[0], seed[1]
@@ -282,8 +282,8 @@ def _seeds_of_parts(labels: Array, known_order: Sequence[KnownOrder]) -> dict[in
         ]
         place = min(near)[1:] if near else (0, 0)
         index = int(labels[place]) if near else 0
-        found.setdefault(index, []).append((seed, place))
-    return found
+        seeds_of.setdefault(index, []).append((seed, place))
+    return seeds_of
 
 
 def _from_seeds(

@@ -147,8 +147,8 @@ def _missing(matrix: Array) -> str:
     """The unknowns that the steps do not resolve, each with the steps that would."""
     columns = _SETS[-1]
     _, values, right = np.linalg.svd(matrix[:, columns], full_matrices=False)
-    kept = right[values > _WEAKEST]
-    resolved = (kept**2).sum(axis=0)
+    determined = right[values > _WEAKEST]
+    resolved = (determined**2).sum(axis=0)
     poor = [j for j, r in zip(columns, resolved, strict=True) if j in _ADVICE and r < 0.9]
     return ", nor ".join(_ADVICE[j] for j in poor or _ADVICE)
 
@@ -167,19 +167,19 @@ def solve_steps(stack: Array, design: StepDesign, direction: Array | None = None
     terms = _terms((inverse @ light).reshape(-1, *shape), design)
     if direction is None or not design.leaks:
         return terms
-    rest = design.matrix[:, design.left]
+    unsolved = design.matrix[:, design.left]
     for _ in range(_PASSES):
         cross = (terms.amplitude - terms.cosine) * direction**2
         maps = {AMPLITUDE: terms.amplitude, CROSS: cross.real, CROSS_SINE: cross.imag}
-        left = np.stack([maps[j] for j in design.left]).reshape(rest.shape[1], -1)
-        solved = inverse @ (light - rest.astype(light.dtype) @ left)
+        unsolved_maps = np.stack([maps[j] for j in design.left]).reshape(unsolved.shape[1], -1)
+        solved = inverse @ (light - unsolved.astype(light.dtype) @ unsolved_maps)
         terms = _terms(solved.reshape(-1, *shape), design)
     return terms
 
 
 def _terms(maps: Array, design: StepDesign) -> StepTerms:
-    found = dict(zip(design.solved, maps, strict=True))
-    sine = found[SINE] + 1j * found[SINE_SINE]
-    cross = found[CROSS] + 1j * found[CROSS_SINE] if CROSS in found else None
-    amplitude = found.get(AMPLITUDE, np.sqrt(found[COSINE] ** 2 + np.abs(sine) ** 2))
-    return StepTerms(amplitude, found[COSINE], sine, cross)
+    solved = dict(zip(design.solved, maps, strict=True))
+    sine = solved[SINE] + 1j * solved[SINE_SINE]
+    cross = solved[CROSS] + 1j * solved[CROSS_SINE] if CROSS in solved else None
+    amplitude = solved.get(AMPLITUDE, np.sqrt(solved[COSINE] ** 2 + np.abs(sine) ** 2))
+    return StepTerms(amplitude, solved[COSINE], sine, cross)

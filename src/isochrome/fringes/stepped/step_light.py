@@ -115,13 +115,13 @@ def settle_field(
     return SettledField(field, known, parts, warnings)
 
 
-def _continuous(terms: StepTerms, direction: Direction, seen: Mask) -> tuple[Array, Mask]:
+def _continuous(terms: StepTerms, direction: Direction, readable: Mask) -> tuple[Array, Mask]:
     """φ/2π unwrapped along the direction, and where both are seen."""
     phase = np.arctan2((terms.sine * np.conj(direction.twice)).real, terms.cosine)
-    turns = unwrap(phase, seen) / (2.0 * np.pi)
+    turns = unwrap(phase, readable) / (2.0 * np.pi)
     # where the direction turns within its window the sign of sin δ is open; no harm near N = 0
     open_sign = np.abs(terms.sine) > 2.0 * np.pi * LARGEST_UNCERTAINTY * np.abs(terms.cosine)
-    return turns, seen & np.isfinite(turns) & ~(open_sign & (direction.coherence < _COHERENT))
+    return turns, readable & np.isfinite(turns) & ~(open_sign & (direction.coherence < _COHERENT))
 
 
 def _broken(order: Array, turns: Array, direction: Direction) -> Mask:
@@ -134,13 +134,13 @@ def _broken(order: Array, turns: Array, direction: Direction) -> Mask:
     off = loaded | (direction.uncertainty < LARGEST_TURN)
     broken = np.zeros(turns.shape, dtype=bool)
     for axis in (0, 1):
-        here, twice, may, found = (
+        here, twice, may, estimate = (
             values.swapaxes(0, axis) for values in (turns, direction.twice, off, broken)
         )
         flipped = (twice[1:] * np.conj(twice[:-1])).real < 0.0
         steep = (np.abs(np.diff(here, axis=0)) > STEEPEST) | (flipped & may[1:])
-        found[1:] |= steep
-        found[:-1] |= steep
+        estimate[1:] |= steep
+        estimate[:-1] |= steep
     return np.asarray(binary_dilation(broken) | (loaded & (direction.bridge > _LOST)))
 
 
@@ -224,7 +224,7 @@ def measure_steps(
     good = np.isfinite(light)
     good = good if valid is None else good & valid
     light, gain, turn_gain = fill_gaps(np.where(good, light, 0.0), good, design)
-    trusted, whole, swing = np.isfinite(gain), good.all(axis=0), sigma
+    trusted, complete, swing = np.isfinite(gain), good.all(axis=0), sigma
     if (gain > 1.0).any():
         swing, sigma = sigma * np.fmax(turn_gain, 1.0), sigma * np.fmax(gain, 1.0)
     twice = None
@@ -233,18 +233,18 @@ def measure_steps(
         direction = find_direction(terms, design, sigma=swing, valid=trusted)
         twice = direction.twice
     contrast = np.hypot(terms.cosine, np.abs(terms.sine))
-    seen = trusted & bright_enough(contrast, trusted)
-    misfit, chi = step_misfit(light, design, sigma, seen & whole)
-    agrees = steps_agree(misfit, seen & whole)
+    readable = trusted & bright_enough(contrast, trusted)
+    misfit, chi = step_misfit(light, design, sigma, readable & complete)
+    agrees = steps_agree(misfit, readable & complete)
     direction = direction.noisier(np.maximum(misfit, 1.0))
     uncertainty = phase_uncertainty(terms, design, direction, sigma) * np.maximum(misfit, 1.0)
-    seen &= (uncertainty < LARGEST_UNCERTAINTY) & (
+    readable &= (uncertainty < LARGEST_UNCERTAINTY) & (
         misfit * sigma < np.maximum(_LARGEST_MISFIT * contrast, 2.0 * sigma)
     )
     return StepLight(
         terms=terms,
         direction=direction,
-        seen=seen,
+        seen=readable,
         specimen=trusted & fringed(contrast, design, sigma),
         contrast=contrast,
         uncertainty=uncertainty,
@@ -270,12 +270,12 @@ def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Arra
     kinds = np.tensordot(code, good[:, wanting].astype(np.int64), axes=1)
     values, noise = light[:, wanting], np.full((2, kinds.size), np.nan, dtype=np.float32)
     for kind in np.unique(kinds):
-        there, here = (kind & code) > 0, kinds == kind
-        inverse, *more = _part_inverse(design, there)
+        present, here = (kind & code) > 0, kinds == kind
+        inverse, *more = _part_inverse(design, present)
         if more[0] <= _MOST_NOISE:
-            missing = design.matrix[~there][:, design.solved] @ inverse
-            chosen = values[np.ix_(there, here)]
-            values[np.ix_(~there, here)] = missing.astype(light.dtype) @ chosen
+            missing = design.matrix[~present][:, design.solved] @ inverse
+            chosen = values[np.ix_(present, here)]
+            values[np.ix_(~present, here)] = missing.astype(light.dtype) @ chosen
             noise[:, here] = np.reshape(more, (2, 1))
     filled = light.copy()
     filled[:, wanting] = values
@@ -283,13 +283,13 @@ def fill_gaps(light: Array, good: Mask, design: StepDesign) -> tuple[Array, Arra
     return filled, gains[0], gains[1]
 
 
-def _part_inverse(design: StepDesign, there: Mask) -> tuple[Array, float, float]:
+def _part_inverse(design: StepDesign, present: Mask) -> tuple[Array, float, float]:
     """Least squares over some of the frames, and the growth of the unknowns' noise by it.
 
     The largest, and the mean of those that tell the direction; the background is not used, and
     counts for nothing.
     """
-    part = design.matrix[there][:, design.solved]
+    part = design.matrix[present][:, design.solved]
     inverse = np.linalg.pinv(part)
     if np.linalg.matrix_rank(part, tol=1e-6) < len(design.solved):
         return inverse, float("inf"), float("inf")
@@ -332,41 +332,41 @@ def fringed(contrast: Array, design: StepDesign, sigma: Array | float) -> Mask:
 
 
 def step_misfit(
-    light: Array, design: StepDesign, sigma: Array | float, seen: Mask
+    light: Array, design: StepDesign, sigma: Array | float, readable: Mask
 ) -> tuple[Array, float]:
     """Residual of the light over its noise, pooled about each pixel, and over all of them.
 
     What no choice of the seven unknowns can explain: moved or dirty elements, a wrong gamma.
-    Parameters: `light` (steps, rows, cols); `design`; `sigma`, noise of the light; `seen`, True =
-    pixels that count. Returns the pooled residual (rows, cols), 1 where the steps leave nothing to
-    compare, and chi, NaN then.
+    Parameters: `light` (steps, rows, cols); `design`; `sigma`, noise of the light; `readable`, True
+    = pixels that count. Returns the pooled residual (rows, cols), 1 where the steps leave nothing
+    to compare, and chi, NaN then.
     """
-    left, values, _ = np.linalg.svd(design.matrix)
+    directions, values, _ = np.linalg.svd(design.matrix)
     rank = int((values > 1e-6).sum())
     free = len(light) - rank
     if free == 0:
         return np.ones(light.shape[1:]), float("nan")
-    over = np.tensordot(left[:, rank:].T.astype(light.dtype), light, axes=1)
+    over = np.tensordot(directions[:, rank:].T.astype(light.dtype), light, axes=1)
     square = (over**2).sum(axis=0) / (free * np.square(sigma))
-    weight = np.maximum(pooled(seen, _WINDOW_PX), 1e-6)
-    misfit = np.sqrt(np.maximum(pooled(np.where(seen, square, 0.0), _WINDOW_PX), 0.0) / weight)
-    return misfit, float(np.sqrt(np.mean(square[seen]))) if seen.any() else float("nan")
+    weight = np.maximum(pooled(readable, _WINDOW_PX), 1e-6)
+    misfit = np.sqrt(np.maximum(pooled(np.where(readable, square, 0.0), _WINDOW_PX), 0.0) / weight)
+    return misfit, float(np.sqrt(np.mean(square[readable]))) if readable.any() else float("nan")
 
 
-def steps_agree(misfit: Array, seen: Mask) -> Mask:
+def steps_agree(misfit: Array, readable: Mask) -> Mask:
     """Where the light fits the steps as they are stated, so that its direction may be believed.
 
     An element that is off turns the direction everywhere, also where the light hardly shows it:
     where most of the picture does not fit, nothing of it is believed; where a part does not, that
-    part. Parameters: `misfit`, residual over noise about each pixel, and `seen`, True = pixels that
-    count (rows, cols). Returns a mask (rows, cols).
+    part. Parameters: `misfit`, residual over noise about each pixel, and `readable`, True = pixels
+    that count (rows, cols). Returns a mask (rows, cols).
     """
-    least = np.sort(misfit[seen])[: int((1.0 - _LOCAL) * np.count_nonzero(seen))]
+    least = np.sort(misfit[readable])[: int((1.0 - _LOCAL) * np.count_nonzero(readable))]
     usual = float(np.sqrt(np.mean(np.square(least)))) if least.size else 1.0
     if usual > POOR_CHI:
         return np.zeros(misfit.shape, dtype=bool)
-    alone = pooled(seen, _WINDOW_PX) < _COMPARED  # too few about it to compare with
-    return np.asarray(alone | (misfit <= POOR_CHI * max(usual, 1.0)))
+    isolated = pooled(readable, _WINDOW_PX) < _COMPARED  # too few about it to compare with
+    return np.asarray(isolated | (misfit <= POOR_CHI * max(usual, 1.0)))
 
 
 def phase_uncertainty(

@@ -121,9 +121,9 @@ def read_residual(
     known = (least | beyond) & (spread < LARGEST_UNCERTAINTY)
     field = np.where(known, np.where(least, field, followed.field), np.nan)
     field, spread = _pooled(field, spread, known)
-    kept = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
+    known_share = float(known.sum() / max(1, np.count_nonzero(known | light.specimen)))
     spread = np.where(known, spread, np.nan)
-    return ResidualStress(field, spread, kept, _remarks(light, kept), light.agrees)
+    return ResidualStress(field, spread, known_share, _remarks(light, known_share), light.agrees)
 
 
 def least_field(terms: StepTerms) -> Array:
@@ -201,7 +201,7 @@ def _pooled(field: Array, uncertainty: Array, known: Mask) -> tuple[Array, Array
     return pooled, spread
 
 
-def _remarks(light: StepLight, kept: float) -> tuple[str, ...]:
+def _remarks(light: StepLight, known_share: float) -> tuple[str, ...]:
     """What the user should know of the no-load set."""
     remarks = []
     if light.chi > POOR_CHI:
@@ -210,11 +210,11 @@ def _remarks(light: StepLight, kept: float) -> tuple[str, ...]:
             f"no-load steps: chi = {light.chi:.2f}: the steps' angles or plates do not describe "
             f"these frames within their noise{lost}; capture them as the loaded ones"
         )
-    if kept < _FEW:
+    if known_share < _FEW:
         remarks.append(
-            f"no-load steps: only {100 * kept:.0f} % of the specimen could be read (too dim, noisy "
-            "or faulty, or a residual stress that may pass half an order, where nothing tells how "
-            "far); the load's order is left out elsewhere"
+            f"no-load steps: only {100 * known_share:.0f} % of the specimen could be read (too "
+            "dim, noisy or faulty, or a residual stress that may pass half an order, where nothing "
+            "tells how far); the load's order is left out elsewhere"
         )
     return tuple(remarks)
 
@@ -287,23 +287,23 @@ def read_steps(
     orders that the frames show, residual stress and all. InputError as `read_residual`.
     """
     light = measure_steps(stack, chains, sigma=sigma, valid=valid)
-    found = settle_field(
+    settled = settle_field(
         light,
         known_order=known_order,
         model=model,
         residual=None if residual is None else residual.field,
     )
-    return _result(light, found, _of_load(light, found, residual), residual)
+    return _result(light, settled, _of_load(light, settled, residual), residual)
 
 
-def _of_load(light: StepLight, found: SettledField, residual: ResidualStress | None) -> _Parts:
+def _of_load(light: StepLight, settled: SettledField, residual: ResidualStress | None) -> _Parts:
     """n of the load alone, smoothed, with its noise along and across it.
 
     The noise of N and θ lies along and across the n that the frames show; the angle between that
     and the load's own turns it.
     """
-    known = found.known
-    shown = np.where(known, found.field, 0.0)
+    known = settled.known
+    shown = np.where(known, settled.field, 0.0)
     across = 2.0 * np.abs(shown) * light.direction.uncertainty
     if residual is not None:
         across = np.hypot(across, np.where(direction_known(light), 0.0, _BRIDGED * np.abs(shown)))
@@ -332,7 +332,7 @@ def _of_load(light: StepLight, found: SettledField, residual: ResidualStress | N
 
 
 def _result(
-    light: StepLight, found: SettledField, load: _Parts, residual: ResidualStress | None
+    light: StepLight, settled: SettledField, load: _Parts, residual: ResidualStress | None
 ) -> SteppedReading:
     """The maps, NaN where they are not known; `residual`, what was taken out."""
     known, uncertainty = load.known, load.uncertainty
@@ -343,21 +343,21 @@ def _result(
     specimen = known | light.specimen
     reading = make_reading(np.abs(load.field), uncertainty, known, of=specimen)
     if residual is not None:
-        cosine, seen = np.cos(2.0 * np.pi * reading.order), known
+        cosine, readable = np.cos(2.0 * np.pi * reading.order), known
     else:
-        cosine, seen = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
+        cosine, readable = light.terms.cosine / np.maximum(light.contrast, 1e-30), specimen
     return SteppedReading(
         reading=reading,
         isoclinic=masked(0.5 * np.degrees(np.angle(load.field)), turned),
         isoclinic_uncertainty=masked(np.degrees(load.turn), turned),
-        dark_field=masked(0.5 - 0.5 * cosine, seen),
+        dark_field=masked(0.5 - 0.5 * cosine, readable),
         contrast=light.contrast.astype(np.float32),
         chi=light.chi,
-        parts=found.parts,
+        parts=settled.parts,
         warnings=(
-            *found.warnings,
+            *settled.warnings,
             *_of_steps(light, clear),
-            *_of_share(reading.kept, found.parts),
+            *_of_share(reading.kept, settled.parts),
         ),
     )
 
@@ -381,12 +381,12 @@ def _of_steps(light: StepLight, clear: Mask) -> list[str]:
     return remarks
 
 
-def _of_share(kept: float, parts: tuple[FieldPart, ...]) -> list[str]:
+def _of_share(known_share: float, parts: tuple[FieldPart, ...]) -> list[str]:
     """What to say where little could be read."""
     remarks = []
-    if kept < 0.5 and all(part.number is not None for part in parts):
+    if known_share < 0.5 and all(part.number is not None for part in parts):
         remarks.append(
-            f"only {100 * kept:.0f} % of the specimen's pixels could be read; more steps, less "
-            "noise or finer pixels help"
+            f"only {100 * known_share:.0f} % of the specimen's pixels could be read; more steps, "
+            "less noise or finer pixels help"
         )
     return remarks
