@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+import base64
+import io
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.figures import BAND, KEY_LABELS, frame_axis
+from isochrome.figures import (
+    BAND,
+    FINE_PT,
+    KEY_LABELS,
+    LINE_COLOURS,
+    LINE_PT,
+    PALE,
+    frame_axis,
+    new_figure,
+    style_axes,
+)
 from isochrome.output import FrameValues
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[Any]
 
 MOST_POINTS = 240
 """Points of a curve: more than a drawing has pixels to tell them apart."""
 
-WIDTH, HEIGHT = 400.0, 230.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 68.0, 10.0, 10.0, 40.0
-"""Of a drawing and around its axes, in its own units: pixels where a telephone shows it."""
+_INCHES = 4.0, 2.3
+"""Of a drawing, whose letters are then those of a page where a telephone shows it."""
 
-_TICKS = 5
+_SVG: Any = {"svg.fonttype": "path", "svg.hashsalt": "isochrome", "text.parse_math": False}
+"""The same drawing on every machine and each time; a `$` in a name is no formula."""
+
+_UNDATED = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,28 +57,37 @@ class Curve:
     together: int  # how many values are one point, at most
     has_band: bool  # the values have uncertainties
 
-    def drawing(self) -> dict[str, Any]:
-        """What the page draws: outlines, ticks and points in the drawing's own units."""
-        x = _Scale(self.place, _LEFT, WIDTH - _RIGHT)
-        y = _Scale(np.concatenate([self.low, self.high]), HEIGHT - _BOTTOM, _TOP)
-        return {
-            "label": self.label,
-            "across": self.across,
-            "together": self.together,
-            "has_band": self.has_band,
-            "band": _outline(x, y, self.place, self.low, self.high),
-            "envelope": _outline(x, y, self.place, self.least, self.most),
-            "line": _points(x, y, self.place, self.value),
-            "dots": list(zip(x(self.place), y(self.value), strict=True))
-            if len(self.place) <= MOST_POINTS // 6
-            else [],
-            "x_ticks": list(x.ticks()),
-            "y_ticks": list(y.ticks()),
-            "rows": list(zip(*map(_texts, self._columns()), strict=True)),
-        }
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The points as a table: place, value, least, most, low, high."""
+        columns = self.place, self.value, self.least, self.most, self.low, self.high
+        return [tuple(f"{value:.6g}" for value in row) for row in zip(*columns, strict=True)]
 
-    def _columns(self) -> tuple[Array, ...]:
-        return self.place, self.value, self.least, self.most, self.low, self.high
+    def draw(self, axes: Axes) -> None:
+        """Draw the line between its envelope and its band; few points have dots."""
+        colour = LINE_COLOURS[0]
+        axes.fill_between(self.place, self.low, self.high, color=colour, alpha=0.25, lw=0)
+        axes.fill_between(self.place, self.least, self.most, color=colour, alpha=0.35, lw=0)
+        dot = "o" if len(self.place) <= MOST_POINTS // 6 else ""
+        axes.plot(self.place, self.value, color=colour, lw=LINE_PT, marker=dot, ms=4)
+
+    @property
+    def svg(self) -> str:
+        """The drawing as base64: a picture of its own, as the page's policy forbids its styles."""
+        from matplotlib import rc_context
+
+        content = io.BytesIO()
+        with rc_context(_SVG):
+            figure = new_figure(*_INCHES)
+            axes = figure.subplots()
+            self.draw(axes)
+            axes.ticklabel_format(useOffset=False)
+            axes.locator_params(nbins=5)  # numbers of a long run have room beside each other
+            axes.grid(color=PALE, alpha=0.5, lw=FINE_PT)
+            axes.set_axisbelow(True)
+            style_axes(axes, x_label=self.across)
+            figure.savefig(content, format="svg", metadata=_UNDATED)
+        return base64.b64encode(content.getvalue()).decode()
 
 
 def curves_of(found: FrameValues) -> list[Curve]:
@@ -111,53 +135,3 @@ def make_curve(
         together=together,
         has_band=spread is not None,
     )
-
-
-class _Scale:
-    """From values to places in a drawing."""
-
-    def __init__(self, values: Array, start: float, end: float) -> None:
-        self.low, self.high = float(values.min()), float(values.max())
-        least = 1e-9 * max(abs(self.low), abs(self.high), 1e-30)
-        if self.high - self.low < least:  # a constant
-            middle, half = 0.5 * (self.low + self.high), 0.5 * (abs(self.high) or 1.0)
-            self.low, self.high = middle - half, middle + half
-        self.start, self.end = start, end
-
-    def __call__(self, values: Array) -> list[float]:
-        share = (values - self.low) / (self.high - self.low)
-        return [round(float(v), 2) for v in self.start + share * (self.end - self.start)]
-
-    def ticks(self) -> Iterator[tuple[float, str]]:
-        """Places and texts of round values: steps of 1, 2 or 5 times a power of ten."""
-        span = self.high - self.low
-        rough = span / _TICKS
-        power = 10.0 ** math.floor(math.log10(rough))
-        step = power * next(m for m in (1, 2, 5, 10) if m * power >= rough * (1 - 1e-9))
-        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
-        decimals = max(0, -_exponent(step))
-        small = max(abs(self.low), abs(self.high)) < 1e-3 or decimals > 6
-        for k in range(first, last + 1):
-            value = k * step + 0.0
-            digits = max(0, _exponent(value) - _exponent(step)) if value else 0
-            form = f".{digits}e" if small and value else f".{0 if small else decimals}f"
-            text = f"{value:{form}}"
-            yield self(np.array([value]))[0], text
-
-
-def _exponent(value: float) -> int:
-    """Power of ten of a value's first digit."""
-    return math.floor(math.log10(abs(value)) + 1e-9)
-
-
-def _points(x: _Scale, y: _Scale, place: Array, values: Array) -> str:
-    return " ".join(f"{a:g},{b:g}" for a, b in zip(x(place), y(values), strict=True))
-
-
-def _outline(x: _Scale, y: _Scale, place: Array, low: Array, high: Array) -> str:
-    """The polygon between two curves."""
-    return f"{_points(x, y, place, high)} {_points(x, y, place[::-1], low[::-1])}"
-
-
-def _texts(values: Array) -> list[str]:
-    return [f"{value:.6g}" for value in values]
