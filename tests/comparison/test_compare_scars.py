@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-import isochrome.comparison.scars as simulated_scars
-from isochrome.comparison import compare, compare_scars
+from isochrome.comparison import compare, compare_scars, simulated_scars
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_csv
 from isochrome.scene import load_scene, parse_scene

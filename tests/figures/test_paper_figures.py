@@ -27,8 +27,8 @@ from isochrome.cli.figure_options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
 from isochrome.figures import PaperPanels, PictureKind, Plot, budget_plot, frame_values_figure
-from isochrome.figures.curve_data import curve_columns, data_name
 from isochrome.figures.layout import PAGE_MM
+from isochrome.figures.paper import curve_columns, data_name
 from isochrome.fringes.colour.colour_table import ColourTable
 from isochrome.output import FrameValues, write_excel_copies, write_tiff
 from isochrome.processing.pictures.figure import Shown as ShownFrame

@@ -13,7 +13,7 @@ from tracked_films import FRICTION, LEFT, LOAD, contact, film, light_of, write_v
 
 import isochrome
 from isochrome import open_run
-from isochrome.comparison.frame_folders import load_frame_set
+from isochrome.comparison import load_frame_set
 from isochrome.errors import InputError
 from isochrome.optics import expose
 from isochrome.output import read_csv

@@ -9,7 +9,7 @@ from tracked_films import FRICTION, LEFT, LOAD, TOP, contact, film, light_of, wr
 
 import isochrome.fitting.tracking.tracker
 from isochrome import open_run
-from isochrome.comparison.frame_folders import load_frame_set
+from isochrome.comparison import load_frame_set
 from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES

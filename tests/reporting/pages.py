@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import xml.etree.ElementTree as ElementTree
 import zlib
 from html.parser import HTMLParser
 from pathlib import Path
@@ -144,3 +145,14 @@ def decoded(map_, rows, cols):
 def data_of(page):
     """What the script is given."""
     return json.loads(page.inside["script"][0])
+
+
+def charts_of(page):
+    """The attributes of each chart, which is a picture of its own."""
+    return [image for image in page.of("img") if (image.get("src") or "")[:14] == "data:image/svg"]
+
+
+def drawing_of(source):
+    """The elements of a chart, of its base64 behind a comma or alone; comments are its texts."""
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    return ElementTree.fromstring(base64.b64decode(source.rpartition(",")[2]), parser)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from pages import HOSTILE, Page, data_of, decoded
+from pages import HOSTILE, Page, charts_of, data_of, decoded
 from PIL import Image
 
 import isochrome
@@ -94,7 +94,7 @@ def test_a_simulations_page_says_what_its_history_holds(simulated):
     assert f"largest pressure {ends[0]} to {ends[1]} MPa" in page.text
     assert "Under the rendered frame" in page.text and "experiment" not in page.text
     assert "two standard uncertainties" not in page.text  # a simulation has none
-    assert [one["aria-label"].split(" over ")[0] for one in page.of("svg")] == [
+    assert [one["alt"].split(" over ")[0] for one in charts_of(page)] == [
         "largest pressure (MPa)", "contact width (mm)", "wear depth (µm)", "worn area (mm²)",
         "largest fringe order (fringes)", "largest shear stress (MPa)",
     ]  # fmt: skip
@@ -224,7 +224,7 @@ def test_the_page_of_colours_states_gamma_and_each_warning(tmp_path):
     highest = found.colour_table.highest
     assert f"Gamma = 2.200 ± 0.030; orders = up to {highest:.2f} at 540 nm" in page.text
     assert all(re.sub(r"\s+", " ", name) in page.text for name in HOSTILE[:4])
-    assert len(page.inside["script"]) == 2 and not page.of("svg")
+    assert len(page.inside["script"]) == 2 and not charts_of(page)
     assert same_bytes(tmp_path / "out", tmp_path / "again")
 
 

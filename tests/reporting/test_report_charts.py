@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import base64
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from pages import made_values
+from pages import drawing_of, made_values
 
-from isochrome.reporting import curves_of
+from isochrome.reporting import curves_of, make_curve
 
 
 def test_few_values_are_drawn_as_they_are():
@@ -40,20 +44,32 @@ def test_a_frame_that_is_not_known_is_left_out():
     assert 4.0 not in load.place and len(load.place) == 9
 
 
+def texts_in(curve):
+    """The ticks and the label of a curve's drawing, whose letters are outlines with a comment."""
+    return [c.text.strip() for c in drawing_of(curve.svg).iter(ElementTree.Comment)]
+
+
+@settings(max_examples=8, deadline=None)
 @given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
 def test_ticks_are_round_and_told_apart(low, span):
-    values = made_values(5)
-    values.values[:, 0] = low + span * np.linspace(0.0, 1.0, 5)
-    values.standard_uncertainty[:] = np.nan
-    drawn = curves_of(values)[0].drawing()
-    for ticks in (drawn["x_ticks"], drawn["y_ticks"]):
-        texts = [text for _, text in ticks]
-        assert 2 <= len(texts) <= 10 and len(set(texts)) == len(texts), texts
+    place = np.arange(5.0)
+    texts = texts_in(make_curve("load (N)", "frame", place, low + span * place / 4.0))
+    middle = texts.index("frame")
+    for some in (texts[:middle], texts[middle + 1 :]):
+        assert 2 <= len(some) <= 10 and len(set(some)) == len(some), texts
 
 
 def test_a_constant_has_a_drawing():
     values = made_values(5)
     values.values[:] = 0.0
     values.standard_uncertainty[:] = 0.0
-    drawn = curves_of(values)[0].drawing()
-    assert "nan" not in drawn["line"] and drawn["y_ticks"]
+    curve = curves_of(values)[0]
+    assert curve.label == "normal load (N)" and "sliding distance (m)" in texts_in(curve)
+    assert b"nan" not in base64.b64decode(curve.svg)
+
+
+def test_the_same_curve_is_the_same_drawing_and_no_name_is_a_formula():
+    curve = make_curve("a {name} of $5", "cost in $ {0} or $^$", np.arange(3.0), np.arange(3.0))
+    assert curve.svg == replace(curve).svg
+    assert "cost in $ {0} or $^$" in texts_in(curve)
+    assert b"dc:date" not in base64.b64decode(curve.svg)

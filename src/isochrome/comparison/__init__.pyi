@@ -1,6 +1,4 @@
-from .api import MAIN_METRICS, Comparison, compare, compared_again
-from .figure import plot_side_by_side, side_by_side
-from .frame_folders import load_frame_set
+from .api import MAIN_METRICS, Comparison, compare, compared_again, plot_side_by_side, side_by_side
 from .frame_sets import (
     ComparedFrames,
     FrameMetrics,
@@ -10,10 +8,17 @@ from .frame_sets import (
     compare_frames,
     compare_orders,
     compare_signals,
+    load_frame_set,
     skeleton_distance,
 )
-from .scar_comparison import ScarComparison, compare_scars
-from .scars import ScarPair, SimulatedScar, pair_scar, simulated_scars
+from .scar_comparison import (
+    ScarComparison,
+    ScarPair,
+    SimulatedScar,
+    compare_scars,
+    pair_scar,
+    simulated_scars,
+)
 
 __all__ = [
     "MAIN_METRICS",

@@ -1,13 +1,28 @@
-from .curve_data import data_name
-from .panels import (
+from .layout import (
     FigureStyle,
     PaperPanels,
     PictureKind,
     Plot,
     chosen_frames,
 )
-from .paper import paper_figure, save_figure
-from .plots import given_axes, place_of_image, plot_frame, plot_over_distance
+from .paper import data_name, paper_figure, save_figure
+from .plots import (
+    BAND,
+    KEY_LABELS,
+    PANEL_IN,
+    budget_plot,
+    draw_band,
+    draw_budget,
+    draw_chi,
+    draw_frame_values,
+    draw_values,
+    frame_axis,
+    frame_values_figure,
+    given_axes,
+    place_of_image,
+    plot_frame,
+    plot_over_distance,
+)
 from .style import (
     BOLD_PT,
     CHANNEL_COLOURS,
@@ -38,19 +53,6 @@ from .style import (
     show_image,
     style_axes,
     write_head,
-)
-from .values import (
-    BAND,
-    KEY_LABELS,
-    PANEL_IN,
-    budget_plot,
-    draw_band,
-    draw_budget,
-    draw_chi,
-    draw_frame_values,
-    draw_values,
-    frame_axis,
-    frame_values_figure,
 )
 
 __all__ = [

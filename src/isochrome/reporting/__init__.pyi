@@ -1,5 +1,13 @@
-from .charts import Curve, curves_of, make_curve
-from .content import ReportContent, ReportTable, camera_rows, paper_rows, warnings_with_remedies
+from .content import (
+    Curve,
+    ReportContent,
+    ReportTable,
+    camera_rows,
+    curves_of,
+    make_curve,
+    paper_rows,
+    warnings_with_remedies,
+)
 from .page import assemble_page, content_policy, report_html, write_report
 from .pictures import (
     FRINGES,

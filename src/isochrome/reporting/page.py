@@ -122,7 +122,7 @@ def report_html(content: ReportContent) -> str:
             "data": {"frames": [_for_script(one) for one in frames]},
             "strides": strides,
             "steps": _steps(frames),
-            "curves": [curve.drawing() for curve in content.curves],
+            "curves": content.curves,
             "groups": warnings_with_remedies(content.warnings),
             "picture": _picture(content.picture),
             "scene": content.scene[:_LONGEST_SCENE],
