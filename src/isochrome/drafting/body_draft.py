@@ -17,9 +17,15 @@ from isochrome.drafting.captured_set import (
     refuse_unclear,
 )
 from isochrome.drafting.draft_figure import draft_figure, frame_figure
-from isochrome.drafting.known_values import QUANTITIES, KnownValues, refuse_missing
-from isochrome.drafting.scene_draft import DraftValue, OpenKey, SceneDraft
-from isochrome.drafting.scene_text import written_draft
+from isochrome.drafting.scene_draft import (
+    QUANTITIES,
+    DraftValue,
+    KnownValues,
+    OpenKey,
+    SceneDraft,
+    refuse_missing,
+    written_draft,
+)
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import POOR_CHI, RIVAL_CHI, FrameData, prepare_frame
 from isochrome.fitting import GAMMA, TOO_FAR, FrameFit, evaluate_model, fit_frame, free_keys

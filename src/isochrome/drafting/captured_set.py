@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from isochrome.drafting.known_values import QUANTITIES, KnownValues
-from isochrome.drafting.scene_draft import DraftValue, OpenKey, Origin
+from isochrome.drafting.scene_draft import QUANTITIES, DraftValue, KnownValues, OpenKey, Origin
 from isochrome.errors import InputError
 from isochrome.frames import Frame, FrameReader, check_scale, likely_no_load, named_files
 from isochrome.output import counted
