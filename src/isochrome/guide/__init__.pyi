@@ -1,4 +1,3 @@
-from .explanations import Explanation, explain_message
-from .pages import TOPICS, guide_page
+from .pages import TOPICS, Explanation, explain_message, guide_page
 
 __all__ = ["TOPICS", "Explanation", "explain_message", "guide_page"]
