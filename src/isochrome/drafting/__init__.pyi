@@ -1,5 +1,4 @@
 from .api import draft_scene, init
-from .captured_set import not_among_frames, open_questions
 from .scene_draft import (
     NEEDED,
     QUANTITIES,
@@ -9,6 +8,8 @@ from .scene_draft import (
     Quantity,
     SceneDraft,
     known_values,
+    not_among_frames,
+    open_questions,
 )
 
 __all__ = [

@@ -7,15 +7,6 @@ from functools import partial
 from itertools import product
 from typing import Any
 
-from isochrome.drafting.captured_set import (
-    described_set,
-    file_values,
-    frame_of,
-    frames_to_look_at,
-    light_values,
-    open_of_set,
-    refuse_unclear,
-)
 from isochrome.drafting.draft_figure import draft_figure, frame_figure
 from isochrome.drafting.scene_draft import (
     QUANTITIES,
@@ -23,7 +14,14 @@ from isochrome.drafting.scene_draft import (
     KnownValues,
     OpenKey,
     SceneDraft,
+    described_set,
+    file_values,
+    frame_of,
+    frames_to_look_at,
+    light_values,
+    open_of_set,
     refuse_missing,
+    refuse_unclear,
     written_draft,
 )
 from isochrome.errors import InputError, PhysicsError

@@ -20,15 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.drafting.captured_set import (
-    described_set,
-    file_values,
-    frame_of,
-    frames_to_look_at,
-    light_values,
-    open_of_set,
-    refuse_unclear,
-)
 from isochrome.drafting.draft_figure import draft_figure
 from isochrome.drafting.scene_draft import (
     QUANTITIES,
@@ -36,7 +27,14 @@ from isochrome.drafting.scene_draft import (
     KnownValues,
     Origin,
     SceneDraft,
+    described_set,
+    file_values,
+    frame_of,
+    frames_to_look_at,
+    light_values,
+    open_of_set,
     refuse_missing,
+    refuse_unclear,
     written_draft,
 )
 from isochrome.errors import InputError, IsochromeError, PhysicsError

@@ -20,6 +20,7 @@ from isochrome.frames import likely_no_load, open_frames
 from isochrome.output import rounded_texts
 from isochrome.scene import Scene
 from isochrome.setup_page.edits import (
+    FIELDS,
     LEFT,
     ROLL,
     TOP,
@@ -28,7 +29,6 @@ from isochrome.setup_page.edits import (
     set_values,
     values_of_place,
 )
-from isochrome.setup_page.page_state import FIELDS
 from isochrome.setup_page.places import seen_at
 from isochrome.setup_page.session import SetupSession
 from isochrome.stress import pixel_grid

@@ -40,16 +40,18 @@ from isochrome.reporting import assemble_page, content_policy
 from isochrome.scene import Roi, Scene, toml_text, with_table_list
 from isochrome.setup_page.cold_search import SEARCHED, find_in_frames
 from isochrome.setup_page.edits import (
+    KINDS,
+    SET_KINDS,
     apply_tool,
+    field_rows,
     line_tables,
     order_tables,
     refused_as_asked,
+    session_state,
     without_model,
 )
-from isochrome.setup_page.page_state import KINDS, SET_KINDS, field_rows, session_state
 from isochrome.setup_page.places import round_by_spread
-from isochrome.setup_page.session import SetupSession
-from isochrome.setup_page.set_session import SetSession, calibration_answer
+from isochrome.setup_page.session import SetSession, SetupSession, calibration_answer
 
 _WRONG_CHI = 3.0
 """chi of a fit from which its values are not taken into the scene together: the model is wrong."""
