@@ -67,7 +67,7 @@ class SceneField:
 
 
 FIELDS = tuple(
-    SceneField(**{name: tuple(v) if isinstance(v, list) else v for name, v in entry.items()})
+    SceneField(**(entry | {name: tuple(v) for name, v in entry.items() if isinstance(v, list)}))
     for entry in _TABLES["field"]
 )
 """All of them, in the order of the page."""
