@@ -310,16 +310,16 @@ def test_a_report_has_what_was_found(draft):
 @pytest.mark.long
 def test_two_scenes_that_explain_a_frame_alike_are_refused(case, monkeypatch):
     """A picture whose own turn is told to be two things: the second is the same start, renamed."""
-    from isochrome.drafting import contact_fit
+    from isochrome.drafting import contact_draft
 
-    search = contact_fit.search_picture
+    search = contact_draft.search_picture
 
     def twice(*given, **choices):
         starts = search(*given, **choices)
         other = starts[0].lying._replace(rotate_deg=0)
         return (starts[0], replace(starts[0], lying=other), *starts[1:])
 
-    monkeypatch.setattr(contact_fit, "search_picture", twice)
+    monkeypatch.setattr(contact_draft, "search_picture", twice)
     with pytest.raises(isochrome.PhysicsError, match=r"two scenes explain frame 0 alike.*--field"):
         isochrome.init(case.captured, known_of(case))
 
@@ -328,14 +328,14 @@ def test_two_scenes_that_explain_a_frame_alike_are_refused(case, monkeypatch):
 @pytest.mark.parametrize(("key", "value"), [("friction.coefficient", -2.0), ("frames.gamma", 0.2)])
 def test_a_fit_that_has_run_to_what_no_bench_has_is_no_contact(case, monkeypatch, key, value):
     """Of a contact whose middle is outside the picture: light of 80 terms then made chi 1.04."""
-    from isochrome.drafting import contact_fit
+    from isochrome.drafting import contact_draft
 
-    fit = contact_fit.fit_frame
+    fit = contact_draft.fit_frame
 
     def run_away(*given, **choices):
         found = fit(*given, **choices)
         return replace(found, scene=found.scene.with_values({key: value}))
 
-    monkeypatch.setattr(contact_fit, "fit_frame", run_away)
+    monkeypatch.setattr(contact_draft, "fit_frame", run_away)
     with pytest.raises(isochrome.PhysicsError, match="no contact explains frame 0"):
         isochrome.init(case.captured, known_of(case))

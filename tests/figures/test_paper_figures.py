@@ -23,7 +23,7 @@ from isochrome.calibration import ColourCalibration
 from isochrome.campaigns import Campaign
 from isochrome.campaigns.outcome import Outcome
 from isochrome.cli import main
-from isochrome.cli.figure_options import save_paper_figure
+from isochrome.cli.options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
 from isochrome.figures import PaperPanels, PictureKind, Plot, budget_plot, frame_values_figure
@@ -324,7 +324,7 @@ def test_a_figure_that_is_taller_than_a_page_is_written_with_a_warning(
     tall = float(re.findall(r"\d+", str(said[0].message))[0])
     with Image.open(file) as picture:
         assert tall > 230.0 and picture.height / 60 * 25.4 == pytest.approx(tall, abs=0.6)
-    monkeypatch.setattr("isochrome.cli.figure_options.print_warnings", print)
+    monkeypatch.setattr("isochrome.cli.options.print_warnings", print)
     save_paper_figure(worn["compare"], tmp_path, style)
     assert f"['the figure is {tall:.0f} mm tall; choose fewer --frames']" in capsys.readouterr().out
 

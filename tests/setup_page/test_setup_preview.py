@@ -10,8 +10,8 @@ import pytest
 from browsers import open_chromium, skip_without_browser
 from isochrome.errors import InputError
 from isochrome.processing import anchor_preview, part_change
-from isochrome.setup_page import apply_tool, questions
-from isochrome.setup_page.questions import ClickPreview, order_map_of_points
+from isochrome.setup_page import apply_tool, server
+from isochrome.setup_page.server import ClickPreview, order_map_of_points
 
 POINT = {"row": 420, "col": 100, "order": 0.42, "extremum": None}
 SPAN = r"(\d+\.\d)\.\.(\d+\.\d)"
@@ -118,7 +118,7 @@ def test_a_frame_is_followed_once_for_all_places_that_are_asked(bench, monkeypat
         followed.append(index)
         return anchor_preview(frames, scene, index)
 
-    monkeypatch.setattr(questions, "anchor_preview", counted)
+    monkeypatch.setattr(server, "anchor_preview", counted)
     preview = ClickPreview(bench)
     ready = preview.answer(0, {"points": [], "lines": []})
     assert ready["kind"] == "ready" and ready["words"] == ""

@@ -21,9 +21,9 @@ from isochrome.frames import open_scene_frames
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene
 from isochrome.setup_page import apply_tool, open_session, session_state
-from isochrome.setup_page.live_model import LiveModel
-from isochrome.setup_page.new_scene import without_model
-from isochrome.setup_page.questions import fit_answer, order_map_of_points
+from isochrome.setup_page.edits import without_model
+from isochrome.setup_page.server import fit_answer, order_map_of_points
+from isochrome.setup_page.session import LiveModel
 
 from .conftest import GIVEN
 

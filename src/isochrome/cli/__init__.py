@@ -10,15 +10,15 @@ from typing import Annotated, Any
 
 import typer
 
-from isochrome.cli.calibrate import calibrate_app
-from isochrome.cli.figure_options import (
-    save_paper_figure,
-    take_style,
-    takes_excel,
-    write_excel_tables,
+from isochrome.cli.commands import (
+    calibrate_app,
+    export_command,
+    init_command,
+    process_command,
+    report_command,
+    sweep_command,
+    verify_command,
 )
-from isochrome.cli.init import init_command
-from isochrome.cli.long import export_command, report_command, sweep_command, verify_command
 from isochrome.cli.options import (
     AS_STATED,
     FIGURE,
@@ -30,9 +30,12 @@ from isochrome.cli.options import (
     Out,
     SceneArgument,
     SceneOption,
+    save_paper_figure,
+    take_style,
+    takes_excel,
     with_options,
+    write_excel_tables,
 )
-from isochrome.cli.process import process_command
 from isochrome.cli.usage import Commands, examples_of, fail
 from isochrome.console import (
     print_columns,

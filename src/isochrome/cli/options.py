@@ -1,13 +1,24 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options that several commands share.
+
+The options of what is left besides a command's results: a figure for a paper, Excel's tables.
+"""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+import re
+import warnings
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+
+from isochrome.console import print_warnings
+from isochrome.errors import InputError
+
+if TYPE_CHECKING:
+    from isochrome.figures import FigureStyle
 
 Command = TypeVar("Command", bound=Callable[..., None])
 
@@ -156,3 +167,106 @@ def with_options(options: dict[str, tuple[Any, Any]]) -> Callable[[Command], Com
         return command
 
     return declare
+
+
+_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "in": 25.4}
+
+
+def take_style(options: dict[str, Any]) -> FigureStyle | None:
+    """Take the options of a figure for a paper out of a command's, before its work begins.
+
+    Parameters: `options`, from which they are removed. Returns FigureStyle, None where none was
+    given. Raises InputError where one is wrong.
+    """
+    given = {name: options.pop(name) for name in FIGURE}
+    if not any(value not in (None, False) for value in given.values()):
+        return None
+    from isochrome.figures import FigureStyle
+
+    known: dict[str, Any] = {"numbers": given["numbers"]}
+    if given["width"] is not None:
+        known["width_mm"] = _width_mm(given["width"])
+    if given["shown"] is not None:
+        known["frames"] = _whole_numbers(given["shown"])
+    if given["formats"] is not None:
+        known["formats"] = tuple(part.strip() for part in given["formats"].lower().split(","))
+    if given["dpi"] is not None:
+        known["dpi"] = given["dpi"]
+    return FigureStyle(**known)
+
+
+def takes_excel(options: dict[str, Any]) -> bool:
+    """Take --csv out of a command's options, before its work begins. Raises InputError."""
+    asked = options.pop("tables")
+    if asked not in (None, "excel"):
+        raise InputError(f"--csv {asked}: is no form of a table known here; give excel")
+    return asked is not None
+
+
+def write_excel_tables(out: Path, excel: bool) -> None:
+    """Write the tables in a folder for Excel, where it was asked for. Raises InputError.
+
+    Where it was not, the copies of earlier tables go: a calibration is written over an earlier one.
+    """
+    if excel:
+        from isochrome.output import write_excel_copies
+
+        write_excel_copies(out)
+        return
+    for copy in out.glob("*_excel.csv"):
+        table = copy.with_name(copy.name.replace("_excel.csv", ".csv"))
+        if table.is_file() and table.stat().st_mtime_ns > copy.stat().st_mtime_ns:
+            _remove(copy)
+
+
+def _width_mm(text: str) -> float:
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(mm|cm|in|)\s*", text)
+    if found is None:
+        raise InputError(f"--width {text}: give a width with its unit, such as 85mm or 3.4in")
+    return float(found.group(1)) * _MM[found.group(2)]
+
+
+def _whole_numbers(text: str) -> tuple[int, ...]:
+    if not re.fullmatch(r"\s*\d+\s*(,\s*\d+\s*)*", text):
+        raise InputError(f"--frames {text}: give whole numbers from 0 with commas, such as 0,2,4")
+    return tuple(int(part) for part in text.split(","))
+
+
+def save_paper_figure(result: Any, out: Path, style: FigureStyle | None) -> list[str]:
+    """Write a result's figure for a paper beside its other files, where it was asked for.
+
+    What it warns of stands on standard error. Parameters: `result`; `out`, its folder; `style`.
+    Returns the files' names. Raises InputError where the figure has no such frame.
+    """
+    if style is None:
+        return []
+    from isochrome.figures import save_figure
+
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always", UserWarning)
+        base = out / f"figure_{style.width_mm:g}mm"
+        files = save_figure(result, base, style)
+    _remove_stale(base, files)
+    print_warnings([str(one.message) for one in noted])
+    return [str(file) for file in files]
+
+
+def _remove_stale(base: Path, files: Iterable[Path]) -> None:
+    """Remove the data that an earlier figure of this width left of plots that are there no more.
+
+    A copy for Excel is of the earlier plot even where there is a new one of its letter. In Python,
+    where a figure has any name, nothing is removed: the file might be the user's own.
+    """
+    own = re.compile(rf"{re.escape(base.name)}_[a-z](_excel)?\.csv")
+    for file in base.parent.iterdir():
+        if own.fullmatch(file.name) and file not in files:
+            _remove(file)
+
+
+def _remove(file: Path) -> None:
+    try:
+        file.unlink()
+    except OSError as error:
+        raise InputError(
+            f"{file}: cannot be written ({error.strerror}); make its folder, or name another"
+        ) from error

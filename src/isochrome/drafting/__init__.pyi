@@ -1,7 +1,16 @@
 from .api import draft_scene, init
-from .captured_set import not_among_frames, open_questions
-from .known_values import NEEDED, QUANTITIES, KnownValues, Quantity, known_values
-from .scene_draft import DraftValue, OpenKey, SceneDraft
+from .scene_draft import (
+    NEEDED,
+    QUANTITIES,
+    DraftValue,
+    KnownValues,
+    OpenKey,
+    Quantity,
+    SceneDraft,
+    known_values,
+    not_among_frames,
+    open_questions,
+)
 
 __all__ = [
     "NEEDED",

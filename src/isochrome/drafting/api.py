@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from isochrome.drafting.body_draft import draft_disc, draft_without_model
-from isochrome.drafting.captured_set import SCENE_FILE, not_among_frames
 from isochrome.drafting.contact_draft import draft_contact
-from isochrome.drafting.known_values import KnownValues, known_values
-from isochrome.drafting.scene_draft import SceneDraft
+from isochrome.drafting.scene_draft import (
+    SCENE_FILE,
+    KnownValues,
+    SceneDraft,
+    known_values,
+    not_among_frames,
+)
 from isochrome.errors import InputError
 from isochrome.frames import FrameReader, open_frames
 from isochrome.output import staged, write_figure, write_text

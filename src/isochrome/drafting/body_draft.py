@@ -7,19 +7,23 @@ from functools import partial
 from itertools import product
 from typing import Any
 
-from isochrome.drafting.captured_set import (
+from isochrome.drafting.draft_figure import draft_figure, frame_figure
+from isochrome.drafting.scene_draft import (
+    QUANTITIES,
+    DraftValue,
+    KnownValues,
+    OpenKey,
+    SceneDraft,
     described_set,
     file_values,
     frame_of,
     frames_to_look_at,
     light_values,
     open_of_set,
+    refuse_missing,
     refuse_unclear,
+    written_draft,
 )
-from isochrome.drafting.draft_figure import draft_figure, frame_figure
-from isochrome.drafting.known_values import QUANTITIES, KnownValues, refuse_missing
-from isochrome.drafting.scene_draft import DraftValue, OpenKey, SceneDraft
-from isochrome.drafting.scene_text import written_draft
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import POOR_CHI, RIVAL_CHI, FrameData, prepare_frame
 from isochrome.fitting import GAMMA, TOO_FAR, FrameFit, evaluate_model, fit_frame, free_keys

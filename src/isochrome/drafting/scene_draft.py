@@ -1,13 +1,263 @@
-"""A drafted scene: its text, what each value comes from, and what is still open."""
+"""A drafted scene: its text, what each value comes from, and what is still open.
+
+What a user knows of a bench before a scene is written: sizes, material, load, and the rest.
+
+A drafted scene as TOML: a line a value with where it comes from, open lines as comments.
+
+What the frames' own file tells: size, bits, colours, scale, times; which frames to look at.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from isochrome.output import Result, counted, with_uncertainty
-from isochrome.scene import Scene
+import numpy as np
+import tomli_w
+
+from isochrome.errors import InputError
+from isochrome.frames import Channel, Frame, FrameReader, check_scale, likely_no_load, named_files
+from isochrome.output import Result, counted, rounded_texts, with_uncertainty
+from isochrome.scene import Camera, FramesLike, Scene, load_scene, parse_scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Shape = Literal["contact", "disc", "other"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownValues:
+    """What is known besides the frames, as captured; None = not known.
+
+    A contact's field, gamma and quarter turns are searched for where they are not known.
+    """
+
+    shape: Shape = "contact"  # a cylinder on a half-plane, a disc, or something without a model
+    young_gpa: float | None = None
+    poisson: float | None = None
+    thickness_mm: float | None = None
+    fringe_value_n_per_mm: float | None = None
+    radius_mm: float | None = None  # the cylinder's, as the next two
+    indenter_young_gpa: float | None = None
+    indenter_poisson: float | None = None
+    load_n: float | None = None  # normal; of a contact within a factor of three
+    diameter_mm: float | None = None  # a disc's
+    pixel_mm: float | None = None  # where the file does not name it
+    bit_depth: int | None = None  # where it is not that of the file's type
+    wavelength_nm: float | None = None
+    channel: Channel | None = None  # of colour frames
+    field: Literal["dark", "bright"] | None = None
+    gamma: float | None = None  # the camera's exponent
+    # quarter turns after which the load comes from above
+    rotate_deg: Literal[0, 90, 180, 270] | None = None
+    # of the turned picture, where a mirror stood in the light's way
+    flip: Literal["horizontal", "vertical"] | None = None
+    frame: int | None = None  # from 0; by default the first that shows the fringes
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of what must be known besides for this shape, in the order of `QUANTITIES`."""
+        return tuple(name for name in NEEDED[self.shape] if getattr(self, name) is None)
+
+    @property
+    def has_own_scale(self) -> bool:
+        """Whether the frames tell the scale, or are read without one."""
+        return self.shape in WITH_OWN_SCALE
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity that a user knows, or can look up or measure."""
+
+    key: str
+    words: str  # what it is
+    unit: str  # empty for a plain number
+    usual: str  # what it usually is
+
+    @property
+    def question(self) -> str:
+        """What to ask for: words, unit and the usual range."""
+        return f"{self.words}{self.unit and f' ({self.unit})'}, usually {self.usual}"
+
+
+QUANTITIES = {
+    "young_gpa": Quantity(
+        "specimen.young_gpa", "Young's modulus of the specimen", "GPa", "2 to 4 for epoxy, 2.2 to "
+        "2.5 for polycarbonate, 60 to 75 for glass",
+    ),
+    "poisson": Quantity("specimen.poisson", "Poisson's ratio of the specimen", "", "0.33 to 0.42"),
+    "thickness_mm": Quantity(
+        "specimen.thickness_mm", "thickness of the specimen along the light", "mm", "2 to 10"
+    ),
+    "fringe_value_n_per_mm": Quantity(
+        "specimen.fringe_value_n_per_mm", "material fringe value f_sigma", "N/mm per fringe",
+        "9 to 15 for epoxy, 6 to 8 for polycarbonate; isochrome calibrate measures it",
+    ),
+    "radius_mm": Quantity("indenter.radius_mm", "radius of the cylinder", "mm", "5 to 50"),
+    "indenter_young_gpa": Quantity(
+        "indenter.young_gpa", "Young's modulus of the cylinder", "GPa", "200 to 215 for steel"
+    ),
+    "indenter_poisson": Quantity(
+        "indenter.poisson", "Poisson's ratio of the cylinder", "", "0.27 to 0.30 for steel"
+    ),
+    "load_n": Quantity(
+        "load.normal_n", "normal load, within a factor of three", "N", "10 to 500"
+    ),
+    "diameter_mm": Quantity("specimen.diameter_mm", "diameter of the disc", "mm", "10 to 60"),
+    "pixel_mm": Quantity(
+        "camera.pixel_mm", "side of a pixel on the specimen", "mm", "0.002 to 0.05; isochrome "
+        "calibrate scale measures it",
+    ),
+    "wavelength_nm": Quantity(
+        "polariscope.wavelength_nm", "wavelength of the light", "nm", "589 for sodium, 546 for "
+        "mercury's green",
+    ),
+}  # fmt: skip
+"""What is asked for, by the name of its field in KnownValues."""
+
+NEEDED = {
+    "contact": (
+        "young_gpa", "poisson", "thickness_mm", "fringe_value_n_per_mm", "radius_mm",
+        "indenter_young_gpa", "indenter_poisson", "load_n",
+    ),
+    "disc": ("diameter_mm", "thickness_mm", "fringe_value_n_per_mm", "load_n"),
+    "other": (),
+}  # fmt: skip
+"""What cannot be found in the frames, and nothing is found without it."""
+
+WITH_OWN_SCALE = ("disc", "other")
+"""Shapes whose frames need no pixel size beforehand."""
+
+
+def known_values(known: KnownValues | Mapping[str, Any]) -> KnownValues:
+    """KnownValues of a mapping; InputError for a name or shape that is none, or a frame below 0."""
+    if not isinstance(known, KnownValues):
+        names = [field.name for field in fields(KnownValues)]
+        for name in known:
+            if name not in names:
+                raise InputError(f"{name}: is not known here; known are {', '.join(names)}")
+        known = KnownValues(**known)
+    for name, allowed in (
+        ("shape", get_args(Shape)),
+        ("field", (None, "dark", "bright")),
+        ("channel", (None, *get_args(Channel))),
+        ("rotate_deg", (None, 0, 90, 180, 270)),
+        ("flip", (None, "horizontal", "vertical")),
+    ):
+        value = getattr(known, name)
+        if value not in allowed:
+            choice = ", ".join(str(a) for a in allowed if a is not None)
+            raise InputError(f"{name} = {value}: is none of {choice}; name one of them")
+    if known.frame is not None and known.frame < 0:
+        raise InputError(f"frame = {known.frame}: frames count from 0; give 0 or more")
+    return known
+
+
+def refuse_missing(given: KnownValues) -> None:
+    """Refuse to begin without what cannot be found in the frames. Raises InputError."""
+    if given.missing:
+        quantity = QUANTITIES[given.missing[0]]
+        options = " and ".join(f"--{name.replace('_', '-')}" for name in given.missing)
+        raise InputError(
+            f"{quantity.key} is not known, and no frame tells it; give {options} "
+            f"({quantity.question})"
+        )
+
+
+TABLES = ("specimen", "indenter", "load", "friction", "polariscope", "camera", "frames")
+"""The tables of a scene, in the order in which they stand."""
+
+_COMMENT_AT, _WIDTH = 34, 100
+"""Column of the comments, and the length of a line."""
+
+_WORDS = {"file": "as the file has it", "given": "as given", "found": "found"}
+
+
+def written_draft(
+    head: Sequence[str],
+    values: Sequence[DraftValue],
+    open_keys: Sequence[OpenKey],
+    *,
+    warnings: Sequence[str],
+    frame: int,
+    chi: float | None,
+    draw: Callable[[], Figure],
+) -> SceneDraft:
+    """Write a scene, and read it back as a draft.
+
+    Parameters: `head`, `values` and `open_keys` as in `scene_text`; the others as in SceneDraft.
+    """
+    text = scene_text(head, values, open_keys)
+    return SceneDraft(
+        text=text,
+        scene=parse_scene(text, name="scene"),
+        values=tuple(values),
+        open=tuple(open_keys),
+        warnings=tuple(warnings),
+        frame=frame,
+        chi=chi,
+        draw=draw,
+    )
+
+
+def scene_text(
+    head: Sequence[str], values: Sequence[DraftValue], open_keys: Sequence[OpenKey]
+) -> str:
+    """Write a scene.
+
+    Parameters: `head`, sentences that stand above it; `values` and `open_keys`, in the order in
+    which their tables' lines stand. Returns TOML.
+    """
+    parts = ["\n".join(line for sentence in head for line in _comment(sentence))]
+    for table in TABLES:
+        lines = [line for value in values if _table(value.key) == table for line in _line(value)]
+        lines += [line for key in open_keys if _table(key.key) == table for line in _open(key)]
+        if lines:
+            parts.append("\n".join([f"[{table}]", *lines]))
+    return "\n\n".join(parts) + "\n"
+
+
+def _table(key: str) -> str:
+    return key.partition(".")[0]
+
+
+def _line(value: DraftValue) -> list[str]:
+    """A value's line; a comment that is too long for it stands above."""
+    text, spread = _toml(value)
+    words = f"{_WORDS[value.origin]}{f', ± {spread}' if spread else ''}"
+    words += f"; {value.note}" if value.note else ""
+    entry = f"{value.key.partition('.')[2]} = {text}"
+    line = f"{entry.ljust(_COMMENT_AT - 1)} # {words}"
+    return [line] if len(line) <= _WIDTH else [*_comment(words), entry]
+
+
+def _open(key: OpenKey) -> list[str]:
+    """A line to fill in, which is a comment until then."""
+    return [*_comment(f"fill in: {key.hint}"), f"# {key.key.partition('.')[2]} ="]
+
+
+def _toml(value: DraftValue) -> tuple[str, str]:
+    """A value as TOML, and its uncertainty; as many digits as that allows."""
+    if value.standard_uncertainty and not isinstance(value.value, str):
+        number, spread = float(value.value), value.standard_uncertainty
+        shown = with_uncertainty(number, spread).partition(" ± ")[2]
+        return rounded_texts(number, spread)[0], shown
+    return tomli_w.dumps({"v": value.value}).removeprefix("v = ").strip(), ""
+
+
+def _comment(text: str) -> list[str]:
+    plain = "".join(c if c.isprintable() else " " for c in text)  # a file's name may hold anything
+    hanging = textwrap.TextWrapper(
+        _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
+    )
+    return hanging.wrap(plain)
+
 
 Origin = Literal["file", "given", "found"]
 
@@ -126,3 +376,160 @@ class SceneDraft(Result):
             "open": [asdict(key) for key in self.open],
             "warnings": list(self.warnings),
         }
+
+
+SCENE_FILE = "scene.toml"
+"""What a scene is called that nobody has named."""
+
+_LOOKED_AT = 5
+"""Frames at the most in which a specimen is looked for, from the first to the last."""
+
+_DEPTHS = (8, 10, 12, 14, 16)
+
+
+def name_of(reader: FrameReader) -> str:
+    """The frames' name, for messages."""
+    first = reader.files[0]
+    return str(first) if isinstance(first, Path) else "the frames"
+
+
+def not_among_frames(frames: FramesLike) -> tuple[Path, ...]:
+    """The files of a folder that are none of its frames; of frames that are no folder, none.
+
+    Those that the scene in it names, such as its no-load frames; without one, by their names.
+    """
+    if not (isinstance(frames, str | Path) and Path(frames).is_dir()):
+        return ()
+    folder = Path(frames)
+    with suppress(InputError, OSError):
+        return tuple(named_files(load_scene(folder / SCENE_FILE)))
+    with suppress(OSError):  # said where the folder is opened
+        named = likely_no_load(sorted(file.name for file in folder.iterdir() if file.is_file()))
+        return tuple(folder / name for name in named.values())
+    return ()
+
+
+def open_questions(frames: FrameReader, given: KnownValues) -> tuple[str, ...]:
+    """Fields of KnownValues that must be known besides; `QUANTITIES` has the words to ask."""
+    names = list(given.missing)
+    if given.pixel_mm is None and frames.pixel_mm is None and not given.has_own_scale:
+        names.append("pixel_mm")
+    if frames.channel is not None and given.channel is None and given.wavelength_nm is None:
+        names.append("wavelength_nm")
+    return tuple(names)
+
+
+def refuse_unclear(reader: FrameReader, given: KnownValues) -> None:
+    """Refuse frames whose colours or scale nobody tells. Raises InputError."""
+    name = name_of(reader)
+    if reader.channel is not None and given.channel is None and given.wavelength_nm is None:
+        raise InputError(
+            f"{name}: has red, green and blue, and only one is of the light's wavelength; give "
+            f"--wavelength-nm ({QUANTITIES['wavelength_nm'].usual}) or --channel"
+        )
+    if given.pixel_mm is not None:
+        check_scale(reader, Camera(pixel_mm=given.pixel_mm))
+    elif reader.pixel_mm is None and not given.has_own_scale:
+        raise InputError(
+            f"{name}: does not name the size of a pixel, and no fringe tells it; give "
+            f"--pixel-mm (mm, usually {QUANTITIES['pixel_mm'].usual})"
+        )
+
+
+def frames_to_look_at(reader: FrameReader, given: KnownValues) -> list[int]:
+    """Numbers of the frames in which the specimen is looked for, in order. Raises InputError."""
+    count = reader.count(decode=False)
+    if given.frame is None:
+        return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _LOOKED_AT))})
+    if given.frame >= count:
+        raise InputError(
+            f"{name_of(reader)}: has {counted(count, 'frame')}, and frame {given.frame} is asked "
+            f"for; give 0 to {count - 1}"
+        )
+    return [given.frame]
+
+
+def frame_of(reader: FrameReader, index: int, given: KnownValues) -> Frame:
+    """One frame. Raises InputError where its levels do not fit the sensor's bits."""
+    frame = next(reader.iterate(index, index + 1))
+    if given.bit_depth is None and reader.dtype.kind == "u" and (reader.bit_depth or 0) > 8:
+        largest = int(frame.image.max())
+        likely = next(bits for bits in _DEPTHS if largest < 2**bits)
+        if likely < (reader.bit_depth or 0):
+            raise InputError(
+                f"{frame.name}: its largest level is {largest}, as of {likely} bits, in a file of "
+                f"{reader.bit_depth}; give --bit-depth {likely}, or {reader.bit_depth} if the "
+                "frame is so dark"
+            )
+    if reader.dtype.kind == "f" and given.bit_depth is None and float(np.nanmax(frame.image)) > 1.0:
+        raise InputError(
+            f"{frame.name}: holds fractions up to {np.nanmax(frame.image):g}, and full scale is "
+            "not known; give --bit-depth with the sensor's bits"
+        )
+    return frame
+
+
+def file_values(reader: FrameReader, given: KnownValues, *, turned: bool) -> list[DraftValue]:
+    """The camera's size and bits; `turned`, whether the scene lies a quarter turn otherwise."""
+    rows, cols = reader.shape[::-1] if turned else reader.shape
+    turn = "after the turn by frames.rotate_deg" if turned else ""
+    values = [
+        DraftValue(key="camera.width_px", value=cols, origin="file", note=turn),
+        DraftValue(key="camera.height_px", value=rows, origin="file"),
+    ]
+    if reader.bit_depth is not None:
+        origin: Origin = "file" if given.bit_depth is None else "given"
+        values.append(DraftValue(key="camera.bit_depth", value=reader.bit_depth, origin=origin))
+    return values
+
+
+def light_values(given: KnownValues) -> list[DraftValue]:
+    """What is known of the light and of the colours that are read."""
+    parts: dict[str, Any] = {
+        "polariscope.wavelength_nm": given.wavelength_nm,
+        "frames.channel": given.channel,
+        "frames.flip": given.flip,
+    }
+    return [
+        DraftValue(key=key, value=value, origin="given")
+        for key, value in parts.items()
+        if value is not None
+    ]
+
+
+def open_of_set(reader: FrameReader, given: KnownValues) -> list[OpenKey]:
+    """What of the light and of the recording is still open."""
+    keys = []
+    if given.wavelength_nm is None:
+        quantity = QUANTITIES["wavelength_nm"]
+        keys.append(OpenKey(quantity.key, quantity.question))
+    for name, what in (("bright", "illumination"), ("dark", "background")):
+        text = (
+            f"a frame of the unloaded specimen in the {name} field, the {what}, such as "
+            f'"no-load-{name}.tif"'
+        )
+        keys.append(OpenKey(f"frames.no_load_{name}", text))
+    if frame_rate(reader) is not None:
+        text = "sliding speed (mm/s), usually 1 to 500: gives the distance of each frame"
+        keys.append(OpenKey("frames.sliding_speed_mm_per_s", text))
+    return keys
+
+
+def frame_rate(reader: FrameReader) -> float | None:
+    """Frames a second by the first ones' times; None where they carry none."""
+    times = [frame.time_s for frame in islice(reader, _LOOKED_AT)]
+    known = [time for time in times if time is not None]
+    if len(known) < 2 or len(known) < len(times) or known[-1] <= known[0]:
+        return None
+    return (len(known) - 1) / (known[-1] - known[0])
+
+
+def described_set(reader: FrameReader) -> str:
+    """What the frames are, for the scene's head."""
+    rows, cols = reader.shape
+    depth = "fractions of full scale" if reader.bit_depth is None else f"{reader.bit_depth} bits"
+    count = counted(reader.count(decode=False), "frame")
+    rate = frame_rate(reader)
+    timed = "" if rate is None else f", {rate:.4g} a second by their times"
+    name = name_of(reader)
+    return f"{Path(name).name}: {count} of {cols} x {rows} pixels, {depth}{timed}."

@@ -1,6 +1,5 @@
 from .api import open_session, setup
-from .edits import apply_tool
-from .page_state import session_state
+from .edits import apply_tool, session_state
 from .server import SetupServer
 from .session import SetupSession
 

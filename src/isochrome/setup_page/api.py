@@ -9,8 +9,7 @@ from pathlib import Path
 from isochrome.errors import InputError
 from isochrome.scene import LIBRARY, parse_toml, read_text, scene_names
 from isochrome.setup_page.server import SetupServer
-from isochrome.setup_page.session import SetupSession
-from isochrome.setup_page.set_session import TABLES, SetSession
+from isochrome.setup_page.session import TABLES, SetSession, SetupSession
 
 _NAME, _SET_NAME = "scene.toml", "set.toml"
 """What a scene, and a calibration set, is called that is made on the page."""

@@ -20,15 +20,15 @@ from isochrome.frames import likely_no_load, open_frames
 from isochrome.output import rounded_texts
 from isochrome.scene import Scene
 from isochrome.setup_page.edits import (
+    FIELDS,
     LEFT,
     ROLL,
     TOP,
+    new_scene_text,
     refused_as_asked,
     set_values,
     values_of_place,
 )
-from isochrome.setup_page.fields import FIELDS
-from isochrome.setup_page.new_scene import new_scene_text
 from isochrome.setup_page.places import seen_at
 from isochrome.setup_page.session import SetupSession
 from isochrome.stress import pixel_grid

@@ -1,10 +1,14 @@
-"""What the page's tools do to the scene's text, and how the scene looks on the picture."""
+"""How a scene or set stands on the page, and what the page's tools do to its text."""
 
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -13,17 +17,13 @@ from isochrome.calibration import fit_circle
 from isochrome.errors import InputError, IsochromeError
 from isochrome.frames import likely_no_load
 from isochrome.scene import (
+    Scene,
+    parse_scene,
+    parse_toml,
     toml_text,
     with_table_list,
     with_value,
     without_value,
-)
-from isochrome.setup_page.new_scene import new_scene_text
-from isochrome.setup_page.page_state import (
-    boundaries_on_picture,
-    lines_on_picture,
-    orders_on_picture,
-    plain_values,
 )
 from isochrome.setup_page.places import (
     cut_out,
@@ -34,9 +34,215 @@ from isochrome.setup_page.places import (
     seen_at,
     surface_roll,
 )
-from isochrome.setup_page.session import SetupSession
-from isochrome.setup_page.set_session import SetSession, with_loads
+from isochrome.setup_page.session import SetSession, SetupSession, with_loads
 from isochrome.stress import PixelGrid
+
+_TABLES = tomllib.loads(
+    (resources.files("isochrome.setup_page") / "fields.toml").read_text("utf-8")
+)
+
+KINDS: dict[str, str] = _TABLES["kinds"]
+"""What may stand in front of the camera, by the page's words."""
+
+SET_KINDS: dict[str, str] = _TABLES["set_kinds"]
+"""What a calibration set may hold, by the page's words."""
+
+STATED_SHAPES = ("disc", "ring", "beam", "other")
+"""Kinds that the scene names in specimen.shape."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneField:
+    """A value that the page asks for."""
+
+    key: str  # of the scene
+    label: str  # what the page calls it
+    group: str  # the head it stands under
+    kinds: tuple[str, ...] = (*KINDS, *SET_KINDS)  # of KINDS and SET_KINDS, for which it is asked
+    unit: str = ""
+    usual: str = ""  # stands in the field at first; empty: only the user knows it
+    hint: str = ""  # a usual range, or where it is known from
+    needed: bool = False  # by a scene of this kind
+    choices: tuple[str, ...] = ()  # empty for a number or a list of them
+
+
+FIELDS = tuple(
+    SceneField(**(entry | {name: tuple(v) for name, v in entry.items() if isinstance(v, list)}))
+    for entry in _TABLES["field"]
+)
+"""All of them, in the order of the page."""
+
+
+def field_rows() -> list[dict[str, Any]]:
+    """The fields as plain dictionaries, as the page takes them."""
+    return [asdict(field) for field in FIELDS]
+
+
+def session_state(session: SetupSession) -> dict[str, Any]:
+    """How a scene stands: its text and values, and where its parts lie in the picture.
+
+    Plain values, as the page takes them; places are (row, col) of the whole picture.
+    """
+    scene = session.scene_or_none()
+    reader, region = session.reader(scene), session.region(scene)
+    rows, cols = reader.shape
+    images: list[dict[str, Any]] = []
+    if isinstance(session, SetSession):
+        pairs = zip(session.image_names, session.loads(), strict=True)
+        images = [{"file": name, "load_n": load} for name, load in pairs]
+    state: dict[str, Any] = {
+        "revision": session.revision,
+        "text": session.text,
+        "saved": session.is_saved,
+        "scene_file": session.scene_file.name,
+        "has_scene": scene is not None,
+        "model": scene.model if scene is not None else None,
+        "frames": {
+            "count": session.count(scene), "rows": rows, "cols": cols,
+            "bit_depth": reader.bit_depth, "pixel_mm": reader.pixel_mm,
+        },
+        "region": region.model_dump(),
+        "beside": session.beside(),
+        "values": plain_values(session.text) if scene is not None else {},
+        "subject": session.subject,
+        "images": images,
+        "place": None, "surface": None, "polygon": [], "known_order": [], "known_line": [],
+        "free_boundary": [],
+    }  # fmt: skip
+    return state | (_on_picture(session, scene) if scene is not None else {})
+
+
+def _on_picture(session: SetupSession, scene: Scene) -> dict[str, Any]:
+    """Where the parts of a scene lie in the picture."""
+    region = session.region(scene)
+    top_px, left_px = region.top_px, region.left_px
+    state: dict[str, Any] = {
+        "polygon": moved(scene.frames.polygon_px or (), top_px, left_px),
+        "known_order": orders_on_picture(scene, top_px, left_px),
+        "known_line": lines_on_picture(scene, top_px, left_px),
+        "free_boundary": boundaries_on_picture(scene, top_px, left_px),
+        "pixel_mm": None,
+    }
+    try:
+        pixels = session.pixels(scene)
+    except InputError:
+        return state
+    state["pixel_mm"] = pixels.pixel_mm
+    if scene.model is None:
+        return state
+    half = 0.5 * pixels.cols * pixels.pixel_mm
+    ends = (seen_at(pixels, x, 0.0) for x in (-half, half))
+    place = moved([seen_at(pixels, 0.0, 0.0), *ends], top_px, left_px)
+    return state | {"place": place[0], "surface": place[1:]}
+
+
+def orders_on_picture(scene: Scene, top_px: int, left_px: int) -> list[dict[str, Any]]:
+    """The known points, (row, col) of the whole picture."""
+    return [
+        {
+            "row": k.row_px + top_px,
+            "col": k.col_px + left_px,
+            "order": k.order,
+            "extremum": k.extremum,
+        }
+        for k in scene.frames.known_order
+    ]
+
+
+def lines_on_picture(scene: Scene, top_px: int, left_px: int) -> list[dict[str, Any]]:
+    """The known lines, (row, col) of the whole picture."""
+    return [
+        {"points": moved(line.places, top_px, left_px), "order": line.order}
+        for line in scene.frames.known_line
+    ]
+
+
+def boundaries_on_picture(scene: Scene, top_px: int, left_px: int) -> list[dict[str, Any]]:
+    """The free edges' lines, (row, col) of the whole picture."""
+    return [{"points": moved(one.places, top_px, left_px)} for one in scene.frames.free_boundary]
+
+
+def plain_values(text: str) -> dict[str, Any]:
+    """The values of a scene's text by dotted key, without what is not known of them."""
+    tables = parse_toml(text, "scene")
+    known = {field.key for field in FIELDS} | {"frames.no_load_dark", "frames.no_load_bright"}
+    known |= {"specimen.shape"}
+    values = {}
+    for table, entries in tables.items():
+        for name, value in entries.items() if isinstance(entries, dict) else ():
+            if f"{table}.{name}" not in known:
+                continue
+            pair = isinstance(value, dict) and "value" in value
+            values[f"{table}.{name}"] = value["value"] if pair else value
+    return values
+
+
+_ORDER = (
+    "specimen", "beam", "disc", "indenter", "load", "friction", "wear", "polariscope", "camera",
+    "frames", "uncertainty",
+)  # fmt: skip
+
+_OF_A_MODEL = ("indenter", "friction", "wear", "scar", "load", "frames.known_loads_n")
+"""Tables and keys that make a scene one of a model."""
+
+_NOUGHT = (False, 0, "")
+"""What is as good as nothing said: the scene's own default."""
+
+
+def new_scene_text(kind: str, values: Mapping[str, Any], no_load: Mapping[str, str]) -> str:
+    """A scene or set as TOML from the page's form, each line commented with its unit or meaning.
+
+    Values and files without load go by the scene's keys, None where not filled in. InputError names
+    all that such a scene needs.
+    """
+    kinds = KINDS | SET_KINDS
+    if kind not in kinds:
+        raise InputError(f"what stands in front of the camera: '{kind}'; one of {', '.join(kinds)}")
+    fields = [field for field in FIELDS if kind in field.kinds]
+    given = {f.key: values.get(f.key) for f in fields if values.get(f.key) not in (None, *_NOUGHT)}
+    missing = [field.label for field in fields if field.needed and field.key not in given]
+    if missing:
+        what = "set" if kind in SET_KINDS else "scene"
+        raise InputError(f"fill in: {', '.join(missing)}; a {what} of {kinds[kind]} needs them")
+    given |= no_load
+    if "wear.distances_m" not in given:
+        given.pop("wear.coefficient_mm2_per_n", None)
+    if "wear.distances_m" in given and "friction.coefficient" not in given:
+        raise InputError("fill in: Friction coefficient, about; what wears has slid")
+    labels = {field.key: field for field in fields}
+    return "".join(_lines(kind, given, labels))
+
+
+def _lines(kind: str, given: Mapping[str, Any], fields: Mapping[str, SceneField]) -> Iterator[str]:
+    yield f"# {(KINDS | SET_KINDS)[kind]}; made on the page of `isochrome setup`\n"
+    for table in _ORDER:
+        given_here = {key: value for key, value in given.items() if key.startswith(f"{table}.")}
+        if not given_here and (table != "specimen" or kind in SET_KINDS):
+            continue
+        yield f"\n[{table}]\n"
+        if table == "specimen" and kind in STATED_SHAPES:
+            yield f"shape = {toml_text(kind)}\n"
+        for key, value in given_here.items():
+            line = f"{key.partition('.')[2]} = {toml_text(value)}"
+            words = "the unloaded specimen"  # its field stands in the key
+            if (field := fields.get(key)) is not None:
+                words = f"{field.label}, {field.unit}" if field.unit else field.label
+            yield f"{line:<33} # {words}\n"
+
+
+def without_model(scene: Scene, text: str) -> Scene:
+    """A scene without its model: what remains is read from the image alone.
+
+    InputError where the text's layout cannot be edited.
+    """
+    if scene.model is None:
+        return scene
+    for part in _OF_A_MODEL:
+        text = without_value(text, part)
+    if scene.specimen.shape is not None:
+        text = with_value(text, "specimen.shape", '"other"')
+    return parse_scene(text, name=scene.name, folder=scene.folder)
+
 
 LEFT, TOP, ROLL = "camera.left_mm", "camera.top_mm", "camera.roll_deg"
 _PIXEL, _PIXEL_SPREAD = "camera.pixel_mm", "uncertainty.pixel_mm"
@@ -52,7 +258,7 @@ _FROM_ROLLERS, _FEWEST_COLS = 0.5, 20
 _AROUND_RIM = 1.08
 """Half the side of a disc's region over its radius: the rim is found against the air about it."""
 
-Asked = Mapping[str, Any]
+Request = Mapping[str, Any]
 """What a tool sends: plain JSON."""
 
 
@@ -75,31 +281,25 @@ def set_values(text: str, values: Mapping[str, Any]) -> str:
     return text
 
 
-def _values(session: SetupSession, asked: Asked) -> None:
-    given = asked["values"]
-    session.change(lambda text: set_values(text, given))
+def _set_values(session: SetupSession, values: Mapping[str, Any]) -> None:
+    session.change(lambda text: set_values(text, values))
 
 
-def _new(session: SetupSession, asked: Asked) -> None:
+def _make_new(session: SetupSession, request: Request) -> None:
     """A scene from the form, in place of none."""
     no_load = likely_no_load(session.beside())
-    text = new_scene_text(asked["kind"], asked["values"], no_load)
+    text = new_scene_text(request["kind"], request["values"], no_load)
     if isinstance(session, SetSession):
-        if asked["kind"] != session.subject:
-            raise InputError(f"kind = {asked['kind']!r}: this is a set of '{session.subject}'")
-        text = with_loads(text, session.image_names, _loads_of(session, asked))
+        if request["kind"] != session.subject:
+            raise InputError(f"kind = {request['kind']!r}: this is a set of '{session.subject}'")
+        text = with_loads(text, session.image_names, _loads_of(session, request))
     session.change(lambda _: text)
 
 
-def _text(session: SetupSession, asked: Asked) -> None:
-    given = str(asked["text"])
-    session.change(lambda _: given)
-
-
-def _scale(session: SetupSession, asked: Asked) -> None:
+def _set_scale(session: SetupSession, request: Request) -> None:
     """Two points and a length; the place of the contact in the picture stays."""
-    first, second = asked["points"]
-    pixel = float(f"{pixel_scale(first, second, float(asked['length_mm'])):.6g}")
+    first, second = request["points"]
+    pixel = float(f"{pixel_scale(first, second, float(request['length_mm'])):.6g}")
     scene = session.scene()
     values: dict[str, Any] = {_PIXEL: pixel}
     camera = scene.camera
@@ -108,7 +308,7 @@ def _scale(session: SetupSession, asked: Asked) -> None:
         for key, edge in ((LEFT, camera.left_mm), (TOP, camera.top_mm)):
             if edge is not None:
                 values[key] = round(edge * share, _DIGITS)
-    session.change(lambda text: set_values(text, values))
+    _set_values(session, values)
 
 
 def _set_of(session: SetupSession) -> SetSession:
@@ -118,26 +318,26 @@ def _set_of(session: SetupSession) -> SetSession:
     return session
 
 
-def _loads_of(session: SetSession, asked: Asked) -> list[float | None]:
+def _loads_of(session: SetSession, request: Request) -> list[float | None]:
     """A load for each image; None for one that is not of the set."""
-    given = [None if load is None else float(load) for load in asked["loads"]]
+    given = [None if load is None else float(load) for load in request["loads"]]
     if len(given) != len(session.image_names):
         raise InputError(f"loads: {len(given)}, and there are {len(session.image_names)} images")
     return given
 
 
-def _loads(session: SetupSession, asked: Asked) -> None:
-    own = _set_of(session)
-    given = _loads_of(own, asked)
-    session.change(lambda text: with_loads(text, own.image_names, given))
+def _set_loads(session: SetupSession, request: Request) -> None:
+    calibration = _set_of(session)
+    loads = _loads_of(calibration, request)
+    session.change(lambda text: with_loads(text, calibration.image_names, loads))
 
 
-def _sized(session: SetupSession, asked: Asked, key: str) -> dict[str, Any]:
+def _sized(session: SetupSession, request: Request, key: str) -> dict[str, Any]:
     """The scale, and its uncertainty, by two points that are a length of the beam's apart."""
     length = plain_values(session.text).get(key)
     if length is None:
         raise InputError(f"{key} is not known yet; fill it in first")
-    first, second = asked["points"]
+    first, second = request["points"]
     pixel = pixel_scale(first, second, float(length))
     spread = pixel * pixel * _CLICK_PX * math.sqrt(2.0) / float(length)
     return {
@@ -146,19 +346,13 @@ def _sized(session: SetupSession, asked: Asked, key: str) -> dict[str, Any]:
     }
 
 
-def _edges(session: SetupSession, asked: Asked) -> None:
-    """A point on each edge of a beam, one above the other: its height gives the scale."""
-    values = _sized(_set_of(session), asked, "beam.height_mm")
-    session.change(lambda text: set_values(text, values))
-
-
-def _rollers(session: SetupSession, asked: Asked) -> None:
+def _set_rollers(session: SetupSession, request: Request) -> None:
     """The inner rollers: their distance gives the scale, and between them is what is read."""
-    values = _sized(_set_of(session), asked, "beam.inner_span_mm")
-    left, right = sorted(col for _, col in asked["points"])
+    values = _sized(_set_of(session), request, "beam.inner_span_mm")
+    left_px, right_px = sorted(col for _, col in request["points"])
     away = _FROM_ROLLERS * plain_values(session.text)["beam.height_mm"] / values[_PIXEL]
     rows, cols = session.reader(session.scene()).shape
-    first, last = max(0, math.ceil(left + away)), min(cols - 1, math.floor(right - away))
+    first, last = max(0, math.ceil(left_px + away)), min(cols - 1, math.floor(right_px - away))
     if last - first < _FEWEST_COLS:
         raise InputError(
             "between the two rollers, and half a height away from each, nothing is left to read; "
@@ -167,19 +361,19 @@ def _rollers(session: SetupSession, asked: Asked) -> None:
     values["frames.roi"] = {
         "top_px": 0, "left_px": first, "height_px": rows, "width_px": last - first + 1,
     }  # fmt: skip
-    session.change(lambda text: set_values(text, values))
+    _set_values(session, values)
 
 
-def _rim(session: SetupSession, asked: Asked) -> None:
+def _set_rim(session: SetupSession, request: Request) -> None:
     """Three points or more on a disc's rim: the region is the square about it, with some air."""
     _set_of(session)
-    circle = fit_circle(np.array(asked["points"], dtype=float))
+    circle = fit_circle(np.array(request["points"], dtype=float))
     half = _AROUND_RIM * circle.radius
     box = {
         "top_px": circle.row - half, "left_px": circle.col - half,
         "height_px": 2.0 * half, "width_px": 2.0 * half,
     }  # fmt: skip
-    _region(session, {"region": box})
+    _set_region(session, {"region": box})
 
 
 def values_of_place(pixels: PixelGrid, point: Sequence[float]) -> dict[str, float]:
@@ -187,24 +381,23 @@ def values_of_place(pixels: PixelGrid, point: Sequence[float]) -> dict[str, floa
 
     Parameters: `pixels`, the region's; `point`, its row and column, px. Returns values (mm) by key.
     """
-    left, top = placed_at(pixels, (point[0], point[1]))
-    return {LEFT: round(left, _DIGITS), TOP: round(top, _DIGITS)}
+    left_mm, top_mm = placed_at(pixels, (point[0], point[1]))
+    return {LEFT: round(left_mm, _DIGITS), TOP: round(top_mm, _DIGITS)}
 
 
-def _contact(session: SetupSession, asked: Asked) -> None:
+def _set_contact(session: SetupSession, request: Request) -> None:
     """The point of the picture where x = z = 0."""
     scene = session.scene()
     region = session.region(scene)
-    ((row, col),) = moved([asked["point"]], -region.top_px, -region.left_px)
-    values = values_of_place(session.pixels(scene), (row, col))
-    session.change(lambda text: set_values(text, values))
+    ((row, col),) = moved([request["point"]], -region.top_px, -region.left_px)
+    _set_values(session, values_of_place(session.pixels(scene), (row, col)))
 
 
-def _surface(session: SetupSession, asked: Asked) -> None:
+def _set_surface(session: SetupSession, request: Request) -> None:
     """Two points of the surface: the roll, and its height at the contact."""
     scene = session.scene()
     region = session.region(scene)
-    first, second = moved(asked["points"], -region.top_px, -region.left_px)
+    first, second = moved(request["points"], -region.top_px, -region.left_px)
     roll = round(surface_roll((first[0], first[1]), (second[0], second[1])), 3)
     before = session.pixels(scene)
     _, col = seen_at(before, 0.0, 0.0)
@@ -218,20 +411,20 @@ def _surface(session: SetupSession, asked: Asked) -> None:
     session.change(edit)
 
 
-def _region(session: SetupSession, asked: Asked) -> None:
+def _set_region(session: SetupSession, request: Request) -> None:
     """The region of interest; all that is counted in it stays where it is in the picture."""
     scene = session.scene()
     rows, cols = session.reader(scene).shape
     old = session.region(scene)
-    box = asked.get("region")
+    box = request.get("region")
     new = {"top_px": 0, "left_px": 0, "height_px": rows, "width_px": cols}
     if box is not None:
-        top, left = max(0, round(box["top_px"])), max(0, round(box["left_px"]))
+        top_px, left_px = max(0, round(box["top_px"])), max(0, round(box["left_px"]))
         new = {
-            "top_px": top,
-            "left_px": left,
-            "height_px": min(rows - top, round(box["height_px"])),
-            "width_px": min(cols - left, round(box["width_px"])),
+            "top_px": top_px,
+            "left_px": left_px,
+            "height_px": min(rows - top_px, round(box["height_px"])),
+            "width_px": min(cols - left_px, round(box["width_px"])),
         }
     down, right = old.top_px - new["top_px"], old.left_px - new["left_px"]
     values: dict[str, Any] = {"frames.roi": new if box is not None else None}
@@ -266,35 +459,32 @@ def _region(session: SetupSession, asked: Asked) -> None:
     session.change(edit)
 
 
-def _polygon(session: SetupSession, asked: Asked) -> None:
+def _corner(session: SetupSession) -> dict[str, int]:
+    """Where the region begins in the picture."""
     region = session.region(session.scene())
-    points = moved(asked["points"], -region.top_px, -region.left_px)
-    session.change(lambda text: set_values(text, {"frames.polygon_px": points or None}))
+    return {"top_px": region.top_px, "left_px": region.left_px}
 
 
-def _boundary(session: SetupSession, asked: Asked) -> None:
-    """Lines along free edges, where the order is known from the fringes that meet them."""
-    region = session.region(session.scene())
-    shift = {"top_px": region.top_px, "left_px": region.left_px}
-    tables = line_tables(asked["lines"], shift)
-    session.change(lambda text: with_table_list(text, "frames.free_boundary", tables))
+def _set_polygon(session: SetupSession, request: Request) -> None:
+    corner = _corner(session)
+    points = moved(request["points"], -corner["top_px"], -corner["left_px"])
+    _set_values(session, {"frames.polygon_px": points or None})
 
 
-def _known_order(session: SetupSession, asked: Asked) -> None:
-    region = session.region(session.scene())
-    shift = {"top_px": region.top_px, "left_px": region.left_px}
-    tables = order_tables(asked["points"], shift)
+def _set_known_points(session: SetupSession, request: Request) -> None:
+    corner = _corner(session)
+    tables = order_tables(request["points"], corner)
     session.change(lambda text: with_table_list(text, "frames.known_order", tables))
 
 
-def _known_line(session: SetupSession, asked: Asked) -> None:
-    region = session.region(session.scene())
-    shift = {"top_px": region.top_px, "left_px": region.left_px}
-    tables = line_tables(asked["lines"], shift)
-    session.change(lambda text: with_table_list(text, "frames.known_line", tables))
+def _set_lines(session: SetupSession, request: Request, key: str) -> None:
+    """Known lines, or free edges, where the order is known from the fringes that meet them."""
+    corner = _corner(session)
+    tables = line_tables(request["lines"], corner)
+    session.change(lambda text: with_table_list(text, key, tables))
 
 
-def order_tables(points: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[str, Any]]:
+def order_tables(points: Sequence[Request], shift: Mapping[str, int]) -> list[dict[str, Any]]:
     """Known points as the scene writes them: whole pixels of the region.
 
     Parameters: `points` of the picture; `shift`, the region's place. Returns tables.
@@ -310,61 +500,56 @@ def order_tables(points: Sequence[Asked], shift: Mapping[str, int]) -> list[dict
     ]
 
 
-def line_tables(lines: Sequence[Asked], shift: Mapping[str, int]) -> list[dict[str, Any]]:
+def line_tables(lines: Sequence[Request], shift: Mapping[str, int]) -> list[dict[str, Any]]:
     """Known lines as the scene writes them. Parameters, returns: as for points."""
-    found = []
+    tables = []
     for line in lines:
         points = moved(line["points"], -shift["top_px"], -shift["left_px"])
-        found.append(
+        tables.append(
             {
                 "row_px": [row for row, _ in points],
                 "col_px": [col for _, col in points],
             }
             | ({"order": float(line["order"])} if "order" in line else {})
         )
-    return found
+    return tables
 
 
-def _undo(session: SetupSession, _: Asked) -> None:
-    session.undo()
-
-
-def _save(session: SetupSession, _: Asked) -> None:
-    session.save()
-
-
-TOOLS: Mapping[str, Callable[[SetupSession, Asked], None]] = {
-    "new": _new,
-    "values": _values,
-    "text": _text,
-    "loads": _loads,
-    "edges": _edges,
-    "rollers": _rollers,
-    "rim": _rim,
-    "scale": _scale,
-    "contact": _contact,
-    "surface": _surface,
-    "region": _region,
-    "polygon": _polygon,
-    "known_order": _known_order,
-    "known_line": _known_line,
-    "free_boundary": _boundary,
-    "undo": _undo,
-    "save": _save,
+TOOLS: Mapping[str, Callable[[SetupSession, Request], None]] = {
+    "new": _make_new,
+    "values": lambda session, request: _set_values(session, request["values"]),
+    "text": lambda session, request: session.change(lambda _: str(request["text"])),
+    "loads": _set_loads,
+    # a point on each edge of a beam, one above the other: its height gives the scale
+    "edges": lambda session, request: _set_values(
+        session, _sized(_set_of(session), request, "beam.height_mm")
+    ),
+    "rollers": _set_rollers,
+    "rim": _set_rim,
+    "scale": _set_scale,
+    "contact": _set_contact,
+    "surface": _set_surface,
+    "region": _set_region,
+    "polygon": _set_polygon,
+    "known_order": _set_known_points,
+    "known_line": partial(_set_lines, key="frames.known_line"),
+    "free_boundary": partial(_set_lines, key="frames.free_boundary"),
+    "undo": lambda session, _: session.undo(),
+    "save": lambda session, _: session.save(),
 }
 """What each tool does, by its name."""
 
 
-def apply_tool(session: SetupSession, asked: Asked) -> None:
+def apply_tool(session: SetupSession, request: Request) -> None:
     """Do what a tool of the page asks for; InputError where it cannot be, the scene as it was.
 
-    `asked`: `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
+    `request`: `tool`, one of TOOLS, and what it needs; points are (row, col) of the whole picture.
     """
-    tool = TOOLS.get(str(asked.get("tool")))
+    tool = TOOLS.get(str(request.get("tool")))
     if tool is None:
-        raise InputError(f"tool = {asked.get('tool')!r}: is none; one of {', '.join(TOOLS)}")
-    with refused_as_asked(str(asked["tool"])):
-        tool(session, asked)
+        raise InputError(f"tool = {request.get('tool')!r}: is none; one of {', '.join(TOOLS)}")
+    with refused_as_asked(str(request["tool"])):
+        tool(session, request)
 
 
 @contextmanager

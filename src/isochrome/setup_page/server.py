@@ -6,12 +6,14 @@ names them as the Origin, and an address of theirs that they let point here show
 
 from __future__ import annotations
 
+import base64
 import hmac
 import json
 import secrets
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -20,21 +22,288 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.errors import IsochromeError
-from isochrome.output import plain
-from isochrome.reporting import assemble_page, content_policy
-from isochrome.setup_page.cold_search import SEARCHED, find_in_frames
-from isochrome.setup_page.edits import apply_tool
-from isochrome.setup_page.fields import KINDS, SET_KINDS, field_rows
-from isochrome.setup_page.page_state import session_state
-from isochrome.setup_page.questions import (
-    ClickPreview,
-    check_answer,
-    fit_answer,
-    order_map_of_points,
+from isochrome.errors import InputError, IsochromeError, PhysicsError
+from isochrome.output import plain, with_uncertainty
+from isochrome.processing import (
+    AnchorPreview,
+    FrameResult,
+    FrameValue,
+    PatchOrders,
+    anchor_preview,
+    check,
+    part_change,
+    process_frame,
 )
-from isochrome.setup_page.session import SetupSession
-from isochrome.setup_page.set_session import SetSession, calibration_answer
+from isochrome.reporting import assemble_page, content_policy
+from isochrome.scene import Roi, Scene, toml_text, with_table_list
+from isochrome.setup_page.cold_search import SEARCHED, find_in_frames
+from isochrome.setup_page.edits import (
+    KINDS,
+    SET_KINDS,
+    apply_tool,
+    field_rows,
+    line_tables,
+    order_tables,
+    refused_as_asked,
+    session_state,
+    without_model,
+)
+from isochrome.setup_page.places import round_by_spread
+from isochrome.setup_page.session import SetSession, SetupSession, calibration_answer
+
+_WRONG_CHI = 3.0
+"""chi of a fit from which its values are not taken into the scene together: the model is wrong."""
+
+_ORDER_STEP = 0.02
+"""Fringes from level to level of a map as the page shows it."""
+
+_UNKNOWN = 0
+"""Level of a pixel whose order is not known."""
+
+_WORTH_SAYING = 0.01
+"""Share of the frame that is lost elsewhere from which it is said."""
+
+_FARTHEST = 1e9
+"""Pixels, or orders, that nobody means."""
+
+
+def fit_answer(session: SetupSession, index: int) -> dict[str, Any]:
+    """Fit the scene to one frame, from 0, as `process` does, and say what was found.
+
+    `values`: key, value, its ± as text, the TOML line that states it, and whether the frame asked
+    for it, or refines it; `summary_text`, all of it as a sentence; `chi`, whether it is `wrong`,
+    `kept_share`, and `warnings`. PhysicsError where the frame does not show the model.
+    """
+    scene = session.scene()
+    if scene.model is None:
+        raise InputError(
+            f"{scene.name}: {scene.no_model_reason}, so there is nothing to fit; look at the map "
+            "of the known points instead"
+        )
+    result = process_frame(session.frames, scene, index)
+    rows = [_value_row(one) for one in result.values]
+    pixel = result.frame.pixel_mm
+    stated = scene.camera is not None and scene.camera.pixel_mm is not None
+    if rows and not stated and pixel is not None and scene.rim_diameter_mm is not None:
+        value = float(f"{pixel:.6g}")
+        row = {"key": "camera.pixel_mm", "value": value, "text": f"{value:.6g} (by the rim)"}
+        row |= {"line": f"pixel_mm = {toml_text(value)}", "asked": False, "refined": False}
+        rows = [row, *rows]
+    return {
+        "frame": index,
+        "revision": session.revision,
+        "chi": result.frame.chi,
+        # not where it is not known; a load that is read against others has the misfit in its ±
+        "wrong": result.frame.fit is not None and result.frame.chi > _WRONG_CHI,
+        "summary_text": result.summary_text,
+        "kept_share": result.row.get("kept_share"),
+        "values": rows,
+        "warnings": list(result.frame.warnings),
+    }
+
+
+def _value_row(one: FrameValue) -> dict[str, Any]:
+    value = round_by_spread(one.value, one.standard_uncertainty)
+    return {
+        "key": one.key,
+        "value": value,
+        "text": with_uncertainty(one.value, one.standard_uncertainty),
+        "line": f"{one.key.partition('.')[2]} = {toml_text(value)}",
+        "asked": one.asked,
+        "refined": one.refined,
+    }
+
+
+def check_answer(session: SetupSession) -> dict[str, Any]:
+    """What `isochrome check` says of the frames and the scene as it is on the page.
+
+    `ok`, `count`, `findings`, and the `revision` of the scene that was checked; InputError where
+    there is none yet.
+    """
+    scene, revision = session.scene(), session.revision
+    try:
+        session.check_complete()
+    except InputError as error:  # a set of which something is still open
+        finding = {"level": "error", "frame": None, "text": str(error)}
+        return {"ok": False, "frames": 0, "findings": [finding], "revision": revision}
+    answer = check(session.frames, scene).to_json() | {"revision": revision}
+    if session.subject is not None:  # a set has its own model
+        reason, findings = scene.no_model_reason, answer["findings"]
+        answer["findings"] = [f for f in findings if not f["text"].startswith(reason)]
+    return answer
+
+
+def order_map_of_points(session: SetupSession, index: int) -> tuple[NDArray[np.uint8], list[str]]:
+    """Read the order of one frame from its known points alone, as it would be without a model.
+
+    Of the region, order over 0.02 fringe plus 1, at most 255, 0 where none is known, in the parts
+    that hang together with a known point; and what `process` says. InputError where no order is
+    known anywhere.
+    """
+    scene = without_model(session.scene(), session.text)
+    if not scene.frames.orders_known:
+        raise InputError(
+            "no order is known anywhere: set a point whose order you know, such as 0 in a free "
+            "corner, or a fringe line"
+        )
+    result: FrameResult = process_frame(session.frames, scene, index)
+    reading = result.frame.reading
+    if reading is None:
+        reason = result.frame.warnings[0] if result.frame.warnings else "no order was read"
+        raise PhysicsError(f"frame {index}: {reason}")
+    return shown_orders(reading.order), list(result.frame.warnings)
+
+
+def shown_orders(order: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Orders, NaN = not known, as levels of the page, see `order_map_of_points`."""
+    known = np.isfinite(order)
+    level = np.rint(np.where(known, order, 0.0) / _ORDER_STEP) + 1.0
+    return np.where(known, np.clip(level, 1, 255), _UNKNOWN).astype(np.uint8)
+
+
+class ClickPreview:
+    """What a point or line of known order would do to the map of a frame, before it is set.
+
+    The frame that was asked of last stays followed, so that each place is answered at once.
+    """
+
+    def __init__(self, session: SetupSession) -> None:
+        self._session = session
+        self._lock = threading.Lock()
+        self._key: tuple[Any, ...] | None = None
+        self._preview: AnchorPreview | None = None
+        self._before: tuple[Any, PatchOrders] | None = None
+
+    def answer(self, index: int, request: Mapping[str, Any]) -> dict[str, Any]:
+        """What would become of the map of a frame: its `kind`, 'nothing' where no order is read.
+
+        Asked: `points`, `lines` as they would stand; `at` (row, col) of the picture, `on_line`:
+        what is set; without `at` the frame is only followed, for the next answer. Kinds: 'nothing',
+        'new', 'moved', 'changed', 'same', 'lost'; also `words`, `said`, `share` of the frame, the
+        part's patches as `rows`, `cols`, `levels` (`order_map_of_points`), and the `revision`.
+        """
+        with refused_as_asked("preview"):
+            request = _plainly(request)
+        revision = self._session.revision
+        try:
+            with self._lock:
+                answer = self._found(index, request)
+        except IsochromeError as error:  # what a click, or the map, would say as well
+            answer = _nothing(str(error))
+        return answer | {"revision": revision}
+
+    def _found(self, index: int, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer without the revision. Raises InputError, PhysicsError."""
+        session, text = self._session, self._session.text
+        now = without_model(session.scene(text), text)
+        preview = self._followed(now, index)
+        if request["at"] is None:
+            return {"kind": "ready", "words": preview.refusal}
+        region = session.region(now)
+        place = _Place.of(request, now, region)
+        if not place.is_inside:
+            return _nothing(f"outside of the region: {place.what} would anchor nothing")
+        shift = {"top_px": region.top_px, "left_px": region.left_px}
+        points = order_tables(request["points"], shift)
+        text = with_table_list(text, "frames.known_order", points)
+        text = with_table_list(text, "frames.known_line", line_tables(request["lines"], shift))
+        then = without_model(session.scene(text), text)
+        key = (self._key, now.frames.model_dump_json())
+        if self._before is None or self._before[0] != key:  # read once a scene
+            self._before = key, preview.orders(now)
+        return _what_becomes(preview, self._before[1], then, place)
+
+    def _followed(self, scene: Scene, index: int) -> AnchorPreview:
+        """The frame's fringes, followed anew where frame or scene are others."""
+        none = {"known_order": (), "known_line": (), "free_boundary": ()}
+        bare = scene.model_copy(update={"frames": scene.frames.model_copy(update=none)})
+        key = (index, bare.model_dump_json())
+        known = scene.frames.model_dump_json()
+        old = self._preview
+        if old is None or self._key not in (key, (*key, known)):
+            self._preview = old = anchor_preview(self._session.frames, scene, index)
+            self._key = (*key, known) if old.depends_on_known else key
+        return old
+
+
+def _plainly(request: Mapping[str, Any]) -> dict[str, Any]:
+    """What was asked, as numbers. Raises KeyError, TypeError, ValueError where it is none."""
+    if request.get("at") is None:
+        return {"at": None}
+    points = [
+        {name: _finite(one[name]) for name in ("row", "col", "order")}
+        | {"extremum": one.get("extremum") and str(one["extremum"])}
+        for one in request["points"]
+    ]
+    lines = [
+        {"points": [[*map(_finite, pair)] for pair in one["points"]], "order": float(one["order"])}
+        for one in request["lines"]
+    ]
+    row, col = map(_finite, request["at"])
+    at, on_line = (row, col), request.get("on_line") is True
+    return {"at": at, "points": points, "lines": lines, "on_line": on_line}
+
+
+def _finite(value: Any) -> float:
+    """A number. Raises TypeError, ValueError where it is none."""
+    number = float(value)
+    if not abs(number) < _FARTHEST:
+        raise ValueError(f"{number} is beyond all pictures")
+    return number
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A place of the region that is set, and what it is called."""
+
+    row: float
+    col: float
+    on_line: bool
+    is_inside: bool
+    extent: str  # what the place is a part of
+
+    @classmethod
+    def of(cls, request: Mapping[str, Any], scene: Scene, region: Roi) -> _Place:
+        """The place that was `asked` of, on the picture, in the `region` of a `scene`."""
+        row, col = request["at"][0] - region.top_px, request["at"][1] - region.left_px
+        inside = -0.5 <= row < region.height_px - 0.5 and -0.5 <= col < region.width_px - 0.5
+        extent = "frame" if scene.frames.roi is None else "region"
+        return cls(row, col, request["on_line"], inside, extent)
+
+    @property
+    def what(self) -> str:
+        """What is set there."""
+        return "this line" if self.on_line else "this point"
+
+
+def _what_becomes(
+    preview: AnchorPreview, before: PatchOrders, then: Scene, place: _Place
+) -> dict[str, Any]:
+    """What becomes of the part under a place, and how it is said."""
+    what, extent = place.what, place.extent
+    part = preview.part_at(place.row, place.col, on_line=place.on_line)
+    if not part.any():
+        return _nothing(f"no fringe could be followed here: {what} would anchor nothing")
+    after = preview.orders(then)
+    share = float(part.mean())
+    under = f"the part under it, {100.0 * share:.0f} % of the {extent},"
+    kind, words = part_change(before.order[part], after.order[part], under, what)
+    lost = ~part & np.isfinite(before.order) & ~np.isfinite(after.order)
+    if lost.mean() > _WORTH_SAYING:
+        words += f"; {100.0 * lost.mean():.0f} % of the {extent} elsewhere would not be known then"
+    sentences = [text for text in after.said if text not in before.said]
+    levels = shown_orders(np.where(part, after.order, np.nan))
+    return {
+        "kind": kind, "words": f"{words}.", "said": sentences, "share": share,
+        "rows": after.rows.tolist(), "cols": after.cols.tolist(),
+        "levels": base64.b64encode(levels.tobytes()).decode(),
+    }  # fmt: skip
+
+
+def _nothing(words: str) -> dict[str, Any]:
+    """The answer where a place would anchor nothing."""
+    return {"kind": "nothing", "words": f"{words}.", "said": [], "share": 0.0}
+
 
 ADDRESS = "127.0.0.1"
 
@@ -100,8 +369,15 @@ class SetupServer(ThreadingHTTPServer):
 
     def run(self) -> None:
         """Serve until the page is closed, or `end` is called."""
-        watch = threading.Thread(target=self._watch, daemon=True)
-        watch.start()
+
+        def watch() -> None:
+            while not self._ended.wait(0.2):
+                with self._count:
+                    gone = self._gone_at
+                if gone is not None and time.monotonic() - gone > _GRACE_S:
+                    self.end()
+
+        threading.Thread(target=watch, daemon=True).start()
         try:
             self.serve_forever(poll_interval=0.1)
         finally:
@@ -130,13 +406,6 @@ class SetupServer(ThreadingHTTPServer):
             self._pages -= 1
             if self._pages == 0:
                 self._gone_at = time.monotonic()
-
-    def _watch(self) -> None:
-        while not self._ended.wait(0.2):
-            with self._count:
-                gone = self._gone_at
-            if gone is not None and time.monotonic() - gone > _GRACE_S:
-                self.end()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of connections that a browser breaks off."""
@@ -173,8 +442,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _answer(self, routes: Mapping[str, Callable[[_Handler, Any], None]]) -> None:
         try:
             route, query = self._route(routes)
-            asked = self._body() if self.command == "POST" else query
-            route(self, asked)
+            request = self._body() if self.command == "POST" else query
+            route(self, request)
         except _Refused as refused:
             self.close_connection = True
             self.send_json({"error": str(refused)}, refused.status)
@@ -191,8 +460,8 @@ class _Handler(BaseHTTPRequestHandler):
         if len(hosts) != 1 or hosts[0] not in self.server.hosts:
             raise _Refused(HTTPStatus.FORBIDDEN, "this address is not the page's")
         origin = self.headers.get("Origin")
-        own = [f"http://{host}" for host in self.server.hosts]
-        if (origin is not None or self.command == "POST") and origin not in own:
+        origins = [f"http://{host}" for host in self.server.hosts]
+        if (origin is not None or self.command == "POST") and origin not in origins:
             raise _Refused(HTTPStatus.FORBIDDEN, "asked by another page")
         parts = urlsplit(self.path)
         token, _, name = parts.path.removeprefix("/").partition("/")
@@ -216,12 +485,12 @@ class _Handler(BaseHTTPRequestHandler):
         if (self.headers.get_content_type()) != "application/json":
             raise _Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "send application/json")
         try:
-            asked = json.loads(self.rfile.read(int(stated[0])))
+            body = json.loads(self.rfile.read(int(stated[0])))
         except (ValueError, RecursionError) as error:
             raise _Refused(HTTPStatus.BAD_REQUEST, "the body is no JSON") from error
-        if not isinstance(asked, dict):
+        if not isinstance(body, dict):
             raise _Refused(HTTPStatus.BAD_REQUEST, "the body is no JSON object")
-        return asked
+        return body
 
     def send_json(self, answer: Mapping[str, Any], status: HTTPStatus = HTTPStatus.OK) -> None:
         """Send a JSON object; NaN as null."""
@@ -235,10 +504,11 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(picture.tobytes(), _TYPE, HTTPStatus.OK, size | dict(more))
 
     def send_page(self) -> None:
-        """Send the page itself."""
+        """Send the page itself; loaded anew, it shows what the file holds."""
         session = self.server.session
-        own = session.subject
-        kinds = KINDS if own is None else {own: SET_KINDS[own]}
+        session.read_again()
+        subject = session.subject
+        kinds = KINDS if subject is None else {subject: SET_KINDS[subject]}
         html = assemble_page(
             _ROOM,
             _NAME,
@@ -283,59 +553,22 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.page_closed()
 
 
-def _page(handler: _Handler, _: Any) -> None:
-    handler.server.session.read_again()  # a page that is loaded anew shows what the file holds
-    handler.send_page()
-
-
-def _frame(handler: _Handler, query: Mapping[str, str]) -> None:
-    handler.send_picture(handler.server.session.picture(_index(query)), {})
-
-
-def _index(asked: Mapping[str, Any]) -> int:
+def _index(request: Mapping[str, Any]) -> int:
     """The number of a frame that was asked for. Raises _Refused where it is none."""
-    text = str(asked.get("frame", ""))
+    text = str(request.get("frame", ""))
     if not (text.isascii() and text.isdigit() and len(text) < 10):
         raise _Refused(HTTPStatus.BAD_REQUEST, "frame is no number from 0")
     return int(text)
 
 
-def _model(handler: _Handler, asked: Mapping[str, Any]) -> None:
-    given = asked.get("values") or {}
+def _model(handler: _Handler, request: Mapping[str, Any]) -> None:
+    given = request.get("values") or {}
     if not isinstance(given, dict) or not all(
         isinstance(v, int | float) and not isinstance(v, bool) for v in given.values()
     ):
         raise _Refused(HTTPStatus.BAD_REQUEST, "values are no numbers")
-    picture, region = handler.server.session.live(_index(asked), given)
+    picture, region = handler.server.session.live(_index(request), given)
     handler.send_picture(picture, {"X-Top": str(region.top_px), "X-Left": str(region.left_px)})
-
-
-def _tool(handler: _Handler, asked: Mapping[str, Any]) -> None:
-    session = handler.server.session
-    apply_tool(session, asked)
-    handler.send_json(session_state(session))
-
-
-def _fit(handler: _Handler, asked: Mapping[str, Any]) -> None:
-    with handler.server.work:
-        answer = fit_answer(handler.server.session, _index(asked))
-    handler.send_json(answer)
-
-
-def _check(handler: _Handler, _: Any) -> None:
-    with handler.server.work:
-        answer = check_answer(handler.server.session)
-    handler.send_json(answer)
-
-
-def _calibrate(handler: _Handler, _: Any) -> None:
-    with handler.server.work:
-        answer = calibration_answer(_set_of(handler))
-    handler.send_json(answer)
-
-
-def _outlines(handler: _Handler, asked: Mapping[str, Any]) -> None:
-    handler.send_json({"outlines": _set_of(handler).outlines(_index(asked))})
 
 
 def _set_of(handler: _Handler) -> SetSession:
@@ -346,47 +579,70 @@ def _set_of(handler: _Handler) -> SetSession:
     return session
 
 
-def _find(handler: _Handler, asked: Mapping[str, Any]) -> None:
+def _worked_out(
+    answer: Callable[[_Handler, Mapping[str, Any]], Mapping[str, Any]],
+) -> Callable[[_Handler, Mapping[str, Any]], None]:
+    """The route to an answer that takes a while: one fit, check or map at a time."""
+
+    def route(handler: _Handler, request: Mapping[str, Any]) -> None:
+        with handler.server.work:
+            values = answer(handler, request)
+        handler.send_json(values)
+
+    return route
+
+
+def _find(handler: _Handler, request: Mapping[str, Any]) -> None:
     """The scene of a frame by a cold search, and the state that it leaves."""
-    session, values = handler.server.session, asked.get("values")
+    session, values = handler.server.session, request.get("values")
     if not (values is None or isinstance(values, dict)):
         raise _Refused(HTTPStatus.BAD_REQUEST, "values are no form")
-    form = None if values is None else (str(asked.get("kind")), values)
+    form = None if values is None else (str(request.get("kind")), values)
+    held = request.get("held") is True
     with handler.server.work:
-        found = find_in_frames(session, _index(asked), form=form, held=asked.get("held") is True)
-    handler.send_json(found | {"state": session_state(session)})
+        answer = find_in_frames(session, _index(request), form=form, held=held)
+    handler.send_json(answer | {"state": session_state(session)})
 
 
-def _map(handler: _Handler, asked: Mapping[str, Any]) -> None:
+def _map(handler: _Handler, request: Mapping[str, Any]) -> None:
     session = handler.server.session
     with handler.server.work:
-        shown, said = order_map_of_points(session, _index(asked))
+        shown, warnings = order_map_of_points(session, _index(request))
     region = session.region(session.scene_or_none())
     place = {"X-Top": str(region.top_px), "X-Left": str(region.left_px)}
-    words = json.dumps(said)  # escapes whatever is not ASCII
+    words = json.dumps(warnings)  # escapes whatever is not ASCII
     handler.send_picture(shown, place | {"X-Said": words[:2000] if len(words) < 2000 else "[]"})
 
 
-def _preview(handler: _Handler, asked: Mapping[str, Any]) -> None:
-    handler.send_json(handler.server.preview.answer(_index(asked), asked))
+def _tool(handler: _Handler, request: Mapping[str, Any]) -> None:
+    apply_tool(handler.server.session, request)
+    handler.send_json(session_state(handler.server.session))
 
 
 GETS: Mapping[str, Callable[[_Handler, Any], None]] = {
-    "": _page,
+    "": lambda handler, _: handler.send_page(),
     "life": lambda handler, _: handler.send_life(),
     "state": lambda handler, _: handler.send_json(session_state(handler.server.session)),
-    "frame": _frame,
+    "frame": lambda handler, query: handler.send_picture(
+        handler.server.session.picture(_index(query)), {}
+    ),
 }
 
 POSTS: Mapping[str, Callable[[_Handler, Any], None]] = {
     "model": _model,
     "tool": _tool,
     "find": _find,
-    "fit": _fit,
-    "calibrate": _calibrate,
-    "outlines": _outlines,
-    "check": _check,
+    "fit": _worked_out(
+        lambda handler, request: fit_answer(handler.server.session, _index(request))
+    ),
+    "calibrate": _worked_out(lambda handler, _: calibration_answer(_set_of(handler))),
+    "outlines": lambda handler, request: handler.send_json(
+        {"outlines": _set_of(handler).outlines(_index(request))}
+    ),
+    "check": _worked_out(lambda handler, _: check_answer(handler.server.session)),
     "map": _map,
-    "preview": _preview,
+    "preview": lambda handler, request: handler.send_json(
+        handler.server.preview.answer(_index(request), request)
+    ),
 }
 """All that can be asked for, by its name behind the token."""
