@@ -50,7 +50,7 @@ SETTINGS = {
 
 PARTS = {
     "isochrome.calibration": ("ImageFit", "MeasuredValue", "ScalePicture", "WornDistance"),
-    "isochrome.calibration.wear.coefficient": ("WearLawFit",),
+    "isochrome.calibration.wear_result": ("WearLawFit",),
     "isochrome.comparison": ("ComparedFrames", "FrameMetrics", "ScarPair"),
     "isochrome.comparison.line_distance": ("SkeletonDistance",),
     "isochrome.comparison.metrics": ("OrderMetrics", "SignalMetrics"),

@@ -10,7 +10,7 @@ from isochrome.calibration import Disc, Uncertainty, as_shots, calibrate_bending
 from isochrome.calibration.disc import api as disc_api
 from isochrome.calibration.disc.disc_field import disc_order, thin_grid
 from isochrome.calibration.disc.disc_rim import Circle, find_rim
-from isochrome.calibration.figure import calibration_figure
+from isochrome.calibration.result import calibration_figure
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import write_figure
 from isochrome.reference import disc_principal_difference
