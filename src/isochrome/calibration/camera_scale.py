@@ -85,7 +85,7 @@ def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     Raises PhysicsError where there are not two straight ones.
     """
     tries = [(_along(picture), turned) for picture, turned in ((image, False), (image.T, True))]
-    (lines, turned) = max(tries, key=lambda found: 0 if found[0] is None else len(found[0][0]))
+    (lines, turned) = max(tries, key=lambda pair: 0 if pair[0] is None else len(pair[0][0]))
     if lines is None:
         raise PhysicsError(
             f"{name}: no two straight edges are found; show one bar or specimen, dark before "
@@ -195,8 +195,8 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
     the target is not found.
     """
     finder = _corners if target == "chessboard" else _dots
-    found = finder(_eight_bits(image), image, (columns, rows))
-    if found is None:
+    places = finder(_eight_bits(image), image, (columns, rows))
+    if places is None:
         what = "inner corners" if target == "chessboard" else "dots"
         other = " (a board of 10 x 7 squares has 9 x 6)" if target == "chessboard" else ""
         raise PhysicsError(
@@ -204,7 +204,7 @@ def target_places(image: Array, target: str, columns: int, rows: int, *, name: s
             f"rows{other}, show all of it with a margin about it, sharp and evenly lit, or use "
             "--edges-mm"
         )
-    return found.reshape(rows, columns, 2)
+    return places.reshape(rows, columns, 2)
 
 
 def _eight_bits(image: Array) -> NDArray[np.uint8]:
@@ -222,8 +222,8 @@ def _corners(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Ar
     hard = sure | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE  # finds less in noise
     small = -(-max(grey.shape) // _LOOKED_AT_PX)
     for block, flags in ((small, sure), (small, hard), (1, sure)):
-        found, corners = cv2.findChessboardCornersSB(_binned(grey, block), size, flags=flags)
-        if found:
+        success, corners = cv2.findChessboardCornersSB(_binned(grey, block), size, flags=flags)
+        if success:
             break
     else:
         return None
@@ -254,10 +254,10 @@ def _dots(grey: NDArray[np.uint8], image: Array, size: tuple[int, int]) -> Array
     options.minArea, options.maxArea = _LEAST_DOT, image.size / (size[0] * size[1])
     options.minDistBetweenBlobs = np.sqrt(_LEAST_DOT)
     finder = blobs.SimpleBlobDetector_create(options)
-    for seen in (grey, np.asarray(255 - grey, dtype=np.uint8)):
+    for shades in (grey, np.asarray(255 - grey, dtype=np.uint8)):
         flags = cv2.CALIB_CB_SYMMETRIC_GRID
-        found, middles = cv2.findCirclesGrid(seen, size, flags=flags, blobDetector=finder)
-        if found:
+        success, middles = cv2.findCirclesGrid(shades, size, flags=flags, blobDetector=finder)
+        if success:
             return np.asarray(middles, dtype=float)
     return None
 
@@ -311,15 +311,15 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     """
     from scipy.optimize import least_squares
 
-    seen = [p[..., 0] - 0.5 * (shape[1] - 1) + 1j * (p[..., 1] - 0.5 * (shape[0] - 1))
+    points = [p[..., 0] - 0.5 * (shape[1] - 1) + 1j * (p[..., 1] - 0.5 * (shape[0] - 1))
             for p in places]  # fmt: skip
-    grids, starts = zip(*(_start(s) for s in seen), strict=True)
+    grids, starts = zip(*(_start(s) for s in points), strict=True)
     spacing = float(np.mean([start[0] for start in starts]))
     first = np.concatenate([[spacing, 0.0, 0.0, 0.0], *(start[1:] for start in starts)])
 
     def residual(values: Array) -> Array:
-        left = _residual(values, seen, grids, shape)
-        return np.concatenate([part.ravel().view(float) for part in left])
+        residuals = _residual(values, points, grids, shape)
+        return np.concatenate([part.ravel().view(float) for part in residuals])
 
     options = {"method": "trf", "jac": "3-point", "x_scale": "jac", "xtol": 1e-12, "ftol": 1e-12}
     best = least_squares(residual, first, **options)
@@ -329,17 +329,17 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
             f"{best.x[3]:.3f}, and the lens's model holds to {_LARGEST:g}; set the camera square, "
             "or let the target fill the picture"
         )
-    left = _residual(best.x, seen, grids, shape)
+    residuals = _residual(best.x, points, grids, shape)
     more = least_squares(residual, np.append(best.x, [0.0, 0.0]), **options)
     shortening = _shortening(more.x, more.jac, more.fun)
     # a shortening is a cause of its own, and no likeness
-    likeness = _likeness(_residual(more.x, seen, grids, shape) if shortening else left)
+    likeness = _likeness(_residual(more.x, points, grids, shape) if shortening else residuals)
     # as of a first-order process in both directions: so many points are worth one
     scatter = max(float(np.sqrt(2.0 * best.cost / (best.fun.size - best.x.size))), _FINDER_PX)
     widened = scatter * (1.0 + likeness) / (1.0 - likeness)
     spread = widened * np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
     rolls = zip(np.degrees(best.x[6::3]), np.degrees(spread[6::3]), strict=True)
-    turned = [np.exp(-1j * roll) * part for roll, part in zip(best.x[6::3], left, strict=True)]
+    turned = [np.exp(-1j * roll) * part for roll, part in zip(best.x[6::3], residuals, strict=True)]
     return TargetFit(
         values=dict(zip(SHARED, map(float, best.x), strict=False)),
         spread=dict(zip(SHARED, map(float, spread), strict=False)),
@@ -351,38 +351,38 @@ def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
     )
 
 
-def _start(seen: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], Array]:
+def _start(points: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], Array]:
     """The points' columns and rows as complex numbers, and spacing, place and roll by similarity.
 
     A target looks the same after a quarter or half turn, or mirrored: rows and columns are counted
     so that it lies within 45 degrees of upright, and is not mirrored.
     """
-    rows, cols = seen.shape
+    rows, cols = points.shape
     j, i = np.meshgrid(np.arange(rows), np.arange(cols), indexing="ij")
     grid = (i - 0.5 * (cols - 1)) + 1j * (j - 0.5 * (rows - 1))
-    off = seen - seen.mean()
+    off = points - points.mean()
     if abs(np.vdot(grid.conj(), off)) > abs(np.vdot(grid, off)):
         grid = grid.conj()
     turn = np.vdot(grid, off) / np.vdot(grid, grid)
     quarter = 1j ** int(np.rint(np.angle(turn) / (0.5 * np.pi)))
     grid, turn = grid * quarter, turn / quarter
     roll = -float(np.angle(turn))  # z is down: counter-clockwise is against the angle
-    place = np.exp(1j * roll) * seen.mean()
+    place = np.exp(1j * roll) * points.mean()
     return grid, np.array([abs(turn), place.real, place.imag, roll])
 
 
 def _residual(
     values: Array,
-    seen: Sequence[NDArray[np.complex128]],
+    points: Sequence[NDArray[np.complex128]],
     grids: Sequence[NDArray[np.complex128]],
     shape: tuple[int, int],
 ) -> list[NDArray[np.complex128]]:
     """Each picture's residual on the target's plane, px; two values more are a shortening."""
     spacing, keystone_x, keystone_z, distortion = values[:4]
-    count = 3 * len(seen)
+    count = 3 * len(points)
     strain = complex(*values[4 + count :]) if values.size > 4 + count else 0.0
-    left = []
-    for k, (picture, grid) in enumerate(zip(seen, grids, strict=True)):
+    residuals = []
+    for k, (picture, grid) in enumerate(zip(points, grids, strict=True)):
         x, z, roll = values[4 + 3 * k : 7 + 3 * k]
         lens = Lens(
             right_mm=0.0, down_mm=0.0, half_width_mm=0.5 * shape[1], half_height_mm=0.5 * shape[0],
@@ -391,21 +391,21 @@ def _residual(
         )  # fmt: skip
         looked_x, looked_z = lens.looked_at(picture.real, picture.imag)
         on_plane = grid + strain * np.exp(2j * roll) * grid.conj()  # the strain is the picture's
-        left.append(looked_x + 1j * looked_z - complex(x, z) - spacing * on_plane)
-    return left
+        residuals.append(looked_x + 1j * looked_z - complex(x, z) - spacing * on_plane)
+    return residuals
 
 
-def _likeness(left: Sequence[NDArray[np.complex128]]) -> float:
+def _likeness(residuals: Sequence[NDArray[np.complex128]]) -> float:
     """Correlation of the residuals of neighbours, 0 unless it is clear."""
     products, squares, count = 0.0, 0.0, 0
-    for part in left:
+    for part in residuals:
         for axis in (0, 1):
             a, b = (np.take(part, range(k, part.shape[axis] - 1 + k), axis) for k in (0, 1))
             products += float(np.sum((a * b.conj()).real))
             squares += 0.5 * float(np.sum(np.abs(a) ** 2 + np.abs(b) ** 2))
             count += 2 * a.size
-    found = products / squares if squares > 0.0 else 0.0
-    return min(found, 0.9) if found > _ALIKE / np.sqrt(count) else 0.0
+    correlation = products / squares if squares > 0.0 else 0.0
+    return min(correlation, 0.9) if correlation > _ALIKE / np.sqrt(count) else 0.0
 
 
 def _shortening(values: Array, jac: Array, residual: Array) -> float:
@@ -552,24 +552,24 @@ def _count(key: str, value: int | None) -> int:
 
 def _pictures(paths: Sequence[FramesLike]) -> list[tuple[str, Array]]:
     """Every frame of the files, with its name; colours as their mean. Raises InputError."""
-    found = [
+    pictures = [
         (frame.name, np.asarray(frame.image, dtype=float))
         for path in paths
         for frame in open_frames(path, channel="mean")
     ]
-    if not found:
+    if not pictures:
         raise InputError("the list of images is empty; name at least one")
-    name, image = found[0]
-    for other, second in found[1:]:
+    name, image = pictures[0]
+    for other, second in pictures[1:]:
         if second.shape != image.shape:
             raise InputError(
                 f"{other}: has {second.shape[0]} rows and {second.shape[1]} columns, and {name} "
                 f"{image.shape[0]} and {image.shape[1]}; give pictures of one camera, uncut"
             )
-    for name, image in found:
+    for name, image in pictures:
         if not np.isfinite(image).all() or np.ptp(image) == 0.0:
             raise InputError(f"{name}: is blank, or holds what is no number; give another picture")
-    return found
+    return pictures
 
 
 def _from_target(
@@ -601,8 +601,8 @@ def _from_target(
         corners=sum(place[..., 0].size for place in places),
         images=tuple(
             ScalePicture(file=name, image=image, places=place.reshape(-1, 2),
-                         residual_px=left.reshape(-1, 2), roll=roll)
-            for (name, image), place, left, roll in parts
+                         residual_px=residual.reshape(-1, 2), roll=roll)
+            for (name, image), place, residual, roll in parts
         ),
         budget=budget, taken_as_exact=("spacing_mm",) if spacing[1] is None else (),
         warnings=_target_warnings(fit),
@@ -628,27 +628,27 @@ def _combined(
 
 
 def _target_warnings(fit: TargetFit) -> tuple[str, ...]:
-    said = []
+    messages = []
     if fit.shortening:
         angle = math.degrees(math.acos(1.0 - min(fit.shortening, 1.0)))
-        said.append(
+        messages.append(
             f"the target is seen {100.0 * fit.shortening:.2g} % shorter in one direction than "
             f"across it, as from an angle of {angle:.1f} degrees: no scene's camera has that, and "
             "pixel_mm is uncertain by half of it; set the camera square to the target, or check "
             "that its spacing is the same both ways"
         )
     if fit.rms_px > _POOR_PX:
-        said.append(
+        messages.append(
             f"the residual is {fit.rms_px:.2f} px where a sharp target leaves 0.1 or less: the "
             "values are as uncertain as that; check that the target is flat, sharp and evenly lit"
         )
     elif fit.likeness and fit.rms_px > _PATTERN_PX:
-        said.append(
+        messages.append(
             f"the residuals of neighbours are alike (correlation {fit.likeness:.2f}), as of a "
             "target that is not flat or a lens that bends otherwise: the uncertainties are widened "
             "for it; see the arrows in scale.png"
         )
-    return tuple(said)
+    return tuple(messages)
 
 
 def _from_edges(
@@ -668,24 +668,24 @@ def _from_edges(
     if uncertainty_mm is not None:
         inputs.append(("edges_mm", edges_mm, uncertainty_mm, pixel / edges_mm))
     spreading = max(pair.spreading for pair in pairs)
-    said: tuple[str, ...] = ()
+    messages: tuple[str, ...] = ()
     if spreading:
         inputs.append(("edges not parallel", spreading, 0.5 * spreading, pixel))
-        said = (
+        messages = (
             f"the edges are {100.0 * spreading:.2g} % further apart at one end than at the other, "
             "and pixel_mm is uncertain by half of it; set the camera square, or use --target",
         )
     measured, budget = _combined(pixel, noise, inputs)
-    found = []
+    shown = []
     for (name, image), pair in zip(pictures, pairs, strict=True):
-        places, left = np.concatenate(pair.points), np.concatenate(pair.residual_px)
-        found.append(ScalePicture(file=name, image=image, places=places, residual_px=left))
-    residuals = np.concatenate([left for pair in pairs for left in pair.residual_px])
+        places, residual = np.concatenate(pair.points), np.concatenate(pair.residual_px)
+        shown.append(ScalePicture(file=name, image=image, places=places, residual_px=residual))
+    residuals = np.concatenate([residual for pair in pairs for residual in pair.residual_px])
     off = np.hypot(*residuals.T)
     return ScaleCalibration(
         target="edges", shape=(pictures[0][1].shape[0], pictures[0][1].shape[1]),
         pixel_mm=measured, distortion=None, keystone_x=None, keystone_z=None, roll_deg=None,
         residual_px=float(np.sqrt(np.mean(off**2))), corners=off.size,
-        images=tuple(found), budget=budget,
-        taken_as_exact=("edges_mm",) if uncertainty_mm is None else (), warnings=said,
+        images=tuple(shown), budget=budget,
+        taken_as_exact=("edges_mm",) if uncertainty_mm is None else (), warnings=messages,
     )  # fmt: skip

@@ -120,16 +120,16 @@ def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: f
         })
         for start in best
     ]  # fmt: skip
-    found = min(fine, key=lambda end: float(end.fun))
-    if not found.fun < _LARGEST_SCATTER:
+    solution = min(fine, key=lambda end: float(end.fun))
+    if not solution.fun < _LARGEST_SCATTER:
         raise PhysicsError(
-            f"{100 * found.fun:.0f} % of the colours' variance is left at one order: no neutral "
+            f"{100 * solution.fun:.0f} % of the colours' variance is left at one order: no neutral "
             "line with a rise of the order by load_n, the spans and the fringe value is in the "
             "image; check these numbers, pixel_mm and the roi (between the inner rollers)"
         )
     grid = np.indices(signal.shape[:2]).astype(float)
     grid[1] -= 0.5 * (signal.shape[1] - 1)
-    away = _away(grid, found.x)
+    away = _away(grid, solution.x)
     return np.where(np.abs(away) < half, slope * np.abs(away), np.nan)
 
 
@@ -186,9 +186,9 @@ def image_exposures(
         factors = np.ones(len(factors))
     weight = np.maximum(count.sum(axis=0), 1.0)
     table = ((factors[:, None, None] * lit - low) * count).sum(axis=0) / weight
-    seen = (count.sum(axis=0) >= _LEAST_PIXELS).all(axis=1)
-    places = _ORDER_CELL * (np.flatnonzero(seen) + 0.5)
-    away = np.log(band_scale(places, table[seen], bright=bright) / factors)
+    covered = (count.sum(axis=0) >= _LEAST_PIXELS).all(axis=1)
+    places = _ORDER_CELL * (np.flatnonzero(covered) + 0.5)
+    away = np.log(band_scale(places, table[covered], bright=bright) / factors)
     nearest = away[np.argmin(np.abs(away))]
     if abs(nearest) < SAME:
         away = away - nearest
@@ -213,11 +213,11 @@ def _relative(count: Array, lit: Array, low: Array) -> Array:
     Parameters, all (images, cells, channels): `count` of pixels, the means `lit` of u and `low`
     of d.
     """
-    whole = np.maximum(count.sum(axis=0), 1.0)
+    total = np.maximum(count.sum(axis=0), 1.0)
     size, back = count * lit, (count * low).sum(axis=0)
     matrix = np.diag((size * lit).sum(axis=(1, 2)))
-    matrix -= np.einsum("ibc,jbc->ij", size / whole, size)
-    right = (size * (low - back / whole)).sum(axis=(1, 2))
+    matrix -= np.einsum("ibc,jbc->ij", size / total, size)
+    right = (size * (low - back / total)).sum(axis=(1, 2))
     first = int(np.argmax(np.diag(matrix)))
     others = np.arange(len(count)) != first
     factors = np.ones(len(count))
@@ -277,8 +277,8 @@ def _read(
     for name in CHANNELS:
         levels, noise, valid, depth = _channel(given, path, name, masked=masked)
         channels.append((levels, noise, valid))
-    found = [np.stack(part, axis=-1) for part in zip(*channels, strict=True)]
-    return (found[0], found[1], found[2]), depth
+    stacked = [np.stack(part, axis=-1) for part in zip(*channels, strict=True)]
+    return (stacked[0], stacked[1], stacked[2]), depth
 
 
 def _channel(
@@ -500,9 +500,9 @@ def _of_beam(given: ColourSet, shots: ColourShots, depth: int | None) -> ColourC
     known = np.isfinite(order) & np.isfinite(signal).all(axis=-1)
     away = signal[known] - table.signal[np.rint(order[known] / STEP).astype(int)]
     noise = np.median(np.abs(away), axis=0) * 1.4826
-    rest = np.sqrt(np.maximum(np.mean(away**2, axis=0) - noise**2, 0.0))
+    residual = np.sqrt(np.maximum(np.mean(away**2, axis=0) - noise**2, 0.0))
     return ColourCalibration(
-        colour_table=ColourTable(table.signal, rest),
+        colour_table=ColourTable(table.signal, residual),
         way="beam",
         gamma=gamma,
         wavelength_nm=given.polariscope.wavelength_nm,

@@ -72,8 +72,8 @@ def _shot(
     }
     raw, reader = read_one_frame(path, given.frames, given.camera, **light)
     depth, inside = reader.bit_depth, load_mask(given, reader.shape, reader.full_shape)
-    seen = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
-    unusable = np.mean(~seen.valid[inside])
+    observed = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
+    unusable = np.mean(~observed.valid[inside])
     if unusable > MOST_SATURATED:
         raise InputError(
             f"{path}: {unusable:.0%} of its pixels are saturated or defective; "
@@ -82,10 +82,10 @@ def _shot(
     # no model of the light cuts a calibration's pixels near white, as it does a frame's
     full = full_scale(depth)
     level = np.inf if depth is None else saturation_level(raw, full=full) / full
-    valid = seen.valid & below_saturation(seen.raw, seen.raw_sigma, level)
-    linear = seen.light.astype(float)
+    valid = observed.valid & below_saturation(observed.raw, observed.raw_sigma, level)
+    linear = observed.light.astype(float)
     return Shot(
-        **(vars(seen) | {"name": str(item.file), "valid": valid}
+        **(vars(observed) | {"name": str(item.file), "valid": valid}
            | {"light": linear if dark is None else linear - dark}),
         load_n=item.load_n, bright=given.polariscope.field == "bright",
         no_load_light=no_load_light,
@@ -157,17 +157,17 @@ def calibrate_channels(
             )
         return run(read_shots(given))
     main = channel_for(scope.wavelength_nm)
-    found = run(_of_channel(given, main))
+    result = run(_of_channel(given, main))
     table: dict[str, Any] = {}
     for channel in CHANNELS:
         try:
-            one = found if channel == main else run(_of_channel(given, channel))
+            one = result if channel == main else run(_of_channel(given, channel))
         except PhysicsError as error:
             table[channel] = {"refused": str(error)}
             continue
         values = {name: getattr(one, name) for name in SUMMARY}
         table[channel] = values | {"wavelength_nm": _line_of(given, channel)}
-    return replace(found, channels=table, warnings=(*_messages(table, main), *found.warnings))
+    return replace(result, channels=table, warnings=(*_messages(table, main), *result.warnings))
 
 
 def _of_channel(given: CalibrationSet, channel: str) -> tuple[Shot, ...]:
@@ -190,8 +190,8 @@ def _line_of(given: CalibrationSet, channel: str) -> float | None:
     """The one line of the light (nm) that a channel sees; None where it is not known."""
     if given.polariscope.lines is None:
         return None
-    seen = [w for w in given.polariscope.lines.wavelength_nm if channel_for(w) == channel]
-    return seen[0] if len(seen) == 1 else None
+    lines = [w for w in given.polariscope.lines.wavelength_nm if channel_for(w) == channel]
+    return lines[0] if len(lines) == 1 else None
 
 
 def _messages(table: dict[str, Any], main: str) -> tuple[str, ...]:

@@ -131,10 +131,10 @@ def _scatter(p: Array, n: Array, v: Array) -> float:
 
 
 def _left_out(p: Array, n: Array, v: Array) -> tuple[float, ...] | None:
-    rest = [np.arange(p.size) != i for i in range(p.size)]
-    if p.size < 3 or any(np.unique(p[keep]).size < 2 for keep in rest):
+    others = [np.arange(p.size) != i for i in range(p.size)]
+    if p.size < 3 or any(np.unique(p[keep]).size < 2 for keep in others):
         return None
-    lines = [_solve(p[keep], n[keep], v[np.ix_(keep, keep)])[0] for keep in rest]
+    lines = [_solve(p[keep], n[keep], v[np.ix_(keep, keep)])[0] for keep in others]
     return tuple(float(s * load + i) for (s, i), load in zip(lines, p, strict=True))
 
 
@@ -147,22 +147,22 @@ class ResidualOrder:
     uncertainty: float
 
 
-def largest_order(rest: Sequence[ResidualOrder]) -> float:
+def largest_order(unloaded: Sequence[ResidualOrder]) -> float:
     """Root mean square of the order r that may be there at no load, in fringes.
 
     <r^2> under the density exp(-sum (r^2 - q_i)^2 / (2 u_i^2)) with r itself equally likely
     everywhere before, as its sign is not seen. Parameters: `rest`, the unloaded images, at least
     one.
     """
-    reach = np.sqrt(max(max(i.square, 0.0) + 8.0 * i.uncertainty for i in rest))
+    reach = np.sqrt(max(max(i.square, 0.0) + 8.0 * i.uncertainty for i in unloaded))
     r = np.linspace(0.0, reach, 4001)
-    log = -0.5 * np.sum([((r**2 - i.square) / i.uncertainty) ** 2 for i in rest], axis=0)
+    log = -0.5 * np.sum([((r**2 - i.square) / i.uncertainty) ** 2 for i in unloaded], axis=0)
     weight = np.exp(log - log.max())
     return float(np.sqrt(np.sum(weight * r**2) / np.sum(weight)))
 
 
 def order_messages(
-    rest: Sequence[ResidualOrder], line: OrderLine, load_n: float
+    unloaded: Sequence[ResidualOrder], line: OrderLine, load_n: float
 ) -> tuple[str, ...]:
     """Where an unloaded image contradicts the order that the loads' line leaves at zero load.
 
@@ -173,12 +173,12 @@ def order_messages(
         return ()
     messages = []
     r, u = line.intercept, line.intercept_uncertainty
-    for item in rest:
-        seen = float(np.sqrt(max(item.square, 0.0)))
+    for item in unloaded:
+        order = float(np.sqrt(max(item.square, 0.0)))
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
-        if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - seen) > NOTICED:
+        if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - order) > NOTICED:
             messages.append(
-                f"{item.file} shows an order of {seen:.3f} at no load and the loads' line leaves "
+                f"{item.file} shows an order of {order:.3f} at no load and the loads' line leaves "
                 f"{r:.3f}: the loads are off by {r / line.slope:.3g} N of {load_n:g} N (an offset "
                 "of the load cell), or one load is wrong; check them"
             )
@@ -218,7 +218,7 @@ def uncertainty_budget(
     inputs: Sequence[Input],
     *,
     covariance: Array | None = None,
-    rest: Sequence[ResidualOrder] = (),
+    unloaded: Sequence[ResidualOrder] = (),
     messages: tuple[str, ...] = (),
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
@@ -233,8 +233,8 @@ def uncertainty_budget(
     spread = [max(i.standard_uncertainty, 1e-9) for i in images]
     line = fit_line(loads, orders, spread if covariance is None else covariance)
     line = _intercept_with_misfit(images, line)
-    if line.intercept is None and rest:
-        line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(rest))
+    if line.intercept is None and unloaded:
+        line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(unloaded))
     value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
     if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
         raise PhysicsError(
@@ -259,7 +259,7 @@ def uncertainty_budget(
         budget=budget,
         warnings=(
             *messages,
-            *order_messages(rest, line, max(loads)),
+            *order_messages(unloaded, line, max(loads)),
             *_warnings(images, line, inputs, specimen),
         ),
     )  # fmt: skip
@@ -293,11 +293,11 @@ def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
     worst = int(np.argmax(off))
     limit = LINE_MISFIT * max(float(np.ptp(orders)), 0.2 * float(orders.max()))
     if off[worst] > limit:
-        found = images[worst]
+        suspect = images[worst]
         raise PhysicsError(
-            f"{found.file} at {found.load_n:g} N shows order {found.order:.3f} where the other "
-            f"loads predict {found.predicted_order:.3f}; check its load, and whether it shows the "
-            "same specimen, or leave it out"
+            f"{suspect.file} at {suspect.load_n:g} N shows order {suspect.order:.3f} where the "
+            f"other loads predict {suspect.predicted_order:.3f}; check its load, and whether it "
+            "shows the same specimen, or leave it out"
         )
 
 
@@ -309,8 +309,8 @@ def _intercept_with_misfit(images: Sequence[ImageFit], line: OrderLine) -> Order
     """
     if line.intercept_weights is None or line.intercept_uncertainty is None:
         return line
-    own = np.array(line.intercept_weights) * np.array([i.misfit for i in images])
-    spread = float(np.hypot(line.intercept_uncertainty, np.sqrt(np.sum(own**2))))
+    parts = np.array(line.intercept_weights) * np.array([i.misfit for i in images])
+    spread = float(np.hypot(line.intercept_uncertainty, np.sqrt(np.sum(parts**2))))
     return replace(line, intercept_uncertainty=spread)
 
 
@@ -320,10 +320,10 @@ def _misfit(images: Sequence[ImageFit], line: OrderLine) -> float:
     One cause mostly works in all images, in proportion to their orders (then it is k m/N) or
     alone in each (then it is the line's weights times m); the larger of both is taken.
     """
-    own = np.array([i.misfit for i in images])
+    misfits = np.array([i.misfit for i in images])
     orders = np.array([i.order for i in images])
-    alike = line.slope * float(np.sqrt(np.mean((own / orders) ** 2)))
-    return max(alike, float(np.sqrt(np.sum((np.array(line.weights) * own) ** 2))))
+    alike = line.slope * float(np.sqrt(np.mean((misfits / orders) ** 2)))
+    return max(alike, float(np.sqrt(np.sum((np.array(line.weights) * misfits) ** 2))))
 
 
 def _budget(
@@ -333,10 +333,10 @@ def _budget(
     rows = [
         ("image noise and fit", line.slope_noise, "fringe/N", value * line.slope_noise / line.slope)
     ]
-    alone = float(np.sum(line.weights))  # vanishes where the line has an intercept of its own
-    if line.intercept is not None and abs(alone) > 1e-9 * line.slope:
+    joint = float(np.sum(line.weights))  # vanishes where the line has an intercept of its own
+    if line.intercept is not None and abs(joint) > 1e-9 * line.slope:
         spread = line.intercept_uncertainty or 0.0
-        rows.append(("order at zero load", spread, "fringe", value * alone * spread / line.slope))
+        rows.append(("order at zero load", spread, "fringe", value * joint * spread / line.slope))
     if misfit > 0:
         rows.append(("model misfit", misfit, "fringe/N", value * misfit / line.slope))
     if line.left_out is not None:
@@ -388,7 +388,7 @@ CONTRADICTED = 3.0
 """Standard uncertainties by which a held-out load is off at the most, when all agree."""
 
 
-def widened_to_held_out(found: Calibration) -> Calibration:
+def widened_to_held_out(calibration: Calibration) -> Calibration:
     """A calibration whose uncertainty no held-out load contradicts.
 
     Each order n_i is held against the other loads' line, with u_i² = v_i + v(line) + (n_i U)², its
@@ -397,34 +397,36 @@ def widened_to_held_out(found: Calibration) -> Calibration:
 
     Parameters: `found`. Returns it, or one with 'held-out loads' in its budget, and a sentence.
     """
-    if any(image.predicted_order is None for image in found.images):
-        return found
-    away, own = _away(found.images)
-    orders = np.array([i.order for i in found.images])
-    value = found.fringe_value_n_per_mm
-    stated = found.standard_uncertainty / value
-    pulls = np.abs(away) / np.hypot(own, orders * stated)
+    if any(image.predicted_order is None for image in calibration.images):
+        return calibration
+    away, noise = _away(calibration.images)
+    orders = np.array([i.order for i in calibration.images])
+    value = calibration.fringe_value_n_per_mm
+    stated = calibration.standard_uncertainty / value
+    pulls = np.abs(away) / np.hypot(noise, orders * stated)
     worst = int(np.argmax(pulls))
     if pulls[worst] <= CONTRADICTED:
-        return replace(found, images=_expected(found.images, np.hypot(own, orders * stated)))
-    needed = np.sqrt(np.maximum((away / CONTRADICTED) ** 2 - own**2, 0.0)) / orders
+        return replace(
+            calibration, images=_expected(calibration.images, np.hypot(noise, orders * stated))
+        )
+    needed = np.sqrt(np.maximum((away / CONTRADICTED) ** 2 - noise**2, 0.0)) / orders
     total = value * float(max(needed.max(), stated))
-    part = float(np.sqrt(max(total**2 - found.standard_uncertainty**2, 0.0)))
-    image = found.images[worst]
-    items = (*found.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
+    part = float(np.sqrt(max(total**2 - calibration.standard_uncertainty**2, 0.0)))
+    image = calibration.images[worst]
+    items = (*calibration.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
     budget = [replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items]
-    said = (
+    message = (
         f"{image.file} at {image.load_n:g} N shows order {image.order:.3f} where the other loads "
         f"predict {image.predicted_order:.3f}, {pulls[worst]:.1f} times what was to be expected: "
-        f"the uncertainty is widened from {found.standard_uncertainty:.2g} to {total:.2g} N/mm; "
-        "check this load and its image"
+        f"the uncertainty is widened from {calibration.standard_uncertainty:.2g} to {total:.2g} "
+        "N/mm; check this load and its image"
     )
     return replace(
-        found,
-        images=_expected(found.images, np.hypot(own, orders * total / value)),
+        calibration,
+        images=_expected(calibration.images, np.hypot(noise, orders * total / value)),
         standard_uncertainty=total,
         budget=tuple(budget),
-        warnings=(said, *found.warnings),
+        warnings=(message, *calibration.warnings),
     )
 
 

@@ -319,12 +319,12 @@ def calibration_figure(calibration: Calibration) -> Figure:
 def _values(calibration: Calibration) -> list[str]:
     """The value, and what was found besides, in words."""
     value = with_uncertainty(calibration.fringe_value_n_per_mm, calibration.standard_uncertainty)
-    found, order = [f"{value} N/mm per fringe"], calibration.order_at_zero_load
+    parts, order = [f"{value} N/mm per fringe"], calibration.order_at_zero_load
     if order is not None:
-        found.append(f"order at zero load {round(order, 3) + 0.0:+.3f}")
+        parts.append(f"order at zero load {round(order, 3) + 0.0:+.3f}")
     if calibration.residual is not None:
-        found.append(f"residual stress up to {calibration.residual['largest_order']:.2f} fringe")
-    return found
+        parts.append(f"residual stress up to {calibration.residual['largest_order']:.2f} fringe")
+    return parts
 
 
 def calibration_panels(calibration: Calibration, frames: tuple[int, ...] | None) -> PaperPanels:
@@ -474,10 +474,12 @@ def _line(
 ) -> None:
     loads = np.array([i.load_n for i in calibration.images])
     orders = np.array([i.order for i in calibration.images])
-    rest = calibration.order_at_zero_load or 0.0
+    intercept = calibration.order_at_zero_load or 0.0
     reach = np.array([0.0, loads.max() * 1.05])
     line = data_name("line of all loads")
-    axes.plot(reach, calibration.slope_per_n * reach + rest, color=GREY, lw=LINE_PT, label=line)
+    axes.plot(
+        reach, calibration.slope_per_n * reach + intercept, color=GREY, lw=LINE_PT, label=line
+    )
     axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label=measured)
     known = [i for i in calibration.images if i.predicted_order is not None]
     if known:
@@ -486,10 +488,10 @@ def _line(
         add_legend(axes, loc="upper left")
     if calibration.order_at_zero_load is not None:
         label = data_name("at zero load")
-        axes.plot(0.0, rest, "s", color=LINE_COLOURS[1], ms=5, label=label)
-        text = f"{rest:+.4f} at zero load"
+        axes.plot(0.0, intercept, "s", color=LINE_COLOURS[1], ms=5, label=label)
+        text = f"{intercept:+.4f} at zero load"
         axes.annotate(
-            text, (0.0, rest), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT
+            text, (0.0, intercept), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT
         )
     axes.set_xlim(0.0 - 0.02 * reach[1], reach[1])
     axes.margins(y=0.12)
@@ -506,11 +508,11 @@ def _misfit_title(calibration: Calibration) -> str:
 
 def _misfit(axes: Any, calibration: Calibration) -> None:
     """What is left of each order beside its prediction from the other loads, or the line."""
-    rest = calibration.order_at_zero_load or 0.0
+    intercept = calibration.order_at_zero_load or 0.0
     images = calibration.images
     away = np.array(
         [
-            i.order - (calibration.slope_per_n * i.load_n + rest if i.predicted_order is None
+            i.order - (calibration.slope_per_n * i.load_n + intercept if i.predicted_order is None
                        else i.predicted_order)
             for i in images
         ]

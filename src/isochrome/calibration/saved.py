@@ -176,13 +176,15 @@ def _by_scene_law(calibration: WearCalibration, text: str, name: str) -> WearCal
         raise InputError(
             f"{name}: has no [wear] that a coefficient could stand in; add one with its distances_m"
         )
-    found = calibration.coefficient_by(wear.law)
-    if found is None:
+    coefficient = calibration.coefficient_by(wear.law)
+    if coefficient is None:
         raise InputError(
             f"{name}: its wear.law is '{wear.law}', and the set states no friction, without which "
             "its coefficient is not known; add friction to every [[trace]] and [[volume]]"
         )
-    return replace(calibration, coefficient_mm2_per_n=found[0], standard_uncertainty=found[1])
+    return replace(
+        calibration, coefficient_mm2_per_n=coefficient[0], standard_uncertainty=coefficient[1]
+    )
 
 
 def _to_write(
@@ -200,8 +202,8 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
     """Refuse a scene whose frames are turned, cut or of another size than a scale's pictures."""
     camera, frames = scene.camera, scene.frames
     bent = any(
-        abs(found.value) > CLEAR * found.standard_uncertainty
-        for key, found in calibration.values.items()
+        abs(measured.value) > CLEAR * measured.standard_uncertainty
+        for key, measured in calibration.values.items()
         if key in LENS
     )
     moved = [key for key in ("roi", "rotate_deg", "flip") if getattr(frames, key)]
@@ -212,7 +214,9 @@ def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> No
             "cut as the frames are, and leave it out of the scene"
         )
     size = (camera.height_px, camera.width_px) if camera and not moved else (None, None)
-    if any(own not in (None, seen) for own, seen in zip(size, calibration.shape, strict=True)):
+    if any(
+        stated not in (None, shown) for stated, shown in zip(size, calibration.shape, strict=True)
+    ):
         raise InputError(
             f"{name}: its camera has {size[1]} x {size[0]} pixels, and the target's picture "
             f"{calibration.shape[1]} x {calibration.shape[0]}; calibrate with a picture of the "
@@ -256,28 +260,28 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
     `record` is provenance.json. OSError, KeyError or ValueError where a file of it cannot be read.
     """
     file = f"{name}.json"
-    found: dict[str, Any] = json.loads((folder / file).read_text("utf-8"))
-    values = list(_values(found))
-    said = "; ".join(f"{label} = {text}" for label, text in values)
-    said = said if said.startswith("f_") else f"{said[:1].upper()}{said[1:]}"
-    budget = _table(f"Shares of the ± ({file})", found.get("budget") or [])
-    causes = found.get("causes")
+    content: dict[str, Any] = json.loads((folder / file).read_text("utf-8"))
+    values = list(_values(content))
+    verdict = "; ".join(f"{label} = {text}" for label, text in values)
+    verdict = verdict if verdict.startswith("f_") else f"{verdict[:1].upper()}{verdict[1:]}"
+    budget = _table(f"Shares of the ± ({file})", content.get("budget") or [])
+    causes = content.get("causes")
     no_causes = _NO_CAUSES if causes is None else _NONE_FOUND
-    own = [*values, ("date of the calibration", str(record.get("date") or "not recorded"))]
+    rows = [*values, ("date of the calibration", str(record.get("date") or "not recorded"))]
     return ReportContent(
         command=str(record.get("command") or "calibrate"),
         title=str(record.get("title") or "Calibration"),
-        verdict=f"{said}.",
+        verdict=f"{verdict}.",
         budget=budget,
         no_budget=_NO_BUDGET,
-        tables=list(_report_tables(found, file)),
+        tables=list(_report_tables(content, file)),
         causes=[_cause(one) for one in causes] if causes else None,
         causes_text=no_causes,
-        taken_as_exact=found.get("taken_as_exact") or (),
-        warnings=found["warnings"],
+        taken_as_exact=content.get("taken_as_exact") or (),
+        warnings=content["warnings"],
         scene=str(record.get("settings") or ""),
         scene_title="Settings",
-        paper=[*own, *_of_camera(record), *paper_rows(None, record)],
+        paper=[*rows, *_of_camera(record), *paper_rows(None, record)],
         picture=(folder / f"{name}.png").read_bytes(),
     )
 
@@ -285,93 +289,96 @@ def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> Re
 def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Camera, light and pixel of a beam's or disc's set; other calibrations have no such set."""
     try:
-        found = load_set(parse_toml(str(record.get("settings") or ""), "settings"))
+        settings = load_set(parse_toml(str(record.get("settings") or ""), "settings"))
     except InputError:
         return []
-    rows, pixel = camera_rows(found), found.camera.pixel_mm
+    rows, pixel = camera_rows(settings), settings.camera.pixel_mm
     if pixel is None:
         return rows
-    spread = None if found.uncertainty is None else found.uncertainty.pixel_mm
+    spread = None if settings.uncertainty is None else settings.uncertainty.pixel_mm
     text = f"{pixel:g}" if spread is None else with_uncertainty(pixel, spread)
-    own = "no uncertainty stated" if spread is None else "standard uncertainty"
-    return [*rows, ("pixel", f"{text} mm ({own})")]
+    note = "no uncertainty stated" if spread is None else "standard uncertainty"
+    return [*rows, ("pixel", f"{text} mm ({note})")]
 
 
-def _values(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """What was found, each value with its unit and ±, and how well after the first."""
-    first, *others = _own_values(found)
+    first, *others = _own_values(content)
     yield first
-    meaning = next((text for key, text in _ABOUT_CHI.items() if key in found), "")
-    if found.get("chi") is not None:
-        yield "chi", f"{found['chi']:.2f} ({meaning})"
+    meaning = next((text for key, text in _ABOUT_CHI.items() if key in content), "")
+    if content.get("chi") is not None:
+        yield "chi", f"{content['chi']:.2f} ({meaning})"
     yield from others
 
 
-def _own_values(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _own_values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """The same without chi."""
-    if "fringe_value_n_per_mm" in found:
-        yield from _of_fringe_value(found)
-    elif "coefficient_mm2_per_n" in found:
-        yield from _of_wear(found)
-    elif "pixel_mm" in found:
-        yield from _of_scale(found)
+    if "fringe_value_n_per_mm" in content:
+        yield from _of_fringe_value(content)
+    elif "coefficient_mm2_per_n" in content:
+        yield from _of_wear(content)
+    elif "pixel_mm" in content:
+        yield from _of_scale(content)
     else:
-        yield from _of_colours(found)
+        yield from _of_colours(content)
 
 
-def _of_fringe_value(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    value = with_uncertainty(found["fringe_value_n_per_mm"], found["standard_uncertainty"])
+def _of_fringe_value(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    value = with_uncertainty(content["fringe_value_n_per_mm"], content["standard_uncertainty"])
     yield "f_sigma", f"{value} N/mm per fringe (standard uncertainty)"
-    order, spread = found["order_at_zero_load"], found["order_at_zero_load_uncertainty"]
+    order, spread = content["order_at_zero_load"], content["order_at_zero_load_uncertainty"]
     if order is not None and spread is not None:
         yield "order at zero load", f"{with_uncertainty(order, spread)} fringe"
-    if found["residual"] is not None:
-        yield "residual stress", f"up to {found['residual']['largest_order']:.3f} fringe"
-    loads = [image["load_n"] for image in found["images"]]
+    if content["residual"] is not None:
+        yield "residual stress", f"up to {content['residual']['largest_order']:.3f} fringe"
+    loads = [image["load_n"] for image in content["images"]]
     yield "loads", f"{min(loads):g} to {max(loads):g} N, {counted(len(loads), 'image')}"
 
 
-def _of_wear(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    pair = found["coefficient_mm2_per_n"], found["standard_uncertainty"]
+def _of_wear(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    pair = content["coefficient_mm2_per_n"], content["standard_uncertainty"]
     value = with_uncertainty(*(number / _WEAR_UNIT for number in pair))
     yield "wear coefficient k", f"({value})e-9 mm²/N (standard uncertainty)"
-    low, high = (number / _WEAR_UNIT for number in found["interval_95"])
+    low, high = (number / _WEAR_UNIT for number in content["interval_95"])
     yield "95 % interval", f"{low:.4g}e-9 to {high:.4g}e-9 mm²/N"
-    yield "law", str(found["law"])
+    yield "law", str(content["law"])
 
 
-def _of_scale(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _of_scale(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     units = {"pixel_mm": "mm (standard uncertainty)", "roll_deg": "degrees"}
     for key in ("pixel_mm", "distortion", "keystone_x", "keystone_z", "roll_deg"):
-        if found[key] is not None:
+        if content[key] is not None:
             name = {"pixel_mm": "pixel", "roll_deg": "roll"}.get(key, key)
-            yield name, f"{_cell(found[key])} {units.get(key, '')}".strip()
-    points = counted(found["corners"], "point")
-    yield "residual", f"{found['residual_px']:.3f} px over {points}"
-    yield "target", str(found["target"])
+            yield name, f"{_cell(content[key])} {units.get(key, '')}".strip()
+    points = counted(content["corners"], "point")
+    yield "residual", f"{content['residual_px']:.3f} px over {points}"
+    yield "target", str(content["target"])
 
 
-def _of_colours(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    gamma, spread = found["gamma"], found["gamma_standard_uncertainty"]
+def _of_colours(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    gamma, spread = content["gamma"], content["gamma_standard_uncertainty"]
     yield "gamma", f"{gamma:g} (as given)" if spread is None else with_uncertainty(gamma, spread)
-    yield "orders", f"up to {found['highest_order_of_table']:.2f} at {found['wavelength_nm']:g} nm"
-    yield "residual", f"{found['residual']:.4f} of the full light (RMS)"
-    yield "pixels off by over 0.15", f"{100.0 * found['strange_share']:.2g} %"
-    yield "found by", str(found["way"])
+    yield (
+        "orders",
+        f"up to {content['highest_order_of_table']:.2f} at {content['wavelength_nm']:g} nm",
+    )
+    yield "residual", f"{content['residual']:.4f} of the full light (RMS)"
+    yield "pixels off by over 0.15", f"{100.0 * content['strange_share']:.2g} %"
+    yield "found by", str(content["way"])
 
 
-def _report_tables(found: Mapping[str, Any], file: str) -> Iterator[ReportTable]:
+def _report_tables(content: Mapping[str, Any], file: str) -> Iterator[ReportTable]:
     for key, caption in _LISTS.items():
-        table = _table(f"{caption} ({file})", found.get(key) or [])
+        table = _table(f"{caption} ({file})", content.get(key) or [])
         if table is not None:
             yield table
-    channels = found.get("channels")
+    channels = content.get("channels")
     if channels:
         yield ReportTable(
             f"By channel ({file})",
             {"of": list(channels), "value": [_cell(value) for value in channels.values()]},
         )
-    exposures = found.get("exposures")
+    exposures = content.get("exposures")
     if exposures:
         columns = {"image": list(range(len(exposures))), "exposure": exposures}
         yield ReportTable(f"By image ({file})", columns)
@@ -381,7 +388,7 @@ def _table(caption: str, rows: Sequence[Mapping[str, Any]]) -> ReportTable | Non
     """Rows as a table; None where there are none. What a row does not have is not known."""
     if not rows:
         return None
-    shown = {name: [_cell(value) for value in own] for name, own in columns_of(rows).items()}
+    shown = {name: [_cell(value) for value in column] for name, column in columns_of(rows).items()}
     return ReportTable(caption, shown)
 
 
@@ -392,9 +399,9 @@ def _cell(value: Any) -> Any:
     if isinstance(value, Mapping):
         if set(value) == {"value", "standard_uncertainty"}:
             return with_uncertainty(value["value"], value["standard_uncertainty"])
-        return _joined(f"{name} {_cell(own)}" for name, own in value.items())
+        return _joined(f"{name} {_cell(item)}" for name, item in value.items())
     if isinstance(value, list):
-        return _joined(str(_cell(own)) for own in value)
+        return _joined(str(_cell(item)) for item in value)
     return value
 
 
@@ -450,8 +457,8 @@ def _tables(
         tables = {"scale.csv": calibration.columns}
     else:
         tables = {"distances.csv": calibration.columns}
-        found = [trace_json(scar) for scar in calibration.traces]
-        traces = [row | {"is_clear": int(row["is_clear"])} for row in found]
+        records = [trace_json(scar) for scar in calibration.traces]
+        traces = [row | {"is_clear": int(row["is_clear"])} for row in records]
         if traces:  # a set may state worn volumes alone
             tables["traces.csv"] = columns_of(traces)
     return tables | {"budget.csv": calibration.budget_columns}
@@ -470,8 +477,8 @@ def _texts(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list):
-        for own in value.values() if isinstance(value, Mapping) else value:
-            yield from _texts(own)
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(item)
 
 
 def _origin(calibration: AnyCalibration, inputs: Sequence[str | Path]) -> dict[str, Any]:

@@ -169,8 +169,8 @@ class ScaleCalibration(Result):
 
     def main_values(self) -> Iterator[tuple[str, str]]:
         """Each value with its uncertainty, and the residual."""
-        for name, found in self.values.items():
-            yield name, with_uncertainty(found.value, found.standard_uncertainty)
+        for name, measured in self.values.items():
+            yield name, with_uncertainty(measured.value, measured.standard_uncertainty)
         yield "residual", f"{self.residual_px:.3f} px over {counted(self.corners, 'point')}"
 
     def figure(self) -> Figure:
@@ -193,8 +193,8 @@ class ScaleCalibration(Result):
         The roll is the target's, which need not lie as the specimen does, and is none of them.
         """
         return {
-            f"camera.{name}": (found.value, found.standard_uncertainty)
-            for name, found in self.values.items()
+            f"camera.{name}": (measured.value, measured.standard_uncertainty)
+            for name, measured in self.values.items()
             if name != "roll_deg"
         }
 
@@ -209,13 +209,13 @@ class ScaleCalibration(Result):
         `pixel_mm`, `distortion`, `keystone_x`, `keystone_z` and `roll_deg` are each {value,
         standard_uncertainty}, or None where the edges do not tell them.
         """
-        found = self.values
+        values = self.values
         names = ("pixel_mm", *LENS, "roll_deg")
         return {
             "target": self.target,
             "width_px": self.shape[1],
             "height_px": self.shape[0],
-            **{name: vars(found[name]) if name in found else None for name in names},
+            **{name: vars(values[name]) if name in values else None for name in names},
             "residual_px": self.residual_px,
             "corners": self.corners,
             "images": [image.to_json() for image in self.images],
@@ -258,8 +258,8 @@ def scale_figure(calibration: ScaleCalibration) -> Figure:
         axes.set_axis_off()
     rows = list(calibration.values.items())
     texts = [
-        f"{name} = {with_uncertainty(found.value, found.standard_uncertainty)}"
-        for name, found in rows
+        f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
+        for name, measured in rows
     ]
     head = ["    ".join(texts[:1] + texts[4:]), "    ".join(texts[1:4])]
     write_head(figure, "\n".join(line for line in head if line))
@@ -282,8 +282,8 @@ def scale_panels(calibration: ScaleCalibration, frames: tuple[int, ...] | None) 
 
     parts = {item.input: item.contribution for item in calibration.budget}
     values = "; ".join(
-        f"{name} = {with_uncertainty(found.value, found.standard_uncertainty)}"
-        for name, found in calibration.values.items()
+        f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
+        for name, measured in calibration.values.items()
     )
     return PaperPanels(
         kinds=[PictureKind(name="points", draw=draw)],

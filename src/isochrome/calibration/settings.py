@@ -55,7 +55,7 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     """
     plain, stated = split_uncertainties(model, data)
     images, loads = _loads(plain.get("image"))
-    found = {}
+    spreads = {}
     for key, spread in stated.items():
         if key not in _INPUTS and key not in _SPANS:
             raise ValueError(
@@ -63,37 +63,38 @@ def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
                 f"{', '.join(_SPANS)} and {_LOAD} have a standard_uncertainty; give a plain value"
             )
         if key in _INPUTS:
-            found[_INPUTS[key]] = spread
+            spreads[_INPUTS[key]] = spread
     spans = [stated[key] for key in _SPANS if key in stated]
     if spans:
         # of each span, such that both together are as uncertain as stated
-        found["span_mm"] = float(np.sqrt(np.sum(np.square(spans)) / len(_SPANS)))
+        spreads["span_mm"] = float(np.sqrt(np.sum(np.square(spans)) / len(_SPANS)))
     if loads:
-        found["load_percent"] = 100.0 * float(np.sqrt(np.mean(np.square(loads))))
-    if not found:
+        spreads["load_percent"] = 100.0 * float(np.sqrt(np.mean(np.square(loads))))
+    if not spreads:
         return plain
-    own = plain.get("uncertainty")
-    given = own if isinstance(own, dict) else own.model_dump(exclude_none=True) if own else {}
-    for key in found:
+    given = plain.get("uncertainty") or {}
+    if not isinstance(given, dict):
+        given = given.model_dump(exclude_none=True)
+    for key in spreads:
         if key in given:
             raise ValueError(f"uncertainty.{key} is stated beside its value too; remove one")
-    return plain | {"uncertainty": given | found, "image": images}
+    return plain | {"uncertainty": given | spreads, "image": images}
 
 
 def _loads(images: Any) -> tuple[Any, list[float]]:
     """The images with plain loads, and the loads' relative uncertainties where they are stated."""
     if not isinstance(images, list | tuple):
         return images, []
-    plain, found = [], []
+    plain, spreads = [], []
     for number, image in enumerate(images, start=1):
         load = image.get("load_n") if isinstance(image, dict) else None
         if isinstance(load, dict):
             value, spread = plain_value(f"image[{number}].load_n", load)
             image = image | {"load_n": value}
             if isinstance(value, int | float) and value > 0:
-                found.append(spread / value)
+                spreads.append(spread / value)
         plain.append(image)
-    return plain, found
+    return plain, spreads
 
 
 class Beam(ScenePart):
@@ -219,8 +220,8 @@ class ImageSet(ScenePart):
             return validate(cls, as_tables(source), "set", reserved=("folder", "name"))
         path = Path(source)
         data = parse_toml(read_text(path), str(path))
-        found = validate(cls, data, str(path), reserved=("folder", "name"))
-        return found.model_copy(update={"folder": path.parent, "name": str(path)})
+        loaded = validate(cls, data, str(path), reserved=("folder", "name"))
+        return loaded.model_copy(update={"folder": path.parent, "name": str(path)})
 
 
 def _named(item: Any, number: int) -> Any:
@@ -305,17 +306,17 @@ def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
     fix.
     """
     if isinstance(source, CalibrationSet):
-        found = source
+        loaded = source
     else:
-        found = CalibrationSet.read(source)
-        check_reach(found.model_dump(exclude_unset=True), found.name)
-    if specimen is not None and getattr(found, specimen) is None:
+        loaded = CalibrationSet.read(source)
+        check_reach(loaded.model_dump(exclude_unset=True), loaded.name)
+    if specimen is not None and getattr(loaded, specimen) is None:
         (other,) = CUTS.keys() - {specimen}
         raise InputError(
-            f"{found.name}: [{specimen}] is missing, and the set has a [{other}]; add it, or run "
+            f"{loaded.name}: [{specimen}] is missing, and the set has a [{other}]; add it, or run "
             f"'isochrome calibrate {CUTS[other].command}'"
         )
-    return found
+    return loaded
 
 
 class ColourBeam(Beam):

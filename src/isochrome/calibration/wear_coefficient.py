@@ -115,11 +115,13 @@ def _of_order(volumes: Sequence[WornVolume], spread: Array) -> Iterator[str]:
 
 def _width(volume: WornVolume) -> tuple[float, float] | None:
     """Mean width of a volume's scars and its uncertainty, mm."""
-    found = [scar.levelled for scar in volume.scars if scar.levelled is not None]
-    if not found:
+    traces = [scar.levelled for scar in volume.scars if scar.levelled is not None]
+    if not traces:
         return None
-    own = np.array([np.hypot(*scar.edge_uncertainty_mm) for scar in found])
-    return float(np.mean([s.width_mm for s in found])), float(np.sqrt(np.mean(own**2) / len(own)))
+    spreads = np.array([np.hypot(*scar.edge_uncertainty_mm) for scar in traces])
+    return float(np.mean([s.width_mm for s in traces])), float(
+        np.sqrt(np.mean(spreads**2) / len(spreads))
+    )
 
 
 def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str) -> Iterator[str]:
@@ -203,8 +205,8 @@ def _of_scene(
         )
     archard = next(fit for fit in laws if fit.law == "archard")
     for volume in sorted(volumes, key=lambda v: v.distance_m):
-        found = _width(volume)
-        if found is None:
+        measured = _width(volume)
+        if measured is None:
             continue
         load = scene.load_at(volume.distance_m)
         if abs(volume.normal_n / load - 1.0) > _ALIKE:
@@ -217,21 +219,21 @@ def _of_scene(
             "law": "archard",
             "distances_m": (volume.distance_m,),
         }
-        own = scene.with_values(
+        worn_scene = scene.with_values(
             {"load.normal_n": volume.normal_n, **{f"wear.{k}": v for k, v in wear.items()}}
         )
         try:
-            state = list(contact_states(own))[-1]
+            state = list(contact_states(worn_scene))[-1]
         except IsochromeError as error:
             yield f"the scene's own scar at {volume.place} cannot be computed: {error}"
             continue
         worn = state.grid.x_mm[state.wear_depth_mm > 0.0]
         width = float(worn[-1] - worn[0])
-        if abs(found[0] - width) > _CLEARLY * float(np.hypot(found[1], _OWN_WIDTH * width)):
+        if abs(measured[0] - width) > _CLEARLY * float(np.hypot(measured[1], _OWN_WIDTH * width)):
             yield (
-                f"the scar at {volume.place} is {found[0]:.3g} mm wide, and {width:.3g} mm in the "
-                f"scene with this coefficient and {volume.normal_n:g} N: the load, the radius, or "
-                "the scar is another"
+                f"the scar at {volume.place} is {measured[0]:.3g} mm wide, and {width:.3g} mm in "
+                f"the scene with this coefficient and {volume.normal_n:g} N: the load, the radius, "
+                "or the scar is another"
             )
 
 
@@ -278,15 +280,15 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     2.0
     """
     if isinstance(settings, WearSet):
-        found = settings
+        given = settings
     else:
-        found = WearSet.read(settings)
-        check_reach(found.model_dump(exclude_unset=True), found.name)
-    scars = trace_scars(found)
-    volumes, scatter = worn_volumes(found, scars)
+        given = WearSet.read(settings)
+        check_reach(given.model_dump(exclude_unset=True), given.name)
+    scars = trace_scars(given)
+    volumes, scatter = worn_volumes(given, scars)
     if not volumes:
         raise PhysicsError(
-            f"{found.name}: no distance has traces that all show a scar: "
+            f"{given.name}: no distance has traces that all show a scar: "
             f"{next(scar.why_not for scar in scars if scar.why_not)}"
         )
     spread = _own_spread(volumes)
@@ -295,10 +297,10 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     k = archard.coefficient_mm2_per_n
     if not _PLAUSIBLE[0] <= k <= _PLAUSIBLE[1]:
         raise InputError(
-            f"{found.name}: the scars give k = {k:.3g} mm²/N, where {_PLAUSIBLE[0]:g} to "
+            f"{given.name}: the scars give k = {k:.3g} mm²/N, where {_PLAUSIBLE[0]:g} to "
             f"{_PLAUSIBLE[1]:g} is allowed; check volumes (mm³), loads (N) and distances (m)"
         )
-    inputs = common_inputs(found, volumes, spread, k)
+    inputs = common_inputs(given, volumes, spread, k)
     chi = None if _has_scatter_only(volumes) else _chi(archard, scatter)
     rows = _own_rows(volumes, spread, archard) + inputs
     budget, total = _budget(rows)
@@ -315,10 +317,10 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
         chi=chi,
         law=law,
         laws=laws,
-        by_distance=_by_distance(found, volumes, spread),
+        by_distance=_by_distance(given, volumes, spread),
         traces=scars,
         budget=budget,
-        warnings=contradictions(found, scars, volumes, spread, scatter, laws, law),
+        warnings=contradictions(given, scars, volumes, spread, scatter, laws, law),
     )
 
 
@@ -444,12 +446,12 @@ def _freedom(
     if not total > 0.0:
         return np.inf
     if _has_scatter_only(volumes):
-        own, freedom = archard.own_uncertainty, float(max(archard.freedom, 1))
+        part, freedom = archard.own_uncertainty, float(max(archard.freedom, 1))
     else:
         weights = _weights(volumes, spread)
         traced = np.array([bool(volume.scars) for volume in volumes])
-        own, freedom = _joined((weights * spread)[traced]), scatter.degrees_of_freedom
-    return freedom * (total / own) ** 4 if own > 0.0 and np.isfinite(freedom) else np.inf
+        part, freedom = _joined((weights * spread)[traced]), scatter.degrees_of_freedom
+    return freedom * (total / part) ** 4 if part > 0.0 and np.isfinite(freedom) else np.inf
 
 
 def _reach(freedom: float, total: float, *, scattered: bool) -> float:
@@ -475,14 +477,14 @@ def _by_distance(
     settings: WearSet, volumes: Sequence[WornVolume], spread: Array
 ) -> tuple[WornDistance, ...]:
     """Each distance's coefficient, with what all share in its uncertainty."""
-    found = []
-    for volume, own in zip(volumes, spread, strict=True):
+    rows = []
+    for volume, noise in zip(volumes, spread, strict=True):
         k = volume.volume_mm3 / volume.work_n_mm
-        shared = common_inputs(settings, [volume], np.array([own]), k)
+        shared = common_inputs(settings, [volume], np.array([noise]), k)
         of_scale = [u * c for name, _, u, c in shared if name not in ("normal_n", "distance_m")]
-        u_volume = float(np.hypot(own, volume.work_n_mm * _joined(np.array(of_scale))))
-        parts = np.array([own / volume.work_n_mm, *(u * c for _, _, u, c in shared)])
-        found.append(
+        u_volume = float(np.hypot(noise, volume.work_n_mm * _joined(np.array(of_scale))))
+        parts = np.array([noise / volume.work_n_mm, *(u * c for _, _, u, c in shared)])
+        rows.append(
             WornDistance(
                 volume=volume,
                 standard_uncertainty_mm3=u_volume,
@@ -490,4 +492,4 @@ def _by_distance(
                 standard_uncertainty=_joined(parts),
             )
         )
-    return tuple(sorted(found, key=lambda row: row.volume.distance_m))
+    return tuple(sorted(rows, key=lambda row: row.volume.distance_m))

@@ -108,7 +108,7 @@ class WearLawFit:
 
     def to_json(self) -> dict[str, Any]:
         """Its numbers by name."""
-        found: dict[str, Any] = {
+        fields: dict[str, Any] = {
             "law": self.law,
             "coefficient_mm2_per_n": self.coefficient_mm2_per_n,
             "own_uncertainty_mm2_per_n": self.own_uncertainty,
@@ -117,9 +117,9 @@ class WearLawFit:
             "log_evidence": self.log_evidence,
         }
         if self.law == "running_in":
-            found["first_over_last"] = self.first_over_last
-            found["running_in_distance_m"] = self.running_in_distance_m
-        return found
+            fields["first_over_last"] = self.first_over_last
+            fields["running_in_distance_m"] = self.running_in_distance_m
+        return fields
 
 
 def work_of(volume: WornVolume, law: str) -> float:
@@ -139,14 +139,14 @@ def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, 
     laws = ["archard"]
     if all(volume.friction for volume in volumes):
         laws += ["sarkar", "dissipated_energy"]
-    found = [
+    fits = [
         _line(law, np.array([work_of(v, law) for v in volumes]), values, spread) for law in laws
     ]
     if len({volume.distance_m for volume in volumes}) > 2:
-        found.append(_running_in(volumes, values, spread))
-    best = max(fit.log_evidence for fit in found)
-    found = [replace(fit, log_evidence=fit.log_evidence - best) for fit in found]
-    return tuple(sorted(found, key=lambda fit: -fit.log_evidence))
+        fits.append(_running_in(volumes, values, spread))
+    best = max(fit.log_evidence for fit in fits)
+    fits = [replace(fit, log_evidence=fit.log_evidence - best) for fit in fits]
+    return tuple(sorted(fits, key=lambda fit: -fit.log_evidence))
 
 
 def _solve(work: Array, values: Array, spread: Array) -> tuple[Array, Array, Array, Array]:
@@ -257,11 +257,11 @@ class WornDistance:
 
 def trace_json(scar: TraceScar) -> dict[str, Any]:
     """What `calibration.json` states of a trace."""
-    found: dict[str, Any] = {"file": scar.test.file, "distance_m": scar.test.distance_m}
+    fields: dict[str, Any] = {"file": scar.test.file, "distance_m": scar.test.distance_m}
     one = scar.levelled
     if one is None:
-        return found | {"is_clear": False}
-    return found | {
+        return fields | {"is_clear": False}
+    return fields | {
         "is_clear": True,
         "left_mm": one.edges_mm[0],
         "left_uncertainty_mm": one.edge_uncertainty_mm[0],
@@ -351,8 +351,8 @@ class WearCalibration(Result):
             yield "chi", f"{self.chi:.2f}"
         yield "law", self.law
         for row in self.by_distance:
-            own = row.coefficient_mm2_per_n / unit, row.standard_uncertainty / unit
-            yield row.volume.place, f"{with_uncertainty(*own)} e-9"
+            pair = row.coefficient_mm2_per_n / unit, row.standard_uncertainty / unit
+            yield row.volume.place, f"{with_uncertainty(*pair)} e-9"
 
     @property
     def scene_values(self) -> dict[str, tuple[float, float]]:
@@ -365,14 +365,14 @@ class WearCalibration(Result):
 
         The common inputs' relative uncertainty is that by Archard's law. Parameters: `law`.
         """
-        found = next((fit for fit in self.laws if fit.law == law), None)
-        if found is None:
+        chosen = next((fit for fit in self.laws if fit.law == law), None)
+        if chosen is None:
             return None
         archard = next(fit for fit in self.laws if fit.law == "archard")
-        own = archard.own_uncertainty
-        common = max(self.standard_uncertainty**2 - own**2, 0.0) / self.coefficient_mm2_per_n**2
-        value = found.coefficient_mm2_per_n
-        return value, float(np.sqrt(found.own_uncertainty**2 + common * value**2))
+        noise = archard.own_uncertainty
+        common = max(self.standard_uncertainty**2 - noise**2, 0.0) / self.coefficient_mm2_per_n**2
+        value = chosen.coefficient_mm2_per_n
+        return value, float(np.sqrt(chosen.own_uncertainty**2 + common * value**2))
 
     @property
     def scene_comment(self) -> str:
@@ -506,16 +506,16 @@ def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
 def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
     """Depths from the scars' middles, downward, with the worn areas and the edges."""
     clear = [scar for scar in scars if scar.levelled is not None]
-    found = [scar.levelled for scar in clear if scar.levelled is not None]
+    traces = [scar.levelled for scar in clear if scar.levelled is not None]
     names = [plain_name(scar.test.file, 24) for scar in clear]
-    for one, name, colour in zip(found, names, _colours(len(found)), strict=True):
+    for one, name, colour in zip(traces, names, _colours(len(traces)), strict=True):
         x = one.x_mm - one.centre_mm
         axes.plot(x, -one.depth_um, color=colour, lw=LINE_PT, label=name)
         for edge, u in zip(one.edges_mm, one.edge_uncertainty_mm, strict=True):
             place = edge - one.centre_mm
             axes.axvspan(place - BAND * u, place + BAND * u, color=colour, alpha=0.12, lw=0)
-    if found:
-        first = found[0]
+    if traces:
+        first = traces[0]
         inside = (first.x_mm >= first.window_mm[0]) & (first.x_mm <= first.window_mm[1])
         x = first.x_mm - first.centre_mm
         axes.fill_between(x, -first.depth_um, 0.0, where=inside, color=PALE, lw=0, zorder=0)
@@ -524,7 +524,7 @@ def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
     axes.axhline(0.0, color=GREY, lw=LINE_PT)
     areas = [
         with_uncertainty(1e3 * one.worn_area_mm2, 1e3 * one.worn_area_uncertainty_mm2)
-        for one in found
+        for one in traces
     ]
     text = "worn area (1e-3 mm²): " + ", ".join(areas) if areas else "no clear scar"
     style_axes(axes, z_label="height over the level (µm)", title=text)

@@ -183,13 +183,13 @@ class WearSet(ImageSet):
                     )
         if not any(volume.value_mm3 for volume in self.volume) and not self.trace:
             raise ValueError("no [[volume]] is above 0; a coefficient needs one that is")
-        own = self.uncertainty.volume_mm3
-        if own is not None and len(own) != len(self.volume):
+        stated = self.uncertainty.volume_mm3
+        if stated is not None and len(stated) != len(self.volume):
             raise ValueError(
-                f"{len(self.volume)} volumes and {len(own)} uncertainties of them; state one "
+                f"{len(self.volume)} volumes and {len(stated)} uncertainties of them; state one "
                 "beside each or none"
             )
-        if self.trace and self.volume and own is None:
+        if self.trace and self.volume and stated is None:
             raise ValueError(
                 "a [[volume]] beside traces needs its uncertainty to be weighed against them; "
                 "write value_mm3 = { value = ..., standard_uncertainty = ... }"
@@ -208,11 +208,11 @@ _COMMON = {"normal_n": "load_percent", "distance_m": "distance_percent"}
 def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
     """A set's tables with plain values, and what stood beside them under [uncertainty]."""
     plain, stated = split_uncertainties(model, data)
-    found: dict[str, Any] = {}
+    uncertainties: dict[str, Any] = {}
     for key, spread in stated.items():
         if key != "scar.width_mm":
             raise ValueError(f"{key} has no standard_uncertainty here; give a plain value")
-        found["width_mm"] = spread
+        uncertainties["width_mm"] = spread
     relative: dict[str, list[float]] = {}
     for kind in ("trace", "volume"):
         tests, spreads = _plain_tests(plain.get(kind), kind)
@@ -220,19 +220,19 @@ def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
             plain = plain | {kind: tests}
         for name, values in spreads.items():
             relative.setdefault(name, []).extend(values)
-    own = relative.pop("value_mm3", None)
-    if own:
-        found["volume_mm3"] = own
+    of_volumes = relative.pop("value_mm3", None)
+    if of_volumes:
+        uncertainties["volume_mm3"] = of_volumes
     for name, values in relative.items():
-        found[_COMMON[name]] = 100.0 * float(np.sqrt(np.mean(np.square(values))))
-    if not found:
+        uncertainties[_COMMON[name]] = 100.0 * float(np.sqrt(np.mean(np.square(values))))
+    if not uncertainties:
         return plain
     given = plain.get("uncertainty")
     table = given if isinstance(given, dict) else {}
-    for key in found:
+    for key in uncertainties:
         if key in table:
             raise ValueError(f"uncertainty.{key} is stated beside its value too; remove one")
-    return plain | {"uncertainty": table | found}
+    return plain | {"uncertainty": table | uncertainties}
 
 
 def _plain_tests(tests: Any, kind: str) -> tuple[Any, dict[str, list[float]]]:
@@ -240,7 +240,7 @@ def _plain_tests(tests: Any, kind: str) -> tuple[Any, dict[str, list[float]]]:
     if not isinstance(tests, list | tuple):
         return tests, {}
     plain: list[Any] = []
-    found: dict[str, list[float]] = {}
+    spreads: dict[str, list[float]] = {}
     for number, test in enumerate(tests, start=1):
         if isinstance(test, dict):
             for name in (*_COMMON, "value_mm3"):
@@ -249,9 +249,9 @@ def _plain_tests(tests: Any, kind: str) -> tuple[Any, dict[str, list[float]]]:
                     test = test | {name: value}
                     if isinstance(value, int | float) and value > 0:
                         size = 1.0 if name == "value_mm3" else value
-                        found.setdefault(name, []).append(spread / size)
+                        spreads.setdefault(name, []).append(spread / size)
         plain.append(test)
-    return plain, found
+    return plain, spreads
 
 
 Array = NDArray[Any]
@@ -321,14 +321,14 @@ class TraceScatter:
 
 def trace_scars(settings: WearSet) -> tuple[TraceScar, ...]:
     """Read and level the traces of a set. Raises InputError for one that cannot be."""
-    found = []
+    scars = []
     for test in settings.trace:
         trace = read_trace(settings.path(test.file))
         try:
-            found.append(TraceScar(test, levelled(trace)))
+            scars.append(TraceScar(test, levelled(trace)))
         except UnclearScarError as error:
-            found.append(TraceScar(test, None, str(error)))
-    return tuple(found)
+            scars.append(TraceScar(test, None, str(error)))
+    return tuple(scars)
 
 
 def worn_volumes(
@@ -341,19 +341,19 @@ def worn_volumes(
     """
     groups = [group for group in _groups(scars) if all(scar.levelled for scar in group)]
     scatter = _scatter(groups)
-    found = [_of_traces(settings, group, scatter) for group in groups]
-    own = settings.uncertainty.volume_mm3
+    volumes = [_of_traces(settings, group, scatter) for group in groups]
+    spreads = settings.uncertainty.volume_mm3
     for k, test in enumerate(settings.volume):
-        found.append(
+        volumes.append(
             WornVolume(
                 distance_m=test.distance_m,
                 normal_n=test.normal_n,
                 friction=test.friction,
                 volume_mm3=test.value_mm3,
-                own_uncertainty_mm3=own[k] if own is not None else np.nan,
+                own_uncertainty_mm3=spreads[k] if spreads is not None else np.nan,
             )
         )
-    return tuple(found), scatter
+    return tuple(volumes), scatter
 
 
 def _key(test: SlidTest) -> tuple[float, float, float | None]:
@@ -383,9 +383,9 @@ def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
     square, freedom, weights, known = 0.0, 0, [], []
     for group in groups:
         areas, variances = _areas(group)
-        own = [scar.levelled.degrees_of_freedom for scar in group if scar.levelled is not None]
-        known += own
-        mean = float(variances.mean()) * student_factor_of(sum(own))
+        freedoms = [scar.levelled.degrees_of_freedom for scar in group if scar.levelled is not None]
+        known += freedoms
+        mean = float(variances.mean()) * student_factor_of(sum(freedoms))
         square += float(np.sum((areas - areas.mean()) ** 2)) / mean
         freedom += len(areas) - 1
         # a distance's share of the coefficient goes with its load times distance

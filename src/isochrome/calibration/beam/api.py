@@ -182,7 +182,7 @@ def bending_from_shots(
         factor,
         inputs,
         covariance=covariance,
-        rest=rest,
+        unloaded=rest,
         messages=(*messages, *left),
     )
     return widened_to_held_out(replace(result, causes=found))
