@@ -177,8 +177,10 @@ def reduced_normal(problem: SeparableProblem, rows: Array, part: LinearPart) -> 
     split = len(problem.light)
     cross = np.concatenate((problem.light @ (rows * part.signal).T, problem.dark @ rows.T))
     known = part.inverse @ cross
-    rest = rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
-    return rest @ rest.T
+    projected = (
+        rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
+    )
+    return projected @ projected.T
 
 
 def _better(trial: _Point, point: _Point) -> bool:
@@ -283,14 +285,14 @@ def several_starts(
     )
     others: list[Minimum] = []
     for minimum in minima:
-        seen = [best.values, minima[0].values, *(m.values for m in others)]
-        if np.isfinite(minimum.chi) and not _near(minimum.values, seen, size):
+        known = [best.values, minima[0].values, *(m.values for m in others)]
+        if np.isfinite(minimum.chi) and not _near(minimum.values, known, size):
             others.append(minimum)
     return SeveralStarts(best, tuple(others))
 
 
-def _near(values: Array, seen: list[Array], size: Array) -> bool:
-    return any(float(np.max(np.abs(values - s) / size)) < APART for s in seen)
+def _near(values: Array, others: list[Array], size: Array) -> bool:
+    return any(float(np.max(np.abs(values - s) / size)) < APART for s in others)
 
 
 def _chosen(table: Array, chi: Array, size: Array, count: int) -> list[int]:

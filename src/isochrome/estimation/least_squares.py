@@ -366,9 +366,9 @@ def solve_all(matrices: Array, right: Array) -> Array:
         return np.asarray(np.linalg.solve(matrices, right))
     except np.linalg.LinAlgError:  # of one of them, and nothing is said of which
         regular = np.linalg.slogdet(matrices)[0] != 0.0
-        found = np.full(right.shape, np.nan)
-        found[regular] = np.linalg.solve(matrices[regular], right[regular])
-        return found
+        solution = np.full(right.shape, np.nan)
+        solution[regular] = np.linalg.solve(matrices[regular], right[regular])
+        return solution
 
 
 def damped_steps(normal: Array, gradient: Array, damping: Array) -> Array:

@@ -159,17 +159,17 @@ def total_degree(degree: int) -> Terms:
     return tuple((t - j, j) for t in range(degree + 1) for j in range(t + 1))
 
 
-def missing_terms(own: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
+def missing_terms(present: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
     """The products of illumination and background up to total degrees that a light has not."""
     light, dark = (
         tuple(term for term in total_degree(degree) if term not in terms)
-        for degree, terms in zip(degrees, own, strict=True)
+        for degree, terms in zip(degrees, present, strict=True)
     )
     return light, dark
 
 
 def with_chosen_terms(
-    own: tuple[Terms, Terms], more: tuple[Terms, Terms], chosen: Iterable[int]
+    present: tuple[Terms, Terms], more: tuple[Terms, Terms], chosen: Iterable[int]
 ) -> tuple[Terms, Terms]:
     """A light's products, of illumination and background, and behind them some of those it has not.
 
@@ -178,7 +178,7 @@ def with_chosen_terms(
     count, order = len(more[0]), tuple(chosen)
     light = tuple(more[0][i] for i in order if i < count)
     dark = tuple(more[1][i - count] for i in order if i >= count)
-    return (*own[0], *light), (*own[1], *dark)
+    return (*present[0], *light), (*present[1], *dark)
 
 
 def _basis(shape: tuple[int, int], terms: Terms) -> Array:
@@ -275,39 +275,39 @@ _TAKEN = 1e-6
 class ScoreProducts:
     """Products of columns with each other and the residual, what is fitted taken off.
 
-    Of parts (own, fitted, columns, residual) of the data, all over the noise: derivatives (q, n) by
-    what is fitted to this part alone, such as a frame's light, (p, n) by what is fitted to all, (k,
-    n) by what is not, and the residual (n,). p and k are the same in all parts.
+    Of parts (local, fitted, columns, residual) of the data, all over the noise: derivatives (q, n)
+    by what is fitted to this part alone, such as a frame's light, (p, n) by what is fitted to all,
+    (k, n) by what is not, and the residual (n,). p and k are the same in all parts.
     """
 
     def __init__(self, parts: Iterable[tuple[Array, Array, Array, Array]]) -> None:
         gram, size, count, fitted, shared = np.zeros((1, 1)), np.zeros(1), 0, 0, 0
-        for own, rows, columns, residual in parts:
-            stacked = np.concatenate((own, rows, columns, residual[None])).astype(np.float32)
+        for local, rows, columns, residual in parts:
+            stacked = np.concatenate((local, rows, columns, residual[None])).astype(np.float32)
             products = (stacked @ stacked.T).astype(float)
             shared = len(rows)
-            size = size + np.diag(products)[len(own) + shared : -1]
-            gram = gram + _taken_off(products, len(own))
-            count, fitted = count + stacked.shape[1], fitted + len(own)
+            size = size + np.diag(products)[len(local) + shared : -1]
+            gram = gram + _taken_off(products, len(local))
+            count, fitted = count + stacked.shape[1], fitted + len(local)
         self.size = size
         self._taken_up = _explained(gram, shared)[:, :-1]
-        rest = _taken_off(gram, shared)
+        reduced = _taken_off(gram, shared)
         self.count = count
-        self.matrix, self.right, left = rest[:-1, :-1], rest[:-1, -1], rest[-1, -1]
-        self.noise = max(1.0, float(left) / max(1, count - fitted - shared))
+        self.matrix, self.right, square = reduced[:-1, :-1], reduced[:-1, -1], reduced[-1, -1]
+        self.noise = max(1.0, float(square) / max(1, count - fitted - shared))
 
     def score(self, chosen: slice | list[int]) -> tuple[float, int, Array]:
         """What some columns gain together: S over the noise, the number of them not taken up by
         what is fitted, and the values (k,) that they would come out at, to first order.
         """
         right, matrix = self.right[chosen], self.matrix[chosen][:, chosen]
-        own = np.diag(matrix) > _TAKEN * self.size[chosen]
-        if not own.any():
+        determined = np.diag(matrix) > _TAKEN * self.size[chosen]
+        if not determined.any():
             return 0.0, len(right), np.zeros(len(right))
-        scale = np.where(own, 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300)), 0.0)
+        scale = np.where(determined, 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300)), 0.0)
         inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-8, hermitian=True)
         values = scale * (inverse @ (scale * right))
-        return float(values @ right) / self.noise, int(own.sum()), values
+        return float(values @ right) / self.noise, int(determined.sum()), values
 
     def shift(self, chosen: slice | list[int], values: Array) -> Array:
         """How far (p,) what is fitted to all parts would move, to first order, if columns had such
@@ -390,17 +390,17 @@ def smooth_starts(
     """
     maps = [smooth_light(image.shape, i, light).bases for i in degrees_of(light)]
     common: dict[str, Any] = {"mask": mask, "sigma": sigma, "scale": scale, **options}
-    found = several_starts(
+    result = several_starts(
         image, response, starts, refine=refine, scan_pixels=scan_pixels, **maps[0], **common
     )
     pixels = int(np.count_nonzero(mask))
     for many in maps[1:]:
-        fit = fit_intensity(image, response, found.best.values, **many, **common)
-        old, new = ((f.chi**2, light_unknowns(f)) for f in (found.best, fit))
+        fit = fit_intensity(image, response, result.best.values, **many, **common)
+        old, new = ((f.chi**2, light_unknowns(f)) for f in (result.best, fit))
         if not fit.positive or evidence_gain(old, new, pixels=pixels) < 0.0:
             break
-        found = _with_rivals(found, fit, image, response, many, common)
-    return found
+        result = _with_rivals(result, fit, image, response, many, common)
+    return result
 
 
 def _with_rivals(
@@ -418,8 +418,8 @@ def _with_rivals(
     near = [m for m in few.others if m.chi < RIVAL_CHI * few.best.chi]
     far = [m for m in few.others if m.chi >= RIVAL_CHI * few.best.chi]
     fits = [best, *(fit_intensity(image, response, m.values, **maps, **common) for m in near)]
-    first, *rest = sorted(fits, key=lambda f: Minimum.of(f).chi)
-    return SeveralStarts(first, (*map(Minimum.of, rest), *far))
+    first, *others = sorted(fits, key=lambda f: Minimum.of(f).chi)
+    return SeveralStarts(first, (*map(Minimum.of, others), *far))
 
 
 def light_unknowns(fit: IntensityFit) -> int:

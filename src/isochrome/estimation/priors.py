@@ -42,14 +42,14 @@ The first is not kept, the second not gone on with: a hundred products of light 
 anything."""
 
 
-def is_explained(before: float, after: float, left: float) -> bool:
-    """Whether chi² - 1, of residual over noise, fell below a share `left` of what it was."""
-    return after**2 - 1.0 < left * (before**2 - 1.0)
+def is_explained(before: float, after: float, share: float) -> bool:
+    """Whether chi² - 1, of residual over noise, fell below a share of what it was."""
+    return after**2 - 1.0 < share * (before**2 - 1.0)
 
 
-def stays_poor(before: float, after: float, left: float) -> bool:
+def stays_poor(before: float, after: float, share: float) -> bool:
     """Whether more unknowns leave chi above `POOR_CHI`, and a share `left` of chi² - 1 at least."""
-    return after > POOR_CHI and not is_explained(before, after, left)
+    return after > POOR_CHI and not is_explained(before, after, share)
 
 
 def evidence_gain(old: tuple[float, int], new: tuple[float, int], *, pixels: int) -> float:
@@ -160,9 +160,11 @@ def less_explained(
     """
     if not len(held):
         return residual
-    own = (held - ((held @ rows.T) @ inverse).astype(held.dtype) @ rows) * spread[:, None]
-    normal = (own @ own.T).astype(float) + np.eye(len(held))
-    return np.asarray(residual - np.linalg.solve(normal, (own @ residual).astype(float)) @ own)
+    reduced = (held - ((held @ rows.T) @ inverse).astype(held.dtype) @ rows) * spread[:, None]
+    normal = (reduced @ reduced.T).astype(float) + np.eye(len(held))
+    return np.asarray(
+        residual - np.linalg.solve(normal, (reduced @ residual).astype(float)) @ reduced
+    )
 
 
 def budget_of(

@@ -242,11 +242,11 @@ class ScarShape:
         assert self.covariance is not None
         cov = self.covariance[:2, :2]
         signs = (np.array([1.0, -1.0]), np.array([1.0, 1.0]))
-        left, right = (
+        left_mm, right_mm = (
             float(np.hypot(np.sqrt(max(s @ cov @ s, 0.0)), _EDGE_MODEL * self.half_mm))
             for s in signs
         )
-        return left, right
+        return left_mm, right_mm
 
     def values(self, x_mm: Array) -> Array:
         """Its depth on bins (n,), µm."""
@@ -308,7 +308,7 @@ def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> Sc
 
     values = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
     values = values + bounds.cut(values, np.zeros(3))
-    found = minimise(
+    descent = minimise(
         heights.at,
         values,
         heights.at(values),
@@ -318,15 +318,15 @@ def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> Sc
         bounds=bounds,
         cut=cut,
     )
-    (centre, _, exponent), half = found.values.tolist(), float(np.exp(found.values[1]))
+    (centre, _, exponent), half = descent.values.tolist(), float(np.exp(descent.values[1]))
     scale = np.array([1.0, half, 1.0])
     return ScarShape(
         centre_mm=centre,
         half_mm=half,
         exponent=exponent,
-        depth_um=-found.point.depth,
-        covariance=np.linalg.inv(found.point.normal) * np.outer(scale, scale),
-        clear=abs(found.point.depth) * found.point.size,
+        depth_um=-descent.point.depth,
+        covariance=np.linalg.inv(descent.point.normal) * np.outer(scale, scale),
+        clear=abs(descent.point.depth) * descent.point.size,
     )
 
 
@@ -429,19 +429,19 @@ def levelled(trace: Trace) -> LevelledTrace:
             f"{trace.name}: its scar is {place.depth_um:.2g} µm deep over {2 * place.half_mm:.3g} "
             "mm, which no profilometer sees; check the unit of z (µm, mm) in its column's name"
         )
-    found = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
-    if max(found.ridges_mm2) < _PILED_UP * found.ridge_uncertainty_mm2:
-        return found
+    result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
+    if max(result.ridges_mm2) < _PILED_UP * result.ridge_uncertainty_mm2:
+        return result
     unworn = unworn & ~_near(bins.x_mm, place, _FLANK)
-    found = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
-    left, right = (1e3 * ridge for ridge in found.ridges_mm2)
+    result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
+    left_um, right_um = (1e3 * ridge for ridge in result.ridges_mm2)
     return replace(
-        found,
+        result,
         messages=(
             *messages,
-            f"{trace.name}: ridges of {left:.2g} and {right:.2g} µm mm stand beside the scar of "
-            f"{1e3 * found.worn_area_mm2:.3g} µm mm: material was pushed aside, which is no wear; "
-            "the worn area is that below the surface, and what is lost is less",
+            f"{trace.name}: ridges of {left_um:.2g} and {right_um:.2g} µm mm stand beside the scar "
+            f"of {1e3 * result.worn_area_mm2:.3g} µm mm: material was pushed aside, which is no "
+            "wear; the worn area is that below the surface, and what is lost is less",
         ),
     )
 
@@ -458,8 +458,8 @@ def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
 
     def roots(place: ScarShape, before: Roughness | None = None) -> tuple[Roughness, Array]:
         unworn = _shoulders(bins, place, name)
-        found = fit_roughness(z, unworn, form, bins.spacing_mm, before)
-        return found, whitening(x, _firm(found.covariance(n)))
+        fitted = fit_roughness(z, unworn, form, bins.spacing_mm, before)
+        return fitted, whitening(x, _firm(fitted.covariance(n)))
 
     roughness, white = roots(first_place(x, z, whitening(x, white_covariance_of(z))))
     place = refine_place(x, z, first_place(x, z, white), white)
@@ -480,15 +480,15 @@ def _guard_of(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
     least = max(_LEAST_GUARD * place.half_mm, spacing_mm)
     if place.covariance is None:
         return 0.2 * place.half_mm, 0.2 * place.half_mm
-    left, right = (
+    left_mm, right_mm = (
         min(max(_GUARD * u, least), 0.5 * place.half_mm) for u in place.edge_uncertainty_mm
     )
-    return left, right
+    return left_mm, right_mm
 
 
 def _window(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
-    left, right = _guard_of(place, spacing_mm)
-    return place.centre_mm - place.half_mm - left, place.centre_mm + place.half_mm + right
+    left_mm, right_mm = _guard_of(place, spacing_mm)
+    return place.centre_mm - place.half_mm - left_mm, place.centre_mm + place.half_mm + right_mm
 
 
 def _beside(bins: BinnedTrace, place: ScarShape) -> tuple[Mask, Mask]:
@@ -514,8 +514,8 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
 def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
     """Bins outside the window that show the unworn surface."""
     x = bins.x_mm
-    left, right = _beside(bins, place)
-    unworn = (left | right) & ~bins.filled
+    before, after = _beside(bins, place)
+    unworn = (before | after) & ~bins.filled
     if unworn.sum() < _FEWEST_BINS:
         _check_shoulders(bins, place, name)
         raise InputError(f"{name}: too few points beside its scar; measure a longer trace")
@@ -552,7 +552,7 @@ def _level(
     areas = np.array([(to_area @ one - to_area) @ z for one in levels])
     drawn = _drawn(x, levels, weights)
     shared = float(to_area @ drawn @ to_area + weights @ (areas - weights @ areas) ** 2)
-    own = to_area @ level
+    of_level = to_area @ level
     ridges, ridge_uncertainty = _ridges(bins, place, level, roughness)
     to_depth = level - np.eye(len(x))
     return LevelledTrace(
@@ -567,7 +567,9 @@ def _level(
         worn_area_mm2=float(rows @ z),
         worn_area_uncertainty_mm2=float(np.sqrt(wider * (variance + shared))),
         degrees_of_freedom=freedom,
-        levelling_uncertainty_mm2=float(np.sqrt(wider * (own @ covariance @ own + shared))),
+        levelling_uncertainty_mm2=float(
+            np.sqrt(wider * (of_level @ covariance @ of_level + shared))
+        ),
         depth_covariance_um2=wider * (to_depth @ covariance @ to_depth.T + drawn),
         roughness=roughness,
         deepest_um=place.depth_um,
@@ -587,11 +589,11 @@ def _ridges(
     bins: BinnedTrace, place: ScarShape, level: Array, roughness: Roughness
 ) -> tuple[tuple[float, float], float]:
     """Areas above the level, left and right beside the scar, and their uncertainty, mm²."""
-    (left, right), flank = _edges(place), _FLANK * place.half_mm
+    (left_mm, right_mm), flank = _edges(place), _FLANK * place.half_mm
     beside = np.array(
         [
-            _parts(bins.x_mm, bins.spacing_mm, left - flank, left),
-            _parts(bins.x_mm, bins.spacing_mm, right, right + flank),
+            _parts(bins.x_mm, bins.spacing_mm, left_mm - flank, left_mm),
+            _parts(bins.x_mm, bins.spacing_mm, right_mm, right_mm + flank),
         ]
     )
     rows = 1e-3 * bins.spacing_mm * (beside - beside @ level)
@@ -622,13 +624,13 @@ def _levels(x: Array, z: Array, unworn: Mask, covariance: Array) -> tuple[Array,
     matrices, scores = [], []
     for degree in FORM_DEGREES:
         form = legendre(x, degree)
-        own = form[unworn]
-        carried = inverse @ own
+        unworn_form = form[unworn]
+        carried = inverse @ unworn_form
         prior = 1.0 / form_spread(x, degree) ** 2
-        solved = np.linalg.solve(own.T @ carried + np.diag(prior), carried.T)
+        solved = np.linalg.solve(unworn_form.T @ carried + np.diag(prior), carried.T)
         matrix = np.zeros((len(x), len(x)))
         matrix[:, unworn] = form @ solved
-        residual = heights - own @ (solved @ heights)
+        residual = heights - unworn_form @ (solved @ heights)
         away = float(residual @ inverse @ residual + prior @ (solved @ heights) ** 2)
         scores.append(away + degree * np.log(count))
         matrices.append(matrix)

@@ -169,7 +169,7 @@ def _unit(cell: str) -> str | None:
 
 def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
     """One profile in the ASCII form of ISO 25178-71."""
-    head, star, rest = text.partition("*")
+    head, star, body = text.partition("*")
     keys = {}
     for line in head.splitlines()[1:]:
         key, equals, value = line.partition("=")
@@ -190,7 +190,7 @@ def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
         raise InputError(
             f"{path}: holds {profiles} profiles; export one profile a file, across the scar"
         )
-    cells = rest.partition("*")[0].split()
+    cells = body.partition("*")[0].split()
     if len(cells) != points:
         raise InputError(
             f"{path}: has {len(cells)} heights where its head says {points}; export it again"
