@@ -384,17 +384,38 @@ class ColourCalibration(Result):
         yield "residual", f"{self.residual:.3f} of full light"
 
     def figure(self) -> Figure:
-        """See `colour_figure`."""
-
-        return colour_figure(self)
+        """The channels' signals over the order with their scatter, and the colours."""
+        figure = new_figure(10.0, 5.2)
+        panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=[5, 1])
+        curves, strip = panels
+        _draw_channels(curves, self)
+        add_legend(curves, loc="upper right")
+        _draw_strip(strip, self)
+        write_head(figure, _values(self))
+        return figure
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give the table for a paper; see `paper_figure`.
 
         A table has no frames: raises InputError where some are named.
         """
+        if frames is not None:
+            raise InputError("frames of a figure: a colour table has none; leave them out")
 
-        return colour_panels(self, frames)
+        def channels(axes: Axes) -> None:
+            _draw_channels(axes, self, LINE_STYLES)
+            axes.set_xlabel(_order_label(self))
+
+        strip = partial(_draw_strip, calibration=self)
+        return PaperPanels(
+            plots=[
+                Plot(title="channels", draw=channels, height_mm=45.0),
+                Plot(title="colours", draw=strip, height_mm=10.0),
+            ],
+            plots_across=1,
+            legend=(*CHANNELS, _SEEN),
+            notes=[f"{_values(self)}."],
+        )
 
     def to_json(self) -> dict[str, Any]:
         """The calibration without its table and images, for calibration.json."""
@@ -617,46 +638,6 @@ def _levels(light: NDArray[Any], calibration: ColourCalibration) -> NDArray[Any]
         np.uint8 if depth <= 8 else np.uint16
     )
     return levels
-
-
-def colour_figure(calibration: ColourCalibration) -> Figure:
-    """Draw a table: the channels' signals over the order with their scatter, and the colours.
-
-    Parameters: `calibration`. Returns a Matplotlib Figure; save it with `output.write_figure`.
-    """
-    figure = new_figure(10.0, 5.2)
-    panels: Any = figure.subplots(2, 1, sharex=True, height_ratios=[5, 1])
-    curves, strip = panels
-    _draw_channels(curves, calibration)
-    add_legend(curves, loc="upper right")
-    _draw_strip(strip, calibration)
-    write_head(figure, _values(calibration))
-    return figure
-
-
-def colour_panels(calibration: ColourCalibration, frames: tuple[int, ...] | None) -> PaperPanels:
-    """The same for a paper; the channels have lines of their own kinds, for colour-blind readers.
-
-    Parameters: `calibration`; `frames`, None. Returns PaperPanels. Raises InputError where frames
-    are named.
-    """
-    if frames is not None:
-        raise InputError("frames of a figure: a colour table has none; leave them out")
-
-    def channels(axes: Axes) -> None:
-        _draw_channels(axes, calibration, LINE_STYLES)
-        axes.set_xlabel(_order_label(calibration))
-
-    strip = partial(_draw_strip, calibration=calibration)
-    return PaperPanels(
-        plots=[
-            Plot(title="channels", draw=channels, height_mm=45.0),
-            Plot(title="colours", draw=strip, height_mm=10.0),
-        ],
-        plots_across=1,
-        legend=(*CHANNELS, _SEEN),
-        notes=[f"{_values(calibration)}."],
-    )
 
 
 def _values(calibration: ColourCalibration) -> str:

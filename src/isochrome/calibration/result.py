@@ -254,17 +254,89 @@ class Calibration(Result):
         return f"chi {self.chi:.2f}"
 
     def figure(self) -> Figure:
-        """See `calibration_figure`."""
-
-        return calibration_figure(self)
+        """Up to four images beside fit, residual and a cut; below, the order over the load."""
+        shown = _spread([i for i in self.images if i.view is not None])
+        tall = CUTS[self.specimen].row_inches
+        figure = new_figure(13.0, tall * len(shown) + 4.2)
+        halves: Any = figure.subfigures(2, 1, height_ratios=[tall * len(shown), 3.8])
+        upper, lower = halves
+        panels = upper.subplots(len(shown), 4, squeeze=False, width_ratios=[1, 1, 1.2, 1.7])
+        limit = _residual_limit([i.view for i in shown if i.view is not None])
+        for axes, item in zip(panels, shown, strict=True):
+            _image_row(list(axes), item, CUTS[self.specimen], limit)
+        line, misfit, budget = lower.subplots(1, 3, width_ratios=[1.5, 1, 1.2])
+        _line(line, self)
+        _misfit(misfit, self)
+        parts = {item.name: item.contribution_n_per_mm for item in self.budget}
+        draw_budget(budget, parts, x_label="contribution to u (N/mm)", title="uncertainty budget")
+        value, *others = _values(self)
+        head = [f"f$_\\sigma$ = {value}", f"$\\chi$ = {self.chi:.2f}", *others]
+        write_head(figure, "    ".join(head))
+        return figure
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give images, fits, orders and budget for a paper; see `paper_figure`.
 
         `frames`: numbers of the images that are shown. Raises InputError where one is not there.
         """
+        images = self.images
+        usual = _spread([i for i in images if i.view is not None])[::-1][:_FOR_PAPER][::-1]
+        default = [images.index(item) for item in usual]
+        shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
+        views = [item.view for item in shown if item.view is not None]
+        if len(views) < len(shown):
+            missing = next(item for item in shown if item.view is None)
+            raise InputError(f"{missing.file}: was left out of the calibration, and is not drawn")
+        limit, where = _residual_limit(views), CUTS[self.specimen]
 
-        return calibration_panels(self, frames)
+        def draw(axes: Axes, k: int, column: int) -> AxesImage:
+            image, _, options = _maps(shown[k], limit)[column]
+            small, pixel = _square(image, views[k].pixel_mm)
+            return show_image(axes, small, pixel_mm=pixel, **options)
+
+        def order_line(axes: Axes) -> None:
+            _line(axes, self, "measured", "predicted")  # short: a long name covers the points
+            axes.margins(y=0.25)  # so that what stands below the line's beginning has room
+
+        names = ("captured", "fitted", "residual")
+        plots = [
+            Plot(
+                title=f"{item.load_n:.4g} N, along the cut",
+                draw=partial(_cut, item=item, where=where),
+                spare=1 if item is shown[-1] else 3,  # one cut tells how well the model fits
+            )
+            for item in shown
+        ]
+        parts = {item.name: item.contribution_n_per_mm for item in self.budget}
+        budget = budget_plot("uncertainty budget", parts, unit="N/mm")
+        plots += [
+            Plot(title="order over load", draw=order_line),
+            Plot(
+                title=_misfit_title(self),
+                draw=partial(_misfit, calibration=self),
+                spare=2,
+            ),
+            budget,
+        ]
+        value, *others = _values(self)
+        predicted = any(item.predicted_order is not None for item in images)
+        return PaperPanels(
+            kinds=[
+                PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
+                for column, (name, bar) in enumerate(
+                    zip(names, ("", "", "residual (noise sigmas)"), strict=True)
+                )
+            ],
+            labels=[f"{item.load_n:.4g} N" for item in shown],
+            plots=plots,
+            notes=[
+                f"Material fringe value {value}, χ = {self.chi:.2f}"
+                + "".join(f", {text}" for text in others) + ".",
+                *(f"{item.load_n:.4g} N: N = {_order_text(item)} at the {where.place}, "
+                  f"χ = {item.chi:.2f}." for item in shown),
+                *(["Predicted: by the line through the other loads."] if predicted else []),
+            ],
+        )  # fmt: skip
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain numbers, texts and lists for `calibration.json`.
@@ -290,32 +362,6 @@ LARGEST_PX = 400
 """Rows or columns of an image that are drawn."""
 
 
-def calibration_figure(calibration: Calibration) -> Figure:
-    """Draw a calibration: for up to four images the frame, the fit, the residual in units of the
-    noise and a cut through intensity and order; below, order against load with its line.
-
-    Parameters: `calibration`. Returns a Matplotlib Figure; save it with `output.write_figure`.
-    """
-    shown = _spread([i for i in calibration.images if i.view is not None])
-    tall = CUTS[calibration.specimen].row_inches
-    figure = new_figure(13.0, tall * len(shown) + 4.2)
-    halves: Any = figure.subfigures(2, 1, height_ratios=[tall * len(shown), 3.8])
-    upper, lower = halves
-    panels = upper.subplots(len(shown), 4, squeeze=False, width_ratios=[1, 1, 1.2, 1.7])
-    limit = _residual_limit([i.view for i in shown if i.view is not None])
-    for axes, item in zip(panels, shown, strict=True):
-        _image_row(list(axes), item, CUTS[calibration.specimen], limit)
-    line, misfit, budget = lower.subplots(1, 3, width_ratios=[1.5, 1, 1.2])
-    _line(line, calibration)
-    _misfit(misfit, calibration)
-    parts = {item.name: item.contribution_n_per_mm for item in calibration.budget}
-    draw_budget(budget, parts, x_label="contribution to u (N/mm)", title="uncertainty budget")
-    value, *others = _values(calibration)
-    head = [f"f$_\\sigma$ = {value}", f"$\\chi$ = {calibration.chi:.2f}", *others]
-    write_head(figure, "    ".join(head))
-    return figure
-
-
 def _values(calibration: Calibration) -> list[str]:
     """The value, and what was found besides, in words."""
     value = with_uncertainty(calibration.fringe_value_n_per_mm, calibration.standard_uncertainty)
@@ -325,72 +371,6 @@ def _values(calibration: Calibration) -> list[str]:
     if calibration.residual is not None:
         parts.append(f"residual stress up to {calibration.residual['largest_order']:.2f} fringe")
     return parts
-
-
-def calibration_panels(calibration: Calibration, frames: tuple[int, ...] | None) -> PaperPanels:
-    """The same for a paper.
-
-    Parameters: `calibration`; `frames`, numbers of the images that are shown. Returns PaperPanels.
-    Raises InputError where there is no such image.
-    """
-    images = calibration.images
-    usual = _spread([i for i in images if i.view is not None])[::-1][:_FOR_PAPER][::-1]
-    default = [images.index(item) for item in usual]
-    shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
-    views = [item.view for item in shown if item.view is not None]
-    if len(views) < len(shown):
-        missing = next(item for item in shown if item.view is None)
-        raise InputError(f"{missing.file}: was left out of the calibration, and is not drawn")
-    limit, where = _residual_limit(views), CUTS[calibration.specimen]
-
-    def draw(axes: Axes, k: int, column: int) -> AxesImage:
-        image, _, options = _maps(shown[k], limit)[column]
-        small, pixel = _square(image, views[k].pixel_mm)
-        return show_image(axes, small, pixel_mm=pixel, **options)
-
-    def order_line(axes: Axes) -> None:
-        _line(axes, calibration, "measured", "predicted")  # short: a long name covers the points
-        axes.margins(y=0.25)  # so that what stands below the line's beginning has room
-
-    names = ("captured", "fitted", "residual")
-    plots = [
-        Plot(
-            title=f"{item.load_n:.4g} N, along the cut",
-            draw=partial(_cut, item=item, where=where),
-            spare=1 if item is shown[-1] else 3,  # one cut tells how well the model fits
-        )
-        for item in shown
-    ]
-    parts = {item.name: item.contribution_n_per_mm for item in calibration.budget}
-    budget = budget_plot("uncertainty budget", parts, unit="N/mm")
-    plots += [
-        Plot(title="order over load", draw=order_line),
-        Plot(
-            title=_misfit_title(calibration),
-            draw=partial(_misfit, calibration=calibration),
-            spare=2,
-        ),
-        budget,
-    ]
-    value, *others = _values(calibration)
-    predicted = any(item.predicted_order is not None for item in images)
-    return PaperPanels(
-        kinds=[
-            PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
-            for column, (name, bar) in enumerate(
-                zip(names, ("", "", "residual (noise sigmas)"), strict=True)
-            )
-        ],
-        labels=[f"{item.load_n:.4g} N" for item in shown],
-        plots=plots,
-        notes=[
-            f"Material fringe value {value}, χ = {calibration.chi:.2f}"
-            + "".join(f", {text}" for text in others) + ".",
-            *(f"{item.load_n:.4g} N: N = {_order_text(item)} at the {where.place}, "
-              f"χ = {item.chi:.2f}." for item in shown),
-            *(["Predicted: by the line through the other loads."] if predicted else []),
-        ],
-    )  # fmt: skip
 
 
 def _digits(spread: float) -> int:

@@ -174,17 +174,53 @@ class ScaleCalibration(Result):
         yield "residual", f"{self.residual_px:.3f} px over {counted(self.corners, 'point')}"
 
     def figure(self) -> Figure:
-        """See `scale_figure`."""
-
-        return scale_figure(self)
+        """Each picture with its points and their residuals magnified, and the budget beside it."""
+        shown = self.images[:MOST_PICTURES]
+        tall = 7.5 * self.shape[0] / self.shape[1] + 0.7
+        figure = new_figure(13.0, min(max(tall, 3.0), 9.0) * len(shown) + 0.9)
+        panels: Any = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[2.2, 1])
+        factor = _factor(self, shown)
+        for axes, picture in zip(panels[:, 0], shown, strict=True):
+            _draw_points(axes, picture, factor)
+            axes.set_title(_title(picture, factor), fontsize=TITLE_PT, loc="left")
+        parts = {item.input: item.contribution for item in self.budget}
+        title = "uncertainty budget of pixel_mm"
+        draw_budget(panels[0, 1], parts, x_label="contribution to u (mm)", title=title)
+        for axes in panels[1:, 1]:
+            axes.set_axis_off()
+        rows = list(self.values.items())
+        texts = [
+            f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
+            for name, measured in rows
+        ]
+        head = ["    ".join(texts[:1] + texts[4:]), "    ".join(texts[1:4])]
+        write_head(figure, "\n".join(line for line in head if line))
+        return figure
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give pictures with their points, and the budget, for a paper; see `paper_figure`.
 
         `frames`: numbers of the pictures that are shown. Raises InputError where one is not there.
         """
+        images = self.images
+        few = range(min(len(images), _FOR_PAPER))
+        shown = [images[k] for k in chosen_frames(frames, len(images), few, items="pictures")]
+        factor = _factor(self, shown)
 
-        return scale_panels(self, frames)
+        def draw(axes: Axes, k: int) -> AxesImage:
+            return _draw_points(axes, shown[k], factor)
+
+        parts = {item.input: item.contribution for item in self.budget}
+        values = "; ".join(
+            f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
+            for name, measured in self.values.items()
+        )
+        return PaperPanels(
+            kinds=[PictureKind(name="points", draw=draw)],
+            labels=[plain_name(picture.file, 24) for picture in shown],
+            plots=[budget_plot("budget of pixel_mm", parts, unit="mm")],
+            notes=[f"{values}.", *(f"{_title(picture, factor)}." for picture in shown)],
+        )
 
     @property
     def scene_values(self) -> dict[str, tuple[float, float]]:
@@ -236,61 +272,6 @@ MOST_POINTS = 150
 
 _LONGEST_ARROW = 0.06
 """Length of the longest arrows, over the picture's width."""
-
-
-def scale_figure(calibration: ScaleCalibration) -> Figure:
-    """Draw each picture with its points and their residuals magnified, and the budget beside it.
-
-    Parameters: `calibration`. Returns a Matplotlib Figure; save it with `output.write_figure`.
-    """
-    shown = calibration.images[:MOST_PICTURES]
-    tall = 7.5 * calibration.shape[0] / calibration.shape[1] + 0.7
-    figure = new_figure(13.0, min(max(tall, 3.0), 9.0) * len(shown) + 0.9)
-    panels: Any = figure.subplots(len(shown), 2, squeeze=False, width_ratios=[2.2, 1])
-    factor = _factor(calibration, shown)
-    for axes, picture in zip(panels[:, 0], shown, strict=True):
-        _draw_points(axes, picture, factor)
-        axes.set_title(_title(picture, factor), fontsize=TITLE_PT, loc="left")
-    parts = {item.input: item.contribution for item in calibration.budget}
-    title = "uncertainty budget of pixel_mm"
-    draw_budget(panels[0, 1], parts, x_label="contribution to u (mm)", title=title)
-    for axes in panels[1:, 1]:
-        axes.set_axis_off()
-    rows = list(calibration.values.items())
-    texts = [
-        f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
-        for name, measured in rows
-    ]
-    head = ["    ".join(texts[:1] + texts[4:]), "    ".join(texts[1:4])]
-    write_head(figure, "\n".join(line for line in head if line))
-    return figure
-
-
-def scale_panels(calibration: ScaleCalibration, frames: tuple[int, ...] | None) -> PaperPanels:
-    """The same for a paper.
-
-    Parameters: `calibration`; `frames`, numbers of the pictures that are shown. Returns
-    PaperPanels. Raises InputError where there is no such picture.
-    """
-    images = calibration.images
-    few = range(min(len(images), _FOR_PAPER))
-    shown = [images[k] for k in chosen_frames(frames, len(images), few, items="pictures")]
-    factor = _factor(calibration, shown)
-
-    def draw(axes: Axes, k: int) -> AxesImage:
-        return _draw_points(axes, shown[k], factor)
-
-    parts = {item.input: item.contribution for item in calibration.budget}
-    values = "; ".join(
-        f"{name} = {with_uncertainty(measured.value, measured.standard_uncertainty)}"
-        for name, measured in calibration.values.items()
-    )
-    return PaperPanels(
-        kinds=[PictureKind(name="points", draw=draw)],
-        labels=[plain_name(picture.file, 24) for picture in shown],
-        plots=[budget_plot("budget of pixel_mm", parts, unit="mm")],
-        notes=[f"{values}.", *(f"{_title(picture, factor)}." for picture in shown)],
-    )
 
 
 def _factor(calibration: ScaleCalibration, shown: Sequence[ScalePicture]) -> float:

@@ -380,17 +380,64 @@ class WearCalibration(Result):
         return "k = V/(P s)" if self.chi is None else f"chi {self.chi:.2f}"
 
     def figure(self) -> Figure:
-        """See `wear_figure`."""
-
-        return wear_figure(self)
+        """The traces as measured and levelled, a row a distance, and k over the distance."""
+        distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))[:MOST_ROWS]
+        rows = len(distances) + 1
+        figure = new_figure(13.0, 2.5 * len(distances) + 4.4)
+        panels: Any = figure.subplots(
+            rows,
+            2,
+            squeeze=False,
+            width_ratios=[1, 1.25],
+            height_ratios=[1.0] * (rows - 1) + [1.35],
+        )
+        for place, (raw, level) in zip(distances, panels[:-1], strict=True):
+            scars = [scar for scar in self.traces if scar.test.distance_m == place]
+            _draw_raw(raw, scars, f"{place:g} m: as measured, less the line through the ends")
+            _draw_levelled(level, scars)
+        for axes in panels[len(distances) - 1, :] if distances else ():
+            axes.set_xlabel("x (mm)")
+        _draw_coefficients(panels[-1, 0], self)
+        parts = {item.input: item.contribution / _UNIT for item in self.budget}
+        draw_budget(
+            panels[-1, 1],
+            parts,
+            x_label="contribution to u (1e-9 mm²/N)",
+            title="uncertainty budget",
+        )
+        write_head(figure, "    ".join(_values(self)))
+        return figure
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give scars, coefficients and budget for a paper; see `paper_figure`.
 
         `frames`: numbers of the distances that are shown. Raises InputError where one is not there.
         """
+        distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))
+        few = range(min(len(distances), _FOR_PAPER))
+        shown = [
+            distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")
+        ]
 
-        return wear_panels(self, frames)
+        def scar(axes: Axes, place: float) -> None:
+            _draw_levelled(axes, [s for s in self.traces if s.test.distance_m == place])
+            axes.set_xlabel("x (mm)")
+
+        plots = [
+            Plot(
+                title=f"{place:g} m",
+                draw=partial(scar, place=place),
+                spare=int(frames is None and 0 < k < len(shown) - 1),  # the ends tell the most
+            )
+            for k, place in enumerate(shown)
+        ]
+        parts = {item.input: item.contribution / _UNIT for item in self.budget}
+        plots += [
+            Plot(title="V/(P s)", draw=partial(_draw_coefficients, calibration=self)),
+            budget_plot("uncertainty budget", parts, unit="1e-9 mm²/N"),
+        ]
+        notes = ["; ".join(_values(self)) + ".", f"Bands: ± {BAND:g} standard uncertainties."]
+        return PaperPanels(plots=plots, notes=notes)
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain numbers, texts and lists for `calibration.json`."""
@@ -424,69 +471,12 @@ _UNIT = 1e-9
 """Coefficients are drawn in 1e-9 mm²/N."""
 
 
-def wear_figure(calibration: WearCalibration) -> Figure:
-    """Draw the traces as measured and levelled, a row a distance, and k over the distance.
-
-    Parameters: `calibration`. Returns a Matplotlib Figure; save it with `output.write_figure`.
-    """
-    distances = list(dict.fromkeys(scar.test.distance_m for scar in calibration.traces))[:MOST_ROWS]
-    rows = len(distances) + 1
-    figure = new_figure(13.0, 2.5 * len(distances) + 4.4)
-    panels: Any = figure.subplots(
-        rows, 2, squeeze=False, width_ratios=[1, 1.25], height_ratios=[1.0] * (rows - 1) + [1.35]
-    )
-    for place, (raw, level) in zip(distances, panels[:-1], strict=True):
-        scars = [scar for scar in calibration.traces if scar.test.distance_m == place]
-        _draw_raw(raw, scars, f"{place:g} m: as measured, less the line through the ends")
-        _draw_levelled(level, scars)
-    for axes in panels[len(distances) - 1, :] if distances else ():
-        axes.set_xlabel("x (mm)")
-    _draw_coefficients(panels[-1, 0], calibration)
-    parts = {item.input: item.contribution / _UNIT for item in calibration.budget}
-    draw_budget(
-        panels[-1, 1], parts, x_label="contribution to u (1e-9 mm²/N)", title="uncertainty budget"
-    )
-    write_head(figure, "    ".join(_values(calibration)))
-    return figure
-
-
 def _values(calibration: WearCalibration) -> tuple[str, str, str]:
     """The coefficient, its interval and its law, in words."""
     k, u = calibration.coefficient_mm2_per_n / _UNIT, calibration.standard_uncertainty / _UNIT
     low, high = (edge / _UNIT for edge in calibration.interval_95)
     value = f"k = {with_uncertainty(k, u)} e-9 mm²/N by Archard's law"
     return value, f"95 %: {low:.4g} to {high:.4g}", f"law by evidence: {calibration.law}"
-
-
-def wear_panels(calibration: WearCalibration, frames: tuple[int, ...] | None) -> PaperPanels:
-    """The same for a paper: levelled scars, k over the distance, and the budget.
-
-    Parameters: `calibration`; `frames`, numbers of the distances that are shown. Returns
-    PaperPanels. Raises InputError where there is no such distance.
-    """
-    distances = list(dict.fromkeys(scar.test.distance_m for scar in calibration.traces))
-    few = range(min(len(distances), _FOR_PAPER))
-    shown = [distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")]
-
-    def scar(axes: Axes, place: float) -> None:
-        _draw_levelled(axes, [s for s in calibration.traces if s.test.distance_m == place])
-        axes.set_xlabel("x (mm)")
-
-    plots = [
-        Plot(
-            title=f"{place:g} m",
-            draw=partial(scar, place=place),
-            spare=int(frames is None and 0 < k < len(shown) - 1),  # the ends tell the most
-        )
-        for k, place in enumerate(shown)
-    ]
-    parts = {item.input: item.contribution / _UNIT for item in calibration.budget}
-    plots += [
-        Plot(title="V/(P s)", draw=partial(_draw_coefficients, calibration=calibration)),
-        budget_plot("uncertainty budget", parts, unit="1e-9 mm²/N"),
-    ]
-    notes = ["; ".join(_values(calibration)) + ".", f"Bands: ± {BAND:g} standard uncertainties."]
-    return PaperPanels(plots=plots, notes=notes)
 
 
 def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
