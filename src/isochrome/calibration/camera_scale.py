@@ -1,22 +1,10 @@
-"""Two parallel edges in a picture, found along every row or column, and how far apart they are.
-
-A chessboard's corners, or a grid's dots, found by OpenCV in a picture.
-
-Nothing else of the calibration knows OpenCV.
-
-The camera that shows a plane target's points where they are found, by least squares.
+"""`calibrate_scale`: mm a pixel and the lens, from a target's points or from two parallel edges.
 
 With g = i + √-1 j the points' columns and rows, c a target's place, s the spacing in pixels of the
 picture's middle, and w the place on the plane that the lens of `isochrome.stress` looks at from a
-point's place in the picture, the residual is
-
-    r = w(u, v; roll, distortion, keystone) - c - s g.
-
-All points weigh the same; their noise is their residual's own scatter, so that what the model does
-not describe widens the uncertainties.
+point's place in the picture, the residual is r = w(u, v; roll, distortion, keystone) - c - s g. All
+points weigh the same; their noise is their residual's own scatter.
 Source: Zhang (2000), IEEE Trans. Pattern Anal. Mach. Intell. 22, 1330-1334, for a plane target.
-
-`calibrate_scale`: mm a pixel and the lens, from a target or from two edges.
 """
 
 from __future__ import annotations
@@ -81,8 +69,7 @@ class EdgePair:
 def find_edge_pair(image: Array, *, name: str) -> EdgePair:
     """Find the two edges, upright or lying, whichever more rows or columns show.
 
-    Parameters: `image` (rows, cols), any grey levels; `name`, for messages. Returns the EdgePair.
-    Raises PhysicsError where there are not two straight ones.
+    PhysicsError where there are not two straight ones.
     """
     tries = [(_along(picture), turned) for picture, turned in ((image, False), (image.T, True))]
     (lines, turned) = max(tries, key=lambda pair: 0 if pair[0] is None else len(pair[0][0]))
@@ -187,12 +174,10 @@ _LEAST_DOT = 12.0
 
 
 def target_places(image: Array, target: str, columns: int, rows: int, *, name: str) -> Array:
-    """Where a picture shows a target's corners or dots, row by row of the target.
+    """Where a picture shows a target's corners or dots, row by row of it: (rows, columns, 2), px.
 
-    Parameters: `image` (rows, cols), any grey levels; `target`, 'chessboard' or 'dots'; `columns`
-    and `rows` of inner corners, or dots; `name`, for messages. Returns (rows, columns, 2), the
-    column and row in the picture (px, from the first pixel's middle). Raises PhysicsError where
-    the target is not found.
+    Columns and rows in the picture, from the first pixel's middle; `columns` and `rows` are of
+    inner corners, or dots. PhysicsError where the target is not found.
     """
     finder = _corners if target == "chessboard" else _dots
     places = finder(_eight_bits(image), image, (columns, rows))
@@ -286,12 +271,10 @@ _ALIKE = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class TargetFit:
-    """The camera of a target's pictures.
+    """The camera of a target's pictures: `values` and `spread` by SHARED, each roll and its ±.
 
-    `values` and `spread`, by the names of SHARED; `rolls_deg`, each picture's roll and its standard
-    uncertainty; `residual_px`, (rows, columns, 2) of each; `rms_px` of a coordinate; `likeness`,
-    the correlation of neighbours' residuals, 0 where it is not clear; `shortening`, by how much
-    the target is seen shorter in one direction than across it, 0 where that is not clear.
+    `residual_px` (rows, columns, 2) of each, `rms_px` of a coordinate; `likeness`, the correlation
+    of neighbours' residuals, and `shortening` in one direction, both 0 where they are not clear.
     """
 
     values: dict[str, float]
@@ -304,10 +287,9 @@ class TargetFit:
 
 
 def fit_target(places: Sequence[Array], shape: tuple[int, int]) -> TargetFit:
-    """Fit the camera to the places of a target's points, (rows, columns, 2) px, in pictures.
+    """Fit the camera to a target's places, (rows, columns, 2) px, one array a picture.
 
-    Parameters: `places`, one array a picture, see `target_places`; `shape` (rows, cols) of the
-    pictures. Returns the TargetFit. Raises PhysicsError where the lens lies beyond its model.
+    `shape` (rows, cols) of the pictures. PhysicsError where the lens lies beyond its model.
     """
     from scipy.optimize import least_squares
 

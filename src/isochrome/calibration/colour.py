@@ -1,27 +1,12 @@
-"""The order at every pixel of a beam in four-point bending whose fringe value is known.
+"""`calibrate_colour`: a colour table from the lab's own images, for light that nobody measured.
 
-Between the inner rollers the moment is M = P (Lo - Li)/4 and the stress rises linearly over the
-height h, so that N = 12 M |y|/(h³ f_sigma) at the distance y from the neutral line: the thickness
-cancels. Where that line lies and how it is tilted is found from the colours: pixels of one order
-must be of one colour, on both sides of it.
+A beam in four-point bending has N = 12 M |y|/(h³ f_sigma) at the distance y from its neutral line,
+M = P (Lo - Li)/4: the thickness cancels. Pixels of one order must be of one colour on both sides of
+that line. With u = I/A and d = D/A, A the no-load frames' contrast and D their background, each
+image I = e (D + A t) has f u - d = t(N), f = 1/e, linear in the factors f and in the table t, whose
+values are eliminated order by order. One factor for all is left open: it is that by which the table
+is the one of some light (`band_scale`).
 Source: Timoshenko & Goodier (1970), Theory of Elasticity, art. 21.
-
-How long each image of a beam was exposed against its no-load frames.
-
-Every pixel's order N is known, and the table t(N) is not: with u = I/A and d = D/A, A the contrast
-of the no-load frames and D their background, I = e (D + A t) of each image is
-
-    f u - d = t(N),   f = 1/e,
-
-linear in the factors f and in the table, whose values are eliminated order by order. One factor
-for all is left open, since twice the light is twice the table: it is that by which the table is
-the one of some light (`band_scale`).
-
-From a colour calibration's files to its frames: grey levels, noise and trusted pixels.
-
-`calibrate_colour`: a colour table from the lab's own images, for light that nobody measured.
-
-A colour calibration on disk: the table, the no-load frames as found, numbers and figure.
 """
 
 from __future__ import annotations
@@ -87,11 +72,10 @@ _LARGEST_SCATTER = 0.2
 
 
 def known_beam_order(signal: Array, beam: ColourBeam, load_n: float, pixel_mm: float) -> Array:
-    """The order N (rows, cols) of a beam in an image, NaN off the beam.
+    """The order N (rows, cols) of a beam of load P in an image, NaN off the beam.
 
-    Parameters: `signal` (rows, cols, 3), normalised, NaN = not trusted; `beam`; `load_n`, the
-    whole load; `pixel_mm`. Returns N. Raises PhysicsError where no line splits the image into two
-    sides of like colours.
+    `signal` (rows, cols, 3), normalised, NaN = not trusted. PhysicsError where no line splits the
+    image into two sides of like colours.
     """
     from scipy.optimize import minimize
 
@@ -170,12 +154,10 @@ _LEAST_PIXELS = 5
 def image_exposures(
     light: Sequence[Array], dark: Array, contrast: Array, orders: Sequence[Array], *, bright: bool
 ) -> Array:
-    """Exposure of each image of a beam over that of the no-load frames.
+    """Exposures e (images,) of a beam's images over the no-load frames', 1 where alike.
 
-    Parameters: `light` of the images, NaN = not trusted, `dark` and `contrast`, of the no-load
-    frames, all (rows, cols, 3); `orders` (rows, cols), NaN off the beam; `bright`, whether the
-    images show the bright field. Returns the factors e (images,), 1 where there is no difference.
-    Raises PhysicsError where the images have no order in common.
+    Lights, `dark` and `contrast` (rows, cols, 3), orders (rows, cols), NaN = not trusted or off the
+    beam. PhysicsError where the images have no order in common.
     """
     cells = int(max(np.nanmax(order) for order in orders) / _ORDER_CELL) + 1
     sums = [_sums(*pair, dark, contrast, cells) for pair in zip(light, orders, strict=True)]
@@ -210,8 +192,7 @@ def _sums(light: Array, order: Array, dark: Array, contrast: Array, cells: int) 
 def _relative(count: Array, lit: Array, low: Array) -> Array:
     """Factors f of the images over that of the one with most light, by least squares.
 
-    Parameters, all (images, cells, channels): `count` of pixels, the means `lit` of u and `low`
-    of d.
+    All (images, cells, channels): `count` of pixels, the means `lit` of u and `low` of d.
     """
     total = np.maximum(count.sum(axis=0), 1.0)
     size, back = count * lit, (count * low).sum(axis=0)
@@ -237,10 +218,9 @@ _SMOOTH_ENDS_PX = 3.0
 
 
 def read_colour_shots(given: ColourSet) -> tuple[ColourShots, int | None]:
-    """Read a set's images, and its no-load frames where it names them.
+    """A set's images, its no-load frames where it names them, and the bit depth.
 
-    Parameters: `given`, the set. Returns the shots and the images' bit depth. Raises InputError
-    that names the file where one cannot be read, is grey, or is of another size.
+    InputError names the file where one cannot be read, is grey, or is of another size.
     """
     images, depth = [], None
     for item in given.image:

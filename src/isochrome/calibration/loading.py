@@ -1,7 +1,4 @@
-"""From a calibration set's files to shots: linear light, valid pixels, noise, no-load light.
-
-Colour images: a value for each channel, since the fringe value goes with the wavelength.
-"""
+"""From a calibration set's files to shots, and to a value for each channel of colour images."""
 
 from __future__ import annotations
 
@@ -41,11 +38,10 @@ SMOOTHING_PX = 3.0
 
 
 def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
-    """Read a set's images, and its no-load frames where it names both.
+    """A set's images, the no-load dark frame subtracted where both no-load frames are named.
 
-    Parameters: `given`, the set. Returns the shots, the no-load dark frame subtracted where there
-    are both. Raises InputError that names the file where one cannot be read, is saturated or is of
-    another size, or camera.pixel_mm is none in which the specimen can be seen.
+    InputError names the file where one cannot be read, is saturated or is of another size, or
+    camera.pixel_mm is none in which the specimen can be seen.
     """
     dark, light = _no_load(given)
     shots = tuple(_shot(given, item, dark, light) for item in given.image)
@@ -144,8 +140,7 @@ def calibrate_channels(
     """Run a calibration, once a channel where the images are in colour and none is named.
 
     The value is that of the channel that sees polariscope.wavelength_nm best (green where that is
-    not given), with all three in `channels`. A set of grey images, one that names frames.channel,
-    and one in light of one wavelength has the one value. Raises what `run` raises for that channel.
+    not given), with all three in `channels`. Raises what `run` raises for that channel.
     """
     scope = given.polariscope
     one_light = scope.wavelength_nm and scope.lines is None

@@ -1,15 +1,9 @@
-"""The straight line of order against load: slope to the fringe value, intercept to the residual.
+"""The line of order against load: its slope gives the fringe value, its intercept the residual.
 
 Images without load tell the square of the order that stays, and so its size but no sign: near N = 0
-the intensity goes with N^2, so that a squared order q = r^2 at the edge is what such an image
-measures with a normal uncertainty.
-
-From the images' orders to the fringe value, its budget and its warnings.
-
-Loads held out: what the other loads predict of each, against what is stated of the value.
-
-A fringe value is used to tell loads from orders. Where it cannot do so for one of its own loads
-within what is stated, its uncertainty is no promise: it is widened until all of them agree.
+the intensity goes with N², so that q = r² at the edge is what such an image measures with a normal
+uncertainty. A value that cannot tell one of its own loads from the others' within what is stated is
+widened until all of them agree.
 """
 
 from __future__ import annotations
@@ -50,12 +44,11 @@ class OrderLine:
 
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
-    """Straight line through orders at their loads, with an intercept from two loads on.
+    """Line through orders (n,) at their loads, of uncertainties (n,) or covariance (n, n).
 
-    Generalised least squares with the covariance V + t² of the orders, of their standard
-    uncertainties (n,) or covariance (n, n). t is zero unless chi-square about the line exceeds its
-    95 % point; then it brings chi-square to the degrees of freedom (Paule & Mandel, J. Res. Natl.
-    Bur. Stand. 87, 1982, 377-385).
+    Generalised least squares, V + t² the orders' covariance; t is 0 unless chi-square about the
+    line exceeds its 95 % point, and then brings it to the degrees of freedom (Paule & Mandel, J.
+    Res. Natl. Bur. Stand. 87, 1982, 377-385). An intercept from two loads on.
     """
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
     v = np.diag(u**2) if u.ndim == 1 else u
@@ -79,10 +72,7 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
 
 
 def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -> None:
-    """Refuse orders that fall while the load rises: the loads are swapped between the files.
-
-    Parameters: as in `fit_line`, and the images' `names`. Raises PhysicsError naming the pair.
-    """
+    """Refuse (PhysicsError) orders that fall while the load rises: swapped files."""
     p, n = np.asarray(loads_n, dtype=float), np.asarray(orders, dtype=float)
     rank = np.lexsort((n, p))
     for low, high in pairwise(rank):
@@ -150,9 +140,8 @@ class ResidualOrder:
 def largest_order(unloaded: Sequence[ResidualOrder]) -> float:
     """Root mean square of the order r that may be there at no load, in fringes.
 
-    <r^2> under the density exp(-sum (r^2 - q_i)^2 / (2 u_i^2)) with r itself equally likely
-    everywhere before, as its sign is not seen. Parameters: `rest`, the unloaded images, at least
-    one.
+    <r²> under the density exp(-sum (r² - q_i)²/(2 u_i²)), r itself equally likely everywhere
+    before, as its sign is not seen.
     """
     reach = np.sqrt(max(max(i.square, 0.0) + 8.0 * i.uncertainty for i in unloaded))
     r = np.linspace(0.0, reach, 4001)
@@ -164,11 +153,7 @@ def largest_order(unloaded: Sequence[ResidualOrder]) -> float:
 def order_messages(
     unloaded: Sequence[ResidualOrder], line: OrderLine, load_n: float
 ) -> tuple[str, ...]:
-    """Where an unloaded image contradicts the order that the loads' line leaves at zero load.
-
-    Parameters: `rest`; `line`, through the loaded images; `load_n`, the largest load.
-    Returns the sentences, none where all agree.
-    """
+    """Where an unloaded image contradicts the order that the loads' line leaves at no load."""
     if line.intercept is None or line.intercept_uncertainty is None:
         return ()
     messages = []
@@ -223,9 +208,8 @@ def uncertainty_budget(
 ) -> Calibration:
     """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
 
-    `images` have loads above zero, `factor_n2_per_mm` is N/mm per (fringe/N), `inputs` what else is
-    uncertain; `covariance` (n, n) of orders that were fitted together; `rest`, what unloaded images
-    show; `messages`, known already. PhysicsError where the orders contradict the loads.
+    `images` have loads above zero; `covariance` (n, n), of orders that were fitted together;
+    `messages`, known already. PhysicsError where the orders contradict the loads.
     """
     loads = [i.load_n for i in images]
     orders = np.array([i.order for i in images])
@@ -389,13 +373,10 @@ CONTRADICTED = 3.0
 
 
 def widened_to_held_out(calibration: Calibration) -> Calibration:
-    """A calibration whose uncertainty no held-out load contradicts.
+    """A calibration whose uncertainty no held-out load contradicts, and a sentence where it grew.
 
-    Each order n_i is held against the other loads' line, with u_i² = v_i + v(line) + (n_i U)², its
-    own noise and misfit, the line's, and the value's relative standard uncertainty U. Where one is
-    off by more than 3 u_i, U grows until none is.
-
-    Parameters: `found`. Returns it, or one with 'held-out loads' in its budget, and a sentence.
+    Each order n_i is held against the other loads' line, with u_i² = v_i + v(line) + (n_i U)²: its
+    own noise and misfit, the line's, and the value's relative uncertainty U, which grows to 3 u_i.
     """
     if any(image.predicted_order is None for image in calibration.images):
         return calibration

@@ -1,7 +1,4 @@
-"""What a calibration found: the value, how sure it is, from what, and what is wrong with it.
-
-The picture of a calibration: image beside fit and residual, order in space and over load.
-"""
+"""What a calibration found: the value, how sure it is, from what, and its picture."""
 
 from __future__ import annotations
 
@@ -80,11 +77,10 @@ IMAGE_COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """What a figure shows of an image: maps (rows, cols) and a cut through them.
+    """What a figure shows of an image: maps (rows, cols), NaN where left out, and a cut.
 
-    `image`, `model` and `residual`, image - model, NaN where it was left out, are intensities, of
-    the noise `sigma`; `order`, fringes; `pixel_mm`, the (row, col) spacing. `cut` is the index of a
-    row or column, the height or the horizontal diameter, and `position_mm` (m,) the place along it.
+    Intensities and orders, the noise `sigma`, the (row, col) spacing `pixel_mm`; `cut`, the index
+    of a row or column, the height or the horizontal diameter, and the places (m,) along it.
     """
 
     image: Array

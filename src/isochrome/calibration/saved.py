@@ -1,9 +1,4 @@
-"""Calibrated values set in a scene file, whose comments and layout stay as they are.
-
-What the report of a calibration says, from the files that it left.
-
-A calibration on disk: its JSON, its tables, its figure, and where it came from.
-"""
+"""A calibration on disk: its files, its report, and its values in a scene, layout untouched."""
 
 from __future__ import annotations
 
@@ -158,11 +153,9 @@ def edited(
     key: str = FRINGE_VALUE,
     date: str | None = None,
 ) -> str:
-    """A scene's TOML text with another value of a key.
+    """A scene's TOML text with another value of a key; InputError where no edit does only that.
 
-    Parameters: `text`; `value` and its standard uncertainty `spread`, TOML numbers; `comment` for
-    its line, without #; `name` of the file for messages; `key`, table and name; `date`, the day
-    of the calibration. Returns the text. Raises InputError where no edit does only that.
+    `value` and `spread` are TOML numbers, `comment` stands without #.
     """
     dated = "" if date is None else f', date = "{date}"'
     written = f"{{ value = {value}, standard_uncertainty = {spread}{dated} }}"
@@ -424,11 +417,9 @@ def save_calibration(
     *,
     source: str | Path | Sequence[str | Path] | None = None,
 ) -> None:
-    """Write calibration.json, calibration.png, provenance.json and report.html, all or none.
+    """Write calibration.json (scale.json), figure, tables, provenance and report, all or none.
 
-    Of a scale scale.json, scale.png. Tables: images.csv (beam, disc), scale.csv, distances.csv and
-    traces.csv (wear), and budget.csv; of colours colour_table.csv and, where found, background.tif
-    and illumination.tif, no-load frames for the same camera, light and place. `source`: set or
+    Of colours also background.tif and illumination.tif where they were found. `source`: set or
     images, for the hashes of all their files; the set's text is kept too.
     """
     name = "scale" if isinstance(calibration, ScaleCalibration) else "calibration"

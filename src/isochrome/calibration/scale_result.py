@@ -1,7 +1,4 @@
-"""What a picture of a target or of two edges tells of the camera, each with its uncertainty.
-
-The picture of a scale: the points that were found, and what the model leaves of each.
-"""
+"""What a picture of a target or of two edges tells of the camera, and its picture."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The calibration set: one small TOML that says what was loaded, how, and in which images.
-
-Uncertainties that stand beside a calibration set's values, as inputs of its budget.
-
-The set of a colour calibration: one small TOML that names colour images and what is known.
-"""
+"""The sets of calibrations: small TOMLs that say what was loaded, how, and in which images."""
 
 from __future__ import annotations
 
@@ -50,8 +45,7 @@ _LOAD = "image.load_n"
 def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
     """A set's tables with plain values, and what stood beside them under [uncertainty].
 
-    Parameters: `model` of the set; `data`, its tables. Raises ValueError for what is stated twice,
-    and for a key that is no input of the budget.
+    ValueError for what is stated twice, and for a key that is no input of the budget.
     """
     plain, stated = split_uncertainties(model, data)
     images, loads = _loads(plain.get("image"))
@@ -411,9 +405,5 @@ ColourSetLike = str | Path | ColourSet | Mapping[str, Any]
 
 
 def load_colour_set(source: ColourSetLike) -> ColourSet:
-    """Read the set of a colour calibration.
-
-    Parameters: `source`, the TOML file's path, its tables, or a ColourSet (returned as it is).
-    Returns the ColourSet. Raises InputError that names the file, key, value and fix.
-    """
+    """The set of a colour calibration from its file, its tables or itself; InputError."""
     return source if isinstance(source, ColourSet) else ColourSet.read(source)

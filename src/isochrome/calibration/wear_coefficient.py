@@ -1,7 +1,4 @@
-"""What scars say against each other, against the load, and against the order of the distances.
-
-From measured scars to the wear coefficient: traces, volumes, law, budget.
-"""
+"""`calibrate_wear`: from traces and volumes to the wear coefficient, and what they contradict."""
 
 from __future__ import annotations
 
@@ -327,9 +324,8 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
 def _own_spread(volumes: Sequence[WornVolume]) -> Array:
     """Standard uncertainties of the volumes' own errors (n,), mm³.
 
-    Of volumes without one, all alike: what they scatter about V = k P s, since a volume's error is
-    roughness and levelling, which the distance does not change. A single one's, and that of
-    volumes which agree to rounding, stays at rounding.
+    Of volumes without one, all alike: their scatter about V = k P s, since a volume's error is
+    roughness and levelling, which the distance does not change; at least that of rounding.
     """
     spread = np.array([volume.own_uncertainty_mm3 for volume in volumes])
     if np.isfinite(spread).all():

@@ -1,6 +1,4 @@
-"""The wear coefficient by a law, from volumes by distance.
-
-Each law here is V = k x(s), linear in k, x in N mm:
+"""A wear calibration's result: the coefficient by each law V = k x(s), its ±, its picture.
 
     archard            x = P s                       (equation 11 of the paper: k = V/(P s))
     sarkar             x = P s sqrt(1 + 3 mu²)
@@ -9,17 +7,10 @@ Each law here is V = k x(s), linear in k, x in N mm:
 
 the last Archard's with a coefficient that goes linearly from r k to k over s0. With variances u² of
 the volumes k = Σ xV/u² / Σ x²/u², and with χ² what it leaves, a flat prior of ln k gives
-
-    ln Z = -χ²/2 - 1/2 ln(k² Σ x²/u²) + const,
-
-averaged for running_in over its prior: ln r and ln s0 Gaussian, of a factor of e about 1 and about
-the distances' geometric mean. Sources: Archard (1953), J. Appl. Phys. 24, 981; Sarkar (1980),
-Friction and Wear; Fouvry et al. (1997), Wear 203-204, 390; MacKay (2003), Information Theory,
-Inference, and Learning Algorithms, chapter 28.
-
-What a wear calibration found: the coefficient, how sure it is, and each scar's part.
-
-The picture of a wear calibration: traces, levelled scars, worn areas, k over the distance.
+ln Z = -χ²/2 - 1/2 ln(k² Σ x²/u²) + const, averaged for running_in over its prior: ln r and ln s0
+Gaussian, of a factor of e about 1 and about the distances' geometric mean. Sources: Archard (1953),
+J. Appl. Phys. 24, 981; Sarkar (1980), Friction and Wear; Fouvry et al. (1997), Wear 203-204, 390;
+MacKay (2003), Information Theory, Inference, and Learning Algorithms, chapter 28.
 """
 
 from __future__ import annotations
@@ -129,11 +120,10 @@ def work_of(volume: WornVolume, law: str) -> float:
 
 
 def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, ...]:
-    """The laws by falling evidence.
+    """The laws by falling evidence; `spread` (n,): the volumes' own errors, mm³.
 
-    Parameters: `volumes`, n of them; `spread` (n,), standard uncertainties of their own errors,
-    mm³. Laws with friction are asked where all volumes state one, and running_in where there are
-    three distances.
+    Laws with friction are asked where all volumes state one, running_in where there are three
+    distances.
     """
     values = np.array([volume.volume_mm3 for volume in volumes])
     laws = ["archard"]

@@ -1,10 +1,8 @@
-"""The set of a wear calibration: traces over scars or worn volumes, and what made them.
-
-Worn volumes by distance, each with the variance of its own errors.
+"""The set of a wear calibration, and its worn volumes by distance.
 
 The traces of a distance see one scar at several places of its width w: V = w mean(A_i). The
 variance v_i of each area by roughness and levelling is known from the shoulders with ν_0 degrees
-of freedom, and what the traces scatter about their means adds ν_1 = Σ (n_d - 1):
+of freedom, and the traces' scatter about their means adds ν_1 = Σ (n_d - 1):
 
     φ = (ν_0 + Σ (A_i - mean A)²/v_i) / (ν_0 + ν_1),    var V = φ w² mean(v_i)/n,
 
@@ -274,11 +272,10 @@ class TraceScar:
 
 @dataclass(frozen=True, kw_only=True)
 class WornVolume:
-    """The worn volume at one distance and load.
+    """The worn volume at one distance and load; `own_uncertainty_mm3` is by its own errors alone.
 
-    `distance_m`, `normal_n`, `friction`: its test; `volume_mm3` and `own_uncertainty_mm3`, by its
-    own errors alone; `scars`, its traces, none of a volume that was given; `roughness_mm3` and
-    `levelling_mm3`, parts of the uncertainty by the shoulders alone.
+    `scars`, its traces, none of a volume that was given; `roughness_mm3` and `levelling_mm3`, parts
+    of the uncertainty by the shoulders alone.
     """
 
     distance_m: float

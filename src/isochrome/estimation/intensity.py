@@ -1,11 +1,9 @@
-"""Separable least squares on intensities: the engine of every fit.
+"""Separable least squares on a frame's intensities, from one start or from several.
 
 A pixel's model is I = f(params) sum_k a_k B_k + sum_k c_k C_k. The linear coefficients are
 eliminated (variable projection: Golub & Pereyra, SIAM J. Numer. Anal. 10, 1973, 413-432), with
 Kaufman's Jacobian (BIT 15, 1975, 49-57), which is the Schur complement of the joint normal
-equations; damped steps inside bounds (`least_squares`) move the few non-linear parameters.
-
-Fits from several starts: fringe patterns have many minima, and only one is the truth.
+equations. Fringe patterns have many minima, and only one is the truth.
 """
 
 from __future__ import annotations
@@ -307,11 +305,7 @@ def _chosen(table: Array, chi: Array, size: Array, count: int) -> list[int]:
 
 
 def stride_mask(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """Thin a mask to about `pixels` pixels by one stride along rows and columns.
-
-    Parameters: `mask` (rows, cols), True = valid; `pixels`, how many to keep at least.
-    Returns a mask of the same shape; the same one where it holds no more pixels than that.
-    """
+    """Thin a mask (rows, cols) to about `pixels` valid pixels by one stride along both axes."""
     step = max(1, int(np.sqrt(np.count_nonzero(mask) / max(1, pixels))))
     if step == 1:
         return mask

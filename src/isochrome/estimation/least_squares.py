@@ -1,23 +1,11 @@
-"""Damped least squares for one problem: Levenberg's and Marquardt's steps inside bounds.
+"""Least squares: linear unknowns eliminated, and damped steps of one or of many problems.
 
-With the residual r and its derivatives J, N = Jᵀ J and g = Jᵀ r, a step s solves
-(N + λ diag N) s = g, which promises to lower r·r by s·(2 g - N s). The damping λ follows what came
-of that promise. Many small problems side by side are `isochrome.estimation.least_squares`.
+I = f A + C with A = sum_k a_k B_k, C = sum_k c_k C_k: for a given signal f the coefficients (a, c)
+follow from the weighted normal equations. With the residual r and its derivatives J, N = Jᵀ J and
+g = Jᵀ r, a damped step s solves (N + λ diag N) s = g, which promises to lower r·r by
+s·(2 g - N s); λ follows what came of that promise.
 Sources: Levenberg (1944), Q. Appl. Math. 2, 164; Marquardt (1963), J. SIAM 11, 431; Nielsen (1999),
 Damping Parameter in Marquardt's Method, IMM-REP-1999-05, DTU, for the damping.
-
-The linear half of an intensity fit: illumination and background for a given signal.
-
-I = f A + C with A = sum_k a_k B_k and C = sum_k c_k C_k. For a given signal f the coefficients
-(a, c) follow from the weighted normal equations; the bases are few and near orthogonal, so
-that these are well conditioned, and a scaled eigen-decomposition drops what is not determined.
-
-Damped least squares for many small problems side by side, all in the same few operations.
-
-Each has its own damping, which a step that lowers the cost eases, and one that does not stiffens; a
-problem whose step is not taken, or whose matrix is singular, waits where it is. See
-`isochrome.estimation.least_squares` for one.
-Sources: Levenberg (1944), Q. Appl. Math. 2, 164; Marquardt (1963), J. SIAM 11, 431.
 """
 
 from __future__ import annotations

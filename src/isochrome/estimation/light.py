@@ -1,22 +1,12 @@
-"""The model of a frame's light: illumination and background as sums of smooth images.
+"""The model of a frame's light, how uneven it is, and what more unknowns of it would gain.
 
-I = A s + C with the polariscope's signal s, A = sum_k a_k B_k and C = sum_k c_k C_k. What no-load
-frames show stands for itself, times a slow change; what they do not is a polynomial of the place.
-All who reckon with uneven light take its images from here, so that another kind of them is a change
-of this module alone.
+I = A s + C with the polariscope's signal s, A = sum_k a_k B_k and C = sum_k c_k C_k: what no-load
+frames show times a slow change, or polynomials of the place.
 
-Score tests: what a fit would gain by unknowns that it has not, without a new fit.
-
-At the fit the weighted residual r is normal to all fitted unknowns' derivatives A. Others with
-derivatives D would lower r·r, to first order, by
-
-    S = gᵀ M⁻¹ g,    g = D⊥ᵀ r,    M = D⊥ᵀ D⊥,
-
-D⊥ the part of D that A cannot take up, and would come out at M⁻¹ g. Without them S/σ² is χ² of
-as many degrees of freedom as D has columns. All of it follows from one matrix of products.
-Source: Rao (1948), Proc. Camb. Phil. Soc. 44, 50-57.
-
-How uneven the light is: the lowest polynomials that describe an image within its noise.
+Score tests: at a fit the weighted residual r is normal to the fitted unknowns' derivatives A.
+Others with derivatives D would lower r·r, to first order, by S = gᵀ M⁻¹ g, g = D⊥ᵀ r, M = D⊥ᵀ D⊥,
+D⊥ the part of D that A cannot take up, and would come out at M⁻¹ g. Without them S/σ² is χ² of as
+many degrees of freedom as D has columns. Source: Rao (1948), Proc. Camb. Phil. Soc. 44, 50-57.
 """
 
 from __future__ import annotations
@@ -120,8 +110,8 @@ def frame_light(
     """The light of a frame that is fitted with a scene, in single precision.
 
     With both no-load frames the illumination is their difference times a plane, and the background
-    the dark one plus a constant; without, smooth polynomials stand for what is missing. `terms`,
-    the products of illumination and background, are by default the lowest degrees that serve.
+    the dark one plus a constant; polynomials, by default of the lowest degrees, stand for what is
+    missing.
     """
     if terms is None:
         even = 1 if bright is not None and dark is None else EVEN
@@ -381,12 +371,10 @@ def smooth_starts(
     scan_pixels: int = 20_000,
     **options: Any,
 ) -> SeveralStarts:
-    """`several_starts` with polynomial illumination and background of the degree that is needed.
+    """`several_starts` with polynomial light of the degree that the evidence asks for.
 
     A low degree leaves a slow vignette in the residual, a high one costs accuracy where few fringes
-    are seen; more unknowns are taken only where the evidence asks for them. With `light`, the
-    no-load bright less the dark frame, degree 1 on it is enough. PhysicsError where no start gives
-    a positive illumination.
+    are seen. `light`: the no-load bright less the dark frame. PhysicsError as `several_starts`.
     """
     maps = [smooth_light(image.shape, i, light).bases for i in degrees_of(light)]
     common: dict[str, Any] = {"mask": mask, "sigma": sigma, "scale": scale, **options}

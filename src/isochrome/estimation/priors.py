@@ -1,4 +1,4 @@
-"""What is known beforehand: as priors in a fit, and as inputs of an uncertainty budget.
+"""What is known beforehand, as priors or inputs of a budget, and when unknowns are worth having.
 
 With J the derivatives of a model by its unknowns, and D by an input that is held, over the noise,
 and P = diag(1/u²) of the unknowns that have a prior, the fit's values move by
@@ -7,8 +7,6 @@ and P = diag(1/u²) of the unknowns that have a prior, the fit's values move by
 
 Sources: JCGM 100:2008 (GUM), 5.1 and 5.2, for u² = Σ (c u)²; JCGM 102:2011, 6.2, for the inputs of
 an implicit model.
-
-When a model describes an image, and when more unknowns are worth having.
 """
 
 from __future__ import annotations

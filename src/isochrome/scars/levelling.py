@@ -9,21 +9,10 @@ The window is the scar with a guard on each side, so that an edge that is a litt
 but no bias; nothing is cut off at zero. A is linear in the heights, A = wᵀz, and its variance
 wᵀ C w: it holds the roughness that was worn off, the levelling and what both share. Degrees of the
 form are averaged by their evidence exp(-BIC/2), and what they disagree adds to the variance.
+Where the scar is says a smooth shape D (1 - |u|^m)^1.2, u = (x - c)/a: it runs out as worn contacts
+do that grew, and m goes from 2, near the arc of a late scar, to 3.5 of an early one.
 Sources: Aitken (1936), Proc. Roy. Soc. Edinburgh 55, 42; Schwarz (1978), Ann. Stat. 6, 461;
 Hoeting et al. (1999), Statistical Science 14, 382, for the average.
-
-A trace made ready: without its spikes, as means over equal bins.
-
-What levelling gives of a trace: depths, edges, worn area, each with its uncertainty.
-
-Where a scar is: its edges, by a smooth shape on a smooth form in coloured roughness.
-
-The shape is that of a depth D (1 - |u|^m)^1.2 between its edges, u = (x - c)/a: it runs out as worn
-contacts do that grew, and m goes from 2, near the arc of a late scar, to 3.5 of an early one. The
-form is a polynomial. It only says where the scar is, and how well that is known; the worn area is
-taken from the heights themselves (see `scars.levelling`).
-Source: least squares with the
-roughness's covariance: Aitken (1936), Proc. Roy. Soc. Edinburgh 55, 42.
 """
 
 from __future__ import annotations
@@ -272,10 +261,7 @@ def white_covariance_of(z_um: Array) -> Array:
 
 
 def first_place(x_mm: Array, z_um: Array, white: Array) -> ScarShape:
-    """The place of an arc that with the form leaves least of the heights.
-
-    Parameters: bins (n,) and heights (n,); `white` (n, n), see `whitening`.
-    """
+    """The place of an arc that with the form leaves least of the heights (n,) on bins (n,)."""
     step, length = x_mm[1] - x_mm[0], x_mm[-1] - x_mm[0]
     z = white @ z_um
     best, place = -1.0, ScarShape(0.0, 1.0, _USUAL)
@@ -401,12 +387,10 @@ class UnclearScarError(PhysicsError):
 
 
 def levelled(trace: Trace) -> LevelledTrace:
-    """Level a trace on its shoulders, and take its scar's edges and worn area.
+    """Level a trace on its shoulders, and take its scar's edges and worn area (see the module).
 
-    A = Δx Σ (F β - z) over the scar, F β the form by the shoulders (see the module). A trace whose
-    scar stands up is turned over, which its messages say. UnclearScarError where no scar stands
-    out; InputError where too little is unworn, or heights are in another unit. Source: Aitken
-    (1936), Proc. Roy. Soc. Edinburgh 55, 42.
+    A trace whose scar stands up is turned over, which its messages say. UnclearScarError where no
+    scar stands out; InputError where too little is unworn, or heights are in another unit.
     """
     bins = bin_trace(trace)
     place, roughness, unworn = _find(bins, trace.name)

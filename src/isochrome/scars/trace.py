@@ -1,6 +1,4 @@
-"""A profilometer's trace: heights along a line across the scar, read from a file and checked.
-
-Traces as text: tables with names and units, and the ASCII form of ISO 25178-71.
+"""A profilometer's trace: heights along a line across the scar, read from text and checked.
 
 Sources: ISO 25178-71:2017, Surface texture: areal, Part 71 (SDF), of which Stout et al. (1993),
 EUR 15178 EN, is the origin; the form of one profile as the National Institute of Standards and
@@ -246,12 +244,11 @@ class Trace:
 
 
 def read_trace(path: str | Path) -> Trace:
-    """Read a trace from a text file, and name it after the file.
+    """Read a trace from a text file, and name it after the file; InputError names line and fix.
 
-    A line of names, such as `x_mm,z_um` (x, position, distance; z, height), units m, mm, µm (um) or
-    nm in the name, in brackets or in a line of their own; cells between commas, semicolons, tabs or
-    blanks; decimals by a point, or a comma where cells are not; # begins a comment. Or one profile
-    in the ASCII form of ISO 25178-71 (SDF). InputError names the file, the line and the fix.
+    A line of names, such as `x_mm,z_um`, with units in the name, in brackets or in the line below;
+    cells between commas, semicolons, tabs or blanks; # begins a comment. Or one profile in the
+    ASCII form of ISO 25178-71 (SDF).
     """
     place = Path(path)
     x_mm, z_um = parse_trace(place)

@@ -1,7 +1,4 @@
-"""What the other rooms ask of a specimen: its stress, where it is, what a fit may ask of it.
-
-From a scene to the model of its specimen, by the shape's name.
-"""
+"""What the other rooms ask of a specimen, and its model by the shape's name."""
 
 from __future__ import annotations
 
