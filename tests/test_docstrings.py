@@ -50,7 +50,7 @@ SETTINGS = {
 
 PARTS = {
     "isochrome.calibration": ("ImageFit", "MeasuredValue", "ScalePicture", "WornDistance"),
-    "isochrome.calibration.wear.coefficient": ("WearLawFit",),
+    "isochrome.calibration.wear_result": ("WearLawFit",),
     "isochrome.comparison": ("ComparedFrames", "FrameMetrics", "ScarPair"),
     "isochrome.comparison.frame_sets": ("OrderMetrics", "SignalMetrics", "SkeletonDistance"),
     "isochrome.contact": ("ContactGrid", "SurfaceState"),

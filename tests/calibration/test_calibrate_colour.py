@@ -13,7 +13,7 @@ import pytest
 import tifffile
 
 from isochrome.calibration import ColourSet, calibrate_colour, save_calibration
-from isochrome.calibration.colour.api import check_light
+from isochrome.calibration.colour import check_light
 from isochrome.errors import InputError, PhysicsError
 from isochrome.fringes.colour.colour_table import read_table
 from isochrome.fringes.colour.own_colours import OwnLight

@@ -10,7 +10,6 @@ from isochrome.calibration import Disc, Uncertainty, as_shots, calibrate_bending
 from isochrome.calibration.disc import api as disc_api
 from isochrome.calibration.disc.disc_field import disc_order, thin_grid
 from isochrome.calibration.disc.disc_rim import Circle, find_rim
-from isochrome.calibration.figure import calibration_figure
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import write_figure
 from isochrome.reference import disc_principal_difference
@@ -203,7 +202,7 @@ def test_a_set_from_its_file_and_its_figure(disc_frame, tmp_path):
     path.write_text(text, "utf-8")
     found = calibrate_disc(path)
     check(found, 5e-4)
-    write_figure(tmp_path / "figure.png", calibration_figure(found))
+    write_figure(tmp_path / "figure.png", found.figure())
     assert (tmp_path / "figure.png").stat().st_size > 20_000
     with pytest.raises(InputError, match="calibrate disc"):
         calibrate_bending(path)
@@ -228,7 +227,7 @@ def test_the_real_disc_is_reported_with_its_poor_fit(tmp_path):
     assert 0.001 < found.standard_uncertainty / found.fringe_value_n_per_mm < 0.1
     assert found.order_at_zero_load is not None
     assert all(abs(i.predicted_order - i.order) < 0.3 for i in found.images)
-    figure = calibration_figure(found)
+    figure = found.figure()
     drawn = [t.get_text() for a in figure.axes if (k := a.get_legend()) for t in k.get_texts()]
     assert "predicted by the other loads" in drawn
     assert f"{found.chi:.2f}" in figure.get_suptitle()

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from isochrome.calibration import ImageFit
-from isochrome.calibration.budget import Input, uncertainty_budget
-from isochrome.calibration.held_out import widened_to_held_out
-from isochrome.calibration.order_line import fit_line
+from isochrome.calibration.order_line import (
+    Input,
+    fit_line,
+    uncertainty_budget,
+    widened_to_held_out,
+)
 from isochrome.calibration.result import BudgetItem, Calibration
 from isochrome.errors import PhysicsError
 

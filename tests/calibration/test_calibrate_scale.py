@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import isochrome
 from isochrome.calibration import MeasuredValue, calibrate_scale
-from isochrome.calibration.scale.target_fit import fit_target
+from isochrome.calibration.camera_scale import fit_target
 from isochrome.cli import app, main
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import Result
@@ -176,15 +176,15 @@ def test_places_that_no_lens_explains_widen_the_uncertainty_and_are_said():
 
 
 def test_a_blurred_or_bent_target_is_said(saved, monkeypatch):
-    from isochrome.calibration.scale import api
+    from isochrome.calibration import camera_scale
 
     shown = Shown()
     noise = 0.4 * np.random.default_rng(0).normal(size=(8, 11, 2))
-    monkeypatch.setattr(api, "target_places", lambda *a, **k: exact_places(shown) + noise)
+    monkeypatch.setattr(camera_scale, "target_places", lambda *a, **k: exact_places(shown) + noise)
     found = calibrate_scale(saved(dots(shown, 0)), **DOTS)
     assert "where a sharp target leaves 0.1 or less" in found.warnings[0]
     wave = 0.1 * np.sin(exact_places(shown)[..., ::-1] / 25.0)
-    monkeypatch.setattr(api, "target_places", lambda *a, **k: exact_places(shown) + wave)
+    monkeypatch.setattr(camera_scale, "target_places", lambda *a, **k: exact_places(shown) + wave)
     assert "neighbours are alike" in calibrate_scale(saved(dots(shown, 0)), **DOTS).warnings[0]
 
 
@@ -278,10 +278,10 @@ def test_pictures_that_cannot_serve_are_refused(saved):
 
 
 def test_a_lens_beyond_the_model_is_refused(saved, monkeypatch):
-    from isochrome.calibration.scale import api
+    from isochrome.calibration import camera_scale
 
     shown = Shown(keystone_x=0.2)
-    monkeypatch.setattr(api, "target_places", lambda *a, **k: exact_places(shown))
+    monkeypatch.setattr(camera_scale, "target_places", lambda *a, **k: exact_places(shown))
     with pytest.raises(PhysicsError, match=r"keystone 0.200, .* set the camera square"):
         calibrate_scale(saved(dots(Shown(), 0)), **DOTS)
 

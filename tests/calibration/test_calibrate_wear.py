@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import isochrome
 from isochrome.calibration import WearSet, calibrate_wear, write_into_scene
-from isochrome.calibration.wear.worn_volumes import TraceScar, worn_volumes
+from isochrome.calibration.wear_set import TraceScar, worn_volumes
 from isochrome.cli import app, main
 from isochrome.errors import InputError, PhysicsError
 from isochrome.samples import samples_path

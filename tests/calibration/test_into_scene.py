@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.calibration import Calibration, write_into_scene
-from isochrome.calibration.saved import scene_file
-from isochrome.calibration.saved.scene_file import edited
+from isochrome.calibration import Calibration, saved, write_into_scene
+from isochrome.calibration.saved import edited
 from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.scene import load_scene
@@ -86,7 +85,7 @@ def test_a_byte_order_mark_stays(tmp_path):
 
 
 def test_a_file_is_written_with_its_value_rounded_to_its_uncertainty(tmp_path, monkeypatch):
-    monkeypatch.setattr(scene_file, "calibration_day", lambda: "2026-11-25")
+    monkeypatch.setattr(saved, "calibration_day", lambda: "2026-11-25")
     path = tmp_path / "scene.toml"
     path.write_bytes(b"[specimen]\r\nfringe_value_n_per_mm = 12.0 # per fringe\r\n")
     assert write_into_scene(FOUND, path, source="sets/disc.toml") == 14.6123

@@ -10,7 +10,7 @@ import pytest
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation import HALF, is_explained
-from isochrome.estimation.multistart import Minimum
+from isochrome.estimation.intensity import Minimum
 from isochrome.estimation.observation import prepare_frame
 from isochrome.fitting.api import fit
 from isochrome.fitting.figure import over_distance_figure

@@ -15,7 +15,7 @@ from PIL import Image
 
 from isochrome import check, fit, process, track
 from isochrome.calibration import CalibrationSet, ColourSet
-from isochrome.calibration.colour.colour_frames import read_colour_shots
+from isochrome.calibration.colour import read_colour_shots
 from isochrome.calibration.loading import read_shots
 from isochrome.errors import InputError
 from isochrome.frames import as_captured, open_frames, open_scene_frames

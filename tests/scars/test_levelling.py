@@ -10,8 +10,8 @@ import pytest
 
 from isochrome.errors import InputError
 from isochrome.scars import LevelledTrace, Roughness, Trace, UnclearScarError, levelled
+from isochrome.scars.levelling import ScarShape, form_spread, refine_place, whitening
 from isochrome.scars.roughness import fit_roughness, make_bands
-from isochrome.scars.template import ScarShape, form_spread, refine_place, whitening
 from worn_scars import (
     DISTANCES_M,
     FINISHES,

@@ -1,20 +1,17 @@
 from .beam.api import bending_from_shots, calibrate_bending
-from .colour.api import ColourCalibration, calibrate_colour
-from .colour.settings import ColourSet
+from .camera_scale import calibrate_scale
+from .colour import ColourCalibration, calibrate_colour
 from .disc.api import calibrate_disc, disc_from_shots
 from .disc.disc_rim import Circle, find_rim, fit_circle
 from .load_reading import LoadReading, LoadSeries, lay_series, read_load
 from .result import Calibration, ImageFit
-from .saved.calibration_report import calibration_report
-from .saved.folder import save_calibration
-from .saved.scene_file import check_scene_file, write_into_scene
-from .scale.api import calibrate_scale
-from .scale.result import MeasuredValue, ScaleCalibration, ScalePicture
-from .settings import Beam, CalibrationSet, Disc, LoadedImage, Uncertainty, load_set
+from .saved import calibration_report, check_scene_file, save_calibration, write_into_scene
+from .scale_result import MeasuredValue, ScaleCalibration, ScalePicture
+from .settings import Beam, CalibrationSet, ColourSet, Disc, LoadedImage, Uncertainty, load_set
 from .shot import Shot, as_shots
-from .wear.api import calibrate_wear
-from .wear.result import WearCalibration, WornDistance
-from .wear.settings import WearSet
+from .wear_coefficient import calibrate_wear
+from .wear_result import WearCalibration, WornDistance
+from .wear_set import WearSet
 from .whole_set.set_result import cause_sentence
 
 __all__ = [

@@ -91,36 +91,36 @@ def read_load(series: LoadSeries, shot: Shot, number: int) -> LoadReading:
             "in spite of the stress that the disc already holds; give more in frames.known_loads_n"
         )
     rim = find_rim(shot)
-    own = overlay([shot], [rim])
-    start = _coarse(known, own, rise, shot.name)
-    both = replace(known, stack=np.concatenate([known.stack, own.stack]))
+    frame = overlay([shot], [rim])
+    start = _coarse(known, frame, rise, shot.name)
+    both = replace(known, stack=np.concatenate([known.stack, frame.stack]))
     fit = fit_orders(both, np.append(rise.slope * known.loads, start), rise.angle)
     load, spread = _on_line(known.loads, fit, _without_blocks(both, fit))
-    seen = own.stack[0][own.used]
+    light = frame.stack[0][frame.used]
     predicted = _Prediction.of(known, fit.orders[:-1], fit.place).light(float(fit.orders[-1]))
-    left = float(np.mean((seen - predicted) ** 2))
+    residual = float(np.mean((light - predicted) ** 2))
     low, high = known.loads.min(), known.loads.max()
     return LoadReading(
         load_n=load,
         standard_uncertainty=spread,
-        explained=float(1.0 - left / np.var(seen)),
-        chi=float(np.sqrt(left) / np.median(shot.sigma)),
+        explained=float(1.0 - residual / np.var(light)),
+        chi=float(np.sqrt(residual) / np.median(shot.sigma)),
         rim=rim,
         beyond=max(0.0, low - load, load - high) / float(high - low),
     )
 
 
-def _coarse(known: Overlay, own: Overlay, rise: Rise, name: str) -> float:
+def _coarse(known: Overlay, frame: Overlay, rise: Rise, name: str) -> float:
     """The centre order with which the known frames predict this one best (fringes)."""
     predict = _Prediction.of(known, rise.slope * known.loads, np.array([rise.angle, 1.0, 0.0, 0.0]))
-    seen = own.stack[0][own.used]
+    light = frame.stack[0][frame.used]
     tried = np.arange(STEP, BEYOND * rise.slope * known.loads.max(), STEP)
-    left = np.array([np.mean((seen - predict.light(order)) ** 2) for order in tried])
-    best = int(np.argmin(left))
+    residual = np.array([np.mean((light - predict.light(order)) ** 2) for order in tried])
+    best = int(np.argmin(residual))
     away = np.abs(tried - tried[best]) > APART
-    lowest = (left < np.roll(left, 1)) & (left < np.roll(left, -1)) & away
-    explained = 1.0 - left[best] / np.var(seen)
-    if explained < TOLD or np.any(left[lowest] * CLEARER < left[best]):
+    lowest = (residual < np.roll(residual, 1)) & (residual < np.roll(residual, -1)) & away
+    explained = 1.0 - residual[best] / np.var(light)
+    if explained < TOLD or np.any(residual[lowest] * CLEARER < residual[best]):
         raise PhysicsError(
             f"{name}: the frames of known loads explain {100 * max(0.0, explained):.0f} % of its "
             "light at best, and do not tell its load; check that the disc lies as in these, that "
@@ -169,11 +169,11 @@ def _without_blocks(images: Overlay, fit: OrdersFit) -> Array:
         rows = fit.jacobian[:, block == b].reshape(-1, fit.jacobian.shape[-1])
         grams.append(rows.T @ rows)
         pulls.append(rows.T @ fit.rest[:, block == b].ravel())
-    whole, pull = np.sum(grams, axis=0), np.sum(pulls, axis=0)
+    total, pull = np.sum(grams, axis=0), np.sum(pulls, axis=0)
     count = len(fit.orders)
     moved = np.zeros((len(grams), count))
     for i, (gram, one) in enumerate(zip(grams, pulls, strict=True)):
-        moved[i, 1:] = -np.linalg.solve(whole - gram, pull - one)[: count - 1]
+        moved[i, 1:] = -np.linalg.solve(total - gram, pull - one)[: count - 1]
     return moved
 
 
@@ -187,11 +187,11 @@ def _on_line(loads: Array, fit: OrdersFit, moved: Array) -> tuple[float, float]:
     """The last image's load by the line of the others' orders, and its standard uncertainty (N)."""
     design = np.stack([loads, np.ones_like(loads)], axis=1)
     inverse = np.linalg.pinv(design)
-    slope, rest = inverse @ fit.orders[:-1]
-    load = float((fit.orders[-1] - rest) / slope)
+    slope, intercept = inverse @ fit.orders[:-1]
+    load = float((fit.orders[-1] - intercept) / slope)
     weights = np.array([load, 1.0]) @ inverse
     free = len(loads) - 2
-    scatter = np.sum((fit.orders[:-1] - design @ (slope, rest)) ** 2) / free
+    scatter = np.sum((fit.orders[:-1] - design @ (slope, intercept)) ** 2) / free
     variance = float(jackknife_variance(moved @ np.append(-weights, 1.0)))
     variance += scatter * (1.0 + weights @ weights) * free / (free - 2)
     return load, float(np.sqrt(variance) / abs(slope))

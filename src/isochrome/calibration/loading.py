@@ -1,19 +1,24 @@
-"""From a calibration set's files to shots: linear light, valid pixels, noise, no-load light."""
+"""From a calibration set's files to shots, and to a value for each channel of colour images."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from isochrome.calibration.result import Calibration
 from isochrome.calibration.settings import CalibrationSet, LoadedImage
 from isochrome.calibration.shot import Shot, below_saturation
-from isochrome.errors import InputError
-from isochrome.estimation import observe
+from isochrome.errors import InputError, PhysicsError
+from isochrome.estimation import POOR_CHI, observe
 from isochrome.frames import (
+    CHANNELS,
     FrameReader,
+    channel_for,
     check_scale,
     full_scale,
     load_mask,
@@ -33,11 +38,10 @@ SMOOTHING_PX = 3.0
 
 
 def read_shots(given: CalibrationSet) -> tuple[Shot, ...]:
-    """Read a set's images, and its no-load frames where it names both.
+    """A set's images, the no-load dark frame subtracted where both no-load frames are named.
 
-    Parameters: `given`, the set. Returns the shots, the no-load dark frame subtracted where there
-    are both. Raises InputError that names the file where one cannot be read, is saturated or is of
-    another size, or camera.pixel_mm is none in which the specimen can be seen.
+    InputError names the file where one cannot be read, is saturated or is of another size, or
+    camera.pixel_mm is none in which the specimen can be seen.
     """
     dark, light = _no_load(given)
     shots = tuple(_shot(given, item, dark, light) for item in given.image)
@@ -64,8 +68,8 @@ def _shot(
     }
     raw, reader = read_one_frame(path, given.frames, given.camera, **light)
     depth, inside = reader.bit_depth, load_mask(given, reader.shape, reader.full_shape)
-    seen = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
-    unusable = np.mean(~seen.valid[inside])
+    observed = observe(raw, name=str(path), bit_depth=depth, gamma=given.gamma, mask=inside)
+    unusable = np.mean(~observed.valid[inside])
     if unusable > MOST_SATURATED:
         raise InputError(
             f"{path}: {unusable:.0%} of its pixels are saturated or defective; "
@@ -74,10 +78,10 @@ def _shot(
     # no model of the light cuts a calibration's pixels near white, as it does a frame's
     full = full_scale(depth)
     level = np.inf if depth is None else saturation_level(raw, full=full) / full
-    valid = seen.valid & below_saturation(seen.raw, seen.raw_sigma, level)
-    linear = seen.light.astype(float)
+    valid = observed.valid & below_saturation(observed.raw, observed.raw_sigma, level)
+    linear = observed.light.astype(float)
     return Shot(
-        **(vars(seen) | {"name": str(item.file), "valid": valid}
+        **(vars(observed) | {"name": str(item.file), "valid": valid}
            | {"light": linear if dark is None else linear - dark}),
         load_n=item.load_n, bright=given.polariscope.field == "bright",
         no_load_light=no_load_light,
@@ -85,16 +89,21 @@ def _shot(
 
 
 def read_one_frame(
-    path: Path | ArrayFrames, frames: Frames, camera: Camera, *, colour: bool = False, **light: Any
+    path: Path | ArrayFrames,
+    frames: Frames,
+    camera: Camera,
+    *,
+    in_colour: bool = False,
+    **light: Any,
 ) -> tuple[Array, FrameReader]:
     """The one image of a file as stored, and its reader, closed.
 
-    Parameters: `path`; `frames` and `camera`, how it is to be read; `colour`, whether a grey one is
-    refused; `light`, channel and wavelength_nm as `open_frames` takes them. Raises InputError.
+    `in_colour`: whether a grey one is refused; `light`: channel and wavelength_nm as `open_frames`
+    takes them. Raises InputError.
     """
     light |= {"rotate_deg": frames.rotate_deg, "flip": frames.flip, "roi": frames.roi}
     with open_frames(path, bit_depth=camera.bit_depth, **light) as reader:
-        if colour and reader.channel is None:
+        if in_colour and reader.channel is None:
             raise InputError(f"{path}: is grey; give colour images")
         check_scale(reader, camera)
         images = [frame.image for _, frame in zip(range(2), reader, strict=False)]
@@ -119,3 +128,77 @@ def _no_load(given: CalibrationSet) -> tuple[Array | None, Array | None]:
     smooth = [gaussian_filter(np.nan_to_num(f.image).astype(float), SMOOTHING_PX) for f in
               (dark, bright)]  # fmt: skip
     return smooth[0], smooth[1] - smooth[0]
+
+
+SUMMARY = ("fringe_value_n_per_mm", "standard_uncertainty", "chi", "order_at_zero_load")
+"""What the result tells of each channel."""
+
+
+def calibrate_channels(
+    given: CalibrationSet, run: Callable[[tuple[Shot, ...]], Calibration]
+) -> Calibration:
+    """Run a calibration, once a channel where the images are in colour and none is named.
+
+    The value is that of the channel that sees polariscope.wavelength_nm best (green where that is
+    not given), with all three in `channels`. Raises what `run` raises for that channel.
+    """
+    scope = given.polariscope
+    one_light = scope.wavelength_nm and scope.lines is None
+    if given.frames.channel is not None or one_light or not _in_colour(given):
+        if given.frames.channel is None and scope.lines is not None:
+            raise InputError(
+                f"{given.name}: polariscope.lines are several wavelengths and "
+                f"{given.image[0].file} is grey; use one wavelength, or a colour camera"
+            )
+        return run(read_shots(given))
+    main = channel_for(scope.wavelength_nm)
+    result = run(_of_channel(given, main))
+    table: dict[str, Any] = {}
+    for channel in CHANNELS:
+        try:
+            one = result if channel == main else run(_of_channel(given, channel))
+        except PhysicsError as error:
+            table[channel] = {"refused": str(error)}
+            continue
+        values = {name: getattr(one, name) for name in SUMMARY}
+        table[channel] = values | {"wavelength_nm": _line_of(given, channel)}
+    return replace(result, channels=table, warnings=(*_messages(table, main), *result.warnings))
+
+
+def _of_channel(given: CalibrationSet, channel: str) -> tuple[Shot, ...]:
+    frames = given.frames.model_copy(update={"channel": channel})
+    return read_shots(given.model_copy(update={"frames": frames}))
+
+
+def _in_colour(given: CalibrationSet) -> bool:
+    """Whether the first image has three channels that are not copies of one."""
+    path, views = given.path(given.image[0].file), []
+    for channel in ("red", "blue"):
+        with open_frames(path, channel=channel, bit_depth=given.camera.bit_depth) as reader:
+            if reader.channel is None:
+                return False
+            views.append(next(iter(reader)).image)
+    return not np.array_equal(views[0], views[1])
+
+
+def _line_of(given: CalibrationSet, channel: str) -> float | None:
+    """The one line of the light (nm) that a channel sees; None where it is not known."""
+    if given.polariscope.lines is None:
+        return None
+    lines = [w for w in given.polariscope.lines.wavelength_nm if channel_for(w) == channel]
+    return lines[0] if len(lines) == 1 else None
+
+
+def _messages(table: dict[str, Any], main: str) -> tuple[str, ...]:
+    messages = [
+        f"colour images: the value is the {main} channel's, and each channel's is in the result; "
+        "frames.channel names another"
+    ]
+    poor = [c for c, v in table.items() if "refused" in v or v["chi"] > POOR_CHI]
+    if poor:
+        messages.append(
+            f"{', '.join(poor)}: one wavelength does not describe it; white light washes the "
+            "fringes out with their order, and a channel may mix two lines: put a narrow filter "
+            "in front of the camera"
+        )
+    return tuple(messages)

@@ -1,20 +1,23 @@
-"""The straight line of order against load: slope to the fringe value, intercept to the residual.
+"""The line of order against load: its slope gives the fringe value, its intercept the residual.
 
 Images without load tell the square of the order that stays, and so its size but no sign: near N = 0
-the intensity goes with N^2, so that a squared order q = r^2 at the edge is what such an image
-measures with a normal uncertainty.
+the intensity goes with N², so that q = r² at the edge is what such an image measures with a normal
+uncertainty. A value that cannot tell one of its own loads from the others' within what is stated is
+widened until all of them agree.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from isochrome.calibration.result import CUTS, BudgetItem, Calibration, ImageFit
 from isochrome.errors import PhysicsError
+from isochrome.estimation import POOR_CHI, variance_shares
 
 Array = NDArray[np.float64]
 
@@ -41,12 +44,11 @@ class OrderLine:
 
 
 def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) -> OrderLine:
-    """Straight line through orders at their loads, with an intercept from two loads on.
+    """Line through orders (n,) at their loads, of uncertainties (n,) or covariance (n, n).
 
-    Generalised least squares with the covariance V + t² of the orders, of their standard
-    uncertainties (n,) or covariance (n, n). t is zero unless chi-square about the line exceeds its
-    95 % point; then it brings chi-square to the degrees of freedom (Paule & Mandel, J. Res. Natl.
-    Bur. Stand. 87, 1982, 377-385).
+    Generalised least squares, V + t² the orders' covariance; t is 0 unless chi-square about the
+    line exceeds its 95 % point, and then brings it to the degrees of freedom (Paule & Mandel, J.
+    Res. Natl. Bur. Stand. 87, 1982, 377-385). An intercept from two loads on.
     """
     p, n, u = (np.asarray(v, dtype=float) for v in (loads_n, orders, uncertainties))
     v = np.diag(u**2) if u.ndim == 1 else u
@@ -70,10 +72,7 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
 
 
 def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -> None:
-    """Refuse orders that fall while the load rises: the loads are swapped between the files.
-
-    Parameters: as in `fit_line`, and the images' `names`. Raises PhysicsError naming the pair.
-    """
+    """Refuse (PhysicsError) orders that fall while the load rises: swapped files."""
     p, n = np.asarray(loads_n, dtype=float), np.asarray(orders, dtype=float)
     rank = np.lexsort((n, p))
     for low, high in pairwise(rank):
@@ -122,10 +121,10 @@ def _scatter(p: Array, n: Array, v: Array) -> float:
 
 
 def _left_out(p: Array, n: Array, v: Array) -> tuple[float, ...] | None:
-    rest = [np.arange(p.size) != i for i in range(p.size)]
-    if p.size < 3 or any(np.unique(p[keep]).size < 2 for keep in rest):
+    others = [np.arange(p.size) != i for i in range(p.size)]
+    if p.size < 3 or any(np.unique(p[keep]).size < 2 for keep in others):
         return None
-    lines = [_solve(p[keep], n[keep], v[np.ix_(keep, keep)])[0] for keep in rest]
+    lines = [_solve(p[keep], n[keep], v[np.ix_(keep, keep)])[0] for keep in others]
     return tuple(float(s * load + i) for (s, i), load in zip(lines, p, strict=True))
 
 
@@ -138,39 +137,300 @@ class ResidualOrder:
     uncertainty: float
 
 
-def largest_order(rest: Sequence[ResidualOrder]) -> float:
+def largest_order(unloaded: Sequence[ResidualOrder]) -> float:
     """Root mean square of the order r that may be there at no load, in fringes.
 
-    <r^2> under the density exp(-sum (r^2 - q_i)^2 / (2 u_i^2)) with r itself equally likely
-    everywhere before, as its sign is not seen. Parameters: `rest`, the unloaded images, at least
-    one.
+    <r²> under the density exp(-sum (r² - q_i)²/(2 u_i²)), r itself equally likely everywhere
+    before, as its sign is not seen.
     """
-    reach = np.sqrt(max(max(i.square, 0.0) + 8.0 * i.uncertainty for i in rest))
+    reach = np.sqrt(max(max(i.square, 0.0) + 8.0 * i.uncertainty for i in unloaded))
     r = np.linspace(0.0, reach, 4001)
-    log = -0.5 * np.sum([((r**2 - i.square) / i.uncertainty) ** 2 for i in rest], axis=0)
+    log = -0.5 * np.sum([((r**2 - i.square) / i.uncertainty) ** 2 for i in unloaded], axis=0)
     weight = np.exp(log - log.max())
     return float(np.sqrt(np.sum(weight * r**2) / np.sum(weight)))
 
 
 def order_messages(
-    rest: Sequence[ResidualOrder], line: OrderLine, load_n: float
+    unloaded: Sequence[ResidualOrder], line: OrderLine, load_n: float
 ) -> tuple[str, ...]:
-    """Where an unloaded image contradicts the order that the loads' line leaves at zero load.
-
-    Parameters: `rest`; `line`, through the loaded images; `load_n`, the largest load.
-    Returns the sentences, none where all agree.
-    """
+    """Where an unloaded image contradicts the order that the loads' line leaves at no load."""
     if line.intercept is None or line.intercept_uncertainty is None:
         return ()
     messages = []
     r, u = line.intercept, line.intercept_uncertainty
-    for item in rest:
-        seen = float(np.sqrt(max(item.square, 0.0)))
+    for item in unloaded:
+        order = float(np.sqrt(max(item.square, 0.0)))
         spread = np.sqrt(item.uncertainty**2 + (2.0 * r * u) ** 2 + 2.0 * u**4)
-        if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - seen) > NOTICED:
+        if abs(r**2 - item.square) > CERTAIN * spread and abs(abs(r) - order) > NOTICED:
             messages.append(
-                f"{item.file} shows an order of {seen:.3f} at no load and the loads' line leaves "
+                f"{item.file} shows an order of {order:.3f} at no load and the loads' line leaves "
                 f"{r:.3f}: the loads are off by {r / line.slope:.3g} N of {load_n:g} N (an offset "
                 "of the load cell), or one load is wrong; check them"
             )
     return tuple(messages)
+
+
+LINE_MISFIT = 0.10
+"""Distance of an order from the other loads' line, in orders' range, that is refused."""
+
+OFF_LINE = 0.04
+"""Distance of one of three orders from their own line, in orders' range, that is refused."""
+
+LARGEST_REST = 0.25
+"""Order at zero load over the largest order that two loads alone are not believed."""
+
+PLAUSIBLE_N_PER_MM = (0.03, 2000.0)
+"""From gelatine to glass, with room on both sides."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """An input's standard uncertainty (None: not given) and its share in ln f_sigma.
+
+    `sensitivity` is |d ln f / d input| in 1/unit.
+    """
+
+    name: str
+    standard_uncertainty: float | None
+    unit: str
+    sensitivity: float
+
+
+def uncertainty_budget(
+    specimen: str,
+    images: Sequence[ImageFit],
+    factor_n2_per_mm: float,
+    inputs: Sequence[Input],
+    *,
+    covariance: Array | None = None,
+    unloaded: Sequence[ResidualOrder] = (),
+    messages: tuple[str, ...] = (),
+) -> Calibration:
+    """Regress the orders against the loads and carry the slope k to f_sigma = factor / k.
+
+    `images` have loads above zero; `covariance` (n, n), of orders that were fitted together;
+    `messages`, known already. PhysicsError where the orders contradict the loads.
+    """
+    loads = [i.load_n for i in images]
+    orders = np.array([i.order for i in images])
+    check_order(loads, orders, tuple(i.file for i in images))
+    spread = [max(i.standard_uncertainty, 1e-9) for i in images]
+    line = fit_line(loads, orders, spread if covariance is None else covariance)
+    line = _intercept_with_misfit(images, line)
+    if line.intercept is None and unloaded:
+        line = replace(line, intercept=0.0, intercept_uncertainty=largest_order(unloaded))
+    value = factor_n2_per_mm / line.slope if line.slope > 0 else np.inf
+    if not PLAUSIBLE_N_PER_MM[0] <= value <= PLAUSIBLE_N_PER_MM[1]:
+        raise PhysicsError(
+            f"the images give f_sigma = {value:.3g} N/mm, which no photoelastic material has; "
+            "check that lengths are in mm, loads in N, and pixel_mm is this camera's"
+        )
+    if line.left_out is not None:
+        images = [replace(i, predicted_order=p) for i, p in zip(images, line.left_out, strict=True)]
+    _check_line(images, line)
+    budget = _budget(value, line, inputs, _misfit(images, line))
+    total = float(np.sqrt(sum(b.contribution_n_per_mm**2 for b in budget)))
+    chis = np.array([i.chi for i in images])
+    return Calibration(
+        specimen=specimen,
+        fringe_value_n_per_mm=float(value),
+        standard_uncertainty=total,
+        chi=float(np.sqrt(np.mean(chis**2))),
+        order_at_zero_load=line.intercept,
+        order_at_zero_load_uncertainty=line.intercept_uncertainty,
+        slope_per_n=line.slope,
+        images=tuple(images),
+        budget=budget,
+        warnings=(
+            *messages,
+            *order_messages(unloaded, line, max(loads)),
+            *_warnings(images, line, inputs, specimen),
+        ),
+    )  # fmt: skip
+
+
+def _check_line(images: Sequence[ImageFit], line: OrderLine) -> None:
+    """Refuse orders that no line joins, or whose line is no calibration's: a wrong load or image.
+
+    From four images on the others tell which is wrong, three show that one is, and two only where
+    their line passes far from the origin.
+    """
+    if line.intercept is None:
+        return
+    orders = np.array([i.order for i in images])
+    away = orders - line.slope * np.array([i.load_n for i in images]) - line.intercept
+    table = ", ".join(f"{i.file} {i.load_n:g} N order {i.order:.3f}" for i in images)
+    if len(images) == 2 and abs(line.intercept) > max(0.3, LARGEST_REST * float(orders.max())):
+        raise PhysicsError(
+            f"{table}: these leave an order of {line.intercept:.2f} at zero load, too much for "
+            "residual stress; check the loads and that both show the same beam or disc, or add a "
+            "third load, which can tell"
+        )
+    if len(images) == 3 and float(np.abs(away).max()) > OFF_LINE * float(np.ptp(orders)):
+        raise PhysicsError(
+            f"{table}: these orders do not rise along one line; one load is wrong, or one image "
+            "shows another specimen; check them, or add a fourth load, which can tell which"
+        )
+    if len(images) < 4 or line.left_out is None:
+        return
+    off = np.abs(orders - np.array(line.left_out))
+    worst = int(np.argmax(off))
+    limit = LINE_MISFIT * max(float(np.ptp(orders)), 0.2 * float(orders.max()))
+    if off[worst] > limit:
+        suspect = images[worst]
+        raise PhysicsError(
+            f"{suspect.file} at {suspect.load_n:g} N shows order {suspect.order:.3f} where the "
+            f"other loads predict {suspect.predicted_order:.3f}; check its load, and whether it "
+            "shows the same specimen, or leave it out"
+        )
+
+
+def _intercept_with_misfit(images: Sequence[ImageFit], line: OrderLine) -> OrderLine:
+    """The line with the images' misfits in its intercept's uncertainty.
+
+    A cause that works in proportion to the orders leaves the intercept where it is; what remains
+    is each image's own part, through its weight.
+    """
+    if line.intercept_weights is None or line.intercept_uncertainty is None:
+        return line
+    parts = np.array(line.intercept_weights) * np.array([i.misfit for i in images])
+    spread = float(np.hypot(line.intercept_uncertainty, np.sqrt(np.sum(parts**2))))
+    return replace(line, intercept_uncertainty=spread)
+
+
+def _misfit(images: Sequence[ImageFit], line: OrderLine) -> float:
+    """What the images' misfits m may do to the slope k: fringes per N.
+
+    One cause mostly works in all images, in proportion to their orders (then it is k m/N) or
+    alone in each (then it is the line's weights times m); the larger of both is taken.
+    """
+    misfits = np.array([i.misfit for i in images])
+    orders = np.array([i.order for i in images])
+    alike = line.slope * float(np.sqrt(np.mean((misfits / orders) ** 2)))
+    return max(alike, float(np.sqrt(np.sum((np.array(line.weights) * misfits) ** 2))))
+
+
+def _budget(
+    value: float, line: OrderLine, inputs: Sequence[Input], misfit: float
+) -> tuple[BudgetItem, ...]:
+    scatter = np.sqrt(max(line.slope_uncertainty**2 - line.slope_noise**2, 0.0))
+    rows = [
+        ("image noise and fit", line.slope_noise, "fringe/N", value * line.slope_noise / line.slope)
+    ]
+    joint = float(np.sum(line.weights))  # vanishes where the line has an intercept of its own
+    if line.intercept is not None and abs(joint) > 1e-9 * line.slope:
+        spread = line.intercept_uncertainty or 0.0
+        rows.append(("order at zero load", spread, "fringe", value * joint * spread / line.slope))
+    if misfit > 0:
+        rows.append(("model misfit", misfit, "fringe/N", value * misfit / line.slope))
+    if line.left_out is not None:
+        rows.append(("scatter across loads", scatter, "fringe/N", value * scatter / line.slope))
+    rows += [
+        (i.name, i.standard_uncertainty, i.unit, value * i.sensitivity * i.standard_uncertainty)
+        for i in inputs
+        if i.standard_uncertainty is not None
+    ]
+    shares = variance_shares(np.array([row[3] for row in rows]))
+    return tuple(
+        BudgetItem(name, float(u), unit, float(part), float(share))
+        for (name, u, unit, part), share in zip(rows, shares, strict=True)
+    )
+
+
+def _warnings(
+    images: Sequence[ImageFit], line: OrderLine, inputs: Sequence[Input], specimen: str
+) -> tuple[str, ...]:
+    messages = []
+    worst = max(images, key=lambda i: i.chi)
+    if worst.chi > POOR_CHI:
+        messages.append(
+            f"the model does not describe these images within their noise: chi = {worst.chi:.2f} "
+            f"for {worst.file} where 1 is right; look at the residual (gamma, residual stress, "
+            "blur, saturation), and take the uncertainty as a lower bound"
+        )
+    if line.intercept is None:
+        messages.append(
+            "one load only: an order that stays at zero load cannot be separated and is not in "
+            "the uncertainty; add a second load"
+        )
+    elif abs(line.intercept) > max(0.1, 5.0 * (line.intercept_uncertainty or 0.0)):
+        messages.append(
+            f"an order of {line.intercept:.3f} stays at zero load at the {CUTS[specimen].place}: "
+            "the specimen has residual stress, or the loads an offset (the slope is free of both)"
+            + (", or one load is wrong: a third load can tell" if len(images) == 2 else "")
+        )
+    missing = [i.name for i in inputs if i.standard_uncertainty is None and i.sensitivity > 0]
+    if missing:
+        messages.append(
+            f"no uncertainty is given for {', '.join(missing)}: what the images show is included, "
+            "these are not; add them under [uncertainty]"
+        )
+    return tuple(messages)
+
+
+CONTRADICTED = 3.0
+"""Standard uncertainties by which a held-out load is off at the most, when all agree."""
+
+
+def widened_to_held_out(calibration: Calibration) -> Calibration:
+    """A calibration whose uncertainty no held-out load contradicts, and a sentence where it grew.
+
+    Each order n_i is held against the other loads' line, with u_i² = v_i + v(line) + (n_i U)²: its
+    own noise and misfit, the line's, and the value's relative uncertainty U, which grows to 3 u_i.
+    """
+    if any(image.predicted_order is None for image in calibration.images):
+        return calibration
+    away, noise = _away(calibration.images)
+    orders = np.array([i.order for i in calibration.images])
+    value = calibration.fringe_value_n_per_mm
+    stated = calibration.standard_uncertainty / value
+    pulls = np.abs(away) / np.hypot(noise, orders * stated)
+    worst = int(np.argmax(pulls))
+    if pulls[worst] <= CONTRADICTED:
+        return replace(
+            calibration, images=_expected(calibration.images, np.hypot(noise, orders * stated))
+        )
+    needed = np.sqrt(np.maximum((away / CONTRADICTED) ** 2 - noise**2, 0.0)) / orders
+    total = value * float(max(needed.max(), stated))
+    part = float(np.sqrt(max(total**2 - calibration.standard_uncertainty**2, 0.0)))
+    image = calibration.images[worst]
+    items = (*calibration.budget, BudgetItem("held-out loads", part / value, "", part, 0.0))
+    budget = [replace(i, share=(i.contribution_n_per_mm / total) ** 2) for i in items]
+    message = (
+        f"{image.file} at {image.load_n:g} N shows order {image.order:.3f} where the other loads "
+        f"predict {image.predicted_order:.3f}, {pulls[worst]:.1f} times what was to be expected: "
+        f"the uncertainty is widened from {calibration.standard_uncertainty:.2g} to {total:.2g} "
+        "N/mm; check this load and its image"
+    )
+    return replace(
+        calibration,
+        images=_expected(calibration.images, np.hypot(noise, orders * total / value)),
+        standard_uncertainty=total,
+        budget=tuple(budget),
+        warnings=(message, *calibration.warnings),
+    )
+
+
+def _expected(images: Sequence[ImageFit], spread: Array) -> tuple[ImageFit, ...]:
+    """The images with what their predictions were expected to be off by."""
+    return tuple(
+        replace(i, predicted_uncertainty=float(u)) for i, u in zip(images, spread, strict=True)
+    )
+
+
+def _away(images: Sequence[ImageFit]) -> tuple[Array, Array]:
+    """Each order less what the others predict, and the standard uncertainty of that by the images.
+
+    Both (n,), fringes; the line through the others is weighted by their own uncertainties.
+    """
+    loads, orders = np.array([(i.load_n, i.order) for i in images]).T
+    variance = np.array([i.standard_uncertainty**2 + i.misfit**2 for i in images])
+    predicted = np.array([i.predicted_order for i in images], dtype=float)
+    spread = np.empty(len(images))
+    for i, load in enumerate(loads):
+        others = np.arange(len(images)) != i
+        design = np.stack([loads[others], np.ones(others.sum())])
+        covariance = np.linalg.pinv((design / variance[others]) @ design.T)
+        at = np.array([load, 1.0])
+        spread[i] = np.sqrt(variance[i] + at @ covariance @ at)
+    return orders - predicted, spread

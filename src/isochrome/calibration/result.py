@@ -1,19 +1,46 @@
-"""What a calibration found: the value, how sure it is, from what, and what is wrong with it."""
+"""What a calibration found: the value, how sure it is, from what, and its picture."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.figures import PaperPanels
+from isochrome.errors import InputError
+from isochrome.figures import (
+    BOLD_PT,
+    DIFFERENCE_MAP,
+    FINE_PT,
+    FRAME_MAP,
+    GREY,
+    INK,
+    LINE_COLOURS,
+    LINE_PT,
+    NOTE_PT,
+    PALE,
+    PaperPanels,
+    PictureKind,
+    Plot,
+    add_legend,
+    budget_plot,
+    chosen_frames,
+    data_name,
+    draw_budget,
+    new_figure,
+    show_image,
+    style_axes,
+    write_head,
+)
 from isochrome.output import Result, columns_of, counted, with_uncertainty
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 Array = NDArray[np.float64]
 
@@ -50,11 +77,10 @@ IMAGE_COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """What a figure shows of an image: maps (rows, cols) and a cut through them.
+    """What a figure shows of an image: maps (rows, cols), NaN where left out, and a cut.
 
-    `image`, `model` and `residual`, image - model, NaN where it was left out, are intensities, of
-    the noise `sigma`; `order`, fringes; `pixel_mm`, the (row, col) spacing. `cut` is the index of a
-    row or column, the height or the horizontal diameter, and `position_mm` (m,) the place along it.
+    Intensities and orders, the noise `sigma`, the (row, col) spacing `pixel_mm`; `cut`, the index
+    of a row or column, the height or the horizontal diameter, and the places (m,) along it.
     """
 
     image: Array
@@ -224,19 +250,89 @@ class Calibration(Result):
         return f"chi {self.chi:.2f}"
 
     def figure(self) -> Figure:
-        """See `calibration_figure`."""
-        from isochrome.calibration.figure import calibration_figure
-
-        return calibration_figure(self)
+        """Up to four images beside fit, residual and a cut; below, the order over the load."""
+        shown = _spread([i for i in self.images if i.view is not None])
+        tall = CUTS[self.specimen].row_inches
+        figure = new_figure(13.0, tall * len(shown) + 4.2)
+        halves: Any = figure.subfigures(2, 1, height_ratios=[tall * len(shown), 3.8])
+        upper, lower = halves
+        panels = upper.subplots(len(shown), 4, squeeze=False, width_ratios=[1, 1, 1.2, 1.7])
+        limit = _residual_limit([i.view for i in shown if i.view is not None])
+        for axes, item in zip(panels, shown, strict=True):
+            _image_row(list(axes), item, CUTS[self.specimen], limit)
+        line, misfit, budget = lower.subplots(1, 3, width_ratios=[1.5, 1, 1.2])
+        _line(line, self)
+        _misfit(misfit, self)
+        parts = {item.name: item.contribution_n_per_mm for item in self.budget}
+        draw_budget(budget, parts, x_label="contribution to u (N/mm)", title="uncertainty budget")
+        value, *others = _values(self)
+        head = [f"f$_\\sigma$ = {value}", f"$\\chi$ = {self.chi:.2f}", *others]
+        write_head(figure, "    ".join(head))
+        return figure
 
     def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
         """Give images, fits, orders and budget for a paper; see `paper_figure`.
 
         `frames`: numbers of the images that are shown. Raises InputError where one is not there.
         """
-        from isochrome.calibration.figure import calibration_panels
+        images = self.images
+        usual = _spread([i for i in images if i.view is not None])[::-1][:_FOR_PAPER][::-1]
+        default = [images.index(item) for item in usual]
+        shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
+        views = [item.view for item in shown if item.view is not None]
+        if len(views) < len(shown):
+            missing = next(item for item in shown if item.view is None)
+            raise InputError(f"{missing.file}: was left out of the calibration, and is not drawn")
+        limit, where = _residual_limit(views), CUTS[self.specimen]
 
-        return calibration_panels(self, frames)
+        def draw(axes: Axes, k: int, column: int) -> AxesImage:
+            image, _, options = _maps(shown[k], limit)[column]
+            small, pixel = _square(image, views[k].pixel_mm)
+            return show_image(axes, small, pixel_mm=pixel, **options)
+
+        def order_line(axes: Axes) -> None:
+            _line(axes, self, "measured", "predicted")  # short: a long name covers the points
+            axes.margins(y=0.25)  # so that what stands below the line's beginning has room
+
+        names = ("captured", "fitted", "residual")
+        plots = [
+            Plot(
+                title=f"{item.load_n:.4g} N, along the cut",
+                draw=partial(_cut, item=item, where=where),
+                spare=1 if item is shown[-1] else 3,  # one cut tells how well the model fits
+            )
+            for item in shown
+        ]
+        parts = {item.name: item.contribution_n_per_mm for item in self.budget}
+        budget = budget_plot("uncertainty budget", parts, unit="N/mm")
+        plots += [
+            Plot(title="order over load", draw=order_line),
+            Plot(
+                title=_misfit_title(self),
+                draw=partial(_misfit, calibration=self),
+                spare=2,
+            ),
+            budget,
+        ]
+        value, *others = _values(self)
+        predicted = any(item.predicted_order is not None for item in images)
+        return PaperPanels(
+            kinds=[
+                PictureKind(name=name, draw=partial(draw, column=column), bar=bar)
+                for column, (name, bar) in enumerate(
+                    zip(names, ("", "", "residual (noise sigmas)"), strict=True)
+                )
+            ],
+            labels=[f"{item.load_n:.4g} N" for item in shown],
+            plots=plots,
+            notes=[
+                f"Material fringe value {value}, χ = {self.chi:.2f}"
+                + "".join(f", {text}" for text in others) + ".",
+                *(f"{item.load_n:.4g} N: N = {_order_text(item)} at the {where.place}, "
+                  f"χ = {item.chi:.2f}." for item in shown),
+                *(["Predicted: by the line through the other loads."] if predicted else []),
+            ],
+        )  # fmt: skip
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain numbers, texts and lists for `calibration.json`.
@@ -251,3 +347,160 @@ class Calibration(Result):
             "budget": [vars(item) for item in self.budget],
             "warnings": list(self.warnings),
         }
+
+
+MOST_ROWS = 4
+"""Images that are shown, spread over the loads."""
+_FOR_PAPER = 1
+"""That of the largest load, of a figure for a paper where nobody names them."""
+
+LARGEST_PX = 400
+"""Rows or columns of an image that are drawn."""
+
+
+def _values(calibration: Calibration) -> list[str]:
+    """The value, and what was found besides, in words."""
+    value = with_uncertainty(calibration.fringe_value_n_per_mm, calibration.standard_uncertainty)
+    parts, order = [f"{value} N/mm per fringe"], calibration.order_at_zero_load
+    if order is not None:
+        parts.append(f"order at zero load {round(order, 3) + 0.0:+.3f}")
+    if calibration.residual is not None:
+        parts.append(f"residual stress up to {calibration.residual['largest_order']:.2f} fringe")
+    return parts
+
+
+def _digits(spread: float) -> int:
+    """Decimals that show two digits of an uncertainty."""
+    return max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
+
+
+def _spread(images: list[ImageFit]) -> list[ImageFit]:
+    ranked = sorted(images, key=lambda i: i.load_n)
+    count = len(ranked)
+    return [ranked[round(k)] for k in np.linspace(0, count - 1, min(count, MOST_ROWS))]
+
+
+def _residual_limit(views: list[View]) -> float:
+    sizes = [np.nanpercentile(np.abs(v.residual) / v.sigma, 98) for v in views]
+    return float(max([4.0, *sizes]))
+
+
+def _image_row(axes: list[Any], item: ImageFit, where: Cut, limit: float) -> None:
+    assert item.view is not None
+    for axis, (image, title, options) in zip(axes, _maps(item, limit), strict=False):
+        small, pixel = _square(image, item.view.pixel_mm)
+        label = "noise sigmas" if "residual" in title else ""
+        show_image(axis, small, pixel_mm=pixel, title=title, colour_label=label, **options)
+    _cut(axes[3], item, where)
+    title = f"N = {_order_text(item)} at the {where.place} (dots captured, line fitted)"
+    style_axes(axes[3], title=title)
+
+
+def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, str, dict[str, Any]], ...]:
+    """What is drawn of an image: each map with its title and colours."""
+    view = item.view
+    assert view is not None
+    low, high = (float(v) for v in np.nanpercentile(view.image, [0.5, 99.8]))
+    grey: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": low, "vmax": high}
+    return (
+        (view.image, f"{item.load_n:.4g} N, captured", grey),
+        (view.model, "fitted", grey),
+        (
+            view.residual / view.sigma,
+            f"residual, $\\chi$ = {item.chi:.2f}",
+            {"cmap": DIFFERENCE_MAP, "vmin": -limit, "vmax": limit},
+        ),
+    )
+
+
+def _order_text(item: ImageFit) -> str:
+    return f"{item.order:.{min(5, _digits(item.standard_uncertainty))}f}"
+
+
+def _cut(cut: Axes, item: ImageFit, where: Cut) -> None:
+    """Intensity and order along the cut."""
+    view = item.view
+    assert view is not None
+    place, light, model, orders = (
+        view.along_cut(v) for v in (view.position_mm, view.image, view.model, view.order)
+    )
+    cut.plot(place, light, ".", ms=2, color=PALE, label="captured")
+    cut.plot(place, model, "-", lw=LINE_PT, color=INK, label="fitted")
+    twin = cut.twinx()
+    twin.plot(place, orders, "-", lw=BOLD_PT, color=LINE_COLOURS[1])
+    twin.set_ylim(bottom=0)
+    style_axes(twin, z_label="order N")
+    twin.yaxis.label.set_color(LINE_COLOURS[1])
+    style_axes(cut, x_label=where.along, z_label="intensity")
+
+
+def _square(image: Array, pixel_mm: tuple[float, float]) -> tuple[Array, float]:
+    """An image with square pixels and few enough of them to draw."""
+    tall, wide = pixel_mm
+    rows = max(1, round(wide / tall))
+    step = max(1, int(np.ceil(max(image.shape[0] / rows, image.shape[1]) / LARGEST_PX)))
+    return image[:: rows * step, ::step], wide * step
+
+
+def _line(
+    axes: Any,
+    calibration: Calibration,
+    measured: str = "from its image",
+    predicted: str = "predicted by the other loads",
+) -> None:
+    loads = np.array([i.load_n for i in calibration.images])
+    orders = np.array([i.order for i in calibration.images])
+    intercept = calibration.order_at_zero_load or 0.0
+    reach = np.array([0.0, loads.max() * 1.05])
+    line = data_name("line of all loads")
+    axes.plot(
+        reach, calibration.slope_per_n * reach + intercept, color=GREY, lw=LINE_PT, label=line
+    )
+    axes.plot(loads, orders, "o", color=LINE_COLOURS[0], ms=5, label=measured)
+    known = [i for i in calibration.images if i.predicted_order is not None]
+    if known:
+        places = [i.load_n for i in known], [i.predicted_order for i in known]
+        axes.plot(*places, "o", mfc="none", color=LINE_COLOURS[1], ms=10, label=predicted)
+        add_legend(axes, loc="upper left")
+    if calibration.order_at_zero_load is not None:
+        label = data_name("at zero load")
+        axes.plot(0.0, intercept, "s", color=LINE_COLOURS[1], ms=5, label=label)
+        text = f"{intercept:+.4f} at zero load"
+        axes.annotate(
+            text, (0.0, intercept), (8, -3), textcoords="offset points", va="top", fontsize=NOTE_PT
+        )
+    axes.set_xlim(0.0 - 0.02 * reach[1], reach[1])
+    axes.margins(y=0.12)
+    axes.axhline(0.0, color=PALE, lw=FINE_PT, zorder=0)
+    where = CUTS[calibration.specimen].place
+    title = f"{calibration.slope_per_n:.6g} fringes per N"
+    style_axes(axes, x_label="load (N)", z_label=f"order at the {where}", title=title)
+
+
+def _misfit_title(calibration: Calibration) -> str:
+    known = all(i.predicted_order is not None for i in calibration.images)
+    return f"measured minus {'predicted' if known else 'line'}"
+
+
+def _misfit(axes: Any, calibration: Calibration) -> None:
+    """What is left of each order beside its prediction from the other loads, or the line."""
+    intercept = calibration.order_at_zero_load or 0.0
+    images = calibration.images
+    away = np.array(
+        [
+            i.order - (calibration.slope_per_n * i.load_n + intercept if i.predicted_order is None
+                       else i.predicted_order)
+            for i in images
+        ]
+    )  # fmt: skip
+    spread = np.array([i.standard_uncertainty for i in images])
+    milli = float(np.max(np.abs(away) + spread)) < 0.02
+    scale = 1000.0 if milli else 1.0
+    axes.errorbar(
+        [i.load_n for i in images], scale * away, scale * spread, fmt="o", ms=4,
+        color=LINE_COLOURS[0],
+    )  # fmt: skip
+    axes.axhline(0.0, color=PALE, lw=FINE_PT)
+    axes.margins(x=0.15)
+    unit = "10⁻³ fringe" if milli else "fringes"
+    style_axes(axes, x_label="load (N)", z_label=unit, title=_misfit_title(calibration))

@@ -1,4 +1,4 @@
-"""The calibration set: one small TOML that says what was loaded, how, and in which images."""
+"""The sets of calibrations: small TOMLs that say what was loaded, how, and in which images."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self, overload
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
 
 from isochrome.calibration.result import CUTS
-from isochrome.calibration.stated import with_stated
 from isochrome.errors import InputError
 from isochrome.scene import (
     ArrayFrames,
@@ -23,9 +23,72 @@ from isochrome.scene import (
     as_tables,
     check_reach,
     parse_toml,
+    plain_value,
     read_text,
+    split_uncertainties,
     validate,
 )
+
+_INPUTS = {
+    "beam.thickness_mm": "thickness_mm",
+    "beam.height_mm": "height_mm",
+    "disc.thickness_mm": "thickness_mm",
+    "disc.diameter_mm": "diameter_mm",
+    "camera.pixel_mm": "pixel_mm",
+}
+"""Keys of a set, and those of [uncertainty] that mean the same."""
+
+_SPANS = ("beam.inner_span_mm", "beam.outer_span_mm")
+_LOAD = "image.load_n"
+
+
+def with_stated(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
+    """A set's tables with plain values, and what stood beside them under [uncertainty].
+
+    ValueError for what is stated twice, and for a key that is no input of the budget.
+    """
+    plain, stated = split_uncertainties(model, data)
+    images, loads = _loads(plain.get("image"))
+    spreads = {}
+    for key, spread in stated.items():
+        if key not in _INPUTS and key not in _SPANS:
+            raise ValueError(
+                f"{key} is no input of a calibration's budget; only {', '.join(_INPUTS)}, "
+                f"{', '.join(_SPANS)} and {_LOAD} have a standard_uncertainty; give a plain value"
+            )
+        if key in _INPUTS:
+            spreads[_INPUTS[key]] = spread
+    spans = [stated[key] for key in _SPANS if key in stated]
+    if spans:
+        # of each span, such that both together are as uncertain as stated
+        spreads["span_mm"] = float(np.sqrt(np.sum(np.square(spans)) / len(_SPANS)))
+    if loads:
+        spreads["load_percent"] = 100.0 * float(np.sqrt(np.mean(np.square(loads))))
+    if not spreads:
+        return plain
+    given = plain.get("uncertainty") or {}
+    if not isinstance(given, dict):
+        given = given.model_dump(exclude_none=True)
+    for key in spreads:
+        if key in given:
+            raise ValueError(f"uncertainty.{key} is stated beside its value too; remove one")
+    return plain | {"uncertainty": given | spreads, "image": images}
+
+
+def _loads(images: Any) -> tuple[Any, list[float]]:
+    """The images with plain loads, and the loads' relative uncertainties where they are stated."""
+    if not isinstance(images, list | tuple):
+        return images, []
+    plain, spreads = [], []
+    for number, image in enumerate(images, start=1):
+        load = image.get("load_n") if isinstance(image, dict) else None
+        if isinstance(load, dict):
+            value, spread = plain_value(f"image[{number}].load_n", load)
+            image = image | {"load_n": value}
+            if isinstance(value, int | float) and value > 0:
+                spreads.append(spread / value)
+        plain.append(image)
+    return plain, spreads
 
 
 class Beam(ScenePart):
@@ -151,8 +214,8 @@ class ImageSet(ScenePart):
             return validate(cls, as_tables(source), "set", reserved=("folder", "name"))
         path = Path(source)
         data = parse_toml(read_text(path), str(path))
-        found = validate(cls, data, str(path), reserved=("folder", "name"))
-        return found.model_copy(update={"folder": path.parent, "name": str(path)})
+        loaded = validate(cls, data, str(path), reserved=("folder", "name"))
+        return loaded.model_copy(update={"folder": path.parent, "name": str(path)})
 
 
 def _named(item: Any, number: int) -> Any:
@@ -237,14 +300,110 @@ def load_set(source: SetLike, *, specimen: str | None = None) -> CalibrationSet:
     fix.
     """
     if isinstance(source, CalibrationSet):
-        found = source
+        loaded = source
     else:
-        found = CalibrationSet.read(source)
-        check_reach(found.model_dump(exclude_unset=True), found.name)
-    if specimen is not None and getattr(found, specimen) is None:
+        loaded = CalibrationSet.read(source)
+        check_reach(loaded.model_dump(exclude_unset=True), loaded.name)
+    if specimen is not None and getattr(loaded, specimen) is None:
         (other,) = CUTS.keys() - {specimen}
         raise InputError(
-            f"{found.name}: [{specimen}] is missing, and the set has a [{other}]; add it, or run "
+            f"{loaded.name}: [{specimen}] is missing, and the set has a [{other}]; add it, or run "
             f"'isochrome calibrate {CUTS[other].command}'"
         )
-    return found
+    return loaded
+
+
+class ColourBeam(Beam):
+    """A beam in four-point bending whose fringe value is known: its orders are known too.
+
+    Parameters
+    ----------
+    fringe_value_n_per_mm : float
+        Material fringe value at the polariscope's wavelength, N/mm per fringe.
+    """
+
+    fringe_value_n_per_mm: Positive
+
+
+class ColourImage(ScenePart):
+    """One colour image of a loaded specimen; of a beam with the whole load on it.
+
+    Parameters
+    ----------
+    file : str or array
+        The image's file, relative to the set's; in Python an array too.
+    load_n : float, optional
+        The whole load on a beam, N; other specimens need none.
+    """
+
+    file: ImageFile
+    load_n: NonNegative | None = None
+
+
+class ColourSet(ImageSet):
+    """A colour calibration's set. Without a beam the table comes from the images' own colours.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Folder of the set's file.
+    name : str, optional
+        The set's name in messages.
+    beam : ColourBeam, optional
+        The beam, its sizes and fringe value.
+    camera : Camera, optional
+        The camera.
+    polariscope : Polariscope
+        The polariscope, with the wavelength that the orders count at.
+    frames : Frames, optional
+        How the images are read, and the no-load frames.
+    highest_order : float, optional
+        Up to where colours are looked for, fringes.
+    image : tuple of ColourImage
+        The images.
+    """
+
+    beam: ColourBeam | None = None
+    camera: Camera = Camera()
+    polariscope: Polariscope
+    frames: Frames = Frames()
+    highest_order: Annotated[float, Field(ge=1.0, le=8.0)] = 3.5
+    image: Annotated[tuple[ColourImage, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _complete(self) -> ColourSet:
+        if self.polariscope.wavelength_nm is None:
+            raise ValueError(
+                "polariscope.wavelength_nm is missing: the wavelength that the orders count at "
+                "(without a beam the middle of the green channel's band, about 540); add it"
+            )
+        if self.polariscope.field == "plane" or self.polariscope.step:
+            raise ValueError(
+                "colours are read in the circular dark or bright field; set polariscope.field = "
+                "'dark' or 'bright', and no steps"
+            )
+        if self.frames.channel is not None:
+            raise ValueError("frames.channel leaves one channel, and colours need all; remove it")
+        if self.beam is not None:
+            if self.camera.pixel_mm is None:
+                raise ValueError("camera.pixel_mm is missing, and a beam needs it; add it")
+            if not all(image.load_n for image in self.image):
+                raise ValueError("every [[image]] of a beam needs load_n above 0; add it")
+        return self
+
+    @property
+    def gamma(self) -> float | None:
+        """The exponent from linear light to grey levels, None where the set does not say."""
+        for part in (self.frames, self.camera):
+            if "gamma" in part.model_fields_set and not isinstance(part.gamma, str):
+                return part.gamma
+        return None
+
+
+ColourSetLike = str | Path | ColourSet | Mapping[str, Any]
+"""A colour calibration's set as a caller may give it: a file, a ColourSet, or its tables."""
+
+
+def load_colour_set(source: ColourSetLike) -> ColourSet:
+    """The set of a colour calibration from its file, its tables or itself; InputError."""
+    return source if isinstance(source, ColourSet) else ColourSet.read(source)

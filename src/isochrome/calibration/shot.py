@@ -87,11 +87,10 @@ def unused(idle: Sequence[Shot], why: str) -> tuple[str, ...]:
 
 
 def below_saturation(image: Array, sigma: ArrayLike, level: float) -> NDArray[np.bool_]:
-    """Pixels (rows, cols) whose neighbourhood's mean lies three sigmas below saturation.
+    """Pixels (rows, cols) whose neighbourhood's mean lies three sigmas below saturation's `level`.
 
     Leaving out the saturated pixels alone would keep the darker half of those beside them, whose
-    mean is then too low. Parameters: `image`, raw grey levels, its noise `sigma`, and `level`, from
-    which it is saturated.
+    mean is then too low.
     """
     if float(np.max(image)) < level:
         return np.ones(image.shape, dtype=bool)

@@ -1,4 +1,3 @@
-from .batched import State, damped_steps, minimise_all, next_damping, solve_all
 from .covariance import (
     block_correlation,
     gradient_covariance,
@@ -13,59 +12,65 @@ from .covariance import (
     white_covariance,
     white_middle,
 )
-from .evidence import (
-    ALIKE_CHI,
-    HALF,
-    LITTLE,
-    POOR_CHI,
-    RIVAL_CHI,
-    evidence_gain,
-    is_explained,
-    stays_poor,
-)
-from .intensity import STEP, IntensityFit, fit_intensity
+from .intensity import STEP, IntensityFit, Minimum, SeveralStarts, fit_intensity
 from .least_squares import (
     CUTOFF,
+    MOSTLY,
     Bounds,
     Damping,
+    LinearPart,
+    SeparableProblem,
+    State,
     damped,
     damped_step,
+    damped_steps,
+    evaluate,
+    evaluate_prepared,
     minimise,
+    minimise_all,
+    next_damping,
+    prepare,
     promised_gain,
+    scaled_inverse,
+    solve_all,
+    solve_linear,
 )
 from .light import (
+    ASKED,
+    FEW_TERMS,
+    FIRST_DEGREES,
+    MOST_TERMS,
+    RICHEST,
+    ScoreProducts,
     Terms,
     channel_light,
     degrees_of,
     light_basis,
     light_products,
+    light_unknowns,
     missing_terms,
     smooth_light,
+    smooth_starts,
     total_degree,
     with_chosen_terms,
 )
-from .light_degree import light_unknowns, smooth_starts
-from .multistart import Minimum, SeveralStarts
 from .observation import FrameData, Observation, observe, prepare_frame
 from .priors import (
+    ALIKE_CHI,
+    HALF,
+    LITTLE,
     NOISE,
+    POOR_CHI,
+    RIVAL_CHI,
     BudgetInput,
     Prior,
     budget_of,
+    evidence_gain,
+    is_explained,
     less_explained,
     no_prior,
+    stays_poor,
     variance_shares,
-)
-from .score_products import ASKED, FEW_TERMS, FIRST_DEGREES, MOST_TERMS, RICHEST, ScoreProducts
-from .separable import (
-    MOSTLY,
-    LinearPart,
-    SeparableProblem,
-    evaluate,
-    evaluate_prepared,
-    prepare,
-    scaled_inverse,
-    solve_linear,
 )
 
 __all__ = [

@@ -167,15 +167,15 @@ def line_noise(keep: Mask, residual: Array, axis: int) -> float:
     """
     image = _picture(keep, residual)
     sums = image.sum(axis=axis, dtype=float)
-    alone = float(np.sum(np.square(image), dtype=float)) / max(1, len(sums))
-    return float(np.mean(np.square(np.diff(sums)))) / max(2.0 * alone, 1e-300)
+    independent = float(np.sum(np.square(image), dtype=float)) / max(1, len(sums))
+    return float(np.mean(np.square(np.diff(sums)))) / max(2.0 * independent, 1e-300)
 
 
 def _sum_ratio(parts: Array) -> tuple[int, float]:
     """Number of parts (parts, n), and the sum of their sums' squares over that of all squares."""
-    alone = float(np.sum(np.square(parts), dtype=float))
+    independent = float(np.sum(np.square(parts), dtype=float))
     together = float(np.sum(np.square(parts.sum(axis=1)), dtype=float))
-    return len(parts), together / max(alone, 1e-300)
+    return len(parts), together / max(independent, 1e-300)
 
 
 def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
@@ -189,10 +189,12 @@ def local_noise(keep: Mask, residual: Array, picture: Array) -> float:
     full = _blocks(keep, np.ones(residual.size, np.float32), _LOCAL_PX).all(axis=1)
     if full.sum() < _FEWEST:
         return 1.0
-    left, seen = (_blocks(keep, values, _LOCAL_PX)[full] for values in (residual, picture))
-    if np.median(_rest(left, _QUINTIC)) < _LOUDER**2:
+    residual_blocks, picture_blocks = (
+        _blocks(keep, values, _LOCAL_PX)[full] for values in (residual, picture)
+    )
+    if np.median(_rest(residual_blocks, _QUINTIC)) < _LOUDER**2:
         return 1.0
-    variance = np.minimum(_rest(left, _PLANE), _rest(seen, _CUBIC))
+    variance = np.minimum(_rest(residual_blocks, _PLANE), _rest(picture_blocks, _CUBIC))
     middle = float(np.median(variance))
     return max(1.0, float(np.sqrt(np.mean(np.minimum(variance, _MOST * middle)))))
 

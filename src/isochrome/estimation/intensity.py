@@ -1,9 +1,9 @@
-"""Separable least squares on intensities: the engine of every fit.
+"""Separable least squares on a frame's intensities, from one start or from several.
 
 A pixel's model is I = f(params) sum_k a_k B_k + sum_k c_k C_k. The linear coefficients are
 eliminated (variable projection: Golub & Pereyra, SIAM J. Numer. Anal. 10, 1973, 413-432), with
 Kaufman's Jacobian (BIT 15, 1975, 49-57), which is the Schur complement of the joint normal
-equations; damped steps inside bounds (`least_squares`) move the few non-linear parameters.
+equations. Fringe patterns have many minima, and only one is the truth.
 """
 
 from __future__ import annotations
@@ -11,16 +11,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from isochrome.errors import InputError
+from isochrome.errors import InputError, PhysicsError
 from isochrome.estimation.covariance import is_determined, standard_uncertainty
-from isochrome.estimation.least_squares import Bounds, Damping, Descent, minimise
-from isochrome.estimation.separable import (
+from isochrome.estimation.least_squares import (
+    Bounds,
+    Damping,
+    Descent,
     LinearPart,
     SeparableProblem,
+    evaluate_prepared,
+    minimise,
     prepare,
     scaled_inverse,
     solve_linear,
@@ -170,8 +175,10 @@ def reduced_normal(problem: SeparableProblem, rows: Array, part: LinearPart) -> 
     split = len(problem.light)
     cross = np.concatenate((problem.light @ (rows * part.signal).T, problem.dark @ rows.T))
     known = part.inverse @ cross
-    rest = rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
-    return rest @ rest.T
+    projected = (
+        rows - (known[:split].T @ problem.light) * part.signal - known[split:].T @ problem.dark
+    )
+    return projected @ projected.T
 
 
 def _better(trial: _Point, point: _Point) -> bool:
@@ -206,3 +213,102 @@ def _result(
         illumination_map=light, background_map=dark, signal=signal, residual=residual,
         converged=descent.converged and bool(np.all(np.isfinite(spread))), positive=part.positive,
     )  # fmt: skip
+
+
+APART = 0.1
+"""Natural changes of a parameter below which two starts, or two minima, count as one."""
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """One minimum that a refined start led to; chi is inf where the light is negative."""
+
+    values: Array
+    chi: float
+
+    @classmethod
+    def of(cls, fit: IntensityFit) -> Minimum:
+        """The minimum that a fit came to."""
+        return cls(fit.values, fit.chi if fit.positive else np.inf)
+
+
+@dataclass(frozen=True)
+class SeveralStarts:
+    """The best fit, and the other minima by rising chi."""
+
+    best: IntensityFit
+    others: tuple[Minimum, ...]
+
+
+def several_starts(
+    image: ArrayLike,
+    response: Response,
+    starts: ArrayLike,
+    *,
+    illumination: Array,
+    background: Array,
+    mask: NDArray[np.bool_] | None = None,
+    sigma: ArrayLike = 1.0,
+    scale: ArrayLike,
+    refine: int = 3,
+    scan_pixels: int = 30_000,
+    **options: Any,
+) -> SeveralStarts:
+    """Scan many starts (m, p) on a thinned frame, refine the best few, fit the best one in full.
+
+    Parameters as in `fit_intensity`; `scan_pixels`, those of the thinned frame. PhysicsError where
+    no start gives a positive illumination.
+    """
+    table = np.atleast_2d(np.asarray(starts, dtype=float))
+    size = np.abs(np.asarray(scale, dtype=float))
+    frame = np.asarray(image, dtype=float)
+    valid = np.isfinite(frame) if mask is None else np.asarray(mask, dtype=bool)
+    thin = stride_mask(valid, scan_pixels)
+    light: dict[str, Any] = {
+        "illumination": illumination, "background": background, "sigma": sigma,
+    }  # fmt: skip
+    problem = prepare(frame, mask=thin, **light)
+    chi = np.array([evaluate_prepared(problem, np.asarray(response(s), float)).chi for s in table])
+    fits = [
+        fit_intensity(frame, response, table[i], mask=thin, scale=size, **light, **options)
+        for i in _chosen(table, chi, size, refine)
+    ]
+    minima = sorted(map(Minimum.of, fits), key=lambda m: m.chi)
+    if not minima or not np.isfinite(minima[0].chi):
+        raise PhysicsError(
+            "no start gives a positive illumination; is the field (dark or bright) the right one?"
+        )
+    best = fit_intensity(
+        frame, response, minima[0].values, mask=valid, scale=size, **light, **options
+    )
+    others: list[Minimum] = []
+    for minimum in minima:
+        known = [best.values, minima[0].values, *(m.values for m in others)]
+        if np.isfinite(minimum.chi) and not _near(minimum.values, known, size):
+            others.append(minimum)
+    return SeveralStarts(best, tuple(others))
+
+
+def _near(values: Array, others: list[Array], size: Array) -> bool:
+    return any(float(np.max(np.abs(values - s) / size)) < APART for s in others)
+
+
+def _chosen(table: Array, chi: Array, size: Array, count: int) -> list[int]:
+    """Indices of the best `count` finite starts that are not next to each other."""
+    chosen: list[int] = []
+    for i in np.argsort(chi, kind="stable"):
+        if len(chosen) == count or not np.isfinite(chi[i]):
+            break
+        if not _near(table[i], [table[j] for j in chosen], size):
+            chosen.append(int(i))
+    return chosen
+
+
+def stride_mask(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    """Thin a mask (rows, cols) to about `pixels` valid pixels by one stride along both axes."""
+    step = max(1, int(np.sqrt(np.count_nonzero(mask) / max(1, pixels))))
+    if step == 1:
+        return mask
+    thin = np.zeros_like(mask)
+    thin[step // 2 :: step, step // 2 :: step] = mask[step // 2 :: step, step // 2 :: step]
+    return thin

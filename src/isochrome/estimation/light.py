@@ -1,9 +1,12 @@
-"""The model of a frame's light: illumination and background as sums of smooth images.
+"""The model of a frame's light, how uneven it is, and what more unknowns of it would gain.
 
-I = A s + C with the polariscope's signal s, A = sum_k a_k B_k and C = sum_k c_k C_k. What no-load
-frames show stands for itself, times a slow change; what they do not is a polynomial of the place.
-All who reckon with uneven light take its images from here, so that another kind of them is a change
-of this module alone.
+I = A s + C with the polariscope's signal s, A = sum_k a_k B_k and C = sum_k c_k C_k: what no-load
+frames show times a slow change, or polynomials of the place.
+
+Score tests: at a fit the weighted residual r is normal to the fitted unknowns' derivatives A.
+Others with derivatives D would lower r·r, to first order, by S = gᵀ M⁻¹ g, g = D⊥ᵀ r, M = D⊥ᵀ D⊥,
+D⊥ the part of D that A cannot take up, and would come out at M⁻¹ g. Without them S/σ² is χ² of as
+many degrees of freedom as D has columns. Source: Rao (1948), Proc. Camb. Phil. Soc. 44, 50-57.
 """
 
 from __future__ import annotations
@@ -17,6 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
+from isochrome.estimation.intensity import (
+    IntensityFit,
+    Minimum,
+    Response,
+    SeveralStarts,
+    fit_intensity,
+    several_starts,
+)
+from isochrome.estimation.priors import RIVAL_CHI, evidence_gain
 
 Array = NDArray[Any]
 
@@ -98,8 +110,8 @@ def frame_light(
     """The light of a frame that is fitted with a scene, in single precision.
 
     With both no-load frames the illumination is their difference times a plane, and the background
-    the dark one plus a constant; without, smooth polynomials stand for what is missing. `terms`,
-    the products of illumination and background, are by default the lowest degrees that serve.
+    the dark one plus a constant; polynomials, by default of the lowest degrees, stand for what is
+    missing.
     """
     if terms is None:
         even = 1 if bright is not None and dark is None else EVEN
@@ -137,17 +149,17 @@ def total_degree(degree: int) -> Terms:
     return tuple((t - j, j) for t in range(degree + 1) for j in range(t + 1))
 
 
-def missing_terms(own: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
+def missing_terms(present: tuple[Terms, Terms], degrees: tuple[int, int]) -> tuple[Terms, Terms]:
     """The products of illumination and background up to total degrees that a light has not."""
     light, dark = (
         tuple(term for term in total_degree(degree) if term not in terms)
-        for degree, terms in zip(degrees, own, strict=True)
+        for degree, terms in zip(degrees, present, strict=True)
     )
     return light, dark
 
 
 def with_chosen_terms(
-    own: tuple[Terms, Terms], more: tuple[Terms, Terms], chosen: Iterable[int]
+    present: tuple[Terms, Terms], more: tuple[Terms, Terms], chosen: Iterable[int]
 ) -> tuple[Terms, Terms]:
     """A light's products, of illumination and background, and behind them some of those it has not.
 
@@ -156,7 +168,7 @@ def with_chosen_terms(
     count, order = len(more[0]), tuple(chosen)
     light = tuple(more[0][i] for i in order if i < count)
     dark = tuple(more[1][i - count] for i in order if i >= count)
-    return (*own[0], *light), (*own[1], *dark)
+    return (*present[0], *light), (*present[1], *dark)
 
 
 def _basis(shape: tuple[int, int], terms: Terms) -> Array:
@@ -229,3 +241,175 @@ def channel_light(rows: int, cols: int) -> Array:
 
 def _unit(count: int) -> Array:
     return np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
+
+
+ASKED = 2.5
+"""What a cause must gain over ln n for each of its unknowns (Schwarz's criterion): of twelve causes
+one is found by chance in 200 frames. More would leave what moves the load by many of its standard
+uncertainties, where the two are alike."""
+
+FIRST_DEGREES = 6, 4
+"""Degrees of illumination and background that every light is asked for."""
+
+RICHEST = 24, 8
+"""Degrees of illumination and background up to which light is made richer, product by product."""
+
+FEW_TERMS, MOST_TERMS = 12, 120
+"""Products by which light is made richer: beside other causes, since a hundred take up what a roll
+does, and once some have explained much."""
+
+_TAKEN = 1e-6
+"""Part of a column's square that must be left by what is fitted."""
+
+
+class ScoreProducts:
+    """Products of columns with each other and the residual, what is fitted taken off.
+
+    Of parts (local, fitted, columns, residual) of the data, all over the noise: derivatives (q, n)
+    by what is fitted to this part alone, such as a frame's light, (p, n) by what is fitted to all,
+    (k, n) by what is not, and the residual (n,). p and k are the same in all parts.
+    """
+
+    def __init__(self, parts: Iterable[tuple[Array, Array, Array, Array]]) -> None:
+        gram, size, count, fitted, shared = np.zeros((1, 1)), np.zeros(1), 0, 0, 0
+        for local, rows, columns, residual in parts:
+            stacked = np.concatenate((local, rows, columns, residual[None])).astype(np.float32)
+            products = (stacked @ stacked.T).astype(float)
+            shared = len(rows)
+            size = size + np.diag(products)[len(local) + shared : -1]
+            gram = gram + _taken_off(products, len(local))
+            count, fitted = count + stacked.shape[1], fitted + len(local)
+        self.size = size
+        self._taken_up = _explained(gram, shared)[:, :-1]
+        reduced = _taken_off(gram, shared)
+        self.count = count
+        self.matrix, self.right, square = reduced[:-1, :-1], reduced[:-1, -1], reduced[-1, -1]
+        self.noise = max(1.0, float(square) / max(1, count - fitted - shared))
+
+    def score(self, chosen: slice | list[int]) -> tuple[float, int, Array]:
+        """What some columns gain together: S over the noise, the number of them not taken up by
+        what is fitted, and the values (k,) that they would come out at, to first order.
+        """
+        right, matrix = self.right[chosen], self.matrix[chosen][:, chosen]
+        determined = np.diag(matrix) > _TAKEN * self.size[chosen]
+        if not determined.any():
+            return 0.0, len(right), np.zeros(len(right))
+        scale = np.where(determined, 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300)), 0.0)
+        inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-8, hermitian=True)
+        values = scale * (inverse @ (scale * right))
+        return float(values @ right) / self.noise, int(determined.sum()), values
+
+    def shift(self, chosen: slice | list[int], values: Array) -> Array:
+        """How far (p,) what is fitted to all parts would move, to first order, if columns had such
+        values.
+        """
+        return np.asarray(-self._taken_up[:, chosen] @ values)
+
+    def score_with_prior(self, chosen: slice, weight: Array) -> tuple[float, float, Array]:
+        """What columns gain whose values are known beforehand, over the noise, its price, values.
+
+        With U² the prior's variances, 1/`weight`, the gain is gᵀ (M + U⁻²)⁻¹ g, and what Bayes's
+        factor takes off for the values that might have been, ln det(1 + U M U). Values (k,) are to
+        first order.
+        """
+        right, matrix = self.right[chosen] / self.noise, self.matrix[chosen][:, chosen] / self.noise
+        scale = weight**-0.5
+        full = np.eye(len(right)) + scale[:, None] * matrix * scale
+        values = scale * np.linalg.solve(full, scale * right)
+        return float(values @ right), float(np.linalg.slogdet(full)[1]), values
+
+    def one_by_one(self, most: int) -> list[int]:
+        """The columns that are asked for, each the one with the most evidence beside those before.
+
+        They are taken as fitted from then on.
+        """
+        least = np.log(self.count) + ASKED
+        chosen: list[int] = []
+        while len(chosen) < most:
+            size = np.diag(self.matrix)
+            free = size > _TAKEN * self.size
+            gains = np.where(free, self.right**2 / np.where(free, size, 1.0), 0.0) / self.noise
+            best = int(gains.argmax())
+            if gains[best] < least:
+                break
+            self.take(best)
+            chosen.append(best)
+        return chosen
+
+    def take(self, index: int) -> None:
+        """Fit one column more."""
+        row, value = self.matrix[index].copy(), self.right[index]
+        size = row[index]
+        self.matrix -= np.outer(row, row) / size
+        self.right -= row * (value / size)
+
+
+def _taken_off(gram: Array, fitted: int) -> Array:
+    """Products (k, k) of columns, less what the `fitted` first ones of (fitted + k) explain."""
+    cross = gram[:fitted, fitted:]
+    return np.asarray(gram[fitted:, fitted:] - cross.T @ _explained(gram, fitted))
+
+
+def _explained(gram: Array, fitted: int) -> Array:
+    """What the `fitted` first columns of (fitted + k) come out at for each of the others."""
+    taken, cross = gram[:fitted, :fitted], gram[:fitted, fitted:]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(taken), 1e-300))
+    inverse = np.linalg.pinv(taken * np.outer(scale, scale), 1e-10, hermitian=True)
+    return np.asarray((inverse * np.outer(scale, scale)) @ cross)
+
+
+def smooth_starts(
+    image: Array,
+    response: Response,
+    starts: ArrayLike,
+    *,
+    light: Array | None = None,
+    mask: NDArray[np.bool_],
+    sigma: ArrayLike,
+    scale: ArrayLike,
+    refine: int = 3,
+    scan_pixels: int = 20_000,
+    **options: Any,
+) -> SeveralStarts:
+    """`several_starts` with polynomial light of the degree that the evidence asks for.
+
+    A low degree leaves a slow vignette in the residual, a high one costs accuracy where few fringes
+    are seen. `light`: the no-load bright less the dark frame. PhysicsError as `several_starts`.
+    """
+    maps = [smooth_light(image.shape, i, light).bases for i in degrees_of(light)]
+    common: dict[str, Any] = {"mask": mask, "sigma": sigma, "scale": scale, **options}
+    result = several_starts(
+        image, response, starts, refine=refine, scan_pixels=scan_pixels, **maps[0], **common
+    )
+    pixels = int(np.count_nonzero(mask))
+    for many in maps[1:]:
+        fit = fit_intensity(image, response, result.best.values, **many, **common)
+        old, new = ((f.chi**2, light_unknowns(f)) for f in (result.best, fit))
+        if not fit.positive or evidence_gain(old, new, pixels=pixels) < 0.0:
+            break
+        result = _with_rivals(result, fit, image, response, many, common)
+    return result
+
+
+def _with_rivals(
+    few: SeveralStarts,
+    best: IntensityFit,
+    image: Array,
+    response: Response,
+    maps: dict[str, Any],
+    common: dict[str, Any],
+) -> SeveralStarts:
+    """The minima under more unknowns of light, so that their chi can be held against the best's.
+
+    Those that were far from the best under fewer unknowns stay as they are: far.
+    """
+    near = [m for m in few.others if m.chi < RIVAL_CHI * few.best.chi]
+    far = [m for m in few.others if m.chi >= RIVAL_CHI * few.best.chi]
+    fits = [best, *(fit_intensity(image, response, m.values, **maps, **common) for m in near)]
+    first, *others = sorted(fits, key=lambda f: Minimum.of(f).chi)
+    return SeveralStarts(first, (*map(Minimum.of, others), *far))
+
+
+def light_unknowns(fit: IntensityFit) -> int:
+    """Number of coefficients of illumination and background in a fit."""
+    return len(fit.illumination_coefficients) + len(fit.background_coefficients)

@@ -151,11 +151,11 @@ def prepare_frame(
     on a blank frame. `noise`: by default the frame itself tells it.
     """
     gamma = scene.frames.first_gamma if gamma_found else scene.frames.stated_gamma
-    seen = observe(
+    observed = observe(
         frame.image, name=frame.name, bit_depth=bit_depth, gamma=gamma, mask=frame.mask, noise=noise
     )
     ends = [part for part in no_load if part is not None]
-    valid = np.logical_and.reduce([seen.valid, *(part.valid for part in ends)])
-    rows, cols = seen.light.shape
+    valid = np.logical_and.reduce([observed.valid, *(part.valid for part in ends)])
+    rows, cols = observed.light.shape
     lamp = frame_light((rows, cols), *(None if part is None else part.image for part in no_load))
-    return FrameData(**(vars(seen) | {"valid": valid}), lamp=lamp)
+    return FrameData(**(vars(observed) | {"valid": valid}), lamp=lamp)

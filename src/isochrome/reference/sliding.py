@@ -264,8 +264,8 @@ def _jacobi_transform(points: Complexes, e: float) -> tuple[Complexes, Complexes
     c = [1.0, -2.0 * e]
     for n in range(1, _TERMS):
         c.append((-2.0 * e * c[n] + (n - 2) * c[n - 1]) / (n + 1))
-    rest = np.array([0.0, 0.0, *c[2:]])
+    series = np.array([0.0, 0.0, *c[2:]])
     u = 1.0 / points[far]
-    value[far] = -np.polynomial.polynomial.polyval(u, rest) / u
-    slope[far] = np.polynomial.polynomial.polyval(u, rest * (np.arange(rest.size) - 1.0))
+    value[far] = -np.polynomial.polynomial.polyval(u, series) / u
+    slope[far] = np.polynomial.polynomial.polyval(u, series * (np.arange(series.size) - 1.0))
     return value, slope

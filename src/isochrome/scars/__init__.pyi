@@ -1,5 +1,4 @@
-from .levelled_trace import LevelledTrace, student_factor_of
-from .levelling import UnclearScarError, levelled
+from .levelling import LevelledTrace, UnclearScarError, levelled, student_factor_of
 from .roughness import Roughness
 from .trace import Trace, read_trace
 

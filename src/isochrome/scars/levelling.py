@@ -1,4 +1,4 @@
-r"""A trace levelled on its unworn shoulders, its scar's edges and its worn area.
+"""A trace levelled on its unworn shoulders, its scar's edges and its worn area.
 
 The trace is a form (tilt and curvature), less the worn depth, plus roughness. The form is a
 polynomial fitted to the shoulders by least squares with the roughness's own covariance C,
@@ -9,36 +9,353 @@ The window is the scar with a guard on each side, so that an edge that is a litt
 but no bias; nothing is cut off at zero. A is linear in the heights, A = wᵀz, and its variance
 wᵀ C w: it holds the roughness that was worn off, the levelling and what both share. Degrees of the
 form are averaged by their evidence exp(-BIC/2), and what they disagree adds to the variance.
+Where the scar is says a smooth shape D (1 - |u|^m)^1.2, u = (x - c)/a: it runs out as worn contacts
+do that grew, and m goes from 2, near the arc of a late scar, to 3.5 of an early one.
 Sources: Aitken (1936), Proc. Roy. Soc. Edinburgh 55, 42; Schwarz (1978), Ann. Stat. 6, 461;
 Hoeting et al. (1999), Statistical Science 14, 382, for the average.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.scars.levelled_trace import LevelledTrace, student_factor_of
+from isochrome.estimation import Bounds, Damping, minimise
 from isochrome.scars.roughness import Roughness, fit_roughness
-from isochrome.scars.template import (
-    FORM_DEGREES,
-    ScarShape,
-    first_place,
-    form_spread,
-    legendre,
-    refine_place,
-    white_covariance_of,
-    whitening,
-)
 from isochrome.scars.trace import Trace
-from isochrome.scars.trace_bins import BinnedTrace, bin_trace
 
 Array = NDArray[Any]
+
+MOST_BINS = 240
+"""Bins of a trace: a scar of a tenth of it has 24, and their covariance is a small matrix."""
+
+_HALF_WINDOW = 7
+"""Points on each side of the running median that a spike is told from."""
+
+_SPIKE = 7.0
+"""Robust standard deviations that no rough surface reaches in ten thousand points."""
+
+
+@dataclass(frozen=True)
+class BinnedTrace:
+    """Means of a trace over n equal bins, and how many spikes were left out.
+
+    `x_mm` (n,): the bins' middles; `z_um` (n,): mean heights; `filled` (n,): bins without a point
+    of their own, taken from their neighbours; `spikes`: points left out.
+    """
+
+    x_mm: Array
+    z_um: Array
+    filled: NDArray[np.bool_]
+    spikes: int
+
+    @property
+    def spacing_mm(self) -> float:
+        """Width of a bin, mm."""
+        return float(self.x_mm[1] - self.x_mm[0])
+
+
+def without_spikes(z_um: Array) -> NDArray[np.bool_]:
+    """Which points are no spikes: near the running median of their neighbours (n,).
+
+    The distance is told in robust standard deviations, 1.4826 times the median distance.
+    """
+    half = min(_HALF_WINDOW, (len(z_um) - 1) // 4)
+    padded = np.pad(z_um, half, mode="reflect", reflect_type="odd")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    away = np.abs(z_um - np.median(windows, axis=1))
+    size = 1.4826 * float(np.median(away))
+    largest = float(np.abs(z_um).max())
+    return np.asarray(away <= max(_SPIKE * size, 1e-9 * largest))
+
+
+def bin_trace(trace: Trace) -> BinnedTrace:
+    """Bin a trace, without its spikes; the line through its ends is taken off and put back.
+
+    Means over bins of points at unequal x would carry the tilt otherwise.
+    """
+    x, z = trace.x_mm, trace.z_um
+    slope = (z[-1] - z[0]) / (x[-1] - x[0])
+    line = slope * (x - x[0])
+    good = without_spikes(z - line)
+    count = min(MOST_BINS, len(x) // 2 if len(x) < 2 * MOST_BINS else MOST_BINS)
+    step = (x[-1] - x[0]) / count
+    place = np.minimum(((x - x[0]) / step).astype(int), count - 1)
+    members = np.bincount(place[good], minlength=count)
+    sums = np.bincount(place[good], (z - line)[good], minlength=count)
+    filled = members == 0
+    middle = x[0] + step * (np.arange(count) + 0.5)
+    mean = sums / np.maximum(members, 1)
+    mean[filled] = np.interp(middle[filled], middle[~filled], mean[~filled])
+    return BinnedTrace(middle, mean + slope * (middle - x[0]), filled, int((~good).sum()))
+
+
 Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelledTrace:
+    """A trace whose unworn surface is level, at 0; depth is positive into the specimen.
+
+    Arrays are (n,), in equal bins; every `..._uncertainty` is a standard uncertainty.
+    """
+
+    name: str
+    x_mm: Array  # middles of the bins, in the trace's own coordinate
+    depth_um: Array  # with roughness: negative where it stands above its level
+    level_um: Array  # the form that was taken off
+    unworn: Mask  # the shoulders that it was fitted to
+    edges_mm: tuple[float, float]  # left and right edge of the scar
+    edge_uncertainty_mm: tuple[float, float]
+    window_mm: tuple[float, float]  # what the area is taken over: the edges with a guard
+    worn_area_mm2: float  # below zero where little is worn
+    # by roughness and levelling, with what is not known of the roughness's spectrum itself
+    # (`student_factor`)
+    worn_area_uncertainty_mm2: float
+    degrees_of_freedom: float  # those of the spectrum's part in it
+    levelling_uncertainty_mm2: float  # the part of it that is the level's, by the shoulders alone
+    depth_covariance_um2: Array = field(repr=False)  # (n, n), by roughness and levelling
+    roughness: Roughness  # from the shoulders
+    deepest_um: float  # of the smooth shape that its place was found with
+    clear: float  # depth over its ±: below `STANDS_OUT` no scar stands out
+    ridges_mm2: tuple[float, float] = (0.0, 0.0)  # area that stands up beside either edge
+    ridge_uncertainty_mm2: float = 0.0  # of either
+    spikes: int = 0  # points that were left out
+    messages: tuple[str, ...] = ()  # what the user should know
+
+    @property
+    def student_factor(self) -> float:
+        """What its variances are more by than the spectrum's own: ν/(ν-2), that of Student's t."""
+        return student_factor_of(self.degrees_of_freedom)
+
+    @property
+    def width_mm(self) -> float:
+        """Distance of the edges, mm."""
+        return self.edges_mm[1] - self.edges_mm[0]
+
+    @property
+    def centre_mm(self) -> float:
+        """Middle between the edges, mm."""
+        return 0.5 * (self.edges_mm[0] + self.edges_mm[1])
+
+
+def student_factor_of(degrees_of_freedom: float) -> float:
+    """Variance of Student's t over the normal one's, ν/(ν - 2), of ν = 3 at least; 1 at infinity.
+
+    It is also the mean of the true variance over one that is estimated with ν degrees of freedom.
+    Source: JCGM 101:2008, 6.4.9.3.
+    """
+    freedom = max(degrees_of_freedom, 3.0)
+    return freedom / (freedom - 2.0) if np.isfinite(freedom) else 1.0
+
+
+FORM_DEGREES = (2, 3, 4)
+"""Degrees of the form: a tilt and a curvature are always asked for."""
+
+FORM_RADIUS_MM, _HIGHER = 500.0, 0.25
+"""A flat specimen's form beforehand, one standard deviation: the curvature of this radius, and what
+has a higher degree over what that makes. Without it a short trace's form would take up its scar."""
+
+_NARROWEST, _WIDEST = 3.0, 0.45
+"""Half-widths that are looked for: in bins, and over the trace's length."""
+
+_HALF_WIDTHS, _PLACES = 14, 60
+"""Half-widths and places of the first search."""
+
+_RUN_OUT = 1.2
+"""Power of the depth over the distance from an edge: with it, and m free, the edges are
+within 0.6 % of the half-width of those of an elastic block under a worn cylinder, from 31 to 233 m
+of the paper's wear test (measured)."""
+
+_EDGE_MODEL = 0.01
+"""Standard uncertainty of an edge by its shape, over the half-width."""
+
+_BOUNDS, _USUAL, _SPREAD = (1.3, 6.0), 2.5, 0.7
+"""Exponents m: bounds, mean and standard deviation of the prior."""
+
+_STEPS, _SETTLED = 25, 1e-4
+"""Most steps, and the promised gain in variances that ends them: a hundredth of an uncertainty."""
+_DAMPING, _REACH = 1e-3, 0.3
+"""The first damping, and the longest step over the half-width."""
+_PARTS = 5
+"""Points of a bin over which the shape is averaged."""
+
+
+def legendre(x_mm: Array, degree: int) -> Array:
+    """Legendre polynomials up to a degree over a trace (n, degree + 1)."""
+    middle, half = 0.5 * (x_mm[0] + x_mm[-1]), 0.5 * (x_mm[-1] - x_mm[0])
+    return np.polynomial.legendre.legvander((x_mm - middle) / half, degree)
+
+
+def form_spread(x_mm: Array, degree: int) -> Array:
+    """Prior standard deviations of the form's coefficients (degree + 1,), µm; tilt has none (inf).
+
+    A radius R makes the second one L²/(12 R) over a length L.
+    """
+    curved = 1e3 * float(x_mm[-1] - x_mm[0]) ** 2 / (12.0 * FORM_RADIUS_MM)
+    spread = np.full(degree + 1, _HIGHER * curved)
+    spread[:2], spread[2] = np.inf, curved
+    return spread
+
+
+def shape(x_mm: Array, centre_mm: float, half_mm: float, exponent: float) -> Array:
+    """(1 - |u|^m)^1.2 within the edges and 0 beyond, as means over bins (n,)."""
+    step = x_mm[1] - x_mm[0]
+    inside = (np.arange(_PARTS) - 0.5 * (_PARTS - 1)) * step / _PARTS
+    u = (x_mm[:, None] + inside - centre_mm) / half_mm
+    return np.asarray(np.mean(np.maximum(1.0 - np.abs(u) ** exponent, 0.0) ** _RUN_OUT, axis=1))
+
+
+@dataclass(frozen=True)
+class ScarShape:
+    """A scar's place: `centre_mm` c, `half_mm` a, `exponent` m and `depth_um` D (ridge: below 0).
+
+    `covariance` (3, 3) of c, a and m; `clear`, D over its standard uncertainty.
+    """
+
+    centre_mm: float
+    half_mm: float
+    exponent: float
+    depth_um: float = 0.0
+    covariance: Array | None = None
+    clear: float = 0.0
+
+    @cached_property
+    def edge_uncertainty_mm(self) -> tuple[float, float]:
+        """Standard uncertainties of the left and the right edge, c - a and c + a, mm."""
+        assert self.covariance is not None
+        cov = self.covariance[:2, :2]
+        signs = (np.array([1.0, -1.0]), np.array([1.0, 1.0]))
+        left_mm, right_mm = (
+            float(np.hypot(np.sqrt(max(s @ cov @ s, 0.0)), _EDGE_MODEL * self.half_mm))
+            for s in signs
+        )
+        return left_mm, right_mm
+
+    def values(self, x_mm: Array) -> Array:
+        """Its depth on bins (n,), µm."""
+        return self.depth_um * shape(x_mm, self.centre_mm, self.half_mm, self.exponent)
+
+
+def whitening(x_mm: Array, covariance: Array) -> Array:
+    """Heights to what is white, with the form taken off (n, n).
+
+    The root of the inverse covariance of roughness and form, and from that the tilt projected out.
+    """
+    form, spread = legendre(x_mm, FORM_DEGREES[-1]), form_spread(x_mm, FORM_DEGREES[-1])
+    curved = form[:, 2:] * spread[2:]
+    root = np.linalg.inv(np.linalg.cholesky(covariance + curved @ curved.T))
+    q = np.linalg.qr(root @ form[:, :2])[0]
+    return np.asarray(root - q @ (q.T @ root))
+
+
+def white_covariance_of(z_um: Array) -> Array:
+    """A first covariance (n, n): what second differences show, as if it were white."""
+    size = 1.4826 * float(np.median(np.abs(np.diff(z_um, 2)))) / np.sqrt(6.0)
+    return np.asarray(max(size, 1e-6) ** 2 * np.eye(len(z_um)))
+
+
+def first_place(x_mm: Array, z_um: Array, white: Array) -> ScarShape:
+    """The place of an arc that with the form leaves least of the heights (n,) on bins (n,)."""
+    step, length = x_mm[1] - x_mm[0], x_mm[-1] - x_mm[0]
+    z = white @ z_um
+    best, place = -1.0, ScarShape(0.0, 1.0, _USUAL)
+    for half in np.geomspace(_NARROWEST * step, _WIDEST * length, _HALF_WIDTHS):
+        centres = np.linspace(x_mm[0] + half, x_mm[-1] - half, _PLACES)
+        columns = np.maximum(1.0 - ((x_mm[:, None] - centres) / half) ** 2, 0.0)
+        columns = white @ columns
+        gain = (columns.T @ z) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-12)
+        k = int(np.argmax(gain))
+        if gain[k] > best:
+            best, place = float(gain[k]), ScarShape(float(centres[k]), float(half), _USUAL)
+    return place
+
+
+def refine_place(x_mm: Array, z_um: Array, start: ScarShape, white: Array) -> ScarShape:
+    """The least-squares place from a start, with the roughness's covariance.
+
+    Damped steps in c, ln a and m; depth and form are solved for at every one.
+    """
+    heights = _WhiteHeights(x_mm, white, white @ z_um)
+    length, step_mm = float(x_mm[-1] - x_mm[0]), float(x_mm[1] - x_mm[0])
+    bounds = Bounds(
+        np.array([x_mm[0], np.log(_NARROWEST * step_mm), _BOUNDS[0]]),
+        np.array([x_mm[-1], np.log(_WIDEST * length), _BOUNDS[1]]),
+    )
+
+    def cut(values: Array, step: Array) -> Array:
+        reach = _REACH * np.exp(values[1])
+        return bounds.cut(values, np.clip(step, -reach, reach))
+
+    values = np.array([start.centre_mm, np.log(start.half_mm), start.exponent])
+    values = values + bounds.cut(values, np.zeros(3))
+    descent = minimise(
+        heights.at,
+        values,
+        heights.at(values),
+        enough=lambda _: _SETTLED,
+        damping=Damping(_DAMPING),
+        iterations=_STEPS,
+        bounds=bounds,
+        cut=cut,
+    )
+    (centre, _, exponent), half = descent.values.tolist(), float(np.exp(descent.values[1]))
+    scale = np.array([1.0, half, 1.0])
+    return ScarShape(
+        centre_mm=centre,
+        half_mm=half,
+        exponent=exponent,
+        depth_um=-descent.point.depth,
+        covariance=np.linalg.inv(descent.point.normal) * np.outer(scale, scale),
+        clear=abs(descent.point.depth) * descent.point.size,
+    )
+
+
+@dataclass(frozen=True)
+class _PlacePoint:
+    """Least squares at one place: what `minimise` asks, `depth` -D, and `size` of the column."""
+
+    cost: float
+    normal: Array
+    gradient: Array
+    depth: float
+    size: float
+
+
+@dataclass(frozen=True)
+class _WhiteHeights:
+    """Whitened heights `z` (n,) over `x_mm` (n,), and what whitens (n, n)."""
+
+    x_mm: Array
+    white: Array
+    z: Array
+
+    def column(self, values: Array) -> Array:
+        """The whitened shape (n,) of c, ln a and m."""
+        centre, half, exponent = values[0], float(np.exp(values[1])), values[2]
+        return np.asarray(self.white @ shape(self.x_mm, centre, half, exponent))
+
+    def at(self, values: Array) -> _PlacePoint:
+        """Cost and normal equations in c, ln a and m, with the depth eliminated."""
+        c = self.column(values)
+        square = max(float(c @ c), 1e-300)
+        depth = float(c @ self.z) / square
+        residual = self.z - depth * c
+        steps = np.diag([0.01 * np.exp(values[1]), 0.01, 0.02])
+        slopes = [depth * (self.column(values + e) - c) / e.sum() for e in steps]
+        rows = np.array([slope - c * float(c @ slope) / square for slope in slopes])
+        away = (values[2] - _USUAL) / _SPREAD
+        normal, gradient = rows @ rows.T, rows @ residual
+        normal[2, 2] += 1.0 / _SPREAD**2
+        gradient[2] -= away / _SPREAD
+        cost = float(residual @ residual) + float(away**2)
+        return _PlacePoint(cost, normal, gradient, depth, float(np.sqrt(square)))
+
 
 STANDS_OUT = 5.0
 """Depth over its uncertainty from which a scar stands out: chance finds 3.5 to 4 when it may choose
@@ -70,12 +387,10 @@ class UnclearScarError(PhysicsError):
 
 
 def levelled(trace: Trace) -> LevelledTrace:
-    """Level a trace on its shoulders, and take its scar's edges and worn area.
+    """Level a trace on its shoulders, and take its scar's edges and worn area (see the module).
 
-    A = Δx Σ (F β - z) over the scar, F β the form by the shoulders (see the module). A trace whose
-    scar stands up is turned over, which its messages say. UnclearScarError where no scar stands
-    out; InputError where too little is unworn, or heights are in another unit. Source: Aitken
-    (1936), Proc. Roy. Soc. Edinburgh 55, 42.
+    A trace whose scar stands up is turned over, which its messages say. UnclearScarError where no
+    scar stands out; InputError where too little is unworn, or heights are in another unit.
     """
     bins = bin_trace(trace)
     place, roughness, unworn = _find(bins, trace.name)
@@ -98,19 +413,19 @@ def levelled(trace: Trace) -> LevelledTrace:
             f"{trace.name}: its scar is {place.depth_um:.2g} µm deep over {2 * place.half_mm:.3g} "
             "mm, which no profilometer sees; check the unit of z (µm, mm) in its column's name"
         )
-    found = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
-    if max(found.ridges_mm2) < _PILED_UP * found.ridge_uncertainty_mm2:
-        return found
+    result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name)
+    if max(result.ridges_mm2) < _PILED_UP * result.ridge_uncertainty_mm2:
+        return result
     unworn = unworn & ~_near(bins.x_mm, place, _FLANK)
-    found = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
-    left, right = (1e3 * ridge for ridge in found.ridges_mm2)
+    result = _level(bins, place, roughness, unworn, messages=messages, name=trace.name, ridged=True)
+    left_um, right_um = (1e3 * ridge for ridge in result.ridges_mm2)
     return replace(
-        found,
+        result,
         messages=(
             *messages,
-            f"{trace.name}: ridges of {left:.2g} and {right:.2g} µm mm stand beside the scar of "
-            f"{1e3 * found.worn_area_mm2:.3g} µm mm: material was pushed aside, which is no wear; "
-            "the worn area is that below the surface, and what is lost is less",
+            f"{trace.name}: ridges of {left_um:.2g} and {right_um:.2g} µm mm stand beside the scar "
+            f"of {1e3 * result.worn_area_mm2:.3g} µm mm: material was pushed aside, which is no "
+            "wear; the worn area is that below the surface, and what is lost is less",
         ),
     )
 
@@ -127,8 +442,8 @@ def _find(bins: BinnedTrace, name: str) -> tuple[ScarShape, Roughness, Mask]:
 
     def roots(place: ScarShape, before: Roughness | None = None) -> tuple[Roughness, Array]:
         unworn = _shoulders(bins, place, name)
-        found = fit_roughness(z, unworn, form, bins.spacing_mm, before)
-        return found, whitening(x, _firm(found.covariance(n)))
+        fitted = fit_roughness(z, unworn, form, bins.spacing_mm, before)
+        return fitted, whitening(x, _firm(fitted.covariance(n)))
 
     roughness, white = roots(first_place(x, z, whitening(x, white_covariance_of(z))))
     place = refine_place(x, z, first_place(x, z, white), white)
@@ -149,15 +464,15 @@ def _guard_of(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
     least = max(_LEAST_GUARD * place.half_mm, spacing_mm)
     if place.covariance is None:
         return 0.2 * place.half_mm, 0.2 * place.half_mm
-    left, right = (
+    left_mm, right_mm = (
         min(max(_GUARD * u, least), 0.5 * place.half_mm) for u in place.edge_uncertainty_mm
     )
-    return left, right
+    return left_mm, right_mm
 
 
 def _window(place: ScarShape, spacing_mm: float) -> tuple[float, float]:
-    left, right = _guard_of(place, spacing_mm)
-    return place.centre_mm - place.half_mm - left, place.centre_mm + place.half_mm + right
+    left_mm, right_mm = _guard_of(place, spacing_mm)
+    return place.centre_mm - place.half_mm - left_mm, place.centre_mm + place.half_mm + right_mm
 
 
 def _beside(bins: BinnedTrace, place: ScarShape) -> tuple[Mask, Mask]:
@@ -183,8 +498,8 @@ def _check_shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> None:
 def _shoulders(bins: BinnedTrace, place: ScarShape, name: str) -> Mask:
     """Bins outside the window that show the unworn surface."""
     x = bins.x_mm
-    left, right = _beside(bins, place)
-    unworn = (left | right) & ~bins.filled
+    before, after = _beside(bins, place)
+    unworn = (before | after) & ~bins.filled
     if unworn.sum() < _FEWEST_BINS:
         _check_shoulders(bins, place, name)
         raise InputError(f"{name}: too few points beside its scar; measure a longer trace")
@@ -221,7 +536,7 @@ def _level(
     areas = np.array([(to_area @ one - to_area) @ z for one in levels])
     drawn = _drawn(x, levels, weights)
     shared = float(to_area @ drawn @ to_area + weights @ (areas - weights @ areas) ** 2)
-    own = to_area @ level
+    of_level = to_area @ level
     ridges, ridge_uncertainty = _ridges(bins, place, level, roughness)
     to_depth = level - np.eye(len(x))
     return LevelledTrace(
@@ -236,7 +551,9 @@ def _level(
         worn_area_mm2=float(rows @ z),
         worn_area_uncertainty_mm2=float(np.sqrt(wider * (variance + shared))),
         degrees_of_freedom=freedom,
-        levelling_uncertainty_mm2=float(np.sqrt(wider * (own @ covariance @ own + shared))),
+        levelling_uncertainty_mm2=float(
+            np.sqrt(wider * (of_level @ covariance @ of_level + shared))
+        ),
         depth_covariance_um2=wider * (to_depth @ covariance @ to_depth.T + drawn),
         roughness=roughness,
         deepest_um=place.depth_um,
@@ -256,11 +573,11 @@ def _ridges(
     bins: BinnedTrace, place: ScarShape, level: Array, roughness: Roughness
 ) -> tuple[tuple[float, float], float]:
     """Areas above the level, left and right beside the scar, and their uncertainty, mm²."""
-    (left, right), flank = _edges(place), _FLANK * place.half_mm
+    (left_mm, right_mm), flank = _edges(place), _FLANK * place.half_mm
     beside = np.array(
         [
-            _parts(bins.x_mm, bins.spacing_mm, left - flank, left),
-            _parts(bins.x_mm, bins.spacing_mm, right, right + flank),
+            _parts(bins.x_mm, bins.spacing_mm, left_mm - flank, left_mm),
+            _parts(bins.x_mm, bins.spacing_mm, right_mm, right_mm + flank),
         ]
     )
     rows = 1e-3 * bins.spacing_mm * (beside - beside @ level)
@@ -291,13 +608,13 @@ def _levels(x: Array, z: Array, unworn: Mask, covariance: Array) -> tuple[Array,
     matrices, scores = [], []
     for degree in FORM_DEGREES:
         form = legendre(x, degree)
-        own = form[unworn]
-        carried = inverse @ own
+        unworn_form = form[unworn]
+        carried = inverse @ unworn_form
         prior = 1.0 / form_spread(x, degree) ** 2
-        solved = np.linalg.solve(own.T @ carried + np.diag(prior), carried.T)
+        solved = np.linalg.solve(unworn_form.T @ carried + np.diag(prior), carried.T)
         matrix = np.zeros((len(x), len(x)))
         matrix[:, unworn] = form @ solved
-        residual = heights - own @ (solved @ heights)
+        residual = heights - unworn_form @ (solved @ heights)
         away = float(residual @ inverse @ residual + prior @ (solved @ heights) ** 2)
         scores.append(away + degree * np.log(count))
         matrices.append(matrix)

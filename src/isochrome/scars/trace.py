@@ -1,18 +1,208 @@
-"""A profilometer's trace: heights along a line across the scar, read from a file and checked."""
+"""A profilometer's trace: heights along a line across the scar, read from text and checked.
+
+Sources: ISO 25178-71:2017, Surface texture: areal, Part 71 (SDF), of which Stout et al. (1993),
+EUR 15178 EN, is the origin; the form of one profile as the National Institute of Standards and
+Technology's surface metrology pages describe it: keys, *, heights, *; scales in metres.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from isochrome.errors import InputError
-from isochrome.scars.trace_text import parse_trace
+from isochrome.output import numbered_lines, read_given_text
 
 Array = NDArray[Any]
+
+METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
+"""Units of lengths that a column may have, in m."""
+
+_PLACES = ("x", "position", "distance", "lateral", "length")
+_HEIGHTS = ("z", "height", "profile")
+
+_FORM = "a trace has a line of names with units, such as x_mm,z_um, and numbers below it"
+
+_LEAD = 60
+"""Lines before the numbers in which the names may stand."""
+
+_SDF = re.compile(r"\s*a(BCR?|ISO)-\d\.\d", re.I)
+"""The first line of an ASCII file of ISO 25178-71, or of its origin."""
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.I)
+
+
+def parse_trace(path: Path) -> tuple[Array, Array]:
+    """Places (n,), mm, and heights (n,), µm, of a trace's file.
+
+    Raises InputError that names the file, the line and the fix.
+    """
+    text = read_given_text(path, "the trace", fallback="latin-1")  # µ of an older program
+    return _surface_data(text, path) if _SDF.match(text) else _table(text, path)
+
+
+def _table(text: str, path: Path) -> tuple[Array, Array]:
+    """The two columns of a table of numbers."""
+    rows = numbered_lines(text)
+    if not rows:
+        raise InputError(f"{path}: is empty; {_FORM}")
+    split = _splitter([line for _, line in rows])
+    cells = [(number, split(line)) for number, line in rows[: _LEAD + 1]]
+    first = next((k for k, (_, row) in enumerate(cells) if _are_numbers(row)), None)
+    if first is None:
+        raise InputError(f"{path}: no line of numbers in its first {len(cells)}; {_FORM}")
+    x_column, z_column, x_unit, z_unit = _columns([row for _, row in cells[:first]], path)
+    lines = [line for _, line in rows[first:]]
+    values = split.numbers(lines, (x_column, z_column))
+    if values is None or not np.isfinite(values).all():
+        _refuse_line(rows[first:], split, (x_column, z_column), path)
+    assert values is not None
+    return 1e3 * x_unit * values[:, 0], 1e6 * z_unit * values[:, 1]
+
+
+def _refuse_line(
+    rows: Sequence[tuple[int, str]], split: _Splitter, columns: tuple[int, int], path: Path
+) -> NoReturn:
+    """Name the first line that has no two finite numbers."""
+    for number, line in rows:
+        row = split(line)
+        for column in columns:
+            cell = row[column].strip() if column < len(row) else ""
+            if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
+                raise InputError(
+                    f"{path}: line {number} has {cell[:30]!r} where a finite number is due; "
+                    "correct it, and leave out points that were not measured"
+                )
+    raise InputError(f"{path}: its rows are no table of numbers; {_FORM}")
+
+
+class _Splitter:
+    """How a table's lines are cut into cells, and which sign its decimals have."""
+
+    def __init__(self, separator: str | None, comma: bool) -> None:
+        self.separator, self.comma = separator, comma
+
+    def __call__(self, line: str) -> list[str]:
+        cells = [cell.strip().strip('"') for cell in line.split(self.separator)]
+        return [cell.replace(",", ".") for cell in cells] if self.comma else cells
+
+    def numbers(self, lines: Sequence[str], columns: tuple[int, int]) -> Array | None:
+        """Two columns of many lines (n, 2), None where a cell is no number."""
+        if self.comma:
+            lines = [line.replace(",", ".") for line in lines]
+        try:
+            return np.loadtxt(
+                lines, delimiter=self.separator, usecols=columns, quotechar='"', ndmin=2
+            )
+        except ValueError:
+            return None
+
+
+def _splitter(lines: Sequence[str]) -> _Splitter:
+    """By the last lines, which are numbers: tab or semicolon, comma, or blanks."""
+    some = lines[-min(len(lines), 5) :]
+    for separator in (";", "\t"):
+        if all(separator in line for line in some):
+            return _Splitter(separator, any("," in line for line in some))
+    if all(re.search(r"[\d.]\s+[+-]?[\d.,]", line) for line in some):
+        return _Splitter(None, any("," in line for line in some))
+    return _Splitter(",", False)
+
+
+def _are_numbers(row: Sequence[str]) -> bool:
+    filled = [cell for cell in row if cell.strip()]
+    return len(filled) > 1 and all(_NUMBER.fullmatch(cell.strip()) for cell in filled)
+
+
+def _columns(head: Sequence[Sequence[str]], path: Path) -> tuple[int, int, float, float]:
+    """The columns of places and heights, and their units in m, from the lines before the numbers.
+
+    The last such line that names both counts; their units stand in it or in the line below.
+    """
+    for k in range(len(head) - 1, -1, -1):
+        places = [i for i, cell in enumerate(head[k]) if _name(cell) in _PLACES]
+        heights = [i for i, cell in enumerate(head[k]) if _name(cell) in _HEIGHTS]
+        if not (places and heights):
+            continue
+        if len(places) > 1 or len(heights) > 1:
+            raise InputError(
+                f"{path}: the line {', '.join(head[k])!r} names several columns of places or "
+                "heights; give one trace a file"
+            )
+        below = head[k + 1] if k + 1 < len(head) else ()
+        units = []
+        for i in (places[0], heights[0]):
+            unit = _unit(head[k][i]) or (_unit(below[i]) if i < len(below) else None)
+            if unit is None:
+                raise InputError(
+                    f"{path}: the column {head[k][i]!r} has no unit; name it "
+                    f"{'x_mm' if i == places[0] else 'z_um'}, or with another of "
+                    f"{', '.join(u for u in METRES if u.isascii())}"
+                )
+            units.append(METRES[unit])
+        return places[0], heights[0], units[0], units[1]
+    raise InputError(f"{path}: no line names its columns; {_FORM}")
+
+
+def _words(cell: str) -> list[str]:
+    return [word for word in re.split(r"[\s_\[\]()/,:]+", cell.strip().lower()) if word]
+
+
+def _name(cell: str) -> str:
+    words = _words(cell)
+    return words[0] if words else ""
+
+
+def _unit(cell: str) -> str | None:
+    """The unit that is the last word of a cell."""
+    words = _words(cell)
+    return words[-1] if words and words[-1] in METRES else None
+
+
+def _surface_data(text: str, path: Path) -> tuple[Array, Array]:
+    """One profile in the ASCII form of ISO 25178-71."""
+    head, star, body = text.partition("*")
+    keys = {}
+    for line in head.splitlines()[1:]:
+        key, equals, value = line.partition("=")
+        if equals:
+            keys[re.sub(r"[\s_-]", "", key).lower()] = value.strip()
+    missing = [k for k in ("numpoints", "numprofiles", "xscale", "zscale") if k not in keys]
+    if missing or not star:
+        raise InputError(
+            f"{path}: an SDF file without {missing[0] if missing else 'its heights'}; export it "
+            "again, or as a CSV file"
+        )
+    try:
+        points, profiles = int(keys["numpoints"]), int(keys["numprofiles"])
+        x_scale, z_scale = float(keys["xscale"]), float(keys["zscale"])
+    except ValueError as error:
+        raise InputError(f"{path}: a scale or a count in its head is no number; {error}") from error
+    if profiles != 1:
+        raise InputError(
+            f"{path}: holds {profiles} profiles; export one profile a file, across the scar"
+        )
+    cells = body.partition("*")[0].split()
+    if len(cells) != points:
+        raise InputError(
+            f"{path}: has {len(cells)} heights where its head says {points}; export it again"
+        )
+    bad = next((cell for cell in cells if not _NUMBER.fullmatch(cell)), None)
+    if bad is not None:
+        raise InputError(
+            f"{path}: has {bad[:30]!r} among its heights, and all must be measured; export a "
+            "profile without missing points"
+        )
+    return 1e3 * x_scale * np.arange(float(points)), 1e6 * z_scale * np.array(
+        cells, dtype=np.float64
+    )
+
 
 FEWEST = 50
 """Points of a trace: below, there is no telling of roughness from form."""
@@ -54,12 +244,11 @@ class Trace:
 
 
 def read_trace(path: str | Path) -> Trace:
-    """Read a trace from a text file, and name it after the file.
+    """Read a trace from a text file, and name it after the file; InputError names line and fix.
 
-    A line of names, such as `x_mm,z_um` (x, position, distance; z, height), units m, mm, µm (um) or
-    nm in the name, in brackets or in a line of their own; cells between commas, semicolons, tabs or
-    blanks; decimals by a point, or a comma where cells are not; # begins a comment. Or one profile
-    in the ASCII form of ISO 25178-71 (SDF). InputError names the file, the line and the fix.
+    A line of names, such as `x_mm,z_um`, with units in the name, in brackets or in the line below;
+    cells between commas, semicolons, tabs or blanks; # begins a comment. Or one profile in the
+    ASCII form of ISO 25178-71 (SDF).
     """
     place = Path(path)
     x_mm, z_um = parse_trace(place)

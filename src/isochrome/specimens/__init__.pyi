@@ -1,5 +1,4 @@
 from .contact import surface_field_grid
-from .interface import SpecimenModel
-from .lookup import specimen_model
+from .interface import SpecimenModel, specimen_model
 
 __all__ = ["SpecimenModel", "specimen_model", "surface_field_grid"]

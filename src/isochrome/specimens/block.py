@@ -100,10 +100,10 @@ def block_sides(scene: Scene) -> Sides:
     specimen = scene.specimen
     assert specimen.width_mm is not None and specimen.height_mm is not None
     assert specimen.poisson is not None
-    left = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
+    left_mm = -0.5 * specimen.width_mm if specimen.left_mm is None else specimen.left_mm
     return Sides(
-        left,
-        left + specimen.width_mm,
+        left_mm,
+        left_mm + specimen.width_mm,
         specimen.height_mm,
         specimen.poisson,
         specimen.support == "sliding",
@@ -134,10 +134,10 @@ def _fitted(sample: Sampled, reach: float) -> tuple[RegularStress, float]:
     matrix = np.stack([weighted(m.difference(x, z), m.trace(x, z)) for m in modes], axis=1)
     stress = sample.stress
     wanted = weighted(stress.difference, stress.sigma_x + stress.sigma_z)
-    found = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
-    total = sum((m.times(c) for m, c in zip(modes, found, strict=True)), NO_STRESS)
+    coefficients = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    total = sum((m.times(c) for m, c in zip(modes, coefficients, strict=True)), NO_STRESS)
     scaled = RegularStress(tuple(complex(s / reach**n) for n, s in enumerate(total.series)))
-    return scaled, float(np.linalg.norm(matrix @ found - wanted) / np.linalg.norm(wanted))
+    return scaled, float(np.linalg.norm(matrix @ coefficients - wanted) / np.linalg.norm(wanted))
 
 
 def _check_reach(scene: Scene, sides: Sides, pixels: PixelGrid) -> None:

@@ -1,8 +1,9 @@
-"""What the other rooms ask of a specimen: its stress, where it is, what a fit may ask of it."""
+"""What the other rooms ask of a specimen, and its model by the shape's name."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,3 +86,13 @@ class SpecimenModel(ABC):
     def side_stress_of_forces(self, scene: Scene) -> tuple[RegularStress, ...]:
         """The same under a unit normal and a unit tangential force; empty: no sides."""
         return ()
+
+
+def specimen_model(scene: Scene) -> SpecimenModel:
+    """The model of a scene's specimen; without a shape it is the half-plane of a contact.
+
+    Only that specimen's module is imported.
+    """
+    shape = scene.specimen.shape or "contact"
+    model: SpecimenModel = import_module(f"isochrome.specimens.{shape}").MODEL
+    return model

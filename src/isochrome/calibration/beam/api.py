@@ -30,10 +30,13 @@ from isochrome.calibration.beam.beam_set import (
     fit_beam_set,
     set_pictures,
 )
-from isochrome.calibration.budget import Input, uncertainty_budget
-from isochrome.calibration.channels import calibrate_channels
-from isochrome.calibration.held_out import widened_to_held_out
-from isochrome.calibration.order_line import ResidualOrder
+from isochrome.calibration.loading import calibrate_channels
+from isochrome.calibration.order_line import (
+    Input,
+    ResidualOrder,
+    uncertainty_budget,
+    widened_to_held_out,
+)
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import Beam, SetLike, Uncertainty, load_set
 from isochrome.calibration.shot import Shot, by_load, unused
@@ -179,7 +182,7 @@ def bending_from_shots(
         factor,
         inputs,
         covariance=covariance,
-        rest=rest,
+        unloaded=rest,
         messages=(*messages, *left),
     )
     return widened_to_held_out(replace(result, causes=found))

@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from isochrome.calibration.budget import Input, uncertainty_budget
-from isochrome.calibration.channels import calibrate_channels
 from isochrome.calibration.disc.disc_fit import fit_disc
 from isochrome.calibration.disc.disc_forms import (
     FEWEST_LOADS,
@@ -36,7 +34,8 @@ from isochrome.calibration.disc.disc_set import (
 )
 from isochrome.calibration.disc.disc_starts import check_scans, choose_centre_orders, scan_disc
 from isochrome.calibration.disc.order_slope import fit_rise, overlay, rise_with_load
-from isochrome.calibration.held_out import widened_to_held_out
+from isochrome.calibration.loading import calibrate_channels
+from isochrome.calibration.order_line import Input, uncertainty_budget, widened_to_held_out
 from isochrome.calibration.result import Calibration, ImageFit
 from isochrome.calibration.settings import Disc, SetLike, Uncertainty, load_set
 from isochrome.calibration.shot import Shot, by_load, unused

@@ -121,7 +121,7 @@ def explaining_slip(
         if found is None:
             continue
         chi, end = found
-        if is_explained(before, chi, left=_LEFT) and (best is None or chi < _ALIKE * best.chi):
+        if is_explained(before, chi, _LEFT) and (best is None or chi < _ALIKE * best.chi):
             line = slip.line or f"{LEFT} = {end.get(LEFT):.3g} and {TOP} = {end.get(TOP):.3g}"
             best = Trial(slip.what, line, chi, before)
         if best is not None and best.chi <= _LEAST:

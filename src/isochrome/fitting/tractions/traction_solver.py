@@ -8,7 +8,7 @@ illumination A and background C linear in few coefficients. With w = 1/sigma the
 K a quadratic regularisation. Each step solves a least-squares problem with signs for c, the light's
 coefficients projected out (Golub & Pereyra); the contrast that a bin's area leaves follows the
 last field. With signs, each step is itself an iteration over the active ones, so that this loop is
-not `isochrome.estimation.minimise`; its damping is the one of `isochrome.estimation.batched`.
+not `isochrome.estimation.minimise`; its damping is the one of `isochrome.estimation.least_squares`.
 
 Tractions are as smooth as the frame's noise asks for: c^T K c = s ∫ p''² + q''² dx. Weak enough, it
 changes nothing, and the tractions follow the noise; the discrepancy principle raises s until the

@@ -7,7 +7,7 @@ quadratic only up to a sign and a whole number, (n, g, H) ~ ±(n, g, H) + k, whi
 `patch_labels` settles that between neighbours. Pooling over the patch is what reaches below a
 pixel's noise, and the quadratic what carries over the fringes' crests, where a pixel knows nothing.
 Sources: the windowed least squares of Servín, Marroquín & Cuevas (1997), Appl. Opt. 36, 4540; the
-steps are `isochrome.estimation.batched`.
+steps are `isochrome.estimation.least_squares`.
 """
 
 from __future__ import annotations

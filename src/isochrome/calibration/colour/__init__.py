@@ -1,1 +1,0 @@
-"""A colour table from the lab's own images."""

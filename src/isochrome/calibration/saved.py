@@ -1,0 +1,488 @@
+"""A calibration on disk: its files, its report, and its values in a scene, layout untouched."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from os.path import isfile
+from pathlib import Path
+from typing import Any
+
+from isochrome.calibration.colour import ColourCalibration, write_colours
+from isochrome.calibration.result import CUTS, Calibration
+from isochrome.calibration.scale_result import LENS, ScaleCalibration
+from isochrome.calibration.settings import load_set
+from isochrome.calibration.wear_result import WearCalibration, trace_json
+from isochrome.errors import InputError
+from isochrome.output import (
+    columns_of,
+    counted,
+    provenance,
+    replacing,
+    rounded_texts,
+    staged,
+    with_uncertainty,
+    write_csv,
+    write_figure,
+    write_json,
+)
+from isochrome.reporting import ReportContent, ReportTable, camera_rows, paper_rows, write_report
+from isochrome.runs import REPORT, environment, seal
+from isochrome.scene import (
+    Scene,
+    parse_scene,
+    parse_toml,
+    read_text,
+    scene_names,
+    with_value,
+)
+
+MARK = "calibrated: "
+"""What a comment of ours begins with: a second calibration replaces it."""
+
+BYTE_ORDER_MARK = "\ufeff"
+"""What some editors begin a file with; it stays."""
+
+FRINGE_VALUE = "specimen.fringe_value_n_per_mm"
+"""It ages with the material, so its day is written beside it."""
+
+CLEAR = 3.0
+"""Standard uncertainties beyond which a value is no nothing: a lens's value below is not written,
+unless the scene states another."""
+
+
+def calibration_day() -> str:
+    """Today's date, universal time, as ISO text."""
+    return datetime.datetime.now(datetime.UTC).date().isoformat()
+
+
+def check_scene_file(path: str | Path) -> str:
+    """Text of a scene file that calibrated values may be written into, line ends as they are.
+
+    InputError for the name of a scene inside the package, a missing file, and one that is no scene.
+    """
+    place = Path(path)
+    if not place.is_file() and str(path) in scene_names():
+        raise InputError(
+            f"{path}: this scene ships inside the package and is not written to; name a scene "
+            "file of your own"
+        )
+    plain = read_text(place)  # its refusals: missing, too large, not UTF-8
+    text = place.read_bytes().decode("utf-8")
+    parse_scene(plain, folder=place.parent, label=str(path))
+    return text
+
+
+def write_into_scene(
+    calibration: Calibration | ScaleCalibration | WearCalibration,
+    scene: str | Path,
+    *,
+    source: str | Path | None = None,
+) -> float:
+    """Set `specimen.fringe_value_n_per_mm` in a scene file to a calibration's value.
+
+    Of a scale it is `camera.pixel_mm`, and `camera.distortion`, `camera.keystone_x` and
+    `camera.keystone_z` where they are beyond three of their uncertainties, or the file states them.
+    Of wear it is `wear.coefficient_mm2_per_n`, by the law that the scene states.
+
+    It is written as { value = ..., standard_uncertainty = ... }, from which a fit has its prior, or
+    an input of its budget; a fringe value has its `date` beside these, today's. The value is
+    rounded two digits beyond the uncertainty's first. A comment beside it states chi, or a scale's
+    residual; all else in the file stays, to the byte. The file is replaced as a whole or not at
+    all.
+
+    Parameters
+    ----------
+    calibration : Calibration, ScaleCalibration or WearCalibration
+        What `calibrate_bending`, `calibrate_disc`, `calibrate_scale` or `calibrate_wear` found.
+    scene : str or Path
+        The TOML file.
+    source : str or Path, optional
+        The calibration set or image, which the comment names.
+
+    Returns
+    -------
+    float
+        The value written, N/mm per fringe; of a scale mm a pixel, of wear mm²/N.
+
+    Raises
+    ------
+    InputError
+        Where the scene is one of the package, or the file is missing, is no scene or cannot be
+        written, or its layout cannot be edited; or where its frames are not the whole pictures
+        that a scale is of, or has no wear by a law that was asked.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> from isochrome.samples import samples_path
+    >>> set_file = samples_path() / "disc" / "set.toml"
+    >>> found = isochrome.calibrate_disc(set_file)  # doctest: +SKIP
+    >>> isochrome.write_into_scene(found, "scene.toml", source=set_file)  # doctest: +SKIP
+    14.599
+    """
+    text = check_scene_file(scene)
+    mark = text[: text.startswith(BYTE_ORDER_MARK)]
+    text = text.removeprefix(mark)
+    if isinstance(calibration, ScaleCalibration):
+        _check_picture(calibration, parse_scene(text, folder=Path(scene).parent), str(scene))
+    if isinstance(calibration, WearCalibration):
+        calibration = _by_scene_law(calibration, text, str(scene))
+    comment = _comment(calibration, source)
+    entries = [(key, rounded_texts(*value)) for key, value in _to_write(calibration, text)]
+    for key, entry in reversed(entries):  # each is put on top of its table
+        date = calibration_day() if key == FRINGE_VALUE else None
+        text = edited(text, *entry, comment, name=str(scene), key=key, date=date)
+    target = Path(scene).resolve()  # a link stays a link
+    with replacing(target) as beside:
+        beside.write_bytes((mark + text).encode("utf-8"))
+        shutil.copymode(target, beside)
+    return float(entries[0][1][0])
+
+
+def edited(
+    text: str,
+    value: str,
+    spread: str,
+    comment: str,
+    *,
+    name: str = "scene",
+    key: str = FRINGE_VALUE,
+    date: str | None = None,
+) -> str:
+    """A scene's TOML text with another value of a key; InputError where no edit does only that.
+
+    `value` and `spread` are TOML numbers, `comment` stands without #.
+    """
+    dated = "" if date is None else f', date = "{date}"'
+    written = f"{{ value = {value}, standard_uncertainty = {spread}{dated} }}"
+    return with_value(text, key, written, comment=comment, mark=MARK, name=name)
+
+
+def _by_scene_law(calibration: WearCalibration, text: str, name: str) -> WearCalibration:
+    """The calibration with the coefficient of the law that a scene states."""
+    wear = parse_scene(text).wear
+    if wear is None:
+        raise InputError(
+            f"{name}: has no [wear] that a coefficient could stand in; add one with its distances_m"
+        )
+    coefficient = calibration.coefficient_by(wear.law)
+    if coefficient is None:
+        raise InputError(
+            f"{name}: its wear.law is '{wear.law}', and the set states no friction, without which "
+            "its coefficient is not known; add friction to every [[trace]] and [[volume]]"
+        )
+    return replace(
+        calibration, coefficient_mm2_per_n=coefficient[0], standard_uncertainty=coefficient[1]
+    )
+
+
+def _to_write(
+    calibration: Calibration | ScaleCalibration | WearCalibration, text: str
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """The first value, and of the others those that are clear or that the scene states."""
+    stated = parse_toml(text, "scene")
+    for k, (key, (value, spread)) in enumerate(calibration.scene_values.items()):
+        table, _, entry = key.partition(".")
+        if k == 0 or abs(value) > CLEAR * spread or entry in stated.get(table, {}):
+            yield key, (value, spread)
+
+
+def _check_picture(calibration: ScaleCalibration, scene: Scene, name: str) -> None:
+    """Refuse a scene whose frames are turned, cut or of another size than a scale's pictures."""
+    camera, frames = scene.camera, scene.frames
+    bent = any(
+        abs(measured.value) > CLEAR * measured.standard_uncertainty
+        for key, measured in calibration.values.items()
+        if key in LENS
+    )
+    moved = [key for key in ("roi", "rotate_deg", "flip") if getattr(frames, key)]
+    if bent and moved:
+        raise InputError(
+            f"{name}: has frames.{moved[0]}, and the lens that was found counts from the middle of "
+            "the whole picture as the camera gives it; calibrate with pictures that are turned and "
+            "cut as the frames are, and leave it out of the scene"
+        )
+    size = (camera.height_px, camera.width_px) if camera and not moved else (None, None)
+    if any(
+        stated not in (None, shown) for stated, shown in zip(size, calibration.shape, strict=True)
+    ):
+        raise InputError(
+            f"{name}: its camera has {size[1]} x {size[0]} pixels, and the target's picture "
+            f"{calibration.shape[1]} x {calibration.shape[0]}; calibrate with a picture of the "
+            "same size"
+        )
+
+
+def _comment(
+    calibration: Calibration | ScaleCalibration | WearCalibration, source: str | Path | None
+) -> str:
+    """What the comment says of the values."""
+    origin = "" if source is None else f", {Path(source).name}"
+    mark = f"{MARK}{calibration.scene_comment}{origin}"
+    return "".join(c for c in mark if c.isprintable() and c != ";")  # which ends it
+
+
+_LISTS = {
+    "images": "By image",
+    "by_distance": "By distance",
+    "laws": "The wear laws",
+    "traces": "The traces",
+}
+"""Lists of a calibration's JSON that are shown as tables, and their captions."""
+
+_WEAR_UNIT = 1e-9
+"""mm²/N: wear coefficients of dry contacts are some of these."""
+
+_NO_BUDGET = "The calibration's file holds none; what is known of its goodness stands above."
+_NO_CAUSES = "Causes are looked for in images of a beam or a disc alone."
+_NONE_FOUND = "None: the images ask for nothing besides the settings."
+_ABOUT_CHI = {
+    "fringe_value_n_per_mm": "about 1 where the images are described to their noise",
+    "coefficient_mm2_per_n": "about 1 where traces and distances scatter as expected",
+}
+"""What chi means, by the value that it belongs to."""
+
+
+def calibration_report(folder: Path, name: str, record: Mapping[str, Any]) -> ReportContent:
+    """What the report of a calibration says; `name`: 'calibration' or 'scale', of JSON and figure.
+
+    `record` is provenance.json. OSError, KeyError or ValueError where a file of it cannot be read.
+    """
+    file = f"{name}.json"
+    content: dict[str, Any] = json.loads((folder / file).read_text("utf-8"))
+    values = list(_values(content))
+    verdict = "; ".join(f"{label} = {text}" for label, text in values)
+    verdict = verdict if verdict.startswith("f_") else f"{verdict[:1].upper()}{verdict[1:]}"
+    budget = _table(f"Shares of the ± ({file})", content.get("budget") or [])
+    causes = content.get("causes")
+    no_causes = _NO_CAUSES if causes is None else _NONE_FOUND
+    rows = [*values, ("date of the calibration", str(record.get("date") or "not recorded"))]
+    return ReportContent(
+        command=str(record.get("command") or "calibrate"),
+        title=str(record.get("title") or "Calibration"),
+        verdict=f"{verdict}.",
+        budget=budget,
+        no_budget=_NO_BUDGET,
+        tables=list(_report_tables(content, file)),
+        causes=[_cause(one) for one in causes] if causes else None,
+        causes_text=no_causes,
+        taken_as_exact=content.get("taken_as_exact") or (),
+        warnings=content["warnings"],
+        scene=str(record.get("settings") or ""),
+        scene_title="Settings",
+        paper=[*rows, *_of_camera(record), *paper_rows(None, record)],
+        picture=(folder / f"{name}.png").read_bytes(),
+    )
+
+
+def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Camera, light and pixel of a beam's or disc's set; other calibrations have no such set."""
+    try:
+        settings = load_set(parse_toml(str(record.get("settings") or ""), "settings"))
+    except InputError:
+        return []
+    rows, pixel = camera_rows(settings), settings.camera.pixel_mm
+    if pixel is None:
+        return rows
+    spread = None if settings.uncertainty is None else settings.uncertainty.pixel_mm
+    text = f"{pixel:g}" if spread is None else with_uncertainty(pixel, spread)
+    note = "no uncertainty stated" if spread is None else "standard uncertainty"
+    return [*rows, ("pixel", f"{text} mm ({note})")]
+
+
+def _values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What was found, each value with its unit and ±, and how well after the first."""
+    first, *others = _own_values(content)
+    yield first
+    meaning = next((text for key, text in _ABOUT_CHI.items() if key in content), "")
+    if content.get("chi") is not None:
+        yield "chi", f"{content['chi']:.2f} ({meaning})"
+    yield from others
+
+
+def _own_values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The same without chi."""
+    if "fringe_value_n_per_mm" in content:
+        yield from _of_fringe_value(content)
+    elif "coefficient_mm2_per_n" in content:
+        yield from _of_wear(content)
+    elif "pixel_mm" in content:
+        yield from _of_scale(content)
+    else:
+        yield from _of_colours(content)
+
+
+def _of_fringe_value(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    value = with_uncertainty(content["fringe_value_n_per_mm"], content["standard_uncertainty"])
+    yield "f_sigma", f"{value} N/mm per fringe (standard uncertainty)"
+    order, spread = content["order_at_zero_load"], content["order_at_zero_load_uncertainty"]
+    if order is not None and spread is not None:
+        yield "order at zero load", f"{with_uncertainty(order, spread)} fringe"
+    if content["residual"] is not None:
+        yield "residual stress", f"up to {content['residual']['largest_order']:.3f} fringe"
+    loads = [image["load_n"] for image in content["images"]]
+    yield "loads", f"{min(loads):g} to {max(loads):g} N, {counted(len(loads), 'image')}"
+
+
+def _of_wear(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    pair = content["coefficient_mm2_per_n"], content["standard_uncertainty"]
+    value = with_uncertainty(*(number / _WEAR_UNIT for number in pair))
+    yield "wear coefficient k", f"({value})e-9 mm²/N (standard uncertainty)"
+    low, high = (number / _WEAR_UNIT for number in content["interval_95"])
+    yield "95 % interval", f"{low:.4g}e-9 to {high:.4g}e-9 mm²/N"
+    yield "law", str(content["law"])
+
+
+def _of_scale(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    units = {"pixel_mm": "mm (standard uncertainty)", "roll_deg": "degrees"}
+    for key in ("pixel_mm", "distortion", "keystone_x", "keystone_z", "roll_deg"):
+        if content[key] is not None:
+            name = {"pixel_mm": "pixel", "roll_deg": "roll"}.get(key, key)
+            yield name, f"{_cell(content[key])} {units.get(key, '')}".strip()
+    points = counted(content["corners"], "point")
+    yield "residual", f"{content['residual_px']:.3f} px over {points}"
+    yield "target", str(content["target"])
+
+
+def _of_colours(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    gamma, spread = content["gamma"], content["gamma_standard_uncertainty"]
+    yield "gamma", f"{gamma:g} (as given)" if spread is None else with_uncertainty(gamma, spread)
+    yield (
+        "orders",
+        f"up to {content['highest_order_of_table']:.2f} at {content['wavelength_nm']:g} nm",
+    )
+    yield "residual", f"{content['residual']:.4f} of the full light (RMS)"
+    yield "pixels off by over 0.15", f"{100.0 * content['strange_share']:.2g} %"
+    yield "found by", str(content["way"])
+
+
+def _report_tables(content: Mapping[str, Any], file: str) -> Iterator[ReportTable]:
+    for key, caption in _LISTS.items():
+        table = _table(f"{caption} ({file})", content.get(key) or [])
+        if table is not None:
+            yield table
+    channels = content.get("channels")
+    if channels:
+        yield ReportTable(
+            f"By channel ({file})",
+            {"of": list(channels), "value": [_cell(value) for value in channels.values()]},
+        )
+    exposures = content.get("exposures")
+    if exposures:
+        columns = {"image": list(range(len(exposures))), "exposure": exposures}
+        yield ReportTable(f"By image ({file})", columns)
+
+
+def _table(caption: str, rows: Sequence[Mapping[str, Any]]) -> ReportTable | None:
+    """Rows as a table; None where there are none. What a row does not have is not known."""
+    if not rows:
+        return None
+    shown = {name: [_cell(value) for value in column] for name, column in columns_of(rows).items()}
+    return ReportTable(caption, shown)
+
+
+def _cell(value: Any) -> Any:
+    """A value as a table shows it: a pair of value and ± as one text."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        if set(value) == {"value", "standard_uncertainty"}:
+            return with_uncertainty(value["value"], value["standard_uncertainty"])
+        return _joined(f"{name} {_cell(item)}" for name, item in value.items())
+    if isinstance(value, list):
+        return _joined(str(_cell(item)) for item in value)
+    return value
+
+
+def _joined(parts: Iterable[str]) -> str:
+    return ", ".join(parts)
+
+
+def _cause(cause: Mapping[str, Any]) -> str:
+    """What the images asked for, with its value."""
+    value = with_uncertainty(cause["value"], cause["standard_uncertainty"])
+    return f"{cause['cause']}: {cause['key']} = {value}"
+
+
+AnyCalibration = Calibration | ColourCalibration | ScaleCalibration | WearCalibration
+
+
+def save_calibration(
+    calibration: AnyCalibration,
+    out: str | Path,
+    *,
+    source: str | Path | Sequence[str | Path] | None = None,
+) -> None:
+    """Write calibration.json (scale.json), figure, tables, provenance and report, all or none.
+
+    Of colours also background.tif and illumination.tif where they were found. `source`: set or
+    images, for the hashes of all their files; the set's text is kept too.
+    """
+    name = "scale" if isinstance(calibration, ScaleCalibration) else "calibration"
+    inputs = [source] if isinstance(source, str | Path) else list(source or ())
+    with staged(out) as folder:
+        write_json(folder / f"{name}.json", calibration.to_json())
+        files = [file for given in inputs for file in (given, *_named_files(Path(given)))]
+        record = provenance(None, files) | environment() | _origin(calibration, inputs)
+        write_figure(folder / f"{name}.png", calibration.figure())
+        if isinstance(calibration, ColourCalibration):
+            write_colours(calibration, folder)
+        else:
+            for table, columns in _tables(calibration).items():
+                write_csv(folder / table, columns)
+        write_report(folder / REPORT, calibration_report(folder, name, record))
+        seal(folder, record)
+
+
+def _tables(
+    calibration: Calibration | ScaleCalibration | WearCalibration,
+) -> dict[str, dict[str, list[Any]]]:
+    """A calibration's tables by the names of their files."""
+    if isinstance(calibration, Calibration):
+        tables = {"images.csv": calibration.columns}
+    elif isinstance(calibration, ScaleCalibration):
+        tables = {"scale.csv": calibration.columns}
+    else:
+        tables = {"distances.csv": calibration.columns}
+        records = [trace_json(scar) for scar in calibration.traces]
+        traces = [row | {"is_clear": int(row["is_clear"])} for row in records]
+        if traces:  # a set may state worn volumes alone
+            tables["traces.csv"] = columns_of(traces)
+    return tables | {"budget.csv": calibration.budget_columns}
+
+
+def _named_files(settings: Path) -> list[Path]:
+    """The files that a set names: its images, traces and no-load frames; none of an image."""
+    if settings.suffix != ".toml":
+        return []
+    texts = dict.fromkeys(_texts(parse_toml(read_text(settings), str(settings))))
+    return [Path(file) for text in texts if isfile(file := settings.parent / text)]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All texts in what a TOML file holds."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list):
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(item)
+
+
+def _origin(calibration: AnyCalibration, inputs: Sequence[str | Path]) -> dict[str, Any]:
+    """What made a calibration, when, and of which settings."""
+    if isinstance(calibration, Calibration):
+        kind = CUTS[calibration.specimen].command
+    else:
+        kinds = {ColourCalibration: "colour", ScaleCalibration: "scale", WearCalibration: "wear"}
+        kind = kinds[type(calibration)]
+    texts = [read_text(Path(place)) for place in inputs if Path(place).suffix == ".toml"]
+    return {
+        "command": f"calibrate {kind}",
+        "title": calibration.title,
+        "date": calibration_day(),
+        "settings": "\n".join(texts) or None,
+    }

@@ -1,1 +1,0 @@
-"""The wear coefficient, from the traces or the volumes of measured scars."""

@@ -1,0 +1,491 @@
+"""`calibrate_wear`: from traces and volumes to the wear coefficient, and what they contradict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, stdtrit
+
+from isochrome.calibration.wear_result import (
+    SURE,
+    WearCalibration,
+    WearLawFit,
+    WornDistance,
+    fit_laws,
+)
+from isochrome.calibration.wear_set import (
+    UNLIKELY,
+    TraceScar,
+    TraceScatter,
+    WearSet,
+    WornVolume,
+    trace_scars,
+    worn_volumes,
+)
+from isochrome.contact import contact_states
+from isochrome.errors import InputError, IsochromeError, PhysicsError
+from isochrome.estimation import BudgetInput, variance_shares
+from isochrome.scars import student_factor_of
+from isochrome.scene import check_reach, load_scene, scene_names
+
+Array = NDArray[Any]
+
+_CLEARLY = 3.0
+"""Standard uncertainties that are a contradiction."""
+
+_ALIKE = 0.02
+"""Difference of a load or a width from the scene's that is none."""
+
+_OWN_WIDTH = 0.03
+"""Relative standard uncertainty of a simulated scar's width: where its depth runs out is seen
+otherwise in a trace than in the model."""
+
+
+def contradictions(
+    settings: WearSet,
+    scars: Sequence[TraceScar],
+    volumes: Sequence[WornVolume],
+    spread: Array,
+    scatter: TraceScatter,
+    laws: Sequence[WearLawFit],
+    law: str,
+) -> tuple[str, ...]:
+    """All warnings of a wear calibration, in sentences."""
+    return (
+        *_of_traces(scars, scatter),
+        *_of_order(volumes, spread),
+        *_of_laws(volumes, laws, law),
+        *_of_inputs(settings, volumes),
+        *_of_scene(settings, volumes, laws),
+    )
+
+
+def _of_traces(scars: Sequence[TraceScar], scatter: TraceScatter) -> Iterator[str]:
+    for scar in scars:
+        if scar.levelled is not None:
+            yield from scar.levelled.messages
+    unclear = [scar for scar in scars if scar.levelled is None]
+    if unclear:
+        names = ", ".join(scar.test.file for scar in unclear)
+        places = ", ".join(f"{d:g} m" for d in dict.fromkeys(s.test.distance_m for s in unclear))
+        yield (
+            f"no scar stands out of the roughness in {names}: {places} is left out, with all its "
+            "traces; measure longer traces or more of them there"
+        )
+    if scatter.is_unlikely:
+        ratio = np.sqrt(scatter.chi_square / scatter.freedom)
+        yield (
+            f"the traces of a distance differ {ratio:.1f} times as much as their roughness "
+            "explains: the scar is not alike over its width, or a trace belongs to another one; "
+            "their scatter is in the uncertainty"
+        )
+
+
+def _of_order(volumes: Sequence[WornVolume], spread: Array) -> Iterator[str]:
+    """Less worn, or narrower, where more was slid under as much load."""
+    order = np.argsort([volume.work_n_mm for volume in volumes], kind="stable")
+    for i, j in pairwise(order):
+        one, other = volumes[i], volumes[j]
+        if other.work_n_mm <= one.work_n_mm or other.normal_n < one.normal_n:
+            continue
+        less = one.volume_mm3 - other.volume_mm3
+        if less > _CLEARLY * float(np.hypot(spread[i], spread[j])):
+            yield (
+                f"{other.volume_mm3:.3g} mm³ are worn after {other.place}, less than the "
+                f"{one.volume_mm3:.3g} mm³ after {one.place}: check which scar is which"
+            )
+        before, after = _width(one), _width(other)
+        if before is None or after is None:
+            continue
+        (wide, u_wide), (narrow, u_narrow) = before, after
+        if wide - narrow > _CLEARLY * float(np.hypot(u_wide, u_narrow)):
+            yield (
+                f"the scar after {other.place} is {narrow:.3g} mm wide, narrower than the "
+                f"{wide:.3g} mm after {one.place}: check which scar is which, and the loads"
+            )
+
+
+def _width(volume: WornVolume) -> tuple[float, float] | None:
+    """Mean width of a volume's scars and its uncertainty, mm."""
+    traces = [scar.levelled for scar in volume.scars if scar.levelled is not None]
+    if not traces:
+        return None
+    spreads = np.array([np.hypot(*scar.edge_uncertainty_mm) for scar in traces])
+    return float(np.mean([s.width_mm for s in traces])), float(
+        np.sqrt(np.mean(spreads**2) / len(spreads))
+    )
+
+
+def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str) -> Iterator[str]:
+    archard = next(fit for fit in laws if fit.law == "archard")
+    if law != "archard":
+        best = laws[0]
+        more = ""
+        if best.first_over_last is not None and best.running_in_distance_m is not None:
+            more = (
+                f", which begins with {best.first_over_last:.2g} of its last coefficient and runs "
+                f"in over {best.running_in_distance_m:.3g} m"
+            )
+        yield (
+            f"the volumes prefer {best.law}{more}, by {-archard.log_evidence:.3g} in ln Z "
+            f"({SURE:g} is clear): k = V/(P s) changes with the distance, and one value for all "
+            "is a mean"
+        )
+    if archard.freedom > 0 and chdtrc(archard.freedom, archard.chi_square) < UNLIKELY:
+        worst = max(
+            volumes,
+            key=lambda v: abs(
+                v.volume_mm3 - archard.coefficient_mm2_per_n * v.work_n_mm
+            ) / (v.own_uncertainty_mm3 if np.isfinite(v.own_uncertainty_mm3) else 1.0),
+        )  # fmt: skip
+        ratio = worst.volume_mm3 / (archard.coefficient_mm2_per_n * worst.work_n_mm)
+        chi = np.sqrt(archard.chi_square / archard.freedom)
+        yield (
+            f"the distances do not agree on one coefficient: chi = {chi:.1f} where 1 is right, and "
+            f"{worst.place} has {ratio:.2f} of the volume that all together give; their scatter is "
+            "in the uncertainty"
+        )
+
+
+def _of_inputs(settings: WearSet, volumes: Sequence[WornVolume]) -> Iterator[str]:
+    known = settings.uncertainty
+    missing = [
+        name
+        for name, value in (("load", known.load_percent), ("distance", known.distance_percent))
+        if value is None
+    ]
+    if any(volume.scars for volume in volumes):
+        missing += [
+            name
+            for name, value in (
+                ("width", known.width_mm),
+                ("the profilometer's heights", known.height_percent),
+                ("its lateral scale", known.lateral_percent),
+            )
+            if value is None
+        ]
+    if missing:
+        yield (
+            f"no uncertainty is given for {', '.join(missing)}: what the scars show is included, "
+            "these are not; add them under [uncertainty]"
+        )
+    if len(volumes) == 1 and not np.isfinite(volumes[0].own_uncertainty_mm3):
+        yield (
+            "one volume without an uncertainty: how well it was measured is not in that of k; "
+            "write value_mm3 = { value = ..., standard_uncertainty = ... }"
+        )
+
+
+def _of_scene(
+    settings: WearSet, volumes: Sequence[WornVolume], laws: Sequence[WearLawFit]
+) -> Iterator[str]:
+    """Scars against those of a scene's contact, worn with the coefficient that was found."""
+    if settings.scar is None or settings.scar.scene is None:
+        return
+    name = settings.scar.scene
+    scene = load_scene(name if name in scene_names() else settings.path(name))
+    if scene.indenter is None or scene.load is None or scene.wear is None:
+        raise InputError(
+            f"{settings.name}: scar.scene = '{name}' has no [indenter], [load] and [wear] to "
+            "simulate scars with; name a scene that wears, or remove the key"
+        )
+    thickness = scene.specimen.thickness_mm
+    if thickness is not None and abs(settings.scar.width_mm / thickness - 1.0) > _ALIKE:
+        yield (
+            f"scar.width_mm = {settings.scar.width_mm:g} and the scene's specimen.thickness_mm = "
+            f"{thickness:g}, which is the width that wears; correct one of them"
+        )
+    archard = next(fit for fit in laws if fit.law == "archard")
+    for volume in sorted(volumes, key=lambda v: v.distance_m):
+        measured = _width(volume)
+        if measured is None:
+            continue
+        load = scene.load_at(volume.distance_m)
+        if abs(volume.normal_n / load - 1.0) > _ALIKE:
+            yield (
+                f"normal_n = {volume.normal_n:g} at {volume.place} and the scene's load.normal_n "
+                f"= {load:g}; correct one of them"
+            )
+        wear = {
+            "coefficient_mm2_per_n": archard.coefficient_mm2_per_n,
+            "law": "archard",
+            "distances_m": (volume.distance_m,),
+        }
+        worn_scene = scene.with_values(
+            {"load.normal_n": volume.normal_n, **{f"wear.{k}": v for k, v in wear.items()}}
+        )
+        try:
+            state = list(contact_states(worn_scene))[-1]
+        except IsochromeError as error:
+            yield f"the scene's own scar at {volume.place} cannot be computed: {error}"
+            continue
+        worn = state.grid.x_mm[state.wear_depth_mm > 0.0]
+        width = float(worn[-1] - worn[0])
+        if abs(measured[0] - width) > _CLEARLY * float(np.hypot(measured[1], _OWN_WIDTH * width)):
+            yield (
+                f"the scar at {volume.place} is {measured[0]:.3g} mm wide, and {width:.3g} mm in "
+                f"the scene with this coefficient and {volume.normal_n:g} N: the load, the radius, "
+                "or the scar is another"
+            )
+
+
+_PLAUSIBLE = 1e-15, 1e-1
+"""Coefficients (mm²/N) from diamond to chalk, with room on both sides."""
+
+
+def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
+    """Calibrate the wear coefficient from measured scars.
+
+    k = V/(P s), equation 11 of the paper, at each distance and for all of them by their weights; V
+    of traces is the mean worn area times the scar's width. What other laws give, and which of them
+    the volumes speak for, stands beside.
+
+    Parameters
+    ----------
+    settings : str, Path or WearSet
+        The calibration set, a TOML file: [scar], [[trace]] or [[volume]], [uncertainty].
+
+    Returns
+    -------
+    WearCalibration
+        The coefficient with its uncertainty, budget, laws, distances and warnings.
+
+    Raises
+    ------
+    InputError
+        Where the set or a trace is wrong; it names the file, the key or line, and the fix.
+    PhysicsError
+        Where no trace shows a scar, or nothing was worn.
+
+    Notes
+    -----
+    Source: Archard (1953), J. Appl. Phys. 24, 981; JCGM 100:2008 (GUM), 5.1 and G.4, for the
+    uncertainty and its degrees of freedom.
+
+    Examples
+    --------
+    >>> import isochrome
+    >>> from isochrome.calibration import WearSet
+    >>> volume = {"distance_m": 155.0, "normal_n": 44.0, "value_mm3": 0.01364}
+    >>> found = isochrome.calibrate_wear(WearSet(volume=[volume]))
+    >>> round(found.coefficient_mm2_per_n / 1e-9, 6)
+    2.0
+    """
+    if isinstance(settings, WearSet):
+        given = settings
+    else:
+        given = WearSet.read(settings)
+        check_reach(given.model_dump(exclude_unset=True), given.name)
+    scars = trace_scars(given)
+    volumes, scatter = worn_volumes(given, scars)
+    if not volumes:
+        raise PhysicsError(
+            f"{given.name}: no distance has traces that all show a scar: "
+            f"{next(scar.why_not for scar in scars if scar.why_not)}"
+        )
+    spread = _own_spread(volumes)
+    laws = fit_laws(volumes, spread)
+    archard = next(fit for fit in laws if fit.law == "archard")
+    k = archard.coefficient_mm2_per_n
+    if not _PLAUSIBLE[0] <= k <= _PLAUSIBLE[1]:
+        raise InputError(
+            f"{given.name}: the scars give k = {k:.3g} mm²/N, where {_PLAUSIBLE[0]:g} to "
+            f"{_PLAUSIBLE[1]:g} is allowed; check volumes (mm³), loads (N) and distances (m)"
+        )
+    inputs = common_inputs(given, volumes, spread, k)
+    chi = None if _has_scatter_only(volumes) else _chi(archard, scatter)
+    rows = _own_rows(volumes, spread, archard) + inputs
+    budget, total = _budget(rows)
+    freedom = _freedom(volumes, scatter, archard, spread, total)
+    reach = _reach(freedom, total, scattered=_has_scatter_only(volumes))
+    law = laws[0].law
+    if law != "archard" and archard.log_evidence > -SURE:
+        law = "archard"
+    return WearCalibration(
+        coefficient_mm2_per_n=k,
+        standard_uncertainty=total,
+        degrees_of_freedom=freedom,
+        interval_95=(k - reach, k + reach),
+        chi=chi,
+        law=law,
+        laws=laws,
+        by_distance=_by_distance(given, volumes, spread),
+        traces=scars,
+        budget=budget,
+        warnings=contradictions(given, scars, volumes, spread, scatter, laws, law),
+    )
+
+
+def _own_spread(volumes: Sequence[WornVolume]) -> Array:
+    """Standard uncertainties of the volumes' own errors (n,), mm³.
+
+    Of volumes without one, all alike: their scatter about V = k P s, since a volume's error is
+    roughness and levelling, which the distance does not change; at least that of rounding.
+    """
+    spread = np.array([volume.own_uncertainty_mm3 for volume in volumes])
+    if np.isfinite(spread).all():
+        return np.asarray(np.maximum(spread, 1e-12 * max(v.volume_mm3 for v in volumes)))
+    values = np.array([volume.volume_mm3 for volume in volumes])
+    work = np.array([volume.work_n_mm for volume in volumes])
+    residual = values - work * (work @ values) / (work @ work)
+    size = float(np.sqrt(residual @ residual / max(len(values) - 1, 1)))
+    return np.full(len(values), max(size, 1e-12 * float(values.max())))
+
+
+def _has_scatter_only(volumes: Sequence[WornVolume]) -> bool:
+    return not all(np.isfinite(volume.own_uncertainty_mm3) for volume in volumes)
+
+
+def _weights(volumes: Sequence[WornVolume], spread: Array) -> Array:
+    """dk/dV of Archard's law (n,), 1/(N mm)."""
+    work = np.array([volume.work_n_mm for volume in volumes])
+    return np.asarray(work / spread**2 / np.sum((work / spread) ** 2))
+
+
+def _own_rows(
+    volumes: Sequence[WornVolume], spread: Array, archard: WearLawFit
+) -> list[tuple[str, float | None, float, float]]:
+    """Name, value, uncertainty and sensitivity of what the volumes' own errors add to k."""
+    weights = _weights(volumes, spread)
+    traced = np.array([bool(volume.scars) for volume in volumes])
+    parts = {
+        "roughness": np.array([volume.roughness_mm3 for volume in volumes]),
+        "levelling": np.array([volume.levelling_mm3 for volume in volumes]),
+    }
+    promised = np.sqrt(sum(part**2 for part in parts.values()))
+    # less scatter than was promised makes both parts less, more of it is a part of its own
+    share = np.minimum(1.0, np.divide(spread, promised, out=np.ones_like(spread), where=traced))
+    rows: list[tuple[str, float | None, float, float]] = []
+    if traced.any():
+        for name, part in parts.items():
+            rows.append((name, None, _joined(weights * part * share), 1.0))
+        more = np.sqrt(np.maximum(spread**2 - promised**2, 0.0)) * traced
+        rows.append(("scatter of the traces", None, _joined(weights * more), 1.0))
+    if not traced.all():
+        name = "scatter of the volumes" if _has_scatter_only(volumes) else "volumes"
+        rows.append((name, None, _joined(weights * spread * ~traced), 1.0))
+    if archard.freedom > 0 and _is_off_law(archard) and not _has_scatter_only(volumes):
+        wider = archard.own_uncertainty * np.sqrt(archard.chi_square / archard.freedom - 1.0)
+        rows.append(("scatter of the distances", None, float(wider), 1.0))
+    return rows
+
+
+def _is_off_law(archard: WearLawFit) -> bool:
+    """Whether the distances leave Archard's law by more than chance."""
+    return float(chdtrc(archard.freedom, archard.chi_square)) < UNLIKELY
+
+
+def _joined(parts: Array) -> float:
+    return float(np.sqrt(np.sum(parts**2)))
+
+
+def common_inputs(
+    settings: WearSet, volumes: Sequence[WornVolume], spread: Array, k: float
+) -> list[tuple[str, float | None, float, float]]:
+    """Name, value, standard uncertainty and sensitivity dk/dx of the inputs common to all.
+
+    k goes as 1/P and 1/s, and its part by traces as the width and the profilometer's two scales.
+    """
+    known = settings.uncertainty
+    by_traces = np.array([bool(volume.scars) for volume in volumes])
+    part = _weights(volumes, spread) * np.array([v.volume_mm3 for v in volumes])
+    traced = float(part[by_traces].sum())
+    first = volumes[0]
+    rows: list[tuple[str, float | None, float, float]] = []
+    if known.load_percent:
+        load = first.normal_n
+        rows.append(("normal_n", load, load * known.load_percent / 100.0, -k / load))
+    if known.distance_percent:
+        slid = first.distance_m
+        rows.append(("distance_m", slid, slid * known.distance_percent / 100.0, -k / slid))
+    if settings.scar is not None and by_traces.any():
+        width = settings.scar.width_mm
+        if known.width_mm:
+            rows.append(("scar.width_mm", width, known.width_mm, traced / width))
+        if known.height_percent:
+            rows.append(("profilometer's height scale", 1.0, known.height_percent / 100.0, traced))
+        if known.lateral_percent:
+            rows.append(
+                ("profilometer's lateral scale", 1.0, known.lateral_percent / 100.0, traced)
+            )
+    return rows
+
+
+def _budget(
+    rows: Sequence[tuple[str, float | None, float, float]],
+) -> tuple[tuple[BudgetInput, ...], float]:
+    """The budget, the largest share first, and the combined standard uncertainty."""
+    parts = np.array([u * c for _, _, u, c in rows])
+    shares = variance_shares(parts)
+    items = [
+        BudgetInput(
+            input=name, value=value, standard_uncertainty=u, sensitivity=c, share=float(share)
+        )
+        for (name, value, u, c), share in zip(rows, shares, strict=True)
+    ]
+    return tuple(sorted(items, key=lambda item: -item.share)), _joined(parts)
+
+
+def _freedom(
+    volumes: Sequence[WornVolume],
+    scatter: TraceScatter,
+    archard: WearLawFit,
+    spread: Array,
+    total: float,
+) -> float:
+    """Effective degrees of freedom by Welch and Satterthwaite (JCGM 100:2008, G.4)."""
+    if not total > 0.0:
+        return np.inf
+    if _has_scatter_only(volumes):
+        part, freedom = archard.own_uncertainty, float(max(archard.freedom, 1))
+    else:
+        weights = _weights(volumes, spread)
+        traced = np.array([bool(volume.scars) for volume in volumes])
+        part, freedom = _joined((weights * spread)[traced]), scatter.degrees_of_freedom
+    return freedom * (total / part) ** 4 if part > 0.0 and np.isfinite(freedom) else np.inf
+
+
+def _reach(freedom: float, total: float, *, scattered: bool) -> float:
+    """Half the interval that holds the coefficient with 95 %, by Student's t.
+
+    `total` is the standard deviation of that distribution, its scale times (ν/(ν - 2))^(1/2); of
+    volumes that are known by their scatter alone it is the scale itself (JCGM 100:2008, 4.2.3).
+    """
+    if not np.isfinite(freedom):
+        return 1.959964 * total
+    scale = total if scattered else total / np.sqrt(student_factor_of(freedom))
+    return float(stdtrit(freedom, 0.975) * scale)
+
+
+def _chi(archard: WearLawFit, scatter: TraceScatter) -> float | None:
+    """Root of the square scatter over its degrees of freedom, in what the shoulders promise."""
+    freedom = archard.freedom + scatter.freedom
+    square = archard.chi_square * scatter.factor + scatter.chi_square
+    return float(np.sqrt(square / freedom)) if freedom > 0 else None
+
+
+def _by_distance(
+    settings: WearSet, volumes: Sequence[WornVolume], spread: Array
+) -> tuple[WornDistance, ...]:
+    """Each distance's coefficient, with what all share in its uncertainty."""
+    rows = []
+    for volume, noise in zip(volumes, spread, strict=True):
+        k = volume.volume_mm3 / volume.work_n_mm
+        shared = common_inputs(settings, [volume], np.array([noise]), k)
+        of_scale = [u * c for name, _, u, c in shared if name not in ("normal_n", "distance_m")]
+        u_volume = float(np.hypot(noise, volume.work_n_mm * _joined(np.array(of_scale))))
+        parts = np.array([noise / volume.work_n_mm, *(u * c for _, _, u, c in shared)])
+        rows.append(
+            WornDistance(
+                volume=volume,
+                standard_uncertainty_mm3=u_volume,
+                coefficient_mm2_per_n=k,
+                standard_uncertainty=_joined(parts),
+            )
+        )
+    return tuple(sorted(rows, key=lambda row: row.volume.distance_m))

@@ -1,0 +1,535 @@
+"""A wear calibration's result: the coefficient by each law V = k x(s), its ±, its picture.
+
+    archard            x = P s                       (equation 11 of the paper: k = V/(P s))
+    sarkar             x = P s sqrt(1 + 3 mu²)
+    dissipated_energy  x = P s |mu|
+    running_in         x = P (s + (r-1) (s - s²/(2 s0))), s <= s0;   P (s + (r-1) s0/2) beyond
+
+the last Archard's with a coefficient that goes linearly from r k to k over s0. With variances u² of
+the volumes k = Σ xV/u² / Σ x²/u², and with χ² what it leaves, a flat prior of ln k gives
+ln Z = -χ²/2 - 1/2 ln(k² Σ x²/u²) + const, averaged for running_in over its prior: ln r and ln s0
+Gaussian, of a factor of e about 1 and about the distances' geometric mean. Sources: Archard (1953),
+J. Appl. Phys. 24, 981; Sarkar (1980), Friction and Wear; Fouvry et al. (1997), Wear 203-204, 390;
+MacKay (2003), Information Theory, Inference, and Learning Algorithms, chapter 28.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from isochrome.calibration.wear_set import TraceScar, WornVolume
+from isochrome.contact import wear_rate
+from isochrome.estimation import BudgetInput
+from isochrome.figures import (
+    BAND,
+    GREY,
+    INK,
+    LINE_COLOURS,
+    LINE_PT,
+    PALE,
+    PaperPanels,
+    Plot,
+    add_legend,
+    budget_plot,
+    chosen_frames,
+    data_name,
+    draw_band,
+    draw_budget,
+    new_figure,
+    plain_name,
+    style_axes,
+    write_head,
+)
+from isochrome.output import Result, columns_of, counted, with_uncertainty
+from isochrome.scene import Wear
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[Any]
+
+SURE = 5.0
+"""Difference of ln Z that is a clear margin: odds of 150 to 1 (Kass & Raftery 1995, JASA 90,
+773)."""
+
+_NODES, _ZOOMS = 41, 4
+_REACH = 4.0
+"""Nodes of an average over the priors, how often they are drawn closer about the posterior, and how
+far they reach at first, in the priors' standard deviations."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WearLawFit:
+    """A law through volumes.
+
+    Parameters
+    ----------
+    law : str
+        'archard', 'sarkar', 'dissipated_energy' or 'running_in'.
+    coefficient_mm2_per_n : float
+        Its k, mm²/N; of running_in the one that stays.
+    own_uncertainty : float
+        Standard uncertainty by the volumes' own errors, mm²/N.
+    chi_square : float
+        Square residuals over the variances.
+    freedom : int
+        Volumes less the law's parameters.
+    log_evidence : float
+        Evidence ln Z, less that of the preferred law.
+    first_over_last, running_in_distance_m : float, optional
+        Of running_in: r and s0, m.
+    """
+
+    law: str
+    coefficient_mm2_per_n: float
+    own_uncertainty: float
+    chi_square: float
+    freedom: int
+    log_evidence: float
+    first_over_last: float | None = None
+    running_in_distance_m: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Its numbers by name."""
+        fields: dict[str, Any] = {
+            "law": self.law,
+            "coefficient_mm2_per_n": self.coefficient_mm2_per_n,
+            "own_uncertainty_mm2_per_n": self.own_uncertainty,
+            "chi_square": self.chi_square,
+            "freedom": self.freedom,
+            "log_evidence": self.log_evidence,
+        }
+        if self.law == "running_in":
+            fields["first_over_last"] = self.first_over_last
+            fields["running_in_distance_m"] = self.running_in_distance_m
+        return fields
+
+
+def work_of(volume: WornVolume, law: str) -> float:
+    """What a volume is k times of, x of a law of one parameter, N mm."""
+    wear = Wear(coefficient_mm2_per_n=1.0, law=law, distances_m=(volume.distance_m,))
+    return volume.work_n_mm * float(wear_rate(wear, volume.friction or 0.0, volume.distance_m))
+
+
+def fit_laws(volumes: Sequence[WornVolume], spread: Array) -> tuple[WearLawFit, ...]:
+    """The laws by falling evidence; `spread` (n,): the volumes' own errors, mm³.
+
+    Laws with friction are asked where all volumes state one, running_in where there are three
+    distances.
+    """
+    values = np.array([volume.volume_mm3 for volume in volumes])
+    laws = ["archard"]
+    if all(volume.friction for volume in volumes):
+        laws += ["sarkar", "dissipated_energy"]
+    fits = [
+        _line(law, np.array([work_of(v, law) for v in volumes]), values, spread) for law in laws
+    ]
+    if len({volume.distance_m for volume in volumes}) > 2:
+        fits.append(_running_in(volumes, values, spread))
+    best = max(fit.log_evidence for fit in fits)
+    fits = [replace(fit, log_evidence=fit.log_evidence - best) for fit in fits]
+    return tuple(sorted(fits, key=lambda fit: -fit.log_evidence))
+
+
+def _solve(work: Array, values: Array, spread: Array) -> tuple[Array, Array, Array, Array]:
+    """k, its information, χ² and ln Z for works (..., n)."""
+    information = np.sum((work / spread) ** 2, axis=-1)
+    k = np.sum(work * values / spread**2, axis=-1) / information
+    square = np.sum(((values - k[..., None] * work) / spread) ** 2, axis=-1)
+    # where k is no larger than its uncertainty, ln k has no narrower place than a factor of e
+    narrow = np.log(np.maximum(k * np.sqrt(information), 1.0))
+    return k, information, square, -0.5 * square - narrow
+
+
+def _line(law: str, work: Array, values: Array, spread: Array) -> WearLawFit:
+    """A law of one parameter."""
+    k, information, square, log_z = _solve(work, values, spread)
+    return WearLawFit(
+        law=law,
+        coefficient_mm2_per_n=float(k),
+        own_uncertainty=float(1.0 / np.sqrt(information)),
+        chi_square=float(square),
+        freedom=len(values) - 1,
+        log_evidence=float(log_z),
+    )
+
+
+def _running_in(volumes: Sequence[WornVolume], values: Array, spread: Array) -> WearLawFit:
+    """Running-in, averaged over its priors; what it gives is the average by the posterior."""
+    slid = np.array([volume.distance_m for volume in volumes])
+    load = np.array([volume.normal_n for volume in volumes])
+    typical = float(np.exp(np.mean(np.log(np.unique(slid)))))
+    ranges = [(-_REACH, _REACH)] * 2
+    for _ in range(_ZOOMS):
+        one, two = (np.linspace(low, high, _NODES) for low, high in ranges)
+        ratio, turn = np.exp(one)[:, None, None], typical * np.exp(two)[None, :, None]
+        until = np.minimum(slid, turn)
+        extra = until - until**2 / (2.0 * turn)  # ∫ (1 - s/s0) ds
+        work = 1e3 * load * (slid + (ratio - 1.0) * extra)
+        k, information, square, log_z = _solve(work, values, spread)
+        cell = (one[1] - one[0]) * (two[1] - two[0]) / (2.0 * np.pi)
+        total = log_z - 0.5 * (one[:, None] ** 2 + two**2) + np.log(cell)
+        log_evidence = logsumexp(total)
+        weight = np.exp(total - log_evidence)
+        ranges = [_narrowed(nodes, weight.sum(axis=axis)) for axis, nodes in ((1, one), (0, two))]
+
+    def mean(part: Array) -> float:
+        return float(np.sum(weight * part))
+
+    middle = mean(k)
+    return WearLawFit(
+        law="running_in",
+        coefficient_mm2_per_n=middle,
+        own_uncertainty=float(np.sqrt(mean(1.0 / information + (k - middle) ** 2))),
+        chi_square=float(square.min()),
+        freedom=len(values) - 3,
+        log_evidence=float(log_evidence),
+        first_over_last=float(np.exp(mean(one[:, None]))),
+        running_in_distance_m=typical * float(np.exp(mean(two[None, :]))),
+    )
+
+
+def _narrowed(nodes: Array, weight: Array) -> tuple[float, float]:
+    """Where a posterior is, with room: its grid is made finer until it is wider than its cells."""
+    middle = float(weight @ nodes)
+    spread = float(np.sqrt(np.sum(weight * (nodes - middle) ** 2)))
+    room = float(max(_REACH * 1.5 * spread, 3.0 * (nodes[1] - nodes[0])))
+    return max(middle - room, float(nodes[0])), min(middle + room, float(nodes[-1]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WornDistance:
+    """A distance's own coefficient, k = V/(P s).
+
+    Parameters
+    ----------
+    volume : WornVolume
+        The volume and what made it.
+    standard_uncertainty_mm3 : float
+        Standard uncertainty of the volume with the inputs that it has part in, mm³.
+    coefficient_mm2_per_n : float
+        The distance's own k, mm²/N.
+    standard_uncertainty : float
+        Standard uncertainty of that with all inputs, mm²/N.
+    """
+
+    volume: WornVolume
+    standard_uncertainty_mm3: float
+    coefficient_mm2_per_n: float
+    standard_uncertainty: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Its numbers by name."""
+        volume = self.volume
+        areas = [s.levelled for s in volume.scars if s.levelled is not None]
+        widths = [area.width_mm for area in areas]
+        return {
+            "distance_m": volume.distance_m,
+            "normal_n": volume.normal_n,
+            "friction": volume.friction,
+            "traces": len(areas),
+            "worn_area_mm2": float(np.mean([a.worn_area_mm2 for a in areas])) if areas else None,
+            "scar_width_mm": float(np.mean(widths)) if areas else None,
+            "volume_mm3": volume.volume_mm3,
+            "standard_uncertainty_mm3": self.standard_uncertainty_mm3,
+            "coefficient_mm2_per_n": self.coefficient_mm2_per_n,
+            "standard_uncertainty": self.standard_uncertainty,
+        }
+
+
+def trace_json(scar: TraceScar) -> dict[str, Any]:
+    """What `calibration.json` states of a trace."""
+    fields: dict[str, Any] = {"file": scar.test.file, "distance_m": scar.test.distance_m}
+    one = scar.levelled
+    if one is None:
+        return fields | {"is_clear": False}
+    return fields | {
+        "is_clear": True,
+        "left_mm": one.edges_mm[0],
+        "left_uncertainty_mm": one.edge_uncertainty_mm[0],
+        "right_mm": one.edges_mm[1],
+        "right_uncertainty_mm": one.edge_uncertainty_mm[1],
+        "depth_um": one.deepest_um,
+        "roughness_rq_um": one.roughness.rq_um,
+        "worn_area_mm2": one.worn_area_mm2,
+        "standard_uncertainty_mm2": one.worn_area_uncertainty_mm2,
+        "spikes": one.spikes,
+    }
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class WearCalibration(Result):
+    """A wear coefficient by Archard's law with its uncertainty, budget, and what the laws say.
+
+    Parameters
+    ----------
+    draw : callable, optional
+        Makes the figure, of results that need more for it than they hold; not of this one.
+    coefficient_mm2_per_n : float
+        The coefficient k = V/(P s) over all distances, mm²/N.
+    standard_uncertainty : float
+        Its standard uncertainty, mm²/N.
+    degrees_of_freedom : float
+        Effective ones of that.
+    interval_95 : tuple of float
+        The interval that holds the coefficient with a probability of 95 %, mm²/N.
+    chi : float or None
+        Scatter over what is expected, of traces about their means and of distances about the law;
+        None where nothing can scatter.
+    law : str
+        The law that the evidence prefers clearly, 'archard' where none is.
+    laws : tuple of WearLawFit
+        The laws by falling evidence.
+    by_distance : tuple of WornDistance
+        Each distance's own coefficient.
+    traces : tuple of TraceScar
+        The traces.
+    budget : tuple of BudgetInput
+        What the uncertainty consists of, the largest share first.
+    warnings : tuple of str
+        What the user should know.
+    """
+
+    coefficient_mm2_per_n: float
+    standard_uncertainty: float
+    degrees_of_freedom: float
+    interval_95: tuple[float, float]
+    chi: float | None
+    law: str
+    laws: tuple[WearLawFit, ...]
+    by_distance: tuple[WornDistance, ...]
+    traces: tuple[TraceScar, ...]
+    budget: tuple[BudgetInput, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """A row a distance."""
+        return columns_of([row.to_json() for row in self.by_distance])
+
+    @property
+    def budget_columns(self) -> dict[str, list[Any]]:
+        """Those of budget.csv: a row an input, the largest share first."""
+        return columns_of(
+            [item.to_json() | {"contribution_mm2_per_n": item.contribution} for item in self.budget]
+        )
+
+    @property
+    def title(self) -> str:
+        """How many distances and traces there are."""
+        text = f"Wear coefficient from {counted(len(self.by_distance), 'worn volume')}"
+        return f"{text}, {counted(len(self.traces), 'trace')}" if self.traces else text
+
+    def main_values(self) -> Iterator[tuple[str, str]]:
+        """The coefficient, its interval, chi, the law, and each distance's own."""
+        unit = 1e-9
+        value = with_uncertainty(
+            self.coefficient_mm2_per_n / unit, self.standard_uncertainty / unit
+        )
+        yield "coefficient_mm2_per_n", f"{value} e-9"
+        low, high = (f"{edge / unit:.4g}" for edge in self.interval_95)
+        yield "interval_95", f"{low} to {high} e-9"
+        if self.chi is not None:
+            yield "chi", f"{self.chi:.2f}"
+        yield "law", self.law
+        for row in self.by_distance:
+            pair = row.coefficient_mm2_per_n / unit, row.standard_uncertainty / unit
+            yield row.volume.place, f"{with_uncertainty(*pair)} e-9"
+
+    @property
+    def scene_values(self) -> dict[str, tuple[float, float]]:
+        """What `--into` sets: key, value and standard uncertainty, by Archard's law."""
+        key = "wear.coefficient_mm2_per_n"
+        return {key: (self.coefficient_mm2_per_n, self.standard_uncertainty)}
+
+    def coefficient_by(self, law: str) -> tuple[float, float] | None:
+        """The coefficient by a law of one parameter, and its uncertainty; None if not asked.
+
+        The common inputs' relative uncertainty is that by Archard's law. Parameters: `law`.
+        """
+        chosen = next((fit for fit in self.laws if fit.law == law), None)
+        if chosen is None:
+            return None
+        archard = next(fit for fit in self.laws if fit.law == "archard")
+        noise = archard.own_uncertainty
+        common = max(self.standard_uncertainty**2 - noise**2, 0.0) / self.coefficient_mm2_per_n**2
+        value = chosen.coefficient_mm2_per_n
+        return value, float(np.sqrt(chosen.own_uncertainty**2 + common * value**2))
+
+    @property
+    def scene_comment(self) -> str:
+        """What a scene's comment states of the value."""
+        return "k = V/(P s)" if self.chi is None else f"chi {self.chi:.2f}"
+
+    def figure(self) -> Figure:
+        """The traces as measured and levelled, a row a distance, and k over the distance."""
+        distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))[:MOST_ROWS]
+        rows = len(distances) + 1
+        figure = new_figure(13.0, 2.5 * len(distances) + 4.4)
+        panels: Any = figure.subplots(
+            rows,
+            2,
+            squeeze=False,
+            width_ratios=[1, 1.25],
+            height_ratios=[1.0] * (rows - 1) + [1.35],
+        )
+        for place, (raw, level) in zip(distances, panels[:-1], strict=True):
+            scars = [scar for scar in self.traces if scar.test.distance_m == place]
+            _draw_raw(raw, scars, f"{place:g} m: as measured, less the line through the ends")
+            _draw_levelled(level, scars)
+        for axes in panels[len(distances) - 1, :] if distances else ():
+            axes.set_xlabel("x (mm)")
+        _draw_coefficients(panels[-1, 0], self)
+        parts = {item.input: item.contribution / _UNIT for item in self.budget}
+        draw_budget(
+            panels[-1, 1],
+            parts,
+            x_label="contribution to u (1e-9 mm²/N)",
+            title="uncertainty budget",
+        )
+        write_head(figure, "    ".join(_values(self)))
+        return figure
+
+    def panels(self, frames: tuple[int, ...] | None = None) -> PaperPanels:
+        """Give scars, coefficients and budget for a paper; see `paper_figure`.
+
+        `frames`: numbers of the distances that are shown. Raises InputError where one is not there.
+        """
+        distances = list(dict.fromkeys(scar.test.distance_m for scar in self.traces))
+        few = range(min(len(distances), _FOR_PAPER))
+        shown = [
+            distances[k] for k in chosen_frames(frames, len(distances), few, items="distances")
+        ]
+
+        def scar(axes: Axes, place: float) -> None:
+            _draw_levelled(axes, [s for s in self.traces if s.test.distance_m == place])
+            axes.set_xlabel("x (mm)")
+
+        plots = [
+            Plot(
+                title=f"{place:g} m",
+                draw=partial(scar, place=place),
+                spare=int(frames is None and 0 < k < len(shown) - 1),  # the ends tell the most
+            )
+            for k, place in enumerate(shown)
+        ]
+        parts = {item.input: item.contribution / _UNIT for item in self.budget}
+        plots += [
+            Plot(title="V/(P s)", draw=partial(_draw_coefficients, calibration=self)),
+            budget_plot("uncertainty budget", parts, unit="1e-9 mm²/N"),
+        ]
+        notes = ["; ".join(_values(self)) + ".", f"Bands: ± {BAND:g} standard uncertainties."]
+        return PaperPanels(plots=plots, notes=notes)
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain numbers, texts and lists for `calibration.json`."""
+        return {
+            "coefficient_mm2_per_n": self.coefficient_mm2_per_n,
+            "standard_uncertainty": self.standard_uncertainty,
+            "degrees_of_freedom": finite_or_none(self.degrees_of_freedom),
+            "interval_95": list(self.interval_95),
+            "chi": self.chi,
+            "law": self.law,
+            "laws": [fit.to_json() for fit in self.laws],
+            "by_distance": [row.to_json() for row in self.by_distance],
+            "traces": [trace_json(scar) for scar in self.traces],
+            "budget": [item.to_json() for item in self.budget],
+            "warnings": list(self.warnings),
+        }
+
+
+def finite_or_none(value: float) -> float | None:
+    """A number, None where it is not finite, for JSON."""
+    return value if np.isfinite(value) else None
+
+
+MOST_ROWS = 6
+"""Distances whose traces are drawn, the first ones."""
+
+_FOR_PAPER = 4
+"""Those of a figure for a paper where nobody names them."""
+
+_UNIT = 1e-9
+"""Coefficients are drawn in 1e-9 mm²/N."""
+
+
+def _values(calibration: WearCalibration) -> tuple[str, str, str]:
+    """The coefficient, its interval and its law, in words."""
+    k, u = calibration.coefficient_mm2_per_n / _UNIT, calibration.standard_uncertainty / _UNIT
+    low, high = (edge / _UNIT for edge in calibration.interval_95)
+    value = f"k = {with_uncertainty(k, u)} e-9 mm²/N by Archard's law"
+    return value, f"95 %: {low:.4g} to {high:.4g}", f"law by evidence: {calibration.law}"
+
+
+def _draw_raw(axes: Any, scars: list[TraceScar], title: str) -> None:
+    for scar, colour in zip(scars, _colours(len(scars)), strict=True):
+        one = scar.levelled
+        if one is None:
+            continue
+        z = one.level_um - one.depth_um
+        line = np.interp(one.x_mm, one.x_mm[[0, -1]], z[[0, -1]])
+        axes.plot(one.x_mm, z - line, color=colour, lw=LINE_PT, label=plain_name(scar.test.file))
+        axes.plot(one.x_mm, one.level_um - line, color=INK, lw=LINE_PT, ls=":")
+    style_axes(axes, z_label="height (µm)", title=title)
+    if any(scar.levelled for scar in scars):
+        add_legend(axes)
+
+
+def _draw_levelled(axes: Any, scars: list[TraceScar]) -> None:
+    """Depths from the scars' middles, downward, with the worn areas and the edges."""
+    clear = [scar for scar in scars if scar.levelled is not None]
+    traces = [scar.levelled for scar in clear if scar.levelled is not None]
+    names = [plain_name(scar.test.file, 24) for scar in clear]
+    for one, name, colour in zip(traces, names, _colours(len(traces)), strict=True):
+        x = one.x_mm - one.centre_mm
+        axes.plot(x, -one.depth_um, color=colour, lw=LINE_PT, label=name)
+        for edge, u in zip(one.edges_mm, one.edge_uncertainty_mm, strict=True):
+            place = edge - one.centre_mm
+            axes.axvspan(place - BAND * u, place + BAND * u, color=colour, alpha=0.12, lw=0)
+    if traces:
+        first = traces[0]
+        inside = (first.x_mm >= first.window_mm[0]) & (first.x_mm <= first.window_mm[1])
+        x = first.x_mm - first.centre_mm
+        axes.fill_between(x, -first.depth_um, 0.0, where=inside, color=PALE, lw=0, zorder=0)
+        half = first.width_mm
+        axes.set_xlim(-1.5 * half, 1.5 * half)
+    axes.axhline(0.0, color=GREY, lw=LINE_PT)
+    areas = [
+        with_uncertainty(1e3 * one.worn_area_mm2, 1e3 * one.worn_area_uncertainty_mm2)
+        for one in traces
+    ]
+    text = "worn area (1e-3 mm²): " + ", ".join(areas) if areas else "no clear scar"
+    style_axes(axes, z_label="height over the level (µm)", title=text)
+
+
+def _draw_coefficients(axes: Any, calibration: WearCalibration) -> None:
+    """Each distance's k with two standard uncertainties, and the band of all together."""
+    rows = calibration.by_distance
+    s = np.array([row.volume.distance_m for row in rows])
+    k = np.array([row.coefficient_mm2_per_n for row in rows]) / _UNIT
+    u = np.array([row.standard_uncertainty for row in rows]) / _UNIT
+    ends = np.array([0.0, 1.08 * s.max()])
+    value, spread = calibration.coefficient_mm2_per_n, calibration.standard_uncertainty
+    together = data_name("all distances")
+    draw_band(axes, ends, np.full(2, value / _UNIT), np.full(2, spread / _UNIT), label=together)
+    look: dict[str, Any] = {"fmt": "o", "color": LINE_COLOURS[1], "lw": LINE_PT, "capsize": 3}
+    axes.errorbar(s, k, yerr=BAND * u, label=data_name("each distance"), **look)
+    axes.set_xlim(*ends)
+    style_axes(
+        axes,
+        x_label="sliding distance (m)",
+        z_label="k (1e-9 mm²/N)",
+        title="V/(P s) at each distance, ± 2 u, and of all",
+    )
+
+
+def _colours(count: int) -> list[Any]:
+    return [LINE_COLOURS[k % len(LINE_COLOURS)] for k in range(count)]

@@ -1,0 +1,422 @@
+"""The set of a wear calibration, and its worn volumes by distance.
+
+The traces of a distance see one scar at several places of its width w: V = w mean(A_i). The
+variance v_i of each area by roughness and levelling is known from the shoulders with ν_0 degrees
+of freedom, and the traces' scatter about their means adds ν_1 = Σ (n_d - 1):
+
+    φ = (ν_0 + Σ (A_i - mean A)²/v_i) / (ν_0 + ν_1),    var V = φ w² mean(v_i)/n,
+
+the mean of the scaled inverse chi-squared distribution that both make together, with ν_0 + ν_1
+degrees of freedom. Source: Gelman et al. (2013), Bayesian Data Analysis, section 2.6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+from scipy.special import chdtrc
+
+from isochrome.calibration.settings import ImageSet
+from isochrome.scars import (
+    LevelledTrace,
+    UnclearScarError,
+    levelled,
+    read_trace,
+    student_factor_of,
+)
+from isochrome.scene import (
+    FileName,
+    NonNegative,
+    Positive,
+    ScenePart,
+    plain_value,
+    split_uncertainties,
+)
+
+Friction = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
+
+
+class ScarTrack(ScenePart):
+    """What all scars of a set share.
+
+    Parameters
+    ----------
+    width_mm : float
+        Width of the worn track along the cylinder's axis, across the traces, mm: the worn volume
+        is area times width.
+    scene : str, optional
+        A scene's file or name, whose simulated scars the measured ones are held against.
+    """
+
+    width_mm: Positive
+    scene: FileName | None = None
+
+
+class SlidTest(ScenePart):
+    """What a scar was worn by.
+
+    Parameters
+    ----------
+    distance_m : float
+        Distance slid, m.
+    normal_n : float
+        Normal load, N.
+    friction : float, optional
+        Mean friction coefficient until then, for laws that use it.
+    """
+
+    distance_m: Positive
+    normal_n: Positive
+    friction: Friction | None = None
+
+
+class WearTrace(SlidTest):
+    """One trace across a scar; the parameters of `SlidTest` besides.
+
+    Parameters
+    ----------
+    file : str
+        The trace's file, relative to the set's.
+    distance_m, normal_n : float
+        Distance slid, m, and load, N.
+    friction : float, optional
+        Mean friction coefficient.
+    """
+
+    file: FileName
+
+
+class WearVolume(SlidTest):
+    """A worn volume that was measured otherwise; the parameters of `SlidTest` besides.
+
+    Parameters
+    ----------
+    value_mm3 : float
+        The volume, mm³.
+    distance_m, normal_n : float
+        Distance slid, m, and load, N.
+    friction : float, optional
+        Mean friction coefficient.
+    """
+
+    value_mm3: NonNegative
+
+
+class WearUncertainty(ScenePart):
+    """Standard uncertainties that all traces and volumes share.
+
+    Parameters
+    ----------
+    height_percent, lateral_percent : float, optional
+        Those of the profilometer's scales, of its heights and along its traces, per cent.
+    load_percent, distance_percent : float, optional
+        Those of load and distance, per cent; or stated beside the values.
+    width_mm : float, optional
+        That of the width, mm; or stated beside it.
+    volume_mm3 : tuple of float, optional
+        Those of the volumes, mm³, in their order; each its own error. Stated beside the values.
+    """
+
+    height_percent: NonNegative | None = None
+    lateral_percent: NonNegative | None = None
+    load_percent: NonNegative | None = None
+    distance_percent: NonNegative | None = None
+    width_mm: NonNegative | None = None
+    volume_mm3: tuple[NonNegative, ...] | None = None
+
+
+class WearSet(ImageSet):
+    """A set of measured scars.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Folder of the set's file.
+    name : str, optional
+        The set's name in messages.
+    scar : ScarTrack, optional
+        What the scars share; traces need it.
+    trace : tuple of WearTrace, optional
+        Traces, by rising distance.
+    volume : tuple of WearVolume, optional
+        Volumes, by rising distance.
+    uncertainty : WearUncertainty, optional
+        Standard uncertainties of the inputs. A load, a distance, the width and a volume may be
+        { value = 44.0, standard_uncertainty = 0.2 } instead; all loads' are taken as common, all
+        distances' too, and a volume's as its own.
+    """
+
+    scar: ScarTrack | None = None
+    trace: tuple[WearTrace, ...] = ()
+    volume: tuple[WearVolume, ...] = ()
+    uncertainty: WearUncertainty = WearUncertainty()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_values(cls, data: Any) -> Any:
+        return _with_stated(cls, data) if isinstance(data, dict) else data
+
+    @model_validator(mode="after")
+    def _complete(self) -> WearSet:
+        if not (self.trace or self.volume):
+            raise ValueError("has neither a [[trace]] nor a [[volume]]; add what was measured")
+        if self.trace and self.scar is None:
+            raise ValueError(
+                "the key 'scar.width_mm' is missing, the width of the worn track along the "
+                "cylinder's axis, and traces need it; add it"
+            )
+        for kind, tests in (("trace", self.trace), ("volume", self.volume)):
+            for number, (one, other) in enumerate(pairwise(tests), start=2):
+                if other.distance_m < one.distance_m:
+                    raise ValueError(
+                        f"{kind}[{number}].distance_m = {other.distance_m:g} comes after "
+                        f"{one.distance_m:g}, and distances must not fall; check it, and sort the "
+                        f"[[{kind}]] by distance"
+                    )
+        if not any(volume.value_mm3 for volume in self.volume) and not self.trace:
+            raise ValueError("no [[volume]] is above 0; a coefficient needs one that is")
+        stated = self.uncertainty.volume_mm3
+        if stated is not None and len(stated) != len(self.volume):
+            raise ValueError(
+                f"{len(self.volume)} volumes and {len(stated)} uncertainties of them; state one "
+                "beside each or none"
+            )
+        if self.trace and self.volume and stated is None:
+            raise ValueError(
+                "a [[volume]] beside traces needs its uncertainty to be weighed against them; "
+                "write value_mm3 = { value = ..., standard_uncertainty = ... }"
+            )
+        files = [trace.file for trace in self.trace]
+        twice = next((f for f in files if files.count(f) > 1), None)
+        if twice is not None:
+            raise ValueError(f"trace file = {twice!r} stands twice; name each trace once")
+        return self
+
+
+_COMMON = {"normal_n": "load_percent", "distance_m": "distance_percent"}
+"""Keys of each test whose relative uncertainty is common to all."""
+
+
+def _with_stated(model: type[WearSet], data: dict[str, Any]) -> dict[str, Any]:
+    """A set's tables with plain values, and what stood beside them under [uncertainty]."""
+    plain, stated = split_uncertainties(model, data)
+    uncertainties: dict[str, Any] = {}
+    for key, spread in stated.items():
+        if key != "scar.width_mm":
+            raise ValueError(f"{key} has no standard_uncertainty here; give a plain value")
+        uncertainties["width_mm"] = spread
+    relative: dict[str, list[float]] = {}
+    for kind in ("trace", "volume"):
+        tests, spreads = _plain_tests(plain.get(kind), kind)
+        if tests is not None:
+            plain = plain | {kind: tests}
+        for name, values in spreads.items():
+            relative.setdefault(name, []).extend(values)
+    of_volumes = relative.pop("value_mm3", None)
+    if of_volumes:
+        uncertainties["volume_mm3"] = of_volumes
+    for name, values in relative.items():
+        uncertainties[_COMMON[name]] = 100.0 * float(np.sqrt(np.mean(np.square(values))))
+    if not uncertainties:
+        return plain
+    given = plain.get("uncertainty")
+    table = given if isinstance(given, dict) else {}
+    for key in uncertainties:
+        if key in table:
+            raise ValueError(f"uncertainty.{key} is stated beside its value too; remove one")
+    return plain | {"uncertainty": table | uncertainties}
+
+
+def _plain_tests(tests: Any, kind: str) -> tuple[Any, dict[str, list[float]]]:
+    """Tests with plain values, and the uncertainties beside them: relative, a volume's in mm³."""
+    if not isinstance(tests, list | tuple):
+        return tests, {}
+    plain: list[Any] = []
+    spreads: dict[str, list[float]] = {}
+    for number, test in enumerate(tests, start=1):
+        if isinstance(test, dict):
+            for name in (*_COMMON, "value_mm3"):
+                if isinstance(test.get(name), dict):
+                    value, spread = plain_value(f"{kind}[{number}].{name}", test[name])
+                    test = test | {name: value}
+                    if isinstance(value, int | float) and value > 0:
+                        size = 1.0 if name == "value_mm3" else value
+                        spreads.setdefault(name, []).append(spread / size)
+        plain.append(test)
+    return plain, spreads
+
+
+Array = NDArray[Any]
+
+MOST_FREEDOM = 30.0
+"""Degrees of freedom that a spectrum is believed with: its bands are a model."""
+
+UNLIKELY = 1e-3
+"""Chance of a scatter below which it is said."""
+
+
+@dataclass(frozen=True)
+class TraceScar:
+    """A trace of the set and what levelling gave, None where no scar stands out."""
+
+    test: WearTrace
+    levelled: LevelledTrace | None
+    why_not: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WornVolume:
+    """The worn volume at one distance and load; `own_uncertainty_mm3` is by its own errors alone.
+
+    `scars`, its traces, none of a volume that was given; `roughness_mm3` and `levelling_mm3`, parts
+    of the uncertainty by the shoulders alone.
+    """
+
+    distance_m: float
+    normal_n: float
+    friction: float | None
+    volume_mm3: float
+    own_uncertainty_mm3: float
+    scars: tuple[TraceScar, ...] = ()
+    roughness_mm3: float = 0.0
+    levelling_mm3: float = 0.0
+
+    @property
+    def work_n_mm(self) -> float:
+        """Load times distance P s, N mm."""
+        return self.normal_n * 1e3 * self.distance_m
+
+    @property
+    def place(self) -> str:
+        """Its distance in words."""
+        return f"{self.distance_m:g} m"
+
+
+@dataclass(frozen=True)
+class TraceScatter:
+    """The factor φ on the traces' variances, its degrees of freedom, and the scatter alone.
+
+    `chi_square` of `freedom`: of the traces about the mean of their distance.
+    """
+
+    factor: float
+    degrees_of_freedom: float
+    chi_square: float
+    freedom: int
+
+    @property
+    def is_unlikely(self) -> bool:
+        """Whether the traces scatter more than their roughness explains."""
+        return self.freedom > 0 and float(chdtrc(self.freedom, self.chi_square)) < UNLIKELY
+
+
+def trace_scars(settings: WearSet) -> tuple[TraceScar, ...]:
+    """Read and level the traces of a set. Raises InputError for one that cannot be."""
+    scars = []
+    for test in settings.trace:
+        trace = read_trace(settings.path(test.file))
+        try:
+            scars.append(TraceScar(test, levelled(trace)))
+        except UnclearScarError as error:
+            scars.append(TraceScar(test, None, str(error)))
+    return tuple(scars)
+
+
+def worn_volumes(
+    settings: WearSet, scars: Sequence[TraceScar]
+) -> tuple[tuple[WornVolume, ...], TraceScatter]:
+    """The volumes by distance, those of traces first, and how the traces scatter.
+
+    A distance of which one trace shows no clear scar is left out: to take the others alone would
+    take those that chance made deep.
+    """
+    groups = [group for group in _groups(scars) if all(scar.levelled for scar in group)]
+    scatter = _scatter(groups)
+    volumes = [_of_traces(settings, group, scatter) for group in groups]
+    spreads = settings.uncertainty.volume_mm3
+    for k, test in enumerate(settings.volume):
+        volumes.append(
+            WornVolume(
+                distance_m=test.distance_m,
+                normal_n=test.normal_n,
+                friction=test.friction,
+                volume_mm3=test.value_mm3,
+                own_uncertainty_mm3=spreads[k] if spreads is not None else np.nan,
+            )
+        )
+    return tuple(volumes), scatter
+
+
+def _key(test: SlidTest) -> tuple[float, float, float | None]:
+    return test.distance_m, test.normal_n, test.friction
+
+
+def _groups(scars: Sequence[TraceScar]) -> list[tuple[TraceScar, ...]]:
+    """Traces of one distance, load and friction, in the set's order."""
+    keys = dict.fromkeys(_key(scar.test) for scar in scars)
+    return [tuple(scar for scar in scars if _key(scar.test) == key) for key in keys]
+
+
+def _areas(group: Sequence[TraceScar]) -> tuple[Array, Array]:
+    """Areas (n,), mm², and their variances by the spectra, mm⁴.
+
+    How well those are known is in the factor φ here, and not in each.
+    """
+    scars = [scar.levelled for scar in group if scar.levelled is not None]
+    areas = np.array([scar.worn_area_mm2 for scar in scars])
+    return areas, np.array(
+        [scar.worn_area_uncertainty_mm2**2 / scar.student_factor for scar in scars]
+    )
+
+
+def _scatter(groups: Sequence[tuple[TraceScar, ...]]) -> TraceScatter:
+    """How far the traces scatter, joined with what their shoulders promise."""
+    square, freedom, weights, known = 0.0, 0, [], []
+    for group in groups:
+        areas, variances = _areas(group)
+        freedoms = [scar.levelled.degrees_of_freedom for scar in group if scar.levelled is not None]
+        known += freedoms
+        mean = float(variances.mean()) * student_factor_of(sum(freedoms))
+        square += float(np.sum((areas - areas.mean()) ** 2)) / mean
+        freedom += len(areas) - 1
+        # a distance's share of the coefficient goes with its load times distance
+        size = (group[0].test.distance_m * group[0].test.normal_n) ** 2
+        weights += [size / len(areas)] * len(areas)
+    if not groups:
+        return TraceScatter(1.0, np.inf, 0.0, 0)
+    share = np.array(weights) / np.sum(weights)
+    before = min(MOST_FREEDOM, float(1.0 / np.sum(share**2 / np.array(known))))
+    both = before + freedom
+    factor = (before + square) / both * student_factor_of(both)
+    return TraceScatter(factor, both, square, freedom)
+
+
+def _of_traces(
+    settings: WearSet, group: tuple[TraceScar, ...], scatter: TraceScatter
+) -> WornVolume:
+    assert settings.scar is not None
+    areas, variances = _areas(group)
+    width, count = settings.scar.width_mm, len(areas)
+    levels = np.array(
+        [s.levelled.levelling_uncertainty_mm2**2 / s.levelled.student_factor
+         for s in group if s.levelled is not None]
+    )  # fmt: skip
+    total = float(np.mean(variances)) / count
+    level = min(float(np.mean(levels)) / count, total)
+    first = group[0].test
+    return WornVolume(
+        distance_m=first.distance_m,
+        normal_n=first.normal_n,
+        friction=first.friction,
+        volume_mm3=width * float(areas.mean()),
+        own_uncertainty_mm3=width * float(np.sqrt(scatter.factor * total)),
+        scars=group,
+        roughness_mm3=width * float(np.sqrt(total - level)),
+        levelling_mm3=width * float(np.sqrt(level)),
+    )
