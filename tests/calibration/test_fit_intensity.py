@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation import evaluate, fit_intensity
+from isochrome.estimation import Bounds, evaluate, fit_intensity, prepare, solve_linear
 from isochrome.estimation.intensity import _Search, reduced_normal
-from isochrome.estimation.least_squares import Bounds
 from isochrome.estimation.light import polynomial_basis
 from isochrome.estimation.multistart import several_starts, stride_mask
-from isochrome.estimation.separable import prepare, solve_linear
 
 ROWS, COLS = 120, 160
 Y, X = np.mgrid[:ROWS, :COLS].astype(float)

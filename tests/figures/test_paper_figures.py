@@ -26,14 +26,22 @@ from isochrome.cli import main
 from isochrome.cli.figure_options import save_paper_figure
 from isochrome.demonstration import Demo
 from isochrome.errors import InputError
-from isochrome.figures import PaperPanels, PictureKind, Plot, budget_plot, frame_values_figure
-from isochrome.figures.curve_data import curve_columns, data_name
+from isochrome.figures import (
+    PaperPanels,
+    PictureKind,
+    Plot,
+    budget_plot,
+    data_name,
+    frame_values_figure,
+)
+from isochrome.figures.curve_data import curve_columns
 from isochrome.figures.layout import PAGE_MM
-from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.fringes import ColourTable
 from isochrome.output import FrameValues, write_excel_copies, write_tiff
+from isochrome.processing import PICTURE
 from isochrome.processing.pictures.figure import Shown as ShownFrame
 from isochrome.processing.pictures.figure import tracked_figure
-from isochrome.processing.result import FOUND_BY, PICTURE
+from isochrome.processing.result import FOUND_BY
 from scene_texts import SMALL_CAMERA, WORN_CONTACT
 from shipped_sets import some_of_a_shipped_set
 

@@ -12,8 +12,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from isochrome.calibration.colour.settings import ColourSet
-from isochrome.calibration.settings import CalibrationSet
+from isochrome.calibration import CalibrationSet, ColourSet
 from isochrome.runs.store import units_of
 from isochrome.scene import Scene
 

@@ -9,11 +9,10 @@ import tifffile
 from PIL import Image
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation.observation import prepare_frame
+from isochrome.estimation import prepare_frame
 from isochrome.frames import look_through, open_frames
 from isochrome.output import read_csv, write_tiff
-from isochrome.processing import process
-from isochrome.processing.placement import placed_disc
+from isochrome.processing import placed_disc, process
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate

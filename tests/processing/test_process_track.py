@@ -9,14 +9,14 @@ from tracked_films import FRICTION, LEFT, LOAD, TOP, contact, film, light_of, wr
 
 import isochrome.fitting.tracking.tracker
 from isochrome import open_run
-from isochrome.comparison.frame_folders import load_frame_set
+from isochrome.comparison import load_frame_set
 from isochrome.errors import InputError
 from isochrome.fitting import track
 from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import process
-from isochrome.runs.exporting import export
+from isochrome.runs import export
 from isochrome.scene import dump_scene
 from isochrome.simulation import scene_states
 from runs.counting import contents
