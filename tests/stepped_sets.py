@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.fringes.stepped.stepped_order import read_steps
+from isochrome.fringes import read_steps
 from isochrome.optics import expose, make_chain
 from isochrome.scene import parse_scene
 from isochrome.simulation import (

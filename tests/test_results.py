@@ -31,8 +31,8 @@ from isochrome.calibration import (
 from isochrome.campaigns import process_campaign
 from isochrome.cli import app
 from isochrome.errors import InputError
-from isochrome.fitting.tracking.api import track
-from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.fitting import track
+from isochrome.fringes import ColourTable
 from isochrome.output import (
     Result,
     over_items,

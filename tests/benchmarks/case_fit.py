@@ -63,8 +63,7 @@ def timed(work):
 @lru_cache(maxsize=1)
 def evaluation_s():
     """Processor time (s) of one evaluation of a sliding contact's light at every pixel."""
-    from isochrome.fitting.frame.renderer import SceneRenderer
-    from isochrome.fitting.frame.single_state import with_numerics
+    from isochrome.fitting import SceneRenderer, with_numerics
 
     frames = made_by("engine_frames")
     scene, _ = frames.random_contact(np.random.default_rng(SEED), "slide")
@@ -127,7 +126,7 @@ def _known(values):
 
 def cold_start(quick=False):
     """Held contacts in partial slip, with bulk stress, from a load up to four times off."""
-    from isochrome.fitting.frame.frame_fit import fit_frame
+    from isochrome.fitting import fit_frame
 
     frames = made_by("cold_frames")
     load, shear, pulls, seconds, wrong, silent = [], [], [], [], 0, 0
@@ -171,7 +170,7 @@ def _worn(law="archard", *, quick):
 
 
 def _fitted(truth, begun, shared, own, folder):
-    from isochrome.fitting.api import fit
+    from isochrome.fitting import fit
     from isochrome.output import write_tiff
     from isochrome.simulation import simulate
 
@@ -237,7 +236,7 @@ def tractions(quick=False):
 
 def block(quick=False):
     """A block of finite size by finite elements, fitted as a half-plane with a smooth stress."""
-    from isochrome.fitting.api import fit
+    from isochrome.fitting import fit
     from isochrome.simulation import make_picture, scene_states, state_difference
     from isochrome.stress import pixel_grid
 

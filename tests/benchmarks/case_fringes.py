@@ -94,8 +94,7 @@ def with_model(seen, noise):
 
 def one_frame(seen, noise, *, ends):
     """The reading without a model, with both no-load frames or with none."""
-    from isochrome.fringes.on_branch import widened
-    from isochrome.fringes.single_frame.free_order import read_free
+    from isochrome.fringes import read_free, widened
 
     shot = specimens().shoot(seen, noise=noise, seed=SEED)
     known = [specimens().known_point(seen)]
@@ -111,7 +110,7 @@ def one_frame(seen, noise, *, ends):
 
 def steps(seen, noise):
     """Six circular and four plane steps of the specimen."""
-    from isochrome.fringes.stepped.stepped_order import read_steps
+    from isochrome.fringes import read_steps
     from isochrome.optics import expose, make_chain
     from isochrome.simulation import picture_signal
 
@@ -149,8 +148,7 @@ def steps(seen, noise):
 
 def colour(seen, noise):
     """One frame in white light with its no-load frames, and the table of the forward model."""
-    from isochrome.fringes.colour.colour_order import read_colour
-    from isochrome.fringes.colour.colour_table import spectral_table
+    from isochrome.fringes import read_colour, spectral_table
     from isochrome.optics import camera_response, expose
     from isochrome.simulation import picture_signal
 

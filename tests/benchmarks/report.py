@@ -76,7 +76,7 @@ def figure(rows: list[Row]) -> Figure:
 
     A colour and a marker a method; below and to the left is better.
     """
-    from isochrome.figures.style import new_figure, style_axes
+    from isochrome.figures import new_figure, style_axes
 
     picture = new_figure(13.0, 5.2)
     panels = zip(picture.subplots(1, len(series.PANELS)), series.PANELS.items(), strict=True)
@@ -107,7 +107,7 @@ def _draw(axes: Axes, line: series.Series) -> None:
 
 
 def _name_below(axes: Axes, columns: int) -> None:
-    from isochrome.figures.style import TICK_PT
+    from isochrome.figures import TICK_PT
 
     axes.legend(
         loc="upper center",

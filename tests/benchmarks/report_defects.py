@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isochrome.figures.style import LINE_COLOURS
+from isochrome.figures import LINE_COLOURS
 
 from .report import lines_of, machine
 from .rows import DefectRow
@@ -91,7 +91,7 @@ def _rms(values: list[float]) -> float:
 
 def figure(rows: list[DefectRow]) -> Figure:
     """Share of the frames within so many standard uncertainties, a line for each kind."""
-    from isochrome.figures.style import new_figure, style_axes
+    from isochrome.figures import new_figure, style_axes
 
     picture = new_figure(8.0, 5.0)
     axes = picture.subplots()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isochrome.figures.style import LINE_COLOURS
+from isochrome.figures import LINE_COLOURS
 
 from .report import lines_of, machine
 from .rows import FitRow
@@ -64,7 +64,7 @@ def share(row: FitRow) -> float:
 
 def figure(rows: list[FitRow]) -> Figure:
     """Each error as a share of its bar, and what a fit of each case costs."""
-    from isochrome.figures.style import TICK_PT, new_figure, style_axes
+    from isochrome.figures import TICK_PT, new_figure, style_axes
 
     blue, orange = LINE_COLOURS[:2]
     picture = new_figure(11.0, 0.34 * len(rows) + 1.9)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isochrome.figures.style import LINE_COLOURS
+from isochrome.figures import LINE_COLOURS
 
 from .case_fringes import ALL, ARCSINE, BLIND, COLOUR, FREE, METHODS, MODEL, STEPS
 from .report import lines_of, machine
@@ -91,7 +91,7 @@ def figure(rows: list[FringeRow]) -> Figure:
 
     The largest point of a colour is a method over all specimens.
     """
-    from isochrome.figures.style import TICK_PT, new_figure, style_axes
+    from isochrome.figures import TICK_PT, new_figure, style_axes
 
     picture = new_figure(10.5, 5.0)
     together = over_all(rows)

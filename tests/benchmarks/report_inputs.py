@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isochrome.figures.style import LINE_COLOURS
+from isochrome.figures import LINE_COLOURS
 
 from .case_inputs import COVERED
 from .report import lines_of, machine
@@ -57,7 +57,7 @@ def figure(rows: list[InputRow]) -> Figure:
     """Share of the loads within so many standard uncertainties, beside a normal distribution's."""
     from scipy.stats import halfnorm
 
-    from isochrome.figures.style import new_figure, style_axes
+    from isochrome.figures import new_figure, style_axes
 
     picture = new_figure(8.0, 5.0)
     axes = picture.subplots()

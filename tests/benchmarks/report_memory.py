@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isochrome.figures.style import LINE_COLOURS
+from isochrome.figures import LINE_COLOURS
 
 from .report import lines_of, machine
 from .rows import MemoryRow
@@ -39,7 +39,7 @@ def _more(rows: list[MemoryRow]) -> list[float]:
 
 def figure(rows: list[MemoryRow]) -> Figure:
     """Peak memory, a bar for each run."""
-    from isochrome.figures.style import new_figure, style_axes
+    from isochrome.figures import new_figure, style_axes
 
     picture = new_figure(8.0, 0.45 * len(rows) + 1.4)
     axes = picture.subplots()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isochrome.figures.style import LINE_COLOURS
+from isochrome.figures import LINE_COLOURS
 
 from .report import lines_of, machine
 from .rows import ToleranceRow
@@ -54,7 +54,7 @@ def _worst(row: ToleranceRow) -> float:
 
 def figure(rows: list[ToleranceRow]) -> Figure:
     """Share of the courses within an error, a line for each tolerance."""
-    from isochrome.figures.style import new_figure, style_axes
+    from isochrome.figures import new_figure, style_axes
 
     picture = new_figure(8.0, 5.0)
     axes = picture.subplots()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isochrome.figures.style import LINE_COLOURS
+from isochrome.figures import LINE_COLOURS
 
 from .case_track import WHOLE, WORN, WORN_WHOLE
 from .report import lines_of, machine
@@ -96,7 +96,7 @@ def _beside_whole(rows: list[TrackRow]) -> list[str]:
 
 def figure(rows: list[TrackRow]) -> Figure:
     """Processor time of a frame by its parts, a bar for each film that one worker tracked."""
-    from isochrome.figures.style import new_figure, style_axes
+    from isochrome.figures import new_figure, style_axes
 
     alone = [
         row

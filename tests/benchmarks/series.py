@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from isochrome.figures.style import LINE_COLOURS
+from isochrome.figures import LINE_COLOURS
 
 from .case_peers import CONTACT_MECHANICS, TAMAAS
 from .case_stress import EDGES, KINDS, LAGS

@@ -15,8 +15,7 @@ import tifffile
 from isochrome.calibration import ColourSet, calibrate_colour, save_calibration
 from isochrome.calibration.colour import check_light
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fringes.colour.colour_table import read_table
-from isochrome.fringes.colour.own_colours import OwnLight
+from isochrome.fringes import OwnLight, read_table
 from isochrome.optics import camera_response, expose
 from isochrome.output import write_csv, write_tiff
 from isochrome.processing import process

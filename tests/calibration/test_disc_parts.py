@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from isochrome.calibration import Disc, as_shots
+from isochrome.calibration import Circle, Disc, as_shots
 from isochrome.calibration.disc.disc_field import ORDERS
 from isochrome.calibration.disc.disc_fit import fit_disc
 from isochrome.calibration.disc.disc_forms import fit_disc_images, through_origin
 from isochrome.calibration.disc.disc_joint import fit_joint, make_pictures
 from isochrome.calibration.disc.disc_joint_result import centre_orders
 from isochrome.calibration.disc.disc_residual import NONE
-from isochrome.calibration.disc.disc_rim import Circle
 from isochrome.calibration.disc.disc_starts import Scan, choose_centre_orders
 from isochrome.calibration.disc.order_slope import Rise, fit_rise, overlay
 from isochrome.errors import PhysicsError

@@ -7,8 +7,7 @@ import pytest
 
 from benchmarks.outside_camera import NONE
 from benchmarks.outside_specimens import Bench, disc_images
-from isochrome.calibration import as_shots, lay_series, read_load
-from isochrome.calibration.load_reading import LoadReading
+from isochrome.calibration import LoadReading, as_shots, lay_series, read_load
 from isochrome.errors import PhysicsError
 
 RISE = 4e-3

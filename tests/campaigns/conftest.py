@@ -55,7 +55,7 @@ def write_video(path, frames):
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Recordings without process.png, which takes most of the time of short ones."""
-    from isochrome.figures.style import new_figure
+    from isochrome.figures import new_figure
 
     empty = lambda *_, **__: new_figure(0.1, 0.1)  # noqa: E731
     monkeypatch.setattr("isochrome.processing.pictures.figure.process_figure", empty)

@@ -25,8 +25,7 @@ from isochrome.cli import main
 from isochrome.errors import InputError
 from isochrome.output import write_tiff
 from isochrome.processing import process
-from isochrome.runs import Stopped
-from isochrome.runs.work_folder import locked
+from isochrome.runs import Stopped, locked
 from runs.counting import contents
 from scene_texts import PAPER_PAIR, SMALL_CAMERA
 

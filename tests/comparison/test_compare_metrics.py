@@ -13,13 +13,8 @@ from isochrome.comparison import (
     skeleton_distance,
 )
 from isochrome.errors import InputError
-from isochrome.fringes.skeleton import Skeleton, order_contours, skeletons
-from isochrome.reference.hertz import (
-    contact_modulus,
-    hertz_half_width,
-    hertz_peak_pressure,
-    hertz_stress,
-)
+from isochrome.fringes import Skeleton, order_contours, skeletons
+from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure, hertz_stress
 
 PIXEL_MM = 4.0 / 659
 NOISE = 3.0 / 255.0

@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 import isochrome.contact.scar as scar_module
-from isochrome.contact import constant_course, make_surface, scar_history, scar_on_nodes
-from isochrome.contact.pressure import solve_pressure
+from isochrome.contact import (
+    constant_course,
+    make_surface,
+    scar_history,
+    scar_on_nodes,
+    solve_pressure,
+)
 from isochrome.contact.scar import make_mesh
 from isochrome.reference import hertz_half_width
 

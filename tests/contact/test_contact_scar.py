@@ -10,16 +10,18 @@ from scipy.integrate import quad
 
 from isochrome.contact import (
     OutputState,
+    Scar,
     SlidingHistory,
     constant_course,
     contact_states,
     make_site,
     make_surface,
+    scar_history,
+    scar_on_nodes,
     wear_course,
     wear_history,
 )
-from isochrome.contact.scar import Scar, make_mesh, scar_history, unresolved
-from isochrome.contact.wear import scar_on_nodes
+from isochrome.contact.scar import make_mesh, unresolved
 from isochrome.reference import coupled_contact, hertz_half_width, hertz_peak_pressure
 from isochrome.scene import load_scene
 

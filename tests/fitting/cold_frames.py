@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation.observation import FrameData, prepare_frame
-from isochrome.fitting.frame.frame_fit import FrameFit
+from isochrome.estimation import FrameData, prepare_frame
+from isochrome.fitting import FrameFit
 from isochrome.frames import Frame
 from isochrome.scene import Camera, Friction, Indenter, Load, Polariscope, Scene, Specimen, Wear
 from isochrome.simulation import render, scene_states

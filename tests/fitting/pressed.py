@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isochrome.estimation.observation import FrameData, prepare_frame
+from isochrome.estimation import FrameData, prepare_frame
 from isochrome.frames import Frame
 from isochrome.optics import expose
 from isochrome.reference import hertz_pressure, sliding_hertz_stress

@@ -8,9 +8,9 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize_scalar
 
 from isochrome.errors import PhysicsError
-from isochrome.estimation import fit_intensity
-from isochrome.estimation.observation import prepare_frame
-from isochrome.fitting.frame.frame_fit import cramer_rao_bound, fit_frame
+from isochrome.estimation import fit_intensity, prepare_frame
+from isochrome.fitting import fit_frame
+from isochrome.fitting.frame.frame_fit import cramer_rao_bound
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.joint.joint_fit import fit_jointly
 from isochrome.fitting.wear_laws import segments

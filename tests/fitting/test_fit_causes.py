@@ -13,11 +13,9 @@ import pytest
 
 from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
+from isochrome.fitting import cause_messages, fit_frame, fit_with_causes
 from isochrome.fitting.causes.cause import ABOVE, BLURRED, ROLL, SCALE, STIFF, WIDE
-from isochrome.fitting.causes.freeing import fit_with_causes
-from isochrome.fitting.causes.report import cause_messages
 from isochrome.fitting.causes.score import Asked, _undecided, is_impossible
-from isochrome.fitting.frame.frame_fit import fit_frame
 from isochrome.frames import Frame
 from isochrome.processing.result import cell_values
 from isochrome.reference import (

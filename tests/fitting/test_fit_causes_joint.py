@@ -13,9 +13,7 @@ import pytest
 from isochrome import fit, track
 from isochrome.benchmarks import load_benchmarks
 from isochrome.estimation import prepare_frame
-from isochrome.fitting.frame.frame_fit import placed
-from isochrome.fitting.tracking.apparatus import Apparatus
-from isochrome.fitting.tracking.tracker import Tracker
+from isochrome.fitting import Apparatus, Tracker, placed
 from isochrome.frames import Frame
 from isochrome.output import write_tiff
 from isochrome.scene import load_scene

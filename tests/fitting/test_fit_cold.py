@@ -6,7 +6,7 @@ import pytest
 from cold_frames import LOAD_BAR, RIGHT_CHI, Case, is_right, random_case
 
 from isochrome.errors import InputError
-from isochrome.fitting.frame.frame_fit import FrameFit, fit_frame, placed
+from isochrome.fitting import FrameFit, fit_frame, placed
 from isochrome.fitting.search.cold_start import search_frame
 
 

@@ -16,8 +16,9 @@ from engine_frames import (
 )
 from scipy.ndimage import gaussian_filter
 
-from isochrome.estimation.observation import prepare_frame
-from isochrome.fitting.frame.frame_fit import cramer_rao_bound, fit_frame
+from isochrome.estimation import prepare_frame
+from isochrome.fitting import fit_frame
+from isochrome.fitting.frame.frame_fit import cramer_rao_bound
 from isochrome.fitting.frame.frame_model import FrameModel
 from isochrome.fitting.frame.unknowns import fit_region
 from isochrome.simulation import (

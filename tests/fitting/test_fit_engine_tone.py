@@ -8,7 +8,7 @@ import pytest
 from engine_frames import HALF_SIZE, begun, captured, fitted, pulls, random_contact
 
 from isochrome.errors import InputError
-from isochrome.fitting.api import fit
+from isochrome.fitting import fit
 from isochrome.output import write_tiff
 
 LOAD_BAR = 5e-4

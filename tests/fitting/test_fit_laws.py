@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from isochrome.fitting.api import fit
+from isochrome.fitting import fit
 from isochrome.fitting.joint.frame_sequence import make_sequence
 from isochrome.fitting.wear_laws import (
     LawFit,

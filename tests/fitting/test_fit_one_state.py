@@ -6,8 +6,7 @@ import pytest
 
 from isochrome.contact import wear_course
 from isochrome.errors import InputError
-from isochrome.fitting.api import fit
-from isochrome.fitting.frame.single_state import frame_scene, scene_at
+from isochrome.fitting import fit, frame_scene, scene_at
 from isochrome.scene import load_scene
 
 RUNNING_IN = {"distance_m": [0.0, 100.0], "value": [4e-9, 2e-9]}

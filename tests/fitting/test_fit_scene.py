@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fitting.api import fit
-from isochrome.fitting.frame.renderer import SceneRenderer
-from isochrome.fitting.frame.single_state import frame_scene, scene_at, with_numerics
+from isochrome.fitting import SceneRenderer, fit, frame_scene, scene_at, with_numerics
 from isochrome.output import read_csv, write_tiff
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import (

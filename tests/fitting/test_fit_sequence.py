@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.estimation.observation import prepare_frame
-from isochrome.fitting.api import fit
-from isochrome.fitting.frame.single_state import frame_distance, state_scene, with_numerics
+from isochrome.estimation import prepare_frame
+from isochrome.fitting import fit, frame_distance, with_numerics
+from isochrome.fitting.frame.single_state import state_scene
 from isochrome.fitting.frame.unknowns import fit_region
 from isochrome.fitting.joint.frame_sequence import (
     SharedRun,

@@ -16,10 +16,8 @@ from test_fit_causes import FRICTION, LOAD, Defects, bench, frame
 from isochrome.cli import main
 from isochrome.errors import PhysicsError
 from isochrome.estimation import prepare_frame
-from isochrome.fitting.api import fit
+from isochrome.fitting import cause_messages, fit, fit_with_causes, opposite_shear
 from isochrome.fitting.causes import trials
-from isochrome.fitting.causes.freeing import fit_with_causes
-from isochrome.fitting.causes.report import cause_messages, opposite_shear
 from isochrome.fitting.causes.trials import _together
 from isochrome.frames import Frame, as_turned
 from isochrome.processing import check, process

@@ -7,14 +7,13 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError
-from isochrome.fitting.tracking.api import track
+from isochrome.fitting import track
 from isochrome.fitting.tracking.field_polynomial import make_field_box
 from isochrome.fitting.tracking.tracker import NO_FRINGES
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.scene import load_scene
-from isochrome.simulation import scene_states, state_difference
-from isochrome.simulation.model import make_picture, picture_signal
+from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
 
 LOAD, FRICTION, LEFT = "load.normal_n", "friction.coefficient", "camera.left_mm"

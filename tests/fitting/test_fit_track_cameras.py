@@ -8,7 +8,7 @@ import pytest
 from fitting.test_fit_track import FRICTION, LEFT, LOAD, SHAPE, contact, film, pulls, save
 from fitting.test_fit_track_worn import worn_film
 from isochrome.errors import InputError
-from isochrome.fitting.tracking.api import track
+from isochrome.fitting import track
 
 COUNT = 12
 

@@ -12,15 +12,13 @@ from scipy.ndimage import gaussian_filter
 from fitting.test_fit_track import FRICTION, LOAD, SHAPE, contact
 from fitting.test_fit_track_worn import WEAR, worn_film
 from isochrome.contact import contact_grid, make_site, wear_course
-from isochrome.estimation.observation import prepare_frame
-from isochrome.fitting.frame.frame_fit import placed
+from isochrome.estimation import prepare_frame
+from isochrome.fitting import Tracker, placed
 from isochrome.fitting.tracking.field_cache import thin_frame
 from isochrome.fitting.tracking.result import TrackRows
 from isochrome.fitting.tracking.scar_steps import Drive, Growth, WornScar, grow
-from isochrome.fitting.tracking.tracker import Tracker
 from isochrome.fitting.tracking.wear_state import elastic_area
-from isochrome.frames import Frame
-from isochrome.frames.noise import NoiseModel
+from isochrome.frames import Frame, NoiseModel
 from isochrome.optics import expose
 from isochrome.scene import load_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference

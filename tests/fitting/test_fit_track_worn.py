@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fitting.test_fit_track import FRICTION, LEFT, LOAD, contact, frame_of, pulls, save
-from isochrome.fitting.tracking.api import track
+from isochrome.fitting import track
 from isochrome.fitting.tracking.wear_state import TrackCourse
 from isochrome.scene import load_scene
 from isochrome.simulation import scene_states

@@ -9,7 +9,7 @@ from pressed import CONTACT, LOBE, ORDER_PER_MPA, THICKNESS, Patch, Pressed
 
 from imagej_heads import has_whole_head, heads_of
 from isochrome.errors import InputError, PhysicsError
-from isochrome.fitting.api import fit
+from isochrome.fitting import fit
 from isochrome.fitting.tractions.surface_fit import invert_tractions
 from isochrome.output import read_csv, write_tiff
 from isochrome.reference import sliding_hertz_stress

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isochrome.estimation.observation import prepare_frame
+from isochrome.estimation import prepare_frame
 from isochrome.frames import Frame, find_outliers, load_no_load, normalise, open_frames, to_linear
 from isochrome.output import write_tiff
 from isochrome.scene import load_scene, parse_scene

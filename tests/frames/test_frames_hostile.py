@@ -22,8 +22,8 @@ from skimage.draw import polygon2mask
 import isochrome.frames.containers as decoding
 from isochrome.errors import InputError
 from isochrome.frames import open_frames, open_scene_frames
-from isochrome.output import write_tiff
-from isochrome.output.roi import _filled, read_roi_mask
+from isochrome.output import read_roi_mask, write_tiff
+from isochrome.output.roi import _filled
 from isochrome.scene import parse_scene
 
 FFV1 = MOVING["FFV1 grey"].write

@@ -8,10 +8,10 @@ import pytest
 import tifffile
 from PIL import Image
 
+from isochrome.calibration import load_set
 from isochrome.calibration.loading import read_shots
-from isochrome.calibration.settings import load_set
 from isochrome.errors import InputError
-from isochrome.estimation.observation import prepare_frame
+from isochrome.estimation import prepare_frame
 from isochrome.frames import (
     load_mask,
     load_no_load,

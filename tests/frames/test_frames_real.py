@@ -1,15 +1,12 @@
 """Frames captured by others, where they lie beside the repository."""
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 
 from isochrome.frames import look_through, open_frames
 from isochrome.scene import parse_scene
+from real_frames import REAL, needs_real
 
-REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
-pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
+pytestmark = needs_real
 
 
 def test_ring_bitmaps_that_opencv_does_not_read_come_in_order_of_load():

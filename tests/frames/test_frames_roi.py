@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.fringes.skeleton import Skeleton
+from isochrome.fringes import Skeleton
 from isochrome.output import add_rois, roi_entries
 
 POLYLINE, SUB_PIXEL = 5, 128

@@ -14,7 +14,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from isochrome.errors import PhysicsError
 from isochrome.frames import Linear, estimate_noise, normalise, to_linear
-from isochrome.fringes.single_frame.background_modulation import fit_background_modulation
+from isochrome.fringes import fit_background_modulation
 from isochrome.optics import expose
 from isochrome.reference import hole_stress
 from isochrome.scene import Camera, Load, Polariscope, Scene, Specimen, load_scene

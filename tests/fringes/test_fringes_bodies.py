@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import label
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.fringes.single_frame.free_order import read_free
+from isochrome.fringes import read_free
 
 FIELDS = load_benchmarks("outside_fields")
 NOISE = 0.04

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from closed_forms import dark_field, disc, grey
 
-from isochrome.fringes.on_branch import SURE, read_order
-from isochrome.fringes.single_frame.free_order import read_free
+from isochrome.fringes import read_free, read_order
+from isochrome.fringes.on_branch import SURE
 
 SHAPE = (160, 200)
 ROWS, COLS = np.indices(SHAPE, dtype=float)

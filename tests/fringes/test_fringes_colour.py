@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.fringes.colour.colour_order import read_colour
-from isochrome.fringes.colour.colour_table import ColourTable, measured_table, spectral_table
+from isochrome.fringes import ColourTable, measured_table, read_colour, spectral_table
 from isochrome.optics import Response, camera_response, expose
 from isochrome.scene import Camera, Polariscope, parse_scene
 from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference

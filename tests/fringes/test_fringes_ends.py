@@ -10,12 +10,8 @@ from test_fringes_free import assert_sure_pixels_are_right
 from test_fringes_free import reading as read_as_it_is
 
 from isochrome.errors import InputError
-from isochrome.fringes.on_branch import OrderReading, widened
-from isochrome.fringes.single_frame.background_modulation import (
-    as_doubtful,
-    fit_background_modulation,
-    gamma_misfit,
-)
+from isochrome.fringes import OrderReading, fit_background_modulation, gamma_misfit, widened
+from isochrome.fringes.single_frame.background_modulation import as_doubtful
 from isochrome.fringes.single_frame.end_images import SmoothImages
 from isochrome.fringes.single_frame.end_problem import EndProblem
 from isochrome.fringes.single_frame.end_search import search_all

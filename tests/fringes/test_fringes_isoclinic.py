@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from closed_forms import disc, grey, point_load, step_light, valley
 
-from isochrome.fringes.stepped.stepped_order import ResidualStress, read_steps
+from isochrome.fringes import ResidualStress, read_steps
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
 from stepped_sets import CIRCULAR, TEN, as_steps

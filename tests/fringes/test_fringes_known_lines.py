@@ -13,8 +13,7 @@ from skimage.measure import find_contours
 
 from isochrome.benchmarks import load_benchmarks
 from isochrome.frames import Frame, to_linear
-from isochrome.fringes import KnownPlaces
-from isochrome.fringes.single_frame.free_order import read_free
+from isochrome.fringes import KnownPlaces, read_free
 from isochrome.processing.kinds.image_only import process_image_only
 from isochrome.processing.result import Capture
 from isochrome.scene import FreeBoundary, parse_scene

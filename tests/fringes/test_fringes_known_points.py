@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from isochrome.benchmarks import load_benchmarks
-from isochrome.fringes.single_frame.free_order import read_free
+from isochrome.fringes import read_free
 
 SHAPE = (160, 220)
 ROWS, COLS = np.indices(SHAPE)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.fringes.skeleton import Skeleton, number_lines, skeletons
+from isochrome.fringes import Skeleton, number_lines, skeletons
 
 
 def rings(rows=200, cols=240):

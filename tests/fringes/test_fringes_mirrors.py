@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isochrome.fringes.single_frame.free_order import read_free
+from isochrome.fringes import read_free
 from isochrome.fringes.single_frame.patch_labels import Labels
 from isochrome.fringes.single_frame.patches import Patches, fit_patches, gather_patches
 from isochrome.fringes.single_frame.sign_ambiguity import (

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from isochrome.fringes import read_free
 from isochrome.fringes.single_frame import free_order
-from isochrome.fringes.single_frame.free_order import read_free
 
 NOISE = 0.03
 SMALL = (200, 260)

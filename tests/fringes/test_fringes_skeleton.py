@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isochrome.errors import InputError
-from isochrome.fringes.skeleton import Skeleton, order_contours, skeleton_table, skeletons
+from isochrome.fringes import Skeleton, order_contours, skeleton_table, skeletons
 
 SHAPE = (247, 330)
 ROW, COL = np.indices(SHAPE, dtype=float)

@@ -7,18 +7,11 @@ from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter
 
 from isochrome.errors import InputError
+from isochrome.fringes import make_design, read_steps
 from isochrome.fringes.anchor import Balance, balance, unwrap
 from isochrome.fringes.stepped.integer_order import settle
-from isochrome.fringes.stepped.step_equations import (
-    COSINE,
-    CROSS,
-    SINE,
-    SINE_SINE,
-    make_design,
-    solve_steps,
-)
+from isochrome.fringes.stepped.step_equations import COSINE, CROSS, SINE, SINE_SINE, solve_steps
 from isochrome.fringes.stepped.step_light import fill_gaps
-from isochrome.fringes.stepped.stepped_order import read_steps
 from isochrome.optics import make_chain
 from isochrome.scene import Polariscope
 from isochrome.simulation import simulate

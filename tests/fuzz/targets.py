@@ -13,10 +13,10 @@ import numpy as np
 import tifffile
 from PIL import Image
 
-from isochrome.calibration.settings import load_set
+from isochrome.calibration import load_set
 from isochrome.errors import InputError
 from isochrome.frames import open_frames
-from isochrome.output.roi import load_roifile, read_roi_mask
+from isochrome.output import load_roifile, read_roi_mask
 from isochrome.scene import dump_scene, load_scene, parse_scene
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_images"

@@ -132,7 +132,7 @@ def name_that_is_a_broken_pattern(place: Path) -> list[str]:
 
 def meanwhile(do) -> None:
     """Do something once the first frame has been read."""
-    from isochrome.frames.reading import FrameReader
+    from isochrome.frames import FrameReader
 
     prepare = FrameReader._prepare
 

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isochrome.optics import fringe_order, make_chain, polariscope_signal
-from isochrome.optics.polariscope import Chain
+from isochrome.optics import Chain, fringe_order, make_chain, polariscope_signal
 from isochrome.reference import contact_modulus, hertz_half_width, hertz_peak_pressure
 from isochrome.scene import Polariscope, PolariscopeStep
 

@@ -1,7 +1,6 @@
 """`process` on rendered frames whose fringe order is known, and on real ones nearby."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,20 +8,18 @@ import tifffile
 from PIL import Image
 
 from isochrome.errors import InputError, PhysicsError
-from isochrome.estimation.observation import prepare_frame
+from isochrome.estimation import prepare_frame
 from isochrome.frames import look_through, open_frames
 from isochrome.output import read_csv, write_tiff
-from isochrome.processing import process
-from isochrome.processing.placement import placed_disc
+from isochrome.processing import placed_disc, process
 from isochrome.samples import samples_path
 from isochrome.scene import load_scene, parse_scene
 from isochrome.simulation import simulate
+from real_frames import REAL, needs_real
 from scene_texts import PAPER_CONTACT, SMALL_CAMERA
 
 CONTACT = samples_path() / "line-contact-wear"
 DISC = samples_path() / "disc"
-REAL = Path(__file__).resolve().parents[2].parent / "shared" / "real"
-needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
 
 SMALL = PAPER_CONTACT + "\n[friction]\ncoefficient = 0.25\n" + SMALL_CAMERA + "noise_grey = 2.0\n"
 STATIC = PAPER_CONTACT + SMALL_CAMERA + "noise_grey = 2.0\n"

@@ -21,10 +21,8 @@ from isochrome.processing import process
 from isochrome.processing.kinds import tracked
 from isochrome.processing.kinds.film_maps import FINEST_STEP, order_step
 from isochrome.processing.pictures import preview
-from isochrome.runs import Compact
-from isochrome.runs.exporting import export
-from isochrome.simulation import scene_states, state_difference
-from isochrome.simulation.model import make_picture
+from isochrome.runs import Compact, export
+from isochrome.simulation import make_picture, scene_states, state_difference
 from isochrome.stress import pixel_grid
 from processing.test_process_track import EVERY, SHAPE, save
 from reporting.pages import Page, data_of, decoded

@@ -9,7 +9,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import PhysicsError
-from isochrome.frames.opening import open_scene_frames
+from isochrome.frames import open_scene_frames
 from isochrome.processing import process
 from isochrome.processing.chunk import gather
 from isochrome.processing.frame_task import FrameTask

@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +11,7 @@ from benchmarks.outside_specimens import Bench, disc_images
 from isochrome import InputError, PhysicsError, check, load_scene, process
 from isochrome.processing import process_frame
 from isochrome.scene import frames_of
-
-REAL = Path(__file__).parents[3] / "shared" / "real" / "disc-seven-loads"
+from real_frames import REAL, needs_real
 
 LOADS = (520.0, 660.0, 800.0, 920.0, 1050.0, 1150.0, 1220.0)
 SCENE = {
@@ -100,11 +98,11 @@ def test_for_discs_in_light_of_one_wavelength(other):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not beside the repository")
+@needs_real
 def test_the_real_disc_by_its_own_loads(tmp_path):
     """Six loads are within their ±; the largest is not what the six others tell, and is named."""
     loads = (523.0, 663.0, 807.0, 922.0, 1045.0, 1152.0, 1221.0)
-    for file in REAL.glob("*.jpg"):
+    for file in (REAL / "disc-seven-loads").glob("*.jpg"):
         shutil.copy(file, tmp_path)
     box = {"top_px": 600, "left_px": 550, "height_px": 980, "width_px": 980}
     own = {"known_loads_n": loads, "channel": "green", "gamma": 2.2, "roi": box}

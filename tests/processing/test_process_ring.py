@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,15 +12,16 @@ from scipy.optimize import least_squares
 from isochrome.calibration import calibrate_colour, save_calibration
 from isochrome.processing import process
 from isochrome.reference import ring_stress
+from real_frames import REAL, needs_real
 
-RING = Path(__file__).resolve().parents[2].parent / "shared" / "real" / "ring-five-loads"
+RING = REAL / "ring-five-loads"
 LOADS_KN = (0.981, 1.962, 2.943, 3.924)
 MIDDLE_ROW, HOLE_LEFT, HOLE_RIGHT = 112, 54.8, 168.4
 """Row of the hole's middle, and its edges there, by how much of a pixel is dark (columns)."""
 
 pytestmark = [
     pytest.mark.long,
-    pytest.mark.skipif(not RING.is_dir(), reason="no captured frames here"),
+    needs_real,
 ]
 
 

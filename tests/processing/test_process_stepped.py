@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from isochrome.comparison.api import compare
+from isochrome.comparison import compare
 from isochrome.errors import InputError
 from isochrome.output import read_csv, write_tiff
 from isochrome.processing import process

@@ -16,7 +16,7 @@ from isochrome.fitting.tracking.tracker import AGAIN, FAR, NO_FRINGES
 from isochrome.optics import expose
 from isochrome.output import read_csv
 from isochrome.processing import process
-from isochrome.runs.exporting import export
+from isochrome.runs import export
 from isochrome.scene import dump_scene
 from isochrome.simulation import scene_states
 from runs.counting import contents

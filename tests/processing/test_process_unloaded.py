@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from unloaded_films import FILMS, SMALL, WHOLE, LoadedFilm, judged
 
 from isochrome.errors import InputError, PhysicsError
 from isochrome.processing import process
+from real_frames import REAL, needs_real
 from runs.killing import killed_and_begun_again, needs_sigkill, start
 
 GAP, AFTER = 3.0, 12
@@ -120,10 +120,7 @@ def test_a_film_that_is_run_backwards_has_the_same_orders():
     assert np.isfinite(differ[5:]).mean() > 0.7
 
 
-REAL = Path(__file__).parents[3] / "shared" / "real"
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="the real frames are not here")
+@needs_real
 @pytest.mark.parametrize("files", ["disc-seven-loads/*.jpg", "ring-five-loads/*.bmp"])
 def test_real_frames_of_far_loads_are_refused(files, tmp_path):
     scene = SCENE if "ring" in files else SCENE + ROI

@@ -8,7 +8,7 @@ import tifffile
 from tracked_films import LOAD, contact, film
 
 from isochrome.errors import PhysicsError
-from isochrome.fitting.tracking.api import track
+from isochrome.fitting import track
 from isochrome.processing import process
 from isochrome.scene import dump_scene, parse_scene
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from isochrome.optics import expose
 from isochrome.scene import load_scene
-from isochrome.simulation import scene_states, state_difference
-from isochrome.simulation.model import make_picture, picture_signal
+from isochrome.simulation import make_picture, picture_signal, scene_states, state_difference
 from isochrome.stress import pixel_grid
 
 LOAD, FRICTION = "load.normal_n", "friction.coefficient"

@@ -17,10 +17,9 @@ from PIL import Image
 
 import isochrome
 from calibration.target_pictures import Shown, dots
-from isochrome.calibration import ColourCalibration, save_calibration
-from isochrome.calibration.settings import load_set
+from isochrome.calibration import ColourCalibration, load_set, save_calibration
 from isochrome.errors import InputError
-from isochrome.fringes.colour.colour_table import ColourTable
+from isochrome.fringes import ColourTable
 from isochrome.output import write_tiff
 from isochrome.reporting import paper_rows
 from isochrome.scene import parse_scene

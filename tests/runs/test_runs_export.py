@@ -11,17 +11,19 @@ import xarray
 
 from isochrome.errors import InputError
 from isochrome.output import read_csv, read_pixel_mm
-from isochrome.runs import open_run, seal
-from isochrome.runs.exporting import export
-from isochrome.runs.job import Layer, RunLayout
-from isochrome.runs.store import (
+from isochrome.runs import (
     Column,
+    Layer,
+    RunLayout,
     add_columns,
     column,
     column_values,
-    create_store,
+    export,
     identifier,
+    open_run,
+    seal,
 )
+from isochrome.runs.store import create_store
 from runs.counting import COLS, ROWS, truth
 
 NAMES = ["erstes Bild ü", "second", "", "fourth"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isochrome.runs.workers import trim_heap
+from isochrome.runs import trim_heap
 
 BLOCK = 1 << 16
 GNU = sys.platform == "linux" and hasattr(ctypes.CDLL(None), "malloc_trim")

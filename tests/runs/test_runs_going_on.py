@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.runs import RunOptions, Stopped, chunk_size, open_run, run_job
-from isochrome.runs.workers import WorkersLost, in_flight
+from isochrome.runs import (
+    RunOptions,
+    Stopped,
+    WorkersLost,
+    chunk_size,
+    in_flight,
+    open_run,
+    run_job,
+)
 from runs.counting import IDENTITY, Count, calls, contents, finish, job
 
 

@@ -7,9 +7,17 @@ from pathlib import Path
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.runs import Job, Results, RunLayout, RunOptions, Stopped, run_job
-from isochrome.runs.chunks import rows
-from isochrome.runs.store import add_columns, column
+from isochrome.runs import (
+    Job,
+    Results,
+    RunLayout,
+    RunOptions,
+    Stopped,
+    add_columns,
+    column,
+    rows,
+    run_job,
+)
 from runs.counting import IDENTITY, contents
 
 

@@ -6,8 +6,7 @@ import os
 import pytest
 
 from isochrome.errors import InputError
-from isochrome.runs import RunOptions, run_job
-from isochrome.runs.workers import WorkersLost, waiting_workers
+from isochrome.runs import RunOptions, WorkersLost, run_job, waiting_workers
 from runs.counting import Count, calls, contents, finish, job, truth
 
 

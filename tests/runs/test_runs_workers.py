@@ -15,8 +15,7 @@ import pytest
 import tifffile
 
 from isochrome.errors import InputError
-from isochrome.runs import RunOptions, run_job
-from isochrome.runs.workers import WorkersLost, single_threaded
+from isochrome.runs import RunOptions, WorkersLost, run_job, single_threaded
 from runs.counting import Count, calls, computed_again, contents, finish, job, truth
 from runs.killing import (
     NO_END_S,

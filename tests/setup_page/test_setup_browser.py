@@ -9,7 +9,6 @@ import shutil
 import time
 import tomllib
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ import isochrome
 from browsers import open_chromium, skip_without_browser
 from isochrome.samples import samples_path
 from isochrome.setup_page import apply_tool, open_session
+from real_frames import REAL, needs_real
 
 from .conftest import GIVEN, served
 
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.browser
 
 skip_without_browser()
 
-REAL = Path(__file__).parents[3] / "shared" / "real" / "disc-seven-loads"
+REAL_DISC = REAL / "disc-seven-loads"
 MOST_ACTIONS = 12
 
 
@@ -228,7 +228,7 @@ def test_a_search_without_what_it_needs_says_the_fields_names(chromium, fresh):
         assert all("422" in line for line in own.said)
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason=f"no real disc at {REAL}")
+@needs_real
 def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
     """Its residual stress is no model's: page and check say so beforehand, and there is no load.
 
@@ -236,7 +236,7 @@ def test_from_the_real_disc_to_a_scene_that_refuses_to_lie(chromium, tmp_path):
     0.79 of the light's own scatter, and 0.785 to 0.801 at 0.2 to 1.6 times that load: this frame
     does not tell it. Diameter, thickness and light are not stated by those who took the frames.
     """
-    shutil.copy(REAL / "DSC_0010.jpg", tmp_path)
+    shutil.copy(REAL_DISC / "DSC_0010.jpg", tmp_path)
     with tab(chromium, open_session(tmp_path / "DSC_0010.jpg")) as own:
         save_real_disc(own)
         assert own.actions <= MOST_ACTIONS
@@ -286,10 +286,10 @@ def draw_region(own, first, last):
     own.settle()
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason=f"no real disc at {REAL}")
+@needs_real
 def test_from_the_real_discs_known_loads_to_the_one_that_nobody_stated(chromium, tmp_path):
     """Its residual stress is no model's, but it is the same in all seven frames of the series."""
-    for file in REAL.glob("*.jpg"):
+    for file in REAL_DISC.glob("*.jpg"):
         shutil.copy(file, tmp_path)
     with tab(chromium, open_session(tmp_path)) as own:
         loads = "523 663 0 922 1045 1152 1221"

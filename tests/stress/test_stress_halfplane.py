@@ -24,13 +24,13 @@ from isochrome.simulation import scene_states, state_difference
 from isochrome.stress import (
     PixelGrid,
     StressComponents,
+    cauchy_of_hat,
     make_field_grid,
     pixel_grid,
     principal_direction,
     stress_components,
     stress_difference,
 )
-from isochrome.stress.half_plane import cauchy_of_hat
 
 PAIR = (2100.0, 0.4, 210000.0, 0.3)
 MODULUS = contact_modulus(*PAIR)

@@ -9,6 +9,7 @@ import pytest
 
 from isochrome.benchmarks import load_benchmarks
 from isochrome.stress import (
+    Lens,
     PixelGrid,
     make_field_grid,
     pixel_grid,
@@ -16,7 +17,6 @@ from isochrome.stress import (
     stress_components,
     stress_difference,
 )
-from isochrome.stress.lens import Lens
 
 OUTSIDE = load_benchmarks("outside_camera")
 Defects, seen_places = OUTSIDE.Defects, OUTSIDE.seen_places

@@ -5,8 +5,7 @@ import pytest
 
 from isochrome.scene import load_scene
 from isochrome.simulation import simulate
-from isochrome.stress.field import StressComponents
-from isochrome.stress.half_plane import RegularStress, regular_modes, uniform_stress
+from isochrome.stress import RegularStress, StressComponents, regular_modes, uniform_stress
 
 MODES = regular_modes(6)
 H = 1e-4

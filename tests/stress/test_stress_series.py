@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isochrome.stress.half_plane_series import make_series_grid, series_difference
+from isochrome.stress import make_series_grid, series_difference
 
 PIXEL, SPACING, NODES = 0.006, 0.002, 301
 LEFT = -0.3

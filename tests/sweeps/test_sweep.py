@@ -6,7 +6,7 @@ import pytest
 from isochrome import open_run
 from isochrome.errors import InputError, PhysicsError
 from isochrome.output import read_csv
-from isochrome.runs.exporting import export
+from isochrome.runs import export
 from isochrome.scene import dump_scene, parse_scene
 from isochrome.simulation import simulate
 from isochrome.sweeps import sweep
