@@ -369,11 +369,6 @@ def _values(calibration: Calibration) -> list[str]:
     return parts
 
 
-def _digits(spread: float) -> int:
-    """Decimals that show two digits of an uncertainty."""
-    return max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
-
-
 def _spread(images: list[ImageFit]) -> list[ImageFit]:
     ranked = sorted(images, key=lambda i: i.load_n)
     count = len(ranked)
@@ -414,7 +409,10 @@ def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, str, dict[str, Any
 
 
 def _order_text(item: ImageFit) -> str:
-    return f"{item.order:.{min(5, _digits(item.standard_uncertainty))}f}"
+    """The order to two digits of its uncertainty."""
+    spread = item.standard_uncertainty
+    digits = max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
+    return f"{item.order:.{min(5, digits)}f}"
 
 
 def _cut(cut: Axes, item: ImageFit, where: Cut) -> None:

@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import chdtrc, logsumexp
 
-from isochrome.calibration.wear_set import TraceScar, WornVolume
+from isochrome.calibration.wear_set import UNLIKELY, TraceScar, WornVolume
 from isochrome.contact import wear_rate
 from isochrome.estimation import BudgetInput
 from isochrome.figures import (
@@ -97,19 +97,19 @@ class WearLawFit:
     first_over_last: float | None = None
     running_in_distance_m: float | None = None
 
+    @property
+    def is_unlikely(self) -> bool:
+        """Whether the volumes leave the law by more than chance."""
+        return self.freedom > 0 and float(chdtrc(self.freedom, self.chi_square)) < UNLIKELY
+
     def to_json(self) -> dict[str, Any]:
         """Its numbers by name."""
-        fields: dict[str, Any] = {
-            "law": self.law,
-            "coefficient_mm2_per_n": self.coefficient_mm2_per_n,
-            "own_uncertainty_mm2_per_n": self.own_uncertainty,
-            "chi_square": self.chi_square,
-            "freedom": self.freedom,
-            "log_evidence": self.log_evidence,
+        fields = {
+            {"own_uncertainty": "own_uncertainty_mm2_per_n"}.get(k, k): v
+            for k, v in vars(self).items()
         }
-        if self.law == "running_in":
-            fields["first_over_last"] = self.first_over_last
-            fields["running_in_distance_m"] = self.running_in_distance_m
+        if self.law != "running_in":
+            del fields["first_over_last"], fields["running_in_distance_m"]
         return fields
 
 
