@@ -16,6 +16,7 @@ from isochrome.calibration.wear_result import (
     WearCalibration,
     WearLawFit,
     WornDistance,
+    archard_of,
     fit_laws,
 )
 from isochrome.calibration.wear_set import (
@@ -121,7 +122,7 @@ def _width(volume: WornVolume) -> tuple[float, float] | None:
 
 
 def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str) -> Iterator[str]:
-    archard = next(fit for fit in laws if fit.law == "archard")
+    archard = archard_of(laws)
     if law != "archard":
         best = laws[0]
         more = ""
@@ -199,7 +200,7 @@ def _of_scene(
             f"scar.width_mm = {settings.scar.width_mm:g} and the scene's specimen.thickness_mm = "
             f"{thickness:g}, which is the width that wears; correct one of them"
         )
-    archard = next(fit for fit in laws if fit.law == "archard")
+    archard = archard_of(laws)
     for volume in sorted(volumes, key=lambda v: v.distance_m):
         measured = _width(volume)
         if measured is None:
@@ -289,7 +290,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
         )
     spread = _own_spread(volumes)
     laws = fit_laws(volumes, spread)
-    archard = next(fit for fit in laws if fit.law == "archard")
+    archard = archard_of(laws)
     k = archard.coefficient_mm2_per_n
     if not _PLAUSIBLE[0] <= k <= _PLAUSIBLE[1]:
         raise InputError(

@@ -113,6 +113,11 @@ class WearLawFit:
         return fields
 
 
+def archard_of(laws: Sequence[WearLawFit]) -> WearLawFit:
+    """The fit of Archard's law, which is always among them."""
+    return next(fit for fit in laws if fit.law == "archard")
+
+
 def work_of(volume: WornVolume, law: str) -> float:
     """What a volume is k times of, x of a law of one parameter, N mm."""
     wear = Wear(coefficient_mm2_per_n=1.0, law=law, distances_m=(volume.distance_m,))
@@ -358,7 +363,7 @@ class WearCalibration(Result):
         chosen = next((fit for fit in self.laws if fit.law == law), None)
         if chosen is None:
             return None
-        archard = next(fit for fit in self.laws if fit.law == "archard")
+        archard = archard_of(self.laws)
         noise = archard.own_uncertainty
         common = max(self.standard_uncertainty**2 - noise**2, 0.0) / self.coefficient_mm2_per_n**2
         value = chosen.coefficient_mm2_per_n
