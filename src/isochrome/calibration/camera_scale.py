@@ -480,7 +480,13 @@ def calibrate_scale(
     """
     given = frames_of(images)
     paths = given if isinstance(given, tuple) else (given,)
-    _check_one_way(target, edges_mm)
+    if target is not None and edges_mm is not None:
+        raise InputError("target and edges_mm are both given; a scale is from one of them")
+    if target is None and edges_mm is None:
+        raise InputError(
+            "neither target nor edges_mm is given; name --target chessboard or dots with "
+            "--columns, --rows and --spacing-mm, or --edges-mm"
+        )
     _check_uncertainty("spacing_uncertainty_mm", spacing_uncertainty_mm, spacing_mm, "spacing_mm")
     _check_uncertainty("edges_uncertainty_mm", edges_uncertainty_mm, edges_mm, "edges_mm")
     if target is None:
@@ -496,16 +502,6 @@ def calibrate_scale(
     places = [target_places(image, target, *size, name=name) for name, image in pictures]
     fit = fit_target(places, pictures[0][1].shape[:2])
     return _from_target(pictures, places, fit, target, (spacing, spacing_uncertainty_mm))
-
-
-def _check_one_way(target: str | None, edges_mm: float | None) -> None:
-    if target is not None and edges_mm is not None:
-        raise InputError("target and edges_mm are both given; a scale is from one of them")
-    if target is None and edges_mm is None:
-        raise InputError(
-            "neither target nor edges_mm is given; name --target chessboard or dots with "
-            "--columns, --rows and --spacing-mm, or --edges-mm"
-        )
 
 
 def _check_uncertainty(key: str, value: float | None, of: float | None, what: str) -> None:

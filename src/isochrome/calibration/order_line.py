@@ -59,7 +59,7 @@ def fit_line(loads_n: ArrayLike, orders: ArrayLike, uncertainties: ArrayLike) ->
         each = tuple(weight * spread**2)
         return OrderLine(slope=slope, slope_uncertainty=spread, slope_noise=spread, weights=each)
     scatter = _scatter(p, n, v)
-    wide = _with_scatter(v, scatter)
+    wide = v + scatter**2 * np.eye(len(v))
     values, covariance, weights = _solve(p, n, wide)
     noise = float(np.sqrt(_solve(p, n, v)[1][0, 0]))
     slope_u, intercept_u = np.sqrt(np.diag(covariance))
@@ -82,10 +82,6 @@ def check_order(loads_n: ArrayLike, orders: ArrayLike, names: tuple[str, ...]) -
                 f"{n[low]:.3f} of {names[low]} at {p[low]:g} N: orders must rise with the load; "
                 "check whether loads are swapped between files"
             )
-
-
-def _with_scatter(v: Array, scatter: float) -> Array:
-    return v + scatter**2 * np.eye(len(v))
 
 
 def _solve(p: Array, n: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -115,7 +111,7 @@ def _scatter(p: Array, n: Array, v: Array) -> float:
     low, high = 0.0, 10.0 * float(np.ptp(n)) + 1.0
     for _ in range(80):
         middle = 0.5 * (low + high)
-        above = _chi_square(p, n, _with_scatter(v, middle)) > dof
+        above = _chi_square(p, n, v + middle**2 * np.eye(len(v))) > dof
         low, high = (middle, high) if above else (low, middle)
     return 0.5 * (low + high)
 

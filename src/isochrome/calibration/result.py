@@ -279,10 +279,7 @@ class Calibration(Result):
         usual = _spread([i for i in images if i.view is not None])[::-1][:_FOR_PAPER][::-1]
         default = [images.index(item) for item in usual]
         shown = [images[k] for k in chosen_frames(frames, len(images), default, items="images")]
-        views = [item.view for item in shown if item.view is not None]
-        if len(views) < len(shown):
-            missing = next(item for item in shown if item.view is None)
-            raise InputError(f"{missing.file}: was left out of the calibration, and is not drawn")
+        views = [_view_of(item) for item in shown]
         limit, where = _residual_limit(views), CUTS[self.specimen]
 
         def draw(axes: Axes, k: int, column: int) -> AxesImage:
@@ -369,15 +366,17 @@ def _values(calibration: Calibration) -> list[str]:
     return parts
 
 
-def _digits(spread: float) -> int:
-    """Decimals that show two digits of an uncertainty."""
-    return max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
-
-
 def _spread(images: list[ImageFit]) -> list[ImageFit]:
     ranked = sorted(images, key=lambda i: i.load_n)
     count = len(ranked)
     return [ranked[round(k)] for k in np.linspace(0, count - 1, min(count, MOST_ROWS))]
+
+
+def _view_of(item: ImageFit) -> View:
+    """What is drawn of an image; InputError for one that was left out."""
+    if item.view is None:
+        raise InputError(f"{item.file}: was left out of the calibration, and is not drawn")
+    return item.view
 
 
 def _residual_limit(views: list[View]) -> float:
@@ -386,9 +385,8 @@ def _residual_limit(views: list[View]) -> float:
 
 
 def _image_row(axes: list[Any], item: ImageFit, where: Cut, limit: float) -> None:
-    assert item.view is not None
     for axis, (image, title, options) in zip(axes, _maps(item, limit), strict=False):
-        small, pixel = _square(image, item.view.pixel_mm)
+        small, pixel = _square(image, _view_of(item).pixel_mm)
         label = "noise sigmas" if "residual" in title else ""
         show_image(axis, small, pixel_mm=pixel, title=title, colour_label=label, **options)
     _cut(axes[3], item, where)
@@ -398,8 +396,7 @@ def _image_row(axes: list[Any], item: ImageFit, where: Cut, limit: float) -> Non
 
 def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, str, dict[str, Any]], ...]:
     """What is drawn of an image: each map with its title and colours."""
-    view = item.view
-    assert view is not None
+    view = _view_of(item)
     low, high = (float(v) for v in np.nanpercentile(view.image, [0.5, 99.8]))
     grey: dict[str, Any] = {"cmap": FRAME_MAP, "vmin": low, "vmax": high}
     return (
@@ -414,13 +411,15 @@ def _maps(item: ImageFit, limit: float) -> tuple[tuple[Array, str, dict[str, Any
 
 
 def _order_text(item: ImageFit) -> str:
-    return f"{item.order:.{min(5, _digits(item.standard_uncertainty))}f}"
+    """The order to two digits of its uncertainty."""
+    spread = item.standard_uncertainty
+    digits = max(0, 1 - int(np.floor(np.log10(spread)))) if spread > 0 else 4
+    return f"{item.order:.{min(5, digits)}f}"
 
 
 def _cut(cut: Axes, item: ImageFit, where: Cut) -> None:
     """Intensity and order along the cut."""
-    view = item.view
-    assert view is not None
+    view = _view_of(item)
     place, light, model, orders = (
         view.along_cut(v) for v in (view.position_mm, view.image, view.model, view.order)
     )

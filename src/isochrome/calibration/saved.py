@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from os.path import isfile
 from pathlib import Path
@@ -296,24 +296,17 @@ def _of_camera(record: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """What was found, each value with its unit and ±, and how well after the first."""
-    first, *others = _own_values(content)
-    yield first
-    meaning = next((text for key, text in _ABOUT_CHI.items() if key in content), "")
+    kinds = {
+        "fringe_value_n_per_mm": _of_fringe_value,
+        "coefficient_mm2_per_n": _of_wear,
+        "pixel_mm": _of_scale,
+    }
+    key = next((key for key in kinds if key in content), "")
+    values = kinds.get(key, _of_colours)(content)
+    yield next(values)
     if content.get("chi") is not None:
-        yield "chi", f"{content['chi']:.2f} ({meaning})"
-    yield from others
-
-
-def _own_values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """The same without chi."""
-    if "fringe_value_n_per_mm" in content:
-        yield from _of_fringe_value(content)
-    elif "coefficient_mm2_per_n" in content:
-        yield from _of_wear(content)
-    elif "pixel_mm" in content:
-        yield from _of_scale(content)
-    else:
-        yield from _of_colours(content)
+        yield "chi", f"{content['chi']:.2f} ({_ABOUT_CHI.get(key, '')})"
+    yield from values
 
 
 def _of_fringe_value(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -392,14 +385,10 @@ def _cell(value: Any) -> Any:
     if isinstance(value, Mapping):
         if set(value) == {"value", "standard_uncertainty"}:
             return with_uncertainty(value["value"], value["standard_uncertainty"])
-        return _joined(f"{name} {_cell(item)}" for name, item in value.items())
+        return ", ".join(f"{name} {_cell(item)}" for name, item in value.items())
     if isinstance(value, list):
-        return _joined(str(_cell(item)) for item in value)
+        return ", ".join(str(_cell(item)) for item in value)
     return value
-
-
-def _joined(parts: Iterable[str]) -> str:
-    return ", ".join(parts)
 
 
 def _cause(cause: Mapping[str, Any]) -> str:

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, stdtrit
+from scipy.special import stdtrit
 
 from isochrome.calibration.wear_result import (
     SURE,
     WearCalibration,
     WearLawFit,
     WornDistance,
+    archard_of,
     fit_laws,
 )
 from isochrome.calibration.wear_set import (
-    UNLIKELY,
     TraceScar,
     TraceScatter,
     WearSet,
@@ -29,7 +29,7 @@ from isochrome.calibration.wear_set import (
 )
 from isochrome.contact import contact_states
 from isochrome.errors import InputError, IsochromeError, PhysicsError
-from isochrome.estimation import BudgetInput, variance_shares
+from isochrome.estimation import BudgetRow, budget_items
 from isochrome.scars import student_factor_of
 from isochrome.scene import check_reach, load_scene, scene_names
 
@@ -122,7 +122,7 @@ def _width(volume: WornVolume) -> tuple[float, float] | None:
 
 
 def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str) -> Iterator[str]:
-    archard = next(fit for fit in laws if fit.law == "archard")
+    archard = archard_of(laws)
     if law != "archard":
         best = laws[0]
         more = ""
@@ -136,7 +136,7 @@ def _of_laws(volumes: Sequence[WornVolume], laws: Sequence[WearLawFit], law: str
             f"({SURE:g} is clear): k = V/(P s) changes with the distance, and one value for all "
             "is a mean"
         )
-    if archard.freedom > 0 and chdtrc(archard.freedom, archard.chi_square) < UNLIKELY:
+    if archard.is_unlikely:
         worst = max(
             volumes,
             key=lambda v: abs(
@@ -200,7 +200,7 @@ def _of_scene(
             f"scar.width_mm = {settings.scar.width_mm:g} and the scene's specimen.thickness_mm = "
             f"{thickness:g}, which is the width that wears; correct one of them"
         )
-    archard = next(fit for fit in laws if fit.law == "archard")
+    archard = archard_of(laws)
     for volume in sorted(volumes, key=lambda v: v.distance_m):
         measured = _width(volume)
         if measured is None:
@@ -290,7 +290,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
         )
     spread = _own_spread(volumes)
     laws = fit_laws(volumes, spread)
-    archard = next(fit for fit in laws if fit.law == "archard")
+    archard = archard_of(laws)
     k = archard.coefficient_mm2_per_n
     if not _PLAUSIBLE[0] <= k <= _PLAUSIBLE[1]:
         raise InputError(
@@ -300,7 +300,7 @@ def calibrate_wear(settings: str | Path | WearSet) -> WearCalibration:
     inputs = common_inputs(given, volumes, spread, k)
     chi = None if _has_scatter_only(volumes) else _chi(archard, scatter)
     rows = _own_rows(volumes, spread, archard) + inputs
-    budget, total = _budget(rows)
+    budget, total = budget_items(rows), _joined(np.array([u * c for _, _, u, c in rows]))
     freedom = _freedom(volumes, scatter, archard, spread, total)
     reach = _reach(freedom, total, scattered=_has_scatter_only(volumes))
     law = laws[0].law
@@ -347,10 +347,8 @@ def _weights(volumes: Sequence[WornVolume], spread: Array) -> Array:
     return np.asarray(work / spread**2 / np.sum((work / spread) ** 2))
 
 
-def _own_rows(
-    volumes: Sequence[WornVolume], spread: Array, archard: WearLawFit
-) -> list[tuple[str, float | None, float, float]]:
-    """Name, value, uncertainty and sensitivity of what the volumes' own errors add to k."""
+def _own_rows(volumes: Sequence[WornVolume], spread: Array, archard: WearLawFit) -> list[BudgetRow]:
+    """What the volumes' own errors add to k."""
     weights = _weights(volumes, spread)
     traced = np.array([bool(volume.scars) for volume in volumes])
     parts = {
@@ -369,15 +367,10 @@ def _own_rows(
     if not traced.all():
         name = "scatter of the volumes" if _has_scatter_only(volumes) else "volumes"
         rows.append((name, None, _joined(weights * spread * ~traced), 1.0))
-    if archard.freedom > 0 and _is_off_law(archard) and not _has_scatter_only(volumes):
+    if archard.is_unlikely and not _has_scatter_only(volumes):
         wider = archard.own_uncertainty * np.sqrt(archard.chi_square / archard.freedom - 1.0)
         rows.append(("scatter of the distances", None, float(wider), 1.0))
     return rows
-
-
-def _is_off_law(archard: WearLawFit) -> bool:
-    """Whether the distances leave Archard's law by more than chance."""
-    return float(chdtrc(archard.freedom, archard.chi_square)) < UNLIKELY
 
 
 def _joined(parts: Array) -> float:
@@ -386,8 +379,8 @@ def _joined(parts: Array) -> float:
 
 def common_inputs(
     settings: WearSet, volumes: Sequence[WornVolume], spread: Array, k: float
-) -> list[tuple[str, float | None, float, float]]:
-    """Name, value, standard uncertainty and sensitivity dk/dx of the inputs common to all.
+) -> list[BudgetRow]:
+    """What the inputs common to all add to k.
 
     k goes as 1/P and 1/s, and its part by traces as the width and the profilometer's two scales.
     """
@@ -414,21 +407,6 @@ def common_inputs(
                 ("profilometer's lateral scale", 1.0, known.lateral_percent / 100.0, traced)
             )
     return rows
-
-
-def _budget(
-    rows: Sequence[tuple[str, float | None, float, float]],
-) -> tuple[tuple[BudgetInput, ...], float]:
-    """The budget, the largest share first, and the combined standard uncertainty."""
-    parts = np.array([u * c for _, _, u, c in rows])
-    shares = variance_shares(parts)
-    items = [
-        BudgetInput(
-            input=name, value=value, standard_uncertainty=u, sensitivity=c, share=float(share)
-        )
-        for (name, value, u, c), share in zip(rows, shares, strict=True)
-    ]
-    return tuple(sorted(items, key=lambda item: -item.share)), _joined(parts)
 
 
 def _freedom(

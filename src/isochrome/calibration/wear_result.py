@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import chdtrc, logsumexp
 
-from isochrome.calibration.wear_set import TraceScar, WornVolume
+from isochrome.calibration.wear_set import UNLIKELY, TraceScar, WornVolume
 from isochrome.contact import wear_rate
 from isochrome.estimation import BudgetInput
 from isochrome.figures import (
@@ -97,20 +97,25 @@ class WearLawFit:
     first_over_last: float | None = None
     running_in_distance_m: float | None = None
 
+    @property
+    def is_unlikely(self) -> bool:
+        """Whether the volumes leave the law by more than chance."""
+        return self.freedom > 0 and float(chdtrc(self.freedom, self.chi_square)) < UNLIKELY
+
     def to_json(self) -> dict[str, Any]:
         """Its numbers by name."""
-        fields: dict[str, Any] = {
-            "law": self.law,
-            "coefficient_mm2_per_n": self.coefficient_mm2_per_n,
-            "own_uncertainty_mm2_per_n": self.own_uncertainty,
-            "chi_square": self.chi_square,
-            "freedom": self.freedom,
-            "log_evidence": self.log_evidence,
+        fields = {
+            {"own_uncertainty": "own_uncertainty_mm2_per_n"}.get(k, k): v
+            for k, v in vars(self).items()
         }
-        if self.law == "running_in":
-            fields["first_over_last"] = self.first_over_last
-            fields["running_in_distance_m"] = self.running_in_distance_m
+        if self.law != "running_in":
+            del fields["first_over_last"], fields["running_in_distance_m"]
         return fields
+
+
+def archard_of(laws: Sequence[WearLawFit]) -> WearLawFit:
+    """The fit of Archard's law, which is always among them."""
+    return next(fit for fit in laws if fit.law == "archard")
 
 
 def work_of(volume: WornVolume, law: str) -> float:
@@ -358,7 +363,7 @@ class WearCalibration(Result):
         chosen = next((fit for fit in self.laws if fit.law == law), None)
         if chosen is None:
             return None
-        archard = next(fit for fit in self.laws if fit.law == "archard")
+        archard = archard_of(self.laws)
         noise = archard.own_uncertainty
         common = max(self.standard_uncertainty**2 - noise**2, 0.0) / self.coefficient_mm2_per_n**2
         value = chosen.coefficient_mm2_per_n

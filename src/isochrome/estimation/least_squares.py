@@ -309,7 +309,7 @@ def minimise(
     """
     anywhere = np.full(values.size, np.inf)
     bounds = bounds or Bounds(-anywhere, anywhere)
-    cut, better = cut or bounds.cut, better or _cheaper
+    cut, better = cut or bounds.cut, better or (lambda trial, point: trial.cost < point.cost)
     step = np.zeros(values.size)
     for _ in range(iterations):
         normal, gradient = point.normal, point.gradient
@@ -325,10 +325,6 @@ def minimise(
         else:
             damping = damping.heavier()
     return Descent(values, point, step, False)
-
-
-def _cheaper(trial: Point, point: Point) -> bool:
-    return trial.cost < point.cost
 
 
 Mask = NDArray[np.bool_]

@@ -11,6 +11,7 @@ an implicit model.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -134,6 +135,8 @@ class BudgetInput:
         return asdict(self)
 
 
+BudgetRow = tuple[str, float | None, float, float]
+
 NOISE = "image noise"
 """How a budget calls what the images' noise adds."""
 
@@ -173,8 +176,15 @@ def budget_of(
     An input is its key, stated value and standard uncertainty; `sensitivity` (m,) is the change of
     the value over theirs.
     """
-    rows: list[tuple[str, float | None, float, float]] = [(NOISE, None, noise, 1.0)]
-    rows += [(*row, float(c)) for row, c in zip(inputs, sensitivity, strict=True)]
+    rows = [(*row, float(c)) for row, c in zip(inputs, sensitivity, strict=True)]
+    return budget_items([(NOISE, None, noise, 1.0), *rows])
+
+
+def budget_items(rows: Sequence[BudgetRow]) -> tuple[BudgetInput, ...]:
+    """The budget of inputs, each its key, value, uncertainty and sensitivity; largest share first.
+
+    Shares are NaN where a part is not finite.
+    """
     parts = np.array([u * c for _, _, u, c in rows])
     shares = variance_shares(parts) if np.all(np.isfinite(parts)) else np.full(len(rows), np.nan)
     items = [

@@ -1,7 +1,7 @@
 """Damped descents of many starts side by side, on a few hundred pixels, light eliminated linearly.
 
 For each signal f the light's linear part, I = f Σ a_k B_k + Σ c_k C_k, is eliminated as in
-`estimation.separable`; here the normal equations of a whole batch of signals are two matrix
+`estimation.least_squares`; here the normal equations of a whole batch of signals are two matrix
 products, of f² and f with the bases' products. Kaufman's Jacobian (BIT 15, 1975, 49-57) is that of
 `estimation.intensity`, one batch of fields for all differences of all starts. A start that leads
 nowhere costs as much as a good one, and no more. Those that have arrived are left out of the batch,
